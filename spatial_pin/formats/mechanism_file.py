@@ -26,7 +26,7 @@ from spatial_pin.formats.urdf.urdf_model import (
 from spatial_pin.formats.xacro.xacro_arguments import Values, dimensions, written_in
 from spatial_pin.mechanism.contact_sides import sided
 from spatial_pin.mechanism.coordinates import check_guess
-from spatial_pin.mechanism.curves import Curve, curve_of
+from spatial_pin.mechanism.curves import CurveShape, curve_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.mechanism_checks import check_mechanism, impossible_inertias
 from spatial_pin.mechanism.pairs import (
@@ -292,10 +292,10 @@ class Context(NamedTuple):
     """
 
     rows: Callable[[str], Any]
-    curves: dict[str, Curve]
+    curves: dict[str, CurveShape]
 
 
-def _curve(trust: Trust, name: str, table: TomlTable) -> Curve:
+def _curve(trust: Trust, name: str, table: TomlTable) -> CurveShape:
     table.known += table.content
     try:
         return curve_of(name, table.content,

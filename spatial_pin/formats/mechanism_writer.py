@@ -27,7 +27,7 @@ from spatial_pin.formats.urdf.urdf_model import (
     stated_limits,
     urdf_order,
 )
-from spatial_pin.mechanism.curves import Curve
+from spatial_pin.mechanism.curves import CurveShape
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS
 from spatial_pin.mechanism.parts import Closure, Spring, drivers_of_tree
@@ -339,7 +339,7 @@ def _closure(closure: Closure) -> dict[str, Any]:
     for key in pair.keys:
         if key.name in closure.numbers:
             number = closure.numbers[key.name]
-            table[key.name] = number.name if isinstance(number, Curve) else dict(
+            table[key.name] = number.name if isinstance(number, CurveShape) else dict(
                 number.form) if key.read else np.asarray(number).tolist()
     table |= pair.told(geometry.axes1[:, 2], geometry.axes2[:, 2], geometry.lead, geometry.length)
     if closure.between:

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 
 from spatial_pin._support.checks import finite_array, finite_number, positive_number, unit_vector
 from spatial_pin.errors import ClosureTypeError, suggestion
-from spatial_pin.mechanism.curves import Curve, follower_of
+from spatial_pin.mechanism.curves import CurveShape, follower_of
 from spatial_pin.mechanism.force_paths import strands_of, teeth_of
 from spatial_pin.mechanism.functions import function_of
 from spatial_pin.mechanism.pairs import (
@@ -544,7 +544,7 @@ def rope(frames: Sequence[FramePlace], length: float, name: str | None = None) -
     return Closure(_name(name), "rope", frames=_frames(frames), numbers={"length": length})
 
 
-def point_on_curve(frame_1: FramePlace, frame_2: FramePlace, curve: Curve,
+def point_on_curve(frame_1: FramePlace, frame_2: FramePlace, curve: CurveShape,
                    name: str | None = None) -> Closure:
     """Return a point on a curve: origin 2 stays on a curve that frame 1 carries (2 equations).
 
@@ -569,7 +569,7 @@ def point_on_curve(frame_1: FramePlace, frame_2: FramePlace, curve: Curve,
                    numbers={"curve": _curve(curve)})
 
 
-def cam(frame_1: FramePlace, frame_2: FramePlace, curve: Curve, follower: Mapping[str, Any],
+def cam(frame_1: FramePlace, frame_2: FramePlace, curve: CurveShape, follower: Mapping[str, Any],
         name: str | None = None) -> Closure:
     """Return a cam and its follower, which touch each other in the plane of the cam (1 equation).
 
@@ -602,8 +602,8 @@ def cam(frame_1: FramePlace, frame_2: FramePlace, curve: Curve, follower: Mappin
     return made
 
 
-def _curve(curve: Any) -> Curve:
-    if not isinstance(curve, Curve):
+def _curve(curve: Any) -> CurveShape:
+    if not isinstance(curve, CurveShape):
         raise TypeError(f"a curve is made by sp.curves, not {str(curve)[:60]!r}")
     return curve
 

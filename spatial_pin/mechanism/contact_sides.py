@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.mechanism.coordinates import joint_values, with_values
-from spatial_pin.mechanism.curves import Curve, Follower
+from spatial_pin.mechanism.curves import CurveShape, Follower
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.taylor import Taylor
@@ -35,7 +35,7 @@ def sided(mechanism: Mechanism) -> Mechanism:
     return mechanism.with_fields(closures=tuple(closures))
 
 
-def _side(curve: Curve, follower: Follower, placed: pin.SE3, has_guess: bool) -> int:
+def _side(curve: CurveShape, follower: Follower, placed: pin.SE3, has_guess: bool) -> int:
     apart: Array = placed.translation - curve.centre
     if follower.flat is not None:
         return -1 if float(apart @ (placed.rotation @ follower.flat)) < 0.0 else 1

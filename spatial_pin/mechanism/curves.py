@@ -30,6 +30,7 @@ from spatial_pin.numerics.taylor import Taylor, argument
 __all__ = ["circle", "ellipse", "helix", "line", "spline"]
 CELLS = 96  # of a turn, each with a polynomial of degree 9: the rest is below round-off
 ORDER = 4  # of the derivatives that these have at their ends
+FLAT = 1e-6  # of its size: how far points of rounded numbers may be off their plane
 FLATTEST = 0.02  # sine of the angle at which a curve is seen from its centre
 FORMS = ("circle", "ellipse", "line", "helix", "points", "table")
 
@@ -39,7 +40,7 @@ def __dir__() -> list[str]:
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
+class CurveShape:
     """A curve in the axes of a frame.
 
     Attributes:
@@ -215,7 +216,7 @@ def _first(x: Taylor, like: Taylor) -> Taylor:
 
 
 def circle(radius: float, centre: ArrayLike = (0.0, 0.0, 0.0),
-           normal: ArrayLike = (0.0, 0.0, 1.0)) -> Curve:
+           normal: ArrayLike = (0.0, 0.0, 1.0)) -> CurveShape:
     """Return a circle.
 
     Args:
@@ -236,7 +237,7 @@ def circle(radius: float, centre: ArrayLike = (0.0, 0.0, 0.0),
 
 
 def ellipse(semi_axes: ArrayLike, centre: ArrayLike = (0.0, 0.0, 0.0),
-            normal: ArrayLike = (0.0, 0.0, 1.0), x_axis: ArrayLike | None = None) -> Curve:
+            normal: ArrayLike = (0.0, 0.0, 1.0), x_axis: ArrayLike | None = None) -> CurveShape:
     """Return an ellipse.
 
     Args:
@@ -257,7 +258,7 @@ def ellipse(semi_axes: ArrayLike, centre: ArrayLike = (0.0, 0.0, 0.0),
     return _conic({"ellipse": form}, (a, b), form)
 
 
-def line(point: ArrayLike, direction: ArrayLike) -> Curve:
+def line(point: ArrayLike, direction: ArrayLike) -> CurveShape:
     """Return a straight line.
 
     Args:
@@ -273,11 +274,11 @@ def line(point: ArrayLike, direction: ArrayLike) -> Curve:
     """
     p = finite_array(point, (3,), "point")
     axes = _axes(finite_array(direction, (3,), "direction"), None)
-    return Curve({"line": {"point": p.tolist(), "direction": axes[:, 2].tolist()}}, axes, p)
+    return CurveShape({"line": {"point": p.tolist(), "direction": axes[:, 2].tolist()}}, axes, p)
 
 
 def helix(radius: float, lead: float, axis: ArrayLike = (0.0, 0.0, 1.0),
-          point: ArrayLike = (0.0, 0.0, 0.0)) -> Curve:
+          point: ArrayLike = (0.0, 0.0, 0.0)) -> CurveShape:
     """Return a helix.
 
     Args:
@@ -300,10 +301,10 @@ def helix(radius: float, lead: float, axis: ArrayLike = (0.0, 0.0, 1.0),
         raise ValueError("lead is 0; a helix without one is a circle")
     axes = _axes(finite_array(axis, (3,), "axis"), None)
     form = {"radius": r, "lead": advance, "axis": axes[:, 2].tolist(), "point": p.tolist()}
-    return Curve({"helix": form}, axes, p, numbers=(r, advance))
+    return CurveShape({"helix": form}, axes, p, numbers=(r, advance))
 
 
-def spline(points: ArrayLike, closed: bool = True) -> Curve:
+def spline(points: ArrayLike, closed: bool = True) -> CurveShape:
     """Return the quintic spline through points of a plane closed curve, by chord length.
 
     Args:
@@ -321,25 +322,10 @@ def spline(points: ArrayLike, closed: bool = True) -> Curve:
         >>> print(f"{profile.length:.6f} m")
         0.125664 m
     """
-    p = np.array(points, float)
-    if p.ndim != 2 or p.shape[1:] != (3,) or len(p) < 4 or not np.isfinite(p).all():
-        raise ValueError("points: four or more are needed, each of three finite numbers")
     if not closed:
         raise ValueError("points: an open spline is no curve here: closed = true")
+    p, chords, middle, axes = _profile(points)
     around = np.vstack([p, p[:1]])
-    chords = np.linalg.norm(np.diff(around, axis=0), axis=1)
-    if np.any(chords <= 1e-9 * chords.max()):
-        k = int(np.argmin(chords))
-        raise ValueError(f"points: number {k + 1} and the next one are at the same place (a closed "
-                         "curve does not repeat its first point)")
-    middle = p.mean(axis=0)
-    _, sizes, directions = np.linalg.svd(p - middle)
-    if sizes[2] > 1e-6 * sizes[0]:
-        raise ValueError("points: a closed curve lies in a plane; these do not")
-    normal = directions[2]
-    twice = np.cross(p - middle, np.roll(p, -1, axis=0) - middle).sum(axis=0) @ normal
-    outward = normal if twice >= 0.0 else -normal  # anticlockwise about it
-    axes = _axes(outward, None)
     u = np.concatenate([[0.0], np.cumsum(chords)])
     flat = (around - middle) @ axes[:, :2]
     flat[-1] = flat[0]
@@ -360,7 +346,7 @@ def spline(points: ArrayLike, closed: bool = True) -> Curve:
 
     cells = np.unique(np.concatenate([np.linspace(a, b, max(2, 1 + CELLS // len(p)))
                                       for a, b in pairwise(u)]))
-    made = Curve({"points": p.tolist(), "closed": True}, axes, middle, at, cells)
+    made = CurveShape({"points": p.tolist(), "closed": True}, axes, middle, at, cells)
     try:
         made.radial()
     except ValueError as error:
@@ -368,7 +354,29 @@ def spline(points: ArrayLike, closed: bool = True) -> Curve:
     return made
 
 
-def curve_of(name: str, given: Any, read: Callable[[str], Any] | None = None) -> Curve:
+def _profile(points: ArrayLike) -> tuple[Array, Array, Array, Array]:
+    """Return points (n, 3) of a plane curve, the chords (n,), their middle and axes (3, 3)."""
+    p = np.array(points, float)
+    if p.ndim != 2 or p.shape[1:] != (3,) or len(p) < 4 or not np.isfinite(p).all():
+        raise ValueError("points: four or more are needed, each of three finite numbers")
+    around = np.vstack([p, p[:1]])
+    chords = np.linalg.norm(np.diff(around, axis=0), axis=1)
+    if np.any(chords <= 1e-9 * chords.max()):
+        k = int(np.argmin(chords))
+        raise ValueError(f"points: number {k + 1} and the next one are at the same place (a closed "
+                         "curve does not repeat its first point)")
+    middle = p.mean(axis=0)
+    area = np.cross(p - middle, np.roll(p, -1, axis=0) - middle).sum(axis=0)  # anticlockwise
+    size = float(np.abs(p - middle).max())
+    if np.linalg.norm(area) <= 1e-9 * size**2:
+        raise ValueError("points: the curve crosses itself, or lies on a line")
+    axes = _axes(area, None)
+    if np.abs((p - middle) @ axes[:, 2]).max() > FLAT * size:
+        raise ValueError("points: a closed curve lies in a plane; these do not")
+    return p, chords, middle, axes
+
+
+def curve_of(name: str, given: Any, read: Callable[[str], Any] | None = None) -> CurveShape:
     """Return a curve from its table in a mechanism file.
 
     Raises:
@@ -387,7 +395,7 @@ def curve_of(name: str, given: Any, read: Callable[[str], Any] | None = None) ->
         flat = isinstance(rows, list) and rows and isinstance(rows[0], list) and len(rows[0]) == 2
         made = spline([[*row, 0.0] for row in rows] if flat else rows, given.get("closed", False))
     else:
-        makers: dict[str, Callable[..., Curve]] = {
+        makers: dict[str, Callable[..., CurveShape]] = {
             "circle": circle, "ellipse": ellipse, "line": line, "helix": helix}
         if not isinstance(value, Mapping):
             raise ValueError(f"{kind} is a table, as {{radius = 0.03}}")
@@ -395,7 +403,7 @@ def curve_of(name: str, given: Any, read: Callable[[str], Any] | None = None) ->
             made = makers[kind](**value)
         except TypeError as error:
             raise ValueError(f"{kind}: {error}") from error
-    return Curve(made.form, made.axes, made.centre, made.at, made.breaks, made.numbers, name)
+    return CurveShape(made.form, made.axes, made.centre, made.at, made.breaks, made.numbers, name)
 
 
 def _place(
@@ -407,7 +415,7 @@ def _place(
             **({} if x_axis is None else {"x_axis": axes[:, 0].tolist()})}
 
 
-def _conic(form: Mapping[str, Any], sizes: Sequence[float], place: Mapping[str, Any]) -> Curve:
+def _conic(form: Mapping[str, Any], sizes: Sequence[float], place: Mapping[str, Any]) -> CurveShape:
     axes = _axes(np.array(place["normal"]), place.get("x_axis"))
     a, b = sizes
 
@@ -416,7 +424,7 @@ def _conic(form: Mapping[str, Any], sizes: Sequence[float], place: Mapping[str, 
         turn = [[a * c, b * s], [-a * s, b * c], [-a * c, -b * s], [a * s, -b * c]]
         return np.array([*turn, *turn[: ORDER - 2]]).transpose(0, 2, 1)
 
-    return Curve(form, axes, np.array(place["centre"]), at)
+    return CurveShape(form, axes, np.array(place["centre"]), at)
 
 
 def _axes(z: Array, x_axis: ArrayLike | None) -> Array:
@@ -476,17 +484,17 @@ def follower_of(given: Any, _: Any = None) -> Follower:
     return Follower(positive_number(given["roller"], "roller") if "roller" in given else 0.0)
 
 
-def named_curve(given: Any, context: Any = None) -> Curve:
+def named_curve(given: Any, context: Any = None) -> CurveShape:
     """Return a curve by its name in a mechanism file, or as it is.
 
     Raises:
         ValueError: there is none of the name.
     """
-    if isinstance(given, Curve):
+    if isinstance(given, CurveShape):
         return given
     curves = getattr(context, "curves", {})
     if not isinstance(given, str) or given not in curves:
         there = ", ".join(curves) or "none"
         raise ValueError(f"names [curves.NAME], not {str(given)[:60]!r}; there are: {there}")
-    found: Curve = curves[given]
+    found: CurveShape = curves[given]
     return found

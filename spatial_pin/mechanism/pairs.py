@@ -27,7 +27,7 @@ from typing import Any, Protocol
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.mechanism.curves import Curve, follower_of, named_curve
+from spatial_pin.mechanism.curves import CurveShape, follower_of, named_curve
 from spatial_pin.mechanism.equations import (
     Angle,
     Bearing,
@@ -276,7 +276,7 @@ def _fault_of_coupling(c: ClosureData) -> tuple[str, str] | None:
     return None
 
 
-def _around(curve: Curve, offset: float = 0.0) -> ConstraintEquation:
+def _around(curve: CurveShape, offset: float = 0.0) -> ConstraintEquation:
     """Origin 2 is on a plane closed curve, or outside of it: squares by the mean radius [m]."""
     square, _ = curve.radial(offset)
     x, y = (Displacement(u, offset=float(u @ curve.centre)) for u in curve.axes.T[:2])
@@ -315,7 +315,7 @@ def _cam(c: ClosureData) -> Rows:
     return (ConstraintEquation(tuple(terms), is_length=True),)
 
 
-def _facing(curve: Curve, normal: Array) -> Angle:
+def _facing(curve: CurveShape, normal: Array) -> Angle:
     """Return the angle of a direction of frame 2 in the plane of a curve."""
     return Angle(curve.axes, np.column_stack([normal, axes_from_z(normal)[:, 0],
                                               curve.axes[:, 2]]))
