@@ -1,4 +1,4 @@
-"""Ends of branches at which a joint runs away without end, while what leads comes to a value.
+"""Asymptotes: a joint grows without bound while the driver approaches a value.
 
 A slide along a turning arm whose end stays in a plane is such a joint: it is parallel to the plane
 at last. The curve of closed configurations goes on for ever there; of its leading value only the
@@ -32,7 +32,7 @@ MOST_TRIALS = 40
 
 
 def running_away(curve: SolutionCurve, x: Array, target: float) -> Arrival | None:
-    """Return the end of a branch on which a joint runs away, before a target; None if none does.
+    """Return the asymptote that ends a branch before a target value; None if there is none.
 
     A target so near the end that the joint would be farther out than is followed is beyond it too.
 
@@ -53,7 +53,7 @@ def running_away(curve: SolutionCurve, x: Array, target: float) -> Arrival | Non
 
 
 class _Far(NamedTuple):
-    """A coordinate that may run away along a curve."""
+    """A coordinate that may grow without bound along a curve."""
 
     curve: SolutionCurve
     of: Coordinate
@@ -82,7 +82,7 @@ class _Far(NamedTuple):
 
 
 def _outward(curve: SolutionCurve, x: Array) -> tuple[_Far, CurvePoint] | None:
-    """Return which joint runs away at x, and the point there, its tangent that way."""
+    """Return the joint that grows at x, and the point with its tangent in that direction."""
     table = curve.evaluation.mechanism.coordinate_table.values()
     far = [f for c in table if c not in curve.system.driven and (f := _Far(curve, c))
            and abs(f.value(x)) >= BEYOND_LINKS]
@@ -97,7 +97,7 @@ def _outward(curve: SolutionCurve, x: Array) -> tuple[_Far, CurvePoint] | None:
 
 
 def _points_outward(far: _Far, point: CurvePoint) -> list[tuple[float, float]]:
-    """Return coordinate and leading value at places, each twice as far out as the one before."""
+    """Return coordinate and parameter at points, each twice as far out as the one before."""
     back = point._replace(t=-point.t, sign=-point.sign)
     inward: list[CurvePoint] = []
     outward = [point]
@@ -119,7 +119,7 @@ def _points_outward(far: _Far, point: CurvePoint) -> list[tuple[float, float]]:
 
 
 def _led(far: _Far, point: CurvePoint, goal: float) -> CurvePoint | None:
-    """Return the point of the curve at which a coordinate has about a value, or None."""
+    """Return the point of the curve where a coordinate has about a given value, or None."""
     curve, length = far.curve, np.inf
     for _ in range(MOST_TRIALS):
         gap, pace = goal - far.value(point.x), far.pace(point)
@@ -142,7 +142,7 @@ def _led(far: _Far, point: CurvePoint, goal: float) -> CurvePoint | None:
 
 
 def _limit(x: Array, values: Array, known: float) -> float | None:
-    """Return the limit of values (n,) for growing x (n,); None if there is none that is known.
+    """Return the limit of values (n,) for growing x (n,); None if it is not certain.
 
     Inner points are omitted where the limit is more certain without them: laws have pieces.
 

@@ -1,4 +1,4 @@
-"""Going straight on where branches of closed configurations cross.
+"""Crossing branch points: the path continues straight on through them.
 
 At a branch point (a change point) the equations lose rank and nothing can be solved; on either side
 each branch is a smooth curve. The one that goes straight on is the continuation of the curve
@@ -73,7 +73,7 @@ def far_side(curve: SolutionCurve, base: CurvePoint, distance: float) -> CurvePo
 
 
 def _polynomial(x: Array, y: Array) -> Callable[[float], Array]:
-    """Return the polynomial through y (N, k) at places (N,) [BerrutTrefethen2004, 4.2]."""
+    """Return the polynomial through y (N, k) at nodes (N,) [BerrutTrefethen2004, 4.2]."""
     gaps = (4.0 / np.ptp(x)) * (x[:, None] - x)  # products neither large nor small
     np.fill_diagonal(gaps, 1.0)
     weights = 1.0 / gaps.prod(axis=1)
@@ -111,7 +111,7 @@ def _arc(t: Array) -> float:
 
 
 class Passage(NamedTuple):
-    """The stretch of a branch about a branch point, as polynomials in the leading value.
+    """The part of a branch about a branch point, as polynomials in the continuation parameter.
 
     What the drivers do is not interpolated: between pieces of a law their accelerations bend.
 
@@ -142,13 +142,13 @@ class Passage(NamedTuple):
         return min(self.ends) < value < max(self.ends)
 
     def passed(self, first: float, last: float) -> list[float]:
-        """Return the branch points met on the way from one driver value to another, in order."""
+        """Return the branch points between two driver values, in order."""
         low, high = min(first, last) - SAME, max(first, last) + SAME
         met = [x for x in self.branch_points if low <= x <= high and abs(x - first) > SAME]
         return met if last > first else met[::-1]
 
     def point_at(self, value: float) -> PathPoint:
-        """Return the point_at at a driver value between the ends, else the end that is nearer."""
+        """Return the point at a driver value between the ends, else the nearer end."""
         if not self.holds(value):
             return self.outside[int(abs(value - self.ends[1]) < abs(value - self.ends[0]))]
         q, first, second = self.by_drivers(value)
@@ -159,7 +159,7 @@ class Passage(NamedTuple):
         return PathPoint(value, q, *self.rates(value, first, second), error, angles)
 
     def by_drivers(self, value: float) -> tuple[Array, Array, Array]:
-        """Return the configuration (nq,) at a leading value between the ends, and its derivatives.
+        """Return the configuration (nq,) at a parameter between the ends, and its derivatives.
 
         Returns:
             (nq,) configuration; joint rates (nv, k) per rate of each driver that moves; joint
@@ -177,7 +177,7 @@ class Passage(NamedTuple):
         return q, first, second
 
     def rates(self, value: float, first: Array, second: Array) -> tuple[Array, Array]:
-        """Return derivatives (nv,) of the configuration with respect to the leading value."""
+        """Return derivatives (nv,) of the configuration with respect to the parameter."""
         leading, k = self.tracker.leading, first.shape[1]
         rates, bends = leading.rates(value)[:k], leading.bends(value)[:k]
         return first @ rates, first @ bends + second @ rates @ rates
@@ -193,7 +193,7 @@ class Passage(NamedTuple):
         return bool(here.error < CLOSED and np.abs(off).max() < KNOWN)
 
     def matrices(self, curve: SolutionCurve, values: Array) -> Array:
-        """Return the matrices (k, m, m) of equations and tangent at leading values (k,)."""
+        """Return the matrices (k, m, m) of equations and tangent at parameters (k,)."""
         unknowns, points = curve.unknowns, []
         for s in values.tolist():
             q, first, second = self.by_drivers(s)
@@ -203,7 +203,7 @@ class Passage(NamedTuple):
 
 
 def passage(tracker: PathTracker, arrival: Arrival) -> Passage | None:
-    """Return the branch about a branch point where it has stopped, going straight on.
+    """Return the polynomials that cross the branch point at which the tracker stopped.
 
     None where it has stopped for another reason, or none goes straight on; the point then stands
     where it stood.
@@ -239,7 +239,7 @@ def passage(tracker: PathTracker, arrival: Arrival) -> Passage | None:
 
 
 def _passage(tracker: PathTracker, sense: float, reach: float) -> Passage | None:
-    """Return the passage that begins where the tracker stands, as far as the arc length `reach`."""
+    """Return the crossing from the tracker's point on, as far as the arc length `reach`."""
     here, own = tracker.here, tracker
     apart = sense * reach / tracker.pace(here)
     law = tracker.leading.smooth(here.s, here.s - NODES * apart, here.s + (NODES + 2) * apart)
@@ -259,7 +259,7 @@ def _passage(tracker: PathTracker, sense: float, reach: float) -> Passage | None
 
 
 def _with_bends(smoothed: Passage, tracker: PathTracker) -> Passage | None:
-    """Return the passage of a tracker whose law one has smoothed; None if by too much."""
+    """Return the crossing with the tracker's own law; None if smoothing changed too much."""
     leading, smooth, (low, high) = tracker.leading, smoothed.smooth, smoothed.ends
     exact = smoothed._replace(tracker=tracker)
     for x in (0.5 * (low + high) + 0.5 * (high - low) * BETWEEN).tolist():
@@ -312,7 +312,7 @@ def _nodes(
 def _joined(
     tracker: PathTracker, curve: SolutionCurve, near: list[Node], far: list[Node]
 ) -> Passage | None:
-    """Return the passage between two sides; None if it is not accurate, or no branch crosses."""
+    """Return the crossing between two sides; None if it is inaccurate, or no branch crosses."""
     points, firsts, seconds = zip(*near, *far, strict=True)
     values = np.array([point.s for point in points])
     q, first, second, angles = (_polynomial(values, np.array(x).reshape(2 * NODES, -1)) for x in (

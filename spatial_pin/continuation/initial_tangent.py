@@ -1,4 +1,4 @@
-"""Where a curve of closed configurations begins: a guess, and the tangent with a driver."""
+"""The start of a curve of closed configurations: the assembled guess and the tangent there."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def _square(
 def _shifted_state(
     mechanism: Mechanism, driven: Sequence[Coordinate], state: State, still: Sequence[int]
 ) -> State | None:
-    """Return a closed state a little further along the curve, found with another driver."""
+    """Return a closed state a short distance along the curve, computed with another driver."""
     for other in mechanism.coordinate_table.values():
         if other.q < 0 or other in driven or other.v in still:
             continue
@@ -91,7 +91,7 @@ def direction_of(system: SquareSystem) -> Array:
 
 
 def not_spinning(system: SquareSystem) -> list[int]:
-    """Return the bodies without passive freedoms, resolved or not, where the system stands.
+    """Return the bodies without passive freedoms, resolved or not, at the system's configuration.
 
     The others need not come back with the loops: what they spin over a turn is no whole one.
     """

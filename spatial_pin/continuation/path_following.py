@@ -1,4 +1,4 @@
-"""Samples of a branch at driver values, in the best order, straight on where branches cross."""
+"""Samples of a branch at driver values, in the best order, through branch points."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ CHUNK = 200_000
 
 
 class Followed(NamedTuple):
-    """What was followed.
+    """The samples of a followed branch, and how it ended.
 
     Attributes:
         samples: of which `done` are done.
@@ -47,7 +47,7 @@ class Followed(NamedTuple):
 
 
 def there_and_back(values: Array) -> list[NDArray[np.intp]] | None:
-    """Return the places of values from the first one upwards, and of those from it downwards.
+    """Return the indices of values from the first one upwards, and from it downwards.
 
     None where following the values as given is not much longer.
 
@@ -71,7 +71,7 @@ def there_and_back(values: Array) -> list[NDArray[np.intp]] | None:
 def followed_both_ways(
     tracker: PathTracker, values: Array, ways: list[NDArray[np.intp]], bar: Any
 ) -> Followed | None:
-    """Return the samples, followed in the order of their values from the first on, both ways.
+    """Return the samples, followed in the order of their values, up and down from the first.
 
     None where the branch ends or crosses another, the tracker at the start again: which samples
     come before that depends on the order asked for.
@@ -104,7 +104,7 @@ def followed(
     tracker: PathTracker, values: Array, samples: PathSamples, passes: bool, bar: Any,
     n_done: int = 0,
 ) -> Followed:
-    """Write the samples of a branch at values of what leads, as far as it goes.
+    """Write the samples of a branch at values of the parameter, as far as it goes.
 
     Args:
         tracker: at the first value; or behind the samples that the kernel has computed.
@@ -186,7 +186,7 @@ def _pass_branch_point(
     tracker: PathTracker, values: Array, samples: PathSamples, stopped: Stopped,
     crossed: list[tuple[float, int]] | None,
 ) -> int:
-    """Go straight on at a branch point before a sample; return the first one behind its passage.
+    """Cross a branch point before a sample; return the first sample after the crossing.
 
     Samples before it that lie on the passage are taken from there too: it is the more exact.
 

@@ -1,4 +1,4 @@
-"""Following closed configurations by pseudo-arclength, where what leads is no parameter any more.
+"""Pseudo-arclength continuation, for parts of a path where the driver is no good parameter.
 
 Predictor along the tangent, corrector in the plane normal to it [AllgowerGeorg2003]. What differs
 between callers is where they end: at a leading value, at a limit, where the curve closes.
@@ -41,7 +41,7 @@ CROSSINGS = ("branch point", "singular")  # kinds of arrivals where branches may
 
 
 class Arrival(NamedTuple):
-    """Where following a path ended.
+    """The end of a followed path.
 
     Attributes:
         kind: "reached", "limit", "branch point", "singular", "lost", or "runs away" (a joint does
@@ -61,7 +61,7 @@ class Arrival(NamedTuple):
 
 
 class PredictedStep(NamedTuple):
-    """A step along a curve that is not taken yet.
+    """A predicted step along a curve, not yet taken.
 
     Attributes:
         kind: "regular", or where none is possible "branch point", or "lost".
@@ -91,11 +91,11 @@ class ArcLengthPath:
 
     @property
     def value(self) -> float:
-        """Leading value of the point."""
+        """The parameter at the point."""
         return self.curve.value(self.point.x)
 
     def ahead(self, length: float) -> PredictedStep:
-        """Return the next step, as long as asked for or shorter where the curve bends.
+        """Return the next step, of the given length or shorter where the curve bends.
 
         It goes no further than half the way to a singularity: two branch points in one step would
         not be noticed. Nor nearer than configurations tell a singularity from one beside it: what
@@ -117,7 +117,7 @@ class ArcLengthPath:
         return PredictedStep("lost", point.x, point.t, 0.0)
 
     def turning_point(self, step: PredictedStep) -> PredictedStep | None:
-        """Return the part of a step to where the leading value turns back, if it does."""
+        """Return the part of a step up to a turning point of the parameter, if there is one."""
         curve, point = self.curve, self.point
         before, after = curve.slope(point.t), curve.slope(step.t)
         if not before or before * after > 0.0:
@@ -141,7 +141,7 @@ class ArcLengthPath:
 
 
 def towards(curve: SolutionCurve, x: Array, target: float, direction: Array) -> Arrival:
-    """Follow a curve from x towards the leading value `target`.
+    """Follow a curve from x towards the parameter value `target`.
 
     Args:
         curve: what leads along it is set free.

@@ -1,4 +1,4 @@
-"""Where the equations of a curve lose rank, extrapolated from places before it.
+"""Branch points ahead on a curve, extrapolated from points before them.
 
 Nothing can be solved there, but the matrix of equations and tangent is a smooth function of the arc
 length and can be extrapolated. It is singular where branches cross. Loops of a chain that go flat
@@ -44,7 +44,7 @@ def through(x: Array, y: Array) -> np.polynomial.Polynomial:
 
 
 class _Interpolated:
-    """The polynomial through matrices (k, n, n) at places (k,), with places scaled to [-1, 1]."""
+    """The polynomial through matrices (k, n, n) at nodes (k,), scaled to [-1, 1]."""
 
     def __init__(self, nodes: Array, matrices: Array) -> None:
         self.shape = matrices.shape[1:]
@@ -130,7 +130,7 @@ def _moved(curve: SolutionCurve, point: CurvePoint, length: float) -> CurvePoint
 
 
 def distance_ahead(curve: SolutionCurve, point: CurvePoint) -> float:
-    """Return about how far ahead of a point the equations lose rank, inf if not at all."""
+    """Return the distance from a point to the next loss of rank, about; inf if there is none."""
     x = curve.ahead(point, PROBE)
     if x is None:
         return 0.0
@@ -138,13 +138,13 @@ def distance_ahead(curve: SolutionCurve, point: CurvePoint) -> float:
 
 
 def distance_after(last: CurvePoint, point: CurvePoint, length: float) -> float:
-    """Return how far ahead of a point, `length` after the last, its equations would lose rank."""
+    """Return the distance to the loss of rank ahead of a point, `length` after the last one."""
     fall = last.sigma - point.sigma
     return point.sigma * length / fall if fall > 0.0 else np.inf
 
 
 def located(curve: SolutionCurve, point: CurvePoint) -> tuple[str, float] | None:
-    """Return the kind of the point ahead where the equations lose rank, and its leading value.
+    """Return kind and parameter of the next point where the equations lose rank.
 
     The matrix of equations and tangent, a smooth function of the arc length, is extrapolated to
     where it is singular; so are the leading value and its slope. If the slope vanishes there, the

@@ -1,4 +1,4 @@
-"""The curve of closed configurations, what leads along it set free; and what may lead.
+"""The curve of closed configurations, with its parameter as an unknown; its two parameters.
 
 That is the value of one driver, or a parameter that several go by.
 """
@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.assembly.square_system import SquareSystem
-from spatial_pin.kernel.paths import Path
+from spatial_pin.kernel.paths import Polynomials
 from spatial_pin.mechanism.coordinates import coordinate_value
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
@@ -26,7 +26,7 @@ NEAREST_STEPS = 4  # Newton steps: each squares an error below 1e-4
 
 
 class OneDriver:
-    """The value of what is driven first leads; all else that is driven stands.
+    """The first prescribed coordinate is the parameter; the other prescribed ones are at rest.
 
     Attributes:
         begin: the leading value at the start [rad or m].
@@ -45,11 +45,11 @@ class OneDriver:
         self.begin, self.n_moving = float(self._start[0]), 1
 
     def values(self, s: float) -> Array:
-        """Return the values (k,) of what is driven."""
+        """Return the values (k,) of the prescribed coordinates."""
         return np.append(s, self._start[1:])
 
     def rates(self, s: float) -> Array:
-        """Return their derivatives (k,) with respect to the leading value."""
+        """Return their derivatives (k,) with respect to the parameter."""
         return np.eye(1, len(self.driven))[0]
 
     def bends(self, s: float) -> Array:
@@ -57,7 +57,7 @@ class OneDriver:
         return np.zeros(len(self.driven))
 
     def smooth(self, here: float, first: float, last: float) -> Any | None:
-        """Return a law that is smooth between two leading values; None if this one is."""
+        """Return a law that is smooth between two parameters; None if this one is."""
         return None
 
     def put(self, q: Array, s: float) -> None:
@@ -66,12 +66,13 @@ class OneDriver:
             if c.q >= 0:
                 q[c.q] = value
 
-    def prescribe(self, path: Path, s: float, still: Sequence[int]) -> None:
-        """Let a path go on from a leading value; see `DriversLaw`."""
+    def polynomials(self, s: float, still: Sequence[int]) -> Polynomials | None:
+        """Return what a path of the kernel goes by; None: the driver leads. See `DriversLaw`."""
+        return None
 
 
 class DriversLaw(OneDriver):
-    """A parameter leads that the coordinates driven first go by; what is driven besides stands.
+    """The first prescribed coordinates are functions of a parameter; the others are at rest.
 
     Args:
         mechanism: the mechanism.
@@ -97,7 +98,7 @@ class DriversLaw(OneDriver):
                           if c.q >= 0}
 
     def values(self, s: float) -> Array:
-        """Return the values (k,) of what is driven."""
+        """Return the values (k,) of the prescribed coordinates."""
         return self.law(s)
 
     def rates(self, s: float) -> Array:
@@ -125,23 +126,23 @@ class DriversLaw(OneDriver):
         smoothed.c[-1] += self.law(here)[: self.n_moving] - smoothed(here)
         return smoothed
 
-    def prescribe(self, path: Path, s: float, still: Sequence[int]) -> None:
-        """Let a path go on from a parameter, along the law.
+    def polynomials(self, s: float, still: Sequence[int]) -> Polynomials | None:
+        """Return the law for a path of the kernel that starts at a parameter.
 
         Args:
-            path: of the kernel.
             s: the parameter.
             still: places in the velocity vector that stand still, where coordinates have values.
         """
         coefficients = np.moveaxis(self.law.c[::-1], 0, 2)
-        all_driven = np.zeros((len(coefficients), path.n_driven, coefficients.shape[-1]))
+        n, _, powers = coefficients.shape
+        all_driven = np.zeros((n, len(self.driven) + len(still), powers))
         all_driven[:, : len(self.driven)] = coefficients
         all_driven[:, len(self.driven) :, 0] = [self._standing.get(v, 0.0) for v in still]
-        path.prescribe(s, self.law.x, all_driven)
+        return Polynomials(s, self.law.x, all_driven)
 
 
 def nearest(law: OneDriver, other: OneDriver, s: float) -> float:
-    """Return the leading value at which a law is nearest to where another, a little off, is at s.
+    """Return the parameter at which a law is nearest to another law's values at s.
 
     It is farther off sideways, if at all, in what several drivers do.
     """
@@ -174,7 +175,7 @@ class Configurations:
         self.drive = system.drive[1:]
 
     def of(self, q: Array, s: float) -> Array:
-        """Return the unknowns at a configuration and a leading value, which q has already."""
+        """Return the unknowns at a configuration and a parameter, which q has already."""
         return q
 
     def configuration(self, x: Array) -> Array:
@@ -182,7 +183,7 @@ class Configurations:
         return x
 
     def along(self, t: Array) -> Array:
-        """Return the scaled tangent of the derivative (nv,) with respect to the leading value."""
+        """Return the scaled tangent of the derivative (nv,) with respect to the parameter."""
         return t / self.scale
 
     def moved(self, x: Array, step: Array) -> Array:
@@ -198,20 +199,23 @@ class Configurations:
         return pin.normalize(self.model, x)
 
     def put(self, x: Array, s: float) -> None:
-        """Give what is driven its values at a leading value, which becomes x's."""
+        """Set the prescribed coordinates to their values at a parameter, the new one of x."""
         x[self.at] = s
 
     def completed(self, rows: Array, first: int, x: Array) -> Array:
-        """Return equations (m, n) from those of configurations (m, nv), the driven from `first`."""
+        """Return equations (m, n) from those of configurations (m, nv).
+
+        Those of prescribed coordinates begin at row `first`.
+        """
         return rows
 
     def gaps(self, x: Array) -> Array:
-        """Return how far driven coordinates are from their values, relative to their sizes."""
+        """Return the errors of prescribed coordinates, relative to their sizes."""
         return np.empty(0)
 
 
 class WithParameter(Configurations):
-    """Unknowns x (nq + 1,): a configuration, and the parameter of a law that drivers go by.
+    """Unknowns x (nq + 1,): a configuration, and the parameter of the drivers' law.
 
     Args:
         system: the square system of what is driven.
@@ -253,19 +257,22 @@ class WithParameter(Configurations):
         return np.append(pin.normalize(self.model, x[:-1]), x[-1])
 
     def put(self, x: Array, s: float) -> None:
-        """Give what is driven its values at a parameter, which becomes x's."""
+        """Set the prescribed coordinates to their values at a parameter, the new one of x."""
         self.law.put(x[:-1], s)
         x[-1] = s
 
     def completed(self, rows: Array, first: int, x: Array) -> Array:
-        """Return equations (m, n) from those of configurations (m, nv), the driven from `first`."""
+        """Return equations (m, n) from those of configurations (m, nv).
+
+        Those of prescribed coordinates begin at row `first`.
+        """
         extended = np.column_stack([rows, np.zeros(len(rows))])
         extended[first : first + len(self._sizes), -1] = (
             -self.unit * self.law.rates(float(x[-1])) / self._sizes)
         return extended
 
     def gaps(self, x: Array) -> Array:
-        """Return how far driven coordinates are from their values, relative to their sizes."""
+        """Return the errors of prescribed coordinates, relative to their sizes."""
         return (x[self._indices] - self.law.values(float(x[-1]))) / self._sizes
 
 
@@ -388,11 +395,11 @@ class SolutionCurve:
         return _ratio(decompose(self.equations(x), 0.0).s, self.system.size)
 
     def value(self, x: Array) -> float:
-        """Return the leading value, of a driver or the parameter."""
+        """Return the parameter: a driver's value, or that of a law."""
         return float(x[self.unknowns.at])
 
     def slope(self, t: Array) -> float:
-        """Rate of the leading value along the scaled tangent."""
+        """Rate of the parameter along the scaled tangent."""
         unknowns = self.unknowns
         return float(t[unknowns.rate] * unknowns.scale[unknowns.rate])
 

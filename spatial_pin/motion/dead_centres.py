@@ -1,4 +1,4 @@
-"""Where outputs turn back while the driver goes on."""
+"""Dead centres: points where an output reverses while the driver goes on."""
 
 from __future__ import annotations
 

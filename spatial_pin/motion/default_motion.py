@@ -1,4 +1,4 @@
-"""The motion of a mechanism of which nothing is said: a move of its first driver."""
+"""The motion that is shown by default: a move of the first driver."""
 
 from __future__ import annotations
 

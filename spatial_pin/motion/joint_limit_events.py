@@ -1,4 +1,4 @@
-"""Where a motion passes joint limits of the URDF."""
+"""Events where a motion passes joint limits of the URDF."""
 
 from __future__ import annotations
 
@@ -63,13 +63,13 @@ class Passing(NamedTuple):
 
     @property
     def event(self) -> Event:
-        """The event of a motion that says so."""
+        """The event of a motion for this passing."""
         return Event(KIND, self.value, self.row, f"{self.limit.words} passed {self.where}"
                      if self.where else f"beyond the {self.limit.words} from the start")
 
 
 def passed_at_start(mechanism: Mechanism, q: Array, value: float) -> list[Passing]:
-    """Return the joint limits beyond which q (nq,) is, as passings at a value (driver or time)."""
+    """Return the joint limits that q (nq,) is beyond, as passings at a value (driver or time)."""
     return [Passing(limit, value, 0, "") for limit in joint_limits(mechanism)
             if limit.room(q) < -SLACK * limit.size]
 
@@ -77,7 +77,7 @@ def passed_at_start(mechanism: Mechanism, q: Array, value: float) -> list[Passin
 def first_passing(
     limit: JointLimit, at: _Path, span: tuple[float, float], ends: _Ends, noise: float = 0.0,
 ) -> float | None:
-    """Return when a limit is first passed outwards in a span of time, if it is.
+    """Return the time at which a limit is first passed outwards in a span, or None.
 
     A joint that turns back is looked at where it stands still; one that does so twice in the span
     may pass unnoticed in between.
@@ -105,7 +105,7 @@ def first_passing(
 
 
 def joint_limits_passed(motion: Motion) -> list[Passing]:
-    """Return where a motion passes joint limits outwards, in the order of its samples.
+    """Return the points where a motion passes joint limits outwards, in order of samples.
 
     Where the motion of a swept driver passes one between two samples, the branch is followed
     again from the first of them, to where the joint is at its limit: however far samples are apart,

@@ -1,4 +1,4 @@
-"""How far a driver can go, and how far before a joint reaches a limit of the URDF."""
+"""The range of a driver, up to limit positions or up to joint limits of the URDF."""
 
 from __future__ import annotations
 
@@ -155,7 +155,7 @@ def limits(
 def _bound(
     system: SquareSystem, state: State, start: float, sense: float, span: float, direction: Array
 ) -> Bound:
-    """Go one span after the other until a limit, or until a turn ends where it began."""
+    """Follow span after span up to a limit, or until a turn ends in its first configuration."""
     tolerance = Accuracy.named("engineering").tolerance
     evaluation = system.evaluation
     evaluation.angle_reference[:] = state.angles

@@ -105,7 +105,7 @@ class Output(NamedTuple):
     unit: str
 
     def parts(self) -> tuple[Output, ...]:
-        """Return it as quantities of one unit each: a reaction as its force and its moment.
+        """Return its parts of one unit each: a reaction as its force and its moment.
 
         Example:
             >>> mech = sp.load("four_bar")
@@ -205,12 +205,12 @@ class Motion(Tabular):
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what is copied or sent elsewhere: all but what is worked out again on use."""
+        """Return the fields to copy or pickle: all but results that are worked out again on use."""
         fields = {"events": self.events, **self.__dict__}
         return {k: x for k, x in fields.items() if k not in ("_bodies", "_look")}
 
     def __setstate__(self, fields: dict[str, Any]) -> None:
-        """Take over what was copied or sent."""
+        """Set the fields that were copied or pickled."""
         self.__dict__.update(fields)
         self.__post_init__()
 
@@ -223,7 +223,7 @@ class Motion(Tabular):
         return self.mechanism.coordinate(self.driver_name).unit
 
     def rate_unit(self, unit: str, order: int = 1) -> str:
-        """Return the unit of the derivative of that order, as those in v and a, of a quantity.
+        """Return the unit of a quantity's derivative of an order, per unit of this motion's rates.
 
         Args:
             unit: of the quantity: "rad" or "m".
@@ -513,7 +513,7 @@ class Motion(Tabular):
 
 
 def content_of(motion: Motion) -> dict[str, Any]:
-    """Return what the file of a motion holds, by name."""
+    """Return the content of a motion's file, by name."""
     return {
         "driver": motion.driver if motion.driver is not None else np.empty(0),
         "driver_name": motion.driver_name,
@@ -569,7 +569,7 @@ def fields_of(content: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
 
 
 def motion_needed(motion: object) -> None:
-    """Refuse what is no Motion.
+    """Refuse an argument that is no Motion.
 
     Raises:
         TypeError: says how to get one.
@@ -583,7 +583,7 @@ AnyMotion = TypeVar("AnyMotion", bound=Motion)
 
 
 def first_samples(motion: AnyMotion, n: int) -> AnyMotion:
-    """Return the first n samples of a motion, with the events on the way to the last of them."""
+    """Return the first n samples of a motion, with their events."""
     def cut(x: Any) -> Any:
         if isinstance(x, dict):
             return {key: cut(value) for key, value in x.items()}
@@ -594,7 +594,7 @@ def first_samples(motion: AnyMotion, n: int) -> AnyMotion:
 
 
 def made(**fields: Any) -> Motion:
-    """Return a Motion of all its fields, of arrays that are finite and that nobody writes any more.
+    """Return a Motion from all its fields; its arrays are checked to be finite and read-only.
 
     In place of events that depend on nothing but these fields, `_look` may be a function of the
     motion that looks for them when they are asked for.

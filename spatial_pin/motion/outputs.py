@@ -1,4 +1,4 @@
-"""Quantities of a motion by their names: of coordinates, frames, centres of mass, of the whole."""
+"""Quantities of a motion by name: of coordinates, frames, centres of mass, the whole mechanism."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def whole_com(motion: Motion) -> FrameMotion:
 
 
 def component(spec: str) -> tuple[str, int | None]:
-    """Return the name of a vector, and the number of the component that is asked for, if one is."""
+    """Return the name of a vector, and the index of the component that a name has, or None."""
     whole, _, last = spec.rpartition(".")
     is_one = last in XYZ and whole.rpartition(".")[2] in VECTORS
     return (whole, XYZ.index(last)) if is_one else (spec, None)
@@ -123,7 +123,7 @@ def output(motion: Motion, spec: str) -> Output:
 
 
 def _vector(motion: Motion, spec: str) -> Output | None:
-    """Return a quantity of a point as a vector (N, 3), None where the name is of no such."""
+    """Return a quantity of a point as a vector (N, 3), None for other names."""
     name, _, kind = spec.rpartition(".")
     if kind not in FRAME_UNITS or not name or is_of_whole(motion.mechanism, spec):
         return None
@@ -167,7 +167,7 @@ def quantities(
 
 
 def is_force(spec: object) -> bool:
-    """Whether a name is that of a force, which a motion by itself has not."""
+    """Whether a name is that of a force, which a motion alone does not have."""
     if not isinstance(spec, str):
         return False
     spec = component(spec)[0]
@@ -175,7 +175,7 @@ def is_force(spec: object) -> bool:
 
 
 def abscissas(motion: Motion) -> dict[str, Quantity]:
-    """Return what samples are taken over: time, and the driver where one was swept."""
+    """Return the abscissas of samples: time, and the driver where one was swept."""
     columns = {} if motion.time is None else {"time": Quantity(motion.time, "s")}
     if motion.driver is not None:
         columns[motion.driver_name] = Quantity(motion.driver, motion.driver_unit)
@@ -189,7 +189,7 @@ def named(outputs: Iterable[Output]) -> dict[str, Quantity]:
 
 
 def _of_whole(motion: Motion, spec: str) -> Output:
-    """Return the mass of all moving links, or how its centre moves."""
+    """Return the mass of all moving links, or the motion of its centre."""
     kind = spec.rpartition(".")[2]
     if spec == MASS:
         return Output(np.full(len(motion), moving_mass(motion.mechanism.model)), MASS, "kg")

@@ -44,7 +44,7 @@ from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.motion.joint_limit_events import joint_limit_events
 from spatial_pin.motion.motion import Event, Motion, made
 from spatial_pin.motion.rated_limits import velocity_limit_events
-from spatial_pin.motion.rounding import within_gap
+from spatial_pin.motion.rounding import CHOICES, independent_on, within_gap
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.depending import depending_on
@@ -142,16 +142,27 @@ def sweep(
     speeds, accels = _requested_rates(speed, acceleration, values)
     coordinate = mechanism.prescribed_coordinate(driver)
     given, held = ({}, (hold,)) if isinstance(hold, str) else _hold_values(hold)
-    mechanism, result, held, events = _followed(
-        mechanism, driver, coordinate, values, guess, given, held, accuracy,
-        on_crossing == "straight", progress)
-    n, stop, requested = result.done, result.stop, values
-    if n < len(values):
-        values, speeds, accels = values[:n], speeds[:n], None if accels is None else accels[:n]
-    motion = _motion(mechanism, result, driver, values, speeds, type(speed) is float, accels,
-                     coordinate.unit if speed is None else "s", held, events)
-    motion = within_gap(motion, accuracy, on_limit)
-    if len(motion) < n:
+    requested, rates, good = values, (speeds, accels), None
+    for _ in range(CHOICES):
+        mechanism, result, still, events = _followed(
+            mechanism, driver, coordinate, requested, guess, given, held, accuracy,
+            on_crossing == "straight", progress)
+        n, stop, values = result.done, result.stop, requested
+        if n < len(values):
+            values, speeds = values[:n], rates[0][:n]
+            accels = None if rates[1] is None else rates[1][:n]
+        motion = _motion(mechanism, result, driver, values, speeds, type(speed) is float, accels,
+                         coordinate.unit if speed is None else "s", still, events)
+        if mechanism.whole is None or not n:
+            break
+        onward = (requested.item(n) if n < len(requested) else values.item(0)) - values.item(-1)
+        chosen, good = independent_on(motion, accuracy, math.copysign(1.0, onward) *
+                                      result.samples.t[n - 1], None if stop is None else stop.q)
+        if chosen is mechanism:
+            break
+        mechanism = chosen
+    motion = within_gap(motion, accuracy, on_limit, good)
+    if len(motion) < n or good is not None:
         return motion
     if passed := [*joint_limit_events(motion), *velocity_limit_events(motion)]:
         motion.events += passed
@@ -191,7 +202,7 @@ def _values(mechanism: Mechanism, driver: str, given: Any, speed: Any) -> Array:
 def _hold_values(
     hold: Mapping[str, float] | Iterable[str] | None
 ) -> tuple[Mapping[str, float], tuple[str, ...]]:
-    """Return what is held at given values, and what by name: free bases beside values."""
+    """Return the coordinates held at given values, and the names that are held, bases included."""
     if isinstance(hold, Mapping):
         return hold, (BASE,)
     return {}, () if hold is None else tuple(names_of(hold, "hold"))
@@ -202,7 +213,7 @@ def _followed(
     given: Mapping[str, float], held: tuple[str, ...], accuracy: Accuracy, passes: bool,
     progress: bool,
 ) -> tuple[Mechanism, Followed, tuple[str, ...], list[Event]]:
-    """Return the samples of a sweep, as far as the branch goes.
+    """Return the samples of a sweep, up to the end of the branch.
 
     Returns:
         The mechanism, without the equations that a rounded file contradicts; the samples; what
@@ -245,7 +256,7 @@ def _events(
     tracker: PathTracker, result: Followed, driver: str, values: Array,
     released: Mapping[str, float] = NOTHING, gone: Iterable[str] = (),
 ) -> list[Event]:
-    """Tell of the drivers that do not stand where the guess has them, nor at rest.
+    """Return events for drivers that are not at their guess, or move.
 
     A coordinate that moves the only freedoms there are moves the drivers: that is no event. And of
     branch points that were passed.
@@ -278,7 +289,7 @@ def _events(
 
 
 def check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
-    """Refuse a word that is none of some.
+    """Refuse a word that is not in a list.
 
     Raises:
         ValueError: it is none.
@@ -335,7 +346,7 @@ def _motion(
 def _scaled(
     t: Array, c: Array, values: Array, speeds: Array, accels: Array | None
 ) -> tuple[Array, Array, Array | None]:
-    """Return rates, accelerations and, if the speed is the same all along, times."""
+    """Return rates, accelerations and, if the speed is constant, times."""
     speed = speeds[:, None]
     a = c * (speed * speed)
     if accels is not None:
@@ -345,7 +356,7 @@ def _scaled(
 
 
 def _near_limit(motion: Motion, t: Array) -> list[Event]:
-    """Report samples near a limit position, where joints move so fast that digits are lost."""
+    """Report samples near a limit position, where joints are so fast that digits are lost."""
     if not len(t):
         return []
     of_driver, slow = _sizes(motion.mechanism, motion.driver_name)
@@ -375,7 +386,7 @@ def _sizes(mechanism: Mechanism, driver: str) -> tuple[float, float]:
 
 
 def _drift(motion: Motion) -> list[Event]:
-    """Report where a motion that is not corrected to tolerance has left its closed loops."""
+    """Report the first sample that a fixed number of corrections left visibly open."""
     errors = motion.closure_error
     if not (max(errors.tolist(), default=0.0) if len(errors) < FEW else errors.max()) > DRIFTED:
         return []
@@ -387,7 +398,7 @@ def _drift(motion: Motion) -> list[Event]:
 
 
 def _time(values: Array, speed: float) -> Array | None:
-    """Return (value - first)/speed where that rises from sample to sample, else None."""
+    """Return (value - first)/speed if it rises from sample to sample, else None."""
     if speed == 0.0:
         return None
     if len(values) == 1:
@@ -398,13 +409,13 @@ def _time(values: Array, speed: float) -> Array | None:
 
 
 def crossed_event(value: float, row: int, at: str) -> Event:
-    """Return the event of a branch point that was passed, in words where."""
+    """Return the event of a branch point that was crossed, with its location as text."""
     return Event("branch point", value, row, f"branch point at {at}: branches cross; followed the "
                  "one that goes straight on")
 
 
 def stop_event(stop: Arrival, row: int, at: str, limit: str) -> Event:
-    """Return the event of what ended a motion, in words where, and of what a limit is."""
+    """Return the event that ended a motion, with its location and the kind of limit as text."""
     words = {"limit": limit, "singular": "singular configuration", "branch point": "branch point",
              "lost": "end of the followed path",
              "half turn": "end of a rotation vector, half a turn,",
@@ -459,7 +470,7 @@ def _error(
 
 
 def _far_out(mechanism: Mechanism, q: Array) -> str:
-    """Tell of the slide that is farthest out at a configuration, if out of all proportion."""
+    """Report the slide that is farthest out at a configuration, if it is absurdly far."""
     slides = [c for c in mechanism.coordinate_table.values() if c.unit == "m"]
     far = max(slides, key=lambda c: abs(coordinate_value(mechanism, c, q)), default=None)
     value = 0.0 if far is None else coordinate_value(mechanism, far, q)

@@ -1,4 +1,4 @@
-"""The whole curve of closed configurations of one driver, by arc length, through its limits."""
+"""The whole curve of closed configurations of one driver, by arc length, through limits."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def trace(
 
 
 def _advance(path: ArcLengthPath, length: float, samples: _TracedSamples) -> bool:
-    """Go one sample further, noting limits on the way; False where branches cross before."""
+    """Move to the next sample and record limits; False if a branch point lies before it."""
     rest, longest = length, length
     while rest > TOLERANCES.tight * length:
         step = path.ahead(min(longest, rest))
@@ -134,7 +134,7 @@ class _TracedSamples:
         self.near, self.has_gone = np.inf, False  # how near to the first place counts as back there
 
     def add(self, point: CurvePoint) -> None:
-        """Keep a point, with the second derivative of the curve there."""
+        """Add a point, with the second derivative of the curve there."""
         curve, evaluation, model = self.curve, self.curve.evaluation, self.curve.evaluation.model
         rows, scale = curve.equations(point.x), curve.unknowns.scale
         n, chosen = evaluation.constraints.n_closure, curve.selected
@@ -152,7 +152,7 @@ class _TracedSamples:
             self.first_placement = body_placements(self.curve.evaluation, self.bodies)
 
     def is_back(self, point: CurvePoint, step: float) -> bool:
-        """Whether all bodies are within a step of where they began, moving the same way.
+        """Whether all bodies are within a step of their start and move in the same direction.
 
         But for those that spin freely, whose joints have other axes then. Where many joints share
         a step of arc length, bodies move by a small part of it only.
@@ -169,7 +169,7 @@ class _TracedSamples:
         return bool(self.has_gone and gap < self.near and is_forward)
 
     def add_first_again(self) -> None:
-        """End with the first configuration, angles counted on."""
+        """Add the first configuration as the last, with angles counted over turns."""
         first, last = self.points[0], self.points[-1]
         q = first.x.copy()
         for c in self.mechanism.coordinate_table.values():
@@ -180,7 +180,7 @@ class _TracedSamples:
         self.errors.append(self.errors[0])
 
     def note(self, kind: str, value: float) -> None:
-        """Keep a limit position, a branch point, or an early end as an event."""
+        """Record a limit position, a branch point, or an early end as an event."""
         unit = self.mechanism.coordinate(self.driver).unit
         words = {"limit": "limit position",
                  "branch point": "branch point, passed straight on,",
@@ -189,7 +189,7 @@ class _TracedSamples:
         self.events.append(Event(kind, value, len(self.points), text))
 
     def note_branch_points(self, point: CurvePoint, beyond: CurvePoint) -> None:
-        """Keep what lies between two points: as seen from both, there may be more than one."""
+        """Record the branch points between two points, seen from both: there may be several."""
         back = beyond._replace(t=-beyond.t, sign=-beyond.sign)
         seen = [located(self.curve, x) for x in (point, back)]
         values = [singular[1] for singular in seen if singular is not None]

@@ -1,4 +1,4 @@
-"""How well parts of closed curves go onto given points, wherever these are, and however large.
+"""Best fit of parts of closed curves to given points, up to translation, rotation and size.
 
 Curves are compared at points spaced evenly along them. For all places at which a part may begin the
 sums of products are correlations, found together by Fourier transforms; from these follow the best
@@ -38,7 +38,7 @@ class Movable(NamedTuple):
 
 
 class Matches(NamedTuple):
-    """How the best parts of m curves go onto given points.
+    """The best fits of parts of m curves to given points.
 
     Attributes:
         misfit: (m,) what is missed, relative to the size of what is given.
@@ -54,7 +54,7 @@ class Matches(NamedTuple):
 
 
 def matches(points: Array, curves: Array, is_closed: bool, movable: Movable) -> Matches:
-    """Return how closed curves go best onto points, or a part of each, whichever way round.
+    """Return the best fits of closed curves, or of a part of each, in both directions.
 
     Args:
         points: (k, 3) in their order.

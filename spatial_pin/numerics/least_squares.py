@@ -1,4 +1,4 @@
-"""Least squares on constraints and between bounds, by steps in the tangent space of both.
+"""Constrained least squares with bounds, by steps in the tangent space of both.
 
 Gauss's steps go quickly to what can be reached. Towards what cannot, they creep: they leave out how
 residuals and constraints bend, which counts in proportion to what stays off. There Newton's steps
@@ -49,7 +49,7 @@ Bounds = dict[int, int]  # active ones, by unknown: 0 the lower, 1 the upper one
 
 
 class LeastSquares(ABC):
-    """Half a sum of squares, of unknowns of order one, that is made least.
+    """Half a sum of squares to be minimised; its unknowns are of order one.
 
     To make something least: a class with `residual` and `jacobian`, and with
 
@@ -88,14 +88,14 @@ class LeastSquares(ABC):
         """Return their derivatives (k, n)."""
 
     def model(self, x: Array) -> tuple[Array, Array]:
-        """Return residuals and derivatives, (k,) and (k, n), that steps are made by.
+        """Return residuals and derivatives, (k,) and (k, n), that define the steps.
 
         Half the sum of their squares has the slope that the problem has, and bends as much or more.
         """
         return self.residual(x), self.jacobian(x)
 
     def displaced(self, x: Array, step: Array) -> Array:
-        """Return what is a step (n,) away."""
+        """Return the unknowns after a step (n,)."""
         moved = self.sizes * step
         there: Array = x + moved
         there[np.abs(there) <= TOLERANCES.last_digit * np.abs(moved)] = 0.0  # but for round-off
@@ -106,7 +106,7 @@ class LeastSquares(ABC):
         return np.empty((0, len(self.moves)))
 
     def corrected(self, x: Array, free: NDArray[np.bool_], off: float) -> Array | None:
-        """Return x with constraints met again by what is free; None if that takes too far.
+        """Return x with its free unknowns corrected to the constraints; None if x moves too far.
 
         Args:
             x: where it begins.
@@ -116,7 +116,7 @@ class LeastSquares(ABC):
         return x
 
     def room(self, x: Array) -> Array:
-        """Return how far unknowns are from their bounds (2, n), the lower ones first."""
+        """Return the distances of unknowns from their bounds (2, n), the lower ones first."""
         if self.ends is None:
             return np.full((2, len(self.moves)), np.inf)
         return np.stack([x - self.ends[0], self.ends[1] - x]) / self.sizes
@@ -159,7 +159,7 @@ def passed(room: Array, step: Array, active: Bounds) -> tuple[int, int] | None:
 
 
 def beyond(room: Array, allowed: Array | float, active: Bounds) -> Bounds:
-    """Return the bounds that unknowns are beyond, but for what is allowed and for active ones."""
+    """Return the bounds that unknowns exceed by more than a tolerance, without active ones."""
     if not room.size or room.min() >= -SLACK:
         return {}
     return {k: side for side, k in np.argwhere(
@@ -167,7 +167,7 @@ def beyond(room: Array, allowed: Array | float, active: Bounds) -> Bounds:
 
 
 class Iterate:
-    """Unknowns with all that is known of a problem there.
+    """Unknowns, and the values of a problem there.
 
     Attributes:
         x: the unknowns.
@@ -185,7 +185,7 @@ class Iterate:
 
     @cached_property
     def model(self) -> tuple[Array, Array]:
-        """Residuals and derivatives (k, n) that steps are made by."""
+        """Residuals and derivatives (k, n) that define the steps."""
         return self.problem.model(self.x)
 
     @property
@@ -195,7 +195,7 @@ class Iterate:
 
     @cached_property
     def room(self) -> Array:
-        """How far unknowns are from their bounds (2, n)."""
+        """Distances of unknowns from their bounds (2, n)."""
         return self.problem.room(self.x)
 
     @cached_property
@@ -204,7 +204,7 @@ class Iterate:
         return math.sqrt(self.residual.dot(self.residual))
 
     def tangents(self, free: NDArray[np.bool_]) -> Array:
-        """Return orthonormal rows (d, n) along which what is free keeps to the constraints."""
+        """Return orthonormal rows (d, n): directions of free unknowns along the constraints."""
         key = free.tobytes()
         if key not in self._tangents:
             basis = Triangular(self.problem.constraints(self.x)[:, free]).null_space
@@ -213,7 +213,7 @@ class Iterate:
         return self._tangents[key]
 
     def lagrangian(self, free: NDArray[np.bool_]) -> Lagrangian:
-        """Return the Lagrangian along what is free."""
+        """Return the Lagrangian of the free unknowns."""
         key = free.tobytes()
         if key not in self._lagrangians:
             self._lagrangians[key] = Lagrangian(self, free)
@@ -224,13 +224,13 @@ class Iterate:
         return self._lagrangians.get(free.tobytes())
 
     def predicted(self, step: Array) -> float:
-        """Return the part of the sum that a step (n,) gains to first order."""
+        """Return the predicted gain of a step (n,), as part of the sum."""
         residual, rows = self.model
         linear = residual + rows @ step
         return float(residual @ residual - linear @ linear) / self.size**2
 
     def push(self, active: Bounds, k: int) -> float:
-        """Return how far a free step goes beyond the bound that an unknown stands at."""
+        """Return how far a free step exceeds the bound at which an unknown is."""
         tangents = self.tangents(self.problem.free({v: x for v, x in active.items() if v != k}))
         residual, rows = self.model
         step = -(residual @ rows @ tangents.T) @ tangents
@@ -262,7 +262,7 @@ class Lagrangian:
             self.gradient = np.zeros(len(self.tangents))
 
     def at(self, x: Array) -> Lagrangian:
-        """Return that of the same sum at other unknowns."""
+        """Return the Lagrangian of the same sum at other unknowns."""
         return Lagrangian(Iterate(self._at.problem, x), self._free)
 
     def _pulled(self, step: Array) -> Array:
@@ -285,7 +285,7 @@ class Lagrangian:
         return sizes, directions
 
     def newton_step(self, damping: float) -> Array:
-        """Return Newton's step (n,), which goes down where the curvature is negative too."""
+        """Return Newton's step (n,), which descends along negative curvature too."""
         if not len(self.gradient):
             return np.zeros(self.tangents.shape[1])
         sizes, ways = self.curvature
@@ -299,7 +299,7 @@ class Lagrangian:
         return -(ways @ parts) @ self.tangents
 
     def downward(self) -> Array | None:
-        """Return the direction (n,) that it bends down most along; None where it does not."""
+        """Return the direction (n,) of most negative curvature; None if there is none."""
         sizes, directions = self.curvature
         size = np.abs(sizes).max(initial=self.least)
         if not len(sizes) or sizes[0] >= -TOLERANCES.half_precision * size:
@@ -308,7 +308,7 @@ class Lagrangian:
         return direction if direction[np.argmax(np.abs(direction))] > 0.0 else -direction
 
     def is_single(self) -> bool:
-        """Whether it is clearly curved along all tangents, where the sum is least."""
+        """Whether all curvatures at the minimum are clearly positive."""
         parts = self._at.rows @ self.tangents.T
         sizes = np.abs(self.curvature[0])  # what residuals' bending cancels is known to 1e-6 of it
         return bool(np.all(sizes > TOLERANCES.regular * np.linalg.norm(parts) ** 2))
@@ -339,7 +339,7 @@ class Lagrangian:
 
 
 class Minimum(NamedTuple):
-    """Where a descent ends."""
+    """The end of a descent."""
 
     at: Iterate
     active: Bounds  # those that hold it back
@@ -348,7 +348,7 @@ class Minimum(NamedTuple):
 
 
 def minimised(problem: LeastSquares, x: Array, active: Bounds) -> Minimum:
-    """Go down from unknowns that meet the constraints, and the bounds that are active there."""
+    """Minimise from unknowns that meet the constraints and the active bounds."""
     for off in (OFF_ON_THE_WAY, 0.0):
         result = Descent(problem, off).run(Iterate(problem, x), active)
         end = result.at.x
@@ -359,7 +359,7 @@ def minimised(problem: LeastSquares, x: Array, active: Bounds) -> Minimum:
 
 
 class Descent:
-    """The steps of `minimised`: with which damping they are made, and whether by Newton.
+    """The steps of `minimised`: their damping, and whether they are Newton's.
 
     Args:
         problem: what is made least.
@@ -375,7 +375,7 @@ class Descent:
         return self._problem.bends and self._slow >= SLOW_STEPS
 
     def run(self, here: Iterate, active: Bounds) -> Minimum:
-        """Return where it ends; constraints may be off there by a little."""
+        """Return the end of the descent; constraints hold nearly there."""
         problem, moved = self._problem, 0.0
         for _ in range(problem.most if here.size < np.inf else 0):
             # bounds that a free step, of some of them released, would not leave
@@ -417,7 +417,7 @@ class Descent:
         return Minimum(here, active, False, moved > 0.5 * problem.longest)
 
     def _step(self, here: Iterate, active: Bounds) -> tuple[Array, Bounds]:
-        """Return a step (n,), and the bounds that it stops at."""
+        """Return a step (n,), and the bounds that end it."""
         problem, active = self._problem, dict(active)
         jump = np.zeros(len(problem.moves))
         while True:
@@ -441,7 +441,7 @@ class Descent:
     def _landed(
         self, here: Iterate, step: Array, active: Bounds
     ) -> tuple[Iterate, Bounds] | None:
-        """Return where a step leads, constraints met again, within bounds; None if too far."""
+        """Return the unknowns after a step, corrected, within bounds; None if they move too far."""
         problem, off = self._problem, 0.0 if self._is_bent else self._off * float(step @ step)
         while True:
             x = problem.at_bounds(problem.displaced(here.x, step), active)
@@ -457,7 +457,7 @@ class Descent:
     def _is_as_good(
         self, there: tuple[Iterate, Bounds], here: Iterate, active: Bounds, moved: float
     ) -> bool:
-        """Whether a step is to be made: not one that only stands still, or goes up."""
+        """Whether a step is accepted: it moves and does not ascend."""
         size = there[0].size
         if size < here.size:
             return True
@@ -471,7 +471,7 @@ class Descent:
     def _to_vertex(
         self, here: Iterate, active: Bounds, step: Array, there: tuple[Iterate, Bounds]
     ) -> tuple[Iterate, Bounds]:
-        """Return where a Gauss step leads that goes as far as residuals go as a parabola along it.
+        """Return the end of a Gauss step to the vertex of the parabola of residuals along it.
 
         Towards a dead centre, a double root, every step is half as long as the one before. With r
         at its start and c where it ends, (1 - t) r + t² c is zero farther on, at a t up to 2.
@@ -488,7 +488,7 @@ class Descent:
     def _onward(
         self, here: Iterate, active: Bounds, before: Iterate
     ) -> tuple[Iterate, Bounds] | None:
-        """Return where to go on from a point, short of `before`; None if it is the least."""
+        """Return a lower point near a stationary one, below `before`; None at a minimum."""
         if here.size <= self._problem.tolerance or not self._problem.bends:
             return None
         self._damping, was_bent = 0.0, self._is_bent

@@ -17,7 +17,7 @@ from spatial_pin.numerics.taylor import Taylor
 
 @dataclass(frozen=True, eq=False)
 class Piecewise:
-    """A piecewise polynomial; beyond its ends the last pieces go on, or it repeats.
+    """A piecewise polynomial; its end pieces continue beyond its ends, or it repeats.
 
     Attributes:
         breaks: (n + 1,) where pieces begin and end, ascending.

@@ -1,4 +1,4 @@
-"""Where a function changes its sign."""
+"""The root of a function between two signs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ def sign_change(
     function: Callable[[float], float], first: float, last: float, at_first: float, at_last: float,
     xtol: float = 1e-14, rtol: float = 1e-14,
 ) -> float:
-    """Return where a function changes its sign between two places.
+    """Return the point at which a function changes its sign between two others.
 
     What is computed from closed configurations is round-off near its zero, and may have another
     sign when it is computed again: the values at the ends are given, and never asked for again.

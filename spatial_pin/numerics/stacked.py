@@ -18,7 +18,7 @@ def levenberg(
     tries: Tries, problems: NDArray[np.intp], *, first: float, easing: float, hardening: float,
     least: float, most: int,
 ) -> None:
-    """Make many sums of squares least by Levenberg's method, every one damped for itself.
+    """Minimise many sums of squares by Levenberg's method, each with its own damping.
 
     Beside `least_squares.minimised` for one problem: ten and more cost little more than one so.
 

@@ -75,7 +75,8 @@ def test_an_unknown_word_is_answered_with_all_types(tmp_path):
 
 
 @pytest.mark.parametrize(("word", "words"), [
-    ("hinge", "did you mean 'revolute'?"), ("gear", '"coupling"'), ("cable", "did you mean 'rope'?"),
+    ("hinge", "did you mean 'revolute'?"), ("gear", '"coupling"'),
+    ("cable", "did you mean 'rope'?"),
     ("follower", "did you mean 'cam'?"), ("wheel", "not modelled")])
 def test_closures_made_in_code_have_other_words_too(word, words):
     with pytest.raises(AttributeError, match=re.escape(words)):

@@ -126,18 +126,18 @@ def load(loads: Kinetostatics, pair: str, kind: str) -> Vectors:
     Raises:
         UnknownNameError: there is no such pair.
     """
-    motion, found = loads.motion, loads.reactions
+    motion, reactions = loads.motion, loads.reactions
     mechanism = motion.mechanism
-    if pair not in found:
-        raise UnknownNameError("pair", pair, list(found), f"mechanism {mechanism.name!r}: ")
+    if pair not in reactions:
+        raise UnknownNameError("pair", pair, list(reactions), f"mechanism {mechanism.name!r}: ")
     closure = next((c for c in mechanism.closures if c.name == pair), None)
     at = pair
     if closure is not None:  # a coupling acts on its last joint
         at = (closure.frames[1] if closure.frames
               else mechanism.coordinate(closure.joints[-1]).joint)
-    place = motion.frame(at).position
+    point = motion.frame(at).position
     quantity, unit, part = LOADS[kind]
-    return Vectors(pair, place, found[pair][:, part], quantity, unit)
+    return Vectors(pair, point, reactions[pair][:, part], quantity, unit)
 
 
 def rates(motion: Motion, spec: str) -> Vectors:
