@@ -121,8 +121,7 @@ def coupling_forces(mechanism: Mechanism) -> list[CouplingForce]:
                 row[equation.coordinates[factors[0].at].v] = weight
         first, last = (mechanism.joint_id(mechanism.coordinate(closure.joints[k]).joint)
                        for k in (0, -1))
-        numbers = closure.numbers
-        path: Teeth | Strands | None = numbers.get("teeth", numbers.get("strands"))
+        path = closure.acts_at
         carrier, place = int(mechanism.model.parents[first]), pin.SE3.Identity()
         if not carrier:
             place.translation = -mechanism.centre

@@ -226,7 +226,7 @@ def beside_couplings(mechanism: Mechanism) -> dict[str, list[int]]:
     """
     found = {}
     for closure in mechanism.closures:
-        if closure.joints and not closure.numbers.keys() & {"teeth", "strands"}:
+        if closure.joints and closure.acts_at is None:
             ends = {mechanism.joint_id(mechanism.coordinate(x).joint) for x in closure.joints}
             chains = [set(mechanism.model.supports[joint]) for joint in ends]
             found[closure.name] = sorted(set.union(*chains) - set.intersection(*chains) | ends)

@@ -96,8 +96,8 @@ def _check_closure(mechanism: Mechanism, closure: Closure, where: str) -> None:
         if closure.joints.count(name) > 1:
             raise MechanismFileError(f"{where}: couples {name!r} with itself")
     ids = _bodies(mechanism, closure.frames, f"{where}: frames: ")
-    frames = [x.frame for key, x in closure.numbers.items() if key in ("teeth", "strands")]
-    _all_named(mechanism.frame_on_joint, filter(None, frames), f"{where}: frame: ")
+    if closure.acts_at is not None and closure.acts_at.frame:
+        named(mechanism.frame_id, closure.acts_at.frame, f"{where}: frame: ")
     if closure.pair.has_more and closure.frames:
         _check_rope(mechanism, closure, ids, where)
         return

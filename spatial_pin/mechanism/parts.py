@@ -16,6 +16,7 @@ from spatial_pin._support.checks import finite_array, finite_number
 from spatial_pin._support.lazy import by_new_name, cached_property
 from spatial_pin.errors import MechanismFileError, UnknownNameError
 from spatial_pin.mechanism.equations import ConstraintEquation, combined
+from spatial_pin.mechanism.force_paths import Strands, Teeth
 from spatial_pin.mechanism.pairs import PAIRS, Pair, PairGeometry
 
 
@@ -84,8 +85,8 @@ class Closure:
         >>> gears = sp.load("geared_five_bar").closures[-1]
         >>> gears.type, gears.joints, gears.ratio, round(gears.offset, 6)  # offset [rad]
         ('coupling', ('left_pin', 'right_pin'), -2.0, 3.141593)
-        >>> gears.ratios
-        (-2.0, -1.0)
+        >>> gears.ratios, gears.acts_at is None
+        ((-2.0, -1.0), True)
     """
 
     name: str
@@ -132,6 +133,11 @@ class Closure:
     def offset(self) -> float:
         """Of a coupling, see `ratio` [rad or m]."""
         return float(self.numbers.get("offset", 0.0))
+
+    @property
+    def acts_at(self) -> Teeth | Strands | None:
+        """Where a coupling acts, if it says so."""
+        return next((x for x in self.numbers.values() if isinstance(x, Teeth | Strands)), None)
 
     @property
     def joined(self) -> tuple[tuple[str, str], ...]:
