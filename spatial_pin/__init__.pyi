@@ -60,7 +60,7 @@ from .inverse_kinematics import targets as targets
 from .inverse_kinematics.reach import reach as reach
 from .inverse_kinematics.reach_path import reach_path as reach_path
 from .inverse_kinematics.targets import Target as Target
-from .mechanism import closures as closures, laws as laws
+from .mechanism import closures as closures, curves as curves, laws as laws
 from .mechanism.coordinates import CoordinateRates as CoordinateRates
 from .mechanism.mechanism import Mechanism as Mechanism
 from .mechanism.parts import (

@@ -76,6 +76,8 @@ class Kernel:
         check(self.library.kernel_create(
             address(ints), len(ints), address(reals), len(reals), ctypes.byref(handle)))
         self.handle = handle
+        for number, function in self.packed.called.items():
+            self.library.kernel_set_function(handle, number, function.address)
         self.solvers: dict[Any, Any] = {}
         self.path: object = None
         weakref.finalize(self, self.library.kernel_destroy, handle)

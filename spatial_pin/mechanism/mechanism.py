@@ -516,17 +516,22 @@ class Mechanism:
 
         return with_mass(self, body, mass, com, inertia)
 
-    def save(self, folder: str | Path) -> Path:
+    def save(self, folder: str | Path, tabulate: Any = None) -> Path:
         """Write the mechanism as a folder that can be moved: mechanism file, URDF and meshes.
 
         Args:
             folder: made where there is none; files are called as the mechanism is.
+            tabulate: of couplings whose function is code, which no file has: the values (n,) of
+                the first coordinate at which a table is written, rising [rad or m]; or in how many
+                equal parts a turn is cut, of a function that repeats with it; or these by the names
+                of closures. `load` reads the quintic spline through the table.
 
         Returns:
             The mechanism file; what `load` makes of it is equal to this.
 
         Raises:
-            SpatialPinError: a target is a file of the mechanism itself, or cannot be written.
+            SpatialPinError: a target is a file of the mechanism itself, or cannot be written; or
+                a function in code has no `tabulate`.
             TypeError: `folder` is no path.
             ValueError: it is the name of a file, or of nothing.
 
@@ -537,7 +542,7 @@ class Mechanism:
         """
         from spatial_pin.formats.mechanism_writer import save
 
-        return save(self, folder)
+        return save(self, folder, tabulate)
 
     def _repr_html_(self) -> str:
         """Return a small table, for a notebook."""

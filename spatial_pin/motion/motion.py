@@ -17,6 +17,7 @@ from spatial_pin._support.brief import brief, words
 from spatial_pin._support.checks import checked, is_finite
 from spatial_pin._support.columns import Quantity, Tabular, read_only, write_npz
 from spatial_pin._support.output_files import named_path
+from spatial_pin.assembly.contact_places import contact_closure, contact_rates
 from spatial_pin.assembly.holding import BASE, as_written, written
 from spatial_pin.assembly.state import State
 from spatial_pin.errors import SpatialPinError
@@ -256,7 +257,8 @@ class Motion(Tabular):
         may read a turn less.
 
         Args:
-            name: a coordinate, a joint of one freedom, or a driver.
+            name: a coordinate, a joint of one freedom, or a driver; or `CLOSURE.s`, the place on
+                the curve of a cam or a point on a curve [m].
 
         Returns:
             The CoordinateRates [rad or m, per s, per s²; see `per` for motions without time].
@@ -270,6 +272,10 @@ class Motion(Tabular):
             >>> value.round(4), rate.round(4)  # [rad], [rad/s]
             (array([1.2329, 1.324 , 1.5232]), array([0.    , 0.6652, 0.8522]))
         """
+        contact = contact_closure(self.mechanism, name)
+        if contact is not None:
+            ends = [self.frame(f) for f in contact.frames]
+            return contact_rates(self.mechanism, contact, ends, self.angles)
         return coordinate_rates(self.mechanism, name, self.q, self.v, self.a)
 
     @checked

@@ -120,9 +120,17 @@ def info(mechanism: Mechanism) -> Info:
 def _closure_text(closure: Any) -> str:
     stated = f", from {closure.source}" if closure.source else ""
     if closure.type == COUPLING:
-        a, b = closure.joints
         offset = f" + {closure.offset:g}" if closure.offset else ""
-        return f"coupling: {b} = {closure.ratio:g} * {a}{offset} (1 equation){stated}"
+        if "ratio" in closure.numbers:
+            a, b = closure.joints
+            law = f"{b} = {closure.ratio:g} * {a}{offset}"
+        elif closure.ratios:
+            parts = (f"{r:g} * {name}" for r, name in zip(closure.ratios, closure.joints,
+                                                          strict=True))
+            law = f"{' + '.join(parts)}{offset} = 0".replace("+ -", "- ")
+        else:
+            law = "{1} = f({0}), {2}".format(*closure.joints, closure.numbers["function"])
+        return f"coupling: {law} (1 equation){stated}"
     length = f", as far as {' - '.join(closure.between)}" if closure.between else ""
     names = " - ".join((*closure.frames, *closure.joints))
     return (f"{closure.type}: {names}{length} "

@@ -15,6 +15,7 @@ from spatial_pin.cli.mechanism_arguments import loaded
 from spatial_pin.cli.new_files import write_from, write_new
 from spatial_pin.cli.options import Command, data_options, option, package
 from spatial_pin.cli.printing import WIDTH, on_screen, print_result, say
+from spatial_pin.dynamics.coupling_forces import coupling_forces
 from spatial_pin.formats.files import library_titles
 from spatial_pin.formats.mechanism_writer import export_urdf
 from spatial_pin.mobility.mobility import driver_advice
@@ -62,6 +63,7 @@ def check(options: argparse.Namespace) -> None:
         mechanism = loaded(options)
         notes = list(mechanism.notices)
         state = sp.assemble(mechanism)
+        coupling_forces(mechanism)  # refused here where teeth do not mesh
         result = sp.mobility(mechanism, state)
         working = result.dof - len(result.passive)
         lines = [f"note: {notice}" for notice in notes]

@@ -94,6 +94,12 @@ class ReactionChanges:
     def all(self) -> tuple[dict[str, Linear], Linear]:
         """Return the reactions by pair and the wrench on the fixed link."""
         pairs = Pairs(self.mechanism)
+        placed = [c.name for c in pairs.couplings if c.lines]
+        if placed:
+            raise SpatialPinError(
+                f"mechanism {self.mechanism.name!r}: derivatives of reactions are not worked out "
+                f"beside the teeth or strands of {', '.join(placed)}: leave these out, or take "
+                "differences of `forward_dynamics`")
         closed, on_bodies = self._of_closures(pairs)
         self._add_given(on_bodies)
         bodies = self.rows.products.bodies

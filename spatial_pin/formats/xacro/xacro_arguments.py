@@ -123,6 +123,8 @@ class Values(dict[str, Any]):
         def number(key: str, value: Any) -> Any:
             if isinstance(value, list):
                 return [number(key, x) for x in value]
+            if isinstance(value, dict):
+                return {k: number(f"{key}.{k}", x) for k, x in value.items()}
             if not _is_written(value):
                 return value
             try:
@@ -192,6 +194,12 @@ def with_numbers(
 
 def _is_written(value: Any) -> bool:
     """Whether a value is, or holds, a text to be worked out."""
-    if isinstance(value, list):
-        return any(map(_is_written, value))
-    return isinstance(value, str) and "$" in value
+    return bool(written_in(value))
+
+
+def written_in(value: Any) -> list[str]:
+    """Return the texts to be worked out that a value is, or holds."""
+    if isinstance(value, list | dict):
+        inner = value if isinstance(value, list) else value.values()
+        return [text for x in inner for text in written_in(x)]
+    return [value] if isinstance(value, str) and "$" in value else []

@@ -116,6 +116,7 @@ typedef struct {
     const Int *function;         /* of it, or -1 */
     const Int *shape;            /* (n_functions, 4) see piecewise.h */
     const Real *number;
+    Called *called;              /* functions of the caller, NULL of others */
     Real *value, *rate, *bias;   /* of each; bias: second derivative */
     Real *slope, *bend;          /* derivatives of the functions */
 } Quantities;
@@ -205,6 +206,8 @@ typedef struct Kernel {
 EXPORT int kernel_create(const Int *ints, Int n_ints, const Real *reals, Int n_reals, Kernel **out);
 /* Take the numbers of other dimensions; the kernel is as if it had been made of them. */
 EXPORT int kernel_set_numbers(Kernel *k, const Real *reals, Int n_reals);
+/* Give one of its functions, which is one of the caller. */
+EXPORT void kernel_set_function(Kernel *k, Int i, Called function);
 /* The same numbers but for some, at places below n_reals; other places are not looked at. */
 int kernel_vary_numbers(Kernel *k, const Real *base, Int n_reals, const Int *place,
                         const Real *varied, Int n_varied);

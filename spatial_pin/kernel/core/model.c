@@ -199,6 +199,8 @@ static int make_room(Kernel *k)
     };
     for (size_t i = 0; i < sizeof fields / sizeof *fields; i++)
         *fields[i].to = kernel_reals(k, fields[i].count);
+    k->quantities.called =
+        kernel_memory(k, k->quantities.n_functions, sizeof *k->quantities.called);
     k->plain = kernel_ints(k, n);
     k->moves = kernel_ints(k, n);
     k->system.chosen = kernel_ints(k, nv);
@@ -252,6 +254,12 @@ int kernel_vary_numbers(Kernel *k, const Real *base, Int n_reals, const Int *pla
 EXPORT int kernel_set_numbers(Kernel *k, const Real *reals, Int n_reals)
 {
     return kernel_vary_numbers(k, reals, n_reals, NULL, NULL, 0);
+}
+
+EXPORT void kernel_set_function(Kernel *k, Int i, Called function)
+{
+    if (within(i, k->quantities.n_functions))
+        k->quantities.called[i] = function;
 }
 
 EXPORT void kernel_destroy(Kernel *k)
