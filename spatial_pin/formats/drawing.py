@@ -614,12 +614,15 @@ class Drawing:
     def gear(
         self, name: str, one: str, two: str, *, teeth: Sequence[Number], internal: bool = False
     ) -> Drawing:
-        """Let two gears mesh that turn on two hinges of one body, their carrier.
+        """Let two gears mesh that turn on two hinges, on one body that carries both.
+
+        The carrier may turn itself: a sun that turns on the ground meshes with a planet on a
+        carrier that turns about the sun's axis.
 
         Args:
             name: its name.
-            one: the hinge between the carrier and the first gear.
-            two: that between the carrier and the second.
+            one: the hinge of the first gear.
+            two: that of the second.
             teeth: (2,) numbers of teeth.
             internal: whether one of them is a ring, with its teeth inside.
 

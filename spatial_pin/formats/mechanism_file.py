@@ -177,8 +177,9 @@ def mechanism_of(
     """Return the mechanism of the expanded URDF of `file` and the table of the file asked for."""
     mistakes, written = Mistakes(top.where), top.content
     trust = Trust.of(file, request.packages, request.trusted)
-    top = TomlTable(with_numbers(written, request.path, file, request.parameters, request.trusted,
-                                 request.packages), top.where)
+    with mistakes.each():
+        top = TomlTable(with_numbers(written, request.path, file, request.parameters,
+                                     request.trusted, request.packages), top.where)
     spec = MechanismSpec(top, mistakes, trust)
     if not spec.is_whole["joints"]:
         mistakes.raise_all()  # what the tree is, is not known
