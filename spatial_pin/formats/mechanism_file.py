@@ -189,6 +189,12 @@ def _worked_out(
     And these expressions, by the closures' names.
     """
     given, closures, written = top.content.get("closures"), list[Any](), dict[str, Any]()
+    with_dimensions = file, dict(request.parameters), request.trusted, request.packages
+    tables = top.content.get("curves", {})
+    on_curves = {key: tuple(written_in(x)) for key, x in tables.items()} if isinstance(
+        tables, dict) else {}
+    if any(on_curves.values()):
+        tables = dict(Values(tables, request.path, "curves", *with_dimensions))
     for k, table in enumerate(given if isinstance(given, list) else ()):
         closures.append(table)
         numbers = {key: x for key, x in table.items() if key not in NAMES} if isinstance(
@@ -196,11 +202,13 @@ def _worked_out(
         texts = written_in(numbers)
         if texts:
             closures[k] = {**table, **Values(
-                numbers, request.path, f"closures[{k}]", file, dict(request.parameters),
-                request.trusted, request.packages)}
+                numbers, request.path, f"closures[{k}]", *with_dimensions)}
+        texts += on_curves.get(str(numbers.get("curve")), ())
+        if texts:
             written[str(table.get("name"))] = tuple(texts)
-    return (TomlTable({**top.content, "closures": closures}, top.where), written) if written else (
-        top, {})
+    if not written and not any(on_curves.values()):
+        return top, {}
+    return TomlTable({**top.content, "closures": closures, "curves": tables}, top.where), written
 
 
 def _build(
@@ -342,7 +350,7 @@ def _numbers(table: TomlTable, pair: Pair, context: Context) -> dict[str, Any]:
             try:
                 found[key.name] = key.read(table.get(key.name), context)
             except ValueError as error:
-                table.fail(key.name, str(error))
+                table.end(key.name, str(error))
         elif key.is_list:
             found[key.name] = table.numbers(key.name)
         else:
