@@ -342,7 +342,7 @@ def _numbers(table: TomlTable, pair: Pair, context: Context) -> dict[str, Any]:
             try:
                 found[key.name] = key.read(table.get(key.name), context)
             except ValueError as error:
-                table.fail(key.name, str(error))
+                table.end(key.name, str(error))
         elif key.is_list:
             found[key.name] = table.numbers(key.name)
         else:

@@ -7,7 +7,7 @@ are. A curve that its centre does not see whole is refused.
 Example:
     >>> profile = sp.curves.ellipse([0.04, 0.03])
     >>> print(f"{profile.length:.6f} m")
-    0.221034 m
+    0.221035 m
 """
 
 from __future__ import annotations

@@ -135,8 +135,8 @@ class Closure:
         return float(self.numbers.get("offset", 0.0))
 
     @property
-    def acts_at(self) -> Teeth | Strands | None:
-        """Where a coupling acts, if it says so."""
+    def acts_at(self) -> Any:
+        """Where a coupling acts, if it says so: its `teeth` or `strands`."""
         return next((x for x in self.numbers.values() if isinstance(x, Teeth | Strands)), None)
 
     @property

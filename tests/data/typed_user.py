@@ -22,7 +22,11 @@ def loading() -> sp.Mechanism:
     drawn.hinge("pin", "ground", "bob", at=(drawn["b"], 0.0, 0.0), axis=(0, 1, 0))
     drawn.mechanism(keep=["pin"], b=0.4).with_point("tip", "bob", (0, 0, -1)).with_mass("bob", 1.0)
     built = sp.Mechanism.from_model(
-        mech.model, [sp.closures.spherical("a", "b")], drivers={"crank": "crank_pin"},
+        mech.model, [
+            sp.closures.spherical("a", "b"), sp.closures.rope(["a", "b"], 0.4),
+            sp.closures.coupling(joints=["a", "b", "c"], ratios=[1.0, 1.0, -2.0]),
+            sp.closures.cam("a", "b", sp.curves.circle(0.03), {"roller": 0.008})],
+        drivers={"crank": "crank_pin"},
         springs=[sp.Spring("spring", joint="rocker_pin", stiffness=4.0)],
         passives=[sp.Passive("spin", "coupler", ("ball_a", "ball_b"))])
     closure: sp.Closure = built.closures[0]

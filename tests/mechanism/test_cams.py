@@ -205,3 +205,50 @@ def test_points_that_are_no_profile_are_refused(points, words):
 def test_followers_that_do_not_fit_are_refused(curve, kind, words):
     with pytest.raises(ValueError, match=words):
         follower(curve, kind)
+
+
+TREE = """<robot name="cam" xmlns:xacro="http://www.ros.org/wiki/xacro">
+<xacro:arg name="r" default="0.03"/><xacro:arg name="e" default="0.01"/>
+<link name="ground"/><link name="wheel"/><link name="rod"/>
+<joint name="turn" type="continuous"><parent link="ground"/><child link="wheel"/>
+<axis xyz="0 0 1"/></joint>
+<joint name="lift" type="prismatic"><parent link="ground"/><child link="rod"/><axis xyz="1 0 0"/>
+<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
+CAM = """name = "cam"
+tree = "cam.urdf.xacro"
+drivers.cam.joint = "turn"
+[curves.profile]
+circle = {radius = "${r}", centre = ["${e}", 0, 0]}
+[[closures]]
+name = "contact"
+type = "cam"
+curve = "profile"
+frames = ["wheel", "rod"]
+follower = {roller = 0.008}
+[guess]
+lift = 0.05
+"""
+
+
+def test_radii_and_centres_of_curves_are_dimensions(tmp_path, run):
+    (tmp_path / "cam.urdf.xacro").write_text(TREE)
+    path = tmp_path / "cam.toml"
+    path.write_text(CAM)
+    mech, turn = sp.load(path), 0.7
+    state = sp.assemble(mech, {"cam": turn})
+    length, e = 0.038, 0.01
+    root = np.sqrt(length**2 - (e * np.sin(turn))**2)
+    assert state.coordinate("lift").value == pytest.approx(e * np.cos(turn) + root, abs=1e-14)
+    found = sp.sensitivity(mech, state, "lift", ["r", "e"]).derivatives
+    assert found["r"] == pytest.approx(length / root, rel=1e-8)
+    assert found["e"] == pytest.approx(np.cos(turn) - e * np.sin(turn)**2 / root, rel=1e-8)
+    code, text, _ = run("check", str(path))
+    assert code == 0 and "good" in text
+
+
+def test_a_curve_that_is_not_there_is_refused_by_its_name(tmp_path):
+    (tmp_path / "cam.urdf.xacro").write_text(TREE)
+    path = tmp_path / "cam.toml"
+    path.write_text(CAM.replace('curve = "profile"', 'curve = "other"'))
+    with pytest.raises(sp.MechanismFileError, match=r"names \[curves.NAME\].*profile"):
+        sp.load(path)

@@ -160,6 +160,8 @@ def closed_places(kind):
     pin.forwardKinematics(model, data, CLOSED)
     one = at(0.1, 0.2, -0.1, 0.3, -0.4, 0.5)
     turned = at(0.0, 0.0, length)
+    if "curve" in CONSTRUCTED[kind][0]:  # on the vertex of the ellipse
+        turned = at(0.3)
     if kind in ("universal", "perpendicular"):  # SIDE is square to AXIS
         turned.rotation = pin.AngleAxis(0.4, np.array(AXIS)).matrix()
     other = data.oMi[1].actInv(data.oMi[6]) * one * turned

@@ -144,7 +144,7 @@ class Values(dict[str, Any]):
         return {key: number(key, value) for key, value in self._table.items()}
 
 
-SECTIONS = "joints", "closures", "springs", "masses"  # of a mechanism file, with numbers
+SECTIONS = "joints", "closures", "curves", "springs", "masses"  # of a mechanism file, with numbers
 WRITTEN = re.compile(r"\s*\$\{[^}]*\}\s*")
 
 
@@ -193,13 +193,7 @@ def with_numbers(
 
 
 def _is_written(value: Any) -> bool:
-    """Whether a value is, or holds, a text to be worked out."""
-    return bool(written_in(value))
-
-
-def written_in(value: Any) -> list[str]:
-    """Return the texts to be worked out that a value is, or holds."""
+    """Whether a value is, or contains, an expression."""
     if isinstance(value, list | dict):
-        inner = value if isinstance(value, list) else value.values()
-        return [text for x in inner for text in written_in(x)]
-    return [value] if isinstance(value, str) and "$" in value else []
+        return any(map(_is_written, value if isinstance(value, list) else value.values()))
+    return isinstance(value, str) and "$" in value
