@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.errors import SingularError
-from spatial_pin.kernel.kernel import Kernel, check
-from spatial_pin.kernel.library import INT, POINTER, REAL, address
+from spatial_pin.kernel.kernel import Kernel
+from spatial_pin.kernel.library import INT, POINTER, REAL, address, check
 from spatial_pin.mechanism.equations import Cosine
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import NOT_FINITE, Array
@@ -370,7 +370,7 @@ def _rotations(mechanism: Mechanism) -> Iterator[tuple[int, int]]:
         rows = at + np.flatnonzero([isinstance(row.first, Cosine) for row in closure.rows])
         at += closure.n_rows
         axes = AGREEING.get(closure.pair.aligned, 0)
-        if axes and len(rows) == EQUATIONS[axes]:
+        if axes and len(rows) == EQUATIONS[axes] and not closure.sums:
             yield int(rows[0]), axes
 
 
