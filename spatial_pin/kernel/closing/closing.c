@@ -13,9 +13,7 @@
 
 #include "choosing.h"
 #include "closing.h"
-#include "envelope.h"
-#include "far_rotations.h"
-#include "least_motion.h"
+#include "closing_parts.h"
 #include "memory.h"
 #include "pins.h"
 
@@ -328,10 +326,10 @@ static int make_pattern(Closer *c)
     Kernel *k = c->k;
     const Int closures = k->n_closure, entries = k->entry_start[closures];
     c->n = closures + c->n_pins;
-    c->start = kernel_memory(k, c->n + 1, sizeof(Int));
-    c->column = kernel_memory(k, entries + 3 * c->n_pins, sizeof(Int));
-    c->value = kernel_memory(k, entries + 3 * c->n_pins, sizeof(Real));
-    if (!c->start || !c->column || !c->value)
+    c->start = kernel_ints(k, c->n + 1);
+    c->column = kernel_ints(k, entries + 3 * c->n_pins);
+    c->value = kernel_reals(k, entries + 3 * c->n_pins);
+    if (!kernel_had_memory(k))
         return NO_MEMORY;
     memcpy(c->start, k->entry_start, (size_t)(closures + 1) * sizeof(Int));
     memcpy(c->column, k->entry_v, (size_t)entries * sizeof(Int));
@@ -346,22 +344,20 @@ static int make_pattern(Closer *c)
 static int make_room(Closer *c)
 {
     Kernel *k = c->k;
-    c->residual = kernel_memory(k, c->n, sizeof(Real)); /* that of pinned ones stays zero */
-    c->multiplier = kernel_memory(k, c->n, sizeof(Real));
-    c->q = kernel_memory(k, k->nq, sizeof(Real));
-    c->trial = kernel_memory(k, k->nq, sizeof(Real));
-    c->step = kernel_memory(k, k->nv, sizeof(Real));
-    c->begin = kernel_memory(k, k->nq, sizeof(Real));
-    c->order = kernel_memory(k, c->n, sizeof(Int));
-    if (!c->residual || !c->multiplier || !c->q || !c->trial || !c->step || !c->begin || !c->order)
-        return NO_MEMORY;
+    c->residual = kernel_reals(k, c->n); /* that of pinned ones stays zero */
+    c->multiplier = kernel_reals(k, c->n);
+    c->q = kernel_reals(k, k->nq);
+    c->trial = kernel_reals(k, k->nq);
+    c->begin = kernel_reals(k, k->nq);
+    c->step = kernel_reals(k, k->nv);
+    c->order = kernel_ints(k, c->n);
     if (c->n > FEW_EQUATIONS)
-        return DONE;
-    c->dense = kernel_memory(k, c->n * k->nv, sizeof(Real));
-    c->few = kernel_memory(k, k->nv, sizeof(Real));
-    c->moves = kernel_memory(k, k->nv, sizeof(Int));
-    c->free_index = kernel_memory(k, k->nv, sizeof(Int));
-    if (!c->dense || !c->few || !c->moves || !c->free_index)
+        return kernel_had_memory(k) ? DONE : NO_MEMORY;
+    c->dense = kernel_reals(k, c->n * k->nv);
+    c->few = kernel_reals(k, k->nv);
+    c->moves = kernel_ints(k, k->nv);
+    c->free_index = kernel_ints(k, k->nv);
+    if (!kernel_had_memory(k))
         return NO_MEMORY;
     for (Int i = 0; i < c->start[c->n]; i++)
         c->moves[c->column[i]] = 1;

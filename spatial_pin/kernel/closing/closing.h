@@ -2,7 +2,7 @@
 #ifndef SPATIAL_PIN_CLOSING_H
 #define SPATIAL_PIN_CLOSING_H
 
-#include "unwrapping.h"
+#include "closing_parts.h"
 
 typedef struct Closer Closer;
 

@@ -10,7 +10,7 @@
  * The relative angular velocity stands in the place of the derivative of phi. For |phi|^2 / 2 that
  * gives the exact gradient at any angle, half a turn included, where the derivative of phi itself
  * has no bound. */
-#include "far_rotations.h"
+#include "closing_parts.h"
 
 /* rad; the products of smaller angles differ from them in the third digit, and lead as well */
 #define FAR_ANGLE 0.1

@@ -7,7 +7,7 @@
  * platform on six legs (18 equations) takes 110 microseconds so, and 290 that way. */
 #include <string.h>
 
-#include "least_motion.h"
+#include "closing_parts.h"
 #include "memory.h"
 
 static Int smaller(Int a, Int b) { return a < b ? a : b; }
