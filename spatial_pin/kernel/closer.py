@@ -370,7 +370,7 @@ def _rotations(mechanism: Mechanism) -> Iterator[tuple[int, int]]:
         rows = at + np.flatnonzero([isinstance(row.first, Cosine) for row in closure.rows])
         at += closure.n_rows
         axes = AGREEING.get(closure.pair.aligned, 0)
-        if axes and len(rows) == EQUATIONS[axes]:
+        if axes and len(rows) == EQUATIONS[axes] and not closure.sums:
             yield int(rows[0]), axes
 
 
