@@ -130,7 +130,7 @@ static void let_move(Closer *c, const Int *free)
 }
 
 /* The derivatives with respect to free velocities as a matrix. What is held takes no part, nor what
-   no equation depends on: it is to stand to the last bit. */
+   no equation depends on: it is not to move by the last bit. */
 static void fill_dense(Closer *c)
 {
     memset(c->dense, 0, (size_t)(c->n * c->n_free) * sizeof(Real));
@@ -235,7 +235,7 @@ static int damped_step(Closer *c, const Descent *d, Real *error, Real *damping)
     return 0;
 }
 
-/* Damped steps from c->q until the residual is as short as asked for, or no step helps. */
+/* Damped steps from c->q until the residual is as short as the tolerance, or no step helps. */
 static Real descend(Closer *c, const Descent *d)
 {
     Real damping = DAMPING, error = residual_at(c, c->q, d->far), marked = INFINITY;
@@ -516,7 +516,7 @@ static int reaches_nearer(Closer *c, ClosureTask *r, Int nearest)
     return !is_sound(r, r->m) || r->distance[r->m] < nearer_than(r->distance[nearest]);
 }
 
-/* Put a further start into q: the nearest place so far, a group of loops displaced from where the
+/* Put a further start into q: the nearest result so far, a group of loops displaced from where the
    first start was. */
 static void put_start(const Closer *c, const ClosureTask *r, Int step, Int nearest, Real *q)
 {
@@ -530,8 +530,8 @@ static void put_start(const Closer *c, const ClosureTask *r, Int step, Int neare
     tree_integrate(k, q, r->steps + step * k->nv);
 }
 
-/* Close from further starts, until one leads near to what is named. Of places where nothing is at
-   fault only those nearer than all before them are kept. */
+/* Close from further starts, until one leads near to what is named. Of results where nothing is at
+   fault only those nearer than all before them stay. */
 static void reach_nearer(Closer *c, ClosureTask *r)
 {
     Int nearest = 0;

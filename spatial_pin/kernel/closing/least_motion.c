@@ -94,7 +94,7 @@ static void decompose(LeastMotion *e, const Real *J, Real cut)
     }
 }
 
-/* The rows of R: its diagonal is there, the rest stands above the vectors of the columns. */
+/* The rows of R: its diagonal is there, the rest is above the vectors of the columns. */
 static void gather(LeastMotion *e)
 {
     for (Int s = 0; s < e->rank; s++)

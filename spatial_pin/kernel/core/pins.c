@@ -42,7 +42,7 @@ void rotation_vector(const Real *quaternion, Real *phi)
         phi[i] = (w < 0.0 ? -factor : factor) * quaternion[i];
 }
 
-/* The quaternion of a rotation vector, of the two the one nearer to what stands there. */
+/* The quaternion of a rotation vector, of the two the one nearer to what it was. */
 static void put_rotation(const Real *phi, Real *quaternion)
 {
     const Real angle = sqrt(dot3(phi, phi));

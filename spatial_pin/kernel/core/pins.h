@@ -23,7 +23,7 @@ int pin_of(const Kernel *k, Int v, Pin *pin);
 
 int pins_are_sound(const Kernel *k, const Pin *pin, Int n);
 
-/* Give components their values in q: those of one rotation vector together, which stand side by
+/* Give components their values in q: those of one rotation vector together, which come side by
  * side. The quaternion keeps the sign that is nearer to what it was. */
 void pins_put(const Pin *pin, Int n, const Real *value, Real *q);
 
