@@ -1,4 +1,4 @@
-"""The table behind `Accuracy.for_error`: what settings reach on every mechanism of the library.
+"""The table behind `Accuracy.for_error`: errors and times of settings on every mechanism.
 
     python scripts/accuracy_table.py                  # both tasks, some ten minutes
     python scripts/accuracy_table.py --task sweep --only rssr stewart
@@ -40,7 +40,7 @@ HOPELESS = {"sweep": 1e-11, "simulate": 1e-9}  # best error above which the moti
 UNSTABLE = 1e3  # growth of errors in a simulation above which it is, too
 BASE = sp.Accuracy.named("engineering")
 SAME = {"sweep": ("order", "corrections", "tolerance"),
-        "simulate": tuple(f.name for f in fields(sp.Accuracy))}  # what tells settings apart
+        "simulate": tuple(f.name for f in fields(sp.Accuracy))}  # fields that distinguish settings
 
 Table = dict[str, Any]  # a trade-off as plain data
 
@@ -74,7 +74,7 @@ def candidates(task: str) -> list[sp.Accuracy]:
 
 
 def measured(task: str, names: Iterable[str], budget: float) -> list[Table]:
-    """Return the trade-offs of mechanisms with loops; says which have no such task."""
+    """Return the trade-offs of mechanisms with loops; prints those without such a task."""
     rows = []
     for name in names:
         mechanism = sp.load(name)
@@ -82,7 +82,7 @@ def measured(task: str, names: Iterable[str], budget: float) -> list[Table]:
             continue
         try:
             rows.append(tradeoff(mechanism, task, settings=candidates(task), repeats=REPEATS,
-                                  budget=budget, progress=True).as_dict())
+                                 budget=budget, progress=True).as_dict())
         except sp.SpatialPinError as error:
             print(f"# {name} left out: {error}")
     return rows
@@ -114,7 +114,7 @@ def is_hopeless(task: str, table: Table) -> bool:
 
 
 def useful(task: str, tables: list[Table]) -> list[Table]:
-    """Return the tables of motions that any setting can follow; says which are not."""
+    """Return the tables of motions that any setting can follow; prints the others."""
     for table in tables:
         if is_hopeless(task, table):
             print(f"# {table['mechanism']} left out: unstable, or near a singular configuration")
@@ -160,7 +160,7 @@ def chosen(task: str, table: list[Entry]) -> list[tuple[float, sp.Accuracy]]:
 def literal(accuracy: sp.Accuracy) -> str:
     """Return the setting as Python text, without its defaults."""
     arguments = [f"{f.name}={getattr(accuracy, f.name)!r}" for f in fields(accuracy)
-            if getattr(accuracy, f.name) != f.default]
+                 if getattr(accuracy, f.name) != f.default]
     return f"Accuracy({', '.join(arguments)})".replace("'", '"')
 
 

@@ -8,7 +8,7 @@
 Rows of a task take turns within one run, so that noise hits all alike; every error is measured
 outside the clock, against closed forms or values of high precision. With `--peers` MuJoCo, Drake,
 Exudyn, placo and pink are installed from PyPI into environments of their own, and run there in
-processes of their own. What a tool does not do stands below the rows, in words.
+processes of their own. Tasks that a tool cannot do are named below the rows.
 
 `--bars` measures only what has a bar (`benchmark/bars.py`), by processor time, beside the peers
 that are installed, and prints how far each task is from its bar; a star is one not met.
@@ -146,7 +146,7 @@ def read(path: Path) -> dict[str, Any]:
 
 
 def tell(options: argparse.Namespace, results: dict[str, Any]) -> None:
-    """Print what was measured."""
+    """Print the measurements."""
     if options.bars:
         for line in bars.table(results):
             print(line)

@@ -40,9 +40,9 @@ SAMPLE = "#include <math.h>\n#include <stdlib.h>\ndouble root(double x) { return
 
 
 def compiles(command: list[str]) -> bool:
-    """Return whether a compiler makes a shared library; names alone may stand for nothing.
+    """Return whether a compiler makes a shared library; a name alone proves nothing.
 
-    macOS without its developer tools has a `cc` that only says so; gcc may be there without the
+    macOS without its developer tools has a `cc` that only prints this; gcc may be there without the
     headers of the C library.
     """
     with tempfile.TemporaryDirectory() as folder:

@@ -1,14 +1,14 @@
-"""What holds at the extremes, what degrades, and how it says so.
+"""Accuracy at extremes: errors, bounds, warnings.
 
 Every row is an extreme: its worst error against 50 digits (mpmath: closed forms, or Newton on the
 loop equations), with the bound that `tests/accuracy/test_extremes.py` holds it to; or the
 error it raises.
 
-    python scripts/extremes.py                # a table for the terminal, with what was measured
+    python scripts/extremes.py                # a table for the terminal, with measured errors
     python scripts/extremes.py --markdown     # the table of docs/extremes.md: bounds only
 
 Errors of lengths are relative to the mechanism's size, angles absolute, rates relative to the
-largest. Where the library tells an error of its own, the row fails if it tells less than there is.
+largest. Where the library states an error, the row fails if the statement is too small.
 """
 
 from __future__ import annotations
@@ -51,18 +51,18 @@ made, point, rod = models.made, models.point, models.rod
 
 
 class Understated(AssertionError):
-    """The library told less than the error there is."""
+    """The library stated less than the true error."""
 
 
 class Extreme(NamedTuple):
     """A row of the table.
 
     Attributes:
-        name: what is extreme.
+        name: of the extreme.
         tried: in what, how far.
         run: returns the worst error, or raises `refusal`.
         bound: of the error; None where it is refused.
-        says: how it says so, where it degrades.
+        says: the warning, where accuracy degrades.
         refusal: the error class that is to be raised.
     """
 
@@ -87,7 +87,7 @@ def relative(got: Iterable[float], want: Iterable[Any]) -> float:
 
 
 def honest(error: float, estimate: float) -> float:
-    """Return an error that must be no larger than what the library said."""
+    """Return an error that must be no larger than the stated one."""
     if error > estimate:
         raise Understated(f"error {error:.1e}, but it says {estimate:.1e}")
     return error
@@ -384,7 +384,7 @@ def shorter_couplers() -> float:
 
 
 def repeated(n: int) -> float:
-    """Close a four-bar by n hinges on one axis: five equations each, of which two are needed."""
+    """Close a four-bar by n hinges on one axis: five equations each, two of them needed."""
     ground, crank, coupler, rocker = FOUR_BAR
     tree = joint("continuous", "a", "ground", "crank")
     tree += joint("continuous", "b", "crank", "coupler", (crank, 0, 0))
@@ -421,7 +421,7 @@ def upside_down_everywhere() -> float:
         for _ in range(3):
             guess = {c.joint: rng.uniform(-3.0, 3.0) for c in mech.coordinate_table.values()
                      if c.name == c.joint}
-            with warnings.catch_warnings():  # legs far beyond their limits are meant
+            with warnings.catch_warnings():  # legs far beyond their limits are intended
                 warnings.simplefilter("ignore", sp.SpatialPinWarning)
                 worst = max(worst, sp.assemble(mech, guess=guess).closure_error)
     return worst
@@ -478,7 +478,7 @@ def a_million_steps() -> float:
 
 
 def after_many_turns() -> float:
-    """Follow a turn after so many that every angle of the loop has lost digits to counting them."""
+    """Follow a turn after many turns: every angle of the loop has lost digits to their number."""
     mech, worst = sp.load("four_bar"), 0.0
     start = sp.assemble(mech, {"crank": 0.0}).q
     for turns in (1e3, 1e4, 1e5, 1e6):
@@ -637,7 +637,7 @@ def far_away(rounded: bool) -> float:
 
 
 def open_far_away() -> float:
-    """Return the closure error that is told far away, where places have fewer digits."""
+    """Return the stated closure error far away, where positions have fewer digits."""
     worst = 0.0
     for away in FAR:
         mech = plane_four_bar(away=away)
@@ -673,7 +673,7 @@ def many_steps_in_time() -> float:
 HEAVY_ENDS = (1e-100, 1e-20, 1e-12, 1e-6, 1.0, 1e6, 1e9, 1e12, 1e15, 1e17, 1e20)
 SAID_BY_RATES = "`rate_error` bounds it"
 SAID_BY_FORCES = "`Dynamics.error` bounds it"
-SAID_BY_CLOSURE = "`closure_error` says it"
+BY_CLOSURE_ERROR = "`closure_error` says it"
 EXTREMES = (
     Extreme("size", "RSSR of 0.6 nm to 600 km, a turn: points, angles and their rates",
             rssr_of_any_size, 1e-11),
@@ -704,7 +704,7 @@ EXTREMES = (
     Extreme("limit", "swept to 1e-13 to 1e-3 rad beyond it: the limit", beyond_a_limit,
             1e-12, "`LimitError` has it"),
     Extreme("limit", "assembled 1e-12, 1e-11 rad beyond it: loops open by",
-            assembled_just_beyond, 1e-11, SAID_BY_CLOSURE),
+            assembled_just_beyond, 1e-11, BY_CLOSURE_ERROR),
     Extreme("limit", "assembled 1e-9 to 1 rad beyond it", assembled_beyond, None,
             refusal=sp.AssemblyError),
     Extreme("nearly parallel", "Hooke's joint, shafts 1e-3 to 1e-15 rad from a line",
@@ -714,7 +714,7 @@ EXTREMES = (
     Extreme("nearly parallel", "plane four-bar, hinge leaning by 1e-3 to 1e-10 rad, no gap allowed",
             axis_that_leans, None, refusal=sp.AssemblyError),
     Extreme("nearly parallel", "the same, by 1e-12 to 1e-15 rad: loops open by",
-            axis_that_hardly_leans, 1e-11, SAID_BY_CLOSURE),
+            axis_that_hardly_leans, 1e-11, BY_CLOSURE_ERROR),
     Extreme("short link",
             "slider-crank, crank of 1e-3 to 1e-100 m: slide, its rate per crank speed",
             short_crank, 1e-12),
@@ -757,12 +757,12 @@ EXTREMES = (
             partial(far_away, True), 1e-12),
     Extreme("far away", "the same, as against the digits that its places on the ground have lost",
             partial(far_away, False), 1e-7, SAID_BY_RATES),
-    Extreme("far away", "the same: loops open by", open_far_away, 1e-8, SAID_BY_CLOSURE),
+    Extreme("far away", "the same: loops open by", open_far_away, 1e-8, BY_CLOSURE_ERROR),
     Extreme("far away", "the same, falling: energy drift", falls_far_away, 1e-9,
             "`energy_drift` says it"),
     Extreme("steps", "four-bar swept in a million steps of 1°", a_million_steps, 1e-11),
     Extreme("turns", "four-bar, one more turn after 1e3 to 1e6 turns of its joints: angle, closure",
-            after_many_turns, 1e-8, SAID_BY_CLOSURE),
+            after_many_turns, 1e-8, BY_CLOSURE_ERROR),
     Extreme("steps", "four-bar, a hundred thousand steps of RK4, 1 ms: energy drift",
             many_steps_in_time, 1e-5, "`energy_drift` says it"),
 )
@@ -780,7 +780,7 @@ def measure(extreme: Extreme) -> float | Exception:
 
 
 def holds(extreme: Extreme, result: float | Exception) -> bool:
-    """Whether a row came out as the table says."""
+    """Whether a row is as in the table."""
     if isinstance(result, Exception):
         return extreme.refusal is not None and isinstance(result, extreme.refusal)
     return extreme.bound is not None and result <= extreme.bound

@@ -6,7 +6,7 @@
     python scripts/fuzz.py 0 2000 --drawn            files of 4 to 12 digits: MJCF, SDFormat, URDF
 
 Needs an x86 machine: the judge works in its extended precision. Exit status 1 if an answer is
-wrong, or a call crashes or hangs. `fuzzing/` says what is checked and how.
+wrong, or a call crashes or hangs. `fuzzing/` has the checks.
 """
 
 from __future__ import annotations

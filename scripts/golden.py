@@ -1,9 +1,9 @@
-"""Golden numbers of the library: what every verb answers of every mechanism, to compare later.
+"""Golden numbers: the answers of every verb for every mechanism, to compare later.
 
     python scripts/golden.py save old.npz
     python scripts/golden.py save new.npz --only rssr,watt_six_bar --verbs sweep,limits
     python scripts/golden.py compare old.npz new.npz
-    python scripts/golden.py compare old.npz --only rssr      # against what is answered now
+    python scripts/golden.py compare old.npz --only rssr      # against the present answers
 
 Differences are relative to a quantity's own size over the motion (rates: of the sample), absolute
 for angles. They may be 1e-13, or the error that the library itself states of the number: the
@@ -32,7 +32,7 @@ SHOWN = 40  # differences that are printed, one a mechanism and verb
 
 
 def compute(only: Sequence[str], wanted: Sequence[str], clock: bool = False) -> answer.Golden:
-    """Return the answers of verbs, mechanism by mechanism; says which library gives them."""
+    """Return the answers of verbs, mechanism by mechanism; prints which library gives them."""
     golden: answer.Golden = {}
     print(f"answers of {Path(sp.__file__).parent}", file=sys.stderr, flush=True)
     for name in only:
@@ -75,7 +75,7 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     save.add_argument("file", type=Path)
     compare = commands.add_parser("compare", parents=[pair], help="compare two files")
     compare.add_argument("old", type=Path)
-    compare.add_argument("new", type=Path, nargs="?", help="default: what is answered now")
+    compare.add_argument("new", type=Path, nargs="?", help="default: the present answers")
     compare.add_argument("--tolerance", type=float, default=1e-13, help="(1e-13)")
     compare.add_argument("--shown", type=int, default=SHOWN, help=f"lines ({SHOWN})")
     options = parser.parse_args(arguments)
@@ -95,7 +95,7 @@ def _chosen(
 
 
 def read(path: Path, options: argparse.Namespace) -> answer.Golden:
-    """Return the answers of a file that were asked for."""
+    """Return the selected answers of a file."""
     return {(name, verb): golden for (name, verb), golden in answer.read(path).items()
             if name in options.only and verb in options.verbs}
 

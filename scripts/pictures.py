@@ -1,4 +1,4 @@
-"""Makes the pictures of the documentation, each by what it is a picture of.
+"""Make the pictures of the documentation.
 
     python scripts/pictures.py                              # all of them, some twenty minutes
     python scripts/pictures.py docs/pictures/NAME.jpg [...] # these, also of new mechanisms
@@ -90,7 +90,7 @@ def shots(states: Iterable[sp.State]) -> Iterator[Image.Image]:
 
 
 def sheet(captions: Sequence[str], images: Sequence[Image.Image], most: int) -> Image.Image:
-    """Return all pictures on one sheet with their captions, so many in a row at most."""
+    """Return all pictures on one sheet with their captions, a few in a row."""
     columns = min(most, len(captions))
     width, height = TILE[0], TILE[1] + CAPTION
     made = Image.new("RGB", (columns * width, ceil(len(captions) / columns) * height), "white")
@@ -225,7 +225,7 @@ def measuring(browser: Browser) -> bytes:
 
 
 def dragging(browser: Browser) -> bytes:
-    """A live page: one leg of a platform is asked for more than it can give."""
+    """A live page: one leg of a platform is moved beyond its limit."""
     with sp.live(sp.load("stewart"), open_browser=False) as viewer:
         browser.open(viewer.url, READY)
         browser.evaluate("""document.querySelector("[data-opens=parts]").click();

@@ -1,4 +1,4 @@
-"""The table of bars: what a task takes, what it should take, and how that is to another tool.
+"""The table of bars: times of tasks, their limits, and the times of other tools.
 
 A bar is an entry of BARS: a row of the benchmark, the time it should take at most, and the rows of
 others that it should be ahead of. Times are of one whole call, by medians.
@@ -13,7 +13,7 @@ from benchmark import growth
 from benchmark.case import TASKS
 from benchmark.report import HAND, key
 
-LOOSE = 1e-4  # error that an answer may have where little accuracy is asked for
+LOOSE = 1e-4  # error that an answer may have at loose settings
 POWER, MEMORY = 1.3, 2000.0  # with which times of a ladder may grow, and what 1000 loops take [MB]
 SOLVERS = HAND, "MuJoCo"  # of constrained dynamics, for any mechanism
 WIDTH = 56
@@ -27,7 +27,7 @@ class Bar(NamedTuple):
         title: the task.
         row: key of our row.
         most: seconds that it may take; None where only others are the measure.
-        others: what it is measured beside: keys of rows, the fastest of which counts; or the name
+        others: rows to compare with, by keys; the fastest counts; or the name
             of an error: of the rows of SOLVERS the fastest that is as exact as ours, or as LOOSE,
             counts, or the most exact where none is.
         ratio: that the times may have.

@@ -1,7 +1,7 @@
 """Closed mechanisms for inverse kinematics, as trees of hinges and slides with points to close.
 
 Every tool loads the same URDF, with universal joints and the six freedoms of a platform as hinges
-and slides, and closes the same points. A target is where a frame stands when the joints that carry
+and slides, and closes the same points. A target is the pose of a frame when the joints that carry
 it, `leading`, have certain values; so it can be reached. Results are joints' values, judged by the
 kinematics in this file.
 

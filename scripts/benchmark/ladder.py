@@ -12,7 +12,7 @@ import math
 from scipy.special import ellipj, ellipk
 
 DURATION, G, START = 10.0, 9.81, 1.0  # [s, m/s², rad/s]
-ANGLE, RATE = 0.5, 1.0  # where forward dynamics is asked for [rad, rad/s]
+ANGLE, RATE = 0.5, 1.0  # state of forward dynamics [rad, rad/s]
 ROD = 1.0 / 12.0  # moment of inertia of a rod about its middle [kg m²]
 SIZES = (1, 20, 200)
 

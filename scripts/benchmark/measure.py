@@ -31,7 +31,7 @@ QUICK = Effort(repeats=3, budget=0.5, least=0.002)
 
 
 def rows_of(workers: Iterable[Any]) -> tuple[dict[str, tuple[Any, dict]], list[list[str]]]:
-    """Return (worker, row) of every case by its key, and what is absent."""
+    """Return (worker, row) of every case by its key, and the absent ones."""
     cases: dict[str, tuple[Any, dict]] = {}
     absent: list[list[str]] = []
     for worker in workers:

@@ -25,7 +25,7 @@ class Line(NamedTuple):
     """A line of a table: one tool, by one way or by two.
 
     Attributes:
-        title: what stands in its first column.
+        title: in its first column.
         tool: whose rows.
         hows: the ways, as the benchmark calls them.
     """
@@ -85,8 +85,8 @@ REACHES = {  # task: its lines
 }
 REACHES["path"] = (Line("`sp.reach_path`, with rates", OWN, ("reach_path, with rates",)),
                    *REACHES["reach"][1:])
-ASKED = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10)  # errors
-SINGLE = (  # title, our row, what stands beside it, its row
+ERRORS = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10)  # errors
+SINGLE = (  # title, our row, title of the other, its row
     ("`sweep` of 1 value", key("sweep", 1, "sweep"), "Pinocchio by hand, tuned",
      key("sweep", 1, "tuned", HAND)),
     ("`sweep` of 36 values", key("sweep", 36, "sweep"), "Pinocchio by hand, tuned",
@@ -176,7 +176,7 @@ def dial(rows: Rows) -> Iterator[str]:
     """Yield the table of what an error that is accepted saves."""
     yield "| error asked for | 360 values | 3600 | ψ | ψ″ | A02 | angle |"
     yield "|---|---|---|---|---|---|---|"
-    for error in (*ASKED, None):
+    for error in (*ERRORS, None):
         word = "engineering" if error is None else power(error)
         sweep = "sweep" if error is None else f"sweep, for_error({error:g})"
         run = f"simulate, for_error({word})" if error else "simulate, engineering"

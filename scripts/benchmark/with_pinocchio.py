@@ -215,7 +215,7 @@ def run_jacobian(tool: SimpleNamespace) -> Array:
 
 
 def judge_one(tool: SimpleNamespace, result: tuple[Array, ...]) -> dict[str, float | None]:
-    """Judge one row (q, v, a) or what there is of it."""
+    """Judge one row (q, v, a), or a part of it."""
     q, v, a = (np.array([x]) for x in result)
     return rssr.judge_row(tool.problem, read_pinocchio(tool, (q, v, a)), 1)
 

@@ -1,4 +1,4 @@
-"""Processes that run cases when they are told to, so that tools of all environments take turns.
+"""Processes that run cases on request, so that tools of all environments take turns.
 
     python -m benchmark.workers MODULE ...
 
@@ -41,7 +41,7 @@ CLOCKS = {"wall": time.perf_counter, "cpu": processor_time}
 
 
 class Failed(Exception):
-    """A tool could not do what was asked."""
+    """A tool could not do its task."""
 
 
 class Worker:
@@ -55,7 +55,7 @@ class Worker:
         self._results: dict[str, Any] = {}
 
     def rows(self) -> dict[str, Any]:
-        """Return the cases as data, and what is absent."""
+        """Return the cases as data, and the absent ones."""
         names = ("task", "tool", "how", "count", "size", "slow")
         return {"cases": {k: {n: getattr(c, n) for n in names} for k, c in self.cases.items()},
                 "absent": [list(a) for a in self.absent]}
@@ -161,7 +161,7 @@ class Remote:
         self._process.wait()
         for stream in (self._process.stdin, self._process.stdout):
             if stream:
-                with contextlib.suppress(OSError):  # what was not sent is lost with the process
+                with contextlib.suppress(OSError):  # unsent data is lost with the process
                     stream.close()
         if not self._log.closed:
             self._log.close()

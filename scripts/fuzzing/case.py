@@ -1,4 +1,4 @@
-"""One random mechanism: what is known of it, and what its checks have found so far."""
+"""One random mechanism: its known properties, and the results of its checks."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Wrong(Exception):
 
 
 class Skip(Exception):
-    """A check says nothing about this mechanism."""
+    """A check does not apply to this mechanism."""
 
 
 def need(holds, text):
@@ -168,7 +168,7 @@ class Case:
         return np.asarray(q, dtype=LD)[..., self.q_at]
 
     def own_v(self, v):
-        """The library's velocities, or what is like them."""
+        """The library's velocities, or vectors like them."""
         return np.asarray(v, dtype=LD)[..., self.v_at]
 
     def their_q(self, q):

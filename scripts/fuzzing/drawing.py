@@ -51,10 +51,10 @@ class Drawing:
     """A mechanism at the pose where it is drawn.
 
     Attributes:
-        family: what it is.
+        family: its kind.
         size: its unit of length [m].
         dof: its freedoms.
-        balls: whether a ball may stand for a hinge that closes a loop.
+        balls: whether a ball may replace a hinge that closes a loop.
         joints: of the tree, parents first; `loops` what closes it.
         couplings: (driving joint, driven joint, ratio).
         drivers: joints that are driven.
@@ -102,7 +102,7 @@ def draw(seed, attempt=0, shake=0.0, again=0):
 
 
 def welded(drawing, which):
-    """The same mechanism, one link of which is cut in two halves that a weld holds together.
+    """The same mechanism with one link cut in two halves, held together by a weld.
 
     Args:
         drawing: the mechanism.
@@ -335,7 +335,7 @@ def _bennett(m):
 
 
 def _bricard(m):
-    """Six hinges, of which three are the others turned by half a turn about a line."""
+    """Six hinges: three, and their images by half a turn about a line."""
     line, middle = m.direction(), m.point()
     half = 2 * np.outer(line, line) - np.eye(3)
     points = [0.4 * m.direction() + 0.3 * m.point() for _ in range(3)]

@@ -31,7 +31,7 @@ ATTEMPTS = 8  # drawings of a seed
 WIDENED = 5  # gaps in a row that refusals may name, as each looks a little ahead only
 ROUNDED = 100.0  # times the last digit of a number, that all numbers together do, or a gap is
 FLOOR = 1e-8  # of an answer: what time steps and closing do
-VAGUE = 0.2  # part of an answer, above which a comparison says nothing
+VAGUE = 0.2  # part of an answer, above which a comparison is meaningless
 SINGULAR = 100.0  # condition of loops and drivers, above which a mechanism is near-singular
 SAMPLES, REACH = 51, 0.5  # of a sweep [rad]: none steps over a singular configuration unseen
 SLIDES = 0.3  # the reach of a slide, in units
@@ -172,7 +172,7 @@ class Drawn:
 
 
 class Answers:
-    """What the library says of one file: values by what they are, refusals in its words.
+    """Answers of the library for one file: values by name, refusals in its words.
 
     Args:
         mechanism: the loaded one.
@@ -221,7 +221,7 @@ class Answers:
                                           at.rotation.ravel()])
         return points
 
-    # ------------------------------------------------------------ what is asked
+    # ------------------------------------------------------------ answers
 
     def home(self):
         """Places of links where they are drawn."""

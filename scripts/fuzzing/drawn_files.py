@@ -20,7 +20,7 @@ EXACT = 17
 MJCF_JOINT = {HINGE: "hinge", SLIDE: "slide", BALL: "ball"}
 SDF_JOINT = {HINGE: "revolute", SLIDE: "prismatic", BALL: "ball", WELD: "fixed"}
 URDF_JOINT = {HINGE: "continuous", SLIDE: "prismatic"}
-APART = 0.3  # of the two balls that stand for a hinge, in units
+APART = 0.3  # of the two balls that replace a hinge, in units
 
 
 class Writer:
@@ -55,7 +55,7 @@ class Writer:
         return values if self.digits == EXACT else np.round(values, places)
 
     def figure(self, x):
-        """A number of so many digits, wherever its point is: masses and moments."""
+        """A number of `digits` digits, wherever its point is: masses and moments."""
         return f"{x:.{self.digits}g}"
 
     # ------------------------------------------------------------ places

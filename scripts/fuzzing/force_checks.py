@@ -211,7 +211,7 @@ def _effort(c, i, tau):
 
 
 def _need_balance(c, result, efforts, state, v, a):
-    """Newton and Euler for every body by itself, from what is said of the pairs."""
+    """Newton and Euler for every body by itself, from the stated reactions."""
     judge, balance = c.judge, _Balance(c)
     placements, tau = judge.placements(c.at[None]), np.zeros(judge.nv)
     for x, (_, iv) in zip(efforts.values(), c.driven, strict=True):
@@ -349,7 +349,7 @@ def _need_honest(c, m, formulation, gravity):
                           for q, v in zip(m.q, m.v, strict=True)])
         size = max(parts[:, 0].max(), np.ptp(parts[:, 1]), 1e-7 * _weight(c) * gravity / 9.81)
         small((parts.sum(1) - parts[0].sum()) / size, 1e-5,
-              f"{formulation}: energy (told {m.energy_drift:.0e})")
+              f"{formulation}: energy (stated {m.energy_drift:.0e})")
     rates = [c.own_v(m.v[-1]), c.own_v(m.a[-1])]
     result = c.judge.derivatives(c.own_q(m.q[-1]), *rates)
     fast = max(_speed(c, rates[0]), 1e-3)

@@ -174,7 +174,7 @@ class _Maker:
     # ------------------------------------------------------------ closures
 
     def close(self):
-        """Add closures until few freedoms are left; now and then one that says nothing new."""
+        """Add closures until few freedoms remain; now and then a redundant one."""
         rng, spec = self.rng, self.spec
         wanted = int(rng.choice([0, 1, 2, 3, 4], p=[0.04, 0.56, 0.22, 0.1, 0.08]))
         nv, most = Judge(spec).nv, int(rng.integers(2, 11))
@@ -303,7 +303,7 @@ class _Maker:
             c["length"] = float(np.sqrt(((a - b) ** 2).sum()))
 
     def repeat(self):
-        """Add a closure that says again, or in part, what another one says."""
+        """Add a closure that repeats another one, or a part of it."""
         c = dict(self.rng.choice(np.array(self.spec["closures"], dtype=object)))
         if c["type"] == "coupling":
             return

@@ -220,7 +220,7 @@ class Judge:
         return (open_by / self.scale[at])[:, None]
 
     def open_by(self, qs):
-        """How far the loops are open (N,); inf where a closure stands in its mirror image."""
+        """How far the loops are open (N,); inf where a closure is in its mirror image."""
         rows, aligned = self.residual(qs)
         return np.where(aligned <= 0, np.inf, np.abs(rows).max(-1, initial=0)).astype(float)
 
@@ -357,7 +357,7 @@ def _difference(start, end):
 
 # ------------------------------------------------------------ residuals of closures
 # of (closure, relative rotation (N, 3, 3), shift (N, 3) in frame 1 by size, size):
-# rows (N, k), and what is above 0 unless the closure stands in its mirror image
+# rows (N, k), and what is above 0 unless the closure is in its mirror image
 
 
 def _axis(c):

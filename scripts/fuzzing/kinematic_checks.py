@@ -49,7 +49,7 @@ def check_state(c):
 
 
 def check_assemble(c):
-    """From a guess nearby the loops close, and the drivers stand where they were asked to."""
+    """From a guess nearby the loops close, and the drivers have their values."""
     values = c.driver_values()
     step = c.rng.uniform(-0.05, 0.05, c.judge.nv) * c.scale
     guess = c.judge.integrate(c.q, step)[0]
@@ -60,9 +60,9 @@ def check_assemble(c):
         c.doubtful = open_by < 1e-13 and c.judge.open_by(q[None])[0] < 1e-12
         raise
     c.need_closed(state.q, "assemble")
-    small(state.closure_error, 1e-10, "closure error told")
+    small(state.closure_error, 1e-10, "stated closure error")
     for (iq, _), value in zip(c.driven, values.values(), strict=True):
-        need(float(c.own_q(state.q)[iq]) == value, "a driver is not where it was asked to be")
+        need(float(c.own_q(state.q)[iq]) == value, "a driver does not have its value")
 
 
 def check_rates(c):
@@ -311,7 +311,7 @@ def _by_dimension(c, output, name, h):
 
 
 def check_history(c):
-    """What was asked before makes no difference: a mechanism loaded anew answers alike."""
+    """Earlier calls make no difference: a mechanism loaded anew answers alike."""
     fresh = sp.load(str(c.path))
     for guess in (c.their_q(c.q), c.state):
         state = sp.assemble(c.mechanism, c.driver_values(), guess=guess)

@@ -30,7 +30,7 @@ GOES_ON = ("right", "skipped")
 
 
 class Hung(BaseException):
-    """The time of a check is over; not an Exception, so that nobody catches it on the way."""
+    """The time of a check is over; not an Exception, so that nobody catches it."""
 
 
 def judged(seed, only=()):
@@ -92,7 +92,7 @@ def _where(error):
 
 
 class Sums:
-    """How often each check ended how, with the seeds of what is bad."""
+    """Counts of how each check ended, with the seeds of the bad ones."""
 
     def __init__(self):
         self.seeds = collections.defaultdict(lambda: collections.defaultdict(list))

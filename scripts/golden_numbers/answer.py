@@ -81,7 +81,7 @@ def numbers(values: Any, scale: Any = 1.0, known: Any = 0.0, by: str = "") -> Nu
 
 
 def at_most(values: Any, allowed: float) -> Numbers:
-    """Return errors, which may be smaller, or as large as what was allowed."""
+    """Return errors, which may be smaller, or as large as the allowed one."""
     return Numbers(np.array(values, dtype=float), np.array(1.0), np.array(allowed),
                    "what was allowed", True)
 
@@ -146,7 +146,7 @@ def motion(
         if values is not None:
             answer[name] = numbers(values, np.abs(values).max(initial=1e-300),
                                    known[:, 0] if along else 0.0, by)
-    at_values = given.driver is not None and not along  # at values that were asked for
+    at_values = given.driver is not None and not along  # at given values
     return answer | events(given.events, None if at_values else known)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from golden_numbers.answer import NUMBER, Answer, Array, Golden, Numbers
 
 MARGIN = 10.0  # by which promised errors exceed estimated ones, as in `scripts/accuracy_table.py`
-NOISE = 1e-10  # errors told in a sentence that are as good as none
+NOISE = 1e-10  # errors in a sentence that are as good as none
 TELL = 60  # letters of a sentence around what has changed
 
 
@@ -19,10 +19,10 @@ class Difference(NamedTuple):
     Attributes:
         mechanism, verb, name: which.
         size: largest difference relative to the quantity's own scale; infinite where it is another
-            thing altogether. Where it passes what is allowed by most.
+            thing altogether. The row with the largest excess.
         allowed: the tolerance, or more where the library states so.
         by: what states it.
-        text: what was, and what is.
+        text: the old and the new one.
     """
 
     mechanism: str
@@ -35,7 +35,7 @@ class Difference(NamedTuple):
 
     @property
     def excess(self) -> float:
-        """The difference relative to what is allowed."""
+        """The difference relative to the allowed one."""
         return self.size / self.allowed
 
     @property
@@ -50,7 +50,7 @@ class Difference(NamedTuple):
 
 
 def compare(old: Golden, new: Golden, tolerance: float) -> list[Difference]:
-    """Return the differences of what both have, the largest relative to what is allowed first."""
+    """Return the differences of common answers, the largest relative to the allowed one first."""
     differences = []
     for key in old.keys() & new.keys():
         differences += _of_answers(key, old[key], new[key], tolerance)

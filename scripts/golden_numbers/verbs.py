@@ -1,4 +1,4 @@
-"""The questions of the golden numbers: what every verb answers of a mechanism."""
+"""The answers of every verb for a mechanism."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ TURN = 2.0 * np.pi
 SLIDE = 0.15  # characteristic lengths that a slide is driven
 WITHIN = 0.97  # part of the way to a limit: rates are good there
 BEYOND = 1.02  # part of the way to a limit that is refused
-DIGITS = 6  # of values that questions are asked at, so that they do not hang on round-off
-MOMENTS = (0.1, 0.37, 0.73)  # parts of the usual range at which states are asked
+DIGITS = 6  # of driver values, so that answers do not depend on round-off
+MOMENTS = (0.1, 0.37, 0.73)  # parts of the usual range at which states are computed
 ROWS = 400  # samples of a traced curve
 STEP = 0.05  # arc length between them
 PATIENCE = 200  # of the search for modes
@@ -33,7 +33,7 @@ def driver_of(mechanism: sp.Mechanism) -> str:
 
 
 def start_of(mechanism: sp.Mechanism, driver: str) -> float:
-    """Return where the driver stands in the guess."""
+    """Return the value of the driver in the guess."""
     return round(sp.assemble(mechanism).coordinate(driver).value, DIGITS)
 
 
@@ -123,9 +123,9 @@ def limits(mechanism: sp.Mechanism) -> Answer:
 
 
 def modes(mechanism: sp.Mechanism) -> Answer:
-    """Search the assembly modes where the drivers stand in the guess.
+    """Search the assembly modes at the driver values of the guess.
 
-    Links that idle stand anywhere; no number of the search itself is golden.
+    Idle links have any pose; no number of the search itself is golden.
     """
     every_mode = sp.assembly_modes(mechanism, patience=PATIENCE)
     idle = {freedom.link for freedom in sp.mobility(mechanism).passive}
@@ -239,7 +239,7 @@ def simulate(mechanism: sp.Mechanism) -> Answer:
 
 
 def integrator_error(usual: sp.Simulation, exact: sp.Simulation) -> Array:
-    """Return the error of a simulation so far (N, 1), as told by one of reference accuracy."""
+    """Return the error of a simulation so far (N, 1), by one of reference accuracy."""
     n = min(len(usual), len(exact))
     mechanism, error = usual.mechanism, np.zeros((len(usual), 1))
     own, pace = mechanism.velocity_scale, answer.paces(mechanism, exact.v[:n])
@@ -253,7 +253,7 @@ def integrator_error(usual: sp.Simulation, exact: sp.Simulation) -> Array:
 
 
 def reduce(mechanism: sp.Mechanism) -> Answer:
-    """Reduce to a coordinate, and to a link, and sweep what is left."""
+    """Reduce to a coordinate, and to a link, and sweep the reduced models."""
     driver = driver_of(mechanism)
     driven = {mechanism.coordinate(d.joint).name for d in mechanism.drivers.values()}
     others = [name for name in mechanism.coordinates if name not in driven]

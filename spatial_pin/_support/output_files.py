@@ -181,7 +181,7 @@ def figure_suffix(path: Path, what: str = "path") -> str:
 
     known, suffix = FigureCanvasAgg.get_supported_filetypes(), path.suffix.lower()[1:]
     if suffix not in known:
-        raise ValueError(f"{what} {path}: its suffix says how to write a figure: .png, .svg, .pdf "
+        raise ValueError(f"{what} {path}: its suffix is the format of a figure: .png, .svg, .pdf "
                          f"(or .{', .'.join(sorted(set(known) - {'png', 'svg', 'pdf'}))})")
     return suffix
 

@@ -13,8 +13,8 @@ from spatial_pin.assembly.holding import BASE, SPRINGS, free_bases, velocity_ent
 from spatial_pin.assembly.passive_freedoms import RESTING, is_in_loop, passive_freedoms
 from spatial_pin.assembly.redundant_equations import gap_words
 from spatial_pin.errors import SingularError
+from spatial_pin.kernel.kernel import tangent_step
 from spatial_pin.kernel.loop_equations import LoopEquations
-from spatial_pin.kernel.regular import step_beside
 from spatial_pin.mechanism.coordinates import driver_coordinates
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
@@ -93,9 +93,9 @@ def rank_loss(evaluation: LoopEquations, q: Array, rank: int) -> int:
         evaluation.update(q)
         if lost > 0:
             return lost
-    beside = step_beside(evaluation.mechanism, q, evaluation.angle_reference, rows, freedoms)
-    if beside is not None and beside.is_closed:
-        evaluation.update(beside.q)
+    step = tangent_step(evaluation.mechanism, q, evaluation.angle_reference, rows, freedoms)
+    if step is not None and step.is_closed:
+        evaluation.update(step.q)
         turned = np.linalg.norm(evaluation.jacobian[:n] - jacobian) / STEP
         radius = SURE_WAY * svd.s[-1] / max(turned, EPS) if rank else 0.0
         evaluation.regular = Regular(q.copy(), rank, min(float(radius), LONGEST_SURE))
@@ -103,7 +103,7 @@ def rank_loss(evaluation: LoopEquations, q: Array, rank: int) -> int:
         return 0
     lost = _generic_rank(evaluation, q) - rank
     evaluation.update(q)
-    return max(lost, int(beside is not None))
+    return max(lost, int(step is not None))
 
 
 def _rank_away(evaluation: LoopEquations, q: Array, freedoms: Array) -> int:

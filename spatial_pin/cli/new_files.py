@@ -181,7 +181,7 @@ def _guess(mechanism: sp.Mechanism) -> str:
 
 HEAD = """\
 # Metres, radians, kilograms. Keys of the top come before the first [table].
-# `spatial-pin check FILE` says what is wrong, `spatial-pin show FILE` shows it.
+# `spatial-pin check FILE` lists mistakes, `spatial-pin show FILE` shows it.
 """
 MORE = """\
 # More that may be said; without the first two letters of its lines it holds:

@@ -14,18 +14,18 @@ from spatial_pin.units import ValueWithUnit, quantity
 SPRINGS_HELP = "; springs for all joints that springs act about"
 MECHANISM_HELP = ("library name (see `spatial-pin list`), or path of a mechanism file (.toml), or "
                   "of a robot: .urdf, .xacro, .xml (MJCF), .sdf, .usd, .yaml")
-AT_HELP = "where drivers, or coordinates, stand, as crank=60deg; the others stand at the guess"
+AT_HELP = "values of drivers or coordinates, as crank=60deg; the others keep those of the guess"
 
 
 Option = tuple[tuple[str, ...], dict[str, Any]]  # flags and settings, as `add_argument` takes them
 
 
 class Command(NamedTuple):
-    """What a word behind `spatial-pin` does.
+    """A command of `spatial-pin`.
 
     Attributes:
-        run: does it; its docstring is the help.
-        options: what its parser understands.
+        run: its function, whose docstring is the help.
+        options: of its parser.
         takes_mechanism: whether its first word names a mechanism.
         one_of: options that exclude each other; one must be given.
     """
@@ -37,7 +37,7 @@ class Command(NamedTuple):
 
     @property
     def text(self) -> str:
-        """What it does, in a line of the help."""
+        """Its line in the help."""
         words = (self.run.__doc__ or "").rstrip(".")
         return words[:1].lower() + words[1:]
 
@@ -66,11 +66,11 @@ def data_options(json: str, csv: str = "") -> tuple[Option, ...]:
 def hold_option(more: str = "") -> tuple[Option, ...]:
     """Return the option of held coordinates."""
     return (option("--hold", action="append", default=[], metavar="NAME",
-                   help=f"a joint or coordinate that stands still, besides a free base{more}"),)
+                   help=f"a joint or coordinate that is held, besides a free base{more}"),)
 
 
 def sweep_arguments(needed: bool = True) -> tuple[Option, ...]:
-    """Return a driver, its first and its last value, and how it goes between them."""
+    """Return the options of a sweep: driver, first and last value, steps, speed."""
     times = None if needed else "?"
     return (
         option("driver", nargs=times, help="driver or coordinate"),
@@ -86,7 +86,7 @@ def sweep_arguments(needed: bool = True) -> tuple[Option, ...]:
 
 
 def over_options(held: str = f"{SPRINGS_HELP} (--over)") -> tuple[Option, ...]:
-    """Return a driver that goes over a range, for a row at each of its values."""
+    """Return the options of a sweep without speed, for a row at each value."""
     return (
         option("--over", type=span, metavar="DRIVER=LO..HI",
                help="do it all along a sweep of this driver or coordinate"),
@@ -96,12 +96,12 @@ def over_options(held: str = f"{SPRINGS_HELP} (--over)") -> tuple[Option, ...]:
 
 
 def start_options(speed: str) -> tuple[Option, ...]:
-    """Return how a simulation begins."""
+    """Return the options of the start of a simulation."""
     return (
         option("--at", action="append", default=[], type=setting, metavar="DRIVER=VALUE",
-               help="where the simulation starts"),
+               help="configuration at the start of the simulation"),
         option(speed, action="append", default=[], type=setting, metavar="DRIVER=VALUE",
-               help="how it starts, as crank=240rpm"),
+               help="speed at the start, as crank=240rpm"),
         option("--effort", action="append", default=[], type=setting, metavar="JOINT=VALUE",
                help="a constant torque [N·m] or force [N] in it"),
     )

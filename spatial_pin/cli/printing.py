@@ -228,8 +228,8 @@ REMEDIES = (
     Remedy(r"task='pose'", "--task pose"),
     Remedy(r"load\(\.\.\., gap=(.*?)\)", r"`gap = \1` in the mechanism file"),
     Remedy(r"gap=(.*?) allows it", r"`gap = \1` in the mechanism file allows it"),
-    Remedy(r"(?:sp\.)?load\(\.\.\., packages=\{(.*?)\}\)", lambda said: " ".join(
-        f"--package {name}=FOLDER" for name in re.findall(r"'([^']*)'", said[1]))),
+    Remedy(r"(?:sp\.)?load\(\.\.\., packages=\{(.*?)\}\)", lambda match: " ".join(
+        f"--package {name}=FOLDER" for name in re.findall(r"'([^']*)'", match[1]))),
     Remedy(r"sp\.load\(\.\.\., trusted=True\)", "--trusted"),
     Remedy(r"load\(\.\.\., without=\[('.*?'|\".*?\")\]\)", r"--without \1"),
     Remedy(r"load\(\.\.\., model=('.*?'|\".*?\")\)", r"--model \1"),

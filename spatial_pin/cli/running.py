@@ -27,7 +27,7 @@ from spatial_pin.cli.printing import SCREEN, WIDTH, CutShort, unheard, worded
 from spatial_pin.errors import suggestion
 
 DESCRIPTION = "Spatial mechanisms with closed loops: load, close, move, see."
-MORE = "`spatial-pin COMMAND --help` says what a command takes."
+MORE = "`spatial-pin COMMAND --help` lists the words and options of a command."
 COLUMN = 15  # where the texts of commands begin in the help
 DATA = ("json", "csv")  # options that take - for the screen
 FILES = ("csv", "npz", "plot", "html", "json", "movie", "urdf",
@@ -112,7 +112,7 @@ def options_of(words: Sequence[str]) -> argparse.Namespace:
 def _near(word: str, known: Iterable[str]) -> str:
     """Return the nearest of some words, else a pointer to --help."""
     near = suggestion(word, known)
-    return near if near.startswith("did you mean") else "--help says which there are"
+    return near if near.startswith("did you mean") else "--help lists them"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

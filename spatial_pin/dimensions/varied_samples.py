@@ -325,7 +325,7 @@ class Near:
             step = np.maximum(closed.farthest, TOLERANCES.nothing)
             good &= (
                 made_of.geometry.holds & (closed.error <= TOLERANCES.zero)
-                & (closed.farthest <= LONGEST_AT_ONCE) & (closed.way <= WAY)
+                & (closed.farthest <= LONGEST_AT_ONCE) & (closed.distance <= WAY)
                 & (closed.bend <= TOLERANCES.contraction * step) & (closed.sign == self._own.sign)
                 & (closed.magnitude > self._own.magnitude + np.log(LEAST_DETERMINANT))
                 & (closed.opened <= TOLERANCES.singular))

@@ -250,7 +250,7 @@ def _loaded(request: Request) -> Mechanism:
         return _load_toml(request)
     importer = importer_of(request.path)
     assert importer is not None  # else there is no such file
-    request = _choosing_model(request, request.path, importer)
+    request = _for_file(request, request.path, importer)
     imported, path = importer.read(request), request.path
     name = path.name.removesuffix(".xacro").removesuffix(".urdf")
     content = {"name": name, "tree": path.name, **imported.content}
@@ -295,7 +295,7 @@ def _load_toml(request: Request) -> Mechanism:
         file = _tree_of(top, request)
         importer = importer_of(file) or IMPORTERS["urdf"]
         complete = top.flag("complete")
-        request = _choosing_model(request, file, importer)
+        request = _for_file(request, file, importer)
         tree = importer.read(replace(request, path=file, complete=complete,
                                      alone=not complete and "closures" not in top))
         stated = {key: x for key, x in tree.content.items()
@@ -307,15 +307,22 @@ def _load_toml(request: Request) -> Mechanism:
     return _made(content, file, tree.urdf, request, (*tree.notices, *replaced))
 
 
-def _choosing_model(request: Request, file: Path, importer: Importer) -> Request:
-    """Return a request whose `model` chooses among several; elsewhere it is a xacro argument."""
-    if request.model is None or importer.has_models:
-        return request
-    if file.suffix == ".xacro":
+def _for_file(request: Request, file: Path, importer: Importer) -> Request:
+    """Return a request for a file: `model` chooses among several, or is a xacro argument.
+
+    Raises:
+        MechanismFileError: the file takes no parameters, or no `model`.
+    """
+    if file.suffix == ".xacro" and request.model is not None:
         own: dict[str, Any] = {**request.parameters, "model": request.model}
         return replace(request, parameters=own, model=None)
-    raise MechanismFileError(f"{shown(file)}: only a file of SDFormat may hold several models, one "
-                             f"of them {request.model!r}; leave `model` out")
+    if file.suffix != ".xacro" and request.parameters:
+        raise MechanismFileError(f"{shown(file)}: parameters {sorted(request.parameters)} given, "
+                                 "but only .xacro files have any")
+    if request.model is not None and not importer.has_models:
+        raise MechanismFileError(f"{shown(file)}: only a file of SDFormat may hold several models, "
+                                 f"one of them {request.model!r}; leave `model` out")
+    return request
 
 
 def _empty_arguments(request: Request) -> list[str]:

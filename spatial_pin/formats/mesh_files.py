@@ -106,7 +106,7 @@ def _outcome(folder: Path, k: int, name: str) -> tuple[Array, Array] | str:
 
 def _reason(text: str) -> str:
     """Return the message of the reader without its place in the reader's sources."""
-    lines = text.split("message:")[-1].strip().splitlines() or ["for no reason that it tells"]
+    lines = text.split("message:")[-1].strip().splitlines() or ["no reason given"]
     printed = [line for line in lines if not line.startswith(("Could not load resource", "Hint:"))]
     return " ".join((printed or lines)[0].split())[:200]
 

@@ -241,7 +241,7 @@ def _corners(primitive: ET.Element) -> Any:
     if primitive.tag == "polylist":
         counts = np.array((primitive.findtext("vcount") or "").split(), dtype=np.int64)
         faces = np.split(np.concatenate(faces), np.cumsum(counts)[:-1]) if faces else []
-    found = [np.empty((0, 3), np.int64)]
+    blocks = [np.empty((0, 3), np.int64)]
     for face in faces:
         if primitive.tag == "tristrips":
             triangles = np.stack([face[:-2], face[1:-1], face[2:]], axis=1)
@@ -249,8 +249,8 @@ def _corners(primitive: ET.Element) -> Any:
         else:  # a fan, or a polygon as one
             first = np.repeat(face[:1], max(len(face) - 2, 0))
             triangles = np.stack([first, face[1:-1], face[2:]], axis=1)
-        found.append(triangles)
-    return np.concatenate(found)
+        blocks.append(triangles)
+    return np.concatenate(blocks)
 
 
 # ---------------------------------------------------------------- Wavefront

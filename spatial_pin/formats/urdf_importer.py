@@ -46,14 +46,14 @@ def read_urdf(request: Request, loops_file: Path | None = None) -> Imported:
     before = ET.tostring(robot, encoding="unicode")
     notices = leave_out(robot, request.without, str(request.path)) if request.without else []
     if request.path.suffix != ".xacro" and (written := re.search(r"\$\{[^}]*\}", before)):
-        notices.append(f"{written[0]} stands in it as it is written: xacro puts values in, where "
+        notices.append(f"{written[0]} is in it as text: xacro puts values in, where "
                        "the file's name ends in .urdf.xacro")
     links = {link.get("name") for link in robot.findall("link")}
     named = {end_of(x, "parent") for x in robot.iter() if local(x) == "joint"}
     named |= {x.get("name", "") for x in robot.iter() if local(x).endswith(("_body_A", "_body_B"))}
     if WORLD in named - links:  # as Drake has it
         robot.insert(0, ET.Element("link", name=WORLD))
-        notices.append(f"link {WORLD!r} is not defined: it is what stands still")
+        notices.append(f"link {WORLD!r} is not defined: it is the ground")
     reading = RobotReading(robot, request.path, notices=notices)
     if request.complete:
         refuse_unread(reading)

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.errors import SingularError
-from spatial_pin.kernel.kernel import Kernel, check
-from spatial_pin.kernel.library import INT, POINTER, REAL, address
+from spatial_pin.kernel.kernel import Kernel
+from spatial_pin.kernel.library import INT, POINTER, REAL, address, check
 from spatial_pin.mechanism.equations import Cosine
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import NOT_FINITE, Array

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.kernel.closer import Closer
-from spatial_pin.kernel.kernel import EvaluationStruct, Kernel, check, numbers
-from spatial_pin.kernel.library import INT, NOT_FINITE, POINTER, REAL, address
+from spatial_pin.kernel.kernel import EvaluationStruct, Kernel, numbers
+from spatial_pin.kernel.library import INT, NOT_FINITE, POINTER, REAL, address, check
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -41,10 +41,10 @@ class ClosedSamples(NamedTuple):
         points: (m, n_points, 5, 3) position, velocity, acceleration, angular velocity and angular
             acceleration of what the points are fixed in, world axes.
         error: (m,) closure errors.
-        farthest, way: (m,) displacement from the start, of the joint that moved farthest and the
-            norm of all [rad, characteristic lengths].
+        farthest, distance: (m,) displacement from the start, of the joint that moved farthest and
+            the norm of all [rad, characteristic lengths].
         sign, magnitude: (m,) of the determinant of the square system; natural logarithm.
-        bend: (m,) norm of Newton's step from the end back to the start, less `way`.
+        bend: (m,) norm of Newton's step from the end back to the start, less `distance`.
         opened: (m,) rate at which redundant equations would be violated, relative to the fastest
             joint's rate.
     """
@@ -56,7 +56,7 @@ class ClosedSamples(NamedTuple):
     points: Array
     error: Array
     farthest: Array
-    way: Array
+    distance: Array
     sign: Array
     magnitude: Array
     bend: Array

@@ -18,8 +18,8 @@ from spatial_pin.kernel.integrating import (
     SimulationSamples,
     view,
 )
-from spatial_pin.kernel.kernel import Kernel, check
-from spatial_pin.kernel.library import INT, POINTER, REAL, SINGULAR, address, library
+from spatial_pin.kernel.kernel import Kernel
+from spatial_pin.kernel.library import INT, POINTER, REAL, SINGULAR, address, check, library
 from spatial_pin.kernel.packing import Ints, Packed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
@@ -46,7 +46,7 @@ class _StartStruct(ctypes.Structure):
 class _DynamicsHead(ctypes.Structure):
     """The first fields of Dynamics in dynamics.h."""
 
-    _fields_ = [("evaluations", INT), ("passes", INT), ("pivot", REAL), ("held", POINTER),
+    _fields_ = [("evaluations", INT), ("crosses", INT), ("pivot", REAL), ("held", POINTER),
                 ("factorisations", POINTER)]
 
 
@@ -144,18 +144,18 @@ class KernelDynamics:
             view(out, 3 * self.n_drives)[:] = given.drives(t).ravel()
             return 0
 
-        def lightest(t: float, q: int, v: int, a: int, angles: int, out: int) -> int:
-            found = given.least(t, view(q, nq).copy(), view(v, nv).copy(), view(a, nv).copy(),
-                                view(angles, na).copy())
-            if found is None:
+        def least(t: float, q: int, v: int, a: int, angles: int, out: int) -> int:
+            accelerations = given.least(t, view(q, nq).copy(), view(v, nv).copy(),
+                                        view(a, nv).copy(), view(angles, na).copy())
+            if accelerations is None:
                 return LOST
-            view(out, self.n_free)[:] = found
+            view(out, self.n_free)[:] = accelerations
             return 0
 
         return _CallbackStruct(
             _EFFORTS(safely(efforts)) if given.efforts else _EFFORTS(),
             _SPRING(safely(spring)) if given.spring else _SPRING(),
-            _DRIVES(safely(drives)) if given.drives else _DRIVES(), _LEAST(safely(lightest)))
+            _DRIVES(safely(drives)) if given.drives else _DRIVES(), _LEAST(safely(least)))
 
     def renew(self, t: float, y: Array) -> tuple[list[int], Array, bool] | None:
         """Choose the best independent coordinates at y, and let them count from there.
@@ -178,7 +178,7 @@ class KernelDynamics:
             out[:] = math.nan
         return out
 
-    def place(self, t: float, y: Array) -> tuple[Array, Array, Array, float] | None:
+    def motion_at(self, t: float, y: Array) -> tuple[Array, Array, Array, float] | None:
         """Return q, v, screw angles and closure error at y; None where loops cannot be closed."""
         numbers = np.empty(4)
         q, v, angles = np.empty(self.nq), np.empty(self.nv), np.empty(self.n_angles)
@@ -227,9 +227,9 @@ class KernelDynamics:
 
     def samples(self, times: Array, unknowns: Array) -> SimulationSamples | None:
         """Return samples at times (N,) and unknowns (N, n); None where loops cannot be closed."""
-        times, found = np.ascontiguousarray(times, float), self.room(len(times))
-        code = self._samples(times, unknowns, SampleStruct(*map(address, found)))
-        return None if code else found
+        times, samples = np.ascontiguousarray(times, float), self.room(len(times))
+        code = self._samples(times, unknowns, SampleStruct(*map(address, samples)))
+        return None if code else samples
 
     def crossed(self, first: float, last: float) -> list[float]:
         """Return the branch points between two values of the independent coordinate."""
@@ -237,14 +237,14 @@ class KernelDynamics:
         n = self._library.dynamics_crossed(self.handle, first, last, address(out), len(out))
         return out[:n].tolist()
 
-    def keep(self) -> float:
-        """Keep the last configuration as one to restart from where closing from another fails.
+    def save_position(self) -> float:
+        """Save the last configuration, to restart from it where closing from another fails.
 
         Returns:
             The largest speed of another coordinate relative to the independent ones; infinite where
             others must be chosen.
         """
-        return float(self._library.dynamics_keep(self.handle))
+        return float(self._library.dynamics_save(self.handle))
 
     @property
     def evaluations(self) -> int:
@@ -258,5 +258,5 @@ class KernelDynamics:
 
     @property
     def pivot(self) -> float:
-        """Smallest over largest pivot at the last evaluation; 1 where branch points are passed."""
-        return 1.0 if self._head.passes else float(self._head.pivot)
+        """Smallest over largest pivot at the last evaluation; 1 where branch points are crossed."""
+        return 1.0 if self._head.crosses else float(self._head.pivot)

@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from spatial_pin.kernel.kernel import check
-from spatial_pin.kernel.library import INT, POINTER, REAL, address, library
+from spatial_pin.kernel.library import INT, POINTER, REAL, address, check, library
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import INTEGRATORS, KERNEL
 
@@ -133,9 +132,9 @@ class RungeKutta:
         n, rates, context = len(y0), RATES(), getattr(fun, "kernel_handle", None)
         if context is None:
             def evaluate(_: int, t: float, y: int, out: int) -> int:
-                found = view(out, n)
-                found[:] = fun(t, view(y, n).copy())
-                return 0 if np.isfinite(found).all() else LOST
+                slopes = view(out, n)
+                slopes[:] = fun(t, view(y, n).copy())
+                return 0 if np.isfinite(slopes).all() else LOST
             rates = RATES(self._errors.caught(evaluate))
         else:
             self._errors = fun.errors
@@ -167,12 +166,12 @@ class RungeKutta:
         """Return the interpolant of the last step, of a time or of times (N,): (n,) or (n, N)."""
         def at(times: Any) -> Array:
             given = np.ascontiguousarray(np.atleast_1d(times), float)
-            found = np.empty((len(given), self.n))
+            values = np.empty((len(given), self.n))
             code = self._errors.checked(self._library.integrator_between(
-                self._handle, address(given), len(given), address(found)))
+                self._handle, address(given), len(given), address(values)))
             if code:
-                found[:] = math.nan
-            return found.T if np.ndim(times) else found[0]
+                values[:] = math.nan
+            return values.T if np.ndim(times) else values[0]
         return at
 
     @property

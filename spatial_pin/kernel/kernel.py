@@ -4,14 +4,23 @@ from __future__ import annotations
 
 import ctypes
 import weakref
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.workspaces import acquired
-from spatial_pin.errors import SpatialPinError
-from spatial_pin.kernel.library import CODES, INT, POINTER, address, library
+from spatial_pin.kernel.library import (
+    BAD_ARRAYS,
+    DONE,
+    INT,
+    POINTER,
+    UNSAFE,
+    address,
+    check,
+    library,
+)
 from spatial_pin.kernel.packing import Packed, packed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
@@ -108,12 +117,45 @@ class Kernel:
         return q
 
 
-def check(code: int) -> None:
-    """Raise if a function of the kernel ended with what no mechanism brings about."""
-    if code:
-        raise SpatialPinError(f"the kernel ended with {CODES[code]}")
-
-
 def kernel_of(mechanism: Mechanism) -> acquired[Kernel]:
     """Acquire a kernel of a mechanism, as if newly made."""
     return acquired(mechanism, Kernel)
+
+
+class TangentStep(NamedTuple):
+    """The end of a step from a closed configuration, on the surface of independent equations.
+
+    Attributes:
+        q: (nq,) the end.
+        is_closed: whether all other equations hold there.
+    """
+
+    q: Array
+    is_closed: bool
+
+
+def tangent_step(
+    mechanism: Mechanism, q: Array, reference: Array, rows: NDArray[np.intp], freedoms: Array
+) -> TangentStep | None:
+    """Return the end of a step in all freedoms, see `correcting.c`; None where there is none.
+
+    Args:
+        mechanism: the mechanism.
+        q: (nq,) closed configuration.
+        reference: (n_angles,) from which the angles of screws count [rad].
+        rows: independent closure equations at q.
+        freedoms: (k, nv) orthonormal scaled velocities that they leave.
+    """
+    with acquired(mechanism, _without_idle_rotations) as kernel:
+        freedoms = numbers(freedoms, (len(freedoms), kernel.nv))
+        chosen, end = np.array(rows, np.int64), np.empty(kernel.nq)
+        code = kernel.library.tangent_step(
+            kernel.handle, *kernel.taken(q, reference), address(chosen), len(chosen),
+            address(freedoms), len(freedoms), address(end))
+    if code == BAD_ARRAYS:
+        check(code)
+    return TangentStep(end, code == DONE) if code in (DONE, UNSAFE) else None
+
+
+def _without_idle_rotations(mechanism: Mechanism) -> Kernel:
+    return Kernel(mechanism, packed(mechanism, False))

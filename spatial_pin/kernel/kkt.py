@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.kernel.kernel import Kernel, check, numbers
-from spatial_pin.kernel.library import POINTER, address
+from spatial_pin.kernel.kernel import Kernel, numbers
+from spatial_pin.kernel.library import POINTER, address, check
 from spatial_pin.kernel.packing import packed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
@@ -51,7 +50,8 @@ class KKT:
     ) -> None:
         self._kernel = kernel = Kernel(mechanism, packed(mechanism, False))
         self._library, nv, n_closure = kernel.library, kernel.nv, kernel.n_closure
-        groups = np.cumsum([0, *_equations_by_closure(kernel)])
+        labels = groupby(kernel.constraints.labels, lambda label: label.closure)
+        groups = np.cumsum([0, *(len(list(group)) for _, group in labels)])  # by closure
         ints = np.concatenate([groups, *mass_at]).astype(np.int64)
         handle = ctypes.c_void_p()
         check(self._library.kkt_create(kernel.handle, address(ints), len(groups) - 1,
@@ -112,9 +112,3 @@ class KKT:
     def rows(self) -> Places:
         """Indices of the independent equations that were chosen, ascending."""
         return self._chosen[: self.rank].copy()
-
-
-def _equations_by_closure(kernel: Kernel) -> list[int]:
-    """Return how many equations each closure has, in their order."""
-    labels = constraints_of(kernel.mechanism).labels
-    return [len(list(group)) for _, group in groupby(labels, lambda label: label.closure)]

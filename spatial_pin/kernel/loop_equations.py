@@ -105,7 +105,7 @@ class LoopEquations:
     def _tree(self) -> Tree | KernelTree:
         """The tree at the last configuration."""
         if not self._is_placed:
-            self._unplaced.place(self.q)
+            self._unplaced.update(self.q)
             self._is_placed = True
         return self._unplaced
 
@@ -158,9 +158,9 @@ class LoopEquations:
         Behind them come those of `Constraints.elsewhere`: they act on two bodies of their own.
         """
         values, wrenches = self._products()
-        (found,) = combined_wrenches(self.constraints, [values[:, None]], [self.q[:, None]],
+        (on_bodies,) = combined_wrenches(self.constraints, [values[:, None]], [self.q[:, None]],
                                      [wrenches])
-        return found
+        return on_bodies
 
     def joint_rows(self) -> Array:
         """Return (len(of_joints), nv) joint forces per unit of each equation `of_joints`.
@@ -168,13 +168,13 @@ class LoopEquations:
         They are the derivatives of these equations by joint coordinates as such.
         """
         c, (values, _) = self.constraints, self._products()
-        found, nv = np.zeros((c.n_closure, self.model.nv)), self.model.nv
+        forces, nv = np.zeros((c.n_closure, self.model.nv)), self.model.nv
         for group in c.composed:
             if len(group.coordinates[0]):
                 value, _ = group.values(group.seeded([values[:, None]], [self.q[:, None]]))
-                found[group.rows] = composed_rows(
+                forces[group.rows] = composed_rows(
                     group, value.changes[0], np.zeros((len(values), nv)), np.ones(nv))
-        return found[c.of_joints]
+        return forces[c.of_joints]
 
     def twist_derivatives(self, joint: int) -> Array:
         """Return derivatives (n_closure, 6) of equations for a twist of what a joint carries."""
@@ -189,10 +189,10 @@ class LoopEquations:
 
 def loops_at(mechanism: Mechanism, q: Array, angles: Array | float = 0.0) -> LoopEquations:
     """Return new `LoopEquations` at the configuration q (nq,), angles counting turns from some."""
-    found = LoopEquations(mechanism)
-    found.angle_reference[:] = angles
-    found.update(q)
-    return found
+    loops = LoopEquations(mechanism)
+    loops.angle_reference[:] = angles
+    loops.update(q)
+    return loops
 
 
 class loops_of(acquired["LoopEquations"]):  # with loops_of(...) as loops
@@ -209,6 +209,6 @@ class loops_of(acquired["LoopEquations"]):  # with loops_of(...) as loops
 
     def __enter__(self) -> LoopEquations:
         """Return the equations."""
-        found = super().__enter__()
-        found.angle_reference[:] = self._angles
-        return found
+        loops = super().__enter__()
+        loops.angle_reference[:] = self._angles
+        return loops

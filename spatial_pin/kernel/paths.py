@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.kernel.closer import Closer
-from spatial_pin.kernel.kernel import Kernel, check, numbers
-from spatial_pin.kernel.library import BAD_ARRAYS, INT, POINTER, REAL, address, addresses
+from spatial_pin.kernel.kernel import Kernel, numbers
+from spatial_pin.kernel.library import BAD_ARRAYS, INT, POINTER, REAL, address, addresses, check
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import Accuracy
@@ -205,15 +205,11 @@ class Path:
         return self._follow(address(self._value), 1, self._here_rows) == 1
 
     def _follow(self, values: int, n: int, rows: _RowsStruct) -> int:
-        if self.kernel.path is not self._token and not self._restart():
-            return 0
-        return self._library.path_follow(self.kernel.handle, values, n, ctypes.byref(rows))
-
-    def _restart(self) -> bool:
-        """Start at the current point, after the kernel has followed another path."""
-        if self._task.n_pieces:
+        if self.kernel.path is not self._token:  # it has followed another one since
             self._task.begin = self._s.item(0)
-        return self.start(self._here.q[0], self._here.angles[0])
+            if not self.start(self._here.q[0], self._here.angles[0]):
+                return 0
+        return self._library.path_follow(self.kernel.handle, values, n, ctypes.byref(rows))
 
     @property
     def here(self) -> tuple[float, PathSamples]:
@@ -222,7 +218,7 @@ class Path:
 
 
 def path_of(closer: Closer, driven: tuple[int, ...], accuracy: Accuracy) -> Path | None:
-    """Return a path in a closer's kernel that chooses its equations; the last one is kept.
+    """Return a path in a closer's kernel that chooses its equations; the last one is stored.
 
     None where there are other numbers of equations than of unknowns.
     """

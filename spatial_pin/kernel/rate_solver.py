@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.kernel.kernel import Kernel, check, numbers
+from spatial_pin.kernel.kernel import Kernel, numbers
 from spatial_pin.kernel.library import (
     DONE,
     INT,
@@ -18,6 +18,7 @@ from spatial_pin.kernel.library import (
     SINGULAR,
     UNSAFE,
     address,
+    check,
 )
 from spatial_pin.numerics.linalg import Array
 
@@ -65,7 +66,7 @@ class _RateTask(ctypes.Structure):
 class RateSolver:
     """Solves for rates with some freedoms driven; one caller at a time.
 
-    Kept by the kernel whose memory it works in. What is asked for after `place` or `solve` is that
+    Kept by the kernel whose memory it works in. What is asked for after `factor` or `solve` is that
     of their configuration.
 
     Args:
@@ -76,7 +77,7 @@ class RateSolver:
 
     Attributes:
         speeds, accelerations: (n,) of what is driven, for `solve`.
-        pivot: smallest over largest pivot of the equations, where they were last placed.
+        pivot: smallest over largest pivot of the equations, where they were last factored.
     """
 
     def __init__(self, kernel: Kernel, driven: Sequence[int], n_moving: int) -> None:
@@ -99,7 +100,7 @@ class RateSolver:
         self._at_task = ctypes.byref(self._task)
         self._frame = [address(x) for x in (self._local, self._jacobian)]
 
-    def place(self, q: Array, reference: Array, chosen: Chosen | None = None) -> bool:
+    def factor(self, q: Array, reference: Array, chosen: Chosen | None = None) -> bool:
         """Factor the equations at q (nq,); False where nothing determines rates there.
 
         Without `chosen`: where equations are not clearly independent of each other and of what is
@@ -116,7 +117,7 @@ class RateSolver:
     def solve(self, q: Array, reference: Array, chosen: Chosen | None = None) -> Solved | None:
         """Return the rates at q (nq,) for the drivers' rates in `speeds` and `accelerations`.
 
-        None as `place`.
+        None as `factor`.
         """
         self._task.speed = self._at_speeds
         code = self._code(q, reference, chosen)
@@ -142,7 +143,7 @@ class RateSolver:
 
     @property
     def pivot(self) -> float:
-        """Smallest over largest pivot of the equations, where they were last placed."""
+        """Smallest over largest pivot of the equations, where they were last factored."""
         return self._facts.item(0)
 
     def columns(self) -> Array:

@@ -193,7 +193,7 @@ def compliance(options: argparse.Namespace) -> None:
 
 LOADS = (
     option("--hold", action="append", default=[], metavar="NAME",
-           help='a joint, coordinate or driver that stands still; "base": a free base (nothing)'),
+           help='a joint, coordinate or driver that is held; "base": a free base (nothing)'),
     option("--effort", dest="efforts", action="append", default=[], type=setting,
            metavar="JOINT=VALUE", help="a constant torque [N·m] or force [N] in it"),
     option("--load", dest="loads", action="append", default=[], type=numbers,

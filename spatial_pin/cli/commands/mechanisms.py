@@ -148,7 +148,7 @@ COMMANDS = {
         *data_options("it", "links, dimensions, joints and so on, one a line,"),
     )),
     "check": Command(check, (
-        *data_options("what was found, mistakes too,", "mistakes and notes, one a line,"),
+        *data_options("the result, with mistakes,", "mistakes and notes, one a line,"),
     )),
     "export": Command(export, (
         *data_options("the names of the files"),

@@ -132,7 +132,16 @@ def run_sweep(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motion
     """
     task = sweep_task(options, mechanism)
     if getattr(options, "only", None):
-        mechanism, task["guess"] = _reduced(options, mechanism)
+        state = sp.assemble(mechanism, {options.driver: options.first}, task["guess"])
+        driven = mechanism.driven_coordinate(options.driver).name
+        others = [d for d in mechanism.drivers.values() if d.joint != driven]
+        outputs = [*options.only, *[driven] * (len(others) == len(mechanism.drivers))]
+        locked = {d.joint: state.coordinate(d.joint).value for d in others
+                  if not {d.joint, d.name} & set(options.only)}
+        reduced = sp.reduce(mechanism, outputs, lock=locked, guess=state)
+        if not on_screen(options):
+            say(reduced)
+        mechanism, task["guess"] = reduced, reduced.state(state)
     if getattr(options, "hold", None):
         task["hold"] = held(options)
     motion = sp.sweep(mechanism, progress=True, **task)
@@ -145,22 +154,6 @@ def run_sweep(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motion
                             limit=passed.value, motion=motion)
     part = sp.sweep(motion.mechanism, **{**task, "values": task["values"][: passed.row]})
     return replace(part, events=[*part.events, passed])
-
-
-def _reduced(
-    options: argparse.Namespace, mechanism: sp.Mechanism
-) -> tuple[sp.Reduced, sp.State]:
-    """The model that yields `--only`, the other drivers locked, and where the sweep begins."""
-    state = sp.assemble(mechanism, {options.driver: options.first}, guess_of(options, mechanism))
-    driven = mechanism.driven_coordinate(options.driver).name
-    others = {d.joint: state.coordinate(d.joint).value for d in mechanism.drivers.values()
-              if d.joint != driven and d.joint not in options.only and d.name not in options.only}
-    is_driver = driven in (d.joint for d in mechanism.drivers.values())
-    reduced = sp.reduce(mechanism, [*options.only, *[driven] * (not is_driver)], lock=others,
-                      guess=state)
-    if not on_screen(options):
-        say(reduced)
-    return reduced, reduced.state(state)
 
 
 def sweep(options: argparse.Namespace) -> None:
@@ -234,7 +227,7 @@ def simulate(options: argparse.Namespace) -> None:
     write_followed(options, lambda: sp.simulate(
         mechanism, state, options.duration, efforts, times, sp.Accuracy.named(options.accuracy),
         on_joint_limit=options.on_joint_limit, progress=True), lambda motion: (
-            f"energy drift {motion.energy_drift:.1e} of what is exchanged; {motion.steps} steps "
+            f"energy drift {motion.energy_drift:.1e} of the exchanged energy; {motion.steps} steps "
             f"of the integrator in {', '.join(motion.coordinates)}"))
 
 
@@ -310,7 +303,7 @@ COMMANDS = {
         *hold_option(SPRINGS_HELP),
         option("--only", action="append", default=[], metavar="NAME",
                help="sweep the smallest model that yields this coordinate, link or frame, "
-                    "and say what it leaves out"),
+                    "and name the parts that it leaves out"),
         *RESULT,
     )),
     "follow": Command(follow, (
@@ -318,7 +311,7 @@ COMMANDS = {
                "boom [deg], arm; then a line of numbers for every sample"),
         *hold_option(),
         option("--stop", action="store_true",
-               help="end before what cannot be reached instead of failing"),
+               help="end before an unreachable sample instead of failing"),
         *GUESS,
         *RESULT,
     )),
@@ -327,7 +320,7 @@ COMMANDS = {
         option("--rows", type=count, default=1001, help="number of rows (1001)"),
         *start_options("--speed"),
         option("--on-joint-limit", choices=("report", "stop", "ignore"), default="report",
-               help="where a joint passes a limit of the URDF (report)"),
+               help="action where a joint passes a limit of the URDF (report)"),
         option("--accuracy", choices=("draft", "engineering", "reference"),
                default="engineering", help="of the integrator (engineering)"),
         *GUESS,
@@ -341,7 +334,7 @@ COMMANDS = {
         option("--between", nargs=2, action="append", default=[], metavar=("LINK", "LINK"),
                help="only these two links, joined ones too"),
         option("--tolerance", type=value, default=0.0, metavar="DISTANCE",
-               help="links that are so near count as touching, as 2mm (0)"),
+               help="distance at which links count as touching, as 2mm (0)"),
         *data_options("the pairs of links", "the pairs of links"),
     )),
 }
@@ -354,9 +347,10 @@ PAGES = {
                help="move it by hand instead: a slider for every driver, or the one named"),
         option("--limits", action=argparse.BooleanOptionalAction,
                help="a joint limit of the URDF is a limit position too; --live keeps them "
-                    "at first unless it is told not to"),
+                    "at first, unless --no-limits is given"),
         option("--output", action="append", default=[], metavar="NAME",
-               help="what --live tells besides the drivers, as rocker_pin, coupler.position"),
+               help="outputs that --live shows besides the drivers, as rocker_pin, "
+                    "coupler.position"),
         *LOOK,
     )),
     "report": Command(report, (
@@ -364,7 +358,7 @@ PAGES = {
         *hold_option(SPRINGS_HELP),
         option("--html", metavar="F", required=True, help="the file to write"),
         option("--output", action="append", default=[], metavar="NAME",
-               help="what its figures show, as rocker_pin or coupler.com.position"),
+               help="outputs in its figures, as rocker_pin or coupler.com.position"),
         option("--title", help="heading (the mechanism's title)"),
         *data_options("the name of the file"),
     )),

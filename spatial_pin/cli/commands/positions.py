@@ -129,7 +129,7 @@ def reach(options: argparse.Namespace) -> None:
     if not targets:
         options.usage_error("there is no target: name some, or give a table by --path")
     if any((options.npz, options.plot, options.clearance)) or options.csv not in (None, SCREEN):
-        options.usage_error("--csv, --npz, --plot and --clearance tell of a motion: they need "
+        options.usage_error("--csv, --npz, --plot and --clearance are for a motion: they need "
                             "--path (but --csv - for the coordinates)")
     check_names(options, mechanism)
     read_targets(mechanism, targets)
@@ -169,7 +169,8 @@ def _reach_path(
     if any(isinstance(one, list) for one in standing.values()):
         options.usage_error("beside --path only COORDINATE=value: frames are columns of the table")
     if not options.limits:
-        options.usage_error("--no-limits is of single targets: limits passed are told of a path")
+        options.usage_error("--no-limits is for single targets: a path reports the limits that it "
+                            "passes")
     columns, times = read_table(options.path, mechanism)
     targets = targets_of(options.path, mechanism, columns)
     state = sp.assemble(mechanism, {}, guess_of(options, mechanism))
@@ -193,7 +194,7 @@ COMMANDS = {
         option("values", nargs="*", default=[], type=setting, metavar="DRIVER=VALUE",
                help=AT_HELP),
         option("--patience", type=count, default=1000,
-               help="go on until so many starts have found nothing new (1000)"),
+               help="number of starts without a new mode that end the search (1000)"),
         option("--copies", action="store_true",
                help="every reading of the coordinates, not one for each mode"),
         option("--limits", action="store_true",

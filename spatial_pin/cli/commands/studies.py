@@ -215,7 +215,7 @@ def _task(options: argparse.Namespace, mechanism: sp.Mechanism) -> str | dict[st
     given = options.at or options.begin or options.effort or options.rows or options.guess
     if not options.simulate:
         if given:
-            options.usage_error("--simulate needs a duration where more is said")
+            options.usage_error("--simulate needs a duration with these options")
         return "simulate"
     state, efforts = beginning(options, mechanism, options.begin, options.simulate)
     return {"state": state, "duration": options.simulate, "efforts": efforts,
@@ -241,7 +241,7 @@ COMMANDS = {
         option("--deviation", action="append", default=[], required=True, type=spread,
                metavar="NAME=VALUE", help="standard deviation of a dimension, as b=0.1mm"),
         option("--samples", type=from_zero, default=0,
-               help="draw so many mechanisms, besides the linear estimate (0)"),
+               help="number of mechanisms to draw, besides the linear estimate (0)"),
         option("--seed", type=from_zero, default=0, help="of random numbers (0)"),
         *WORKERS,
         *data_options("means and spreads", "means and spreads"),

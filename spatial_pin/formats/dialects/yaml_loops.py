@@ -232,8 +232,8 @@ def read_closures(path: Path, reading: RobotReading) -> None:
         reading.drive(name)
     for name in lists["dependent"]:
         reading.joint(name, f"dependent of {path.name}")
-    reading.drop_mimics(lists["dependent"], f"{path.name} has the loop itself, of which it is a "
-                                            "copy or an approximation")
+    reading.drop_mimics(lists["dependent"], f"{path.name} has the loop itself; the <mimic> is "
+                                            "a copy or an approximation of it")
 
 
 class _LoopEntry:

@@ -206,7 +206,7 @@ def _without_meshes(
     for names, why in ((barred, f"lie {OUTSIDE}, or are too large"),
                        (missing - barred, "are not there")):
         if names:
-            notices.append(f"{len(names)} mesh files {why} ({some(names)}); what they show is left "
+            notices.append(f"{len(names)} mesh files {why} ({some(names)}); their shapes are left "
                            "out")
     if massless:
         notices.append(f"the inertia of bodies ({some(massless)}) comes from mesh files that are "

@@ -69,7 +69,12 @@ class MjcfReading:
         self.tendons: set[int] = set()
         self.notices: list[str] = []
         bodies = [model.body(b).name for b in range(model.nbody)]
-        joints = _joint_names(mujoco, model)
+        joints = [model.joint(j).name for j in range(model.njnt)]
+        taken = set(joints)
+        for j in range(model.njnt):
+            if not joints[j]:  # named after body and kind
+                kind = mujoco.mjtJoint(model.jnt_type[j]).name.removeprefix("mjJNT_").lower()
+                joints[j] = fresh(f"{model.body(model.jnt_bodyid[j]).name}_{kind}", taken)
         self.urdf = UrdfText(name, WORLD, [*bodies, *joints])
         for body in range(1, model.nbody):
             self.links.append(_add_body(self, body, joints))
@@ -108,17 +113,6 @@ def pose(position: Array, quaternion: Array) -> pin.SE3:
 def shift(position: Array) -> pin.SE3:
     """Return a translation."""
     return pin.SE3(np.eye(3), np.array(position))
-
-
-def _joint_names(mujoco: Any, model: Any) -> list[str]:
-    """Return the names of the joints; those without are named after body and kind."""
-    names = [model.joint(j).name for j in range(model.njnt)]
-    taken = set(names)
-    for j, name in enumerate(names):
-        if not name:
-            kind = mujoco.mjtJoint(model.jnt_type[j]).name.removeprefix("mjJNT_").lower()
-            names[j] = fresh(f"{model.body(model.jnt_bodyid[j]).name}_{kind}", taken)
-    return names
 
 
 # ---------------------------------------------------------------- bodies and joints

@@ -184,7 +184,7 @@ class _FrameNames:
             if (other.parentJoint, other.placement) != (frame.parentJoint, frame.placement) \
                     and frame.type not in (pin.FrameType.BODY, pin.FrameType.JOINT):
                 raise SpatialPinError(f"{self.where}: two frames are named {frame.name!r} and "
-                                      "stand in different places; rename one")
+                                      "have different placements; rename one")
             if not is_part:
                 self.frames[frame.name] = _frame(
                     frame.name, self.bodies.mains[frame.parentJoint], frame.placement)

@@ -116,9 +116,6 @@ def _move_into(moved: ET.Element, scope: str) -> None:
 def read(request: Request) -> Imported:
     """Read an SDFormat file."""
     path = request.path
-    if request.parameters:
-        raise MechanismFileError(f"{path}: parameters {sorted(request.parameters)} given, but only "
-                                 ".xacro files have any")
     root = parse_xml(_plain(read_text(path)), path)
     version = _version(root, path)
     without = leave_out(root, request.without, shown(path))

@@ -189,8 +189,8 @@ class SdfModel:
         weightless = [name for name, link in self.links.items()
                       if (link.findtext("gravity") or "1").strip().lower() not in TRUE]
         if weightless:
-            self.notices.append(f"gravity acts on {', '.join(weightless)}, too; the file says it "
-                                "does not")
+            self.notices.append(f"gravity acts on {', '.join(weightless)}, too; the file "
+                                "excludes it")
         if is_true(self.model, "static"):
             self.notices.append("the model is static: it is fixed to the world; its joints can "
                                 "move all the same")
@@ -255,7 +255,24 @@ def _joints_of(
     if kind == "fixed":
         return [], [joint]
     if joint.type == "universal":
-        return _two_axes(model, joint, element, where)
+        # a universal joint, or two revolute joints where these have limits or springs
+        cross = f"{joint.name}.cross"
+        first, second = (
+            _about(model, joint.but(name=f"{joint.name}.{AXES[tag]}", type="revolute"),
+                   joint.name, element.find(tag), where, tag) for tag in AXES)
+        square = abs(first.axis @ second.axis) < 1e-9
+        if kind == "universal" and not square:
+            raise MechanismFileError(f"{where}: the axes of a universal joint must be "
+                                     "perpendicular; \"revolute2\" need not have them so")
+        same = first.damping == second.damping and first.friction == second.friction
+        if square and same and not any(
+                x.is_limited or x.stiffness or math.isfinite(min(x.effort, x.velocity))
+                for x in (first, second)):
+            return [], [joint.but(axis=first.axis, axis2=second.axis, damping=first.damping,
+                                  friction=first.friction)]
+        between = Link(cross, model.frames.in_world(model.frame_of[joint.name], "joint"))
+        return [between], [first.but(child=cross, on_child=pin.SE3.Identity()),
+                           second.but(parent=cross, on_parent=pin.SE3.Identity())]
     joint = _about(model, joint, name, element.find("axis"), where, "axis")
     if joint.type == "screw":
         joint = joint.but(lead=_lead(element, where))
@@ -287,29 +304,6 @@ def _about(
         friction=number(dynamics, "friction", 0.0, where),
         stiffness=number(dynamics, "spring_stiffness", 0.0, where),
         reference=number(dynamics, "spring_reference", 0.0, where))
-
-
-def _two_axes(
-    model: SdfModel, joint: GraphJoint, element: ET.Element, where: str
-) -> tuple[list[Link], list[GraphJoint]]:
-    """Return a universal joint, or two revolute joints where these say more."""
-    kind, cross = element.get("type"), f"{joint.name}.cross"
-    first, second = (
-        _about(model, joint.but(name=f"{joint.name}.{AXES[tag]}", type="revolute"),
-                    joint.name, element.find(tag), where, tag) for tag in AXES)
-    square = abs(first.axis @ second.axis) < 1e-9
-    if kind == "universal" and not square:
-        raise MechanismFileError(f"{where}: the axes of a universal joint must be "
-                                 "perpendicular; \"revolute2\" need not have them so")
-    same = first.damping == second.damping and first.friction == second.friction
-    if square and same and not any(
-            x.is_limited or x.stiffness or math.isfinite(min(x.effort, x.velocity))
-            for x in (first, second)):
-        return [], [joint.but(axis=first.axis, axis2=second.axis, damping=first.damping,
-                            friction=first.friction)]
-    between = Link(cross, model.frames.in_world(model.frame_of[joint.name], "joint"))
-    return [between], [first.but(child=cross, on_child=pin.SE3.Identity()),
-                       second.but(parent=cross, on_parent=pin.SE3.Identity())]
 
 
 def _lead(element: ET.Element, where: str) -> float:

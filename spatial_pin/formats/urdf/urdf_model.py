@@ -427,7 +427,7 @@ def _mimics(
         ratio = numbers(mimic, "multiplier", 1, where)[0] if "multiplier" in mimic.attrib else 1.0
         offset = numbers(mimic, "offset", 1, where)[0] if "offset" in mimic.attrib else 0.0
         if pairs[name] == "fixed":
-            faults.note("fixed, its <mimic> says nothing", f"joint {name!r}")
+            faults.note("fixed, its <mimic> has no effect", f"joint {name!r}")
         elif source not in pairs:
             faults.note("mimics a joint that does not exist, moves on its own",
                         f"joint {name!r} (of {source!r}, {suggestion(source, pairs)})")

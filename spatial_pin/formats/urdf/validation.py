@@ -102,7 +102,7 @@ def _check_names(links: Iterable[str], joints: Sequence[ET.Element], path: Path)
                                  "read")
     if any(joint.get("name") == UNIVERSE and joint.get("type") != "fixed" for joint in joints):
         raise MechanismFileError(f"{path}: a joint is named {UNIVERSE!r}, which is Pinocchio's "
-                                 "name of what stands still; rename it")
+                                 "name of the ground; rename it")
 
 
 def _check_depth(roots: Iterable[str], joints: Iterable[ET.Element], path: Path) -> None:

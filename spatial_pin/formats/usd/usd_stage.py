@@ -51,7 +51,8 @@ class UsdStage:
             if not (np.isfinite(unit) and unit > 0.0):
                 raise MechanismFileError(f"{self.where}: {name} is {unit}; it must be positive")
         if not UsdGeom.StageHasAuthoredMetersPerUnit(usd):
-            self.notices.append("metersPerUnit is not stated: lengths are centimetres, as USD says")
+            self.notices.append("metersPerUnit is not stated: lengths are centimetres, the default "
+                                "of USD")
         missing = [str(error).split("\n")[0].strip() for error in usd.GetCompositionErrors()]
         if missing:
             self.notices.append(f"parts of the stage are missing: {'; '.join(missing)[:300]}")

@@ -85,10 +85,6 @@ def expand(
     """
     check_file(path)
     if path.suffix != ".xacro":
-        if parameters:
-            raise MechanismFileError(
-                f"{path}: parameters {sorted(parameters)} given, but only .xacro files have any"
-            )
         return read_text(path)
     mappings = _checked_parameters(path, parameters, trusted, packages) if parameters else {}
     if path.parent != library_folder():

@@ -76,7 +76,7 @@ struct Closer {
     LeastMotion whole;           /* of few equations */
     Real *dense, *few;           /* (n, nv), (nv) of free velocities */
     Int *moves;                  /* (nv) whether an equation depends on each velocity */
-    Int *place, n_free;          /* (nv) of each of these among the free ones; how many */
+    Int *free_index, n_free;          /* (nv) of each of these among the free ones; how many */
     Real *q, *trial, *step;
     Real size, rest;     /* of the step tried last, of what is left to go, by entries of v / scale */
     Real *begin;         /* (nq) where the first start was */
@@ -127,8 +127,8 @@ static void let_move(Closer *c, const Int *free)
 {
     c->free = free;
     c->n_free = 0;
-    for (Int v = 0; v < c->k->nv && c->place; v++)
-        c->place[v] = free[v] && c->moves[v] ? c->n_free++ : -1;
+    for (Int v = 0; v < c->k->nv && c->free_index; v++)
+        c->free_index[v] = free[v] && c->moves[v] ? c->n_free++ : -1;
 }
 
 /* The derivatives with respect to free velocities as a matrix. What is held takes no part, nor what
@@ -139,8 +139,8 @@ static void fill_dense(Closer *c)
     for (Int r = 0; r < c->n; r++) {
         Real *row = c->dense + r * c->n_free;
         for (Int i = c->start[r]; i < c->start[r + 1]; i++)
-            if (c->place[c->column[i]] >= 0)
-                row[c->place[c->column[i]]] = c->value[i];
+            if (c->free_index[c->column[i]] >= 0)
+                row[c->free_index[c->column[i]]] = c->value[i];
     }
 }
 
@@ -184,7 +184,7 @@ static int step_of_few(Closer *c, Real damping)
 {
     least_motion_solve(&c->whole, damping, c->residual, c->few);
     for (Int v = 0; v < c->k->nv; v++)
-        c->step[v] = c->place[v] >= 0 ? c->few[c->place[v]] : 0.0;
+        c->step[v] = c->free_index[v] >= 0 ? c->few[c->free_index[v]] : 0.0;
     return 1;
 }
 
@@ -219,15 +219,15 @@ static int damped_step(Closer *c, const Descent *d, Real *error, Real *damping)
 {
     for (int trial = 0; trial < DAMPINGS; trial++) {
         if (try_step(c, *damping * *error, TOLERANCE_DAMPED_STEP)) {
-            const Real there = residual_at(c, c->trial, d->far);
-            if (there < *error) {
+            const Real trial_error = residual_at(c, c->trial, d->far);
+            if (trial_error < *error) {
                 const int is_whole = c->size < TOLERANCE_DAMPED_STEP;
-                const int worthwhile = there < (is_whole ? d->worthwhile : WORTHWHILE) * *error;
+                const int worthwhile = trial_error < (is_whole ? d->worthwhile : WORTHWHILE) * *error;
                 accept(c);
-                c->rest = sqrt((Real)c->k->nv) * c->size * there / (*error - there);
+                c->rest = sqrt((Real)c->k->nv) * c->size * trial_error / (*error - trial_error);
                 if (d->counts)
                     memcpy(c->k->angle_reference, c->k->angle, (size_t)c->k->n_angles * sizeof(Real));
-                *error = there;
+                *error = trial_error;
                 *damping = *damping * SOFTER > SOFTEST ? *damping * SOFTER : SOFTEST;
                 return worthwhile;
             }
@@ -266,12 +266,12 @@ static Real polish(Closer *c)
         if (!try_step(c, 0.0, INFINITY))
             break;
         residual_at(c, c->trial, 0);
-        const Real there = equations_error(k), before = error;
-        if (there < before) {
+        const Real trial_error = equations_error(k), before = error;
+        if (trial_error < before) {
             accept(c);
-            error = there;
+            error = trial_error;
         }
-        if (!(there < 0.5 * before))
+        if (!(trial_error < 0.5 * before))
             break;
     }
     return error;
@@ -360,18 +360,14 @@ static int make_room(Closer *c)
     c->dense = kernel_memory(k, c->n * k->nv, sizeof(Real));
     c->few = kernel_memory(k, k->nv, sizeof(Real));
     c->moves = kernel_memory(k, k->nv, sizeof(Int));
-    c->place = kernel_memory(k, k->nv, sizeof(Int));
-    if (!c->dense || !c->few || !c->moves || !c->place)
+    c->free_index = kernel_memory(k, k->nv, sizeof(Int));
+    if (!c->dense || !c->few || !c->moves || !c->free_index)
         return NO_MEMORY;
     for (Int i = 0; i < c->start[c->n]; i++)
         c->moves[c->column[i]] = 1;
     return least_motion_create(k, c->n, k->nv, &c->whole);
 }
 
-/* Memory to close the loops of a kernel, freed with it.
-
-   rotations: (n_rotations) first equations of closures, then whether 1 or 3 of their axes agree;
-   pins: (n_pins, 4) see Pin, those of one joint side by side. */
 EXPORT int closer_create(Kernel *k, const Int *rotations, Int n_rotations, const Int *pins,
                          Int n_pins, Closer **out)
 {
@@ -451,12 +447,12 @@ static int judge_independence(Closer *c, Real *least, Real *left_out)
     Real facts[2];
     equations_jacobian(k, &k->equations.all);
     make_even(k, c->step);
-    const Int found = independent_equations(k, NULL, k->n_closure, k->n_closure, TOLERANCE_RANK,
+    const Int rank = independent_equations(k, NULL, k->n_closure, k->n_closure, TOLERANCE_RANK,
                                             c->order, facts);
-    if (found < 0)
+    if (rank < 0)
         return NO_MEMORY;
     *least = k->n_closure ? facts[0] : 1.0;
-    *left_out = found < k->n_closure ? fmax(facts[1], DBL_MIN) : 0.0;
+    *left_out = rank < k->n_closure ? fmax(facts[1], DBL_MIN) : 0.0;
     return DONE;
 }
 
@@ -497,10 +493,10 @@ static int is_sound(const ClosureTask *r, Int i)
    than the difference, or both are at the same place, of all that is named. */
 static int leads_no_nearer(const Closer *c, const ClosureTask *r, Int nearest)
 {
-    Named there = r->named;
-    there.value = r->q + nearest * c->k->nq;
+    Named closest = r->named;
+    closest.value = r->q + nearest * c->k->nq;
     return r->distance[r->m] - c->rest >= r->distance[nearest] * (1.0 - AS_NEAR) ||
-           named_distance(c->k, &there, r->q + r->m * c->k->nq) <= c->rest;
+           named_distance(c->k, &closest, r->q + r->m * c->k->nq) <= c->rest;
 }
 
 /* The distance below which a place is nearer than another one. */

@@ -31,6 +31,9 @@ typedef struct {
     Real *facts, *angle;          /* as closer_examine has them; facts NULL: not wanted */
 } ClosureTask;
 
+/* Memory to close the loops of a kernel, freed with it. rotations: (n_rotations) first equations of
+   closures, then whether 1 or 3 of their axes agree; pins: (n_pins, 4) see Pin, those of one joint
+   side by side. */
 EXPORT int closer_create(Kernel *k, const Int *rotations, Int n_rotations, const Int *pins,
                          Int n_pins, Closer **out);
 

@@ -200,11 +200,15 @@ typedef struct Kernel {
 } Kernel;
 
 /* ---- model.c ---- */
+/* Make a kernel of two arrays, in the order in which read_structure and read_numbers read them. DONE,
+   BAD_ARRAYS, NO_MEMORY. */
 EXPORT int kernel_create(const Int *ints, Int n_ints, const Real *reals, Int n_reals, Kernel **out);
+/* Take the numbers of other dimensions; the kernel is as if it had been made of them. */
 EXPORT int kernel_set_numbers(Kernel *k, const Real *reals, Int n_reals);
 /* The same numbers but for some, at places below n_reals; other places are not looked at. */
 int kernel_vary_numbers(Kernel *k, const Real *base, Int n_reals, const Int *place,
                         const Real *varied, Int n_varied);
+/* Free a kernel, and all that was made in its memory; NULL: nothing. */
 EXPORT void kernel_destroy(Kernel *k);
 
 /* ---- tree.c ---- */

@@ -249,7 +249,6 @@ int kernel_vary_numbers(Kernel *k, const Real *base, Int n_reals, const Int *pla
     return code;
 }
 
-/* Take the numbers of other dimensions; the kernel is as if it had been made of them. */
 EXPORT int kernel_set_numbers(Kernel *k, const Real *reals, Int n_reals)
 {
     return kernel_vary_numbers(k, reals, n_reals, NULL, NULL, 0);

@@ -170,12 +170,12 @@ int system_reselect(Kernel *k)
 {
     Real facts[2];
     equations_jacobian(k, &k->equations.all);
-    const Int found = independent_equations(k, NULL, k->n_closure, k->system.n_chosen, 0.0,
+    const Int rank = independent_equations(k, NULL, k->n_closure, k->system.n_chosen, 0.0,
                                             k->system.candidate, facts);
-    if (found < 0)
+    if (rank < 0)
         return NO_MEMORY;
     k->system.left_out = facts[1];
-    return found == k->system.n_chosen ? system_choose(k, k->system.candidate) : SINGULAR;
+    return rank == k->system.n_chosen ? system_choose(k, k->system.candidate) : SINGULAR;
 }
 
 void system_put_rates(Kernel *k, const Real *rate)

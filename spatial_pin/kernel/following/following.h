@@ -25,7 +25,7 @@ typedef struct {
     Real *q;      /* (n, nq) */
     Real *t, *c;  /* (n, nv) first and second derivative by s, joint rates */
     Real *error;  /* (n) largest residual of all closure equations */
-    Real *angle;  /* (n, n_angles) of screws, counting turns */
+    Real *angles; /* (n, n_angles) of screws, counting turns */
 } PathRows;
 
 /* A path, and where its current point is written: as `_PathTask` in paths.py. What it points to lives

@@ -58,7 +58,7 @@ void write_row(const Path *path, const PathRows *rows, Int i)
     memcpy(rows->q + i * k->nq, here->q, (size_t)k->nq * sizeof *here->q);
     memcpy(rows->t + i * k->nv, here->t, (size_t)k->nv * sizeof *here->t);
     memcpy(rows->c + i * k->nv, here->c, (size_t)k->nv * sizeof *here->c);
-    memcpy(rows->angle + i * k->n_angles, here->angle, (size_t)k->n_angles * sizeof *here->angle);
+    memcpy(rows->angles + i * k->n_angles, here->angle, (size_t)k->n_angles * sizeof *here->angle);
     rows->error[i] = here->error;
 }
 
@@ -101,7 +101,7 @@ static int put_between(Path *path, const Point *from, Real value, const PathRows
     Kernel *k = path->k;
     const Point *to = path->here;
     const Real part = (value - from->s) / (to->s - from->s);
-    Real *q = rows->q + i * k->nq, *angle = rows->angle + i * k->n_angles;
+    Real *q = rows->q + i * k->nq, *angle = rows->angles + i * k->n_angles;
     point_between(k, from, to, value, q, rows->t + i * k->nv, rows->c + i * k->nv);
     prescribe(&path->prescribed, value);
     prescribed_put(&path->prescribed, q);

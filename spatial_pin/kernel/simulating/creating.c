@@ -63,16 +63,16 @@ static int forces_are_sound(const Dynamics *d)
     return (d->callbacks.spring || !law) && (d->callbacks.drives || !d->n_drives) && d->callbacks.least;
 }
 
-static void make_place(const Dynamics *d, Place *place)
+static void make_saved_position(const Dynamics *d, SavedPosition *position)
 {
     Kernel *k = d->k;
-    place->passage = -1;
-    place->q = kernel_reals(k, k->nq);
-    place->x = kernel_reals(k, d->n_held);
-    place->turns = kernel_reals(k, k->n_angles);
-    place->bend = kernel_reals(k, k->nv);
-    place->bend_rate = kernel_reals(k, d->n_held);
-    place->change = kernel_reals(k, d->n_held);
+    position->bridge = -1;
+    position->q = kernel_reals(k, k->nq);
+    position->x = kernel_reals(k, d->n_held);
+    position->turns = kernel_reals(k, k->n_angles);
+    position->bend = kernel_reals(k, k->nv);
+    position->bend_rate = kernel_reals(k, d->n_held);
+    position->change = kernel_reals(k, d->n_held);
 }
 
 static void make_point(Kernel *k, Point *point)
@@ -95,12 +95,12 @@ static void make_points(Dynamics *d)
     d->curve.before = d->curve.points + 1;
 }
 
-static void make_passages(Dynamics *d)
+static void make_bridges(Dynamics *d)
 {
     Kernel *k = d->k;
-    const Int n = 2 * PASSAGE_NODES;
-    for (Int i = 0; d->n_free == 1 && !d->n_drives && i < MOST_PASSAGES; i++) {
-        Passage *s = d->branches.passages + i;
+    const Int n = 2 * BRIDGE_NODES;
+    for (Int i = 0; d->n_free == 1 && !d->n_drives && i < MOST_BRIDGES; i++) {
+        Bridge *s = d->branches.bridges + i;
         s->q = kernel_reals(k, n * k->nq);
         s->t = kernel_reals(k, n * k->nv);
         s->c = kernel_reals(k, n * k->nv);
@@ -136,11 +136,11 @@ static int make_room(Dynamics *d)
     for (size_t i = 0; i < sizeof indices / sizeof *indices; i++)
         *indices[i] = kernel_ints(k, n);
     d->work.former = kernel_ints(k, nv);
-    make_place(d, &d->kept);
-    make_place(d, &d->work.aside);
-    make_place(d, &d->work.ended);
+    make_saved_position(d, &d->restart);
+    make_saved_position(d, &d->work.saved);
+    make_saved_position(d, &d->work.ended);
     make_points(d);
-    make_passages(d);
+    make_bridges(d);
     return kernel_had_memory(k);
 }
 
@@ -154,7 +154,7 @@ EXPORT int dynamics_create(Kernel *k, const Int *ints, Int n_ints, const Real *r
     d->k = k;
     d->factorisations = &k->system.factorisations;
     d->callbacks = *callbacks;
-    d->passage = -1;
+    d->bridge = -1;
     const Source from = {k, ints, n_ints, reals, n_reals, 0};
     if (k->n_idle || !read_arrays(d, from) || !forces_are_sound(d))
         return BAD_ARRAYS;

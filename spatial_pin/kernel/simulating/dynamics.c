@@ -43,7 +43,7 @@ static int place(Dynamics *d, Real t, const Real *y)
     const Int n = d->n_free;
     Real *x = d->work.asking, *held = x + d->n_held, *acceleration = held + d->n_held;
     if (d->projects)
-        return projected_place(d, y);
+        return projected_evaluate(d, y);
     memcpy(x, y, (size_t)n * sizeof *x);
     memcpy(held, y + n, (size_t)n * sizeof *held);
     if (d->n_drives && d->callbacks.drives(t, d->work.laws) != DONE)
@@ -56,10 +56,10 @@ static int place(Dynamics *d, Real t, const Real *y)
             held[i] = law[1] / scale;
         }
     }
-    if (passing_travel(d, x) != DONE)
+    if (crossing_travel(d, x) != DONE)
         return LOST;
     velocities(d, held);
-    if (d->passage >= 0)
+    if (d->bridge >= 0)
         for (Int v = 0; v < k->nv; v++)
             d->a0[v] = d->branches.c[v] * held[0] * held[0];
     else
@@ -120,7 +120,7 @@ static int accelerate(Dynamics *d, Real t, const Real *y)
     const Int n = d->n_free;
     const Real *q = d->q;
     d->forces.power = 0.0;
-    if (d->spins.n || d->passage >= 0) /* else independent_bias has worked them out */
+    if (d->spins.n || d->bridge >= 0) /* else independent_bias has worked them out */
         tree_rates(k, d->v);
     tree_accelerate(k, d->a0);
     if (d->spins.n && d->callbacks.efforts) { /* a law sees the bodies as they are turned */
@@ -334,13 +334,13 @@ EXPORT int dynamics_renew(Dynamics *d, Real t, Real *y, Int *free_ones, Int *sam
  * returns how many. */
 EXPORT Int dynamics_crossed(const Dynamics *d, Real from, Real to, Real *x, Int room)
 {
-    return d->passes ? passing_crossed(d, from, to, x, room) : 0;
+    return d->crosses ? crossing_points(d, from, to, x, room) : 0;
 }
 
-EXPORT Real dynamics_keep(Dynamics *d)
+EXPORT Real dynamics_save(Dynamics *d)
 {
-    independent_remember(d, &d->kept);
-    if (d->passage >= 0)
+    independent_save(d, &d->restart);
+    if (d->bridge >= 0)
         return 1.0;
     d->curve.n_points = d->curve.n_points ? 1 : 0; /* as where it returns to */
     return independent_pace(d);

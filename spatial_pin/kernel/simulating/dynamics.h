@@ -1,5 +1,5 @@
 /* A mechanism moved by independent coordinates under forces: what dynamics.c, independent.c,
- * partitioning.c and passing.c share, and what integrating.c asks of them.
+ * partitioning.c and crossing.c share, and what integrating.c asks of them.
  *
  * Unknowns y: the n free coordinates x, their joint rates u (both in units of the
  * velocity's scale), a quaternion (x, y, z, w) for every body that spins freely about its own line,
@@ -31,25 +31,25 @@ typedef struct {
    turns */
 #define WILD_WAY 1280.0
 
-enum { PASSAGE_NODES = 8, MOST_PASSAGES = 8, MOST_BRANCH_POINTS = 6 };
+enum { BRIDGE_NODES = 8, MOST_BRIDGES = 8, MOST_BRANCH_POINTS = 6 };
 
 /* The stretch about a branch point of branches, as polynomials in x through nodes on both sides. */
 typedef struct {
-    Real x[2 * PASSAGE_NODES], weight[2 * PASSAGE_NODES];
+    Real x[2 * BRIDGE_NODES], weight[2 * BRIDGE_NODES];
     Real *q, *t, *c, *angles; /* per node: configuration, derivatives with respect to x */
     Real low, high;           /* between which the polynomials stand for the branch */
     Int near, far;            /* the nodes at the ends */
     Real branch_point[MOST_BRANCH_POINTS];
     Int n_branch_points;
-} Passage;
+} Bridge;
 
 typedef struct {
     Real *q, *x, *turns;
-    Int passage, turn;
+    Int bridge, turn;
     Int has_bend; /* as below */
     Real *bend, *bend_rate, *change;
     Real distance;
-} Place;
+} SavedPosition;
 
 /* Bodies that spin freely about lines of their own. */
 typedef struct {
@@ -83,17 +83,17 @@ typedef struct {
     Int flipped;   /* whether the last step failed for a change of its sign */
 } Determinant;
 
-/* Branch points of one freedom, and the passages across them. */
+/* Branch points of one freedom, and the bridges across them. */
 typedef struct {
     Int n, n_built;
-    Passage passages[MOST_PASSAGES];
+    Bridge bridges[MOST_BRIDGES];
     Real period;                     /* of x: a whole turn; 0: there is none */
     Int period_is_known;             /* 0: not yet, 1: yes, -1: there is none */
     Real *period_q, *period_angle;
-    Real refused[MOST_PASSAGES];     /* where no passage was found */
+    Real refused[MOST_BRIDGES];     /* where no bridge was found */
     Int n_refused, n_renewed;
     Real renewed; /* where other equations were chosen last instead of passing a branch point */
-    Real *t, *c;                     /* (nv) derivatives by x on the present passage */
+    Real *t, *c;                     /* (nv) derivatives by x on the present bridge */
 } Branches;
 
 /* The curve that one held coordinate moves along. */
@@ -121,7 +121,7 @@ typedef struct {
     Int *order;         /* (n_held) of rows in the inverse's factors */
     Int *best;          /* (n_free) coordinates that would be best */
     Int *former;        /* (nv) equations chosen before others were tried */
-    Place aside, ended;
+    SavedPosition saved, ended;
     Real opened;        /* what was left open before the last projection, and how many corrections */
     Int corrections;    /* it took */
 } Work;
@@ -129,7 +129,7 @@ typedef struct {
 typedef struct Dynamics {
     /* ---- what Python reads in place, as `_DynamicsHead` in dynamics.py ---- */
     Int evaluations;    /* of dy/dt */
-    Int passes;         /* whether branch points are passed: pivots tell nothing then */
+    Int crosses;         /* whether branch points are passed: pivots tell nothing then */
     Real pivot;         /* smallest over largest pivot of the constraint equations */
     Int *held;          /* (n_held) velocity entries: the free ones, then the prescribed ones */
     const Int *factorisations; /* of the constraint equations */
@@ -151,12 +151,12 @@ typedef struct Dynamics {
 
     /* ---- where it is ---- */
     Real *q, *x, *turns; /* the configuration, coordinates of all held ones, screw angles */
-    Int passage, turn;   /* the passage it is on, or -1, and after how many turns */
+    Int bridge, turn;   /* the bridge it is on, or -1, and after how many turns */
     Real *columns;    /* (n_held, nv) v / scale per unit rate of a held coordinate, by scale */
     Real *by_velocity, *inverse; /* (n_held, 3) derivatives of x; (n_held, n_held) by columns */
     Int has_bend;
     Real *bend, *bend_rate; /* (nv) a / scale at rates of x; (n_held) these, by their square */
-    Place kept;
+    SavedPosition restart; /* where to begin anew from where the way from another is lost */
     Determinant determinant;
     Curve curve;
     Branches branches;
@@ -185,16 +185,16 @@ typedef struct {
 
 /* ---- independent.c ---- */
 int independent_begin(Dynamics *d);              /* at d->q: columns, sign, pivots */
-int independent_stand(Dynamics *d);              /* evaluate and factor at d->q */
+int independent_evaluate(Dynamics *d);              /* evaluate and factor at d->q */
 int independent_factor(Dynamics *d);             /* the same where it is evaluated */
-void independent_note(Dynamics *d);              /* x of the held coordinates, at d->q */
+void independent_read(Dynamics *d);              /* x of the held coordinates, at d->q */
 int independent_choose_anew(Dynamics *d); /* other equations; the loops are closed with them */
-int independent_learn_change(Dynamics *d); /* of the determinant, from d->kept to where it is */
+int independent_measure_change(Dynamics *d); /* of the determinant, from d->restart to where it is */
 int independent_step(Dynamics *d, const Real *x); /* one safe step, UNSAFE and lost otherwise */
 int independent_settle(Dynamics *d, const Real *x, Real allowed); /* close the loops at x */
 int independent_follow(Dynamics *d, const Real *x); /* as many steps as it takes */
-void independent_remember(const Dynamics *d, Place *place);
-int independent_return(Dynamics *d, const Place *place);
+void independent_save(const Dynamics *d, SavedPosition *position);
+int independent_restore(Dynamics *d, const SavedPosition *position);
 void independent_columns(Dynamics *d);
 void independent_rates(Dynamics *d, const Real *v, Real *rates); /* of the free x, at v */
 Real independent_pace(const Dynamics *d);
@@ -208,13 +208,13 @@ int partitioning_hold_better(Dynamics *d); /* hold the best coordinates, counted
 int partitioning_renew(Dynamics *d, const Real *q, const Real *v, Real *y, Int *free, Int *same);
 
 /* ---- projected.c ---- */
-int projected_place(Dynamics *d, const Real *y); /* q, v, a0 */
+int projected_evaluate(Dynamics *d, const Real *y); /* q, v, a0 */
 void projected_rates(Dynamics *d, Real *rates);  /* of the coordinates and velocities */
 
-/* ---- passing.c ---- */
-int passing_return(Dynamics *d, const Place *place);
-int passing_travel(Dynamics *d, const Real *x); /* to coordinates x, branch points included */
-Int passing_crossed(const Dynamics *d, Real from, Real to, Real *x, Int room);
+/* ---- crossing.c ---- */
+int crossing_restore(Dynamics *d, const SavedPosition *position);
+int crossing_travel(Dynamics *d, const Real *x); /* to coordinates x, branch points included */
+Int crossing_points(const Dynamics *d, Real from, Real to, Real *x, Int room);
 
 /* ---- dynamics.c ---- */
 /* dy/dt of a Dynamics. LOST where the loops cannot be closed at y. */
@@ -228,7 +228,7 @@ int dynamics_sample_between(Dynamics *d, const Point *from, const Point *to, con
                             const SampleRows *rows, Int i);
 /* Take the present place for one to begin anew from where the way from another is lost; returns how
  * many times faster than the coordinates another moves. */
-EXPORT Real dynamics_keep(Dynamics *d);
+EXPORT Real dynamics_save(Dynamics *d);
 
 /* ---- masses.c ---- */
 Real largest_inertia(Dynamics *d); /* of a joint, scaled, the others held: of all that it carries */

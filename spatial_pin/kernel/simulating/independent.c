@@ -248,7 +248,7 @@ static void note_determinant(Dynamics *d)
                                     (int)(d->determinant.exponent - k->system.exponent));
     Real least, most;
     lu_changes(k->system.lu, &least, &most);
-    d->determinant.since = d->passes ? fmin(fmax(change, least), most) : change;
+    d->determinant.since = d->crosses ? fmin(fmax(change, least), most) : change;
     d->determinant.mantissa = k->system.mantissa;
     d->determinant.exponent = k->system.exponent;
     lu_mark(k->system.lu);
@@ -262,7 +262,7 @@ static void note_change(Dynamics *d, const Real *from, const Real *x)
         square += (x[i] - from[i]) * (x[i] - from[i]);
     if (!(square > SHORTEST_TOLD * SHORTEST_TOLD))
         return;
-    if (d->passes)
+    if (d->crosses)
         d->determinant.distance = (from[0] - x[0]) / d->determinant.since;
     for (Int i = 0; i < d->n_held; i++)
         d->determinant.change[i] = d->determinant.since * (x[i] - from[i]) / square;
@@ -274,7 +274,7 @@ static void note_change(Dynamics *d, const Real *from, const Real *x)
 static int may_cross(const Dynamics *d, const Real *x)
 {
     Real left = 1.0;
-    for (Int i = 0; !d->passes && i < d->n_held; i++)
+    for (Int i = 0; !d->crosses && i < d->n_held; i++)
         left += d->determinant.change[i] * (x[i] - d->x[i]);
     return left < REMAINS;
 }
@@ -290,35 +290,35 @@ static void accept(Dynamics *d, const Real *x)
     memcpy(k->angle_reference, k->angle, (size_t)k->n_angles * sizeof *d->turns);
     d->pivot = k->system.pivot_ratio;
     d->has_bend = 0;
-    d->passage = -1;
+    d->bridge = -1;
     if (d->is_linear)
         independent_columns(d);
 }
 
 /* How the determinant of other equations, or with other held coordinates, has changed on the way
  * from the place that was kept: what was known of the former ones does not hold for it. */
-int independent_learn_change(Dynamics *d)
+int independent_measure_change(Dynamics *d)
 {
     const size_t size = (size_t)d->n_held * sizeof *d->determinant.change;
     memset(d->determinant.change, 0, size);
-    memset(d->kept.change, 0, size);
-    independent_remember(d, &d->work.aside);
-    const int is_known = independent_return(d, &d->kept) == DONE;
-    independent_note(d);
-    memcpy(d->kept.x, d->x, size);
-    if (independent_return(d, &d->work.aside) != DONE)
+    memset(d->restart.change, 0, size);
+    independent_save(d, &d->work.saved);
+    const int is_known = independent_restore(d, &d->restart) == DONE;
+    independent_read(d);
+    memcpy(d->restart.x, d->x, size);
+    if (independent_restore(d, &d->work.saved) != DONE)
         return UNSAFE;
     if (!is_known)
         return DONE;
-    note_change(d, d->kept.x, d->x);
+    note_change(d, d->restart.x, d->x);
     for (Int i = 0; i < d->n_held; i++)
-        d->kept.change[i] = d->determinant.change[i] / (1.0 - d->determinant.since);
+        d->restart.change[i] = d->determinant.change[i] / (1.0 - d->determinant.since);
     return DONE;
 }
 
 int independent_choose_anew(Dynamics *d)
 {
-    if (system_reselect(d->k) != DONE || independent_stand(d) != DONE)
+    if (system_reselect(d->k) != DONE || independent_evaluate(d) != DONE)
         return UNSAFE;
     d->determinant.first_pivot = d->pivot;
     d->determinant.distance = 0.0;
@@ -329,7 +329,7 @@ int independent_choose_anew(Dynamics *d)
     const Real allowed = 10.0 * d->determinant.spare + TOLERANCE_NOTHING + d->tolerance;
     if (equations_error(d->k) > allowed)
         return UNSAFE;
-    return d->passes ? DONE : independent_learn_change(d);
+    return d->crosses ? DONE : independent_measure_change(d);
 }
 
 /* One step from where the loops are closed well enough for its prediction. */
@@ -356,7 +356,7 @@ static int step_from_here(Dynamics *d, const Real *x)
 static int tighten(Dynamics *d)
 {
     const Real asked = d->tolerance;
-    if (!(asked > TOLERANCE_CLOSED) || independent_stand(d) != DONE ||
+    if (!(asked > TOLERANCE_CLOSED) || independent_evaluate(d) != DONE ||
         chosen_residual(d->k) <= TOLERANCE_CLOSED)
         return UNSAFE;
     memcpy(d->work.trial, d->q, (size_t)d->k->nq * sizeof *d->q);
@@ -397,7 +397,7 @@ int independent_factor(Dynamics *d)
     memcpy(k->angle_reference, k->angle, (size_t)k->n_angles * sizeof *d->turns);
     d->has_bend = 0;
     d->curve.n_points = 0;
-    d->passage = -1;
+    d->bridge = -1;
     const int code = factor_held(d);
     if (code != DONE)
         return LOST;
@@ -409,7 +409,7 @@ int independent_factor(Dynamics *d)
     return DONE;
 }
 
-int independent_stand(Dynamics *d)
+int independent_evaluate(Dynamics *d)
 {
     Kernel *k = d->k;
     memcpy(k->angle_reference, d->turns, (size_t)k->n_angles * sizeof *d->turns);
@@ -417,7 +417,7 @@ int independent_stand(Dynamics *d)
     return independent_factor(d);
 }
 
-void independent_note(Dynamics *d)
+void independent_read(Dynamics *d)
 {
     for (Int i = 0; i < d->n_held; i++)
         d->x[i] = relative_coordinate(d->k, d->held_joint[i], d->held_component[i], d->start, d->q);
@@ -444,7 +444,7 @@ int independent_follow(Dynamics *d, const Real *x)
             continue;
         }
         const Real size = norm(d->work.step, d->k->nv);
-        if (independent_stand(d) != DONE)
+        if (independent_evaluate(d) != DONE)
             return LOST;
         part *= 0.5;
         if (part < 1.0 / (1 << GO_HALVINGS) || (done == 0.0 && part == 0.5 && size > WILD_WAY))
@@ -453,31 +453,31 @@ int independent_follow(Dynamics *d, const Real *x)
     return DONE;
 }
 
-void independent_remember(const Dynamics *d, Place *place)
+void independent_save(const Dynamics *d, SavedPosition *position)
 {
-    memcpy(place->q, d->q, (size_t)d->k->nq * sizeof *d->q);
-    memcpy(place->x, d->x, (size_t)d->n_held * sizeof *d->x);
-    memcpy(place->turns, d->turns, (size_t)d->k->n_angles * sizeof *d->turns);
-    place->passage = d->passage;
-    place->turn = d->turn;
-    place->has_bend = d->has_bend;
-    memcpy(place->bend, d->bend, (size_t)d->k->nv * sizeof *d->bend);
-    memcpy(place->bend_rate, d->bend_rate, (size_t)d->n_held * sizeof *d->bend_rate);
-    memcpy(place->change, d->determinant.change, (size_t)d->n_held * sizeof *d->determinant.change);
-    place->distance = d->determinant.distance;
+    memcpy(position->q, d->q, (size_t)d->k->nq * sizeof *d->q);
+    memcpy(position->x, d->x, (size_t)d->n_held * sizeof *d->x);
+    memcpy(position->turns, d->turns, (size_t)d->k->n_angles * sizeof *d->turns);
+    position->bridge = d->bridge;
+    position->turn = d->turn;
+    position->has_bend = d->has_bend;
+    memcpy(position->bend, d->bend, (size_t)d->k->nv * sizeof *d->bend);
+    memcpy(position->bend_rate, d->bend_rate, (size_t)d->n_held * sizeof *d->bend_rate);
+    memcpy(position->change, d->determinant.change, (size_t)d->n_held * sizeof *d->determinant.change);
+    position->distance = d->determinant.distance;
 }
 
-int independent_return(Dynamics *d, const Place *place)
+int independent_restore(Dynamics *d, const SavedPosition *position)
 {
-    memcpy(d->q, place->q, (size_t)d->k->nq * sizeof *d->q);
-    memcpy(d->x, place->x, (size_t)d->n_held * sizeof *d->x);
-    memcpy(d->turns, place->turns, (size_t)d->k->n_angles * sizeof *d->turns);
-    const int code = independent_stand(d);
-    d->has_bend = place->has_bend && code == DONE;
-    memcpy(d->bend, place->bend, (size_t)d->k->nv * sizeof *d->bend);
-    memcpy(d->bend_rate, place->bend_rate, (size_t)d->n_held * sizeof *d->bend_rate);
-    memcpy(d->determinant.change, place->change, (size_t)d->n_held * sizeof *d->determinant.change);
-    d->determinant.distance = place->distance;
+    memcpy(d->q, position->q, (size_t)d->k->nq * sizeof *d->q);
+    memcpy(d->x, position->x, (size_t)d->n_held * sizeof *d->x);
+    memcpy(d->turns, position->turns, (size_t)d->k->n_angles * sizeof *d->turns);
+    const int code = independent_evaluate(d);
+    d->has_bend = position->has_bend && code == DONE;
+    memcpy(d->bend, position->bend, (size_t)d->k->nv * sizeof *d->bend);
+    memcpy(d->bend_rate, position->bend_rate, (size_t)d->n_held * sizeof *d->bend_rate);
+    memcpy(d->determinant.change, position->change, (size_t)d->n_held * sizeof *d->determinant.change);
+    d->determinant.distance = position->distance;
     note_point(d);
     return code;
 }
@@ -485,12 +485,12 @@ int independent_return(Dynamics *d, const Place *place)
 int independent_begin(Dynamics *d)
 {
     memset(d->x, 0, (size_t)d->n_held * sizeof *d->x);
-    if (independent_stand(d) != DONE)
+    if (independent_evaluate(d) != DONE)
         return SINGULAR;
     d->determinant.first_pivot = d->pivot;
     d->determinant.spare = equations_error(d->k);
     memcpy(d->turns, d->k->angle, (size_t)d->k->n_angles * sizeof *d->turns);
-    independent_remember(d, &d->kept);
+    independent_save(d, &d->restart);
     return DONE;
 }
 

@@ -1,7 +1,7 @@
 /* Coordinate partitioning: which coordinates are independent, and how others are chosen.
  *
  * The coordinates that determine a motion best are those of the joints that move most: independent
- * rows of an orthonormal basis of the freedoms' motions [Wehage1982]. One freedom that passes branch
+ * rows of an orthonormal basis of the freedoms' motions [Wehage1982]. One freedom that crosses branch
  * points is told by a joint with one entry of q, the fastest. */
 #include <stdlib.h>
 #include <string.h>
@@ -45,10 +45,10 @@ static int hold_all(Dynamics *d, const Int *free_ones)
         if (i >= d->n_free && d->held_q[i] < 0)
             return 0;
     }
-    d->passes = d->n_free == 1 && d->n_drives == 0 && d->is_linear && k->n_closure > 0 &&
+    d->crosses = d->n_free == 1 && d->n_drives == 0 && d->is_linear && k->n_closure > 0 &&
                 !d->projects;
     d->curve.is_curve = d->n_held == 1 && d->is_linear;
-    const int turns = d->passes && k->kind[d->held_joint[0]] != SLIDE;
+    const int turns = d->crosses && k->kind[d->held_joint[0]] != SLIDE;
     d->branches.period = turns ? 2.0 * PI / k->scale[d->held[0]] : 0.0;
     return 1;
 }
@@ -182,12 +182,12 @@ int partitioning_hold_better(Dynamics *d)
         return DONE;
     int code = set_system(d, d->work.best, k->system.chosen, k->system.n_chosen);
     if (code == DONE)
-        code = independent_stand(d);
+        code = independent_evaluate(d);
     if (code != DONE)
         return code;
-    independent_note(d);
+    independent_read(d);
     d->determinant.first_pivot = d->pivot;
-    return independent_learn_change(d);
+    return independent_measure_change(d);
 }
 
 /* Begin with these coordinates where it stands, with other equations if there are more: the former

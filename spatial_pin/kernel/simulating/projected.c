@@ -102,11 +102,11 @@ static int project_unknowns(Dynamics *d, const Real *y, Real allowed)
         d->v[v] = k->scale[v] * y[k->nv + v];
     const int code = project(d, allowed);
     if (code == DONE)
-        independent_note(d);
+        independent_read(d);
     return code;
 }
 
-int projected_place(Dynamics *d, const Real *y)
+int projected_evaluate(Dynamics *d, const Real *y)
 {
     const int code = are_finite(y, d->n_unknowns) ? project_unknowns(d, y, INFINITY) : LOST;
     if (code == DONE)
@@ -138,11 +138,11 @@ static int leads_there(Dynamics *d)
 {
     Real way = 0.0;
     for (Int i = 0; i < d->n_held; i++)
-        way = fmax(way, fabs(d->x[i] - d->kept.x[i]));
+        way = fmax(way, fabs(d->x[i] - d->restart.x[i]));
     if (way > NEVER_LOST)
         return 1;
-    independent_remember(d, &d->work.ended);
-    if (independent_return(d, &d->kept) != DONE)
+    independent_save(d, &d->work.ended);
+    if (independent_restore(d, &d->restart) != DONE)
         return 0;
     memcpy(d->work.asking, d->work.ended.x, (size_t)d->n_held * sizeof *d->work.asking);
     return independent_follow(d, d->work.asking) == DONE && distance(d, d->work.ended.q) < SAME_PLACE;

@@ -41,17 +41,17 @@ static int close(Integrator *g, Dynamics *d, const Run *run, Int i)
 
 static void swap(Point *a, Point *b)
 {
-    const Point kept = *a;
+    const Point first = *a;
     *a = *b;
-    *b = kept;
+    *b = first;
 }
 
-/* Take the point of the curve where the mechanism stands for an anchor; none on a passage. */
+/* Take the point of the curve where the mechanism stands for an anchor; none on a bridge. */
 static void note_anchor(const Dynamics *d, Point *anchor)
 {
     const Kernel *k = d->k;
     anchor->s = NAN;
-    if (d->passage >= 0 || !d->curve.n_points || d->curve.point->s != d->x[0])
+    if (d->bridge >= 0 || !d->curve.n_points || d->curve.point->s != d->x[0])
         return;
     anchor->s = d->curve.point->s;
     memcpy(anchor->q, d->curve.point->q, (size_t)(3 * k->nq + 2 * k->nv) * sizeof *anchor->q);
@@ -159,15 +159,15 @@ int samples_of_step(Integrator *g, Dynamics *d, Run *run)
         swap(d->curve.anchor, d->curve.anchor + 2);
         note_anchor(d, d->curve.anchor + 2);
     }
-    independent_remember(d, &d->work.ended);
+    independent_save(d, &d->work.ended);
     const int is_dense = g->is_dense;
-    int code = passing_return(d, &d->kept);
+    int code = crossing_restore(d, &d->restart);
     if (code == DONE && !is_dense) {
         code = integrator_between(g, NULL, 0, NULL);
         if (code == DONE)
-            code = passing_return(d, &d->kept);
+            code = crossing_restore(d, &d->restart);
     }
     if (code == DONE)
         code = (interpolates ? between_anchors : one_by_one)(g, d, run, end);
-    return code != DONE ? code : passing_return(d, &d->work.ended);
+    return code != DONE ? code : crossing_restore(d, &d->work.ended);
 }

@@ -21,6 +21,7 @@ typedef struct {
 /* Memory for the motions and forces of a kernel's tree, freed with the kernel. is_core: (n_joints)
    whether loops are built on each joint. */
 EXPORT int tree_create(Kernel *k, const Int *is_core, Tree **out);
+/* Evaluate a motion. */
 EXPORT void tree_evaluate(Tree *s, const TreeTask *task);
 
 /* Masses of all joints at q, in the order of put_masses. Where joint forces `force` (nv) are given,

@@ -37,7 +37,7 @@ typedef struct {
     Real shortest;    /* largest entry of the chosen equation whose own is the smallest */
     Real *x;          /* (nv + n_chosen) */
     Real *block;      /* to choose among the equations of a closure */
-    Int *place;       /* the same: columns of it */
+    Int *column;       /* the same: columns of it */
 } Kkt;
 
 static Int most_in_a_group(const Kkt *s)
@@ -59,12 +59,12 @@ static int make_room(Kkt *s)
     s->size = kernel_reals(k, nc);
     s->x = kernel_reals(k, n);
     s->block = kernel_reals(k, most_in_a_group(s) * nv);
-    s->place = kernel_ints(k, nv);
+    s->column = kernel_ints(k, nv);
     s->matrix = factors_new(k);
     if (!kernel_had_memory(k) || !s->matrix)
         return NO_MEMORY;
     for (Int v = 0; v < nv; v++)
-        s->place[v] = -1;
+        s->column[v] = -1;
     return DONE;
 }
 
@@ -123,15 +123,15 @@ static int choose_in_closure(Kkt *s, Int first, Int end, Real least)
     const Int n = end - first, from = k->entry_start[first], to = k->entry_start[end];
     Int m = 0;
     for (Int e = from; e < to; e++)
-        if (s->place[k->entry_v[e]] < 0)
-            s->place[k->entry_v[e]] = m++;
+        if (s->column[k->entry_v[e]] < 0)
+            s->column[k->entry_v[e]] = m++;
     memset(s->block, 0, (size_t)(m * n) * sizeof(Real));
     for (Int i = first; i < end; i++)
         if (equation_length(k, i) > least)
             for (Int e = k->entry_start[i]; e < k->entry_start[i + 1]; e++)
-                s->block[(i - first) * m + s->place[k->entry_v[e]]] = k->entry[e];
+                s->block[(i - first) * m + s->column[k->entry_v[e]]] = k->entry[e];
     for (Int e = from; e < to; e++)
-        s->place[k->entry_v[e]] = -1;
+        s->column[k->entry_v[e]] = -1;
     const Int rank = independent_rows(n, m, s->block, n, TOLERANCE_RANK,
                                       s->chosen + s->n_chosen, NULL);
     if (rank < 0)
@@ -174,11 +174,11 @@ static int choose_in_closures(Kkt *s)
 /* Independent equations among the chosen ones. */
 static int choose_among_all(Kkt *s)
 {
-    const Int found = independent_equations(s->k, s->chosen, s->n_chosen, s->n_chosen,
+    const Int rank = independent_equations(s->k, s->chosen, s->n_chosen, s->n_chosen,
                                             TOLERANCE_RANK, s->chosen, NULL);
-    if (found < 0)
+    if (rank < 0)
         return NO_MEMORY;
-    s->n_chosen = found;
+    s->n_chosen = rank;
     return DONE;
 }
 

@@ -94,12 +94,12 @@ static void choose_those_that_are(Rates *r)
 static int choose_independent(Rates *r)
 {
     Real facts[2];
-    const Int found = independent_equations(r->k, r->chosen, r->n_chosen, r->wanted, WELL,
+    const Int rank = independent_equations(r->k, r->chosen, r->n_chosen, r->wanted, WELL,
                                             r->chosen, facts);
-    if (found < 0)
+    if (rank < 0)
         return NO_MEMORY;
-    r->n_chosen = found;
-    return found == r->wanted && facts[1] <= TOLERANCE_CLOSED ? DONE : UNSAFE;
+    r->n_chosen = rank;
+    return rank == r->wanted && facts[1] <= TOLERANCE_CLOSED ? DONE : UNSAFE;
 }
 
 static int choose(Rates *r)

@@ -56,10 +56,10 @@ def _curve(met: Met, motion: Motion) -> str:
             line = np.asarray(axes.lines[0].get_ydata(), dtype=float)
             targets = _about(np.rad2deg(targets), line)
         points = axes.plot(values, targets, "o", color=TARGET, markersize=5,
-                          label=literal(f"asked of {output}"))
+                          label=literal(f"targets of {output}"))
         axes.legend(handles=points, loc="lower right", bbox_to_anchor=(1.0, 0.99), fontsize=9,
                     frameon=False)
-    drawing = svg(figure, f"{output} of {motion.mechanism.name}, and what was asked of it")
+    drawing = svg(figure, f"{output} of {motion.mechanism.name}, with its targets")
     return f"<figure>{drawing}</figure>"
 
 
@@ -85,14 +85,14 @@ def _path(met: Met, motion: Motion) -> str:
     for target, point in zip(points, there, strict=True):
         ends = np.array([target, point]) - middle
         axes.plot(ends @ across, ends @ up, color=COLOURS[1], linewidth=1.0)
-    axes.plot(x[len(path):], y[len(path):], "o", color=TARGET, markersize=5, label="asked for")
+    axes.plot(x[len(path):], y[len(path):], "o", color=TARGET, markersize=5, label="targets")
     axes.set_xlabel(_direction(across))
     axes.set_ylabel(_direction(up))
     style(axes)
     axes.margins(0.05)
     axes.set_aspect("equal", adjustable="datalim")
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.99), ncols=2, fontsize=9, frameon=False)
-    drawing = svg(figure, f"path of {frame} of {motion.mechanism.name}, and what was asked of it")
+    drawing = svg(figure, f"path of {frame} of {motion.mechanism.name}, with its targets")
     return (f"<figure>{drawing}<figcaption>Lengths are in metres, from the middle of the path."
             "</figcaption></figure>")
 

@@ -94,7 +94,7 @@ def _data(
         "seconds": np.round(shown.seconds, 6).tolist(),
         "readings": _rows(shown.readings),
         "alarms": _rows(drawn.layer.alarms),
-        "marks": [mark._asdict() for mark in shown.marks],
+        "marks": shown.marks,
         "labels": [{"text": text, "at": framing.scaled(point).tolist()}
                    for text, point in drawn.layer.labels],
         "aspect": ASPECT,

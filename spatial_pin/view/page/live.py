@@ -312,35 +312,6 @@ def _words(now: Told, name: str) -> str:
     return f"{label} = ({numbers}) {word}"
 
 
-def _page(desk: Desk, token: str, title: str | None, look: Look | None) -> str:
-    """Return the page with its sliders."""
-    from spatial_pin.view.scene.meshcat_commands import scene
-
-    drawn = scene(desk.film, look)
-    over = desk.jog.names[0] if len(desk.jog.names) == 1 else ""  # the abscissa of curves
-    abscissa = f"{over} [{desk.dials[over].unit.strip()}]" if over else "movements"
-    curves = growing_curves(_now(desk.jog), desk.curves, abscissa)
-    parts = parts_of(desk.film, drawn, title, curves, _signals(desk.jog))
-    content = {
-        "token": token,
-        "dials": [dial._asdict() for dial in desk.dials.values()],
-        "modes": bool(desk.jog.mechanism.closures),
-        "limits": bool(joint_limits(desk.jog.mechanism)),
-        "keeps": desk.jog.keeps_limits,
-        "joints": list(desk.paths),
-        "over": over,
-    }
-    data = json.dumps(content, ensure_ascii=False).replace("<", "\\u003c")
-    grid = html.escape(f"ground grid {length_words(drawn.framing.cell)}")
-    return filled("page.html", {
-        **parts,
-        "NOTES": f"<small>{grid}</small>",
-        "CONNECT": "'self'",
-        "SCRIPT": packed_script(("live", "drag", "grow")),
-        "EXTRA": template("live.html").replace("@LIVE@", data),
-    })
-
-
 @checked
 def live(
     mechanism: Mechanism,
@@ -394,6 +365,8 @@ def live(
         True
         >>> viewer.stop()  # a script that is to go on showing waits: viewer.wait()
     """
+    from spatial_pin.view.scene.meshcat_commands import scene
+
     state = starting_state(mechanism, guess, state)
     names = tuple(mechanism.drivers if drivers is None else dict.fromkeys(
         names_of(drivers, "drivers")))
@@ -411,8 +384,30 @@ def live(
     desk = Desk(jog, tuple(names_of(outputs, "outputs")), () if look is None else look.curves)
     still = None if look is None else replace(look, curves=())
     service = Service(desk.answer, secrets.token_urlsafe(24))
-    viewer = Viewer(_page(desk, service.token, title, look), port, service,
-                    still=lambda: page(state, title, still))
+    drawn = scene(desk.film, look)
+    over = desk.jog.names[0] if len(desk.jog.names) == 1 else ""  # the abscissa of curves
+    abscissa = f"{over} [{desk.dials[over].unit.strip()}]" if over else "movements"
+    curves = growing_curves(_now(desk.jog), desk.curves, abscissa)
+    parts = parts_of(desk.film, drawn, title, curves, _signals(desk.jog))
+    content = {
+        "token": service.token,
+        "dials": [dial._asdict() for dial in desk.dials.values()],
+        "modes": bool(desk.jog.mechanism.closures),
+        "limits": bool(joint_limits(desk.jog.mechanism)),
+        "keeps": desk.jog.keeps_limits,
+        "joints": list(desk.paths),
+        "over": over,
+    }
+    data = json.dumps(content, ensure_ascii=False).replace("<", "\\u003c")
+    grid = html.escape(f"ground grid {length_words(drawn.framing.cell)}")
+    text = filled("page.html", {
+        **parts,
+        "NOTES": f"<small>{grid}</small>",
+        "CONNECT": "'self'",
+        "SCRIPT": packed_script(("live", "drag", "grow")),
+        "EXTRA": template("live.html").replace("@LIVE@", data),
+    })
+    viewer = Viewer(text, port, service, still=lambda: page(state, title, still))
     if open_browser:
         open_in_browser(viewer, "live")
     return viewer

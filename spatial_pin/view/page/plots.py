@@ -299,7 +299,7 @@ def curves_of(
     if not isinstance(shown.source, Motion) or not shown.seconds[-1] > 0:
         if names:
             raise SpatialPinError("curves belong to a motion: leave `curves` out of the look of "
-                                  "what stands still")
+                                  "a state")
         return None
     motion = shown.motion
     x, name, unit = abscissa(motion)

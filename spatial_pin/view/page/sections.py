@@ -332,8 +332,8 @@ def _accuracy(subject: Subject) -> str:
         "derivatives of the closure equations; no difference quotients are taken."
     )
     if isinstance(subject.shown, Simulation):
-        text += (f" Energy and work balance to {tiny(subject.shown.energy_drift)} of what is "
-                 f"exchanged, over {subject.shown.steps} steps of the integrator.")
+        text += (f" Energy and work balance to {tiny(subject.shown.energy_drift)} of the "
+                 f"exchanged energy, over {subject.shown.steps} steps of the integrator.")
     settings = getattr(subject.shown, "accuracy", None)
     words = "" if settings is None else paragraph("Settings: " + ", ".join(
         f"{f.name} {getattr(settings, f.name)}" for f in fields(settings)))

@@ -50,20 +50,6 @@ class Readout(NamedTuple):
         return f"{self.name}{self.says}{value}{self.unit}"
 
 
-class SliderMark(NamedTuple):
-    """Something that happens at one moment of a film.
-
-    Attributes:
-        seconds: when [s].
-        kind: "limit", "singular", "branch point", ...
-        text: the same as a sentence.
-    """
-
-    seconds: float
-    kind: str
-    text: str
-
-
 @dataclass(frozen=True, eq=False)
 class Film:
     """A motion, or a state (one sample), ready to be shown.
@@ -77,7 +63,8 @@ class Film:
         notes: how the film differs from the motion ("shown 20x slower").
         source: the Motion or State.
         rows: which of its samples are shown, shape (N,).
-        marks: limits, singular configurations and branch points that are passed.
+        marks: limits, singular configurations and branch points that are passed: each its moment
+            `seconds`, its `kind`, and a sentence, `text`.
     """
 
     mechanism: Mechanism
@@ -88,7 +75,7 @@ class Film:
     notes: tuple[str, ...]
     source: Motion | State
     rows: NDArray[np.intp]
-    marks: tuple[SliderMark, ...] = ()
+    marks: tuple[dict[str, Any], ...] = ()
 
     @cached_property
     def open_rows(self) -> NDArray[np.intp]:
@@ -221,20 +208,6 @@ def driver_readings(state: State) -> tuple[Readout, ...]:
     )
 
 
-def _marks(motion: Motion, seconds: Array) -> tuple[SliderMark, ...]:
-    """Return the moments of a motion's events: between samples, in proportion to the driver."""
-    marks = []
-    for event in motion.events:
-        after = min(event.row, len(seconds) - 1)
-        before = max(after - 1, 0)
-        part = 1.0
-        if motion.driver is not None and (step := motion.driver[after] - motion.driver[before]):
-            part = np.clip((event.value - motion.driver[before]) / step, 0.0, 1.0)
-        moment = seconds[before] + part * (seconds[after] - seconds[before])
-        marks.append(SliderMark(float(moment), event.kind, event.text))
-    return tuple(marks)
-
-
 def not_shown(given: object) -> str:
     """Return the message about an object that is neither a Motion nor a State."""
     kind = type(given).__name__
@@ -312,10 +285,19 @@ def film(motion_or_state: Motion | State) -> Film:
         readings = (reading(motion.driver_name, driver, motion.driver_unit),)
     if motion.time is not None:
         readings = (*readings, reading("time", np.asarray(motion.time, float), "s"))
-    marks = _marks(motion, seconds)
+    marks = list[dict[str, Any]]()
+    for event in motion.events:  # between samples, in proportion to the driver
+        after = min(event.row, len(seconds) - 1)
+        before = max(after - 1, 0)
+        part = 1.0
+        if motion.driver is not None and (step := motion.driver[after] - motion.driver[before]):
+            part = np.clip((event.value - motion.driver[before]) / step, 0.0, 1.0)
+        moment = seconds[before] + part * (seconds[after] - seconds[before])
+        marks.append({"seconds": float(moment), "kind": event.kind, "text": event.text})
     if n > MAX_ROWS:  # first and last included
         rows = np.unique(np.round(np.linspace(0, n - 1, MAX_ROWS)).astype(int))
         readings = tuple(r._replace(values=r.values[rows]) for r in readings)
         notes = (*notes, f"{len(rows)} of {n} rows")
         q, seconds = q[rows], seconds[rows]
-    return Film(motion.mechanism, q, seconds, readings, error, notes, motion, rows, marks)
+    return Film(motion.mechanism, q, seconds, readings, error, notes, motion, rows,
+                tuple(marks))

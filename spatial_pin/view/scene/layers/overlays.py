@@ -183,7 +183,7 @@ def designs(stage: Stage, design: Design, drawn: tuple[str, ...]) -> Layer:
             seen = stage.seen(met.targets)
             balls = [Item(f"design {k} point {i}", ball(DESIGN_BALL * stage.size), TARGET,
                           placement=moved(point), through=True) for i, point in enumerate(seen)]
-            words = f"points asked of {met.goal.frame}"
+            words = f"target points of {met.goal.frame}"
             layers.append(Layer(tuple(balls), seen, (Entry(TARGET, words),)))
         elif isinstance(met.goal, PosesGoal):
             layers.append(_triads(stage, f"design {k}", met.goal, met.targets))
@@ -205,6 +205,6 @@ def _triads(stage: Stage, name: str, goal: PosesGoal, placements: Array) -> Laye
             items.append(Item(f"{name} placement {i} {axis}",
                               rod(DESIGN_ROD * stage.size, 0.0, DESIGN_ARM * stage.size), colour,
                               placement=centre, through=True))
-    legend = tuple(Entry(colour, f"{axis} of placements asked of {goal.frame}")
+    legend = tuple(Entry(colour, f"{axis} of target placements of {goal.frame}")
                    for axis, colour in zip("xyz", AXES, strict=True))
     return Layer(tuple(items), stage.seen(placements[:, :3, 3]), legend)

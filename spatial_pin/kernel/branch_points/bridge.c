@@ -1,9 +1,9 @@
-/* Places on a passage: polynomials through its nodes [BerrutTrefethen2004, 4.2]. */
+/* Places on a bridge: polynomials through its nodes [BerrutTrefethen2004, 4.2]. */
 #include <string.h>
 
-#include "passage.h"
+#include "bridge.h"
 
-void passage_weights(Passage *s, Int first, Int count)
+void bridge_weights(Bridge *s, Int first, Int count)
 {
     const Real width = fabs(s->x[first + count - 1] - s->x[first]);
     for (Int i = first; i < first + count; i++) {
@@ -15,7 +15,7 @@ void passage_weights(Passage *s, Int first, Int count)
 }
 
 /* The polynomial through `count` nodes from `first` on, of rows of n numbers. */
-void passage_interpolate(const Passage *s, Int first, Int count, const Real *rows, Int n, Real x,
+void bridge_interpolate(const Bridge *s, Int first, Int count, const Real *rows, Int n, Real x,
                          Real *out)
 {
     Real sum = 0.0;
@@ -34,12 +34,12 @@ void passage_interpolate(const Passage *s, Int first, Int count, const Real *row
         out[j] /= sum;
 }
 
-void passage_place(Dynamics *d, const Passage *s, Int turn, Real x)
+void bridge_evaluate(Dynamics *d, const Bridge *s, Int turn, Real x)
 {
     Kernel *k = d->k;
     const Real local = x - (Real)turn * d->branches.period;
-    passage_interpolate(s, 0, 2 * NODE, s->q, k->nq, local, d->work.trial);
-    passage_interpolate(s, 0, 2 * NODE, s->angles, k->n_angles, local, k->angle_reference);
+    bridge_interpolate(s, 0, 2 * NODE, s->q, k->nq, local, d->work.trial);
+    bridge_interpolate(s, 0, 2 * NODE, s->angles, k->n_angles, local, k->angle_reference);
     for (Int i = 0; turn && i < k->nq; i++)
         d->work.trial[i] += (Real)turn * d->branches.period_q[i];
     for (Int i = 0; turn && i < k->n_angles; i++)
@@ -49,22 +49,22 @@ void passage_place(Dynamics *d, const Passage *s, Int turn, Real x)
     equations_values(k, d->work.trial);
 }
 
-int passage_repeats(const Dynamics *d)
+int bridge_repeats(const Dynamics *d)
 {
     return d->branches.period != 0.0 && d->branches.period_is_known >= 0;
 }
 
-Int passage_turns(const Dynamics *d, const Passage *s, Real x)
+Int bridge_turns(const Dynamics *d, const Bridge *s, Real x)
 {
-    if (!passage_repeats(d))
+    if (!bridge_repeats(d))
         return 0;
     const Real middle = 0.5 * (s->low + s->high);
     return (Int)floor((x - middle) / d->branches.period + 0.5);
 }
 
-Real passage_distance(const Dynamics *d, Real sense)
+Real distance_to_branch_point(const Dynamics *d, Real sense)
 {
     return d->determinant.distance * sense > 0.0 ? d->determinant.distance * sense : INFINITY;
 }
 
-Real passage_pace(const Dynamics *d) { return largest(d->columns, d->k->nv); }
+Real fastest_pace(const Dynamics *d) { return largest(d->columns, d->k->nv); }
