@@ -37,7 +37,16 @@ from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
 from spatial_pin.mechanism.coordinates import joint_values, with_values
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import SelectedEquations
-from spatial_pin.numerics.linalg import Array, decompose, null_space, singular_values, weighty_rows
+from spatial_pin.numerics.linalg import (
+    Array,
+    column_spaces,
+    decompose,
+    mean_subspace,
+    null_space,
+    null_spaces,
+    singular_values,
+    weighty_rows,
+)
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy
 
@@ -571,9 +580,8 @@ def _sums(
 ) -> Array:
     """Return rows (rank, n), of which those of blocks are sums that are independent at samples.
 
-    Of one closure they span the mean of the spaces of Jacobians' columns, in the chordal distance
-    of subspaces, with weights that bring the farthest nearer [Absil2004]; closures are gone
-    through one after the other, where the rows of others are held.
+    Of one closure they span the mean of the spaces of Jacobians' columns, with weights that bring
+    the farthest nearer; closures are gone through one after the other, with the rows of others.
 
     Args:
         rows: weights of all equations, where it begins.
@@ -582,7 +590,7 @@ def _sums(
         blocks: equations of each closure.
     """
     minors = jacobians @ np.array([x.rows.T for x in samples])
-    columns = np.linalg.svd(minors, full_matrices=False)[0]
+    columns = column_spaces(minors)
     weights, best, most = np.ones(len(samples)), rows, 0.0
     for _ in range(ROUNDS):
         for block in blocks:
@@ -590,11 +598,10 @@ def _sums(
             count = len(mine)
             if not 0 < count < len(block):
                 continue
-            free = np.linalg.svd(np.delete(rows, mine, axis=0) @ columns)[2][:, len(rows) - count :]
-            spanned = np.linalg.qr(columns[:, block] @ free.transpose(0, 2, 1))[0]
-            mean = np.einsum("k,kij,klj->il", weights, spanned, spanned)
+            rest = np.delete(rows, mine, axis=0) @ columns
+            own = columns[:, block] @ null_spaces(rest, count).transpose(0, 2, 1)
             rows = rows.copy()
-            rows[np.ix_(mine, block)] = np.linalg.eigh(mean)[1][:, -count:].T
+            rows[np.ix_(mine, block)] = mean_subspace(column_spaces(own), weights)
         least = singular_values(rows @ columns)[:, -1]
         if least.min() > most:
             best, most = rows, float(least.min())
