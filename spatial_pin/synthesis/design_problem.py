@@ -127,7 +127,6 @@ class DesignProblem(DesignSpace):
         evaluations = starts.evaluations + sum(one.evaluations for one in (solution, *tried))
         return replace(first, others=tuple(good[1:]), evaluations=evaluations)
 
-
     def value(self, x: Array) -> float:
         """Return the cost at x with penalised open loops, from the nominal state.
 

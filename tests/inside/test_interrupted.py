@@ -352,7 +352,7 @@ def test_samples_that_were_drawn_before_tell_of_the_tolerance(part, monkeypatch,
     words = ["tolerance", "rssr", "rocker_pin", "--deviation", "b=1mm", "--samples", "40"]
     if part == "together":
         monkeypatch.setattr(tolerance, "SOLVED_TOGETHER", 10)
-        monkeypatch.setattr(VariedSamples, "made_of", interrupting(VariedSamples.made_of, 4))
+        monkeypatch.setattr(VariedSamples, "geometry", interrupting(VariedSamples.geometry, 4))
     else:
         monkeypatch.setattr(VariedSamples, "of", lambda *_: None)
         monkeypatch.setattr(tolerance, "_sample", interrupting(tolerance._sample, 22))
@@ -377,7 +377,7 @@ def test_every_verb_that_is_cut_short_raises_what_it_has_found(monkeypatch, turn
     task = {"driver": "crank", "values": np.linspace(0.0, 1.0, 21), "speed": 1.0}
     cases = [
         (ModeSearch, "_attempt", 2, lambda: sp.assembly_modes(mechanism, {"crank": 1.0})),
-        (VariedSamples, "made_of", 4, lambda: sp.tolerance(
+        (VariedSamples, "geometry", 4, lambda: sp.tolerance(
             mechanism, "rocker_pin", {"r3": 1e-4}, samples=40)),
         (tradeoff, "_judged", 2, lambda: sp.tradeoff(
             mechanism, task, settings=levels, repeats=1)),
