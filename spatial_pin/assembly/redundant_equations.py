@@ -1,19 +1,19 @@
-"""Files whose numbers are rounded: redundant equations of loops that hold to a few digits only.
+"""Redundant equations of loops with rounded numbers in the file.
 
-A plane loop in the numbers of a CAD program has hinges that are parallel to five to eight digits.
-As these say, its links could hardly move: equations that follow from the others in the exact
-mechanism stay open by the rounding, or hold at the drawn pose alone. Such equations are left out:
-the mechanism then has the freedoms and the motions that its drawing has, to the digits of the file,
-and the error that remains is reported as a `Gap`.
+A plane loop from a CAD program has hinges that are parallel to five to eight digits. Taken exactly,
+its links could hardly move: equations that are redundant in the exact mechanism stay open by the
+rounding, or hold at the drawn pose alone. Such equations are left out. The mechanism then has the
+freedoms and motions of its drawing, to the digits of the file, and the remaining error is reported
+as a `Gap`.
 
-Which equations are redundant is decided once for a mechanism, over a motion and not at one pose.
-The strong equations, whose singular values are large beside the gap allowed, are followed along the
-directions that they leave free. Equations that stay closed to the gap all along are redundant. If
-they open beyond it they are not: the mechanism is rigid, or moves within the gap only. Where as
-many freedoms remain with all equations, the numbers contradict nothing, and all equations stay.
+To distinguish rounding from a wrong loop, configurations are sampled along the motion, once for a
+mechanism. The strong equations, with singular values far above the gap allowed, are followed along
+their free directions. Equations that stay closed to the gap everywhere are redundant. If they open
+beyond it they are not: the mechanism is rigid, or moves within the gap only. If as many freedoms
+remain with all equations, the numbers contradict nothing, and all equations stay.
 
-Which ones stay is chosen once too: those that are independent on all of that motion, as well as
-can be. Where none are, those that are so as far as possible from the guess.
+The remaining equations are those that are independent at all samples, as well as possible; else
+those that are so as far as possible from the guess.
 """
 
 from __future__ import annotations
@@ -42,55 +42,53 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy
 
 CLOSED = TOLERANCES.closed
-FITS = 0.1 * CLOSED  # closure error on the way of equations that follow from others everywhere
-# Singular values of equations that rounding opens by a gap are below so many gaps: a gap is the
-# rounding of one number, an equation is made of about ten.
+FITS = 0.1 * CLOSED  # closure error along the motion of equations that are redundant everywhere
+# Singular values of equations that a gap opens, relative to the gap: a gap is the rounding of one
+# number, an equation has about ten numbers.
 GAPS_WIDE, WIDEST_GAP = 10.0, 0.02
-# Configurations, from one of which it is seen whether all equations can be closed: a dozen of 48,
-# as each takes as many steps as a start may.
+# Every fourth sample is tried for closing all equations: a dozen of 48, each as costly as a start.
 EVERY = 4
-# Length of the last independent equation, from which on all are clearly independent. It is larger
-# than the least singular value, though hardly ever ten times.
+# Length of the last independent equation above which all are clearly independent. It is above the
+# least singular value, seldom by more than ten times.
 INDEPENDENT = 1e-2
-CLEAR_OF_CUT = 3.0  # cuts, above which all singular values are where a mechanism is regular
-ON_THE_WAY = 48  # configurations looked at, of which half must be reached: more than one turn then
-STRIDE = 0.4  # rad, characteristic lengths, from one to the next: three turns in all
-# Starts where the guess of the file does not close: one in two closes elsewhere, as a rule.
-BEGINNINGS = 8
-# Singular values and gaps found on the way, below which those of other places are: rounding is the
-# same there, and levers differ by less than that.
+CLEAR_OF_CUT = 3.0  # ratio to the cut of all singular values of a regular mechanism
+MOTION_SAMPLES = 48  # samples of the motion, of which half must be reached: more than one turn
+STRIDE = 0.4  # distance between samples [rad, characteristic lengths]: three turns in all
+START_SAMPLES = 8  # starts if the guess of the file does not close: usually one in two closes
+# Factor on singular values and gaps of the samples for other configurations: rounding is the same
+# there, and levers differ by less.
 ABOVE = 10.0
-# Independence relative to that of all equations, with which a choice is left at that: a better one
-# gains less than a digit.
+# Independence, relative to that of all equations, of a good choice: a better one gains less than a
+# digit.
 GOOD = 0.2
-# Independence relative to that of all equations, below which a choice is of no use: rates lose two
-# digits, and a tenth of a radian ahead the equations may depend on each other.
+# Independence, relative to that of all equations, of a useless choice: rates lose two digits, and a
+# tenth of a radian ahead the equations may be dependent.
 USELESS = 0.05
-# of motion from the guess, over which equations stay within the gap
+# motion from the guess over which equations stay within the gap, in parts
 HALF_RADIAN, PARTS_OF_MOTION = 0.5, 4
-DIRECTIONS = 6  # of that motion, each taken both ways
-LONGER_WAY = 4  # such motions in a row, over which it is seen how long equations are independent
+DIRECTIONS = 6  # directions of that motion, each in both senses
+LONGER_WAY = 4  # lengths of that motion over which independence is checked
 PROBES, STEPS_TO_POSE = 4, 3  # other poses tried, and steps to each
 STEP_TO_POSE = 0.1  # length of a step [rad, characteristic lengths]
-# Of files of three digits, and of two; then others, as a gap far above the rounding may hide what
-# the loops hold.
+# Of files with three digits, and with two; then others, as a gap far above the rounding may hide a
+# real equation.
 GAPS_TRIED = (1e-3, 1e-2, 2e-4, 5e-4, 2e-3, 5e-3)
-FEW_CHOICES = 300  # of equations, that are all looked at: in a fraction of a second
-# Weight of equations that are kept if they can, those of screws and couplings: no other is as well
+FEW_CHOICES = 300  # number of choices that are all evaluated, in a fraction of a second
+# Weight of the equations of screws and couplings, which are preferred: no other is as well
 # conditioned as to outweigh it.
-KEPT = 1e3
+PREFERRED = 1e3
 
 
 class Sample(NamedTuple):
-    """A configuration closed as well as it can be.
+    """A configuration closed as well as possible.
 
     Attributes:
         q: the configuration (nq,).
-        jacobian: of the closure equations there.
+        jacobian: of the closure equations.
         s: its singular values.
         error: closure error.
-        rows: orthonormal rows (rank, nv) that span those of the Jacobian, turned as those of the
-            sample before it; empty until they are needed.
+        rows: orthonormal rows (rank, nv) of its row space, oriented like those of the sample
+            before; empty if not needed.
     """
 
     q: Array
@@ -116,14 +114,14 @@ def rounded(mechanism: Mechanism, gap: float) -> Mechanism | None:
     if _is_exact(mechanism):
         return None
     with loops_of(mechanism) as evaluation:
-        kept = _kept(evaluation, gap)
-    return None if kept is None else mechanism.with_equations(kept)
+        selected = _selected(evaluation, gap)
+    return None if selected is None else mechanism.with_equations(selected)
 
 
 def _is_exact(mechanism: Mechanism) -> bool:
-    """Whether equations are clearly independent, or follow from others, at a pose near the guess.
+    """Whether equations are clearly independent, or exactly redundant, at a pose near the guess.
 
-    Not at the guess itself: loops that fit as drawn fit there however rounded their numbers are.
+    The guess itself does not count: drawn loops fit there however rounded their numbers are.
     """
     free, scale = np.ones(mechanism.model.nv, dtype=bool), mechanism.velocity_scale
     rng, how = np.random.default_rng(20113), (
@@ -148,17 +146,17 @@ def _is_exact(mechanism: Mechanism) -> bool:
 
 
 def gap_allowed(mechanism: Mechanism, accuracy: Accuracy | None = None) -> float:
-    """Return the gap that equations may keep: that of the mechanism's file, else of `accuracy`."""
+    """Return the gap for redundant equations: that of the mechanism's file, else of `accuracy`."""
     return (accuracy or Accuracy()).gap if mechanism.gap is None else mechanism.gap
 
 
 @made_once
 def gap_needed(mechanism: Mechanism) -> float | None:
-    """Return a gap with which a mechanism that its loops hold would move, one digit; or None."""
+    """Return a gap, with one digit, with which a locked mechanism would move; or None."""
     for gap in (Accuracy().gap, *GAPS_TRIED):
-        if gap > gap_allowed(mechanism) and (found := rounded(mechanism, gap)) is not None:
-            assert found.kept is not None
-            less = clearly_above(max(open_by for _, open_by in found.kept.opened))
+        if gap > gap_allowed(mechanism) and (exact := rounded(mechanism, gap)) is not None:
+            assert exact.kept is not None
+            less = clearly_above(max(open_by for _, open_by in exact.kept.opened))
             while less < gap and rounded(mechanism, less) is None:
                 less = clearly_above(less)
             return min(gap, less)
@@ -166,21 +164,21 @@ def gap_needed(mechanism: Mechanism) -> float | None:
 
 
 def clearly_above(gap: float) -> float:
-    """Return a number of one digit that is half as large again, or a little more."""
+    """Return a number with one digit, half as large again or a little more."""
     digit = 10.0 ** math.floor(math.log10(1.5 * gap))
     return math.ceil(1.5 * gap / digit) * digit
 
 
 def gap_words(mechanism: Mechanism) -> str:
-    """Return what would let a mechanism move whose loops hold it; empty if nothing would."""
+    """Return the gap that would let a locked mechanism move, in words; empty if there is none."""
     gap = gap_needed(mechanism.whole or mechanism)
     return "" if gap is None else (
         f"; if its file's numbers are rounded as far as that, load(..., gap={gap:.0e}) leaves out "
         "redundant equations that hold to this part of its size only")
 
 
-def as_meant(mechanism: Mechanism, accuracy: Accuracy | None = None) -> Mechanism:
-    """Return a mechanism, or the one without what its rounded numbers contradict."""
+def with_independent_equations(mechanism: Mechanism, accuracy: Accuracy | None = None) -> Mechanism:
+    """Return a mechanism without equations that its rounded numbers contradict."""
     return rounded(mechanism, gap_allowed(mechanism, accuracy)) or mechanism
 
 
@@ -189,25 +187,25 @@ def _guess(mechanism: Mechanism) -> Array:
 
 
 def allowed_from(state: State, gap: float) -> float:
-    """Return the gap that motions from a state may have: `gap`, or more where it has as much."""
+    """Return the gap for motions from a state: `gap`, or more if the state has it already."""
     return max(gap, GAPS_WIDE * float(state.gap))
 
 
 def rounding_of(mechanism: Mechanism) -> float:
-    """Return what is round-off of a file, relative to 1: 0 for a mechanism that is whole."""
+    """Return the round-off of a file, relative to 1: 0 for a mechanism with all equations."""
     return 0.0 if mechanism.kept is None else mechanism.kept.cut
 
 
-def _kept(evaluation: LoopEquations, gap: float) -> SelectedEquations | None:
-    """Return the equations that stay where the numbers of others are rounded; None: all stay."""
+def _selected(evaluation: LoopEquations, gap: float) -> SelectedEquations | None:
+    """Return the remaining equations if the numbers of others are rounded; None: all."""
     cut = min(GAPS_WIDE * gap, WIDEST_GAP)
-    first = next(_beginnings(evaluation, cut, gap), None)
+    first = next(_start_samples(evaluation, cut, gap), None)
     if first is None:
         return None
-    reached = [first, *_on_the_way(evaluation, first, cut, gap)]
+    reached = [first, *_motion_samples(evaluation, first, cut, gap)]
     rank = max(_rank(x.s, cut) for x in reached)
     samples = [x for x in reached if _rank(x.s, CLEAR_OF_CUT * cut) == rank]
-    if not samples or (len(samples) <= ON_THE_WAY // 2 and rank < evaluation.model.nv):
+    if not samples or (len(samples) <= MOTION_SAMPLES // 2 and rank < evaluation.model.nv):
         return None
     soft = max(float(x.s[rank:].max(initial=0.0)) / x.s[0] for x in samples)
     worst = max(samples, key=lambda x: x.error)
@@ -219,9 +217,9 @@ def _kept(evaluation: LoopEquations, gap: float) -> SelectedEquations | None:
     near = [list(takewhile(lambda y: _rank(y.s, CLEAR_OF_CUT * cut) == rank,
                            _oriented(first, x, rank)))
             for x in _nearby(evaluation, first, cut, gap)]
-    kept = (_independent(mechanism, near, _oriented(first, samples, rank)) if rank else
+    selected = (_independent(mechanism, near, _oriented(first, samples, rank)) if rank else
             SelectedEquations(((),) * len(mechanism.closures), ((),) * len(mechanism.closures)))
-    if _opens_nearby(evaluation, mechanism.with_equations(kept),
+    if _opens_nearby(evaluation, mechanism.with_equations(selected),
                      _oriented(first, [first], rank)[0], gap):
         return None
     evaluation.update(worst.q)
@@ -229,20 +227,20 @@ def _kept(evaluation: LoopEquations, gap: float) -> SelectedEquations | None:
     for label, row in zip(evaluation.constraints.labels, evaluation.residual, strict=True):
         opened[label.closure] = max(opened[label.closure], abs(float(row)))
     least = max(ABOVE * max(soft, worst.error), TOLERANCES.rank)
-    return kept._replace(cut=min(least, cut), opened=tuple(
+    return selected._replace(cut=min(least, cut), opened=tuple(
         (c.name, opened[c.name])
-        for c, n in zip(mechanism.closures, kept.counts(), strict=True) if n < c.n_rows))
+        for c, n in zip(mechanism.closures, selected.counts(), strict=True) if n < c.n_rows))
 
 
 def _moves_with_all(
     evaluation: LoopEquations, samples: list[Sample], rank: int, soft: float
 ) -> bool:
-    """Whether a mechanism has as many freedoms with all its equations as with `rank` of them.
+    """Whether a mechanism has as many freedoms with all equations as with `rank` of them.
 
-    Then its numbers contradict nothing, however small some singular values are. Links as short as
-    these values are no rounding either: with them fewer freedoms are enough, if all that moves
-    without some equations moves with all of them. From a sample all equations are closed, which may
-    lead far away, and followed from there.
+    Then its numbers contradict nothing, however small some singular values are. Also links as short
+    as these values are not rounding: with them fewer freedoms are enough, if everything that moves
+    without some equations moves with all. From a sample all equations are closed, maybe far away,
+    and followed from there.
     """
     mechanism, free = evaluation.mechanism, np.ones(evaluation.model.nv, dtype=bool)
     for x in samples[::EVERY]:
@@ -251,13 +249,13 @@ def _moves_with_all(
             continue
         first = _sample(evaluation, q, TOLERANCES.rank, FITS)
         if first is not None:
-            reached = list(_on_the_way(evaluation, first, TOLERANCES.rank, FITS))
-            if len(reached) <= ON_THE_WAY // 2:
+            reached = list(_motion_samples(evaluation, first, TOLERANCES.rank, FITS))
+            if len(reached) <= MOTION_SAMPLES // 2:
                 return False
             if max(_rank(y.s, TOLERANCES.rank) for y in reached) <= rank:
                 return True
-            lengths = [float(np.linalg.norm(place.translation)) / mechanism.characteristic_length
-                       for place in list(mechanism.model.jointPlacements)[1:]]
+            lengths = [float(np.linalg.norm(at.translation)) / mechanism.characteristic_length
+                       for at in list(mechanism.model.jointPlacements)[1:]]
             shortest = min((length for length in lengths  # of links; 0 if none is that short
                             if TOLERANCES.nothing < length < WIDEST_GAP), default=0.0)
             return bool(shortest > soft / ABOVE and not np.any(
@@ -266,7 +264,7 @@ def _moves_with_all(
 
 
 def _moving(samples: list[Sample], rank: int | None) -> NDArray[np.bool_]:
-    """Return (nv,) which velocities are not zero in some motion, the equations of a rank closed."""
+    """Return (nv,) which velocities are not zero in some motion, with `rank` equations closed."""
     moves = np.zeros(samples[0].jacobian.shape[1], dtype=bool)
     for x in samples[::EVERY]:
         cut = TOLERANCES.rank if rank is None else 2.0 * x.s[rank] / x.s[0] + TOLERANCES.rank
@@ -280,7 +278,7 @@ def _rank(s: Array, cut: float) -> int:
 
 
 def _sample(evaluation: LoopEquations, q: Array, cut: float, gap: float) -> Sample | None:
-    """Close the loops from q (nq,) as well as they can; None where that is not to the gap."""
+    """Close the loops from q (nq,) as well as possible; None if the gap remains exceeded."""
     free = np.ones(evaluation.model.nv, dtype=bool)
     q, error = close(evaluation, q, free, CLOSED, cut=cut)
     if error > gap or evaluation.mirrored():
@@ -289,16 +287,16 @@ def _sample(evaluation: LoopEquations, q: Array, cut: float, gap: float) -> Samp
     return Sample(q, jacobian, singular_values(jacobian), error)
 
 
-def _beginnings(evaluation: LoopEquations, cut: float, gap: float) -> Iterator[Sample]:
+def _start_samples(evaluation: LoopEquations, cut: float, gap: float) -> Iterator[Sample]:
     """Yield configurations closed to the gap, from the guess of the file and from others."""
     mechanism, model = evaluation.mechanism, evaluation.model
     q = _guess(mechanism)
     rng = np.random.default_rng(20111)
-    for k in range(BEGINNINGS):
+    for k in range(START_SAMPLES):
         shaken = rng.uniform(-1.0, 1.0, model.nv) * mechanism.velocity_scale * min(k, 3)
-        found = _sample(evaluation, pin.integrate(model, q, shaken), cut, gap)
-        if found is not None:
-            yield found
+        sample = _sample(evaluation, pin.integrate(model, q, shaken), cut, gap)
+        if sample is not None:
+            yield sample
 
 
 def _nearby(
@@ -306,7 +304,7 @@ def _nearby(
 ) -> Iterator[list[Sample]]:
     """Yield paths from a configuration, closed to the gap, that one included.
 
-    They are half a radian long; of a mechanism of one freedom two radians.
+    They are half a radian long; for a mechanism of one freedom two radians.
     """
     rng, tangents = np.random.default_rng(20115), null_space(first.jacobian, cut)
     parts = PARTS_OF_MOTION * (LONGER_WAY if len(tangents) == 1 else 1)
@@ -318,29 +316,29 @@ def _nearby(
 
 
 def _oriented(first: Sample, path: list[Sample], rank: int = 0) -> list[Sample]:
-    """Return samples along a path from one, the rows of each turned as those of the one before.
+    """Return samples along a path, the rows of each oriented like those of the one before.
 
     Args:
-        first: where the path begins; with rows of its own, or a rank.
+        first: start of the path; with rows of its own, or a rank.
         path: samples along it.
-        rank: how many rows there are.
+        rank: number of rows.
     """
-    found, before = [], first.rows if first.rows.size else decompose(first.jacobian).vt[:rank]
+    oriented, before = [], first.rows if first.rows.size else decompose(first.jacobian).vt[:rank]
     for x in path:
         rows = decompose(x.jacobian).vt[: len(before)]
         if np.linalg.det(rows @ before.T) < 0.0:
             rows[0] = -rows[0]
-        found.append(x._replace(rows=rows))
+        oriented.append(x._replace(rows=rows))
         before = rows
-    return found
+    return oriented
 
 
 def _opens_nearby(whole: LoopEquations, reduced: Mechanism, first: Sample, gap: float) -> bool:
-    """Whether equations left out open beyond the gap within half a radian of motion from a sample.
+    """Whether removed equations open beyond the gap within half a radian of motion.
 
-    The equations that stay are followed along random directions of their freedom, both ways, as far
-    as they are independent: where they are not, the others open though nothing contradicts them.
-    Equations that hardly are so at the first sample determine no motion at all.
+    The remaining equations are followed along random free directions, both ways, as far as they are
+    independent: beyond, the others open without a contradiction. Equations that are hardly
+    independent at the first sample determine no motion at all.
     """
     rng, free = np.random.default_rng(20114), np.ones(whole.model.nv, dtype=bool)
     with loops_of(reduced) as evaluation:
@@ -377,66 +375,67 @@ def _walk(
     mechanism: Mechanism, q: Array, ahead: Array, parts: int,
     closed: Callable[[Array], Sample | None],
 ) -> Iterator[Sample]:
-    """Yield configurations from q (nq,) on, until a limit, one part of half a radian after another.
+    """Yield configurations along a motion from q (nq,), up to a limit.
 
     Args:
         mechanism: the mechanism.
-        q: where the motion begins.
+        q: start of the motion.
         ahead: (nv,) its direction, scaled.
-        parts: how many configurations there are at most.
-        closed: closes the loops from a configuration; None where that fails.
+        parts: most configurations, in equal parts of half a radian.
+        closed: closes the loops from a configuration; None if that fails.
     """
     model, scale = mechanism.model, mechanism.velocity_scale
     for _ in range(parts):
         step = HALF_RADIAN / PARTS_OF_MOTION * ahead / np.abs(ahead).max()
-        found = closed(pin.integrate(model, q, scale * step))
-        if found is None:
+        sample = closed(pin.integrate(model, q, scale * step))
+        if sample is None:
             return
-        ahead = pin.difference(model, q, found.q) / scale
+        ahead = pin.difference(model, q, sample.q) / scale
         if ahead @ step < TOLERANCES.moved * (step @ step):
             return
-        yield found
-        q = found.q
+        yield sample
+        q = sample.q
 
 
-def _on_the_way(
+def _motion_samples(
     evaluation: LoopEquations, first: Sample, cut: float, gap: float
 ) -> Iterator[Sample]:
-    """Yield configurations that the mechanism goes through, closed to the gap."""
+    """Yield configurations along the motion of the mechanism, closed to the gap."""
     model, scale = evaluation.model, evaluation.mechanism.velocity_scale
     rng, here, ahead = np.random.default_rng(20112), first, np.zeros(model.nv)
-    for _ in range(ON_THE_WAY):
+    for _ in range(MOTION_SAMPLES):
         tangents = null_space(here.jacobian, cut)
         if not len(tangents):
             return
         along = tangents.T @ (tangents @ ahead) if ahead.any() else np.zeros(model.nv)
         along = along + 0.3 * (rng.standard_normal(len(tangents)) @ tangents)
         along *= STRIDE / max(float(np.abs(along).max()), 1e-300)
-        found = _sample(evaluation, pin.integrate(model, here.q, scale * along), cut, gap)
-        if found is None:
+        sample = _sample(evaluation, pin.integrate(model, here.q, scale * along), cut, gap)
+        if sample is None:
             ahead = -ahead
             continue
-        moved = pin.difference(model, here.q, found.q) / scale
+        moved = pin.difference(model, here.q, sample.q) / scale
         if np.abs(moved).max() < TOLERANCES.moved * STRIDE:
             ahead = -ahead
             continue
-        here, ahead = found, moved / np.linalg.norm(moved)
+        here, ahead = sample, moved / np.linalg.norm(moved)
         yield here
 
 
 def _independent(
     mechanism: Mechanism, near: list[list[Sample]], samples: list[Sample]
 ) -> SelectedEquations:
-    """Return equations, as many as are independent, that are so at all samples as well as can be.
+    """Return as many equations as are independent, best at all samples.
 
-    No choice may do everywhere: the parallel cranks of a coupler are folded by pairs, one pair here
-    and another there, and each choice relies on some pair. Then one is made for the paths near the
-    guess. Directions of frame 2 serve too where those of frame 1 alone would not do.
+    There may be no choice for all samples: the parallel cranks of a coupler fold in pairs,
+    different pairs at different samples, and each choice needs some pair. Then the choice is made
+    for the paths near the guess. Directions of frame 2 are used if those of frame 1 alone are not
+    good enough.
     """
     constraints = constraints_of(mechanism)
     weights = np.ones(constraints.n_closure)
-    weights[[x.equation for x in constraints.angles]] = KEPT
-    weights[constraints.n_products :] = KEPT
+    weights[[x.equation for x in constraints.angles]] = PREFERRED
+    weights[constraints.n_products :] = PREFERRED
     paths = [*near, samples]
     everywhere = [x for path in paths for x in path]
     rows, worth = _choice([x.jacobian for x in everywhere], paths, weights)
@@ -454,11 +453,11 @@ def _independent(
         labels = [*constraints.labels, *evaluation.constraints.labels]
     else:
         labels = list(constraints.labels)
-    kept: list[dict[str, tuple[int, ...]]] = [{c.name: () for c in mechanism.closures}
+    chosen: list[dict[str, tuple[int, ...]]] = [{c.name: () for c in mechanism.closures}
                                               for _ in range(2)]
     for row in rows:
-        kept[row >= constraints.n_closure][labels[row].closure] += (labels[row].equation,)
-    return SelectedEquations(tuple(kept[0].values()), tuple(kept[1].values()))
+        chosen[row >= constraints.n_closure][labels[row].closure] += (labels[row].equation,)
+    return SelectedEquations(tuple(chosen[0].values()), tuple(chosen[1].values()))
 
 
 def _independence(jacobians: list[Array] | Array, samples: list[Sample]) -> Array:
@@ -475,37 +474,37 @@ def _independence(jacobians: list[Array] | Array, samples: list[Sample]) -> Arra
 def _choice(
     jacobians: list[Array], paths: list[list[Sample]], weights: Array
 ) -> tuple[list[int], tuple[float, float, int, float]]:
-    """Return the rows that are independent at all samples as well as can be, and how well.
+    """Return the rows that are most independent at all samples, and how much.
 
-    All choices are looked at if they are few; else those that are best at one of them, or at all.
-    Rows whose weight is `KEPT` are among them if that is good enough.
+    All choices are evaluated if they are few; else those that are best at one sample, or at all.
+    Rows with weight `PREFERRED` are among them if that is good enough.
 
     Args:
         jacobians: at all samples of the paths, in this order.
-        paths: those near the guess; last, the motion all through.
+        paths: those near the guess; last, the whole motion.
         weights: of the rows.
 
     Returns:
         The rows, and their independence relative to that of all: the least within half a radian of
-        the guess, up to `GOOD`; the least all through, 0 if the rows become dependent between two
-        samples, where their determinant changes sign; at how many samples in a row from the guess
-        there is any; the least at the samples themselves.
+        the guess, up to `GOOD`; the least over the motion, 0 if the rows become dependent between
+        two samples, where their determinant changes sign; the number of samples in a row from the
+        guess with any; the least at the samples themselves.
     """
     samples, stacked = [x for path in paths for x in path], np.array(jacobians)
     n, rank = len(weights), len(samples[0].rows)
     if comb(n, rank) <= FEW_CHOICES:
         choices = list(combinations(range(n), rank))
     else:
-        near, way = jacobians[: -len(paths[-1])], jacobians[-len(paths[-1]) :]
-        places = [*way, np.hstack(way), *([np.hstack(near)] if near else [])]
+        near, along = jacobians[: -len(paths[-1])], jacobians[-len(paths[-1]) :]
+        places = [*along, np.hstack(along), *([np.hstack(near)] if near else [])]
         choices = sorted({tuple(weighty_rows(weights[:, None] * x, rank).tolist())
                           for x in places})
     first = len(samples) - len(paths[-1])
     ends = list(accumulate(map(len, paths[:-1])))
-    found = [np.round(_independence(stacked[first:, rows], samples[first:]), 6)
+    scores = [np.round(_independence(stacked[first:, rows], samples[first:]), 6)
              for rows in choices]
     through = [float(np.abs(x).min()) if (np.sign(x) == np.sign(x[0])).all() else 0.0
-               for x in found]
+               for x in scores]
     worths = []
     for k, rows in enumerate(choices):
         nearby = GOOD, 0  # looked at where no choice does everywhere
@@ -516,8 +515,8 @@ def _choice(
             nearby = (min(GOOD, *(float(x[: PARTS_OF_MOTION + 1].min()) for x in branches)),
                       sum(len(list(takewhile(lambda value: value >= USELESS, x)))
                           for x in branches))
-        worths.append((nearby[0], through[k], nearby[1], float(np.abs(found[k]).min())))
-    kept = set(np.flatnonzero(weights == KEPT).tolist())
+        worths.append((nearby[0], through[k], nearby[1], float(np.abs(scores[k]).min())))
+    preferred = set(np.flatnonzero(weights == PREFERRED).tolist())
     best = max(range(len(choices)), key=lambda k: (
-        worths[k][1] >= GOOD and kept <= set(choices[k]), *worths[k], -k))
+        worths[k][1] >= GOOD and preferred <= set(choices[k]), *worths[k], -k))
     return list(choices[best]), worths[best]

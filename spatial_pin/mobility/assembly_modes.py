@@ -12,7 +12,7 @@ from spatial_pin._support.checks import checked, generator, mapping, positive_nu
 from spatial_pin._support.progress import progress_bar
 from spatial_pin.assembly.assemble import assembled, standing_drivers, tell
 from spatial_pin.assembly.holding import free_bases
-from spatial_pin.assembly.redundant_equations import as_meant
+from spatial_pin.assembly.redundant_equations import with_independent_equations
 from spatial_pin.assembly.search.guesses import read_guess
 from spatial_pin.assembly.search.loop_groups import LoopGroup, loop_groups, part_of, places_of
 from spatial_pin.assembly.search.release import violated_limit
@@ -266,7 +266,7 @@ def assembly_modes(
         raise ValueError(f"patience is {patience:.3g} and most_starts is {most_starts:.3g}; one of "
                          f"them must be {ENDLESS:.0e} at most, or the search hardly ends")
     accuracy = accuracy_of(accuracy)
-    mechanism = as_meant(mechanism, accuracy)
+    mechanism = with_independent_equations(mechanism, accuracy)
     held = _held(mechanism, mapping(drivers, "drivers"), free)
     rods = rods_of(mechanism)
 

@@ -10,7 +10,11 @@ from spatial_pin._support.brief import counted
 from spatial_pin._support.checks import checked
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.holding import free_bases, still_entries
-from spatial_pin.assembly.redundant_equations import as_meant, gap_words, rounding_of
+from spatial_pin.assembly.redundant_equations import (
+    gap_words,
+    rounding_of,
+    with_independent_equations,
+)
 from spatial_pin.assembly.state import State, all_angles, of_mechanism
 from spatial_pin.assembly.undetermined import check_loops
 from spatial_pin.constraints.compiled_equations import constraints_of
@@ -173,7 +177,7 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
         mechanism, x = state.mechanism, state.q
     else:
         x = finite_array(state, (mechanism.model.nq,), "q")
-        mechanism = as_meant(mechanism)
+        mechanism = with_independent_equations(mechanism)
     evaluation = loops_at(mechanism, x, state.angles if isinstance(state, State) else 0.0)
     if evaluation.closure_error > TOLERANCES.nothing:
         raise SpatialPinError(

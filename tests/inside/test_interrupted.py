@@ -21,7 +21,7 @@ from spatial_pin.inverse_kinematics import reach_path
 from spatial_pin.mobility.mode_search import ModeSearch
 from spatial_pin.proximity.clearance_search import ClearanceSearch
 from spatial_pin.synthesis.global_search import Checkpoint
-from spatial_pin.workspace_map import workspace as workspace_map
+from spatial_pin.workspace import workspace as workspace
 
 VALUES = np.linspace(0.0, 3.0, 61)
 
@@ -382,7 +382,7 @@ def test_every_verb_that_is_cut_short_raises_what_it_has_found(monkeypatch, turn
         (tradeoff, "_judged", 2, lambda: sp.tradeoff(
             mechanism, task, settings=levels, repeats=1)),
         (Checkpoint, "add", 2, lambda: sp.design(mechanism, goal, {"r2": (0.05, 0.15)}, starts=5)),
-        (workspace_map, "_fill", 1, lambda: sp.workspace(
+        (workspace, "_fill", 1, lambda: sp.workspace(
             mechanism, "coupler_b", {"crank": (0.0, 1.0)}, points=5)),
     ]
     monkeypatch.setattr(tolerance, "SOLVED_TOGETHER", 10)
