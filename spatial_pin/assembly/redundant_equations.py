@@ -155,8 +155,8 @@ def gap_needed(mechanism: Mechanism) -> float | None:
     """Return a gap, with one digit, with which a locked mechanism would move; or None."""
     for gap in (Accuracy().gap, *GAPS_TRIED):
         if gap > gap_allowed(mechanism) and (exact := rounded(mechanism, gap)) is not None:
-            assert exact.kept is not None
-            less = clearly_above(max(open_by for _, open_by in exact.kept.opened))
+            assert exact.selection is not None
+            less = clearly_above(max(open_by for _, open_by in exact.selection.opened))
             while less < gap and rounded(mechanism, less) is None:
                 less = clearly_above(less)
             return min(gap, less)
@@ -193,7 +193,7 @@ def allowed_from(state: State, gap: float) -> float:
 
 def rounding_of(mechanism: Mechanism) -> float:
     """Return the round-off of a file, relative to 1: 0 for a mechanism with all equations."""
-    return 0.0 if mechanism.kept is None else mechanism.kept.cut
+    return 0.0 if mechanism.selection is None else mechanism.selection.cut
 
 
 def _selected(evaluation: LoopEquations, gap: float) -> SelectedEquations | None:
