@@ -59,15 +59,15 @@ def finite_freedom(evaluation: LoopEquations, q: Array, tangents: Array) -> int:
     n, best = evaluation.constraints.n_closure, 0
     for _ in range(DIRECTIONS * len(tangents)):
         direction = rng.normal(size=len(tangents)) @ tangents
-        way = _way_out(evaluation, q, direction / np.linalg.norm(direction), free, SETTING_OUT)
-        if way is None:
+        path = _path_from(evaluation, q, direction / np.linalg.norm(direction), free, SETTING_OUT)
+        if path is None:
             continue
         if len(tangents) == 1:
             return 1
-        evaluation.update(way[1])
+        evaluation.update(path[1])
         there = null_space(evaluation.jacobian[:n], TOLERANCES.half_precision)
         best = max(best, len(finite_motions(
-            evaluation, way[1], there, steps=(WAY_OUT, SETTING_OUT))))
+            evaluation, path[1], there, steps=(WAY_OUT, SETTING_OUT))))
         if best == len(tangents):
             break
     return best
@@ -90,22 +90,22 @@ def finite_motions(
         steps: the first of a way, one after the other until one leads out.
     """
     free = np.ones(len(evaluation.mechanism.velocity_scale), dtype=bool) if free is None else free
-    left: list[Array] = [np.zeros(len(free))]
+    motions: list[Array] = [np.zeros(len(free))]
     flat: list[Array] = [np.zeros(len(tangents))]
     for tangent in tangents:
         for step in steps:
-            way = _way_out(evaluation, q, tangent, free, step)
-            along = np.zeros(0) if way is None else tangents @ way[0]
+            path = _path_from(evaluation, q, tangent, free, step)
+            along = np.zeros(0) if path is None else tangents @ path[0]
             size = float(np.linalg.norm(along))
-            if way is not None and size > TOLERANCES.moved:
-                left.append(way[0])
+            if path is not None and size > TOLERANCES.moved:
+                motions.append(path[0])
                 flat.append(along / size)  # bends are no motions of their own
                 break
     count = np.count_nonzero(decompose(np.array(flat)).s > TOLERANCES.moved)
-    return decompose(np.array(left)).vt[:count]
+    return decompose(np.array(motions)).vt[:count]
 
 
-def _way_out(
+def _path_from(
     evaluation: LoopEquations, q: Array, tangent: Array, free: NDArray[np.bool_], step: float
 ) -> tuple[Array, Array] | None:
     """Return the way out of q along a tangent or against it; None where neither leads out."""
@@ -127,14 +127,14 @@ def _followed(
     model, scale = evaluation.model, evaluation.mechanism.velocity_scale
     at, length, growth, worst = q, 0.0, STEP_GROWTH, 0.0
     least = step / STEP_GROWTH if step > SETTING_OUT else SHORTEST_STEP
-    first = way = direction
+    first = chord = direction
     for _ in range(MOST_PARTS):
         start = pin.integrate(model, at, scale * step * direction)
-        found, error = _closed(evaluation, start, free)
-        moved = pin.difference(model, at, found) / scale
+        closed_q, error = _closed(evaluation, start, free)
+        moved = pin.difference(model, at, closed_q) / scale
         size = float(np.linalg.norm(moved))
         ahead = float(moved @ direction) if length else size  # branches may leave q at any angle
-        aside = np.linalg.norm(pin.difference(model, start, found) / scale)
+        aside = np.linalg.norm(pin.difference(model, start, closed_q) / scale)
         is_short = step < SETTING_OUT / STEP_GROWTH
         if error > STAYS_CLOSED or ahead < TOLERANCES.moved * step or aside > (
                 MOST_ASIDE if is_short else 1.0) * step:
@@ -143,16 +143,16 @@ def _followed(
                 return None
             direction = _tangent(evaluation, at, direction) if length else direction
             continue
-        at, direction, worst = found, moved / size, max(worst, error)
+        at, direction, worst = closed_q, moved / size, max(worst, error)
         if not length:
             first = direction
         there = pin.difference(model, q, at) / scale
         if length < STRAIGHT_SO_FAR and there @ first > BEND * np.linalg.norm(there):
-            way = there
+            chord = there
         length, step = length + size, step * growth
         is_round = direction @ first < 0.0 and (length > SMALL_OVAL or worst < TOLERANCES.tight)
         if length >= WAY_OUT or is_round:
-            return way / np.linalg.norm(way), at
+            return chord / np.linalg.norm(chord), at
     return None
 
 
@@ -176,22 +176,22 @@ def _closed(evaluation: LoopEquations, q: Array, free: NDArray[np.bool_]) -> tup
     restored after each step. The evaluation is left anywhere.
     """
     mechanism, reference = evaluation.mechanism, evaluation.angle_reference
-    found, error, _ = closed(mechanism, q, free, reference, TOLERANCES.round_off)
+    result, error, _ = closed(mechanism, q, free, reference, TOLERANCES.round_off)
     n, scale = evaluation.constraints.n_closure, mechanism.velocity_scale
     for _ in range(MOST_SLIDES):
         if error <= STAYS_CLOSED:
             break
-        evaluation.update(found)
+        evaluation.update(result)
         svd = decompose(evaluation.jacobian[:n, free])
         weak = np.flatnonzero(svd.s[: svd.rank] < TOLERANCES.well_conditioned * svd.s[0])
         back = np.zeros(len(scale))
         back[free] = -svd.vt[weak].T @ (svd.u[:, weak].T @ evaluation.residual / svd.s[weak])
         if not 0.0 < np.linalg.norm(back) < WAY_OUT:
             break
-        slid, left, _ = closed(
-            mechanism, pin.integrate(evaluation.model, found, scale * back), free, reference,
+        slid, remaining, _ = closed(
+            mechanism, pin.integrate(evaluation.model, result, scale * back), free, reference,
             TOLERANCES.round_off, cut=TOLERANCES.well_conditioned)
-        if left > SLID * error:
+        if remaining > SLID * error:
             break
-        found, error = slid, left
-    return found, error
+        result, error = slid, remaining
+    return result, error

@@ -99,13 +99,13 @@ def idle_freedoms(
         q: (nq,) closed configuration.
         held: places in the velocity vector of coordinates that stand still, besides the drivers.
     """
-    found = []
+    freedoms = []
     for joint, velocities in passive_freedoms_at(evaluation, q, held):
         motions = _spins_and_slides(evaluation, joint, velocities)
         if _idles(evaluation, q, joint, motions):
-            found.append((joint, motions))
+            freedoms.append((joint, motions))
         evaluation.update(q)
-    return found
+    return freedoms
 
 
 def _spins_and_slides(evaluation: LoopEquations, joint: str, velocities: Array) -> Array:
@@ -200,10 +200,10 @@ def _goes_on(evaluation: LoopEquations, q: Array, joint: str, v: Array) -> bool:
     error = close(evaluation, there, free, TOLERANCES.round_off)[1]
     screw = pin.log6(evaluation.data.oMi[body] * before.inverse()).vector
     size = np.array([1.0 / mechanism.characteristic_length] * 3 + [1.0] * 3)
-    along, way = size * twist / np.linalg.norm(size * twist), size * screw
-    off = way - along * (along @ way)
+    along, displacement = size * twist / np.linalg.norm(size * twist), size * screw
+    off = displacement - along * (along @ displacement)
     shifted = np.abs(evaluation.placements[rest] - places).max(initial=0.0)
-    return bool(error <= TOLERANCES.closed and along @ way > TOLERANCES.moved * IDLE_WAY
+    return bool(error <= TOLERANCES.closed and along @ displacement > TOLERANCES.moved * IDLE_WAY
                 and max(np.abs(off).max(), shifted) < ALGEBRA_TOLERANCE)
 
 

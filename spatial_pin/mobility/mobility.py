@@ -206,10 +206,10 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
     for joint, velocities in idle_freedoms(evaluation, x):
         if dof < nv - r:  # those that are no instantaneous ones only
             tangents = decompose(velocities / mechanism.velocity_scale).vt[: len(velocities)]
-            found = finite_motions(evaluation, x, tangents)
+            motions = finite_motions(evaluation, x, tangents)
             evaluation.update(x)
-            if len(found) < len(velocities):
-                velocities = found * mechanism.velocity_scale
+            if len(motions) < len(velocities):
+                velocities = motions * mechanism.velocity_scale
         passive += [described(evaluation, joint, v) for v in velocities]
     return Mobility(
         every.mechanism,
@@ -227,7 +227,7 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
 # ---------------------------------------------------------------- drivers
 
 
-def driver_advice(state: State, found: Mobility) -> str:
+def driver_advice(state: State, freedom: Mobility) -> str:
     """Return what to do where drivers and freedoms differ in number; "" where they do not.
 
     Raises:
@@ -235,7 +235,7 @@ def driver_advice(state: State, found: Mobility) -> str:
     """
     mechanism = state.mechanism
     drivers = list(driver_coordinates(mechanism).values())
-    working = found.dof - len(found.passive)
+    working = freedom.dof - len(freedom.passive)
     entries = still_entries(mechanism, drivers)
     free = working - len(entries)
     missing = free - len(drivers)

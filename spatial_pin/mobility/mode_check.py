@@ -193,48 +193,6 @@ class ModeCheck:
         evaluation.update(q)
         return kind
 
-    def is_joined(self, q: Array, other: Array) -> bool:
-        """Whether loops are closed all the way between two closed configurations (nq,) nearby.
-
-        Of modes that cannot move, both are then one, as far as round-off tells.
-        """
-        way = turned_apart(self.mechanism, q, other)
-        size = float(np.linalg.norm(way))
-        for part in BETWEEN if size < WAY_OUT else ():
-            step = self.mechanism.velocity_scale * part * way
-            start = pin.integrate(self.mechanism.model, q, step)
-            found, error = close(self.evaluation, start, self.free, self.tolerance,
-                                 cut=TOLERANCES.well_conditioned)
-            moved = float(np.linalg.norm(turned_apart(self.mechanism, start, found)))
-            if error > SAME_MODE * SAME_MODE or moved > TOLERANCES.unexplained * size:
-                return False
-        return size < WAY_OUT
-
-    def continuum(self, q: Array, kind: ModeKind) -> Continuum:
-        """Return what can move at a configuration, and what would hold it."""
-        mechanism, motions = self.mechanism, kind.motions
-        if kind.idle:
-            scaled = np.vstack([v for _, v in kind.idle]) / mechanism.velocity_scale
-            passive = decompose(scaled).vt[: rank(scaled)]
-            motions = motions - motions @ passive.T @ passive
-        motions = decompose(motions).vt[: len(kind.motions) - kind.passive]
-        speeds = np.abs(motions).max(axis=0)
-        table = mechanism.coordinate_table.values()
-        moving = [c for c in table if speeds[c.v] > MOVING * speeds.max()]
-        driven = [mechanism.driven_coordinate(name) for name in mechanism.drivers]
-        first = [c for c in driven if c in moving]
-        rest = sorted((c for c in moving if c not in first),
-                      key=lambda c: (c.q < 0, -round(float(speeds[c.v]), 6)))
-        hold: list[str] = []
-        basis = np.empty((len(motions), 0))
-        for c in [*first, *rest]:
-            wider = np.hstack([basis, motions[:, c.v : c.v + 1]])
-            if decompose(wider).s[-1] > HOLDS * MOVING and len(hold) < len(motions):
-                basis = wider
-                hold.append(next((d for d, x in mechanism.drivers.items()
-                                  if mechanism.driven_coordinate(x.joint) == c), c.name))
-        return Continuum(self.state(q), len(motions), tuple(c.name for c in moving), tuple(hold))
-
     def marks(
         self, q: Array, idle: list[tuple[str, Array]], all_copies: bool
     ) -> dict[int, BodyMark]:
@@ -272,16 +230,16 @@ class ModeCheck:
                 mask[model.idx_vs[i] : model.idx_vs[i] + model.nvs[i]] = True
         return mask & self.free
 
-    def place_rods(self, rods: tuple[Rod, ...], q: Array) -> Array | None:
+    def with_rods(self, rods: tuple[Rod, ...], q: Array) -> Array | None:
         """Return q with rods placed between their ends, all else held, and then closed."""
         if not rods:
             return self.close(q)
         columns = self._columns({i for rod in rods for i in rod.lines}, with_children=False)
         rng = np.random.default_rng(5)
         for _ in range(TRIES):
-            found, error = close(self.evaluation, q, columns, self.tolerance)
+            result, error = close(self.evaluation, q, columns, self.tolerance)
             if error <= SAME_MODE:
-                return self.close(found)
+                return self.close(result)
             q = self.shaken(rods, q, rng)
         return None
 
@@ -306,8 +264,8 @@ class ModeCheck:
             own = slice(model.idx_qs[i], model.idx_qs[i] + model.nqs[i])
             start[own] = base[own]
         columns = self._columns(bodies, with_children=True)
-        found, error = close(self.evaluation, start, columns, self.tolerance)
-        polished = self.close(found) if error <= SAME_MODE else None
+        result, error = close(self.evaluation, start, columns, self.tolerance)
+        polished = self.close(result) if error <= SAME_MODE else None
         if polished is None:
             return q
         apart = np.abs(self.signature(marks, polished) - self.signature(marks, q))
@@ -328,25 +286,70 @@ class ModeCheck:
         return State(self.mechanism, q, closure_error=self.evaluation.closure_error,
                      angles=self.evaluation.angles, branch=branch)
 
-    def signs(self, modes: list[tuple[Array, ModeKind]]) -> list[str]:
-        """Return the signs of the determinants of the closed loops at modes, in words.
 
-        Of redundant equations the same are left out in all modes.
-        """
-        evaluation, mechanism = self.evaluation, self.mechanism
-        nv, n = mechanism.model.nv, evaluation.constraints.n_closure
-        regular = [k for k, (_, kind) in enumerate(modes) if not kind.is_singular]
-        jacobians = np.zeros((len(regular), *evaluation.jacobian.shape))
-        for at, k in enumerate(regular):
-            evaluation.update(modes[k][0])
-            jacobians[at] = evaluation.jacobian
-        drive = np.eye(nv)[sorted(self.fixed)]
-        words = ["" if k in regular else "singular" for k in range(len(modes))]
-        count = nv - len(drive) - (jacobians.shape[1] - n)
-        rows = common_rows(jacobians[:, :n], drive, count)
-        if len(rows) == count and nv:
-            whole = [np.vstack([j[rows], j[n:], drive]) for j in jacobians]
-            for k, sign in zip(regular, determinant_signs(np.array(whole).reshape(-1, nv, nv)),
-                               strict=True):
-                words[k] = {1: "+", -1: "-", 0: ""}[sign]
-        return words
+def are_joined(check: ModeCheck, q: Array, other: Array) -> bool:
+    """Whether loops are closed all the way between two closed configurations (nq,) nearby.
+
+    Of modes that cannot move, both are then one, as far as round-off tells.
+    """
+    difference = turned_apart(check.mechanism, q, other)
+    size = float(np.linalg.norm(difference))
+    for part in BETWEEN if size < WAY_OUT else ():
+        step = check.mechanism.velocity_scale * part * difference
+        start = pin.integrate(check.mechanism.model, q, step)
+        result, error = close(check.evaluation, start, check.free, check.tolerance,
+                             cut=TOLERANCES.well_conditioned)
+        moved = float(np.linalg.norm(turned_apart(check.mechanism, start, result)))
+        if error > SAME_MODE * SAME_MODE or moved > TOLERANCES.unexplained * size:
+            return False
+    return size < WAY_OUT
+
+
+def continuum_at(check: ModeCheck, q: Array, kind: ModeKind) -> Continuum:
+    """Return what can move at a configuration, and what would hold it."""
+    mechanism, motions = check.mechanism, kind.motions
+    if kind.idle:
+        scaled = np.vstack([v for _, v in kind.idle]) / mechanism.velocity_scale
+        passive = decompose(scaled).vt[: rank(scaled)]
+        motions = motions - motions @ passive.T @ passive
+    motions = decompose(motions).vt[: len(kind.motions) - kind.passive]
+    speeds = np.abs(motions).max(axis=0)
+    table = mechanism.coordinate_table.values()
+    moving = [c for c in table if speeds[c.v] > MOVING * speeds.max()]
+    driven = [mechanism.driven_coordinate(name) for name in mechanism.drivers]
+    first = [c for c in driven if c in moving]
+    rest = sorted((c for c in moving if c not in first),
+                  key=lambda c: (c.q < 0, -round(float(speeds[c.v]), 6)))
+    hold: list[str] = []
+    basis = np.empty((len(motions), 0))
+    for c in [*first, *rest]:
+        wider = np.hstack([basis, motions[:, c.v : c.v + 1]])
+        if decompose(wider).s[-1] > HOLDS * MOVING and len(hold) < len(motions):
+            basis = wider
+            hold.append(next((d for d, x in mechanism.drivers.items()
+                              if mechanism.driven_coordinate(x.joint) == c), c.name))
+    return Continuum(check.state(q), len(motions), tuple(c.name for c in moving), tuple(hold))
+
+
+def signs_of(check: ModeCheck, modes: list[tuple[Array, ModeKind]]) -> list[str]:
+    """Return the signs of the determinants of the closed loops at modes, in words.
+
+    Of redundant equations the same are left out in all modes.
+    """
+    evaluation, mechanism = check.evaluation, check.mechanism
+    nv, n = mechanism.model.nv, evaluation.constraints.n_closure
+    regular = [k for k, (_, kind) in enumerate(modes) if not kind.is_singular]
+    jacobians = np.zeros((len(regular), *evaluation.jacobian.shape))
+    for at, k in enumerate(regular):
+        evaluation.update(modes[k][0])
+        jacobians[at] = evaluation.jacobian
+    drive = np.eye(nv)[sorted(check.fixed)]
+    words = ["" if k in regular else "singular" for k in range(len(modes))]
+    count = nv - len(drive) - (jacobians.shape[1] - n)
+    rows = common_rows(jacobians[:, :n], drive, count)
+    if len(rows) == count and nv:
+        whole = [np.vstack([j[rows], j[n:], drive]) for j in jacobians]
+        for k, sign in zip(regular, determinant_signs(np.array(whole).reshape(-1, nv, nv)),
+                           strict=True):
+            words[k] = {1: "+", -1: "-", 0: ""}[sign]
+    return words

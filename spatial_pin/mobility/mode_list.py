@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
+from spatial_pin._support.lazy import by_new_name
 from spatial_pin.assembly.state import State
 
 CONFIDENT = 3.0  # a mode that 3 of n starts should end at is missed in exp(-3) of cases, 5 %
@@ -44,7 +45,7 @@ class AssemblyModes(list[State]):
     Attributes:
         held: values of the coordinates held [rad, m].
         starts: number of random starts; `closed` of them ended at a closed configuration.
-        found: how many starts ended at each mode.
+        counts: numbers of starts that ended at each mode.
         missing: estimated number of modes that no start has found [Chao1984].
         continua: other sets of configurations, which can move with `held` held.
         is_whole: whether nothing cut the search short (Ctrl-C).
@@ -66,7 +67,7 @@ class AssemblyModes(list[State]):
         held: Mapping[str, float] | None = None,
         starts: int = 0,
         closed: int = 0,
-        found: Sequence[int] = (),
+        counts: Sequence[int] = (),
         missing: float = 0.0,
         continua: Sequence[Continuum] = (),
         is_whole: bool = True,
@@ -75,7 +76,7 @@ class AssemblyModes(list[State]):
         self.held = dict(held or {})
         self.starts = starts
         self.closed = closed
-        self.found = tuple(found)
+        self.counts = tuple(counts)
         self.missing = missing
         self.continua = tuple(continua)
         self.is_whole = is_whole
@@ -90,10 +91,20 @@ class AssemblyModes(list[State]):
                  f"{self.starts} starts, {self.closed} closed"
                  f"{'' if self.is_whole else '; cut short'}"]
         lines += [f"  {k}: branch {mode.branch}, found {times} times"
-                  for k, (mode, times) in enumerate(zip(self, self.found, strict=False), start=1)]
+                  for k, (mode, times) in enumerate(zip(self, self.counts, strict=False), start=1)]
         lines += [f"  beside them a set that can move: {c}" for c in self.continua]
         lines.append(self.completeness)
         return "\n".join(lines)
+
+    @property
+    def found(self) -> tuple[int, ...]:
+        """The former name of `counts`.
+
+        Example:
+            >>> sp.assembly_modes(sp.load("four_bar"), {"crank": 1.0}).counts  # now
+            (722, 745)
+        """
+        return tuple(by_new_name(self, "found", "counts"))
 
     @property
     def completeness(self) -> str:

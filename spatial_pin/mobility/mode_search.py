@@ -15,7 +15,15 @@ from spatial_pin.mechanism.coordinates import with_values
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mobility.finite_motions import SETTING_OUT, WAY_OUT
-from spatial_pin.mobility.mode_check import SAME_MODE, BodyMark, ModeCheck, ModeKind, rows_of
+from spatial_pin.mobility.mode_check import (
+    SAME_MODE,
+    BodyMark,
+    ModeCheck,
+    ModeKind,
+    are_joined,
+    continuum_at,
+    rows_of,
+)
 from spatial_pin.mobility.mode_list import Continuum
 from spatial_pin.mobility.rods import Core, Rod
 from spatial_pin.numerics.linalg import Array, null_space, null_vectors
@@ -98,8 +106,8 @@ class Starts:
 
     def descend(self, q: Array) -> tuple[Array, Array]:
         """Return configurations q (nq, m) with their loops closed, and residuals (m,)."""
-        found, error = self._closer.descend(q.T, self.free, TOLERANCES.tight, ITERATIONS)
-        return found.T, error
+        closed, error = self._closer.descend(q.T, self.free, TOLERANCES.tight, ITERATIONS)
+        return closed.T, error
 
     def learn(self, closed: Array) -> None:
         """Learn from closed configurations (nq, m) where slides are."""
@@ -174,7 +182,7 @@ class Recognition:
     def whole(self, x: Array) -> Array | None:
         """Return a configuration of the core as one of the mechanism, None if it is none."""
         mechanism = self._check.mechanism
-        return self._check.place_rods(
+        return self._check.with_rods(
             self._core.rods, self._core.whole(mechanism, self._base, x))
 
 
@@ -243,7 +251,7 @@ class ModeSearch:
             return
         kind = self._check.kind(q)
         if kind.moves:
-            raise moving(self._check, self._check.continuum(q, kind))
+            raise moving(self._check, continuum_at(self._check, q, kind))
 
     def run(self, rng: np.random.Generator, patience: int, most_starts: int, bar: Any) -> None:
         """Try starts until further ones can be spared.
@@ -257,7 +265,16 @@ class ModeSearch:
                 if (self.starts and not self.is_free) or (
                         self.starts - self._newest >= patience and least >= TIMES):
                     break
-                self._attempt(rng, most_starts)
+                starts = self._starts.draw(rng, most_starts - self.starts)
+                q, error = self._starts.descend(starts)
+                closed = np.flatnonzero(error <= SAME_MODE * SAME_MODE)
+                q, numbers = q[:, closed], self.starts + closed
+                self._starts.learn(q)
+                self.starts += starts.shape[1]
+                if not self.recognition.is_learnt:
+                    self.recognition.learn(q)
+                if self.recognition.is_learnt:
+                    self._sort(q, self.recognition.signatures(q), numbers)
                 bar.n = self.starts
                 bar.set_postfix(found=len(self.modes))
         except KeyboardInterrupt:  # what was found until then is the answer
@@ -271,7 +288,7 @@ class ModeSearch:
         groups: list[list[Mode]] = []
         for mode in self.modes:
             own = [group for group in groups if mode.kind.is_singular and any(
-                self._check.is_joined(mode.q, other.q) for other in group)]
+                are_joined(self._check, mode.q, other.q) for other in group)]
             groups = [group for group in groups if group not in own]
             groups.append([mode, *(other for group in own for other in group)])
         self.modes = []
@@ -280,19 +297,6 @@ class ModeSearch:
                 apart(x.signature[None], y.signature)[0] for y in group))
             middle.count = sum(x.count for x in group)
             self.modes.append(middle)
-
-    def _attempt(self, rng: np.random.Generator, most_starts: int) -> None:
-        """Close the loops from some more starts, and sort what they end at."""
-        starts = self._starts.draw(rng, most_starts - self.starts)
-        q, error = self._starts.descend(starts)
-        closed = np.flatnonzero(error <= SAME_MODE * SAME_MODE)
-        q, numbers = q[:, closed], self.starts + closed
-        self._starts.learn(q)
-        self.starts += starts.shape[1]
-        if not self.recognition.is_learnt:
-            self.recognition.learn(q)
-        if self.recognition.is_learnt:
-            self._sort(q, self.recognition.signatures(q), numbers)
 
     def _sort(self, q: Array, signatures: Array, starts: NDArray[np.intp]) -> None:
         """Count configurations q (nq, m) of known modes, and find new ones."""
@@ -308,17 +312,17 @@ class ModeSearch:
                 q, signatures, starts = q[:, ~moving], signatures[~moving], starts[~moving]
                 if not starts.size:
                     return
-            left, first = starts.size, int(starts[0])
-            found = self._mode(q[:, 0])
-            if found is not None:
+            before, first = starts.size, int(starts[0])
+            mode_here = self._mode(q[:, 0])
+            if mode_here is not None:
                 near = [x for x in self.modes
-                        if apart(found.signature[None], x.signature)[0] < x.reach]
+                        if apart(mode_here.signature[None], x.signature)[0] < x.reach]
                 if not near:
-                    self.modes.append(found)
+                    self.modes.append(mode_here)
                     self._newest = first + 1
-                for mode in near or [found]:
+                for mode in near or [mode_here]:
                     q, signatures, starts = self._count(mode, q, signatures, starts)
-            if starts.size == left:  # rejected, or it went on to a mode far from here
+            if starts.size == before:  # rejected, or it went on to a mode far from here
                 q, signatures, starts = q[:, 1:], signatures[1:], starts[1:]
 
     def _count(
@@ -341,7 +345,7 @@ class ModeSearch:
         if kind.moves:
             self.closed += 1
             if self.continuum is None:
-                self.continuum = self._check.continuum(q, kind)
+                self.continuum = continuum_at(self._check, q, kind)
             return None
         q = self._check.settled(q, self._base, self.recognition.marks)
         return Mode(q, kind, self.recognition.signature(q), self._core.rods)
@@ -366,9 +370,9 @@ class ModeSearch:
             step *= push / np.maximum(np.linalg.norm(step, axis=0), 1e-300)
             pushed = self._starts.kernel.displaced(q[:, at].T, (scale * step).T).T
             closed, error = self._starts.descend(pushed)
-            left, wanted = (apart(self.recognition.signatures(x), signatures[at])
+            shift, wanted = (apart(self.recognition.signatures(x), signatures[at])
                             for x in (closed, pushed))
-            moves[at] = (error <= SAME_MODE * SAME_MODE) & (left > TOLERANCES.moved * wanted)
+            moves[at] = (error <= SAME_MODE * SAME_MODE) & (shift > TOLERANCES.moved * wanted)
         return moves
 
 

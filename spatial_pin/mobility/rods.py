@@ -206,11 +206,11 @@ class Core(NamedTuple):
 
     def whole(self, mechanism: Mechanism, base: Array, q: Array) -> Array:
         """Return `base` (nq,) of the whole mechanism with the core's joints as in q."""
-        found, model, core = base.copy(), mechanism.model, self.mechanism.model
+        whole, model, core = base.copy(), mechanism.model, self.mechanism.model
         for k, i in enumerate(self.joints, start=1):
-            found[model.idx_qs[i] : model.idx_qs[i] + model.nqs[i]] = (
+            whole[model.idx_qs[i] : model.idx_qs[i] + model.nqs[i]] = (
                 q[core.idx_qs[k] : core.idx_qs[k] + core.nqs[k]])
-        return found
+        return whole
 
 
 def core_of(mechanism: Mechanism, held: Mapping[str, float], rods: list[Rod]) -> Core:

@@ -71,9 +71,9 @@ def part_for(mechanism: Mechanism, entries: tuple[int, ...], fixed: tuple[int, .
     mine = [group for group in groups if (group.entries & moving).any()]
     for group in mine:
         own |= group.entries
-    left = ~own
-    left[list(fixed)] = False
-    if len(mine) == len(groups) and not left.any():
+    rest = ~own
+    rest[list(fixed)] = False
+    if len(mine) == len(groups) and not rest.any():
         return None
     chosen = {name for group in mine for name in group.closures}
     names = tuple(dict.fromkeys(c.name for c in mechanism.closures if c.name in chosen))
@@ -115,12 +115,12 @@ class FrameDependence(NamedTuple):
         rates.place(self.state.q, self.state.angles, self.chosen)
         return rates
 
-    def among_all(self, found: Array, n: int) -> Array:
+    def among_all(self, columns: Array, n: int) -> Array:
         """Return columns (k, m) of what moves here among all n; the others are zero."""
         if len(self.columns) == n:
-            return found
-        whole = np.zeros((len(found), n))
-        whole[:, self.columns] = found
+            return columns
+        whole = np.zeros((len(columns), n))
+        whole[:, self.columns] = columns
         return whole
 
 
@@ -158,8 +158,8 @@ def entries_determined(
     Raises:
         SingularError: nothing does.
     """
-    asked = {*entries, *places(given.driven)} - {*given.still}
-    part = part_for(state.mechanism, tuple(sorted(asked)), tuple(sorted(given.still)))
+    moving_entries = {*entries, *places(given.driven)} - {*given.still}
+    part = part_for(state.mechanism, tuple(sorted(moving_entries)), tuple(sorted(given.still)))
     if part is None:
         return FrameDependence(
             state, given, list(range(given.n_moving)), chosen_at(state, given, frame))
@@ -228,7 +228,7 @@ def depending_on(state: State, names: Sequence[str], hold: Hold) -> Depending | 
         if rank_loss(evaluation, state.q, len(independent_rows(rows))):
             return None
     own = () if hold is None else tuple(names_of(hold, "hold"))
-    few = _few(state, part, rest)
+    few = _holding_entries(state, part, rest)
     return Depending(part.state(state), (*own, *_named(mechanism, rest)),
                      (*own, *_named(mechanism, few)), state, part.angles)
 
@@ -239,9 +239,9 @@ def _named(mechanism: Mechanism, entries: NDArray[np.bool_]) -> list[str]:
                               for c in mechanism.coordinate_table.values() if entries[c.v]))
 
 
-def _few(state: State, part: Part, rest: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _holding_entries(state: State, part: Part, rest: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return (nv,) velocities that hold all the rest: of loops as many as they have freedoms."""
-    found = rest.copy()
+    holding = rest.copy()
     with loops_of(state.mechanism, state.angles) as evaluation:
         evaluation.update(state.q)
         labels = evaluation.constraints.labels
@@ -252,6 +252,6 @@ def _few(state: State, part: Part, rest: NDArray[np.bool_]) -> NDArray[np.bool_]
                 evaluation.jacobian[rows][:, own], TOLERANCES.half_precision).T
             chosen = common_rows(freedoms[None], np.zeros((0, freedoms.shape[1])),
                                  freedoms.shape[1])
-            found[own] = False
-            found[own[chosen]] = True
-    return found
+            holding[own] = False
+            holding[own[chosen]] = True
+    return holding

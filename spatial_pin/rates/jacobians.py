@@ -112,9 +112,10 @@ def jacobian(
         rates = given.rates(kernel)
         if rates.place(state.q, state.angles):
             return _columns(kernel, rates, frame)
-    found = frame_determined(state, given, frame)
-    with kernel_of(found.state.mechanism) as kernel:
-        return found.among_all(_columns(kernel, found.rates(kernel), frame), given.n_moving)
+    dependence = frame_determined(state, given, frame)
+    with kernel_of(dependence.state.mechanism) as kernel:
+        columns = _columns(kernel, dependence.rates(kernel), frame)
+        return dependence.among_all(columns, given.n_moving)
 
 
 def _columns(kernel: Kernel, rates: RateSolver, frame: int) -> Array:
@@ -217,10 +218,10 @@ def jacobian_rate(
     given = Prescription.of(mechanism, moving_coordinates(mechanism, drivers, hold), hold)
     refuse_components(mechanism, given.driven)
     moving = _Moving(mechanism, state, frame)
-    found = all_determined(state, given) or frame_determined(state, given, frame)
-    part, angles = found.state.mechanism, found.state.angles
+    dependence = all_determined(state, given) or frame_determined(state, given, frame)
+    part, angles = dependence.state.mechanism, dependence.state.angles
     with kernel_of(part) as kernel, loops_of(part, angles) as evaluation:
-        rates = found.rates(kernel)
+        rates = dependence.rates(kernel)
         evaluation.update(state.q)
         columns = []
         for w in rates.columns().T:
@@ -229,7 +230,7 @@ def jacobian_rate(
             spread = rates.answer(_equation_brackets(evaluation, turned, state.v, w))
             columns.append(moving.rate(w, turned)
                            + moving.jacobian @ (0.25 * polar + 0.5 * spread))
-    return found.among_all(np.array(columns).reshape(-1, 6).T, given.n_moving)
+    return dependence.among_all(np.array(columns).reshape(-1, 6).T, given.n_moving)
 
 
 class _Moving:

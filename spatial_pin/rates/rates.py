@@ -57,7 +57,7 @@ def prescribed_at(state: State, names: Iterable[str], hold: Hold = BASE) -> list
         chosen_at(state, Prescription(usual, len(usual), still))
         return usual
     except SingularError:
-        return _with_standing(state, wanted_coordinates(state.mechanism, names), hold) or usual
+        return _with_fixed_drivers(state, wanted_coordinates(state.mechanism, names), hold) or usual
 
 
 def prescribed_first(
@@ -83,7 +83,7 @@ def wanted_coordinates(mechanism: Mechanism, names: Iterable[str]) -> list[Coord
     return wanted + [c for c in siblings(mechanism, wanted) if c.joint in free_bases(mechanism)]
 
 
-def _with_standing(state: State, wanted: list[Coordinate], hold: Hold) -> list[Coordinate]:
+def _with_fixed_drivers(state: State, wanted: list[Coordinate], hold: Hold) -> list[Coordinate]:
     """Return coordinates and the drivers that can stand still beside them; none if they cannot."""
     mechanism = state.mechanism
     drivers = driven_coordinates(mechanism, mechanism.drivers)
@@ -132,9 +132,9 @@ def _choices(state: State, named: list[Coordinate], hold: Hold) -> Iterator[list
         if len(others) > freedoms:
             yield named
         return
-    beside = siblings(mechanism, named)
-    still_drivers = [c for c in drivers if c not in named and c not in beside]
-    for more in ([*beside, *still_drivers], beside, still_drivers):
+    others_of_joints = siblings(mechanism, named)
+    still_drivers = [c for c in drivers if c not in named and c not in others_of_joints]
+    for more in ([*others_of_joints, *still_drivers], others_of_joints, still_drivers):
         if more and _are_independent(state, [*named, *more], hold):
             yield [*named, *more]
     yield named
@@ -231,14 +231,14 @@ def solve_rates(
     speeds = mapping(speeds, "speeds")
     accelerations, hold = mapping(accelerations, "accelerations"), fixed(hold)
     clear = _solved(state, speeds, accelerations, hold)
-    found = clear or _solved_as_tried(state, speeds, accelerations, hold)
-    if not found.is_finite:
-        check_finite(found.v, found.a,
+    solution = clear or _solved_by_trial(state, speeds, accelerations, hold)
+    if not solution.is_finite:
+        check_finite(solution.v, solution.a,
                      f"speeds {dict(speeds)} and accelerations {dict(accelerations)}")
     if clear is None:
-        check_rates(state, found.v)
-    return made(mechanism, state.q, found.v, found.a, closure_error=state.closure_error,
-                angles=state.angles, rate_error=_told(mechanism, found.lost),
+        check_rates(state, solution.v)
+    return made(mechanism, state.q, solution.v, solution.a, closure_error=state.closure_error,
+                angles=state.angles, rate_error=_reported_error(mechanism, solution.lost),
                 released=state.released, lost_turns=state.lost_turns)
 
 
@@ -261,12 +261,12 @@ def _solved(
         for target, own, numbers in zip((rates.speeds, rates.accelerations), plan[1:], values,
                                         strict=True):
             target[:] = 0.0
-            for place, value in zip(own, numbers, strict=True):
-                target[place] = value
+            for index, value in zip(own, numbers, strict=True):
+                target[index] = value
         return rates.solve(state.q, state.angles)
 
 
-def _solved_as_tried(
+def _solved_by_trial(
     state: State, speeds: Mapping[str, Any], accelerations: Mapping[str, Any], hold: Hold
 ) -> Solved:
     """Return the rates where it has to be tried what determines them.
@@ -295,9 +295,9 @@ def _solved_as_tried(
         for target, of in ((rates.speeds, v_of), (rates.accelerations, a_of)):
             target[:] = 0.0
             target[: len(given.driven)] = [of.get(c, 0.0) for c in given.driven]
-        found = rates.solve(state.q, state.angles, chosen)
-    assert found is not None
-    return found
+        solution = rates.solve(state.q, state.angles, chosen)
+    assert solution is not None
+    return solution
 
 
 def check_finite(v: np.ndarray, a: np.ndarray, what: str) -> None:
@@ -332,21 +332,21 @@ def rate_error(driver: str, solved: bool, state: State, held: Hold = BASE) -> fl
         rates.speeds[:], rates.accelerations[:] = 0.0, 0.0
         rates.speeds[at] = state.v[coordinate.v] if moves else 1.0
         rates.accelerations[at] = state.a[coordinate.v] if moves else 0.0
-        found = rates.solve(state.q, state.angles) if solved else None
-        if found is None:
+        solution = rates.solve(state.q, state.angles) if solved else None
+        if solution is None:
             try:
                 chosen = chosen_at(state, given)
             except SingularError:
                 return float(np.nan)
-            found = rates.solve(state.q, state.angles, chosen)
-    assert found is not None
+            solution = rates.solve(state.q, state.angles, chosen)
+    assert solution is not None
     if not solved:
-        return found.known
-    lost = _told(mechanism, found.lost)
-    return max(lost, 2.0 * _apart(state, found)) if moves else lost
+        return solution.known
+    lost = _reported_error(mechanism, solution.lost)
+    return max(lost, 2.0 * _apart(state, solution)) if moves else lost
 
 
-def _told(mechanism: Mechanism, lost: float) -> float:
+def _reported_error(mechanism: Mechanism, lost: float) -> float:
     """Return the error of rates that is told: far away, coordinates have roundings of their own.
 
     Args:
@@ -357,10 +357,10 @@ def _told(mechanism: Mechanism, lost: float) -> float:
     return min(lost * (1.0 + resolved / SOLUTION_ERROR), 1.0) if resolved else lost
 
 
-def _apart(state: State, found: Solved) -> float:
+def _apart(state: State, solution: Solved) -> float:
     """Return how far rates of a state are from solved ones, relative to their size."""
     size = state.mechanism.velocity_scale
-    v, a = found.v / size, found.a / size
+    v, a = solution.v / size, solution.a / size
     pace = float(np.abs(v).max())
     off = float(np.abs(state.v / size - v).max()) / pace
     bend = max(pace**2, float(np.abs(a).max()))

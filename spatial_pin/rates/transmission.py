@@ -103,10 +103,10 @@ def transmission(
     moved = MovedOutput.of(mechanism, output, input_.name, at, hold)
     angle = moved.angle(mechanism, state.q, state.angles)
     at_output = mechanism.driven_coordinate(output).v
-    found = all_determined(state, moved.given) or entries_determined(
+    dependence = all_determined(state, moved.given) or entries_determined(
         state, moved.given, (at_output,))
-    with kernel_of(found.state.mechanism) as kernel:
-        columns = found.among_all(found.rates(kernel).columns(), moved.given.n_moving)
+    with kernel_of(dependence.state.mechanism) as kernel:
+        columns = dependence.among_all(dependence.rates(kernel).columns(), moved.given.n_moving)
     ratio = float(columns[at_output, [c.name for c in moved.given.driven].index(input_.name)])
     advantage = 1.0 / ratio if ratio else math.copysign(math.inf, ratio)
     return Transmission(ratio, advantage, angle, moved.at)
@@ -171,8 +171,8 @@ class MovedOutput(NamedTuple):
         with loops_of(mechanism, angles) as evaluation:
             evaluation.update(q)
             own, allowed = _velocities(evaluation, self.joint, self.coordinate, self.given)
-            place = evaluation.data.oMi[self.joint].act(self.point)
-        return _angle(own, allowed, place / mechanism.characteristic_length)
+            point = evaluation.data.oMi[self.joint].act(self.point)
+        return _angle(own, allowed, point / mechanism.characteristic_length)
 
 
 def _moved_at(mechanism: Mechanism, joint: int, at: str | None) -> tuple[str, Array]:
@@ -211,9 +211,9 @@ def _velocities(
     unit = np.array([size] * 3 + [1.0] * 3)
     loose = evaluation.twist_derivatives(joint) * unit
     turned = [c.name for c in given.driven if c.q < 0]  # components of balls are no entries
-    kept = np.ones(evaluation.model.nv, dtype=bool)
-    kept[[output.v, *given.still, *(c.v for c in given.driven if c.q >= 0)]] = False
-    rows, _ = pinned_rows(evaluation, kept, turned)
+    free = np.ones(evaluation.model.nv, dtype=bool)
+    free[[output.v, *given.still, *(c.v for c in given.driven if c.q >= 0)]] = False
+    rows, _ = pinned_rows(evaluation, free, turned)
     loose = np.vstack([loose, np.zeros((len(rows) - n, loose.shape[1]))])
     allowed = null_space(np.hstack([rows, loose]))[:, rows.shape[1]:]
     own = joint_jacobian(evaluation.data, evaluation.model.nv)[:, output.v]

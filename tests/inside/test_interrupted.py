@@ -339,7 +339,7 @@ def test_settings_that_were_measured_are_reported(monkeypatch, tmp_path, capsys)
 
 @pytest.mark.parametrize("copies", [[], ["--copies"]])
 def test_modes_that_were_found_are_reported(copies, monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr(ModeSearch, "_attempt", interrupting(ModeSearch._attempt, 2))
+    monkeypatch.setattr(ModeSearch, "_sort", interrupting(ModeSearch._sort, 2))
     file = tmp_path / "modes.csv"
     assert main(["modes", "four_bar", "crank=1", *copies, "--csv", str(file)]) == 130
     assert len(file.read_text(encoding="utf-8").splitlines()) == 3
@@ -376,7 +376,7 @@ def test_every_verb_that_is_cut_short_raises_what_it_has_found(monkeypatch, turn
     levels = [sp.Accuracy.named("draft"), sp.Accuracy.named("engineering")]
     task = {"driver": "crank", "values": np.linspace(0.0, 1.0, 21), "speed": 1.0}
     cases = [
-        (ModeSearch, "_attempt", 2, lambda: sp.assembly_modes(mechanism, {"crank": 1.0})),
+        (ModeSearch, "_sort", 2, lambda: sp.assembly_modes(mechanism, {"crank": 1.0})),
         (VariedSamples, "geometry", 4, lambda: sp.tolerance(
             mechanism, "rocker_pin", {"r3": 1e-4}, samples=40)),
         (tradeoff, "_judged", 2, lambda: sp.tradeoff(
