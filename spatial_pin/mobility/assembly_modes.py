@@ -27,14 +27,14 @@ from spatial_pin.mobility.rods import core_of, rods_of
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import Accuracy, accuracy_of
 
-# Starts from which the readings of a rod are sought: there are two as a rule, and both are missed
-# by so many in one of a hundred cases.
+# Starts for the readings of a rod: there are usually two, and one is missed in one of a hundred
+# cases.
 READINGS = 8
 ENDLESS = 10**8  # starts: days, at a thousand a second
 
 
 def _as_states(check: ModeCheck, search: ModeSearch, copies: bool, limits: bool) -> AssemblyModes:
-    """Return the modes found as States, sorted; with `limits` those that keep the joint limits."""
+    """Return the modes as sorted States; with `limits` only those within joint limits."""
     marks, all_copies = search.recognition.marks, copies or limits
     configurations = [(q, mode.kind, mode.count) for mode in search.modes
              for q in (_readings(check, marks, mode, copies, limits) if all_copies else [mode.q])]
@@ -59,7 +59,7 @@ def _as_states(check: ModeCheck, search: ModeSearch, copies: bool, limits: bool)
 def _readings(
     check: ModeCheck, marks: Mapping[int, BodyMark], mode: Mode, copies: bool, limits: bool
 ) -> list[Array]:
-    """Return a mode with the core's rods in their readings: all, or those within limits."""
+    """Return a mode with all readings of the core's rods, or those within limits."""
     model, choices = check.mechanism.model, []
     for rod in mode.rods:  # the readings of its first joint
         i, own_marks = min(rod.lines), {k: marks[k] for k in rod.lines}
@@ -93,7 +93,7 @@ def _readings(
 def _one_of_each(
     check: ModeCheck, configurations: list[tuple[Array, ModeKind, int]]
 ) -> list[tuple[Array, ModeKind, int]]:
-    """Return one copy of each mode, the counts summed."""
+    """Return one copy of each mode, with the largest count."""
     distinct: list[tuple[Array, ModeKind, int]] = []
     signatures: list[Array] = []
     for q, kind, count in configurations:
@@ -115,7 +115,7 @@ Searched = Callable[[Mechanism, Mapping[str, float]], AssemblyModes]  # modes wi
 
 
 def groups_of(mechanism: Mechanism, held: Iterable[str]) -> tuple[LoopGroup, ...]:
-    """Return the groups of loops where coordinates are held; none where others move besides."""
+    """Return the groups of loops with fixed coordinates; () if other coordinates are free too."""
     fixed = {mechanism.coordinate_table[name].v for name in held}
     groups = loop_groups(mechanism, tuple(sorted(fixed)))
     tied = np.any([group.entries for group in groups], axis=0) if groups else np.zeros(0, bool)
@@ -125,9 +125,10 @@ def groups_of(mechanism: Mechanism, held: Iterable[str]) -> tuple[LoopGroup, ...
 def modes_of_groups(
     check: ModeCheck, groups: Sequence[LoopGroup], searched: Searched
 ) -> AssemblyModes:
-    """Return the modes of a mechanism from those of its groups of loops, from `groups_of`.
+    """Return the modes of a mechanism from those of its groups of loops.
 
-    Starts that close one of two groups in ten close both in a hundred, and close ten never.
+    If one start in ten closes a group, one in a hundred closes two, and practically none closes
+    ten.
 
     Raises:
         ContinuumError: a group can move.
@@ -159,7 +160,7 @@ def _of_whole(check: ModeCheck, base: Array, group: LoopGroup, continuum: Contin
 def _put(
     check: ModeCheck, base: Array, groups: Sequence[LoopGroup], chosen: Iterable[Array]
 ) -> Array:
-    """Return a configuration (nq,) in which each group of loops stands as in one of its own."""
+    """Return a configuration (nq,) with each group of loops from one of its own."""
     q = base.copy()
     for group, own in zip(groups, chosen, strict=True):
         places = places_of(check.mechanism, group)
@@ -170,7 +171,7 @@ def _put(
 def _together(
     check: ModeCheck, base: Array, groups: Sequence[LoopGroup], results: Sequence[AssemblyModes]
 ) -> AssemblyModes:
-    """Return each mode of each group with each of the others', `MOST_MODES` of them at most."""
+    """Return all combinations of the groups' modes, `MOST_MODES` at most."""
     modes: list[tuple[Array, str, int]] = []
     choices = (zip(own, own.counts, strict=True) for own in results)
     for choice in islice(product(*choices), MOST_MODES):
@@ -294,7 +295,7 @@ def assembly_modes(
 def _held(
     mechanism: Mechanism, named: Mapping[str, float], free: Iterable[str]
 ) -> dict[str, float]:
-    """Return the coordinates held: those named, drivers that stand at the guess, a free base."""
+    """Return the fixed coordinates: named ones, drivers at the guess, a free base."""
     held = {mechanism.driven_coordinate(name).name: finite_number(value, f"driver {name!r}")
             for name, value in named.items()}
     standing = standing_drivers(mechanism, held, mechanism.start(held), free)

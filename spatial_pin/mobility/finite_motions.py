@@ -16,43 +16,39 @@ from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.numerics.linalg import Array, decompose, null_space
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-# Lengths in radians and characteristic lengths. How far a way out of q is followed: what opens
-# loops by the eighth power only, and by a thousandth of it, opens them by 7e-8 there.
+# Length of a followed path [rad, characteristic lengths]: loops that open by the eighth power only,
+# times a thousandth, are then open by 7e-8.
 WAY_OUT = 0.3
-# Its first step: where links turn back, a longer one leads past all closed configurations, and
-# near where branches cross they are as straight as this is short.
+# First step: near turning links a longer one misses all closed configurations, and near branch
+# points the error of the direction is as small as the step.
 SETTING_OUT = 0.005
-# Of a way in such steps, from which its direction is read: bends are slight so far.
-STRAIGHT_SO_FAR = 0.1
-STEP_GROWTH = 4.0  # of steps: four from the first reach out
-# The shortest step: a four-bar with a play of 1e-6 of its size goes round an oval of 2e-3.
-SHORTEST_STEP = 2e-5
-AFTER_A_BEND = 1.5  # growth of steps once one has failed
-# Part of a short step that may lead aside: where loops open by a high power, closing takes off what
-# opens them, however short the step is.
+STRAIGHT_SO_FAR = 0.1  # length from which the direction of a path is taken: bends are small so far
+STEP_GROWTH = 4.0  # factor of the steps: four steps from the first reach the end
+SHORTEST_STEP = 2e-5  # a four-bar with a play of 1e-6 of its size moves on an oval of 2e-3
+AFTER_A_BEND = 1.5  # factor of the steps after a failed one
+# Part of a short step that closing may correct: where loops open by a high power, it removes their
+# motion, however short the step.
 MOST_ASIDE = 0.1
-# A way that comes round within this length is an oval only if it closes to the last digits: loops
-# that open by a high power stay closed to some digits round q, and a way may turn at their border.
+# A path that returns within this length is an oval only if it closes to the last digits: loops that
+# open by a high power stay closed to some digits near q, and a path may turn at that border.
 SMALL_OVAL = 0.05
-# Closure error all the way: ten times `closed`, for Bennett's loop with a wrong ninth digit opens
-# by 5e-11, and sweeps follow it; hinges of robots, parallel to ten digits, open loops by 2e-11.
+# Closure error along a path, ten times `closed`: Bennett's loop with a wrong ninth digit opens by
+# 5e-11, and sweeps follow it; robots with hinges parallel to ten digits open by 2e-11.
 STAYS_CLOSED = 10.0 * TOLERANCES.closed
-BEND = 0.5  # cosine between a way and its first step: up to it bends leave most of their direction
-MOST_PARTS = 100  # where links turn back again and again
-# Random directions for each instantaneous freedom, each tried both ways: a cusp leads to one side
+BEND = 0.5  # least cosine between a path and its first step
+MOST_PARTS = 100  # for links that turn again and again
+# random directions for each instantaneous freedom, each in both senses: a cusp has one side
 DIRECTIONS = 6
-MOST_SLIDES = 20  # at most: each leaves a third of the residual, all of them 3e-10
-# Part of a residual that is left by Newton's step towards a root of any order k: (1 - 1/k)^k < 1/e
-SLID = 0.5
+MOST_SLIDES = 20  # each leaves a third of the residual, all of them 3e-10
+SLID = 0.5  # residual after Newton's step towards a root of order k: (1 - 1/k)^k < 1/e
 
 
 def finite_freedom(evaluation: LoopEquations, q: Array, tangents: Array) -> int:
     """Return the largest dimension of the closed configurations near q.
 
-    Where a way leads out of q along a random tangent, its end is a generic configuration, and what
-    moves there is counted, in one step where it can be; where no way does, the freedoms are
-    instantaneous only. (Where no equation is redundant, there is nothing to try: the nullity at q
-    is the dimension.)
+    If a path leads from q along a random tangent, its end is a generic configuration, whose finite
+    motions are counted, in one step if possible. Without a path the freedoms are instantaneous
+    only. (Without redundant equations the nullity at q is the dimension.)
     """
     rng = np.random.default_rng(1)
     free = np.ones(len(evaluation.mechanism.velocity_scale), dtype=bool)
@@ -77,17 +73,17 @@ def finite_motions(
     evaluation: LoopEquations, q: Array, tangents: Array, free: NDArray[np.bool_] | None = None,
     steps: tuple[float, ...] = (SETTING_OUT,),
 ) -> Array:
-    """Return orthonormal scaled velocities (d, nv) that span the ways out of q along tangents.
+    """Return orthonormal scaled velocities (d, nv) of the finite motions from q along tangents.
 
-    The number of `tangents` is only a bound on d: a part that is shaky in every configuration adds
+    The number of `tangents` is only a bound of d: a part that is shaky in every configuration adds
     to it.
 
     Args:
-        evaluation: the closure equations; left anywhere.
+        evaluation: the closure equations; changed.
         q: (nq,) closed configuration.
         tangents: (k, nv) orthonormal scaled velocities that open no loop at q.
-        free: (nv,) which velocities may close the loops again; default all.
-        steps: the first of a way, one after the other until one leads out.
+        free: (nv,) velocities that close the loops again; default all.
+        steps: first steps of a path, tried in this order.
     """
     free = np.ones(len(evaluation.mechanism.velocity_scale), dtype=bool) if free is None else free
     motions: list[Array] = [np.zeros(len(free))]
@@ -108,7 +104,7 @@ def finite_motions(
 def _path_from(
     evaluation: LoopEquations, q: Array, tangent: Array, free: NDArray[np.bool_], step: float
 ) -> tuple[Array, Array] | None:
-    """Return the way out of q along a tangent or against it; None where neither leads out."""
+    """Return the path from q along a tangent or against it; None if there is none."""
     return (_followed(evaluation, q, tangent, free, step)
             or _followed(evaluation, q, -tangent, free, step))
 
@@ -116,13 +112,13 @@ def _path_from(
 def _followed(
     evaluation: LoopEquations, q: Array, direction: Array, free: NDArray[np.bool_], step: float
 ) -> tuple[Array, Array] | None:
-    """Follow closed configurations from q; None where they end.
+    """Follow closed configurations from q; None if they end.
 
     Returned are the direction (nv,) of the first part, up to a bend, a scaled velocity of length 1,
-    and the configuration (nq,) where they are left.
+    and the last configuration (nq,).
 
     Loops that open by a high power of the distance stay closed to round-off over short steps, so
-    these grow until the way is long, or has come round a bend.
+    steps grow until the path is long, or has come round a bend.
     """
     model, scale = evaluation.model, evaluation.mechanism.velocity_scale
     at, length, growth, worst = q, 0.0, STEP_GROWTH, 0.0
@@ -159,7 +155,7 @@ def _followed(
 def _tangent(evaluation: LoopEquations, q: Array, direction: Array) -> Array:
     """Return the part of a direction that opens no loop at q (nq,), or all of it if there is none.
 
-    Where a way bends sharply the last step says little of the next one.
+    At a sharp bend the last step is a bad prediction of the next one.
     """
     evaluation.update(q)
     tangents = null_space(evaluation.jacobian[: evaluation.constraints.n_closure],
@@ -170,10 +166,10 @@ def _tangent(evaluation: LoopEquations, q: Array, direction: Array) -> Array:
 
 
 def _closed(evaluation: LoopEquations, q: Array, free: NDArray[np.bool_]) -> tuple[Array, float]:
-    """Close the loops from q, also along the valleys of what opens them by a high power only.
+    """Close the loops from q, also along valleys of residuals of high order.
 
-    There Newton's method takes a part of the way back each time; what other equations say is
-    restored after each step. The evaluation is left anywhere.
+    There Newton's method reduces the residual by a constant factor each time; other equations are
+    restored after each step. The evaluation is changed.
     """
     mechanism, reference = evaluation.mechanism, evaluation.angle_reference
     result, error, _ = closed(mechanism, q, free, reference, TOLERANCES.round_off)

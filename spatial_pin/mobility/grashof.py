@@ -79,7 +79,7 @@ def grashof(mechanism: Mechanism, state: State | None = None) -> Grashof:
 
 
 def _four_bar(mechanism: Mechanism, state: State) -> tuple[list[str], Array]:
-    """Return the link after each of the four pins round the loop, and the pins' places."""
+    """Return the links after each of the four pins round the loop, and the pins' centres."""
     model = mechanism.model
     wrong = SpatialPinError(
         f"mechanism {mechanism.name!r} is not one plane loop of four revolute pairs; "

@@ -1,4 +1,4 @@
-"""The truth about freedom: by formula, by rank, and by finite motion; drivers that it asks for."""
+"""Mobility: freedoms by formula, by rank, and by finite motion; and advice on drivers."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from spatial_pin.numerics.linalg import (
 )
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-MAX_NAMES = 8  # of redundant equations in a report: they fill one line
+MAX_NAMES = 8  # redundant equations named in a report: they fill one line
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,10 +228,10 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
 
 
 def driver_advice(state: State, freedom: Mobility) -> str:
-    """Return what to do where drivers and freedoms differ in number; "" where they do not.
+    """Return advice if drivers and freedoms differ in number; else "".
 
     Raises:
-        MechanismFileError: it has drivers and cannot move.
+        MechanismFileError: the mechanism has drivers and cannot move.
     """
     mechanism = state.mechanism
     drivers = list(driver_coordinates(mechanism).values())

@@ -1,4 +1,4 @@
-"""What a closed configuration is with values held: a mode, or one of a set that can move."""
+"""Properties of closed configurations with fixed coordinates: assembly modes or moving sets."""
 
 from __future__ import annotations
 
@@ -32,18 +32,17 @@ from spatial_pin.numerics.linalg import (
 )
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-# Largest difference of two placements of one mode [characteristic lengths, 1]. At a singular mode
-# it is the square root of the residual: loops count as closed at its square, 1e-10.
+# Largest difference of placements of one mode [characteristic lengths, 1]. At a singular mode it is
+# the square root of the residual: loops are closed to its square, 1e-10.
 SAME_MODE = 1e-5
-MOVING = 1e-3  # part of the fastest joint's speed that is worth a name: three digits of a report
-# Part of a motion that coordinates must change by to hold it: a tenth leaves its place known to one
-# digit less than theirs.
+MOVING = 1e-3  # relative speed of a coordinate that is named: three digits of a report
+# Part of a motion that a coordinate must have to stop it: with a tenth, its position has one digit
+# less than theirs.
 HOLDS = 0.1
-# Parts of the way between two configurations where loops are looked at: what is closed there by
-# chance is open at another.
+# parts of the straight line between two configurations where loops are checked
 BETWEEN = (0.25, 0.5, 0.75)
 # Starts for rods whose other end cannot be reached from the guess: one in two reaches it, and all
-# of so many fail in one of a million cases.
+# fail in one of a million cases.
 TRIES = 20
 
 
@@ -53,7 +52,7 @@ TRIES = 20
 
 
 class BodyMark(NamedTuple):
-    """What of a body counts: points (k, 3) [m] and directions (l, 3), in its joint's axes."""
+    """Relevant features of a body: points (k, 3) [m] and directions (l, 3), in its joint's axes."""
 
     points: Array
     directions: Array
@@ -76,7 +75,7 @@ def rows_of(marks: Mapping[int, BodyMark], n_joints: int, length: float) -> Arra
 
 
 def resting(evaluation: LoopEquations, idle: list[tuple[str, Array]]) -> dict[int, BodyMark]:
-    """Return what passive freedoms leave at rest of the bodies that they move."""
+    """Return the features at rest of bodies with passive freedoms."""
     mechanism, marks = evaluation.mechanism, {}
     for _, velocities in idle:
         for body in moved_bodies(evaluation, velocities):
@@ -122,12 +121,12 @@ def _speeds(evaluation: LoopEquations, body: int, points: Array, velocities: Arr
 
 
 class ModeKind(NamedTuple):
-    """What a closed configuration is.
+    """Properties of a closed configuration.
 
     Attributes:
-        nullity: freedoms to first order with the values held.
-        idle: (joint's name, (k, nv) velocities) of the links that are passive.
-        motions: (d, nv) finite motions, scaled; of a regular configuration the passive ones.
+        nullity: freedoms to first order with fixed coordinates.
+        idle: (joint's name, (k, nv) velocities) of the passive links.
+        motions: (d, nv) finite motions, scaled; in a regular configuration the passive ones.
     """
 
     nullity: int
@@ -141,21 +140,21 @@ class ModeKind(NamedTuple):
 
     @property
     def is_singular(self) -> bool:
-        """Whether it can move, passive freedoms apart, if only to first order."""
+        """Whether it can move to first order, without passive freedoms."""
         return self.nullity > self.passive
 
     @property
     def moves(self) -> bool:
-        """Whether it can really move, passive freedoms apart."""
+        """Whether it has a finite motion, without passive freedoms."""
         return len(self.motions) > self.passive
 
 
 class ModeCheck:
-    """The closure equations of a mechanism with coordinates held.
+    """The closure equations of a mechanism with fixed coordinates.
 
     Attributes:
         held: their values [rad, m].
-        free: (nv,) which velocities may close the loops.
+        free: (nv,) velocities that close the loops.
         rods: by the joint of each of their bodies.
     """
 
@@ -171,16 +170,16 @@ class ModeCheck:
         self.free[self.fixed] = False
 
     def close(self, q: Array, iterations: int = 60) -> Array | None:
-        """Return q closed, values held; None if that fails or gives a mirror image."""
+        """Return q closed, with fixed values; None if that fails or gives a mirror image."""
         q, error = close(self.evaluation, q, self.free, self.tolerance, iterations)
         return q if error <= SAME_MODE * SAME_MODE and not self.evaluation.mirrored() else None
 
     def holds(self, q: Array) -> bool:
-        """Whether the equations that the mechanism is without hold at q to the gap allowed."""
+        """Whether the equations left out by the mechanism hold at q, to the gap allowed."""
         return gap_of(self.mechanism, q, self.evaluation.angles) <= self.gap
 
     def kind(self, q: Array) -> ModeKind:
-        """Return what a closed configuration is."""
+        """Return the properties of a closed configuration."""
         evaluation, n = self.evaluation, self.evaluation.constraints.n_closure
         idle = idle_freedoms(evaluation, q, self.fixed)
         evaluation.update(q)
@@ -196,13 +195,12 @@ class ModeCheck:
     def marks(
         self, q: Array, idle: list[tuple[str, Array]], all_copies: bool
     ) -> dict[int, BodyMark]:
-        """Return what tells modes apart of every body.
+        """Return the relevant features of every body, for comparing modes.
 
         Args:
             q: (nq,) a closed configuration.
             idle: its passive freedoms.
-            all_copies: rods that are turned about their lines are told apart too, and links
-                inside chains of hinges.
+            all_copies: whether turned rods, and links inside chains of hinges, are relevant too.
         """
         marks = dict.fromkeys(range(1, self.mechanism.model.njoints), WHOLE)
         self.evaluation.update(q)
@@ -222,7 +220,7 @@ class ModeCheck:
     # ------------------------------------------------------------ links that stand as they like
 
     def _columns(self, bodies: set[int], with_children: bool) -> NDArray[np.bool_]:
-        """Return (nv,) which velocities are those of the joints of bodies."""
+        """Return (nv,) the velocities of the joints of bodies."""
         model = self.mechanism.model
         mask = np.zeros(model.nv, dtype=bool)
         for i in range(1, model.njoints):
@@ -231,7 +229,7 @@ class ModeCheck:
         return mask & self.free
 
     def with_rods(self, rods: tuple[Rod, ...], q: Array) -> Array | None:
-        """Return q with rods placed between their ends, all else held, and then closed."""
+        """Return q with rods placed between their ends, all else fixed, and then closed."""
         if not rods:
             return self.close(q)
         columns = self._columns({i for rod in rods for i in rod.lines}, with_children=False)
@@ -251,9 +249,9 @@ class ModeCheck:
         return pin.integrate(self.mechanism.model, q, np.where(columns, scale * angles, 0.0))
 
     def settled(self, q: Array, base: Array, marks: Mapping[int, BodyMark]) -> Array:
-        """Return the copy of a mode in which rods and passive links stand as in `base`, if near.
+        """Return the copy of a mode with rods and passive links as in `base`, if near.
 
-        So that it does not depend on the start that found the mode.
+        So the result does not depend on the start that led to the mode.
         """
         model = self.mechanism.model
         bodies = {i for i, mark in marks.items() if mark is not WHOLE}
@@ -288,9 +286,9 @@ class ModeCheck:
 
 
 def are_joined(check: ModeCheck, q: Array, other: Array) -> bool:
-    """Whether loops are closed all the way between two closed configurations (nq,) nearby.
+    """Whether loops are closed between two near closed configurations (nq,).
 
-    Of modes that cannot move, both are then one, as far as round-off tells.
+    Two modes without motion are then one, up to round-off.
     """
     difference = turned_apart(check.mechanism, q, other)
     size = float(np.linalg.norm(difference))
@@ -306,7 +304,7 @@ def are_joined(check: ModeCheck, q: Array, other: Array) -> bool:
 
 
 def continuum_at(check: ModeCheck, q: Array, kind: ModeKind) -> Continuum:
-    """Return what can move at a configuration, and what would hold it."""
+    """Return the coordinates that move at a configuration, and drivers that would stop them."""
     mechanism, motions = check.mechanism, kind.motions
     if kind.idle:
         scaled = np.vstack([v for _, v in kind.idle]) / mechanism.velocity_scale
@@ -334,7 +332,7 @@ def continuum_at(check: ModeCheck, q: Array, kind: ModeKind) -> Continuum:
 def signs_of(check: ModeCheck, modes: list[tuple[Array, ModeKind]]) -> list[str]:
     """Return the signs of the determinants of the closed loops at modes, in words.
 
-    Of redundant equations the same are left out in all modes.
+    The same redundant equations are left out in all modes.
     """
     evaluation, mechanism = check.evaluation, check.mechanism
     nv, n = mechanism.model.nv, evaluation.constraints.n_closure

@@ -1,4 +1,4 @@
-"""What `assembly_modes` returns: a list of States that knows how complete it is."""
+"""The result of `assembly_modes`: a list of States, with an estimate of its completeness."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ class AssemblyModes(list[State]):
 
 
 def missing_by(counts: Sequence[int]) -> float:
-    """Return the number of kinds not seen, estimated from how often the others were [Chao1984].
+    """Return the estimated number of unseen kinds, from the counts of the others [Chao1984].
 
     The estimate without bias f1 (f1 - 1) / (2 (f2 + 1)): f1 kinds were seen once, f2 twice.
     """
@@ -127,14 +127,14 @@ def missing_by(counts: Sequence[int]) -> float:
 
 
 def order(state: State, loose: set[str]) -> list[float]:
-    """Return what modes are sorted by: coordinates, those of passive links last."""
+    """Return the sort key of modes: coordinates, without those of passive links."""
     table = state.mechanism.coordinate_table.values()
     fixed = [c for c in table if c.joint not in loose]
     return [round(state.coordinate(c.name).value, 7) + 0.0 for c in fixed]
 
 
 def labels(signs: list[str]) -> list[str]:
-    """Return labels of their own: signs, numbered where several modes have one."""
+    """Return unique labels: signs, numbered if several modes have one."""
     total, seen = Counter(signs), Counter[str]()
     labels = []
     for sign in signs:

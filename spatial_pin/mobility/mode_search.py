@@ -1,4 +1,4 @@
-"""The search for assembly modes: starts are closed, and sorted by what they end at."""
+"""The search for assembly modes: closing random starts, and comparing the results."""
 
 from __future__ import annotations
 
@@ -29,37 +29,38 @@ from spatial_pin.mobility.rods import Core, Rod
 from spatial_pin.numerics.linalg import Array, null_space, null_vectors
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-# Starts that the rarest mode must have had before no more are sought: one that has half its share
-# of starts is then missed in exp(-10) of cases, 5e-5.
+# Starts of the rarest mode before the search ends: a mode with half its share is then missed in
+# exp(-10) of cases, 5e-5.
 TIMES = 20
-# Singular modes are the same up to this: where four of them meet they are known to the fourth root
-# of round-off, 1e-4; ten times that.
+# Difference of equal singular modes: where four meet they are known to the fourth root of round-
+# off, 1e-4; ten times that.
 SINGULAR_SAME = 1e-3
-MOST_MODES = 1000  # after which no more are sought: more are a continuum cut by its tolerance
-BEYOND = 0.25  # part of the range of closed slides that starts go beyond it: modes not yet found
-# Starts slide by up to so many characteristic lengths either way: links reach one, and the ground
-# stands no farther than half of another from where its frame is drawn.
+MOST_MODES = 1000  # most modes: more are a continuum cut by its tolerance
+BEYOND = 0.25  # part of the range of closed slides by which starts exceed it: for unknown modes
+# Largest slide of starts [characteristic lengths]: links reach one, and the ground is within half
+# of another of its frame.
 SLIDES = 1.5
-# Steps of a start. Of random starts of `delta` 57 % close in 60 steps, 75 % in 120 and 240; of the
-# Gough platform with forty modes 98.5 %, 99.75 % and as many.
+# Steps of a start. From random starts of `delta` 57 % close in 60 steps, 75 % in 120 and 240; of
+# the Gough platform with forty modes 98.5 %, 99.75 % and as many.
 ITERATIONS = 120
-# starts closed together: few as the first may tell all, later ones many
+# starts closed together: few at first, as these may be enough, later many
 FEWEST_TOGETHER, MOST_TOGETHER = 64, 512
 LARGEST = 1 << 21  # numbers in their Jacobians: 16 MB
-LOOKED_AT = 20  # closed configurations looked at for a regular one: if all are singular, it is so
-MOST_REJECTED = 64  # mirror images that are known again: each is compared with every start
+# closed configurations checked for a regular one: if all are singular, the mechanism is
+LOOKED_AT = 20
+MOST_REJECTED = 64  # stored mirror images: each is compared with every start
 
 
 class Starts:
-    """Configurations of a mechanism, drawn at random, and where descents from them end.
+    """Random configurations of a mechanism, and the results of descents from them.
 
     Args:
-        mechanism: the core of what is searched.
-        held: its coordinates that are held [rad, m].
+        mechanism: the core of the searched mechanism.
+        held: its fixed coordinates [rad, m].
 
     Attributes:
         kernel: of the mechanism.
-        free: (nv,) which velocities may close the loops.
+        free: (nv,) velocities that close the loops.
     """
 
     def __init__(self, mechanism: Mechanism, held: Mapping[str, float]) -> None:
@@ -77,7 +78,7 @@ class Starts:
         self._high = -self._low
 
     def draw(self, rng: np.random.Generator, most: int) -> Array:
-        """Return some more configurations (nq, m), `most` at most."""
+        """Return more configurations (nq, m), `most` at most."""
         m = min(self._size, most) if self.free.any() else 1
         self._size = min(2 * self._size, self._most)
         mechanism, model = self._mechanism, self._mechanism.model
@@ -110,25 +111,25 @@ class Starts:
         return closed.T, error
 
     def learn(self, closed: Array) -> None:
-        """Learn from closed configurations (nq, m) where slides are."""
+        """Record the range of slides in closed configurations (nq, m)."""
         ends = closed[self._slides]
         self._low = np.minimum(self._low, ends.min(axis=1, initial=np.inf))
         self._high = np.maximum(self._high, ends.max(axis=1, initial=-np.inf))
 
 
 class Recognition:
-    """Signatures of configurations: equal where these are one mode.
+    """Signatures of configurations: equal for one mode.
 
     Args:
         check: of the whole mechanism.
-        core: what is searched.
-        base: (nq,) configuration of the whole mechanism where it is not the core's.
+        core: the searched core.
+        base: (nq,) configuration of the whole mechanism outside the core.
         starts: of the core.
-        all_copies: whether copies of a mode are told apart.
+        all_copies: whether copies of a mode are distinct.
 
     Attributes:
-        marks: what counts of each body; empty before anything was learnt.
-        is_learnt: whether signatures can be made.
+        marks: relevant features of each body; empty before `learn`.
+        is_learnt: whether signatures can be computed.
         generic_nullity: freedoms to first order of a regular configuration of the core.
     """
 
@@ -143,7 +144,7 @@ class Recognition:
         self.generic_nullity = 0
 
     def learn(self, q: Array) -> None:
-        """Learn from closed configurations q (nq, m) which freedoms are passive."""
+        """Find the passive freedoms from closed configurations q (nq, m)."""
         looked_at = 0
         for x in q.T:
             whole = self.whole(x)
@@ -164,7 +165,7 @@ class Recognition:
                                  self._check.mechanism.characteristic_length)
 
     def signatures(self, q: Array) -> Array:
-        """Return (m, rows, 3) what tells configurations q (nq, m) of the core apart."""
+        """Return signatures (m, rows, 3) of configurations q (nq, m) of the core."""
         placed = self._kernel.placements(q.T)
         return self._rows @ placed.reshape(len(placed), -1, 3)
 
@@ -180,7 +181,7 @@ class Recognition:
         return self._kernel.jacobians(q.T)[:, : self._kernel.n_closure, self._free]
 
     def whole(self, x: Array) -> Array | None:
-        """Return a configuration of the core as one of the mechanism, None if it is none."""
+        """Return a configuration of the core as one of the mechanism, None if impossible."""
         mechanism = self._check.mechanism
         return self._check.with_rods(
             self._core.rods, self._core.whole(mechanism, self._base, x))
@@ -192,7 +193,7 @@ def apart(signatures: Array, other: Array) -> Array:
 
 
 class Mode:
-    """A mode found: a closed configuration, and how many starts have ended there."""
+    """A mode: a closed configuration, and the number of starts that ended there."""
 
     def __init__(self, q: Array, kind: ModeKind, signature: Array, rods: tuple[Rod, ...]) -> None:
         self.q, self.kind, self.signature, self.rods = q, kind, signature, rods
@@ -200,24 +201,24 @@ class Mode:
 
     @property
     def reach(self) -> float:
-        """How far from its signature a configuration is still this mode."""
+        """Largest difference of signatures within this mode."""
         return SINGULAR_SAME if self.kind.is_singular else SAME_MODE
 
 
 class ModeSearch:
-    """Closed configurations of the core found so far, one of each mode.
+    """Closed configurations of the core, one of each mode.
 
     Args:
         check: of the whole mechanism.
-        core: what is searched.
-        all_copies: whether copies of a mode are told apart.
+        core: the searched core.
+        all_copies: whether copies of a mode are distinct.
 
     Attributes:
-        modes: these.
-        recognition: what tells them apart.
-        continuum: what can move, if anything found can.
+        modes: the modes so far.
+        recognition: their signatures.
+        continuum: a moving configuration, if any.
         starts, closed: number of starts, and of those that closed.
-        is_whole: whether nothing cut it short.
+        is_whole: whether the search was complete.
     """
 
     def __init__(self, check: ModeCheck, core: Core, all_copies: bool) -> None:
@@ -237,7 +238,7 @@ class ModeSearch:
 
     @property
     def is_free(self) -> bool:
-        """Whether anything is left to move with the values held."""
+        """Whether any coordinate is free."""
         return bool(self._starts.free.any())
 
     def look_at_guess(self) -> None:
@@ -254,10 +255,10 @@ class ModeSearch:
             raise moving(self._check, continuum_at(self._check, q, kind))
 
     def run(self, rng: np.random.Generator, patience: int, most_starts: int, bar: Any) -> None:
-        """Try starts until further ones can be spared.
+        """Try starts until the modes are complete with high probability.
 
         Raises:
-            KeyboardInterrupt: before a mode was found.
+            KeyboardInterrupt: before a mode was reached.
         """
         try:
             while self.starts < most_starts and len(self.modes) < MOST_MODES:
@@ -284,7 +285,7 @@ class ModeSearch:
         self._join()
 
     def _join(self) -> None:
-        """Make one mode of singular ones that round-off lets stand anywhere along a valley."""
+        """Join singular modes that round-off spreads along a valley."""
         groups: list[list[Mode]] = []
         for mode in self.modes:
             own = [group for group in groups if mode.kind.is_singular and any(
@@ -299,7 +300,7 @@ class ModeSearch:
             self.modes.append(middle)
 
     def _sort(self, q: Array, signatures: Array, starts: NDArray[np.intp]) -> None:
-        """Count configurations q (nq, m) of known modes, and find new ones."""
+        """Count configurations q (nq, m) of known modes, and add new ones."""
         for mode in self.modes:
             q, signatures, starts = self._count(mode, q, signatures, starts)
         for rejected in self._rejected:
@@ -335,7 +336,7 @@ class ModeSearch:
         return q[:, other], signatures[other], starts[other]
 
     def _mode(self, x: Array) -> Mode | None:
-        """Return the mode that a configuration of the core belongs to, if it is one."""
+        """Return the mode of a configuration of the core, if it is one."""
         q = self.recognition.whole(x)
         if q is None or not self._check.holds(q):
             if len(self._rejected) < MOST_REJECTED:
@@ -351,9 +352,9 @@ class ModeSearch:
         return Mode(q, kind, self.recognition.signature(q), self._core.rods)
 
     def _moving(self, q: Array, signatures: Array) -> NDArray[np.bool_]:
-        """Whether configurations q (nq, m) go on when pushed where they can to first order.
+        """Whether configurations q (nq, m) move on when pushed along first-order freedoms.
 
-        A little, and as far as what opens loops by a high power only does not lead.
+        Pushed a little, and beyond the range of loops that open by a high power only.
         """
         jacobian = self.recognition.jacobians(q)
         if not jacobian.size:
@@ -377,7 +378,7 @@ class ModeSearch:
 
 
 def moving(check: ModeCheck, continuum: Continuum) -> ContinuumError:
-    """Return the error of a mechanism that can move with its values held."""
+    """Return the error of a mechanism that can move with its fixed coordinates."""
     mechanism = check.mechanism
     values = ", ".join(f"{name} = {value:.6g}" for name, value in check.held.items())
     return ContinuumError(

@@ -1,4 +1,4 @@
-"""Jacobians of closed mechanisms, and their second order."""
+"""Jacobians of closed mechanisms, and their derivatives."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ def jacobian(
 
 
 def _columns(kernel: Kernel, rates: RateSolver, frame: int) -> Array:
-    """Return the Jacobian (6, n) of a frame where rates are placed."""
+    """Return the Jacobian (6, n) of a frame for placed rates."""
     own = kernel.mechanism.model.frames[frame]
     joint = int(kernel.packed.carriers[own.parentJoint])
     return rates.jacobian(joint, kernel.packed.frames[joint].T @ own.placement.translation)
@@ -129,19 +129,19 @@ def _columns(kernel: Kernel, rates: RateSolver, frame: int) -> Array:
 def _prescribed(
     mechanism: Mechanism, drivers: tuple[str, ...] | None, hold: FixedHold
 ) -> Prescription:
-    """Return what is prescribed when the columns of a Jacobian belong to drivers."""
+    """Return the prescribed coordinates of a Jacobian with these drivers."""
     return Prescription.of(mechanism, moving_coordinates(mechanism, drivers, hold), hold)
 
 
 def moving_coordinates(
     mechanism: Mechanism, drivers: Iterable[str] | None, hold: Hold
 ) -> list[Coordinate]:
-    """Return what the columns of a Jacobian belong to, those of free bases last.
+    """Return the coordinates of the columns of a Jacobian, those of free bases last.
 
     Args:
         mechanism: the mechanism.
         drivers: as for `jacobian`.
-        hold: likewise.
+        hold: as for `jacobian`.
 
     Raises:
         UnknownNameError: a name does not exist.
@@ -164,7 +164,7 @@ def moving_coordinates(
 
 
 def _default_coordinates(mechanism: Mechanism) -> list[Coordinate]:
-    """Return the drivers; of an open tree that names none, all velocity entries but of bases."""
+    """Return the drivers; for an open tree without any, all velocity entries except bases."""
     drivers = driven_coordinates(mechanism, ())
     joints = dict(zip(list(mechanism.model.names)[1:], mechanism.pairs, strict=True))
     whole = [mechanism.coordinate(name) for name in drivers_of_tree(joints, mechanism.closures)]
@@ -234,7 +234,7 @@ def jacobian_rate(
 
 
 class _Moving:
-    """The tree's Jacobian of a frame, and how it changes as a state moves."""
+    """The tree's Jacobian of a frame, and its rate in a motion."""
 
     def __init__(self, mechanism: Mechanism, state: State, frame: int) -> None:
         self.model, self.q, self.v, self.frame = mechanism.centred_model, state.q, state.v, frame
@@ -258,7 +258,7 @@ class _Moving:
 
 
 def _bracket(mechanism: Mechanism, u: Array, w: Array) -> Array:
-    """Return the bracket (nv,) of two joint velocities: zero but where joints turn in space."""
+    """Return the Lie bracket (nv,) of joint velocities, zero except for spatial joints."""
     out = np.zeros_like(u)
     for i, pair in enumerate(mechanism.pairs, start=1):
         if not PAIRS[pair].is_linear:
@@ -270,9 +270,9 @@ def _bracket(mechanism: Mechanism, u: Array, w: Array) -> Array:
 
 
 def _equation_brackets(evaluation: LoopEquations, turned: Array, u: Array, w: Array) -> Array:
-    """Return what the equations' Jacobians at u lack of symmetry, (n_closure + n_passive,).
+    """Return the asymmetry of the equations' second derivatives, (n_closure + n_passive,).
 
-    The spin about a line fixed in a body is no function of the configuration: the body's angular
+    The spin about a line fixed in a body is not a function of the configuration: the body's angular
     velocities have a bracket of their own.
     """
     c: Constraints = evaluation.constraints

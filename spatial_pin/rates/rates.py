@@ -43,13 +43,13 @@ SOLUTION_ERROR = 8.0 * EPS  # of a solution, relative to its size: as in `closin
 
 
 def prescribed_at(state: State, names: Iterable[str], hold: Hold = BASE) -> list[Coordinate]:
-    """Return the coordinates that are prescribed when `names` move, in that order, from a state on.
+    """Return the prescribed coordinates when `names` move from a state, in that order.
 
-    The named ones, and the drivers that can stand still beside them: of redundant drivers those
-    that the loops would move most are let go, as they have to move the least. Beside a coordinate
-    that is no driver all drivers stand or none does, for nobody says which. Of a free base that is
-    driven by some components the others are prescribed too. What is held comes last; what of it
-    is an entry of the velocity is given by `holding.divided`.
+    These are the named ones, and the drivers that can be fixed beside them. Of redundant drivers,
+    those that the loops would move most are released, so that they move least. Beside a coordinate
+    that is not a driver, all drivers are fixed or none. If some components of a free base are
+    driven, the others are prescribed too. Fixed coordinates come last; their velocity entries are
+    given by `holding.divided`.
     """
     names = list(names)
     usual, still = prescribed_first(state.mechanism, names, hold)
@@ -63,7 +63,7 @@ def prescribed_at(state: State, names: Iterable[str], hold: Hold = BASE) -> list
 def prescribed_first(
     mechanism: Mechanism, names: Iterable[str], hold: Hold = BASE
 ) -> tuple[list[Coordinate], tuple[int, ...]]:
-    """Return what `prescribed_at` returns where that is regular, and what stands still too."""
+    """Return the result of `prescribed_at` in a regular state, with fixed velocity entries."""
     driven, still = _prescribed_first(mechanism, tuple(names), fixed(hold))
     return [*driven], still
 
@@ -78,13 +78,13 @@ def _prescribed_first(
 
 
 def wanted_coordinates(mechanism: Mechanism, names: Iterable[str]) -> list[Coordinate]:
-    """Return the coordinates of some names, with all others of a free base that is named."""
+    """Return the coordinates of names, with all others of a named free base."""
     wanted = list(dict.fromkeys(mechanism.prescribed_coordinate(name) for name in names))
     return wanted + [c for c in siblings(mechanism, wanted) if c.joint in free_bases(mechanism)]
 
 
 def _with_fixed_drivers(state: State, wanted: list[Coordinate], hold: Hold) -> list[Coordinate]:
-    """Return coordinates and the drivers that can stand still beside them; none if they cannot."""
+    """Return coordinates with the drivers that can be fixed beside them; [] if they cannot move."""
     mechanism = state.mechanism
     drivers = driven_coordinates(mechanism, mechanism.drivers)
     wanted, still = divided(mechanism, wanted, hold)
@@ -114,11 +114,11 @@ def _with_fixed_drivers(state: State, wanted: list[Coordinate], hold: Hold) -> l
 
 
 def _choices(state: State, named: list[Coordinate], hold: Hold) -> Iterator[list[Coordinate]]:
-    """Yield what may be prescribed when some coordinates are named, the best first.
+    """Yield possible prescriptions for named coordinates, the best first.
 
-    The mechanism's drivers when all are drivers; if there are more of them than freedoms, those
-    named. Otherwise, beside the named ones, the other coordinates of their joints and the drivers
-    stand still: all of them if they can, or all of a kind, for nobody says which do not.
+    These are the mechanism's drivers if all names are drivers; with more drivers than freedoms, the
+    named ones. Otherwise the other coordinates of named joints and the drivers are fixed: all of
+    them if they can be, or all of one kind.
     """
     mechanism = state.mechanism
     drivers = driven_coordinates(mechanism, mechanism.drivers)
@@ -141,7 +141,7 @@ def _choices(state: State, named: list[Coordinate], hold: Hold) -> Iterator[list
 
 
 def _closed(evaluation: LoopEquations, still: tuple[int, ...]) -> Array:
-    """Return the closure equations, and one for each velocity entry that stands still."""
+    """Return the closure equations, and one for each fixed velocity entry."""
     rows = evaluation.jacobian[: evaluation.constraints.n_closure]
     return np.vstack([rows, np.eye(rows.shape[1])[list(still)]]) if still else rows
 
@@ -157,10 +157,10 @@ def _are_independent(state: State, driven: list[Coordinate], hold: Hold) -> bool
 
 
 def check_not_held(mechanism: Mechanism, named: Sequence[Coordinate], hold: Hold) -> None:
-    """Refuse motion of what is held.
+    """Refuse motion of fixed coordinates.
 
     Raises:
-        ValueError: names it.
+        ValueError: with its name.
     """
     _check_not_held(mechanism, tuple(named), fixed(hold))
 
@@ -245,10 +245,10 @@ def solve_rates(
 def _solved(
     state: State, speeds: Mapping[str, Any], accelerations: Mapping[str, Any], hold: Hold
 ) -> Solved | None:
-    """Return the rates where it is clear what determines them; else None.
+    """Return the rates if the equations for them are clear; else None.
 
     Raises:
-        ValueError: a rate is no finite number.
+        ValueError: a rate is not a finite number.
     """
     mechanism = state.mechanism
     plan = plan_of(mechanism, speeds, accelerations, hold)
@@ -269,11 +269,11 @@ def _solved(
 def _solved_by_trial(
     state: State, speeds: Mapping[str, Any], accelerations: Mapping[str, Any], hold: Hold
 ) -> Solved:
-    """Return the rates where it has to be tried what determines them.
+    """Return the rates with a prescription found by trial.
 
     Raises:
-        SingularError: nothing does.
-        ValueError: a rate is no finite number, is given twice, or is that of what is held.
+        SingularError: none determines them.
+        ValueError: a rate is not a finite number, is given twice, or is that of a fixed coordinate.
     """
     mechanism = state.mechanism
     v_of = rates_given(mechanism, speeds, "speed")
@@ -301,26 +301,26 @@ def _solved_by_trial(
 
 
 def check_finite(v: np.ndarray, a: np.ndarray, what: str) -> None:
-    """Refuse joint rates that have overflowed.
+    """Refuse infinite joint rates.
 
     Raises:
-        ValueError: they have, under `what`.
+        ValueError: with `what` caused them.
     """
     if not (is_finite(v) and is_finite(a)):
         raise ValueError(f"{what} make joint rates larger than numbers can be")
 
 
 def rate_error(driver: str, solved: bool, state: State, held: Hold = BASE) -> float:
-    """Return the round-off of rates that a driver makes; NaN where it does not determine them.
+    """Return the round-off of rates from a driver; NaN if it does not determine them.
 
-    A path solves them with closure equations that it has kept from before: where others are
-    redundant they may do worse than those chosen here, and how much shows in the rates.
+    A path solves rates with its own closure equations. If others are redundant, these may be less
+    accurate than equations chosen here; the difference shows in the rates.
 
     Args:
         driver: its name.
-        solved: whether rates were solved there, not continued across a crossing of branches.
+        solved: whether rates were solved there, not continued across a branch point.
         state: the closed state, with these rates or at rest.
-        held: what stands still, as for `solve_rates`.
+        held: names of fixed coordinates, as for `solve_rates`.
     """
     mechanism = state.mechanism
     given = prescription_by(mechanism, driver, fixed(held))
@@ -347,10 +347,10 @@ def rate_error(driver: str, solved: bool, state: State, held: Hold = BASE) -> fl
 
 
 def _reported_error(mechanism: Mechanism, lost: float) -> float:
-    """Return the error of rates that is told: far away, coordinates have roundings of their own.
+    """Return the reported error of rates: far from the origin, coordinates have round-off too.
 
     Args:
-        mechanism: what moves.
+        mechanism: the mechanism.
         lost: round-off of the solution, relative to the rates.
     """
     resolved = mechanism.extent.resolution
@@ -358,7 +358,7 @@ def _reported_error(mechanism: Mechanism, lost: float) -> float:
 
 
 def _apart(state: State, solution: Solved) -> float:
-    """Return how far rates of a state are from solved ones, relative to their size."""
+    """Return the difference between a state's rates and solved ones, relative to their size."""
     size = state.mechanism.velocity_scale
     v, a = solution.v / size, solution.a / size
     pace = float(np.abs(v).max())
@@ -368,10 +368,10 @@ def _apart(state: State, solution: Solved) -> float:
 
 
 def check_rates(state: State, v: Array) -> None:
-    """Refuse velocities (nv,) that open a loop, as where redundant equations become independent.
+    """Refuse velocities (nv,) that open a loop, if redundant equations become independent.
 
     Raises:
-        SingularError: names the closure that would open.
+        SingularError: with the closure that would open.
     """
     mechanism = state.mechanism
     with loops_of(mechanism, state.angles) as evaluation:
