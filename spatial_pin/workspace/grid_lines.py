@@ -135,7 +135,7 @@ def motion_along(
 def touching(config: GridConfig, distances: Distances, q: Array) -> str:
     """Return the links that are too near to each other, in words; empty if none."""
     assert config.apart is not None
-    distances.place(q[: config.body.model.nq])
+    distances.update(q[: config.body.model.nq])
     links = distances.touching(config.apart + PLACE_ERROR * config.body.characteristic_length)
     if links is None:
         return ""

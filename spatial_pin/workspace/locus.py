@@ -3,7 +3,8 @@
 The closed configurations over a section of the grid form a surface. A curve on it is the zero set
 of a function: the room of a joint before its limit, or the last number g of the bordered system
 
-[A  b] [v]   [0] [c  0] [g] = [1]
+    [A  b] [v]   [0]
+    [c  0] [g] = [1]
 
 whose square matrix A loses its rank there [Govaerts2000]. A maps the motions of the mechanism to
 the coordinates of the grid (limit positions) or to the task of the frame (zeros of the

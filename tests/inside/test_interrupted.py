@@ -158,7 +158,7 @@ def turn():
 
 def test_samples_that_were_looked_at_tell_of_the_clearance_after_ctrl_c(turn, monkeypatch):
     whole = sp.clearance(turn)
-    monkeypatch.setattr(ClearanceSearch, "_way_to", interrupting(ClearanceSearch._way_to, 10))
+    monkeypatch.setattr(ClearanceSearch, "_approach", interrupting(ClearanceSearch._approach, 10))
     found = cut_short(sp.clearance, turn)
     n = len(found.motion)
     assert not found.is_whole and n == 10
@@ -172,7 +172,7 @@ def test_samples_that_were_looked_at_tell_of_the_clearance_after_ctrl_c(turn, mo
 
 def test_pairs_that_were_searched_stay_so_after_ctrl_c(turn, monkeypatch):
     whole = sp.clearance(turn)
-    monkeypatch.setattr(ClearanceSearch, "found", interrupting(ClearanceSearch.found, 1))
+    monkeypatch.setattr(ClearanceSearch, "result", interrupting(ClearanceSearch.result, 1))
     found = cut_short(sp.clearance, turn)
     assert not found.is_whole and len(found.motion) == len(turn)
     assert all(pair.distance == pair.distances.min() for pair in found.pairs)
@@ -182,7 +182,7 @@ def test_pairs_that_were_searched_stay_so_after_ctrl_c(turn, monkeypatch):
 def test_touches_between_samples_are_reported_by_these_after_ctrl_c(turn, monkeypatch):
     apart = sp.clearance(turn).least
     tolerance = float(np.median(apart.distances))
-    monkeypatch.setattr(ClearanceSearch, "found", interrupting(ClearanceSearch.found, 1))
+    monkeypatch.setattr(ClearanceSearch, "result", interrupting(ClearanceSearch.result, 1))
     found = cut_short(sp.clearance, turn, [apart.links], tolerance=tolerance)
     rows = np.flatnonzero(apart.distances <= tolerance)
     assert found.least.contacts[0].begin == turn.driver[rows[0]]
@@ -200,7 +200,7 @@ def test_no_clearance_is_reported_before_the_first_sample(turn, monkeypatch):
 
 
 def test_the_command_writes_what_was_found_and_ends_as_interrupted(monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr(ClearanceSearch, "_way_to", interrupting(ClearanceSearch._way_to, 10))
+    monkeypatch.setattr(ClearanceSearch, "_approach", interrupting(ClearanceSearch._approach, 10))
     file = tmp_path / "found.json"
     assert main(["clearance", "four_bar", "crank", "0", "6", "--json", str(file)]) == 130
     assert "cut short at 10 samples" in " ".join(capsys.readouterr().out.split())
@@ -394,7 +394,7 @@ def test_every_verb_that_is_cut_short_raises_what_it_has_found(monkeypatch, turn
             with pytest.raises(sp.Interrupted) as stopped:
                 call()
             assert stopped.value.motion is None
-    monkeypatch.setattr(ClearanceSearch, "_way_to", interrupting(ClearanceSearch._way_to, 10))
+    monkeypatch.setattr(ClearanceSearch, "_approach", interrupting(ClearanceSearch._approach, 10))
     with pytest.raises(sp.Interrupted) as stopped:
         sp.clearance(turn)
     assert stopped.value.motion is stopped.value.result.motion
@@ -413,6 +413,6 @@ def test_a_verb_that_uses_another_is_interrupted_with_it(monkeypatch):
     """A search for designs took the part of a clearance that was looked at for the whole."""
     mechanism = sp.load("four_bar")
     goals = [sp.goals.swing("rocker_pin", 1.0), sp.goals.clearance(0.001)]
-    monkeypatch.setattr(ClearanceSearch, "_way_to", interrupting(ClearanceSearch._way_to, 3))
+    monkeypatch.setattr(ClearanceSearch, "_approach", interrupting(ClearanceSearch._approach, 3))
     with pytest.raises(KeyboardInterrupt):
         sp.design(mechanism, goals, {"r2": (0.05, 0.15)}, starts=1)
