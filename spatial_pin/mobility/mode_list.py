@@ -98,12 +98,7 @@ class AssemblyModes(list[State]):
 
     @property
     def found(self) -> tuple[int, ...]:
-        """The former name of `counts`.
-
-        Example:
-            >>> sp.assembly_modes(sp.load("four_bar"), {"crank": 1.0}).counts  # now
-            (722, 745)
-        """
+        """The old name of `counts`; it warns."""
         return tuple(by_new_name(self, "found", "counts"))
 
     @property

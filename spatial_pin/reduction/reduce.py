@@ -59,12 +59,7 @@ class Reduced(Mechanism):
 
     @property
     def left_out(self) -> tuple[Omission, ...]:
-        """The former name of `omissions`.
-
-        Example:
-            >>> len(sp.reduce(sp.load("rssr"), "rocker_pin").omissions)  # now
-            4
-        """
+        """The old name of `omissions`; it warns."""
         return tuple(by_new_name(self, "left_out", "omissions"))
 
     @cached_property

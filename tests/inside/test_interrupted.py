@@ -122,8 +122,8 @@ def test_a_path_of_targets_keeps_its_motion_where_singular_drivers_are_searched_
     mechanism = sp.load("delta")
     line = np.linspace([0.0, 0.0, -0.9], [0.2, 0.0, -0.9], 9)
     whole = sp.reach_path(mechanism, {"platform": line})
-    monkeypatch.setattr(reach_path, "driver_singularities",
-                        interrupting(reach_path.driver_singularities, 1))
+    monkeypatch.setattr(reach_path, "_driver_singularities",
+                        interrupting(reach_path._driver_singularities, 1))
     with pytest.raises(sp.Interrupted) as stopped:
         sp.reach_path(mechanism, {"platform": line})
     assert_begins(stopped.value.motion, whole, 9)
@@ -333,7 +333,7 @@ def test_settings_that_were_measured_are_reported(monkeypatch, tmp_path, capsys)
                  "--json", str(file)]) == 130
     written = json.loads(file.read_text(encoding="utf-8"))
     assert not written["is_whole"]
-    assert sum(row["said"] != "not tried, cut short" for row in written["rows"]) == 3
+    assert sum(row["note"] != "not tried, cut short" for row in written["rows"]) == 3
     assert "cut short" in capsys.readouterr().out
 
 
