@@ -58,11 +58,7 @@ def _pair(name: str, given: Any) -> tuple[float, float]:
         low, high = given
     except (TypeError, ValueError):
         raise ValueError(words) from None
-    return _end(name, low, -np.inf), _end(name, high, np.inf)
-
-
-def _end(name: str, given: Any, none: float) -> float:
-    """Return one bound; infinite if it is None or infinity of its sign."""
-    if given is None or (isinstance(given, float | np.floating) and given == none):
-        return none
-    return finite_number(given, f"a bound of {name!r}")
+    ends = [none if x is None or (isinstance(x, float | np.floating) and x == none)
+            else finite_number(x, f"a bound of {name!r}")
+            for x, none in ((low, -np.inf), (high, np.inf))]
+    return ends[0], ends[1]

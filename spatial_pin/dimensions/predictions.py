@@ -288,7 +288,8 @@ class Predictions:
         if neighbours is not None:
             moved = _AtRest(m, evaluation, neighbours, i)
             own = np.vstack([moved.slope(q, here.base) for q in self._quantities[i]])
-            columns += [*(own + slopes @ self._motions(svd, neighbours.opened(i))).T]
+            columns += [*(own + slopes @ _joint_motions(
+                m, self.unknowns.dimensions, svd, neighbours.opened(i))).T]
         driven = np.eye(n + len(stands))[n : n + len(held)]
         of = {c.name: slopes @ svd.minimum_norm(row / scale[c.v])
               for c, row in zip(held, driven, strict=True)}
@@ -301,18 +302,21 @@ class Predictions:
                          for e in self.unknowns.encoders]).reshape(-1, len(slopes)).T
         return np.hstack([joint_slopes, *base, read])
 
-    def _motions(self, svd: Decomposition, opened: Array) -> Array:
-        """Return joint motions (nv, n) that close loops opened by dimensions (rows, n)."""
-        wanted = np.zeros((len(svd.u), opened.shape[1]))
-        wanted[: len(opened)] = -opened
-        basis = svd.u[:, : svd.rank]
-        residual = np.linalg.norm(wanted - basis @ (basis.T @ wanted), axis=0)
-        sizes = np.maximum(1.0, np.linalg.norm(wanted, axis=0))
-        opens = residual > TOLERANCES.half_precision * sizes
-        if opens.any():
-            name = self.unknowns.dimensions[int(np.argmax(opens))]
-            raise SpatialPinError(
-                f"mechanism {self._start.mechanism.name!r}: the loops open where {name!r} alone is "
-                "changed (they are overconstrained); calibrate a dimension that keeps them closed")
-        motions: Array = svd.vt[: svd.rank].T @ ((basis.T @ wanted) / svd.s[: svd.rank, None])
-        return motions
+
+def _joint_motions(
+    mechanism: Mechanism, names: Sequence[str], svd: Decomposition, opened: Array
+) -> Array:
+    """Return joint motions (nv, n) that close loops opened by dimensions (rows, n)."""
+    wanted = np.zeros((len(svd.u), opened.shape[1]))
+    wanted[: len(opened)] = -opened
+    basis = svd.u[:, : svd.rank]
+    residual = np.linalg.norm(wanted - basis @ (basis.T @ wanted), axis=0)
+    sizes = np.maximum(1.0, np.linalg.norm(wanted, axis=0))
+    opens = residual > TOLERANCES.half_precision * sizes
+    if opens.any():
+        name = names[int(np.argmax(opens))]
+        raise SpatialPinError(
+            f"mechanism {mechanism.name!r}: the loops open where {name!r} alone is "
+            "changed (they are overconstrained); calibrate a dimension that keeps them closed")
+    motions: Array = svd.vt[: svd.rank].T @ ((basis.T @ wanted) / svd.s[: svd.rank, None])
+    return motions

@@ -187,26 +187,24 @@ def read_targets(mechanism: Mechanism, targets: Mapping[str, Any]) -> list[Targe
 
 def _named(mechanism: Mechanism, name: str, given: Any) -> Target:
     """Return a target with its name; that of an output with the name of its frame."""
-    if not isinstance(given, Target):
-        plain = None
-        if not isinstance(given, pin.SE3 | str | bytes) and np.shape(given) in ((), (3,)):
-            plain = output_target(mechanism, name, given)
-        return plain or replace(_plain(mechanism, name, given), name=name)
-    target = given if given.name else replace(given, name=name)
-    if isinstance(target, CoordinateValue | Position):
-        numbers = target.value if isinstance(target, CoordinateValue) else target.point
-        return output_target(mechanism, target.name, numbers, target.weight) or target
-    return target
-
-
-def _plain(mechanism: Mechanism, name: str, given: Any) -> Target:
+    if isinstance(given, Target):
+        target = given if given.name else replace(given, name=name)
+        if isinstance(target, CoordinateValue | Position):
+            numbers = target.value if isinstance(target, CoordinateValue) else target.point
+            return output_target(mechanism, target.name, numbers, target.weight) or target
+        return target
     if isinstance(given, pin.SE3):
-        return pose(given)
+        return replace(pose(given), name=name)
+    is_text, what = isinstance(given, str | bytes), f"target {name!r}"
+    if not is_text and np.shape(given) in ((), (3,)):
+        output = output_target(mechanism, name, given)
+        if output is not None:
+            return output
     is_frame = name in mechanism.frame_ids and not is_coordinate(mechanism, name)
-    if np.ndim(given) == 0 and not (is_frame or isinstance(given, str | bytes)):
-        return coordinate(finite_number(given, f"target {name!r}"))
+    if np.ndim(given) == 0 and not (is_frame or is_text):
+        return replace(coordinate(finite_number(given, what)), name=name)
     if np.shape(given) == (3,):
-        return position(finite_array(given, (3,), f"target {name!r}"))
+        return replace(position(finite_array(given, (3,), what)), name=name)
     raise TypeError(f"target {name!r}: {given!r} is none; a frame has a point (3,) or a "
                     "pinocchio.SE3, a coordinate or another output a number; or give one of "
                     "spatial_pin.targets")

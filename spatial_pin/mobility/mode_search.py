@@ -308,7 +308,7 @@ class ModeSearch:
             q, signatures, starts = q[:, other], signatures[other], starts[other]
         while starts.size:
             if self.continuum is not None:
-                moving = self._moving(q, signatures)
+                moving = _moving(self.recognition, self._starts, q, signatures)
                 self.closed += int(np.count_nonzero(moving))
                 q, signatures, starts = q[:, ~moving], signatures[~moving], starts[~moving]
                 if not starts.size:
@@ -351,30 +351,33 @@ class ModeSearch:
         q = self._check.settled(q, self._base, self.recognition.marks)
         return Mode(q, kind, self.recognition.signature(q), self._core.rods)
 
-    def _moving(self, q: Array, signatures: Array) -> NDArray[np.bool_]:
-        """Whether configurations q (nq, m) move on when pushed along first-order freedoms.
 
-        Pushed a little, and beyond the range of loops that open by a high power only.
-        """
-        jacobian = self.recognition.jacobians(q)
-        if not jacobian.size:
-            return np.ones(q.shape[1], dtype=bool)
-        vectors, ranks = null_vectors(jacobian, TOLERANCES.half_precision)
-        moves = jacobian.shape[2] - ranks > self.recognition.generic_nullity
-        scale = self._core.mechanism.velocity_scale[:, None]
-        for push in (SETTING_OUT, WAY_OUT):
-            at = np.flatnonzero(moves)
-            if not at.size:
-                break
-            step = np.zeros((len(scale), at.size))
-            step[self._starts.free] = vectors[at].T
-            step *= push / np.maximum(np.linalg.norm(step, axis=0), 1e-300)
-            pushed = self._starts.kernel.displaced(q[:, at].T, (scale * step).T).T
-            closed, error = self._starts.descend(pushed)
-            shift, wanted = (apart(self.recognition.signatures(x), signatures[at])
-                            for x in (closed, pushed))
-            moves[at] = (error <= SAME_MODE * SAME_MODE) & (shift > TOLERANCES.moved * wanted)
-        return moves
+def _moving(
+    recognition: Recognition, starts: Starts, q: Array, signatures: Array
+) -> NDArray[np.bool_]:
+    """Whether configurations q (nq, m) move on when pushed along first-order freedoms.
+
+    Pushed a little, and beyond the range of loops that open by a high power only.
+    """
+    jacobian = recognition.jacobians(q)
+    if not jacobian.size:
+        return np.ones(q.shape[1], dtype=bool)
+    vectors, ranks = null_vectors(jacobian, TOLERANCES.half_precision)
+    moves = jacobian.shape[2] - ranks > recognition.generic_nullity
+    scale = starts.kernel.mechanism.velocity_scale[:, None]
+    for push in (SETTING_OUT, WAY_OUT):
+        at = np.flatnonzero(moves)
+        if not at.size:
+            break
+        step = np.zeros((len(scale), at.size))
+        step[starts.free] = vectors[at].T
+        step *= push / np.maximum(np.linalg.norm(step, axis=0), 1e-300)
+        pushed = starts.kernel.displaced(q[:, at].T, (scale * step).T).T
+        closed, error = starts.descend(pushed)
+        shift, wanted = (apart(recognition.signatures(x), signatures[at])
+                        for x in (closed, pushed))
+        moves[at] = (error <= SAME_MODE * SAME_MODE) & (shift > TOLERANCES.moved * wanted)
+    return moves
 
 
 def moving(check: ModeCheck, continuum: Continuum) -> ContinuumError:

@@ -7,7 +7,7 @@ it may contain the least distance or a contact.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 import pinocchio as pin
@@ -156,8 +156,8 @@ class PairResult(NamedTuple):
     contacts: tuple[tuple[MotionPoint, MotionPoint], ...]
 
 
-class ClearanceSearch:
-    """The search of a motion, pair of links by pair of links.
+class SampledClearance:
+    """Distances of pairs of links at the samples of a motion.
 
     Attributes:
         sampled: (N, pairs) distances at the samples [m].
@@ -222,10 +222,10 @@ class ClearanceSearch:
             before = there
         return np.cumsum([np.zeros(self.sampled.shape[1]), *steps], axis=0)
 
-    def cut(self, n: int) -> ClearanceSearch:
+    def cut(self, n: int) -> Self:
         """Return a search of the first samples alone, which are computed."""
         between = Between(first_samples(self.between.motion, n))
-        own = ClearanceSearch(self.distances, between, self.touching)
+        own = type(self)(self.distances, between, self.touching)
         own.sampled, own.points = self.sampled[:n], self.points[:n]
         return own
 
@@ -239,6 +239,10 @@ class ClearanceSearch:
                          for first, last in zip(ends[::2], ends[1::2], strict=True))
         nearest = Nearest(float(apart[row]), self.points[row, pair])
         return PairResult(MotionPoint(row, 0.0), nearest, contacts)
+
+
+class ClearanceSearch(SampledClearance):
+    """The search of a motion, pair of links by pair of links."""
 
     def result(self, pair: int) -> PairResult:
         """Return the result for a pair, after `sample`."""

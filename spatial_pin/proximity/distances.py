@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from itertools import combinations, product
 from typing import NamedTuple
@@ -86,7 +86,8 @@ class Distances:
             self._of[solid.link].append(k)
         self.joined: tuple[tuple[str, str], ...] = ()
         if pairs is not None:
-            self.pairs = tuple(map(self._checked, pairs))
+            own = {name: self._joint(name) for name in self._of}
+            self.pairs = tuple(_checked(mechanism, own, pair) for pair in pairs)
         else:
             joined = joined_bodies(mechanism, {s.joint for s in self.solids})
             bodies = {(a, b): frozenset((self._joint(a), self._joint(b)))
@@ -110,22 +111,6 @@ class Distances:
 
     def _joint(self, link: str) -> int:
         return self.solids[self._of[link][0]].joint
-
-    def _checked(self, pair: tuple[str, str]) -> tuple[str, str]:
-        where = f"mechanism {self.mechanism.name!r}: "
-        if isinstance(pair, str) or len(pair) != 2:
-            raise SpatialPinError(f"{where}a pair is two links, not {pair!r}")
-        for name in pair:
-            if name not in self.mechanism.links:
-                raise UnknownNameError("link", name, self.mechanism.links, where)
-            if name not in self._of:
-                raise SpatialPinError(f"{where}link {name!r} has no <collision> and no <visual>, "
-                                      "so that nothing has a distance from it")
-        a, b = pair
-        if self._joint(a) == self._joint(b):
-            raise SpatialPinError(f"{where}links {a!r} and {b!r} are fixed to each other: their "
-                                  "distance does not change")
-        return a, b
 
     def update(self, q: Array) -> None:
         """Move to a configuration (nq,)."""
@@ -223,6 +208,26 @@ class Distances:
             frame.setRotation(rotation @ solid.rotation)
             frame.setTranslation(self._origins[k] + rotation @ solid.position)
         return self._frames[k]
+
+
+def _checked(
+    mechanism: Mechanism, bodies: Mapping[str, int], pair: tuple[str, str]
+) -> tuple[str, str]:
+    """Return names of two links, from those with solids and their joints."""
+    where = f"mechanism {mechanism.name!r}: "
+    if isinstance(pair, str) or len(pair) != 2:
+        raise SpatialPinError(f"{where}a pair is two links, not {pair!r}")
+    for name in pair:
+        if name not in mechanism.links:
+            raise UnknownNameError("link", name, mechanism.links, where)
+        if name not in bodies:
+            raise SpatialPinError(f"{where}link {name!r} has no <collision> and no <visual>, "
+                                  "so that nothing has a distance from it")
+    a, b = pair
+    if bodies[a] == bodies[b]:
+        raise SpatialPinError(f"{where}links {a!r} and {b!r} are fixed to each other: their "
+                              "distance does not change")
+    return a, b
 
 
 def _half_sine(before: Array, after: Array) -> Array:

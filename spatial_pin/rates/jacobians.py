@@ -147,8 +147,15 @@ def moving_coordinates(
         UnknownNameError: a name does not exist.
         ValueError: a driver is named twice.
     """
-    if drivers is None:
-        chosen = _default_coordinates(mechanism)
+    if drivers is None:  # the drivers; in an open tree without any, all velocities except bases
+        chosen = driven_coordinates(mechanism, ())
+        joints = dict(zip(list(mechanism.model.names)[1:], mechanism.pairs, strict=True))
+        if chosen == [mechanism.coordinate(name)
+                      for name in drivers_of_tree(joints, mechanism.closures)]:
+            loose = [c for joint, pair in joints.items()
+                     if not PAIRS[pair].is_linear and joint not in free_bases(mechanism)
+                     for c in rate_coordinates(mechanism, joint)]
+            chosen = sorted([*chosen, *loose], key=lambda c: c.v)
     else:
         chosen = [c for name in names_of(drivers, "drivers")
                   for c in rate_coordinates(mechanism, name)]
@@ -161,19 +168,6 @@ def moving_coordinates(
         return chosen
     bases = [joint for joint in free_bases(mechanism) if joint not in moved]
     return [*chosen, *(c for joint in bases for c in rate_coordinates(mechanism, joint))]
-
-
-def _default_coordinates(mechanism: Mechanism) -> list[Coordinate]:
-    """Return the drivers; for an open tree without any, all velocity entries except bases."""
-    drivers = driven_coordinates(mechanism, ())
-    joints = dict(zip(list(mechanism.model.names)[1:], mechanism.pairs, strict=True))
-    whole = [mechanism.coordinate(name) for name in drivers_of_tree(joints, mechanism.closures)]
-    if drivers != whole:
-        return drivers
-    loose = [c for joint, pair in joints.items()
-             if not PAIRS[pair].is_linear and joint not in free_bases(mechanism)
-             for c in rate_coordinates(mechanism, joint)]
-    return sorted([*drivers, *loose], key=lambda c: c.v)
 
 
 @checked

@@ -68,22 +68,6 @@ class Circuit:
         self.is_closed = ends_at_first and self._ahead(self._n - 1, self._places[0]) is not None
         self.turn = float(self.motion.swept[-1] - self.motion.swept[0]) if self.is_closed else 0.0
 
-    @classmethod
-    def through(
-        cls, mechanism: Mechanism, driver: str, states: Sequence[State]
-    ) -> list[tuple[Circuit, dict[int, CircuitPosition]]]:
-        """Return circuits through states: (circuit, {number of a state: its position})."""
-        circuits: list[tuple[Circuit, dict[int, CircuitPosition]]] = []
-        rest = list(range(len(states)))
-        while rest:
-            circuit = cls(mechanism, driver, states[rest[0]])
-            positions = {i: x for i in rest if (x := circuit.position(states[i])) is not None}
-            if rest[0] not in positions:
-                raise SpatialPinError(f"the curve through sample {rest[0]} cannot be followed")
-            circuits.append((circuit, positions))
-            rest = [i for i in rest if i not in positions]
-        return circuits
-
     @property
     def turns_fully(self) -> bool:
         """Whether the driver turns without meeting a border."""
@@ -193,3 +177,19 @@ class Circuit:
         if not self.is_closed or not n:
             return crossed, values
         return crossed % n, np.where(crossed == n, values - self.turn, values)
+
+
+def circuits_through(
+    mechanism: Mechanism, driver: str, states: Sequence[State]
+) -> list[tuple[Circuit, dict[int, CircuitPosition]]]:
+    """Return circuits through states: (circuit, {number of a state: its position})."""
+    circuits: list[tuple[Circuit, dict[int, CircuitPosition]]] = []
+    rest = list(range(len(states)))
+    while rest:
+        circuit = Circuit(mechanism, driver, states[rest[0]])
+        positions = {i: x for i in rest if (x := circuit.position(states[i])) is not None}
+        if rest[0] not in positions:
+            raise SpatialPinError(f"the curve through sample {rest[0]} cannot be followed")
+        circuits.append((circuit, positions))
+        rest = [i for i in rest if i not in positions]
+    return circuits

@@ -150,7 +150,7 @@ class CurveDatabase:
             alike = AtlasStart(
                 x[i], GoalStates.joined([s._replace(at=np.array([k])) for k, s in enumerate(own)]),
                 float(match.misfit[i]), 0)
-            there = self._homotopy(alike, float(match.size[i]), match.rotation[i])
+            there = _homotopy(self, alike, float(match.size[i]), match.rotation[i])
             begins += [there] if there is not None else []
             if len(begins) == OF_A_BATCH:
                 break
@@ -214,48 +214,6 @@ class CurveDatabase:
             turns[:] = False
         return Movable(shifts, turns, scaled or can(arms))
 
-    def _homotopy(self, alike: AtlasStart, size: float, rotation: Array) -> AtlasStart | None:
-        """Return a curve moved to the path; None if the bounds do not allow it.
-
-        The curve moves as a whole in small steps, by dimensions from Newton's method. A path with
-        free placement or scale is moved to the curve instead.
-
-        Args:
-            alike: a curve with a part similar to the path.
-            size: factor by which the curve must grow.
-            rotation: (3, 3) by which it must turn.
-        """
-        p, goal, x = self.p, self.goal, alike.x.copy()
-        size, turn = max(size, LEAST_SIZE), pin.log3(rotation)
-        own = self._points(self._same(x, goal.count), alike.samples)
-        there, numbers = own.mean(axis=0), np.zeros(len(goal.own_names))
-        away = there - goal.points.mean(axis=0)
-        if goal.placement:
-            numbers[:3], numbers[3:6] = away / p.mechanism.characteristic_length, -turn
-            turn, away = np.zeros(3), np.zeros(3)
-        if goal.scale:
-            numbers[-1], size = -np.log(size), 1.0
-        x[self._own] = numbers
-        timed = self._driven(goal.points, alike.samples.q[:, self._driver.q])
-        width = float(np.abs(own - there).max()) * max(size, 1.0)
-        steps = max(abs(np.log(size)) / np.log(SIZE_STEP), float(np.linalg.norm(turn)) / WAY_STEP,
-                    float(np.abs(away).max()) / width)
-        n, samples = int(min(np.ceil(steps), STEPS_TO_PATH)), alike.samples
-        for part in np.repeat(np.arange(1, n + 1) / max(n, 1), BRINGING_CORRECTIONS).tolist():
-            target = there - part * away + size**part * (own - there) @ pin.exp3(part * turn).T
-            samples, _, closed = timed.closed(p.members(x), samples, NO_NUMBERS)
-            if not closed.all():
-                return None
-            missed = (self._points(self._same(x, goal.count), samples) - target).ravel()
-            slopes = timed.slopes(*self._around(x), samples, NO_NUMBERS).reshape(missed.size, -1)
-            slopes = slopes * p.sizes[: p.n] * p.mechanism.characteristic_length
-            inverse = pseudo_inverses(slopes[None], TOLERANCES.singular)[0]
-            x = x.copy()
-            x[: p.n] -= p.sizes[: p.n] * (inverse @ missed)
-        outside = np.maximum(p.lower - x, x - p.upper) > OUTSIDE * p.sizes
-        return None if outside.any() else AtlasStart(
-            np.clip(x, p.lower, p.upper), samples, alike.misfit, n * BRINGING_CORRECTIONS)
-
     def _same(self, x: Array, m: int) -> DimensionBatch:
         """Return the mechanism of x, repeated for m configurations."""
         return self.p.members(x).taken(np.zeros(m, dtype=np.intp))
@@ -272,3 +230,49 @@ class CurveDatabase:
             near[self.number] = begin.samples
         solution = self.p.solve_from(begin.x, near, WEIGHTS[1:])
         return replace(solution, evaluations=solution.evaluations + begin.tried)
+
+
+def _homotopy(
+    atlas: CurveDatabase, alike: AtlasStart, size: float, rotation: Array
+) -> AtlasStart | None:
+    """Return a curve moved to the path; None if the bounds do not allow it.
+
+    The curve moves as a whole in small steps, by dimensions from Newton's method. A path with free
+    placement or scale is moved to the curve instead.
+
+    Args:
+        atlas: of the path.
+        alike: a curve with a part similar to the path.
+        size: factor by which the curve must grow.
+        rotation: (3, 3) by which it must turn.
+    """
+    p, goal, x = atlas.p, atlas.goal, alike.x.copy()
+    size, turn = max(size, LEAST_SIZE), pin.log3(rotation)
+    own = atlas._points(atlas._same(x, goal.count), alike.samples)
+    there, numbers = own.mean(axis=0), np.zeros(len(goal.own_names))
+    away = there - goal.points.mean(axis=0)
+    if goal.placement:
+        numbers[:3], numbers[3:6] = away / p.mechanism.characteristic_length, -turn
+        turn, away = np.zeros(3), np.zeros(3)
+    if goal.scale:
+        numbers[-1], size = -np.log(size), 1.0
+    x[atlas._own] = numbers
+    timed = atlas._driven(goal.points, alike.samples.q[:, atlas._driver.q])
+    width = float(np.abs(own - there).max()) * max(size, 1.0)
+    steps = max(abs(np.log(size)) / np.log(SIZE_STEP), float(np.linalg.norm(turn)) / WAY_STEP,
+                float(np.abs(away).max()) / width)
+    n, samples = int(min(np.ceil(steps), STEPS_TO_PATH)), alike.samples
+    for part in np.repeat(np.arange(1, n + 1) / max(n, 1), BRINGING_CORRECTIONS).tolist():
+        target = there - part * away + size**part * (own - there) @ pin.exp3(part * turn).T
+        samples, _, closed = timed.closed(p.members(x), samples, NO_NUMBERS)
+        if not closed.all():
+            return None
+        missed = (atlas._points(atlas._same(x, goal.count), samples) - target).ravel()
+        slopes = timed.slopes(*atlas._around(x), samples, NO_NUMBERS).reshape(missed.size, -1)
+        slopes = slopes * p.sizes[: p.n] * p.mechanism.characteristic_length
+        inverse = pseudo_inverses(slopes[None], TOLERANCES.singular)[0]
+        x = x.copy()
+        x[: p.n] -= p.sizes[: p.n] * (inverse @ missed)
+    outside = np.maximum(p.lower - x, x - p.upper) > OUTSIDE * p.sizes
+    return None if outside.any() else AtlasStart(
+        np.clip(x, p.lower, p.upper), samples, alike.misfit, n * BRINGING_CORRECTIONS)

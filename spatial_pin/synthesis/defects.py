@@ -22,7 +22,7 @@ from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.transmission import transmission_angle
-from spatial_pin.synthesis.circuits import Circuit, CircuitPosition
+from spatial_pin.synthesis.circuits import Circuit, CircuitPosition, circuits_through
 
 LEAST_ANGLE = float(np.radians(40.0))  # transmission angle that textbooks recommend
 ALL = "circuit, branch, order and transmission"
@@ -186,7 +186,7 @@ def defects(
     if driver is None or why:
         return (Defect("not judged", everything, f"{ALL}: {why}"), *beyond)
     try:
-        circuits = Circuit.through(mechanism, driver, states)
+        circuits = circuits_through(mechanism, driver, states)
     except SpatialPinError as error:
         return (Defect("not judged", everything, f"{ALL}: {error}"), *beyond)
     result, branches = [*_circuit_defects(circuits)], list[UsedBranch]()

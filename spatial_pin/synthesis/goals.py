@@ -61,10 +61,8 @@ def _weight(weight: float | None) -> float | None:
 
 
 def _timed(drivers: Mapping[str, Any] | None, k: int) -> dict[str, Array]:
-    found = {}
-    for name, values in mapping({} if drivers is None else drivers, "drivers").items():
-        found[name] = finite_array(values, (k,), f"drivers: values of {name!r}")
-    return found
+    return {name: finite_array(values, (k,), f"drivers: values of {name!r}")
+            for name, values in mapping({} if drivers is None else drivers, "drivers").items()}
 
 
 @checked
