@@ -1,19 +1,19 @@
-"""Redundant equations of loops with rounded numbers in the file.
+"""Files whose numbers are rounded: redundant equations of loops that hold to a few digits only.
 
-A plane loop from a CAD program has hinges that are parallel to five to eight digits. Taken exactly,
-its links could hardly move: equations that are redundant in the exact mechanism stay open by the
-rounding, or hold at the drawn pose alone. Such equations are left out. The mechanism then has the
-freedoms and motions of its drawing, to the digits of the file, and the remaining error is reported
-as a `Gap`.
+A plane loop in the numbers of a CAD program has hinges that are parallel to five to eight digits.
+As these say, its links could hardly move: equations that follow from the others in the exact
+mechanism stay open by the rounding, or hold at the drawn pose alone. Such equations are left out:
+the mechanism then has the freedoms and the motions that its drawing has, to the digits of the file,
+and the error that remains is reported as a `Gap`.
 
-To distinguish rounding from a wrong loop, configurations are sampled along the motion, once for a
-mechanism. The strong equations, with singular values far above the gap allowed, are followed along
-their free directions. Equations that stay closed to the gap everywhere are redundant. If they open
-beyond it they are not: the mechanism is rigid, or moves within the gap only. If as many freedoms
-remain with all equations, the numbers contradict nothing, and all equations stay.
+Which equations are redundant is decided once for a mechanism, over a motion and not at one pose.
+The strong equations, whose singular values are large beside the gap allowed, are followed along the
+directions that they leave free. Equations that stay closed to the gap all along are redundant. If
+they open beyond it they are not: the mechanism is rigid, or moves within the gap only. Where as
+many freedoms remain with all equations, the numbers contradict nothing, and all equations stay.
 
-The remaining equations are those that are independent at all samples, as well as possible; else
-those that are so as far as possible from the guess.
+Which ones stay is chosen once too: those that are independent on all of that motion, as well as
+can be. Where none are, those that are so as far as possible from the guess.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.close import DAMPED_STEPS, close
-from spatial_pin.assembly.state import State
+from spatial_pin.assembly.state import State, carried_angles
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.kernel.closer import closer_of
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
@@ -42,53 +42,64 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy
 
 CLOSED = TOLERANCES.closed
-FITS = 0.1 * CLOSED  # closure error along the motion of equations that are redundant everywhere
-# Singular values of equations that a gap opens, relative to the gap: a gap is the rounding of one
-# number, an equation has about ten numbers.
+FITS = 0.1 * CLOSED  # closure error on the way of equations that follow from others everywhere
+# Singular values of equations that rounding opens by a gap are below so many gaps: a gap is the
+# rounding of one number, an equation is made of about ten.
 GAPS_WIDE, WIDEST_GAP = 10.0, 0.02
-# Every fourth sample is tried for closing all equations: a dozen of 48, each as costly as a start.
+# Configurations, from one of which it is seen whether all equations can be closed: a dozen of 48,
+# as each takes as many steps as a start may.
 EVERY = 4
-# Length of the last independent equation above which all are clearly independent. It is above the
-# least singular value, seldom by more than ten times.
+# Length of the last independent equation, from which on all are clearly independent. It is larger
+# than the least singular value, though hardly ever ten times.
 INDEPENDENT = 1e-2
-CLEAR_OF_CUT = 3.0  # ratio to the cut of all singular values of a regular mechanism
-MOTION_SAMPLES = 48  # samples of the motion, of which half must be reached: more than one turn
-STRIDE = 0.4  # distance between samples [rad, characteristic lengths]: three turns in all
-START_SAMPLES = 8  # starts if the guess of the file does not close: usually one in two closes
-# Factor on singular values and gaps of the samples for other configurations: rounding is the same
-# there, and levers differ by less.
+CLEAR_OF_CUT = 3.0  # cuts, above which all singular values are where a mechanism is regular
+MOTION_SAMPLES = 48  # configurations looked at, of which half must be reached: more than one turn then
+STRIDE = 0.4  # rad, characteristic lengths, from one to the next: three turns in all
+# Starts where the guess of the file does not close: one in two closes elsewhere, as a rule.
+START_SAMPLES = 8
+# Singular values and gaps found on the way, below which those of other places are: rounding is the
+# same there, and levers differ by less than that.
 ABOVE = 10.0
-# Independence, relative to that of all equations, of a good choice: a better one gains less than a
-# digit.
+# Independence relative to that of all equations, with which a choice is left at that: a better one
+# gains less than a digit.
 GOOD = 0.2
-# Independence, relative to that of all equations, of a useless choice: rates lose two digits, and a
-# tenth of a radian ahead the equations may be dependent.
+# Independence relative to that of all equations, below which a choice is of no use: rates lose two
+# digits, and a tenth of a radian ahead the equations may depend on each other.
 USELESS = 0.05
-# motion from the guess over which equations stay within the gap, in parts
+# The same, with which a choice made for a path is left at that: errors are a few times those of all
+# equations; and how many times as independent another one is to be.
+FAIR, TWICE = 0.3, 2.0
+# of motion from the guess, over which equations stay within the gap
 HALF_RADIAN, PARTS_OF_MOTION = 0.5, 4
-DIRECTIONS = 6  # directions of that motion, each in both senses
-LONGER_WAY = 4  # lengths of that motion over which independence is checked
+PART = HALF_RADIAN / PARTS_OF_MOTION
+MOST_LOOKED_AT = 400  # configurations of a path: eight turns, in a tenth of a second
+DIRECTIONS = 6  # of that motion, each taken both ways
+LONGER_WAY = 4  # such motions in a row, over which it is seen how long equations are independent
 PROBES, STEPS_TO_POSE = 4, 3  # other poses tried, and steps to each
 STEP_TO_POSE = 0.1  # length of a step [rad, characteristic lengths]
-# Of files with three digits, and with two; then others, as a gap far above the rounding may hide a
-# real equation.
+# Of files of three digits, and of two; then others, as a gap far above the rounding may hide what
+# the loops hold.
 GAPS_TRIED = (1e-3, 1e-2, 2e-4, 5e-4, 2e-3, 5e-3)
-FEW_CHOICES = 300  # number of choices that are all evaluated, in a fraction of a second
-# Weight of the equations of screws and couplings, which are preferred: no other is as well
+FEW_CHOICES = 300  # of equations, that are all looked at: in a fraction of a second
+# Samples from the guess on, in which sums of equations are to be independent where none are all
+# through: two radians, one and a half, one, half a radian; of ways ahead, none.
+HORIZONS = 17, 13, 9, 5, 1
+ROUNDS = 30  # of weights, after which the least independent sample gains no digit more
+# Weight of equations that are kept if they can, those of screws and couplings: no other is as well
 # conditioned as to outweigh it.
 PREFERRED = 1e3
 
 
 class Sample(NamedTuple):
-    """A configuration closed as well as possible.
+    """A configuration closed as well as it can be.
 
     Attributes:
         q: the configuration (nq,).
-        jacobian: of the closure equations.
+        jacobian: of the closure equations there.
         s: its singular values.
         error: closure error.
-        rows: orthonormal rows (rank, nv) of its row space, oriented like those of the sample
-            before; empty if not needed.
+        rows: orthonormal rows (rank, nv) that span those of the Jacobian, turned as those of the
+            sample before it; empty until they are needed.
     """
 
     q: Array
@@ -119,9 +130,9 @@ def rounded(mechanism: Mechanism, gap: float) -> Mechanism | None:
 
 
 def _is_exact(mechanism: Mechanism) -> bool:
-    """Whether equations are clearly independent, or exactly redundant, at a pose near the guess.
+    """Whether equations are clearly independent, or follow from others, at a pose near the guess.
 
-    The guess itself does not count: drawn loops fit there however rounded their numbers are.
+    Not at the guess itself: loops that fit as drawn fit there however rounded their numbers are.
     """
     free, scale = np.ones(mechanism.model.nv, dtype=bool), mechanism.velocity_scale
     rng, how = np.random.default_rng(20113), (
@@ -146,13 +157,13 @@ def _is_exact(mechanism: Mechanism) -> bool:
 
 
 def gap_allowed(mechanism: Mechanism, accuracy: Accuracy | None = None) -> float:
-    """Return the gap for redundant equations: that of the mechanism's file, else of `accuracy`."""
+    """Return the gap that equations may keep: that of the mechanism's file, else of `accuracy`."""
     return (accuracy or Accuracy()).gap if mechanism.gap is None else mechanism.gap
 
 
 @made_once
 def gap_needed(mechanism: Mechanism) -> float | None:
-    """Return a gap, with one digit, with which a locked mechanism would move; or None."""
+    """Return a gap with which a mechanism that its loops hold would move, one digit; or None."""
     for gap in (Accuracy().gap, *GAPS_TRIED):
         if gap > gap_allowed(mechanism) and (exact := rounded(mechanism, gap)) is not None:
             assert exact.selection is not None
@@ -164,13 +175,13 @@ def gap_needed(mechanism: Mechanism) -> float | None:
 
 
 def clearly_above(gap: float) -> float:
-    """Return a number with one digit, half as large again or a little more."""
+    """Return a number of one digit that is half as large again, or a little more."""
     digit = 10.0 ** math.floor(math.log10(1.5 * gap))
     return math.ceil(1.5 * gap / digit) * digit
 
 
 def gap_words(mechanism: Mechanism) -> str:
-    """Return the gap that would let a locked mechanism move, in words; empty if there is none."""
+    """Return what would let a mechanism move whose loops hold it; empty if nothing would."""
     gap = gap_needed(mechanism.whole or mechanism)
     return "" if gap is None else (
         f"; if its file's numbers are rounded as far as that, load(..., gap={gap:.0e}) leaves out "
@@ -178,7 +189,7 @@ def gap_words(mechanism: Mechanism) -> str:
 
 
 def with_independent_equations(mechanism: Mechanism, accuracy: Accuracy | None = None) -> Mechanism:
-    """Return a mechanism without equations that its rounded numbers contradict."""
+    """Return a mechanism, or the one without what its rounded numbers contradict."""
     return rounded(mechanism, gap_allowed(mechanism, accuracy)) or mechanism
 
 
@@ -187,17 +198,17 @@ def _guess(mechanism: Mechanism) -> Array:
 
 
 def allowed_from(state: State, gap: float) -> float:
-    """Return the gap for motions from a state: `gap`, or more if the state has it already."""
+    """Return the gap that motions from a state may have: `gap`, or more where it has as much."""
     return max(gap, GAPS_WIDE * float(state.gap))
 
 
 def rounding_of(mechanism: Mechanism) -> float:
-    """Return the round-off of a file, relative to 1: 0 for a mechanism with all equations."""
+    """Return what is round-off of a file, relative to 1: 0 for a mechanism that is whole."""
     return 0.0 if mechanism.selection is None else mechanism.selection.cut
 
 
 def _selected(evaluation: LoopEquations, gap: float) -> SelectedEquations | None:
-    """Return the remaining equations if the numbers of others are rounded; None: all."""
+    """Return the equations that stay where the numbers of others are rounded; None: all stay."""
     cut = min(GAPS_WIDE * gap, WIDEST_GAP)
     first = next(_start_samples(evaluation, cut, gap), None)
     if first is None:
@@ -217,7 +228,7 @@ def _selected(evaluation: LoopEquations, gap: float) -> SelectedEquations | None
     near = [list(takewhile(lambda y: _rank(y.s, CLEAR_OF_CUT * cut) == rank,
                            _oriented(first, x, rank)))
             for x in _nearby(evaluation, first, cut, gap)]
-    selected = (_independent(mechanism, near, _oriented(first, samples, rank)) if rank else
+    selected = (_independent(mechanism, near, _oriented(first, samples, rank))[0] if rank else
             SelectedEquations(((),) * len(mechanism.closures), ((),) * len(mechanism.closures)))
     if _opens_nearby(evaluation, mechanism.with_equations(selected),
                      _oriented(first, [first], rank)[0], gap):
@@ -235,12 +246,12 @@ def _selected(evaluation: LoopEquations, gap: float) -> SelectedEquations | None
 def _moves_with_all(
     evaluation: LoopEquations, samples: list[Sample], rank: int, soft: float
 ) -> bool:
-    """Whether a mechanism has as many freedoms with all equations as with `rank` of them.
+    """Whether a mechanism has as many freedoms with all its equations as with `rank` of them.
 
-    Then its numbers contradict nothing, however small some singular values are. Also links as short
-    as these values are not rounding: with them fewer freedoms are enough, if everything that moves
-    without some equations moves with all. From a sample all equations are closed, maybe far away,
-    and followed from there.
+    Then its numbers contradict nothing, however small some singular values are. Links as short as
+    these values are no rounding either: with them fewer freedoms are enough, if all that moves
+    without some equations moves with all of them. From a sample all equations are closed, which may
+    lead far away, and followed from there.
     """
     mechanism, free = evaluation.mechanism, np.ones(evaluation.model.nv, dtype=bool)
     for x in samples[::EVERY]:
@@ -254,8 +265,8 @@ def _moves_with_all(
                 return False
             if max(_rank(y.s, TOLERANCES.rank) for y in reached) <= rank:
                 return True
-            lengths = [float(np.linalg.norm(at.translation)) / mechanism.characteristic_length
-                       for at in list(mechanism.model.jointPlacements)[1:]]
+            lengths = [float(np.linalg.norm(placement.translation)) / mechanism.characteristic_length
+                       for placement in list(mechanism.model.jointPlacements)[1:]]
             shortest = min((length for length in lengths  # of links; 0 if none is that short
                             if TOLERANCES.nothing < length < WIDEST_GAP), default=0.0)
             return bool(shortest > soft / ABOVE and not np.any(
@@ -264,7 +275,7 @@ def _moves_with_all(
 
 
 def _moving(samples: list[Sample], rank: int | None) -> NDArray[np.bool_]:
-    """Return (nv,) which velocities are not zero in some motion, with `rank` equations closed."""
+    """Return (nv,) which velocities are not zero in some motion, the equations of a rank closed."""
     moves = np.zeros(samples[0].jacobian.shape[1], dtype=bool)
     for x in samples[::EVERY]:
         cut = TOLERANCES.rank if rank is None else 2.0 * x.s[rank] / x.s[0] + TOLERANCES.rank
@@ -278,7 +289,7 @@ def _rank(s: Array, cut: float) -> int:
 
 
 def _sample(evaluation: LoopEquations, q: Array, cut: float, gap: float) -> Sample | None:
-    """Close the loops from q (nq,) as well as possible; None if the gap remains exceeded."""
+    """Close the loops from q (nq,) as well as they can; None where that is not to the gap."""
     free = np.ones(evaluation.model.nv, dtype=bool)
     q, error = close(evaluation, q, free, CLOSED, cut=cut)
     if error > gap or evaluation.mirrored():
@@ -304,7 +315,7 @@ def _nearby(
 ) -> Iterator[list[Sample]]:
     """Yield paths from a configuration, closed to the gap, that one included.
 
-    They are half a radian long; for a mechanism of one freedom two radians.
+    They are half a radian long; of a mechanism of one freedom two radians.
     """
     rng, tangents = np.random.default_rng(20115), null_space(first.jacobian, cut)
     parts = PARTS_OF_MOTION * (LONGER_WAY if len(tangents) == 1 else 1)
@@ -316,12 +327,12 @@ def _nearby(
 
 
 def _oriented(first: Sample, path: list[Sample], rank: int = 0) -> list[Sample]:
-    """Return samples along a path, the rows of each oriented like those of the one before.
+    """Return samples along a path from one, the rows of each turned as those of the one before.
 
     Args:
-        first: start of the path; with rows of its own, or a rank.
+        first: where the path begins; with rows of its own, or a rank.
         path: samples along it.
-        rank: number of rows.
+        rank: how many rows there are.
     """
     oriented, before = [], first.rows if first.rows.size else decompose(first.jacobian).vt[:rank]
     for x in path:
@@ -334,11 +345,11 @@ def _oriented(first: Sample, path: list[Sample], rank: int = 0) -> list[Sample]:
 
 
 def _opens_nearby(whole: LoopEquations, reduced: Mechanism, first: Sample, gap: float) -> bool:
-    """Whether removed equations open beyond the gap within half a radian of motion.
+    """Whether equations left out open beyond the gap within half a radian of motion from a sample.
 
-    The remaining equations are followed along random free directions, both ways, as far as they are
-    independent: beyond, the others open without a contradiction. Equations that are hardly
-    independent at the first sample determine no motion at all.
+    The equations that stay are followed along random directions of their freedom, both ways, as far
+    as they are independent: where they are not, the others open though nothing contradicts them.
+    Equations that hardly are so at the first sample determine no motion at all.
     """
     rng, free = np.random.default_rng(20114), np.ones(whole.model.nv, dtype=bool)
     with loops_of(reduced) as evaluation:
@@ -371,22 +382,102 @@ def _opens_nearby(whole: LoopEquations, reduced: Mechanism, first: Sample, gap: 
     return False
 
 
+def _dense(mechanism: Mechanism, q: Array) -> Iterator[tuple[int, Array]]:
+    """Yield configurations (nq,) along a path of some (n, nq), none far from the one before.
+
+    Before each stands how many of those that are given come before it.
+    """
+    last, model = q[0], mechanism.model
+    yield 0, last
+    for k, x in enumerate(q[1:], start=1):
+        way = pin.difference(model, last, x)
+        parts = float(np.abs(way / mechanism.velocity_scale).max()) / PART
+        if parts >= 0.5 or k + 1 == len(q):
+            for i in range(1, math.ceil(parts)):
+                yield k, pin.integrate(model, last, way * (i / math.ceil(parts)))
+            yield k, x
+            last = x
+
+
+def independent_along(
+    mechanism: Mechanism, q: Array, angles: Array, ahead: Array, gap: float
+) -> tuple[Mechanism, int]:
+    """Return the mechanism of a rounded file with equations that are independent along a path.
+
+    Those that are so near the guess may depend on each other elsewhere, at what seems a limit
+    position then, or a singular one.
+
+    Args:
+        mechanism: one that has a `whole`.
+        q: (n, nq) closed configurations along the path.
+        angles: (n_angles,) of its screw closures at the first one.
+        ahead: (nv,) direction in which it goes on from the last, scaled.
+        gap: the largest closure error that other equations may keep [-].
+
+    Returns:
+        The same one where its equations do, or no others do better; else one with equations that
+        are independent for some way ahead as well. And how many configurations come before the
+        first at which the given ones are not.
+    """
+    whole, selection = mechanism.whole, mechanism.selection
+    assert whole is not None and selection is not None
+    rank, cut = sum(selection.counts()), min(GAPS_WIDE * gap, WIDEST_GAP)
+    if not rank:
+        return mechanism, len(q)
+    with loops_of(whole, carried_angles(mechanism, angles, whole)) as every, loops_of(
+            mechanism, angles) as evaluation:
+        path, rows, before = [], [], []
+        for k, place in list(_dense(mechanism, q))[-MOST_LOOKED_AT:]:
+            every.update(place)
+            evaluation.update(place)
+            jacobian = every.jacobian[: every.constraints.n_closure].copy()
+            path.append(Sample(place, jacobian, singular_values(jacobian), every.closure_error))
+            rows.append(evaluation.jacobian[: evaluation.constraints.n_closure].copy())
+            before.append(k)
+        path = list(takewhile(lambda x: _rank(x.s, CLEAR_OF_CUT * cut) == rank,
+                              _oriented(path[0], path, rank)))
+        if not path:
+            return mechanism, len(q)
+        found = _independence(np.array(rows[: len(path)]), path)
+        found *= np.sign(found[0])
+        bad = np.flatnonzero(found < USELESS)
+        n, worth = before[bad[0]] if bad.size else len(q), max(0.0, float(found.min()))
+        if worth >= FAIR:
+            return mechanism, n
+        for x in q[-2::-1]:
+            way = pin.difference(whole.model, x, q[-1]) / whole.velocity_scale
+            if np.abs(way).max() > TOLERANCES.half_precision:
+                ahead = way
+                break
+        beyond = _oriented(path[-1], list(_walk(
+            whole, path[-1].q, ahead, LONGER_WAY * PARTS_OF_MOTION,
+            lambda place: _sample(every, place, cut, gap)))) if ahead.any() else []
+        best = max(USELESS, TWICE * worth), selection
+        for some in HORIZONS:
+            chosen, better = _independent(whole, [], path + beyond[: some - 1])
+            best = max(best, (better, chosen), key=lambda x: x[0])
+            if better >= FAIR or not beyond:
+                break
+    return mechanism if best[1] is selection else whole.with_equations(
+        best[1]._replace(cut=selection.cut, opened=selection.opened)), n
+
+
 def _walk(
     mechanism: Mechanism, q: Array, ahead: Array, parts: int,
     closed: Callable[[Array], Sample | None],
 ) -> Iterator[Sample]:
-    """Yield configurations along a motion from q (nq,), up to a limit.
+    """Yield configurations from q (nq,) on, until a limit, one part of half a radian after another.
 
     Args:
         mechanism: the mechanism.
-        q: start of the motion.
+        q: where the motion begins.
         ahead: (nv,) its direction, scaled.
-        parts: most configurations, in equal parts of half a radian.
-        closed: closes the loops from a configuration; None if that fails.
+        parts: how many configurations there are at most.
+        closed: closes the loops from a configuration; None where that fails.
     """
     model, scale = mechanism.model, mechanism.velocity_scale
     for _ in range(parts):
-        step = HALF_RADIAN / PARTS_OF_MOTION * ahead / np.abs(ahead).max()
+        step = PART * ahead / np.abs(ahead).max()
         sample = closed(pin.integrate(model, q, scale * step))
         if sample is None:
             return
@@ -400,7 +491,7 @@ def _walk(
 def _motion_samples(
     evaluation: LoopEquations, first: Sample, cut: float, gap: float
 ) -> Iterator[Sample]:
-    """Yield configurations along the motion of the mechanism, closed to the gap."""
+    """Yield configurations that the mechanism goes through, closed to the gap."""
     model, scale = evaluation.model, evaluation.mechanism.velocity_scale
     rng, here, ahead = np.random.default_rng(20112), first, np.zeros(model.nv)
     for _ in range(MOTION_SAMPLES):
@@ -424,40 +515,92 @@ def _motion_samples(
 
 def _independent(
     mechanism: Mechanism, near: list[list[Sample]], samples: list[Sample]
-) -> SelectedEquations:
-    """Return as many equations as are independent, best at all samples.
+) -> tuple[SelectedEquations, float]:
+    """Return equations, as many as are independent, that are so at all samples as well as can be.
 
-    There may be no choice for all samples: the parallel cranks of a coupler fold in pairs,
-    different pairs at different samples, and each choice needs some pair. Then the choice is made
-    for the paths near the guess. Directions of frame 2 are used if those of frame 1 alone are not
-    good enough.
+    No choice may do everywhere: the parallel cranks of a coupler are folded by pairs, one pair here
+    and another there, and each choice relies on some pair. Then one is made for the paths near the
+    guess. Directions of frame 2 serve too where those of frame 1 alone would not do, and sums of a
+    closure's equations where none of them would.
+
+    Returns:
+        The equations, and how independent they are on all of `samples`, as `_worth` has it.
     """
     constraints = constraints_of(mechanism)
     weights = np.ones(constraints.n_closure)
     weights[[x.equation for x in constraints.angles]] = PREFERRED
     weights[constraints.n_products :] = PREFERRED
+    near = [path for path in near if path]
     paths = [*near, samples]
     everywhere = [x for path in paths for x in path]
-    rows, worth = _choice([x.jacobian for x in everywhere], paths, weights)
+    jacobians, labels = np.array([x.jacobian for x in everywhere]), list(constraints.labels)
+    rows, worth = _choice(jacobians, paths, weights)
+    sums: Array = np.eye(len(weights))[rows]
     if worth[1] < GOOD and any(c.can_turn for c in mechanism.closures):
-        turned = mechanism.with_fields(
-            closures=tuple(c.turned() for c in mechanism.closures if c.can_turn))
-        evaluation, more = LoopEquations(turned), []
+        evaluation = LoopEquations(mechanism.with_fields(
+            closures=tuple(c.turned() for c in mechanism.closures if c.can_turn)))
+        more = []
         for x in everywhere:
             evaluation.update(x.q)
-            more.append(np.vstack([x.jacobian, evaluation.jacobian[: len(evaluation.residual)]]))
-        weights = np.concatenate([weights, np.ones(len(more[0]) - len(weights))])
-        wider, better = _choice(more, paths, weights)
+            more.append(evaluation.jacobian[: len(evaluation.residual)].copy())
+        wider, n = np.concatenate([jacobians, more], axis=1), len(weights)
+        weights = np.concatenate([weights, np.ones(len(more[0]))])
+        sums = np.pad(sums, ((0, 0), (0, len(weights) - n)))
+        rows, better = _choice(wider, paths, weights)
         if better > worth:
-            rows = wider
-        labels = [*constraints.labels, *evaluation.constraints.labels]
-    else:
-        labels = list(constraints.labels)
-    chosen: list[dict[str, tuple[int, ...]]] = [{c.name: () for c in mechanism.closures}
-                                              for _ in range(2)]
-    for row in rows:
-        chosen[row >= constraints.n_closure][labels[row].closure] += (labels[row].equation,)
-    return SelectedEquations(tuple(chosen[0].values()), tuple(chosen[1].values()))
+            sums, worth = np.eye(len(weights))[rows], better
+        jacobians, labels = wider, [*labels, *evaluation.constraints.labels]
+    own = [np.array([k for k, x in enumerate(labels)
+                     if x.closure == c.name and (k >= constraints.n_closure) is turned], np.intp)
+           for turned in (False, True) for c in mechanism.closures]
+    blocks = [x for x in own if len(x) and (weights[x] < PREFERRED).all()]
+    if worth[1] < GOOD and blocks:
+        for some in (paths, *([path[:n] for path in near] for n in HORIZONS[:-1] if near)):
+            at = [k for k, x in enumerate(everywhere)
+                  if any(x is y for path in some for y in path)]
+            better_sums = _sums(sums, jacobians[at], [everywhere[k] for k in at], blocks)
+            if (better := _worth(better_sums @ jacobians, paths)) > worth:
+                sums, worth = better_sums, better
+    chosen = [tuple(tuple(row[at].tolist()) for row in sums if row[at].any()) for at in own]
+    n = len(mechanism.closures)
+    return SelectedEquations(tuple(chosen[:n]), tuple(chosen[n:])), worth[1]
+
+
+def _sums(
+    rows: Array, jacobians: Array, samples: list[Sample], blocks: list[NDArray[np.intp]]
+) -> Array:
+    """Return rows (rank, n), of which those of blocks are sums that are independent at samples.
+
+    Of one closure they span the mean of the spaces of Jacobians' columns, in the chordal distance
+    of subspaces, with weights that bring the farthest nearer [Absil2004]; closures are gone
+    through one after the other, where the rows of others are held.
+
+    Args:
+        rows: weights of all equations, where it begins.
+        jacobians: (N, n, nv) of all equations at the samples.
+        samples: the configurations.
+        blocks: equations of each closure.
+    """
+    minors = jacobians @ np.array([x.rows.T for x in samples])
+    columns = np.linalg.svd(minors, full_matrices=False)[0]
+    weights, best, most = np.ones(len(samples)), rows, 0.0
+    for _ in range(ROUNDS):
+        for block in blocks:
+            mine = np.flatnonzero(np.any(rows[:, block] != 0.0, axis=1))
+            count = len(mine)
+            if not 0 < count < len(block):
+                continue
+            free = np.linalg.svd(np.delete(rows, mine, axis=0) @ columns)[2][:, len(rows) - count :]
+            spanned = np.linalg.qr(columns[:, block] @ free.transpose(0, 2, 1))[0]
+            mean = np.einsum("k,kij,klj->il", weights, spanned, spanned)
+            rows = rows.copy()
+            rows[np.ix_(mine, block)] = np.linalg.eigh(mean)[1][:, -count:].T
+        least = singular_values(rows @ columns)[:, -1]
+        if least.min() > most:
+            best, most = rows, float(least.min())
+        weights *= np.exp(least.max() - least)
+        weights /= weights.max()
+    return best
 
 
 def _independence(jacobians: list[Array] | Array, samples: list[Sample]) -> Array:
@@ -471,51 +614,51 @@ def _independence(jacobians: list[Array] | Array, samples: list[Sample]) -> Arra
     return least * np.sign(np.linalg.det(minors))
 
 
-def _choice(
-    jacobians: list[Array], paths: list[list[Sample]], weights: Array
-) -> tuple[list[int], tuple[float, float, int, float]]:
-    """Return the rows that are most independent at all samples, and how much.
-
-    All choices are evaluated if they are few; else those that are best at one sample, or at all.
-    Rows with weight `PREFERRED` are among them if that is good enough.
-
-    Args:
-        jacobians: at all samples of the paths, in this order.
-        paths: those near the guess; last, the whole motion.
-        weights: of the rows.
+def _worth(rows: Array, paths: list[list[Sample]]) -> tuple[float, float, int, float]:
+    """Return how well rows (N, rank, nv) of Jacobians at all samples are independent.
 
     Returns:
-        The rows, and their independence relative to that of all: the least within half a radian of
-        the guess, up to `GOOD`; the least over the motion, 0 if the rows become dependent between
-        two samples, where their determinant changes sign; the number of samples in a row from the
-        guess with any; the least at the samples themselves.
+        Their independence relative to that of all equations: the least within half a radian of the
+        guess, up to `GOOD`; the least all through, 0 if they become dependent between two samples,
+        where their determinant changes sign; at how many samples in a row from the guess there is
+        any; the least at the samples themselves.
     """
-    samples, stacked = [x for path in paths for x in path], np.array(jacobians)
-    n, rank = len(weights), len(samples[0].rows)
+    first = len(rows) - len(paths[-1])
+    scores = np.round(_independence(rows[first:], paths[-1]), 6)
+    through = float(np.abs(scores).min()) if (np.sign(scores) == np.sign(scores[0])).all() else 0.0
+    nearby, count = GOOD, 0
+    if through < GOOD and first:  # looked at where the rows do not do everywhere
+        ahead = np.round(_independence(rows[:first], [x for p in paths[:-1] for x in p]), 6)
+        same = np.where(np.sign(ahead) == np.sign(ahead[0]), np.abs(ahead), 0.0)
+        branches = np.split(same, list(accumulate(map(len, paths[:-1])))[:-1])
+        nearby = min(GOOD, *(float(x[: PARTS_OF_MOTION + 1].min()) for x in branches))
+        count = sum(len(list(takewhile(lambda value: value >= USELESS, x))) for x in branches)
+    return nearby, through, count, float(np.abs(scores).min())
+
+
+def _choice(
+    jacobians: Array, paths: list[list[Sample]], weights: Array
+) -> tuple[list[int], tuple[float, float, int, float]]:
+    """Return the equations that are independent at all samples as well as can be; their `_worth`.
+
+    All choices are looked at if they are few; else those that are best at one of them, or at all.
+    Equations whose weight is `KEPT` are among them if that is good enough.
+
+    Args:
+        jacobians: (N, n, nv) at all samples of the paths, in this order.
+        paths: those near the guess; last, the motion all through.
+        weights: of the equations.
+    """
+    n, rank = len(weights), len(paths[-1][0].rows)
     if comb(n, rank) <= FEW_CHOICES:
         choices = list(combinations(range(n), rank))
     else:
-        near, along = jacobians[: -len(paths[-1])], jacobians[-len(paths[-1]) :]
-        places = [*along, np.hstack(along), *([np.hstack(near)] if near else [])]
+        near, through = np.split(jacobians, [len(jacobians) - len(paths[-1])])
+        places = [*through, np.hstack(list(through)), *([np.hstack(list(near))] if len(near)
+                                                        else [])]
         choices = sorted({tuple(weighty_rows(weights[:, None] * x, rank).tolist())
                           for x in places})
-    first = len(samples) - len(paths[-1])
-    ends = list(accumulate(map(len, paths[:-1])))
-    scores = [np.round(_independence(stacked[first:, rows], samples[first:]), 6)
-             for rows in choices]
-    through = [float(np.abs(x).min()) if (np.sign(x) == np.sign(x[0])).all() else 0.0
-               for x in scores]
-    worths = []
-    for k, rows in enumerate(choices):
-        nearby = GOOD, 0  # looked at where no choice does everywhere
-        if max(through) < GOOD and first:
-            ahead = np.round(_independence(stacked[:first, rows], samples[:first]), 6)
-            same = np.where(np.sign(ahead) == np.sign(ahead[0]), np.abs(ahead), 0.0)
-            branches = np.split(same, ends[:-1])
-            nearby = (min(GOOD, *(float(x[: PARTS_OF_MOTION + 1].min()) for x in branches)),
-                      sum(len(list(takewhile(lambda value: value >= USELESS, x)))
-                          for x in branches))
-        worths.append((nearby[0], through[k], nearby[1], float(np.abs(scores[k]).min())))
+    worths = [_worth(jacobians[:, rows], paths) for rows in choices]
     preferred = set(np.flatnonzero(weights == PREFERRED).tolist())
     best = max(range(len(choices)), key=lambda k: (
         worths[k][1] >= GOOD and preferred <= set(choices[k]), *worths[k], -k))

@@ -25,7 +25,7 @@ from spatial_pin.dimensions.homotopy import followed
 from spatial_pin.dimensions.variants import TracedGeometry, TracedTree, Variants
 from spatial_pin.dynamics.force_outputs import Told
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.kernel.dimensions import ClosedSamples, DimensionCloser, Numbers
+from spatial_pin.kernel.dimensions import ClosedSamples, ClosingSystem, DimensionCloser, Numbers
 from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.mechanism.coordinates import coordinate_rates
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -133,9 +133,6 @@ WAY = TOLERANCES.longest_step
 # ratio of a sample's determinant to the state's: it costs two digits of accuracy
 LEAST_DETERMINANT = 0.02
 PARTS = 1, 4, 16  # steps in which a sample's dimensions are reached, one number after the other
-# for `DimensionCloser.set_system`: independent rows, driven and fixed entries of v, additional rows
-# for a square matrix, entries that Newton's method may change
-System = tuple[NDArray[np.intp], list[int], Array, NDArray[np.bool_]]
 COORDINATE_KINDS = (*RATES, "acceleration", "ratio", "advantage")
 POINT_KINDS = ("position", "velocity", "acceleration", "angular_velocity", "angular_acceleration")
 
@@ -223,13 +220,12 @@ class VariedSamples:
             return SampleGeometry(dimensions, traced, self._numbers.at(traced))
 
     def close(
-        self, start: ClosedSamples, numbers: Numbers, rates: Array | None, system: System
+        self, start: ClosedSamples, numbers: Numbers, rates: Array | None, system: ClosingSystem
     ) -> ClosedSamples:
         """Close samples from other closed samples."""
         with acquired(self.mechanism, DimensionCloser) as closer:
-            closer.set_system(*system)
             return closer.close(
-                start.q, start.angles, numbers, self._numbers.joints, rates,
+                system, start.q, start.angles, numbers, self._numbers.joints, rates,
                 Accuracy.named("engineering").tolerance, DAMPED_STEPS)
 
     def values(self, closed: ClosedSamples, drive: DriverMotion) -> list[Array]:
@@ -253,7 +249,7 @@ class VariedSamples:
         return ratio
 
 
-def _square_system(state: State, drive: DriverMotion) -> System | None:
+def _square_system(state: State, drive: DriverMotion) -> ClosingSystem | None:
     """Return the square system at a closed state; None if its equations may be dependent."""
     mechanism = state.mechanism
     held = [mechanism.driven_coordinate(name) for name in drive.values]
@@ -270,7 +266,7 @@ def _square_system(state: State, drive: DriverMotion) -> System | None:
     svd = decompose(rows)
     if len(svd.s) < len(rows) or (len(rows) and svd.s[-1] <= TOLERANCES.regular * svd.s[0]):
         return None
-    return chosen, driven, svd.null_space, free
+    return ClosingSystem(chosen, driven, svd.null_space, free)
 
 
 class Near:
@@ -281,7 +277,7 @@ class Near:
     """
 
     def __init__(
-        self, samples: VariedSamples, state: State, drive: DriverMotion, system: System
+        self, samples: VariedSamples, state: State, drive: DriverMotion, system: ClosingSystem
     ) -> None:
         self._samples, self._state, self._drive, self._system = samples, state, drive, system
         self._rates = None
@@ -328,7 +324,7 @@ class Near:
             step = np.maximum(closed.farthest, TOLERANCES.nothing)
             good &= (
                 geometry.traced.holds & (closed.error <= TOLERANCES.zero)
-                & (closed.farthest <= LONGEST_AT_ONCE) & (closed.way <= WAY)
+                & (closed.farthest <= LONGEST_AT_ONCE) & (closed.distance <= WAY)
                 & (closed.bend <= TOLERANCES.contraction * step) & (closed.sign == self._own.sign)
                 & (closed.magnitude > self._own.magnitude + np.log(LEAST_DETERMINANT))
                 & (closed.opened <= TOLERANCES.singular))

@@ -25,7 +25,7 @@ from spatial_pin.assembly.search.guesses import (
 )
 from spatial_pin.assembly.search.loop_groups import LoopGroup, loop_groups, loose_entries, part_of
 from spatial_pin.assembly.search.release import least_motion
-from spatial_pin.assembly.search.whole_turns import flags_of, periodic, turned_apart
+from spatial_pin.assembly.search.whole_turns import kinds_of, periodic, turned_apart
 from spatial_pin.assembly.state import all_angles
 from spatial_pin.constraints.workspaces import Workspaces
 from spatial_pin.kernel.closer import (
@@ -35,7 +35,7 @@ from spatial_pin.kernel.closer import (
     Closed,
     ClosureSettings,
     Examined,
-    Meant,
+    NamedCoordinates,
     Reached,
     closer_of,
 )
@@ -64,7 +64,7 @@ class FreeSet:
         free: (nv,) the free velocities.
         first: (nv,) those free at first, while named coordinates are fixed too; None if there are
             none, or the same.
-        flags: (nq,) of the entries of q, for `Meant`.
+        kinds: (nq,) of the entries of q, for `NamedCoordinates`.
         is_whole: whether the guess names all components of a joint or none.
         spread: starts other than the guess; None if all is fixed.
         groups: of loops without common free coordinates.
@@ -76,7 +76,7 @@ class FreeSet:
     still: tuple[int, ...]
     free: NDArray[np.bool_]
     first: NDArray[np.bool_] | None
-    flags: NDArray[np.int64]
+    kinds: NDArray[np.int64]
     is_whole: bool
     spread: StartSpread | None
     groups: tuple[LoopGroup, ...]
@@ -107,18 +107,18 @@ def free_set(
     first = free & free_but(mechanism, still, own)
     has_first = bool(first.any()) and not np.array_equal(first, free)
     loose = [c.name for c in table.values() if c.v in loose_entries(mechanism)]
-    flags = flags_of(mechanism, held, [*own, *loose])  # what is loose counts the guess's turns
+    kinds = kinds_of(mechanism, held, [*own, *loose])  # what is loose counts the guess's turns
     balls = dict.fromkeys(table[name].joint for name in own if table[name].q < 0)
     is_whole = all(mechanism.pair_of(joint) == "spherical"
                    and all(c.name in own for c in joints[joint]) for joint in balls)
     if is_whole:
-        flags[[mechanism.model.idx_qs[mechanism.joint_id(joint)] for joint in balls]] = NAMED
+        kinds[[mechanism.model.idx_qs[mechanism.joint_id(joint)] for joint in balls]] = NAMED
     groups = loop_groups(mechanism, tuple(np.flatnonzero(~free).tolist()))
     spread = start_spread(
         mechanism, held, own, (*still, *loose_entries(mechanism)), groups)
-    for array in (free, first, flags):
+    for array in (free, first, kinds):
         array.flags.writeable = False
-    return FreeSet(pinned, still, free, first if has_first else None, flags, is_whole, spread,
+    return FreeSet(pinned, still, free, first if has_first else None, kinds, is_whole, spread,
                    groups, [table[name].q for name in held],
                    float(mechanism.velocity_scale.min(initial=1.0)) / COORDINATE_ERROR)
 
@@ -129,7 +129,7 @@ def closure_settings(mechanism: Mechanism, free: FreeSet, tolerance: float) -> C
     lower, upper = position_limits(mechanism)
     shakes = None if free.spread is None else free.spread.first
     return ClosureSettings(free.free, free.first, tolerance, DAMPED_STEPS, TOLERANCES.rank,
-                           free.flags, lower, upper, shakes)
+                           free.kinds, lower, upper, shakes)
 
 
 class AssemblyProblem:
@@ -305,7 +305,7 @@ class AssemblyProblem:
             return None
         with closer_of(self.mechanism) as closer:
             results = self.known = closer.reach(
-                [self.goal], self.settings, self.goal, self.reference, shaken=True)
+                [self.goal], self.settings, self.goal, self.reference, further=True)
             best = results[0]
             for result in results:
                 if result.error <= ACCEPTED and not result.may_be_mirrored:
@@ -380,8 +380,8 @@ class AssemblyProblem:
     def seen(self, q: Array) -> Reached:
         """Return the properties of q (nq,), without whole turns."""
         with closer_of(self.mechanism) as closer:
-            return closer.judge(q, self.reference, Meant(
-                self.goal, self.free_set.flags, *position_limits(self.mechanism)))
+            return closer.judge(q, self.reference, NamedCoordinates(
+                self.goal, self.free_set.kinds, *position_limits(self.mechanism)))
 
     def examined(self, q: Array) -> Examined:
         """Return the properties of the mechanism's own equations at q (nq,)."""

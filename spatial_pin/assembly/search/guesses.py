@@ -14,7 +14,7 @@ from spatial_pin._support.lazy import cached_property, made_anew, made_once
 from spatial_pin.assembly.search.loop_groups import LoopGroup
 from spatial_pin.assembly.search.whole_turns import periodic
 from spatial_pin.assembly.state import State
-from spatial_pin.kernel.closer import AT_ONCE, MOST_GROUPS, Shakes
+from spatial_pin.kernel.closer import AT_ONCE, MOST_GROUPS, FurtherStarts
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.mechanism.coordinates import (
     by_joint,
@@ -156,7 +156,7 @@ class StartSpread(NamedTuple):
 
     phase: NDArray[np.intp]
     size: Array
-    first: Shakes
+    first: FurtherStarts
     lengths: list[str]
 
 
@@ -195,7 +195,7 @@ def start_spread(
         by_group = np.array([steps * own.entries for own in groups])
         for k, own in enumerate(groups):
             group[own.entries] = k
-    return StartSpread(phase, size, Shakes(by_group, NEAR_GUESS, group),
+    return StartSpread(phase, size, FurtherStarts(by_group, NEAR_GUESS, group),
                    [name for name in named if table[name].unit == "m"])
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import made_once
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.kernel.closer import HELD, NAMED, TURNS, Meant, closer_of
+from spatial_pin.kernel.closer import FIXED, NAMED, TURNS, NamedCoordinates, closer_of
 from spatial_pin.mechanism.joint_limits import position_limits
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
@@ -45,15 +45,15 @@ def turned_apart(mechanism: Mechanism, q: Array, other: Array) -> Array:
     return difference / mechanism.velocity_scale
 
 
-def flags_of(
+def kinds_of(
     mechanism: Mechanism, held: Iterable[str], named: Iterable[str]
 ) -> NDArray[np.int64]:
-    """Return (nq,) flags of the entries of q, for `Meant`; 0 for balls."""
-    flags = np.zeros(mechanism.model.nq, np.int64)
-    flags[[c.q for c in periodic(mechanism)]] = TURNS
-    for names, bit in ((held, HELD), (named, NAMED)):
-        flags[[c.q for name in names if (c := mechanism.coordinate_table[name]).q >= 0]] |= bit
-    return flags
+    """Return (nq,) flags of the entries of q, for `NamedCoordinates`; 0 for balls."""
+    kinds = np.zeros(mechanism.model.nq, np.int64)
+    kinds[[c.q for c in periodic(mechanism)]] = TURNS
+    for names, bit in ((held, FIXED), (named, NAMED)):
+        kinds[[c.q for name in names if (c := mechanism.coordinate_table[name]).q >= 0]] |= bit
+    return kinds
 
 
 def nearest_turn(
@@ -65,6 +65,7 @@ def nearest_turn(
     for name, x in {**named, **held}.items():
         if table[name].q >= 0:
             value[table[name].q] = x
-    reference = Meant(value, flags_of(mechanism, held, named), *position_limits(mechanism))
+    reference = NamedCoordinates(
+        value, kinds_of(mechanism, held, named), *position_limits(mechanism))
     with closer_of(mechanism) as closer:
         return closer.judge(q, 0.0, reference).q
