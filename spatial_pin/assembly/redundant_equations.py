@@ -1,19 +1,19 @@
-"""Files whose numbers are rounded: redundant equations of loops that hold to a few digits only.
+"""Redundant equations of loops with rounded numbers in the file.
 
-A plane loop in the numbers of a CAD program has hinges that are parallel to five to eight digits.
-As these say, its links could hardly move: equations that follow from the others in the exact
-mechanism stay open by the rounding, or hold at the drawn pose alone. Such equations are left out:
-the mechanism then has the freedoms and the motions that its drawing has, to the digits of the file,
-and the error that remains is reported as a `Gap`.
+A plane loop from a CAD program has hinges that are parallel to five to eight digits. Taken exactly,
+its links could hardly move: equations that are redundant in the exact mechanism stay open by the
+rounding, or hold at the drawn pose alone. Such equations are left out. The mechanism then has the
+freedoms and motions of its drawing, to the digits of the file, and the remaining error is reported
+as a `Gap`.
 
-Which equations are redundant is decided once for a mechanism, over a motion and not at one pose.
-The strong equations, whose singular values are large beside the gap allowed, are followed along the
-directions that they leave free. Equations that stay closed to the gap all along are redundant. If
-they open beyond it they are not: the mechanism is rigid, or moves within the gap only. Where as
-many freedoms remain with all equations, the numbers contradict nothing, and all equations stay.
+To distinguish rounding from a wrong loop, configurations are sampled along the motion, once for a
+mechanism. The strong equations, with singular values far above the gap allowed, are followed along
+their free directions. Equations that stay closed to the gap everywhere are redundant. If they open
+beyond it they are not: the mechanism is rigid, or moves within the gap only. If as many freedoms
+remain with all equations, the numbers contradict nothing, and all equations stay.
 
-Which ones stay is chosen once too: those that are independent on all of that motion, as well as
-can be. Where none are, those that are so as far as possible from the guess.
+The remaining equations are those that are independent at all samples, as well as possible; else
+those that are so as far as possible from the guess.
 """
 
 from __future__ import annotations
@@ -42,29 +42,27 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy
 
 CLOSED = TOLERANCES.closed
-FITS = 0.1 * CLOSED  # closure error on the way of equations that follow from others everywhere
-# Singular values of equations that rounding opens by a gap are below so many gaps: a gap is the
-# rounding of one number, an equation is made of about ten.
+FITS = 0.1 * CLOSED  # closure error along the motion of equations that are redundant everywhere
+# Singular values of equations that a gap opens, relative to the gap: a gap is the rounding of one
+# number, an equation has about ten numbers.
 GAPS_WIDE, WIDEST_GAP = 10.0, 0.02
-# Configurations, from one of which it is seen whether all equations can be closed: a dozen of 48,
-# as each takes as many steps as a start may.
+# Every fourth sample is tried for closing all equations: a dozen of 48, each as costly as a start.
 EVERY = 4
-# Length of the last independent equation, from which on all are clearly independent. It is larger
-# than the least singular value, though hardly ever ten times.
+# Length of the last independent equation above which all are clearly independent. It is above the
+# least singular value, seldom by more than ten times.
 INDEPENDENT = 1e-2
-CLEAR_OF_CUT = 3.0  # cuts, above which all singular values are where a mechanism is regular
-MOTION_SAMPLES = 48  # configurations looked at, of which half must be reached: more than one turn then
-STRIDE = 0.4  # rad, characteristic lengths, from one to the next: three turns in all
-# Starts where the guess of the file does not close: one in two closes elsewhere, as a rule.
-START_SAMPLES = 8
-# Singular values and gaps found on the way, below which those of other places are: rounding is the
-# same there, and levers differ by less than that.
+CLEAR_OF_CUT = 3.0  # ratio to the cut of all singular values of a regular mechanism
+MOTION_SAMPLES = 48  # samples of the motion, of which half must be reached: more than one turn
+STRIDE = 0.4  # distance between samples [rad, characteristic lengths]: three turns in all
+START_SAMPLES = 8  # starts if the guess of the file does not close: usually one in two closes
+# Factor on singular values and gaps of the samples for other configurations: rounding is the same
+# there, and levers differ by less.
 ABOVE = 10.0
-# Independence relative to that of all equations, with which a choice is left at that: a better one
-# gains less than a digit.
+# Independence, relative to that of all equations, of a good choice: a better one gains less than a
+# digit.
 GOOD = 0.2
-# Independence relative to that of all equations, below which a choice is of no use: rates lose two
-# digits, and a tenth of a radian ahead the equations may depend on each other.
+# Independence, relative to that of all equations, of a useless choice: rates lose two digits, and a
+# tenth of a radian ahead the equations may be dependent.
 USELESS = 0.05
 # The same, with which a choice made for a path is left at that: errors are a few times those of all
 # equations; and how many times as independent another one is to be.
@@ -77,29 +75,29 @@ DIRECTIONS = 6  # of that motion, each taken both ways
 LONGER_WAY = 4  # such motions in a row, over which it is seen how long equations are independent
 PROBES, STEPS_TO_POSE = 4, 3  # other poses tried, and steps to each
 STEP_TO_POSE = 0.1  # length of a step [rad, characteristic lengths]
-# Of files of three digits, and of two; then others, as a gap far above the rounding may hide what
-# the loops hold.
+# Of files with three digits, and with two; then others, as a gap far above the rounding may hide a
+# real equation.
 GAPS_TRIED = (1e-3, 1e-2, 2e-4, 5e-4, 2e-3, 5e-3)
 FEW_CHOICES = 300  # of equations, that are all looked at: in a fraction of a second
 # Samples from the guess on, in which sums of equations are to be independent where none are all
 # through: two radians, one and a half, one, half a radian; of ways ahead, none.
 HORIZONS = 17, 13, 9, 5, 1
 ROUNDS = 30  # of weights, after which the least independent sample gains no digit more
-# Weight of equations that are kept if they can, those of screws and couplings: no other is as well
+# Weight of the equations of screws and couplings, which are preferred: no other is as well
 # conditioned as to outweigh it.
 PREFERRED = 1e3
 
 
 class Sample(NamedTuple):
-    """A configuration closed as well as it can be.
+    """A configuration closed as well as possible.
 
     Attributes:
         q: the configuration (nq,).
-        jacobian: of the closure equations there.
+        jacobian: of the closure equations.
         s: its singular values.
         error: closure error.
-        rows: orthonormal rows (rank, nv) that span those of the Jacobian, turned as those of the
-            sample before it; empty until they are needed.
+        rows: orthonormal rows (rank, nv) of its row space, oriented like those of the sample
+            before; empty if not needed.
     """
 
     q: Array
@@ -157,13 +155,13 @@ def _is_exact(mechanism: Mechanism) -> bool:
 
 
 def gap_allowed(mechanism: Mechanism, accuracy: Accuracy | None = None) -> float:
-    """Return the gap that equations may keep: that of the mechanism's file, else of `accuracy`."""
+    """Return the gap for redundant equations: that of the mechanism's file, else of `accuracy`."""
     return (accuracy or Accuracy()).gap if mechanism.gap is None else mechanism.gap
 
 
 @made_once
 def gap_needed(mechanism: Mechanism) -> float | None:
-    """Return a gap with which a mechanism that its loops hold would move, one digit; or None."""
+    """Return a gap, with one digit, with which a locked mechanism would move; or None."""
     for gap in (Accuracy().gap, *GAPS_TRIED):
         if gap > gap_allowed(mechanism) and (exact := rounded(mechanism, gap)) is not None:
             assert exact.selection is not None
@@ -175,7 +173,7 @@ def gap_needed(mechanism: Mechanism) -> float | None:
 
 
 def clearly_above(gap: float) -> float:
-    """Return a number of one digit that is half as large again, or a little more."""
+    """Return a number with one digit, half as large again or a little more."""
     digit = 10.0 ** math.floor(math.log10(1.5 * gap))
     return math.ceil(1.5 * gap / digit) * digit
 
@@ -189,7 +187,7 @@ def gap_words(mechanism: Mechanism) -> str:
 
 
 def with_independent_equations(mechanism: Mechanism, accuracy: Accuracy | None = None) -> Mechanism:
-    """Return a mechanism, or the one without what its rounded numbers contradict."""
+    """Return a mechanism without equations that its rounded numbers contradict."""
     return rounded(mechanism, gap_allowed(mechanism, accuracy)) or mechanism
 
 
@@ -198,17 +196,17 @@ def _guess(mechanism: Mechanism) -> Array:
 
 
 def allowed_from(state: State, gap: float) -> float:
-    """Return the gap that motions from a state may have: `gap`, or more where it has as much."""
+    """Return the gap for motions from a state: `gap`, or more if the state has it already."""
     return max(gap, GAPS_WIDE * float(state.gap))
 
 
 def rounding_of(mechanism: Mechanism) -> float:
-    """Return what is round-off of a file, relative to 1: 0 for a mechanism that is whole."""
+    """Return the round-off of a file, relative to 1: 0 for a mechanism with all equations."""
     return 0.0 if mechanism.selection is None else mechanism.selection.cut
 
 
 def _selected(evaluation: LoopEquations, gap: float) -> SelectedEquations | None:
-    """Return the equations that stay where the numbers of others are rounded; None: all stay."""
+    """Return the remaining equations if the numbers of others are rounded; None: all."""
     cut = min(GAPS_WIDE * gap, WIDEST_GAP)
     first = next(_start_samples(evaluation, cut, gap), None)
     if first is None:
@@ -265,8 +263,8 @@ def _moves_with_all(
                 return False
             if max(_rank(y.s, TOLERANCES.rank) for y in reached) <= rank:
                 return True
-            lengths = [float(np.linalg.norm(placement.translation)) / mechanism.characteristic_length
-                       for placement in list(mechanism.model.jointPlacements)[1:]]
+            lengths = [float(np.linalg.norm(at.translation)) / mechanism.characteristic_length
+                       for at in list(mechanism.model.jointPlacements)[1:]]
             shortest = min((length for length in lengths  # of links; 0 if none is that short
                             if TOLERANCES.nothing < length < WIDEST_GAP), default=0.0)
             return bool(shortest > soft / ABOVE and not np.any(
@@ -275,7 +273,7 @@ def _moves_with_all(
 
 
 def _moving(samples: list[Sample], rank: int | None) -> NDArray[np.bool_]:
-    """Return (nv,) which velocities are not zero in some motion, the equations of a rank closed."""
+    """Return (nv,) which velocities are not zero in some motion, with `rank` equations closed."""
     moves = np.zeros(samples[0].jacobian.shape[1], dtype=bool)
     for x in samples[::EVERY]:
         cut = TOLERANCES.rank if rank is None else 2.0 * x.s[rank] / x.s[0] + TOLERANCES.rank
@@ -289,7 +287,7 @@ def _rank(s: Array, cut: float) -> int:
 
 
 def _sample(evaluation: LoopEquations, q: Array, cut: float, gap: float) -> Sample | None:
-    """Close the loops from q (nq,) as well as they can; None where that is not to the gap."""
+    """Close the loops from q (nq,) as well as possible; None if the gap remains exceeded."""
     free = np.ones(evaluation.model.nv, dtype=bool)
     q, error = close(evaluation, q, free, CLOSED, cut=cut)
     if error > gap or evaluation.mirrored():
@@ -390,11 +388,11 @@ def _dense(mechanism: Mechanism, q: Array) -> Iterator[tuple[int, Array]]:
     last, model = q[0], mechanism.model
     yield 0, last
     for k, x in enumerate(q[1:], start=1):
-        way = pin.difference(model, last, x)
-        parts = float(np.abs(way / mechanism.velocity_scale).max()) / PART
+        difference = pin.difference(model, last, x)
+        parts = float(np.abs(difference / mechanism.velocity_scale).max()) / PART
         if parts >= 0.5 or k + 1 == len(q):
             for i in range(1, math.ceil(parts)):
-                yield k, pin.integrate(model, last, way * (i / math.ceil(parts)))
+                yield k, pin.integrate(model, last, difference * (i / math.ceil(parts)))
             yield k, x
             last = x
 
@@ -427,31 +425,31 @@ def independent_along(
     with loops_of(whole, carried_angles(mechanism, angles, whole)) as every, loops_of(
             mechanism, angles) as evaluation:
         path, rows, before = [], [], []
-        for k, place in list(_dense(mechanism, q))[-MOST_LOOKED_AT:]:
-            every.update(place)
-            evaluation.update(place)
+        for k, point in list(_dense(mechanism, q))[-MOST_LOOKED_AT:]:
+            every.update(point)
+            evaluation.update(point)
             jacobian = every.jacobian[: every.constraints.n_closure].copy()
-            path.append(Sample(place, jacobian, singular_values(jacobian), every.closure_error))
+            path.append(Sample(point, jacobian, singular_values(jacobian), every.closure_error))
             rows.append(evaluation.jacobian[: evaluation.constraints.n_closure].copy())
             before.append(k)
         path = list(takewhile(lambda x: _rank(x.s, CLEAR_OF_CUT * cut) == rank,
                               _oriented(path[0], path, rank)))
         if not path:
             return mechanism, len(q)
-        found = _independence(np.array(rows[: len(path)]), path)
-        found *= np.sign(found[0])
-        bad = np.flatnonzero(found < USELESS)
-        n, worth = before[bad[0]] if bad.size else len(q), max(0.0, float(found.min()))
+        independence = _independence(np.array(rows[: len(path)]), path)
+        independence *= np.sign(independence[0])
+        bad = np.flatnonzero(independence < USELESS)
+        n, worth = before[bad[0]] if bad.size else len(q), max(0.0, float(independence.min()))
         if worth >= FAIR:
             return mechanism, n
         for x in q[-2::-1]:
-            way = pin.difference(whole.model, x, q[-1]) / whole.velocity_scale
-            if np.abs(way).max() > TOLERANCES.half_precision:
-                ahead = way
+            remaining = pin.difference(whole.model, x, q[-1]) / whole.velocity_scale
+            if np.abs(remaining).max() > TOLERANCES.half_precision:
+                ahead = remaining
                 break
         beyond = _oriented(path[-1], list(_walk(
             whole, path[-1].q, ahead, LONGER_WAY * PARTS_OF_MOTION,
-            lambda place: _sample(every, place, cut, gap)))) if ahead.any() else []
+            lambda point: _sample(every, point, cut, gap)))) if ahead.any() else []
         best = max(USELESS, TWICE * worth), selection
         for some in HORIZONS:
             chosen, better = _independent(whole, [], path + beyond[: some - 1])
@@ -491,7 +489,7 @@ def _walk(
 def _motion_samples(
     evaluation: LoopEquations, first: Sample, cut: float, gap: float
 ) -> Iterator[Sample]:
-    """Yield configurations that the mechanism goes through, closed to the gap."""
+    """Yield configurations along the motion of the mechanism, closed to the gap."""
     model, scale = evaluation.model, evaluation.mechanism.velocity_scale
     rng, here, ahead = np.random.default_rng(20112), first, np.zeros(model.nv)
     for _ in range(MOTION_SAMPLES):
