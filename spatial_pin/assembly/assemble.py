@@ -41,10 +41,10 @@ from spatial_pin.settings import Accuracy, accuracy_of
 _WARNED: WeakSet[Mechanism] = WeakSet()  # mechanisms with a warning by `tell` already
 # Largest motion on one branch [rad, characteristic lengths]; near a singular configuration branches
 # are as near as that.
-SAME_PLACE_BY = 0.3
+SAME_BRANCH = 0.3
 LEAST_PART = 2.0**-10  # shortest step, as a part of the motion, that is still tried
 # distance of two branches [rad, characteristic lengths]: above round-off near a dead centre
-STANDS_APART = 1e-3
+BRANCHES_APART = 1e-3
 
 
 @checked
@@ -352,7 +352,7 @@ def branch_changed(guess: State, reached: State, held: Iterable[str]) -> str:
         held: coordinates with values, and fixed drivers.
     """
     mechanism = reached.mechanism
-    if np.abs(turned_apart(mechanism, guess.q, reached.q)).max(initial=0.0) <= SAME_PLACE_BY:
+    if np.abs(turned_apart(mechanism, guess.q, reached.q)).max(initial=0.0) <= SAME_BRANCH:
         return ""
     table = mechanism.coordinate_table
     names = list(dict.fromkeys(mechanism.prescribed_coordinate(name).name for name in held))
@@ -367,7 +367,7 @@ def branch_changed(guess: State, reached: State, held: Iterable[str]) -> str:
         loose = np.zeros(len(free), dtype=bool)
         loose[free] = np.abs(decompose(rows[:, free]).null_space).max(
             axis=0, initial=0.0) > TOLERANCES.half_precision
-        elsewhere = (apart > STANDS_APART) & free & ~loose  # though the loops determine where
+        elsewhere = (apart > BRANCHES_APART) & free & ~loose  # though the loops determine where
         moved = np.abs(rows[:, elsewhere]).max(axis=1, initial=0.0) > 0.0
     loops = list(dict.fromkeys(labels[k].closure for k in np.flatnonzero(moved)))
     if not loops:
@@ -397,7 +397,7 @@ def _led(
             there = closed(mechanism, with_values(mechanism, q, values), free, reference,
                            TOLERANCES.tight, pinned={name: values[name] for name in pinned})
             is_near = there.error <= ACCEPTED and np.abs(
-                turned_apart(mechanism, q, there.q)).max(initial=0.0) <= SAME_PLACE_BY
+                turned_apart(mechanism, q, there.q)).max(initial=0.0) <= SAME_BRANCH
         except SingularError:
             is_near = False
         if is_near:

@@ -72,7 +72,7 @@ HALF_RADIAN, PARTS_OF_MOTION = 0.5, 4
 PART = HALF_RADIAN / PARTS_OF_MOTION
 MOST_LOOKED_AT = 400  # configurations of a path: eight turns, in a tenth of a second
 DIRECTIONS = 6  # of that motion, each taken both ways
-LONGER_WAY = 4  # such motions in a row, over which it is seen how long equations are independent
+LONGER_MOTION = 4  # such motions in a row, over which it is seen how long equations are independent
 PROBES, STEPS_TO_POSE = 4, 3  # other poses tried, and steps to each
 STEP_TO_POSE = 0.1  # length of a step [rad, characteristic lengths]
 # Of files with three digits, and with two; then others, as a gap far above the rounding may hide a
@@ -316,7 +316,7 @@ def _nearby(
     They are half a radian long; of a mechanism of one freedom two radians.
     """
     rng, tangents = np.random.default_rng(20115), null_space(first.jacobian, cut)
-    parts = PARTS_OF_MOTION * (LONGER_WAY if len(tangents) == 1 else 1)
+    parts = PARTS_OF_MOTION * (LONGER_MOTION if len(tangents) == 1 else 1)
     for _ in range(min(DIRECTIONS, len(tangents) ** 2)):
         direction = rng.standard_normal(len(tangents)) @ tangents
         for ahead in (direction, -direction):
@@ -448,7 +448,7 @@ def independent_along(
                 ahead = remaining
                 break
         beyond = _oriented(path[-1], list(_walk(
-            whole, path[-1].q, ahead, LONGER_WAY * PARTS_OF_MOTION,
+            whole, path[-1].q, ahead, LONGER_MOTION * PARTS_OF_MOTION,
             lambda point: _sample(every, point, cut, gap)))) if ahead.any() else []
         best = max(USELESS, TWICE * worth), selection
         for some in HORIZONS:

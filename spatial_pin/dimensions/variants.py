@@ -38,7 +38,7 @@ from spatial_pin.mechanism.inertia import inertia_as_given, put_inertias
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import EPS, Array
 
-PLACE_ROUND_OFF = 64 * EPS  # of the largest length: round-off of placements
+PLACEMENT_ROUND_OFF = 64 * EPS  # of the largest length: round-off of placements
 IDLE_STEP = 0.01  # relative step of a dimension, to find out whether its file changes
 WITHOUT_MOTION = ("visual", "collision", "dynamics", "safety_controller", "mass", "inertia")
 FIELDS = [field.name for field in fields(Mechanism) if field.init]
@@ -279,7 +279,7 @@ class TracedText:
             raise _Untraced
         own = model.joints[i].extract()
         axis = np.array(own.axis) if hasattr(own, "axis") else np.eye(3)["XYZ".index(name[-1])]
-        if np.abs(axis - _unit(words.values)).max() > PLACE_ROUND_OFF:
+        if np.abs(axis - _unit(words.values)).max() > PLACEMENT_ROUND_OFF:
             raise _Untraced
         self._axes[i] = words
 
@@ -312,14 +312,14 @@ class TracedTree(TracedText):
         old = [*model.jointPlacements], [frame.placement for frame in model.frames]
         size = max(float(np.abs(x.translation).max()) for x in (*old[0], *old[1]))
         if not own.holds[0] or any(
-                np.abs(new.translation - was[i].translation).max() > PLACE_ROUND_OFF * size
-                or np.abs(new.rotation - was[i].rotation).max() > PLACE_ROUND_OFF
+                np.abs(new.translation - was[i].translation).max() > PLACEMENT_ROUND_OFF * size
+                or np.abs(new.rotation - was[i].rotation).max() > PLACEMENT_ROUND_OFF
                 for was, new_ones in zip(old, (own.joints, own.frames), strict=True)
                 for i, new in new_ones.items()):
             raise _Untraced
         known = self._mechanism.inertias
         self.has_masses = all(
-            name in known and inertia.isApprox(known[name], PLACE_ROUND_OFF)
+            name in known and inertia.isApprox(known[name], PLACEMENT_ROUND_OFF)
             for name, inertia in self._inertias_at(own.inertials[:, 0]).items())
 
     @property

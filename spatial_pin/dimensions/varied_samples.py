@@ -129,7 +129,7 @@ class DriverMotion:
 # largest step of a joint [rad, characteristic lengths]: its cosine is still 0.97
 LONGEST_AT_ONCE = 0.25
 # longest step of all joints together: parallel axes cannot become opposite
-WAY = TOLERANCES.longest_step
+LONGEST_TOGETHER = TOLERANCES.longest_step
 # ratio of a sample's determinant to the state's: it costs two digits of accuracy
 LEAST_DETERMINANT = 0.02
 PARTS = 1, 4, 16  # steps in which a sample's dimensions are reached, one number after the other
@@ -324,7 +324,7 @@ class Near:
             step = np.maximum(closed.farthest, TOLERANCES.nothing)
             good &= (
                 geometry.traced.holds & (closed.error <= TOLERANCES.zero)
-                & (closed.farthest <= LONGEST_AT_ONCE) & (closed.distance <= WAY)
+                & (closed.farthest <= LONGEST_AT_ONCE) & (closed.distance <= LONGEST_TOGETHER)
                 & (closed.bend <= TOLERANCES.contraction * step) & (closed.sign == self._own.sign)
                 & (closed.magnitude > self._own.magnitude + np.log(LEAST_DETERMINANT))
                 & (closed.opened <= TOLERANCES.singular))

@@ -18,7 +18,7 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 
 # Length of a followed path [rad, characteristic lengths]: loops that open by the eighth power only,
 # times a thousandth, are then open by 7e-8.
-WAY_OUT = 0.3
+PATH_LENGTH = 0.3
 # First step: near turning links a longer one misses all closed configurations, and near branch
 # points the error of the direction is as small as the step.
 SETTING_OUT = 0.005
@@ -63,7 +63,7 @@ def finite_freedom(evaluation: LoopEquations, q: Array, tangents: Array) -> int:
         evaluation.update(path[1])
         there = null_space(evaluation.jacobian[:n], TOLERANCES.half_precision)
         best = max(best, len(finite_motions(
-            evaluation, path[1], there, steps=(WAY_OUT, SETTING_OUT))))
+            evaluation, path[1], there, steps=(PATH_LENGTH, SETTING_OUT))))
         if best == len(tangents):
             break
     return best
@@ -147,7 +147,7 @@ def _followed(
             chord = there
         length, step = length + size, step * growth
         is_round = direction @ first < 0.0 and (length > SMALL_OVAL or worst < TOLERANCES.tight)
-        if length >= WAY_OUT or is_round:
+        if length >= PATH_LENGTH or is_round:
             return chord / np.linalg.norm(chord), at
     return None
 
@@ -182,7 +182,7 @@ def _closed(evaluation: LoopEquations, q: Array, free: NDArray[np.bool_]) -> tup
         weak = np.flatnonzero(svd.s[: svd.rank] < TOLERANCES.well_conditioned * svd.s[0])
         back = np.zeros(len(scale))
         back[free] = -svd.vt[weak].T @ (svd.u[:, weak].T @ evaluation.residual / svd.s[weak])
-        if not 0.0 < np.linalg.norm(back) < WAY_OUT:
+        if not 0.0 < np.linalg.norm(back) < PATH_LENGTH:
             break
         slid, remaining, _ = closed(
             mechanism, pin.integrate(evaluation.model, result, scale * back), free, reference,

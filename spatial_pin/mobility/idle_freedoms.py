@@ -25,7 +25,7 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 
 # Motion of a body without an opened loop [rad, characteristic lengths]: a first-order freedom opens
 # it by the square, 0.1.
-IDLE_WAY = 0.3
+IDLE_MOTION = 0.3
 # Random motions of a body, and steps from each, to find an idle one: for a body on two rods, with
 # four idle lines, one in two finds one.
 IDLE_STARTS, IDLE_STEPS = 24, 50
@@ -170,7 +170,7 @@ def _gone(evaluation: LoopEquations, q: Array, joint: str, v: Array) -> tuple[Ar
     twist = joint_jacobian(evaluation.data, evaluation.model.nv) @ (
         v * evaluation.constraints.support(i))
     paced = v / max(float(np.linalg.norm(size * twist)), 1e-300)
-    return pin.integrate(evaluation.model, q, IDLE_WAY * paced), paced
+    return pin.integrate(evaluation.model, q, IDLE_MOTION * paced), paced
 
 
 def _goes_on(evaluation: LoopEquations, q: Array, joint: str, v: Array) -> bool:
@@ -201,7 +201,7 @@ def _goes_on(evaluation: LoopEquations, q: Array, joint: str, v: Array) -> bool:
     along, displacement = size * twist / np.linalg.norm(size * twist), size * screw
     off = displacement - along * (along @ displacement)
     shifted = np.abs(evaluation.placements[rest] - places).max(initial=0.0)
-    return bool(error <= TOLERANCES.closed and along @ displacement > TOLERANCES.moved * IDLE_WAY
+    return bool(error <= TOLERANCES.closed and along @ displacement > TOLERANCES.moved * IDLE_MOTION
                 and max(np.abs(off).max(), shifted) < ALGEBRA_TOLERANCE)
 
 

@@ -17,7 +17,7 @@ from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
-from spatial_pin.mobility.finite_motions import WAY_OUT, finite_motions
+from spatial_pin.mobility.finite_motions import PATH_LENGTH, finite_motions
 from spatial_pin.mobility.idle_freedoms import IDLE, idle_freedoms
 from spatial_pin.mobility.mode_list import Continuum
 from spatial_pin.mobility.rods import Rod
@@ -292,7 +292,7 @@ def are_joined(check: ModeCheck, q: Array, other: Array) -> bool:
     """
     difference = turned_apart(check.mechanism, q, other)
     size = float(np.linalg.norm(difference))
-    for part in BETWEEN if size < WAY_OUT else ():
+    for part in BETWEEN if size < PATH_LENGTH else ():
         step = check.mechanism.velocity_scale * part * difference
         start = pin.integrate(check.mechanism.model, q, step)
         result, error = close(check.evaluation, start, check.free, check.tolerance,
@@ -300,7 +300,7 @@ def are_joined(check: ModeCheck, q: Array, other: Array) -> bool:
         moved = float(np.linalg.norm(turned_apart(check.mechanism, start, result)))
         if error > SAME_MODE * SAME_MODE or moved > TOLERANCES.unexplained * size:
             return False
-    return size < WAY_OUT
+    return size < PATH_LENGTH
 
 
 def continuum_at(check: ModeCheck, q: Array, kind: ModeKind) -> Continuum:

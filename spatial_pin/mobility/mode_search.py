@@ -14,7 +14,7 @@ from spatial_pin.kernel.closer import Closer
 from spatial_pin.mechanism.coordinates import with_values
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
-from spatial_pin.mobility.finite_motions import SETTING_OUT, WAY_OUT
+from spatial_pin.mobility.finite_motions import PATH_LENGTH, SETTING_OUT
 from spatial_pin.mobility.mode_check import (
     SAME_MODE,
     BodyMark,
@@ -365,7 +365,7 @@ def _moving(
     vectors, ranks = null_vectors(jacobian, TOLERANCES.half_precision)
     moves = jacobian.shape[2] - ranks > recognition.generic_nullity
     scale = starts.kernel.mechanism.velocity_scale[:, None]
-    for push in (SETTING_OUT, WAY_OUT):
+    for push in (SETTING_OUT, PATH_LENGTH):
         at = np.flatnonzero(moves)
         if not at.size:
             break

@@ -31,11 +31,11 @@ WHOLE_TURN = 2.0 * np.pi  # of all joints together: for each there are EVEN_PART
 CERTAIN = 5e-3
 # Error of distances relative to the characteristic length: nearer links count as touching, so that
 # parts that slide on each other touch all along.
-PLACE_ERROR = 1e-8
+DISTANCE_ERROR = 1e-8
 # part of an interval to which the minimum is located: the distance is then exact to 1e-10
 NEAREST = 1e-5
 # relative to the error of distances: the first point within it counts as the minimum
-ONE_PLACE = 1e-4
+EQUAL_DISTANCE = 1e-4
 # joint step up to which the polynomials are exact enough [rad, characteristic lengths]
 FAIRLY_FAR = 0.1
 STRAY = 0.05  # largest deviation of the polynomials from closed loops, relative to CERTAIN
@@ -173,7 +173,7 @@ class SampledClearance:
         self.distances, self.between, self.touching = distances, between, touching
         motion = between.motion
         size = motion.mechanism.characteristic_length
-        self.certain, self.known = CERTAIN * size, PLACE_ERROR * size
+        self.certain, self.known = CERTAIN * size, DISTANCE_ERROR * size
         self.sampled = np.empty((len(motion), len(distances.pairs)))
         self.points = np.empty((*self.sampled.shape, 2, 3))
         self._travelled: list[Array] = []
@@ -298,7 +298,7 @@ class ClearanceSearch(SampledClearance):
                     lambda part, row=row: self._nearest(pair, MotionPoint(row, part)).distance,
                     bounds=(first, last), method="bounded", options={"xatol": NEAREST})
                 known[MotionPoint(row, float(result.x))] = float(result.fun)
-        least = min(known.values()) + ONE_PLACE * self.known
+        least = min(known.values()) + EQUAL_DISTANCE * self.known
         return min(point for point, distance in known.items() if distance <= least)
 
     def _contacts(

@@ -40,7 +40,7 @@ COMES_BACK = 1e-3  # distance between the ends of a curve after a turn, relative
 MOVED = 1e-6  # relative error up to which dimensions can make a rigid motion of the curve
 # Steps of the homotopy: factor of size, and angle [rad] or displacement relative to the curve's
 # size.
-SIZE_STEP, WAY_STEP = 1.5, 0.4
+SIZE_STEP, TURN_STEP = 1.5, 0.4
 STEPS_TO_PATH = 16  # most steps of the homotopy
 BRINGING_CORRECTIONS = 2  # Newton corrections of each step; the next step corrects the rest
 OUTSIDE = 1e-6  # distance beyond a bound that counts as inside, relative to the width of the bounds
@@ -259,7 +259,7 @@ def _homotopy(
     x[atlas._own] = numbers
     timed = atlas._driven(goal.points, alike.samples.q[:, atlas._driver.q])
     width = float(np.abs(own - there).max()) * max(size, 1.0)
-    steps = max(abs(np.log(size)) / np.log(SIZE_STEP), float(np.linalg.norm(turn)) / WAY_STEP,
+    steps = max(abs(np.log(size)) / np.log(SIZE_STEP), float(np.linalg.norm(turn)) / TURN_STEP,
                 float(np.abs(away).max()) / width)
     n, samples = int(min(np.ceil(steps), STEPS_TO_PATH)), alike.samples
     for part in np.repeat(np.arange(1, n + 1) / max(n, 1), BRINGING_CORRECTIONS).tolist():

@@ -15,12 +15,12 @@ from spatial_pin.motion.joint_limit_events import KIND as JOINT_LIMIT
 from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.proximity.clearance_search import PLACE_ERROR
+from spatial_pin.proximity.clearance_search import DISTANCE_ERROR
 from spatial_pin.proximity.distances import Distances
 from spatial_pin.rates.jacobians import jacobian, moving_coordinates
 from spatial_pin.rates.prescribed import Prescription
 
-PLACE_OF_TOUCH = 1e-6  # accuracy of the configuration where links come too near, relative to a cell
+CONTACT_ACCURACY = 1e-6  # of the configuration where links come too near, relative to a cell
 LOST = "lost"  # reason of an end by a failure of the numbers
 NOWHERE = np.full(3, np.nan)  # an unknown point
 NEAR_END = 1e-6  # of the last step: an end is extrapolated from there, where rates are finite
@@ -136,7 +136,7 @@ def touching(config: GridConfig, distances: Distances, q: Array) -> str:
     """Return the links that are too near to each other, in words; empty if none."""
     assert config.apart is not None
     distances.update(q[: config.body.model.nq])
-    links = distances.touching(config.apart + PLACE_ERROR * config.body.characteristic_length)
+    links = distances.touching(config.apart + DISTANCE_ERROR * config.body.characteristic_length)
     if links is None:
         return ""
     return f"{'links touch' if not config.apart else f'nearer than {config.apart:.9g} m'}: " + (
@@ -160,7 +160,7 @@ def _apart(
         good, bad = float(motion.swept[row - 1]), float(motion.swept[row])
         cell = abs(bad - good)
         q, angles, point = last.q, last.angles, NOWHERE
-        while abs(bad - good) > PLACE_OF_TOUCH * cell:
+        while abs(bad - good) > CONTACT_ACCURACY * cell:
             middle = 0.5 * (good + bad)
             there, count, _ = motion_along(config, last, np.array([middle]))
             if there is None or count < 2:

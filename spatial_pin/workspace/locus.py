@@ -35,7 +35,7 @@ from spatial_pin.workspace.grid_lines import GridConfig
 
 LIMIT = "limit"
 # distance from a branch point at which a curve ends: part of a step, or of the rank
-CURVE_ENDS_BESIDE = 1e-4
+CURVE_END_MARGIN = 1e-4
 
 
 class Section:
@@ -89,7 +89,7 @@ class Section:
         """Whether the loop equations lose rank."""
         self.evaluation.update(q)
         s = decompose(self.evaluation.jacobian[:, self._loose], 0.0).s
-        return bool(s[int(self._loose.sum()) - len(self.grid) - 1] < CURVE_ENDS_BESIDE * s[0])
+        return bool(s[int(self._loose.sum()) - len(self.grid) - 1] < CURVE_END_MARGIN * s[0])
 
     def matrix(self, why: str, motions: Array) -> Array:
         """Return the square matrix that loses its rank on a curve, at the last `update`."""
@@ -364,7 +364,7 @@ def _stop(
     at, why = min(stops)
     q = locus.at(spot, at) if at > 0.0 else None
     if why in (LIMIT, CORNER) and q is not None and locus.section.is_branch_point(q):
-        why, q = CROSSING, locus.at(spot, (1.0 - CURVE_ENDS_BESIDE) * at)
+        why, q = CROSSING, locus.at(spot, (1.0 - CURVE_END_MARGIN) * at)
     return why, None if q is None else locus.spot(q, spot.t)
 
 

@@ -25,7 +25,7 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 
 # Speed of drivers at a dead centre, relative to that of all joints: loops closed to 1e-11 give its
 # square root, 3e-6.
-STANDING_SPEED = 1e-4
+LEAST_SPEED = 1e-4
 # Weight of driver motion against open loops within limits: it leaves loops open by its square, 1e-6
 # characteristic lengths or radians, which the final closing removes.
 LEAST_MOTION = 1e-3
@@ -70,7 +70,7 @@ def can_move(
     """
     null_space = decompose(pinned_rows(evaluation, free, pinned)[0]).null_space
     moved = null_space @ _rows(evaluation, drivers)[:, free].T
-    return bool(decompose(moved).s.min(initial=1.0) > STANDING_SPEED)
+    return bool(decompose(moved).s.min(initial=1.0) > LEAST_SPEED)
 
 
 class _Joints(LimitedJoints, LeastSquares):
