@@ -130,7 +130,7 @@ def _closure_text(closure: Any) -> str:
 
 
 def _spring_text(mechanism: Mechanism, spring: Spring) -> str:
-    turns = spring.joint is not None and mechanism.driven_coordinate(spring.joint).unit == "rad"
+    turns = spring.joint is not None and mechanism.prescribed_coordinate(spring.joint).unit == "rad"
     per, length = ("N·m/rad", "rad") if turns else ("N/m", "m")
     where = spring.joint or " - ".join(spring.frames)
     if spring.is_bushing:

@@ -35,7 +35,7 @@ int pins_are_sound(const Kernel *k, const Pin *pin, Int n)
 }
 
 /* Rotation vector, of length up to pi, of a quaternion x, y, z, w. */
-static void rotation_vector(const Real *quaternion, Real *phi)
+void quaternion_vector(const Real *quaternion, Real *phi)
 {
     const Real w = quaternion[3], sine = sqrt(dot3(quaternion, quaternion));
     const Real factor = sine > 0.0 ? 2.0 * atan2(sine, fabs(w)) / sine : 2.0;
@@ -63,7 +63,7 @@ void pins_put(const Pin *pin, Int n, const Real *value, Real *q)
             continue;
         }
         Real phi[3];
-        rotation_vector(q + at, phi);
+        quaternion_vector(q + at, phi);
         phi[pin[i].component] = value[i];
         while (i + 1 < n && pin[i + 1].q == at) {
             i++;
@@ -78,7 +78,7 @@ Real pin_value(const Pin *pin, const Real *q)
     Real phi[3];
     if (!pin->turns)
         return q[pin->q + pin->component];
-    rotation_vector(q + pin->q, phi);
+    quaternion_vector(q + pin->q, phi);
     return phi[pin->component];
 }
 
@@ -87,14 +87,14 @@ Real pin_value_near(const Pin *pin, const Real *q, Real wanted)
     Real phi[3], own = pin_value(pin, q);
     if (!pin->turns)
         return own;
-    rotation_vector(q + pin->q, phi);
+    quaternion_vector(q + pin->q, phi);
     phi[pin->component] = 0.0;
     const int is_own_axis = sqrt(dot3(phi, phi)) <= TOLERANCE_TIGHT;
     return is_own_axis ? own + 2.0 * PI * nearbyint((wanted - own) / (2.0 * PI)) : own;
 }
 
 /* g and its derivative by t², at t² = s. */
-static void factors_of(Real s, Real *g, Real *slope)
+void rotation_factors(Real s, Real *g, Real *slope)
 {
     static const Real series[6] = {1.0 / 12.0,      1.0 / 720.0,      1.0 / 30240.0,
                                    1.0 / 1209600.0, 1.0 / 47900160.0, 691.0 / 1307674368000.0};
@@ -127,8 +127,8 @@ static void position_row(const Real *q, Int component, Real *row)
 static void rotation_row(const Real *q, Int component, Real *row)
 {
     Real phi[3], axis[3] = {0.0, 0.0, 0.0}, once[3], twice[3], g, slope;
-    rotation_vector(q, phi);
-    factors_of(dot3(phi, phi), &g, &slope);
+    quaternion_vector(q, phi);
+    rotation_factors(dot3(phi, phi), &g, &slope);
     axis[component] = 1.0;
     cross3(axis, phi, once);
     cross3(once, phi, twice);
@@ -153,7 +153,7 @@ void pin_scaled_row(const Kernel *k, const Pin *pin, Real *row)
 static void rotation_bias(const Real *phi, const Real *w, Real *bias)
 {
     Real g, slope, once[3], twice[3], rate[3], turned[3], first[3], second[3];
-    factors_of(dot3(phi, phi), &g, &slope);
+    rotation_factors(dot3(phi, phi), &g, &slope);
     cross3(phi, w, once);
     cross3(phi, once, twice);
     for (int i = 0; i < 3; i++)
@@ -176,7 +176,7 @@ Real pin_bias(const Pin *pin, const Real *q, const Real *v)
         position_row(q + pin->q, pin->component, row);
         return dot3(row, bias);
     }
-    rotation_vector(q + pin->q, phi);
+    quaternion_vector(q + pin->q, phi);
     rotation_bias(phi, here, bias);
     return bias[pin->component];
 }

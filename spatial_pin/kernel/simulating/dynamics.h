@@ -31,6 +31,7 @@ typedef struct {
    turns */
 #define WILD_WAY 1280.0
 
+enum { BUSHING_NUMBERS = 103 };
 enum { PASSAGE_NODES = 8, MOST_PASSAGES = 8, MOST_BRANCH_POINTS = 6 };
 
 /* The stretch about a branch point of branches, as polynomials in x through nodes on both sides. */
@@ -70,9 +71,11 @@ typedef struct Dynamics {
 
     /* ---- forces ---- */
     const Real *damping, *friction, *slip, *armature, *constant; /* (nv) */
-    Int resists, n_lines, n_turns;
+    Int resists, n_lines, n_turns, n_bushings;
     const Int *line_body, *line_law, *turn_q, *turn_v, *turn_law;
     const Real *line_point, *line_spring, *turn_spring; /* spring: stiffness, damping, free */
+    const Int *bushing_body, *bushing_law; /* law: 0, or 1 and the component that it is of */
+    const Real *bushing;                   /* see bushings.c */
 
     /* ---- where it is ---- */
     Real *q, *x, *turns; /* the configuration, coordinates of all held ones, screw angles */
