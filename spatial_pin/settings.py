@@ -16,7 +16,7 @@ KERNEL = "kernel"
 class Integrator(NamedTuple):
     """An integrator of ordinary differential equations; to add one, add an entry to `INTEGRATORS`.
 
-    1. A class that is made and steps like those of SciPy's `solve_ivp` is told by its module and
+    1. A class that is made and steps like those of SciPy's `solve_ivp` is given by its module and
        name: "scipy.integrate:Radau", or one of your own.
     2. One of the kernel (Runge and Kutta's) is an entry of `METHODS` in
        `kernel/integrators/integrating.c`; these have the same order here.
@@ -166,7 +166,7 @@ class Accuracy:
         its usual sweep, or swinging a few seconds under gravity. That is a measurement, not a
         proof: near singular configurations, and in long or unstable simulations, errors grow
         (`delta` and `sarrus` through their change points, `crank_collar` and `excavator` let fall,
-        are left out for that). Measure your own mechanism and task to be sure:
+        are not counted). Measure your own mechanism and task to be sure:
         `for_error(1e-6, measured=spatial_pin.tradeoff(mechanism, task))`.
 
         Args:

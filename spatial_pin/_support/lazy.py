@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import wraps
 from typing import TYPE_CHECKING, Any, TypeVar, TypeVarTuple
+from warnings import warn
 
 RESULTS = "_results"  # the attribute that holds them: an object leaves it out of its copies
 
@@ -77,4 +78,13 @@ else:
             value = owner.__dict__[self.name] = self.work(owner)
             return value
 
-__all__ = ["cached_property", "made_anew", "made_once"]
+
+
+def by_new_name(owner: object, old: str, new: str) -> Any:
+    """Return an attribute that a user reads by its old name, with a warning."""
+    kind = type(owner).__name__
+    warn(f"{kind}.{old} is now {kind}.{new}", DeprecationWarning, stacklevel=3)
+    return getattr(owner, new)
+
+
+__all__ = ["by_new_name", "cached_property", "made_anew", "made_once"]

@@ -157,8 +157,8 @@ def gap_needed(mechanism: Mechanism) -> float | None:
     """Return a gap with which a mechanism that its loops hold would move, one digit; or None."""
     for gap in (Accuracy().gap, *GAPS_TRIED):
         if gap > gap_allowed(mechanism) and (found := rounded(mechanism, gap)) is not None:
-            assert found.kept is not None
-            less = clearly_above(max(open_by for _, open_by in found.kept.opened))
+            assert found.selection is not None
+            less = clearly_above(max(open_by for _, open_by in found.selection.opened))
             while less < gap and rounded(mechanism, less) is None:
                 less = clearly_above(less)
             return min(gap, less)
@@ -195,7 +195,7 @@ def allowed_from(state: State, gap: float) -> float:
 
 def rounding_of(mechanism: Mechanism) -> float:
     """Return what is round-off of a file, relative to 1: 0 for a mechanism that is whole."""
-    return 0.0 if mechanism.kept is None else mechanism.kept.cut
+    return 0.0 if mechanism.selection is None else mechanism.selection.cut
 
 
 def _kept(evaluation: LoopEquations, gap: float) -> SelectedEquations | None:

@@ -303,7 +303,7 @@ def _load_toml(request: Request) -> Mechanism:
         content, left_out = merged(top.content, stated)
     if mistakes:
         MechanismSpec(top, mistakes, Trust.of(path, request.packages, request.trusted))
-        mistakes.tell()
+        mistakes.raise_all()
     return _made(content, file, tree.urdf, request, (*tree.notices, *left_out))
 
 

@@ -370,6 +370,6 @@ def _pin(mechanism: Mechanism, name: str) -> tuple[int, int, int, int]:
     i = mechanism.joint_id(c.joint)
     q, v = int(mechanism.model.idx_qs[i]), int(mechanism.model.idx_vs[i])
     is_free = mechanism.model.nqs[i] == 7
-    if is_free and c.place < 3:
-        return q, v, c.place, 0
-    return q + 3 * is_free, v + 3 * is_free, c.place % 3, 1
+    if is_free and c.component < 3:
+        return q, v, c.component, 0
+    return q + 3 * is_free, v + 3 * is_free, c.component % 3, 1

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin._support.checks import finite_array, finite_number
-from spatial_pin._support.lazy import cached_property
+from spatial_pin._support.lazy import by_new_name, cached_property
 from spatial_pin.errors import MechanismFileError, UnknownNameError
 from spatial_pin.mechanism.equations import ConstraintEquation
 from spatial_pin.mechanism.pairs import PAIRS, Pair, PairGeometry
@@ -28,11 +28,11 @@ class Coordinate(NamedTuple):
         unit: "rad" or "m".
         q: index in the configuration, -1 when it is not an entry of it (rotation vectors).
         v: index in the velocity.
-        place: its number among the coordinates of the joint, from 0.
+        component: its number among the coordinates of the joint, from 0.
 
     Example:
         >>> sp.load("rssr").coordinate("rocker_pin")
-        Coordinate(name='rocker_pin', joint='rocker_pin', unit='rad', q=5, v=4, place=0)
+        Coordinate(name='rocker_pin', joint='rocker_pin', unit='rad', q=5, v=4, component=0)
     """
 
     name: str
@@ -40,7 +40,12 @@ class Coordinate(NamedTuple):
     unit: str
     q: int
     v: int
-    place: int
+    component: int
+
+    @property
+    def place(self) -> int:
+        """The old name of `component`; it warns."""
+        return int(by_new_name(self, "place", "component"))
 
 
 class VelocityEntry(Coordinate):
@@ -149,7 +154,7 @@ class SelectedEquations(NamedTuple):
         turned: of the same with their frames exchanged.
         cut: part of the largest singular value of all equations, below which rounding has made
             the others.
-        opened: how far each closure that lacks equations opens on the way [-].
+        opened: how far each closure that lacks equations opens along the motion [-].
     """
 
     own: tuple[tuple[int, ...], ...]
@@ -274,8 +279,9 @@ class Spring:
                     np.linalg.eigvalsh(matrix)[0] < -1e-9 * size):
                 raise ValueError(f"{what} of spring {self.name!r} must be symmetric and not "
                                  "negative, so that it stores energy")
-            kept = tuple(given.tolist()) if given.ndim == 1 else tuple(map(tuple, given.tolist()))
-            object.__setattr__(self, what, kept)
+            rows = given.tolist()
+            object.__setattr__(self, what,
+                               tuple(rows) if given.ndim == 1 else tuple(map(tuple, rows)))
         preload = finite_array(self.preload, (6,), f"preload of spring {self.name!r}") if len(
             self.preload) else ()
         object.__setattr__(self, "preload", tuple(map(float, preload)))
@@ -399,10 +405,10 @@ class Passive:
 
 
 def drivers_of_tree(joints: Mapping[str, str], closures: Iterable[Closure]) -> dict[str, Driver]:
-    """Return what drives an open tree of which nobody says: every coordinate, by its own name.
+    """Return the drivers of an open tree that names none: every coordinate, by its own name.
 
-    Those that couplings give are left out, and the components of balls and floating joints, which
-    are no entries of the configuration. Where loops are closed nobody knows: nothing is returned.
+    Coordinates that couplings give are omitted. So are the components of balls and floating
+    joints, which are no entries of the configuration. A mechanism with loops gets none.
 
     Args:
         joints: pair by joint, in the order of the tree.
@@ -470,18 +476,18 @@ def add_frames(model: pin.Model, frames: Mapping[str, Frame], where: str) -> Non
                                                "already; choose another" if name in known else
                                                "a frame needs a name that can be read"))
     for name in frames:
-        way: dict[str, None] = {}
+        path: dict[str, None] = {}
         while name not in known:
-            if name in way:
+            if name in path:
                 raise MechanismFileError(
-                    f"{where}: frames.{name}: hangs on itself: {' on '.join([*way, name])}")
+                    f"{where}: frames.{name}: hangs on itself: {' on '.join([*path, name])}")
             if name not in frames:
-                last = next(reversed(way))
+                last = next(reversed(path))
                 raise MechanismFileError(f"{where}: frames.{last}: link: " + str(
                     UnknownNameError("link, joint or frame", name, [*known, *frames])))
-            way[name] = None
+            path[name] = None
             name = frames[name].link
-        for new in reversed(way):
+        for new in reversed(path):
             on = model.frames[known[frames[new].link]]
             known[new] = model.addFrame(pin.Frame(
                 new, on.parentJoint, known[frames[new].link],

@@ -69,7 +69,7 @@ def swept(near):
 
 
 @pytest.mark.parametrize("pair", CASES, indirect=True, ids=str)
-def test_rates_are_those_at_the_origin_but_for_the_error_that_is_told(pair):
+def test_rates_are_those_at_the_origin_but_for_the_error_that_is_reported(pair):
     near, mech, at = pair
     one, two = moving(mech), moving(near)
     scale = mech.velocity_scale

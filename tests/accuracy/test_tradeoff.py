@@ -31,7 +31,7 @@ def rocker_errors(mech, accuracy, values):
     return np.abs(found - want).max(axis=1).astype(float)
 
 
-def test_errors_told_of_the_rssr_are_those_of_the_closed_form():
+def test_errors_reported_for_the_rssr_are_those_of_the_closed_form():
     mech = sp.load("rssr")
     found = sp.tradeoff(mech, {"driver": "crank", "values": TURN}, settings=FEW, repeats=1)
     assert len(found) == len(FEW) and found.reference_error < 1e-17
@@ -105,7 +105,7 @@ def test_settings_that_fail_say_why_in_the_table():
 
 
 @pytest.mark.slow
-def test_a_setting_for_which_no_time_is_left_is_said_to_be_untried():
+def test_a_setting_for_which_no_time_is_left_is_reported_as_untried():
     found = sp.tradeoff(sp.load("four_bar"), {"values": TURN}, settings=FEW, budget=1e-9)
     assert not found.front and {row.said for row in found.rows} == {"not tried, the time was out"}
     assert "not tried" in str(found) and found.as_dict()["rows"][0]["time_per_step"] is None
@@ -117,7 +117,7 @@ def test_a_setting_for_which_no_time_is_left_is_said_to_be_untried():
 # ---------------------------------------------------------------- simulations
 
 
-def test_what_the_reference_cannot_tell_is_said():
+def test_what_the_reference_cannot_tell_is_stated():
     mech = simple_pendulum()
     task = {"state": sp.assemble(mech, {"pin": 2.0}), "duration": 1.0, "times": [0.5, 1.0]}
     tight = sp.Accuracy.named("reference")

@@ -32,7 +32,7 @@ def is_followed(mechanism, values, guess, state) -> bool:
 @pytest.mark.delicate
 @pytest.mark.parametrize("name", ["four_bar", "slider_crank", "watt_six_bar", "crank_collar",
                                   "spherical_four_bar", "scotch_yoke", "inverted_slider_crank"])
-def test_it_is_told_just_where_following_the_driver_leads_elsewhere(name):
+def test_it_is_reported_just_where_following_the_driver_leads_elsewhere(name):
     mechanism = sp.load(name)
     driver = next(iter(mechanism.drivers))
     start = sp.assemble(mechanism, {driver: 0.3})
@@ -59,7 +59,7 @@ def test_one_leg_of_several_is_named_alone():
         assert bool(told) != is_followed(mechanism, {"arm_1": value}, start, state)
 
 
-def test_a_value_beyond_a_limit_position_is_told_with_how_far_it_goes():
+def test_a_value_beyond_a_limit_position_is_reported_with_how_far_it_goes():
     mechanism = sp.load("four_bar", r2=0.25)  # the crank goes to 2.4751 rad
     start = sp.assemble(mechanism, {"crank": 2.0})
     _, told = assembled(mechanism, {"crank": 2.0 * np.pi - 2.0}, start)

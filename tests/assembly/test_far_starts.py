@@ -114,7 +114,7 @@ def test_loops_stated_twice_close_from_afar_too():
     assert not sp.mobility(state.mechanism, state).dof
 
 
-def test_an_orientation_that_no_joint_allows_is_told_as_such():
+def test_an_orientation_that_no_joint_allows_is_reported_as_such():
     """A body that only slides cannot turn: half a turn stays open, and is no mirror image."""
     urdf, content = body((np.pi, 0.0, 0.0), kind="prismatic")
     content["closures"] = [{"name": "loop", "type": "prismatic", "frames": ["mark", "there"]}]
@@ -122,7 +122,7 @@ def test_an_orientation_that_no_joint_allows_is_told_as_such():
         sp.assemble(from_text(urdf, content, "body.toml"))
 
 
-def test_what_does_not_close_from_here_is_told_with_the_smallest_gap_found():
+def test_what_does_not_close_from_here_is_reported_with_the_smallest_gap_found():
     """A ball on an arm of 0.7 m from its base, 1.1 m from where it is to be."""
     mechanism = closed_by("weld", (0.3, 0.2, 0.1), kind="spherical")
     with pytest.raises(sp.AssemblyError, match="the smallest gap found; no assembly") as caught:

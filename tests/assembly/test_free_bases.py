@@ -268,7 +268,7 @@ def test_held_drivers_have_no_column(tmp_path: Path) -> None:
         sp.jacobian(mechanism, state, "l8", hold=["j22"])
 
 
-def test_a_base_goes_as_it_is_told(tmp_path: Path) -> None:
+def test_a_base_goes_as_prescribed(tmp_path: Path) -> None:
     mechanism = loaded(tmp_path, tree(0), free_flyer=True)
     state = random_state(mechanism, 0)
     twist = np.arange(1.0, 7.0)
@@ -297,7 +297,7 @@ def test_the_refusal_of_a_base_that_nobody_holds_says_what_holds_it(tmp_path: Pa
     assert len(sp.sweep(mechanism, "j2", [0.0, 0.1], hold=["base"])) == 2
 
 
-def test_a_base_is_held_whatever_was_asked_before() -> None:
+def test_a_base_is_held_whatever_was_computed_before() -> None:
     one, other = (library("rssr", free_flyer=True) for _ in range(2))
     states = [sp.assemble(m, {"crank": 0.3}) for m in (one, other)]
     first = [sp.jacobian(one, states[0], "rocker", hold=h) for h in ("base", None)]

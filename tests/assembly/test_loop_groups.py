@@ -59,7 +59,7 @@ def test_a_leg_that_is_too_short_is_the_one_that_is_named():
 
 @pytest.mark.delicate
 @pytest.mark.parametrize("crank", [1.2, 5.0])
-def test_a_crank_goes_no_further_than_the_one_leg_that_moves_it_asks_for(crank):
+def test_a_crank_goes_only_as_far_as_the_one_leg_that_moves_it(crank):
     sizes = [1.0, 1.0, 1.0, 0.4]
     state = sp.assemble(walker(8, sizes=sizes), guess={"crank": crank})
     alone = sp.assemble(walker(8, sizes=sizes, only=3), guess={"crank": crank})

@@ -75,7 +75,7 @@ def test_a_hinge_that_is_hardly_tilted_leaves_a_freedom(off):
     assert np.abs(found[1] - exact[1]).max() < 10.0 * off * np.abs(exact[1]).max() + 1e-10
 
 
-def test_it_is_told_once_and_carried_by_states_and_motions():
+def test_it_is_reported_once_and_carried_by_states_and_motions():
     mechanism = four_bar(6)
     with pytest.warns(sp.SpatialPinWarning, match=r"3 of 5 equations of 'pin' hold to \de-0"):
         state = sp.assemble(mechanism)

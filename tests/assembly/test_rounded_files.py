@@ -77,7 +77,7 @@ def test_mobility_counts_as_of_the_exact_mechanism(name, digits):
     assert len(found.redundant) == len(meant.redundant)
 
 
-def test_the_gap_is_told_once_and_carried_by_the_state():
+def test_the_gap_is_reported_once_and_carried_by_the_state():
     mechanism = LOOPS["four-bar"](rounded.to_digits(6))
     with pytest.warns(sp.SpatialPinWarning, match="3 of 5 equations of 'last' hold to") as told:
         state = sp.assemble(mechanism)
@@ -94,7 +94,7 @@ def test_where_everything_closes_there_is_no_gap():
     assert state.mechanism.whole is None
 
 
-def test_what_was_asked_before_makes_no_difference():
+def test_earlier_calls_make_no_difference():
     fresh, used = (LOOPS["Bricard"](rounded.to_digits(6)) for _ in range(2))
     first = assembled(used)
     with warnings.catch_warnings():

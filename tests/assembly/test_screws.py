@@ -34,7 +34,7 @@ def test_a_screw_is_followed_over_any_number_of_turns(nut, name, values):
     np.testing.assert_allclose(motion.angles[:, 0], -spin, atol=1e-9)
 
 
-def test_what_is_too_far_is_said_to_be(nut):
+def test_what_is_too_far_is_reported_so(nut):
     with pytest.raises(sp.SpatialPinError, match="too far from the sample before"):
         sp.sweep(nut, "spin", [0.0, 1e12])
 

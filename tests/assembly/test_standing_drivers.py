@@ -80,7 +80,7 @@ def test_a_state_and_a_configuration_say_where_drivers_stand(folder):
     assert np.abs(motion.coordinate("steering").value + 0.02).max() < 1e-15
 
 
-def test_a_sweep_holds_what_it_is_not_told_to_move(folder):
+def test_a_sweep_holds_what_it_is_not_set_to_move(folder):
     mechanism = wishbone(folder, rack=0.01)
     motion = sp.sweep(mechanism, "wheel", np.linspace(0.0, 0.2, 11))
     assert (motion.coordinate("rack").value == 0.01).all()
@@ -126,7 +126,7 @@ def test_two_motors_that_disagree_share_the_least_motion(folder):
     assert state.released["second"] == pytest.approx(rocker_of(best.x[0]) - 1.8, abs=1e-6)
 
 
-def test_released_drivers_of_a_sweep_are_told(folder):
+def test_released_drivers_of_a_sweep_are_reported(folder):
     mechanism = two_motors(folder)
     motion = sp.sweep(mechanism, "first", np.linspace(0.5, 1.5, 9))
     assert motion.coordinate("rocker").value == pytest.approx(

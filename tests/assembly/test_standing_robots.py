@@ -133,7 +133,7 @@ def test_too_many_drivers_are_named_with_those_that_depend_on_others(solo: sp.Me
         sp.jacobian(solo, state, "base_link", [*SIX, "HR_KFE"])
 
 
-def test_too_few_drivers_are_told_with_the_freedoms_left(solo: sp.Mechanism) -> None:
+def test_too_few_drivers_are_reported_with_the_freedoms_left(solo: sp.Mechanism) -> None:
     with pytest.raises(sp.SingularError, match=r"2 of its freedoms are not .*root_joint\.x"):
         sp.jacobian(solo, sp.assemble(solo), "base_link", SIX[:4])
 

@@ -96,7 +96,7 @@ def test_a_state_of_the_same_mechanism_loaded_twice_is_taken():
     assert rates.coordinate("crank_pin").rate == 1.0
 
 
-def test_what_is_no_mechanism_or_state_is_said_to_be_none():
+def test_an_argument_that_is_no_mechanism_or_state_is_refused():
     for call in (lambda: sp.assemble("rssr"), lambda: sp.sweep("rssr", "crank", [0.0]),
                  lambda: sp.mobility("rssr"), lambda: sp.assembly_modes("rssr", {}),
                  lambda: sp.limits("rssr", "crank")):
@@ -180,7 +180,7 @@ def test_what_is_of_the_wrong_kind_is_refused_in_words(call, says):
     (lambda m: sp.tolerance(m, "rocker_pin", {"d": 1e-4}, samples=-1), ValueError, "samples is -1"),
     (lambda m: sp.report(m, "page.html"), sp.SpatialPinError, "a Mechanism cannot be shown"),
 ])
-def test_what_cannot_be_asked_for_is_refused_in_words(call, error, says):
+def test_an_impossible_request_is_refused_in_words(call, error, says):
     with pytest.raises(error, match=says):
         call(library("rssr"))
 

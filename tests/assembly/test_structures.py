@@ -60,13 +60,13 @@ def test_what_can_only_be_shaken_has_no_rates(name, tmp_path):
 
 
 @pytest.mark.parametrize("size", [1e-4, 1.0, 1e4])
-def test_it_is_said_that_nothing_can_move(size, tmp_path):
+def test_it_is_stated_that_nothing_can_move(size, tmp_path):
     mechanism = odd.flat_truss(tmp_path, size=size)
     with pytest.raises(sp.SingularError, match="nothing can move: 1 freedom is instantaneous only"):
         sp.solve_rates(mechanism, sp.assemble(mechanism), {"a": 1.0})
 
 
-def test_what_else_can_be_wrong_is_said_as_well(tmp_path):
+def test_other_mistakes_are_reported_as_well(tmp_path):
     """A part that is shaky wherever it is carried; and branches that cross."""
     carried = odd.carried_truss(tmp_path)
     with pytest.raises(sp.SingularError, match="there, and 1 freedom is instantaneous only"):

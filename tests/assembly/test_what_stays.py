@@ -48,7 +48,7 @@ def test_joints_that_nobody_drives_stay_too(base):
         assert moved(mechanism, home, sp.assemble(mechanism, {"motor_0": angle}, home)) == []
 
 
-def test_a_base_goes_where_it_is_set_and_no_further():
+def test_a_base_goes_where_it_is_set_and_not_beyond():
     mechanism = robot("floating")
     home = sp.assemble(mechanism, guess={**POSE["floating"], **ARM, **BENT})
     for angle in ANGLES[::3]:

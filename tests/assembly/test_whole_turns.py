@@ -174,7 +174,7 @@ def test_a_rack_goes_on_each_turn_though_a_rod_drives_its_pinion(angle):
     assert state.lost_turns == ()
 
 
-def test_turns_that_loops_cannot_be_followed_over_are_told(recwarn):
+def test_turns_that_loops_cannot_be_followed_over_are_reported(recwarn):
     """The crank cannot turn round; it stands at the same place a turn on."""
     mechanism = shaft_and_rack(crank=0.5, rocker=0.3, coupler=0.6)
     near = sp.assemble(mechanism, {"crank": 0.3}, {"pinion": 2.0})

@@ -130,7 +130,7 @@ def test_assemble_goes_to_the_branch_of_the_guess(printed, tmp_path):
 # ---------------------------------------------------------------- sweep
 
 
-def test_a_sweep_is_written_in_every_form_that_is_asked_for(printed, tmp_path):
+def test_a_sweep_is_written_in_every_form_that_is_requested(printed, tmp_path):
     files = {kind: tmp_path / f"turn.{kind}" for kind in ("csv", "json", "npz", "png", "html")}
     text = printed("sweep", "four_bar", "crank", "0", "360deg", "--steps", "13", "--speed",
                    "240rpm", "--csv", files["csv"], "--json", files["json"], "--npz", files["npz"],
@@ -302,7 +302,7 @@ def test_no_time_of_a_sweep_backwards_is_minus_zero(printed):
     assert [row.split(",")[at] for row in rows[1:]] == ["0.0", "0.5", "1.0"]
 
 
-def test_a_full_disk_is_told_as_such(fail):
+def test_a_full_disk_is_reported_as_such(fail):
     code, err = fail("assemble", "rssr", "--json", "/dev/full")
     assert code == 1 and err == "spatial-pin: /dev/full: No space left on device\n"
 
@@ -351,7 +351,7 @@ def test_the_version_is_printed(printed):
 # ---------------------------------------------------------------- units
 
 
-def test_a_simulation_is_told_and_written(printed, tmp_path):
+def test_a_simulation_is_reported_and_written(printed, tmp_path):
     text = printed("simulate", "four_bar", "--duration", "500ms", "--rows", "51", "--at",
                    "crank=60deg", "--speed", "crank=30rpm", "--csv", str(tmp_path / "f.csv"))
     assert "51 samples, time 0 to 0.5 s" in text
@@ -385,7 +385,7 @@ def test_seconds_and_newtons_are_no_angles(words, fail):
     (["--duration", "1s", "--effort", "crank=5deg"], "is in Nm or N·m, not in deg"),
     (["--duration", "1s", "--speed", "crank=3N"], "crank is in rad/s, not in N"),
 ])
-def test_durations_efforts_and_speeds_are_asked_for_in_their_units(words, message, fail):
+def test_durations_efforts_and_speeds_are_requested_in_their_units(words, message, fail):
     code, err = fail("simulate", "four_bar", *words)
     assert code == 1 and message in err
 

@@ -166,7 +166,7 @@ def test_sensitivity_over_a_sweep(found, rows):
     assert [float(row["d/d b"]) for row in rows(*words)] == content["derivatives"]["b"]
 
 
-def test_tolerance_is_told_linear_and_sampled(run, found, rows):
+def test_tolerance_is_reported_linear_and_sampled(run, found, rows):
     words = ("tolerance", "rssr", "rocker_pin", "crank=1", "--deviation", "b=0.1mm",
              "--also", "coupler_b.position")
     mechanism = sp.load("rssr")

@@ -93,7 +93,7 @@ def test_compliance_is_that_of_the_library(found):
     (("compliance", "four_bar", "copler"), 1, "did you mean 'coupler'?"),
     (("compliance", "crane", "tip"), 1, "nothing drives 'tip' back"),
 ])
-def test_mistakes_are_told(run, words, code, told):
+def test_mistakes_are_reported(run, words, code, told):
     got, out, err = run(*words)
     assert (got, out) == (code, "") and told in err
 

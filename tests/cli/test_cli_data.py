@@ -103,7 +103,7 @@ def test_a_range_of_a_full_turn_is_json_without_infinities(run):
     "coupler_b.position"), ("jacobian", "stewart", "platform"), ("check", "excavator"),
     ("sweep", "--help"), ("clearance", "delta", "arm_1", "0", "1", "--steps", "9"),
 ])
-def test_what_is_told_fits_a_terminal(run, words, monkeypatch):
+def test_printed_results_fit_a_terminal(run, words, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     code, out, _ = run(*words)
     assert code == 0 and max(map(len, out.splitlines())) <= 80
@@ -131,7 +131,7 @@ def test_rows_of_tables_are_one_line_each(run, words):
      "b scatters by 26% of its 0.381: 0.1mm?"),
     (("info", "excavator", "--set", "lug_angle=98"), "57.3 times its default 1.71042: degrees?"),
 ])
-def test_numbers_of_another_unit_are_asked_about(run, words, hint):
+def test_numbers_of_another_unit_are_queried(run, words, hint):
     code, _, err = run(*words)
     assert code == 0 and err.startswith("spatial-pin: hint: ") and hint in err
     assert err.count("\n") == 1
@@ -158,7 +158,7 @@ def limited(tmp_path):
     ("slide=20", "slide = 20 m is beyond its joint limits, and 20mm is not: 20mm?"),
     ("hinge=-3", "hinge = -3 rad is beyond its joint limits, and -3deg is not: -3deg?"),
     ("hinge=0.6", ""), ("hinge=10rad", ""), ("slide=100", "")])
-def test_a_number_beyond_joint_limits_may_be_meant_in_another_unit(run, limited, value, hint):
+def test_a_number_beyond_joint_limits_may_be_intended_in_another_unit(run, limited, value, hint):
     code, _, err = run("assemble", limited, value)
     found = [line for line in err.splitlines() if "hint" in line]
     if value == "slide=100":  # beyond in both: another hint
@@ -177,7 +177,7 @@ def test_a_hint_stands_behind_the_error_that_it_may_explain(run):
 @pytest.mark.parametrize("words", [
     ("--set", "d=315mm"), ("--set", "d=0.5"), ("crank=60deg",), ("crank=6.5",), ("crank=-12.566",),
 ])
-def test_usual_numbers_are_not_asked_about(run, words):
+def test_usual_numbers_are_not_queried(run, words):
     assert run("assemble", "rssr", *words)[2] == "" or "d=0.5" in words
 
 
@@ -219,7 +219,7 @@ def test_words_that_are_none_are_answered_with_the_nearest(run, words, says):
 # ---------------------------------------------------------------- limits of joints, clearance
 
 
-def test_a_sweep_keeps_joint_limits_when_asked_to(run, tmp_path):
+def test_a_sweep_keeps_joint_limits_on_request(run, tmp_path):
     path = tmp_path / "arm.urdf"
     path.write_text(ARM)
     words = ("sweep", path, "pin", "0", "1", "--steps", "11")
@@ -238,7 +238,7 @@ def test_a_sweep_keeps_joint_limits_when_asked_to(run, tmp_path):
 
 @pytest.mark.parametrize(("words", "limits"), [
     ((), True), (("--limits",), True), (("--no-limits",), False)])
-def test_a_page_moved_by_hand_keeps_joint_limits_unless_told_not_to(
+def test_a_page_moved_by_hand_keeps_joint_limits_by_default(
     run, monkeypatch, words, limits
 ):
     asked = []
@@ -247,7 +247,7 @@ def test_a_page_moved_by_hand_keeps_joint_limits_unless_told_not_to(
     assert asked[0]["limits"] is limits
 
 
-def test_a_film_ends_at_a_joint_limit_when_asked_to(run, tmp_path, monkeypatch):
+def test_a_film_ends_at_a_joint_limit_on_request(run, tmp_path, monkeypatch):
     path = tmp_path / "arm.urdf"
     path.write_text(ARM)
     filmed = []

@@ -42,7 +42,7 @@ def rocker(mechanism, phi, guess):
 
 
 @pytest.mark.slow
-def test_a_design_is_told_saved_and_shown(run, goals, tmp_path):
+def test_a_design_is_reported_saved_and_shown(run, goals, tmp_path):
     files = [tmp_path / name for name in ("page.html", "report.html", "all.json")]
     code, out, err = run("design", "four_bar", "--goals", goals, "--starts", 2,
                          "--save", tmp_path / "best", "--html", files[0], "--report", files[1],
@@ -67,7 +67,7 @@ def test_json_on_the_screen_is_all_there_is_and_free_is_no_bound(run, goals):
     assert json.loads(out)["designs"][0]["bounds"]["r4"] == [None, None]
 
 
-def test_an_end_without_a_bound_is_free_in_a_file_and_left_out_on_the_line(run, goals):
+def test_an_end_without_a_bound_is_free_in_a_file_and_omitted_on_the_line(run, goals):
     goals.write_text(FREUDENSTEIN.format(r4='["1cm", "free"]'))
     code, out, _ = run("design", "four_bar", "r3=..40cm", "r1=0.1..", "--goals", goals,
                        "--starts", 1, "--json", "-")
@@ -221,7 +221,7 @@ GOAL = '[[goal]]\nkind = "function"\noutput = "rocker_pin"\nvalues = [1.4]\n'
      "placement 0 has shape (3,)"),
     ('[[goal]]\ntable = "none.csv"\n', ["r2"], "none.csv"),
 ])
-def test_what_cannot_be_asked_is_refused_in_words(run, tmp_path, text, words, says):
+def test_an_impossible_request_is_refused_in_words(run, tmp_path, text, words, says):
     path = tmp_path / "goals.toml"
     path.write_text(text)
     code, out, err = run("design", "four_bar", *words, "--goals", path)
@@ -236,7 +236,7 @@ def test_what_cannot_be_asked_is_refused_in_words(run, tmp_path, text, words, sa
     ("rocker_pin\n1.4\n", "drivers names no driver"),
     ("coupler.x,coupler.z\n0.1,0.1\n", "no column coupler.y"),
 ])
-def test_a_table_that_asks_for_nothing_is_refused(run, tmp_path, text, says):
+def test_a_table_without_goals_is_refused(run, tmp_path, text, says):
     path = tmp_path / "goals.csv"
     path.write_text(text)
     code, _, err = run("design", "four_bar", "r2", "--goals", path)
@@ -267,7 +267,7 @@ def test_workers_and_going_on_change_nothing(run, goals, tmp_path):
 @pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="needs a signal of its own")
 @pytest.mark.parametrize("workers", [1, 2])
-def test_what_was_found_before_ctrl_c_is_kept(goals, tmp_path, workers):
+def test_results_from_before_ctrl_c_are_returned(goals, tmp_path, workers):
     kept = tmp_path / "kept"
     # the signal is ignored in the background
     program = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler);"

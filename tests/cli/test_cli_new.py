@@ -120,7 +120,7 @@ def test_trees_of_the_library(run, name):
     assert sp.load("mine.toml").coordinates
 
 
-def test_loops_stated_in_the_tree_are_told_and_kept(run):
+def test_loops_stated_in_the_tree_are_reported_and_kept(run):
     sp.export_mjcf(sp.load("four_bar"), "four.xml")
     pytest.importorskip("mujoco")
     code, _, err = run("new", "mine", "--from", "four.xml")

@@ -67,7 +67,7 @@ def test_the_hint_on_the_page_is_true(run):
     assert code == 0 and err.strip() in PAGE
 
 
-def test_the_mistakes_on_the_page_are_told_so(run, tmp_path, monkeypatch):
+def test_the_mistakes_on_the_page_are_reported(run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     sp.load("rssr").save("plain")
     text = Path("plain/rssr.toml").read_text("utf-8")

@@ -92,7 +92,7 @@ def test_the_centre_of_mass_and_a_distance_are_where_they_should_be(reached):
     ("platfrm.distance=base,1", 1, "did you mean 'platform'?"),
     ("arm_4=1@2", 1, "arm_4"),
 ])
-def test_mistakes_are_told_in_words(run, monkeypatch, word, code, says):
+def test_mistakes_are_reported_in_words(run, monkeypatch, word, code, says):
     monkeypatch.setattr(sp, "assemble", lambda *_, **__: pytest.fail("work was done"))
     got, out, err = run("reach", "delta", word)
     assert got == code and out == "" and says in " ".join(err.split())

@@ -46,7 +46,7 @@ def test_freedoms_of_an_imported_robot_are_held_by_options(said):
     ("tradeoff", "right_driver_joint", 0, 0.1, "--steps", 2, "--repeats", 1),
     ("jacobian", "right_pad"), ("sweep", "right_driver_joint", 0, 0.2, "--steps", 3),
 ], ids=lambda words: words[0])
-def test_what_is_told_to_be_held_can_be(words, run):
+def test_everything_named_in_hold_can_be_held(words, run):
     verb, *rest = words
     code, _, err = run(verb, GRIPPER, *rest, "--hold", "springs")
     assert (code, err) == (0, "")
@@ -100,7 +100,7 @@ def test_what_was_followed_before_it_was_interrupted_is_written(words, run, monk
     assert content["is_whole"] is False and len(content["columns"]["crank [rad]"]) == 3
 
 
-def test_nothing_found_before_it_was_interrupted_is_said(run, monkeypatch):
+def test_nothing_found_before_it_was_interrupted_is_stated(run, monkeypatch):
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 

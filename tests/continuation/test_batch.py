@@ -96,7 +96,7 @@ def test_what_names_do_not_exist_or_are_held_is_refused_every_time():
             sp.sweep(mechanism, "crank", [0.0], hold=["nothing"])
 
 
-def test_events_are_looked_for_when_they_are_asked_for():
+def test_events_are_looked_for_on_request():
     """Copies have them, and what has no other name is no attribute."""
     mechanism = library("four_bar", r2=0.25)
     motion = sp.sweep(mechanism, "crank", [0.0, 2.4751083])

@@ -150,7 +150,7 @@ def test_two_parallelograms_in_a_row_go_straight_on_one_after_the_other(
 
 
 @pytest.mark.parametrize("values", VALUES)
-def test_change_points_too_near_to_be_told_apart_are_passed_as_one(tmp_path, values):
+def test_change_points_too_near_to_be_distinguished_are_passed_as_one(tmp_path, values):
     lead = 1e-6
     mech = known.two_parallelograms(tmp_path, lead)
     motion = sp.sweep(mech, "crank", values, guess=start(values[0], lead))
@@ -161,7 +161,7 @@ def test_change_points_too_near_to_be_told_apart_are_passed_as_one(tmp_path, val
 
 
 @MADE_AND_FOLLOWED
-def test_the_first_of_two_change_points_is_refused_where_that_is_asked_for(
+def test_the_first_of_two_change_points_is_refused_where_that_is_requested(
         tmp_path, lead, values):
     mech = known.two_parallelograms(tmp_path, lead)
     motion = sp.sweep(mech, "crank", values, guess=start(values[0], lead), on_crossing="stop")

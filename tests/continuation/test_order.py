@@ -50,7 +50,7 @@ def test_the_spin_of_a_rod_is_that_of_small_steps_however_far_the_rows_jump():
         assert apart(mech, again.q[1], scattered.q[row]) < 1e-7
 
 
-def test_the_first_value_in_the_order_asked_for_that_is_out_of_reach_ends_it():
+def test_the_first_value_in_the_order_requested_that_is_out_of_reach_ends_it():
     mech = library("slider_crank")
     driver, end = "slide", sp.limits(mech, "slide").upper.value
     start = sp.assemble(mech, {})
@@ -67,7 +67,7 @@ def test_the_first_value_in_the_order_asked_for_that_is_out_of_reach_ends_it():
 
 
 @pytest.mark.delicate
-def test_change_points_are_told_as_often_as_they_are_passed():
+def test_change_points_are_reported_as_often_as_they_are_passed():
     mech = library("four_bar", r1=0.4, r2=0.12, r3=0.4, r4=0.12)
     values = np.tile([2.0, 4.0], 6)
     motion = sp.sweep(mech, "crank", values)

@@ -291,7 +291,7 @@ def test_errors_of_6r_loops_have_the_distribution_of_the_cramer_rao_bound(misrea
         assert bound == pytest.approx([*one.sigma.values()], rel=0.02)
 
 
-def test_encoders_that_misread_are_told_by_pose():
+def test_encoders_that_misread_are_reported_by_pose():
     noise, misread = 1e-5, 2e-3
     table = six_measured(3, noise, misread)
     given = {"position": noise, "rotation": 10 * noise}
@@ -390,7 +390,7 @@ def test_angles_alone_do_not_tell_the_size_of_a_mechanism():
     assert found.values["d"] == pytest.approx(0.314, abs=1e-10)
 
 
-def test_what_has_no_effect_is_told_by_name():
+def test_what_has_no_effect_is_reported_by_name():
     m = library("stewart")
     state = sp.assemble(m)
     read = {name: state.coordinate(d.joint)[0] for name, d in m.drivers.items()}
@@ -573,7 +573,7 @@ def test_a_dimension_that_opens_the_loops_is_refused(tmp_path):
         sp.calibrate(m, table, ["tilt"])
 
 
-def test_a_measurement_that_cannot_be_reached_is_told_by_number():
+def test_a_measurement_that_cannot_be_reached_is_reported_by_number():
     table = measured(8, 0)
     table[3][0]["leg_2"] = 2.0
     with pytest.raises(sp.SpatialPinError, match="measurement 4 cannot be reached"):

@@ -135,7 +135,7 @@ def test_dimensions_are_given_with_their_values():
 
 
 @pytest.mark.parametrize(("crank", "scale"), paired([0.0, -3e-7, 1e-4], [1.0, 1e4]))
-def test_the_error_told_of_a_value_near_zero_is_that_of_its_angle(crank, scale):
+def test_the_error_reported_of_a_value_near_zero_is_that_of_its_angle(crank, scale):
     """A joint near its zero is known no better than any other: to round-off of a radian."""
     r, length = 0.05 * scale, 0.16 * scale
     mechanism = library("slider_crank", r=r, l=length)
@@ -298,7 +298,7 @@ def idle(request, tmp_path):
     return sp.load(file)
 
 
-def test_dimensions_that_change_nothing_are_told(idle):
+def test_dimensions_that_change_nothing_are_reported(idle):
     state = sp.assemble(idle, {"hinge": 0.5})
     found = sp.sensitivity(idle, state, "tip.position")
     assert found.idle == ("paint", "wear")  # the mass changes the file, though not the output

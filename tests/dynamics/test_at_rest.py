@@ -119,7 +119,7 @@ def test_a_simulation_without_end_says_where_it_has_come_to(tmp_path):
         assert told.value.motion.time.tolist() == [0.0]
 
 
-def test_fixed_steps_are_as_many_as_were_asked_for(tmp_path):
+def test_fixed_steps_are_as_many_as_were_requested(tmp_path):
     mech, guess = hanging(tmp_path, 0.1)
     motion = sp.simulate(mech, sp.assemble(mech, guess=guess), 1.0, accuracy=sp.Accuracy(
         integrator="RK4", step=0.01, most_steps=3))

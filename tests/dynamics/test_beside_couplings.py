@@ -104,7 +104,7 @@ def test_results_say_why(tmp_path, run):
     assert WHY.replace("'", "&#x27;") in (tmp_path / "page.html").read_text(encoding="utf-8")
 
 
-def test_both_reasons_are_told_where_both_hold(tmp_path):
+def test_both_reasons_are_reported_where_both_hold(tmp_path):
     """A second hinge about the winch's axis beside the rope."""
     more = known.point("one", "ground", (1, 0, 0.3)) + known.point("two", "wheel", (0, 0, 0.3))
     mech = hoist(tmp_path, more=more, closures=known.closure("upper", "revolute", "one", "two"))

@@ -94,7 +94,7 @@ def test_derivatives_are_differences_of_forward_dynamics():
         assert np.abs(found.a_by_v[:, k] - wanted).max() < 1e-9 * np.abs(found.a_by_v).max()
 
 
-def test_energy_is_kept_where_nothing_damps():
+def test_energy_is_conserved_where_nothing_damps():
     mechanism = hung(damping=False)
     motion = sp.simulate(mechanism, somewhere(mechanism), 0.2, times=np.linspace(0.0, 0.2, 5))
     energies = [energy(mechanism, motion.state(k)) for k in range(5)]

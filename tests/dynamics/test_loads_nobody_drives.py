@@ -50,7 +50,7 @@ def test_an_end_link_does_not_fall(kind, wrap, tmp_path):
     (FLAT + '[[springs]]\nname = "s"\nframes = ["tip", "foot"]\nstiffness = 10.0\n', "spring"),
     (FLAT + '[[springs]]\nname = "s"\njoint = "elbow"\nstiffness = 3.0\n', "spring about it"),
     (FLAT, "force"), (FLAT, "acceleration"), (FLAT, "centrifugal")])
-def test_whatever_works_asks_for_an_actuator(toml, load, tmp_path):
+def test_whatever_works_needs_an_actuator(toml, load, tmp_path):
     mechanism = two_arms(tmp_path, toml)
     state = at(mechanism, 2.0 * (load == "centrifugal"), 1.0 * (load == "acceleration"), elbow=0.7)
     force = pin.Force(np.array([0.3, 1.0, 0.2]), np.zeros(3))

@@ -45,7 +45,7 @@ def test_the_accelerations_of_a_simulation_are_those_of_forward_dynamics(n, form
     assert np.abs(motion.a[0] - wanted).max() < 1e-9 * np.abs(wanted).max()
 
 
-def test_energy_of_a_long_chain_is_kept():
+def test_energy_of_a_long_chain_is_conserved():
     mechanism = chain(40)
     motion = sp.simulate(mechanism, moving(mechanism), 0.05, times=np.linspace(0.0, 0.05, 6))
     assert motion.energy_drift < 1e-7

@@ -103,7 +103,7 @@ def test_every_engine_gives_the_same_accelerations(
 
 
 @pytest.mark.parametrize("end", ENDS)
-def test_what_round_off_leaves_uncertain_is_told_or_refused(end):
+def test_uncertainty_by_round_off_is_reported_or_refused(end):
     """Heavy points pull at an angle on a light one between: the last bit of an angle matters."""
     numbers = (2.0, 1e14, end), (-0.4, 0.0, 0.7), (0.3, 2.0, -1.0), (1.0, 0.5, 2.0)
     mech, state = chain(*numbers)
@@ -119,7 +119,7 @@ def test_what_round_off_leaves_uncertain_is_told_or_refused(end):
     ((0.0155, 0.166, 3.67e-10), 2.36, 2.44, 1.65), ((3.6e6, 6.5e-17, 6.2e15), 7.5, 5.95, 3.0),
     ((1.67e-15, 1.54e-5, 1.33e-12), 1.85e-3, 3.91, 6.38), ((0.046, 2849.0, 2e-3), 0.05, 2.1, -4.0),
 ])
-def test_what_is_told_of_a_loop_bounds_its_error(masses, size, angle, speed):
+def test_the_error_reported_for_a_loop_bounds_its_error(masses, size, angle, speed):
     """Pivots tell how much grows in units of each freedom; light ones have large units."""
     mech = extremes.plane_four_bar(masses, size)
     state = sp.solve_rates(mech, sp.assemble(mech, {"crank": angle}), {"crank": speed})

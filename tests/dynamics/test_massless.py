@@ -33,14 +33,14 @@ def verbs(mech):
 
 
 @pytest.mark.parametrize("verb", ["inverse", "forward", "kinetostatics", "simulate"])
-def test_gravity_without_any_mass_is_told(verb, tmp_path):
+def test_gravity_without_any_mass_is_reported(verb, tmp_path):
     with pytest.warns(sp.SpatialPinWarning, match=SAYS.format("gravity")) as told:
         verbs(arm(tmp_path))[verb]()
     assert len(told) == 1 and told[0].filename == __file__
 
 
 @pytest.mark.parametrize("verb", ["inverse", "kinetostatics"])
-def test_springs_are_told_too(verb, tmp_path):
+def test_springs_are_reported_too(verb, tmp_path):
     with pytest.warns(sp.SpatialPinWarning, match=SAYS.format("gravity and springs")):
         verbs(arm(tmp_path, SPRING))[verb]()
 
@@ -51,7 +51,7 @@ def test_springs_are_told_too(verb, tmp_path):
     ("[joints.elbow]\narmature = 0.1\n[joints.shoulder]\narmature = 0.1\n", {}),
 ])
 @pytest.mark.parametrize("verb", ["inverse", "kinetostatics"])
-def test_nothing_is_told_where_nothing_is_missing(verb, toml, masses, tmp_path):
+def test_nothing_is_reported_where_nothing_is_missing(verb, toml, masses, tmp_path):
     verbs(arm(tmp_path, toml, **masses))[verb]()
 
 

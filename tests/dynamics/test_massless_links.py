@@ -133,7 +133,7 @@ def test_a_motion_that_loses_its_energy_is_refused_with_what_came_before(formula
     assert motion.energy_drift < 0.5 and len(motion.time) < 1001
 
 
-def test_the_energy_drifts_from_that_of_the_start_whatever_rows_are_asked_for(tmp_path):
+def test_the_energy_drifts_from_that_of_the_start_whatever_rows_are_requested(tmp_path):
     mech = double_pendulum(tmp_path)
     loose = sp.Accuracy(integrator="RK4", step=0.05)
     all_rows, last = (sp.simulate(mech, sp.assemble(mech), 2.0, times=times, accuracy=loose)

@@ -80,7 +80,7 @@ EXACT = [(kinds, n, shape) for n in (3, 24, 70) for kinds in KINDS for shape in 
 
 @pytest.mark.parametrize("kinds, n, shape", [
     pytest.param(*case, marks=[pytest.mark.slow] * (case[1] == 70)) for case in EXACT])
-def test_accelerations_are_right_and_their_error_is_told(kinds, n, shape):
+def test_accelerations_are_right_and_their_error_is_reported(kinds, n, shape):
     mech, state, efforts, tau = falling(kinds, n, shape)
     found = sp.forward_dynamics(mech, state, efforts)
     error = off(mech, found.a, accelerations(mech.model, state.q, state.v, tau))
@@ -108,7 +108,7 @@ def test_accelerations_and_reactions_are_those_of_pinocchio(kinds, n, shape):
 
 
 @pytest.mark.parametrize("n", [1, 3, 30, 50])
-def test_forces_that_balance_are_told_from_forces_that_nearly_do(n):
+def test_forces_that_balance_are_distinguished_from_forces_that_nearly_do(n):
     """What is left is round-off of the forces: no solver knows more, none is tried for it."""
     mech = tree(KINDS["hinges"], n, straight)
     state = moving(mech)
@@ -157,7 +157,7 @@ def test_frames_are_where_pinocchio_has_them_and_move_so(kinds, shape):
 
 
 @pytest.mark.parametrize("n", [6, 70])
-def test_an_arm_on_a_base_that_nobody_moves_asks_for_motors_there(n):
+def test_an_arm_on_a_base_that_nobody_moves_needs_motors_there(n):
     mech = tree(KINDS["free"][:1] + [pin.JointModelRX()] * n, n, straight)
     state = moving(mech)
     with pytest.raises(sp.SpatialPinError, match=r"without actuator carries load.* j0\.x, j0\.y"):
@@ -249,7 +249,7 @@ def test_limbs_on_loops_and_arms_below_them_move_as_newton_says(n, below, tmp_pa
             assert value == pytest.approx(tau[mech.coordinate(name).v], abs=1e-9)
 
 
-def test_a_limb_without_inertia_is_told_as_before(tmp_path):
+def test_a_limb_without_inertia_is_reported_as_before(tmp_path):
     tree = known.turning("a", "ground", "one", axis=(0, 1, 0))
     tree += known.turning("b", "one", "two", (0.3, 0, 0), axis=(0, 1, 0))
     mech = known.load(tmp_path, "light", heavy(tree, one=BODY), "")

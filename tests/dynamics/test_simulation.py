@@ -84,7 +84,7 @@ def test_it_stops_where_a_function_vanishes(tmp_path):
     assert np.all(np.diff(motion.time) > 0.0)
 
 
-def test_rows_are_where_they_are_asked_for(tmp_path):
+def test_rows_are_at_the_requested_times(tmp_path):
     mech = hanging(tmp_path)
     times = [0.3, 0.30001, 1.7]
     motion = run(mech, sp.assemble(mech, {"pin": 1.0}), 2.0, times=times)
@@ -484,7 +484,7 @@ def test_a_spline_through_times_that_do_not_rise_is_refused_in_words(times):
         sp.laws.spline(times, [0.0] * len(times))
 
 
-def test_a_state_that_is_at_zero_but_for_round_off_is_said_to_be_at_zero():
+def test_a_state_that_is_at_zero_but_for_round_off_is_reported_as_at_zero():
     mech = library("four_bar")
     state = sp.assemble(mech, {"crank": -1.08034167e-28})
     with pytest.raises(sp.SpatialPinError, match=r"the law of crank starts at 0\.5 rad, the state "
@@ -692,7 +692,7 @@ def test_all_joint_coordinates_projected_give_the_motion_of_independent_ones(nam
     assert ways[1].energy_drift < 1e-10
 
 
-def test_what_projecting_takes_is_told():
+def test_what_projecting_takes_is_reported():
     """Long steps open the loops further, and take more corrections each."""
     mechanism = library("four_bar")
     state = sp.solve_rates(mechanism, sp.assemble(mechanism, {"crank": 0.3}), {"crank": 5.0})
@@ -709,7 +709,7 @@ def test_what_projecting_takes_is_told():
     assert long.corrections >= long.steps and short.corrections < short.steps
 
 
-def test_what_the_projected_formulation_cannot_do_is_said():
+def test_what_the_projected_formulation_cannot_do_is_stated():
     mechanism = library("four_bar")
     state = sp.solve_rates(mechanism, sp.assemble(mechanism, {"crank": 0.3}), {"crank": 2.0})
     projected = sp.Accuracy(formulation="projected")

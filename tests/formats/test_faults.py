@@ -161,7 +161,7 @@ MIMIC = '<mimic joint="{}" multiplier="2"/>'
     ("revolute", "finger", "or itself"),
     ("revolute", "", "does not exist"),
 ])
-def test_a_mimic_of_nothing_that_moves_is_told(told, kind, source, says):
+def test_a_mimic_of_nothing_that_moves_is_reported(told, kind, source, says):
     finger = link("finger") + joint("finger", kind, "hand", "finger",
                                     LIMIT + MIMIC.format(source))
     mechanism, text = told(arm(more=finger))
@@ -187,7 +187,7 @@ def test_several_trees_beside_a_world_are_fixed_to_it(told):
     assert sp.assemble(mechanism).placement("table").translation.tolist() == [1, 0, 0]
 
 
-def test_limits_the_wrong_way_round_are_none(told):
+def test_limits_in_the_wrong_order_are_none(told):
     mechanism, text = told(arm().replace('lower="-3" upper="3"', 'lower="1" upper="-1"'))
     assert text == "joint 'elbow': lower limit above the upper one, counts as no limit"
     at = mechanism.coordinate("elbow").q
@@ -230,7 +230,7 @@ def test_a_capsule_stands_beside_other_shapes(load):
     assert (capsule.radius, capsule.halfLength) == (0.1, 0.2)
 
 
-def test_shapes_of_no_known_kind_are_left_out(told):
+def test_shapes_of_no_known_kind_are_omitted(told):
     mechanism, text = told(visuals('<plane normal="0 0 1"/>', '<sphere radius="1"/>', ""))
     assert text.startswith("a <visual> of link 'base': none of box, sphere")
     assert [x.name for x in mechanism.visual_model.geometryObjects] == ["base_0"]

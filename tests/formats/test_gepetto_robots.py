@@ -113,7 +113,7 @@ def test_a_joint_that_is_fixed_by_the_file_stays_at_its_zero(tmp_path):
     assert mech.pairs == ("revolute",)
 
 
-def test_names_that_do_not_exist_are_told(tmp_path):
+def test_names_that_do_not_exist_are_reported(tmp_path):
     yaml = LOOP + "name_mot: [m, motor]\njoint_name: [kk]\njoint_type: [SPHERICAL]\n"
     with pytest.warns(UserWarning, match=r"no joint 'motor'|no joint 'kk'.*did you mean 'k'"):
         mech = sp.load(robot(tmp_path, yaml))
@@ -133,7 +133,7 @@ def test_names_that_do_not_exist_are_told(tmp_path):
     (LOOP + "joint_name: [k]\n", "1 joint_name for 0 joint_type"),
     (LOOP + "type: [3d, 6d]\n", "1 closed_loop for 2 type"),
 ])
-def test_what_cannot_be_meant_is_refused_with_file_and_key(tmp_path, yaml, words):
+def test_what_makes_no_sense_is_refused_with_file_and_key(tmp_path, yaml, words):
     with pytest.raises(sp.MechanismFileError, match=words) as failure:
         sp.load(robot(tmp_path, yaml))
     assert "robot.yaml" in str(failure.value)
@@ -151,7 +151,7 @@ def test_several_robots_of_a_folder_each_have_their_file(tmp_path):
     assert (mech.name, mech.closures[0].type) == (tmp_path.name, "weld")
 
 
-def test_a_yaml_file_of_something_else_is_left_alone(tmp_path):
+def test_a_yaml_file_of_something_else_is_unchanged(tmp_path):
     for text in ("gains: [1, 2]\n", "- a\n- b\n", "a: [\n", "\xff"):
         robot(tmp_path, text)
         assert sp.load(tmp_path / "robot.urdf").closures == ()
@@ -163,7 +163,7 @@ def test_the_file_of_another_robot_is_not_taken(tmp_path):
     assert sp.load(tmp_path / "other.urdf").closures == ()
 
 
-def test_loops_that_only_a_missing_file_could_state_are_told(tmp_path):
+def test_loops_that_only_a_missing_file_could_state_are_reported(tmp_path):
     shutil.copy(GEPETTO / "talos_like" / "robot.urdf", tmp_path / "leg.urdf")
     with pytest.warns(UserWarning, match="closedloop1_A.* no robot.yaml beside it"):
         assert sp.load(tmp_path / "leg.urdf").closures == ()

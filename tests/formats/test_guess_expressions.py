@@ -127,7 +127,7 @@ def test_what_is_no_expression_of_the_dimensions_is_refused_by_name(text, says, 
     assert "m.toml" in str(failure.value)
 
 
-def test_several_wrong_expressions_are_told_with_what_else_is_wrong(tmp_path):
+def test_several_wrong_expressions_are_reported_with_what_else_is_wrong(tmp_path):
     path = slider_crank(tmp_path, 'crank_pin = "${q}"\n')
     path.write_text(path.read_text().replace('joint = "crank_pin"', 'joint = "krank_pin"'))
     with pytest.raises(sp.MechanismFileError, match="2 mistakes") as failure:

@@ -319,7 +319,7 @@ def test_what_joins_links_and_cannot_be_imported_is_refused_by_its_name(stated, 
     assert "four.urdf" in str(failure.value)
 
 
-def test_what_names_links_without_joining_them_is_left_alone(tmp_path):
+def test_what_names_links_without_joining_them_is_unchanged(tmp_path):
     harmless = """
       <sensor name="s"><parent link="a"/><pair first="b" second="c"/></sensor>
       <transmission name="t"><joint name="a"/><actuator name="b"/></transmission>
@@ -548,7 +548,7 @@ def test_joints_in_no_loop_are_drivers_beside_the_motors_that_are_stated(tmp_pat
     "<gazebo><plugin name='p' filename='libroboticsgroup_gazebo_mimic_joint_plugin.so'>"
     "<joint>j1</joint><mimicJoint>j3</mimicJoint><multiplier>-2</multiplier></plugin></gazebo>",
 ])
-def test_a_joint_that_follows_by_what_simulators_are_told_is_coupled(stated, tmp_path):
+def test_a_joint_that_follows_by_what_simulators_declare_is_coupled(stated, tmp_path):
     motor = "<transmission name='t'><joint name='j3'/></transmission>"
     mech = sp.load(four_bar(tmp_path, motor + stated + stated))
     closure, = mech.closures
@@ -618,7 +618,7 @@ def test_loop_closures_beside_a_urdf_or_in_its_package_close_the_loop(place, tmp
                                 np.pi / 2 - t3 - state.coordinate("j3").value)) < 1e-12
 
 
-def test_a_mimic_of_what_the_loop_decides_is_left_out_and_told(tmp_path):
+def test_a_mimic_of_what_the_loop_decides_is_omitted_and_reported(tmp_path):
     path = four_bar(tmp_path, "")
     path.write_text(path.read_text().replace(
         '<child link="c"/>', '<child link="c"/><mimic joint="j1" multiplier="0.9"/>'))
@@ -629,7 +629,7 @@ def test_a_mimic_of_what_the_loop_decides_is_left_out_and_told(tmp_path):
     assert sp.assemble(mech, {"j1": 0.4}).coordinate("j3").value == pytest.approx(0.4, abs=1e-12)
 
 
-def test_a_mimic_that_may_only_copy_a_loop_is_told(tmp_path):
+def test_a_mimic_that_may_only_copy_a_loop_is_reported(tmp_path):
     """The two contradict each other where a copy is rounded; a gear beside a loop looks alike."""
     ends = closed_four_bar(*LENGTHS["parallelogram"])[1]
     path = four_bar(tmp_path, isaac("l", "spherical", ends, Y))
@@ -657,7 +657,7 @@ def test_loops_with_a_point_on_either_link_close(tmp_path):
             sp.load(path)
 
 
-def test_a_file_about_another_urdf_of_the_folder_is_told_and_left(tmp_path):
+def test_a_file_about_another_urdf_of_the_folder_is_reported_and_ignored(tmp_path):
     path = four_bar(tmp_path, "")
     (tmp_path / "loop_closures.yaml").write_text(
         "closures:\n- {link_a: arm, link_b: leg, point: [0, 0, 0], axis: [0, 0, 1]}\n")
@@ -702,7 +702,7 @@ def test_a_loop_that_is_stated_for_several_simulators_still_leaves_one_freedom(t
     assert sp.mobility(mech).dof == 1
 
 
-def test_a_loop_in_a_xacro_macro_has_the_dimensions_that_are_asked_for(tmp_path):
+def test_a_loop_in_a_xacro_macro_has_the_dimensions_that_are_requested(tmp_path):
     text = closed_four_bar(*LENGTHS["parallelogram"])[0].replace(
         '<robot name="four">', '<robot name="four" xmlns:xacro="http://www.ros.org/wiki/xacro">'
         '<xacro:arg name="l" default="2"/>').replace('xyz="2.0 0 0"', 'xyz="$(arg l) 0 0"')

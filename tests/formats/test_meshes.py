@@ -98,7 +98,7 @@ def test_a_mesh_has_its_points_its_scale_and_its_place_among_the_shapes(load, na
 
 @pytest.mark.alike
 @pytest.mark.parametrize("name", [*SEEN, *BROKEN])
-def test_what_is_no_mesh_is_left_out_when_asked_for(load, name):
+def test_what_is_no_mesh_is_omitted_on_request(load, name):
     mechanism = load(name, {**SEEN, **BROKEN}[name])
     with pytest.warns(sp.SpatialPinWarning, match=rf"link 'g': mesh '{name}' cannot be read"):
         geometry = mechanism.visual_model
@@ -119,7 +119,7 @@ def test_good_meshes_beside_a_broken_one_are_read(tmp_path):
     assert [Path(shape.meshPath).name for shape in read] == list(GOOD)
 
 
-def test_shapes_not_yet_asked_for_are_copied_and_sent(load):
+def test_shapes_not_yet_requested_are_copied_and_sent(load):
     mechanism = load("part.stl", stl())
     for other in (copy.deepcopy(mechanism), pickle.loads(pickle.dumps(mechanism)), mechanism):
         assert kinds(other.visual_model) == [coal.Sphere, coal.BVHModelOBBRSS, coal.Box]

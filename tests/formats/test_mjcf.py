@@ -353,7 +353,7 @@ def test_an_equality_without_counterpart_is_refused_by_name(tmp_path, equality, 
         sp.load(path)
 
 
-def test_an_equality_that_is_not_active_is_left_out_and_told(tmp_path):
+def test_an_equality_that_is_not_active_is_omitted_and_reported(tmp_path):
     path = written(tmp_path, f"""{ARMS}<equality>
         <weld name="off" body1="v" body2="f" active="false"/></equality>""")
     with pytest.warns(UserWarning, match="'off' is not active"):
@@ -381,7 +381,7 @@ def test_actuators_are_drivers_once_a_joint(tmp_path):
     ('<motor name="x" site="sa"/>', "transmission"),
     ('<motor name="x" joint="q"/>', "joint 'q' is coupled to one that has a driver"),
 ])
-def test_an_actuator_that_is_no_driver_is_told(tmp_path, actuator, why):
+def test_an_actuator_that_is_no_driver_is_reported(tmp_path, actuator, why):
     path = written(tmp_path, f'{SLIDER}<actuator><motor name="p" joint="p"/>{actuator}</actuator>')
     with pytest.warns(UserWarning, match=f"actuator 'x' is no driver.*{why}"):
         assert list(sp.load(path).drivers) == ["p"]
@@ -432,7 +432,7 @@ LOST = {
 
 
 @pytest.mark.parametrize("told", LOST)
-def test_what_acts_in_mujoco_and_not_here_is_told(told, tmp_path):
+def test_what_acts_in_mujoco_and_not_here_is_reported(told, tmp_path):
     with pytest.warns(UserWarning, match=told):
         sp.load(written(tmp_path, LOST[told]))
 
@@ -535,7 +535,7 @@ def test_what_mujoco_reads_is_read(before, tmp_path):
     assert sp.load(path).model.nv == sp.load(written(tmp_path, ARMS)).model.nv
 
 
-def test_an_xml_file_that_is_no_mjcf_is_told_so(tmp_path):
+def test_an_xml_file_that_is_no_mjcf_is_reported_so(tmp_path):
     path = tmp_path / "other.xml"
     path.write_text("<scene/>", encoding="utf-8")
     with pytest.raises(sp.MechanismFileError, match=r"none of: .*MJCF"):
@@ -548,14 +548,14 @@ def test_what_mujoco_refuses_is_refused_in_its_words(tmp_path):
         sp.load(path)
 
 
-def test_without_mujoco_it_is_told_how_to_get_it(tmp_path, monkeypatch):
+def test_without_mujoco_the_error_names_the_package_to_install(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
     path = written(tmp_path, ARMS)
     with pytest.raises(sp.MechanismFileError, match=r"pip install 'spatial_pin\[mjcf\]'"):
         sp.load(path)
 
 
-def test_what_mujoco_warns_of_is_told_and_not_written_to_a_log(tmp_path, monkeypatch):
+def test_what_mujoco_warns_of_is_reported_and_not_written_to_a_log(tmp_path, monkeypatch):
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
     path = written(tmp_path, ARMS + '<custom><numeric name="n" data="nan"/></custom>')

@@ -223,7 +223,7 @@ def test_a_joint_that_resists_in_each_direction_otherwise_is_refused_by_name(tmp
         exported(from_text(urdf, content, "chain"), tmp_path)
 
 
-def test_a_body_without_mass_at_an_end_gets_as_much_as_mujoco_asks_for_and_it_is_told(tmp_path):
+def test_a_body_without_mass_at_an_end_gets_as_much_as_mujoco_demands_and_it_is_reported(tmp_path):
     urdf, content = chain(["revolute", "revolute"])
     mech = from_text(urdf.replace(BODY.format(k=2), ""), content, "chain")
     with pytest.warns(sp.SpatialPinWarning, match="l2 have got"):

@@ -149,7 +149,7 @@ def test_a_world_that_is_defined_or_not_named_changes_nothing(tmp_path):
      "no effort and no velocity in <limit>, counts as unlimited in that", (-1.0, 2.0)),
     ('<limit lower="-1" upper="2" velocity="3"/>',
      "no effort in <limit>, counts as unlimited in that", (-1.0, 2.0))])
-def test_a_joint_without_limits_is_unlimited_and_told(kind, limit, says, bounds, tmp_path):
+def test_a_joint_without_limits_is_unlimited_and_reported(kind, limit, says, bounds, tmp_path):
     text = ('<robot name="m"><link name="base"/>'
             + hinge("j", "base", "a", 0, 0.0, limit, kind) + "</robot>")
     with pytest.warns(sp.SpatialPinWarning, match=f"joint 'j': {says}"):
@@ -193,7 +193,7 @@ def test_a_detachable_joint_in_a_urdf_welds_two_links_where_they_stand(model, tm
     closes_as_a_four_bar(mech)
 
 
-def test_a_detachable_joint_that_grips_another_model_is_left_out_and_told(tmp_path):
+def test_a_detachable_joint_that_grips_another_model_is_omitted_and_reported(tmp_path):
     path = written(tmp_path, "m.urdf", chain(HALVES, f"<gazebo>{detachable('box', 'lid')}"
                                                      "</gazebo>"))
     with pytest.warns(sp.SpatialPinWarning, match="takes hold of the model 'box', which is not"):
@@ -432,7 +432,7 @@ def test_an_automatic_inertia_is_that_of_the_collision_shapes(shape, tmp_path):
     np.testing.assert_allclose(inertia.inertia / inertia.mass, np.diag(moments), atol=1e-13)
 
 
-def test_where_shapes_have_no_volume_the_link_moves_and_its_mass_is_told(tmp_path):
+def test_where_shapes_have_no_volume_the_link_moves_and_its_mass_is_reported(tmp_path):
     mesh = '<collision name="c"><geometry><mesh><uri>x.stl</uri></mesh></geometry></collision>'
     text = sdf(link("a", ">0 0 0 0 0 0", '<inertial auto="true"/>', mesh), joint("j", "world", "a"),
                version="1.11")
@@ -475,7 +475,7 @@ def test_a_urdf_is_read_without_an_element_that_cannot_be(stated, name, tmp_path
 
 
 @quiet
-def test_a_joint_is_left_out_by_its_name_but_no_link_of_that_name(tmp_path):
+def test_a_joint_is_omitted_by_its_name_but_no_link_of_that_name(tmp_path):
     text = chain(ROPE, "<link name='cord'/>", hinge("j4", "cord", "tip", 0, 0.0))
     mech = sp.load(written(tmp_path, "m.urdf", text), without=["cord", "j4"])
     assert {"cord", "tip"} <= set(mech.links) and "j4" not in mech.coordinates
@@ -530,7 +530,7 @@ def test_an_expression_in_a_plain_urdf_hints_at_xacro(text, tmp_path):
         sp.load(written(tmp_path, "m.urdf", text))
 
 
-def test_a_name_that_holds_an_expression_is_told(tmp_path):
+def test_a_name_that_holds_an_expression_is_reported(tmp_path):
     text = chain().replace("rocker", "${side}_rocker")
     with pytest.warns(sp.SpatialPinWarning, match=r"\$\{side\} stands in it as it is written"):
         assert "${side}_rocker" in sp.load(written(tmp_path, "m.urdf", text)).links

@@ -132,7 +132,7 @@ def test_springs_dampers_and_limits_of_cassie_act_on_its_joints():
     assert mech.model.upperPositionLimit[knee.q] == 0.13963
 
 
-def test_what_a_cut_joint_cannot_keep_is_told():
+def test_what_a_cut_joint_cannot_keep_is_reported():
     with pytest.warns(sp.SpatialPinWarning) as told:
         sp.load(CASSIE / "cassie_v2.sdf")
     texts = [str(w.message) for w in told]

@@ -67,7 +67,7 @@ def test_a_single_mistake_is_one_sentence(write, part):
     assert error.mistakes == (str(error),)
 
 
-def test_all_mistakes_are_told_together(write, run):
+def test_all_mistakes_are_reported_together(write, run):
     path = write(*[part for part in BAD if part != "driver"])
     error = refusal(path)
     first, *rest = str(error).splitlines()
@@ -79,7 +79,7 @@ def test_all_mistakes_are_told_together(write, run):
     assert (code, err) == (1, f"spatial-pin: {error}\n")
 
 
-def test_what_follows_from_another_mistake_is_not_told(write):
+def test_what_follows_from_another_mistake_is_not_reported(write):
     text = GOOD["guess"].replace("crank_pin", "crank")  # by a driver that is not read
     error = refusal(write(driver='[drivers.crank]\njoin = "crank_pin"\n', guess=text))
     assert len(error.mistakes) == 1 and "unknown key 'join'" in str(error)
@@ -88,7 +88,7 @@ def test_what_follows_from_another_mistake_is_not_told(write):
     assert len(error.mistakes) == 1 and "frames.tip: link must be text" in str(error)
 
 
-def test_strange_keys_of_a_table_that_is_wrong_are_told_too(write):
+def test_strange_keys_of_a_table_that_is_wrong_are_reported_too(write):
     error = refusal(write(closure=GOOD["closure"].replace("revolute", "revolut") + "colour = 3\n"))
     assert len(error.mistakes) == 2
     assert "type is 'revolut'" in error.mistakes[0] and "colour" in error.mistakes[1]
@@ -109,7 +109,7 @@ def test_a_tree_that_is_not_there_hides_nothing(write):
     assert len(error.mistakes) == 3 and "gone.urdf: no such file" in error.mistakes[0]
 
 
-def test_mistakes_of_the_tree_and_of_the_file_are_told_together(write, tmp_path):
+def test_mistakes_of_the_tree_and_of_the_file_are_reported_together(write, tmp_path):
     path = write("top")
     urdf = tmp_path / "four.urdf"
     text = urdf.read_text("utf-8")
@@ -176,7 +176,7 @@ TABLES = {  # part: a table with several mistakes, and what is said of each, in 
 
 
 @pytest.mark.parametrize("case", TABLES)
-def test_mistakes_within_one_table_are_told_together(write, case):
+def test_mistakes_within_one_table_are_reported_together(write, case):
     text, says = TABLES[case]
     part = case if case in GOOD else "frame"
     error = refusal(write(**{part: text}))
@@ -185,6 +185,6 @@ def test_mistakes_within_one_table_are_told_together(write, case):
         assert said in told
 
 
-def test_all_unknown_keys_of_the_top_are_told(write):
+def test_all_unknown_keys_of_the_top_are_reported(write):
     error = refusal(write(top='name = "bad"\ntree = "four.urdf"\ntitel = "x"\nsorce = "y"\n'))
     assert [text.split(": ")[1].split()[0] for text in error.mistakes] == ["titel", "sorce"]

@@ -470,7 +470,7 @@ MISPLACED = {
 
 
 @pytest.mark.parametrize("case", MISPLACED)
-def test_a_key_that_has_its_place_elsewhere_is_told_where(write, case):
+def test_an_error_names_the_table_where_a_misplaced_key_belongs(write, case):
     write(URDF, "bench.urdf")
     text, says = MISPLACED[case]
     with pytest.raises(sp.MechanismFileError, match=says):

@@ -132,7 +132,7 @@ def test_a_mimic_needs_its_joint_more_than_limits_need_theirs(tmp_path):
     assert [c.name for c in mech.closures] == ["last_pin", "mimic_mount"]
 
 
-def test_when_all_are_referred_to_it_is_said(tmp_path):
+def test_when_all_are_referred_to_it_is_stated(tmp_path):
     text = four_bar().replace("type='fixed'", "type='continuous'")
     with pytest.raises(sp.MechanismFileError, match=r"r\.urdf: joint '(last_pin|mount)' closes"):
         loaded(tmp_path, text, "[guess]\nlast_pin = 0.1\nmount = 0.1\n")
@@ -147,7 +147,7 @@ def test_a_pair_that_the_mechanism_file_names_is_the_closures(tmp_path):
     assert abs(freudenstein(1.0, state.coordinate("rocker_pin")[0], 0.1, 0.28, 0.24, 0.3)) < 1e-12
 
 
-def test_a_floating_joint_closes_nothing_and_limits_that_are_lost_are_told(tmp_path):
+def test_a_floating_joint_closes_nothing_and_limits_that_are_lost_are_reported(tmp_path):
     with pytest.warns(sp.SpatialPinWarning, match="'last_pin' is floating .* left out"):
         mech = loaded(tmp_path, four_bar(kind="floating"))
     assert mech.closures == ()
@@ -160,7 +160,7 @@ def test_a_floating_joint_closes_nothing_and_limits_that_are_lost_are_told(tmp_p
     assert "damping 0.5, limits -1 to 2" in str(told[0].message)
 
 
-def test_a_link_reached_twice_by_the_same_fixed_place_is_told_and_another_place_refused(tmp_path):
+def test_a_link_with_two_equal_placements_is_reported_and_with_two_different_ones_refused(tmp_path):
     text = ("<robot name='r'>" + link("a") + link("b") + link("c")
             + joint("i", "fixed", "a", "b", "1 0 0") + joint("j", "fixed", "b", "c", "0 1 0")
             + joint("k", "fixed", "a", "c", "1 1 0") + "</robot>")

@@ -268,7 +268,7 @@ def test_a_joint_written_from_child_to_parent_keeps_its_sign(tmp_path):
     assert state.placement("b").translation == pytest.approx([-1.0, 0.0, 0.0])
 
 
-def test_links_drawn_away_from_their_joints_are_told(tmp_path):
+def test_links_drawn_away_from_their_joints_are_reported(tmp_path):
     scene = Scene(tmp_path)
     scene.body("/a", (0.5, 0, 0))
     scene.body("/b", (3, 0, 0))
@@ -408,7 +408,7 @@ def test_a_driven_joint_is_not_cut_and_an_excluded_one_is(tmp_path):
 
 
 @quiet
-def test_distances_that_are_held_are_closures_and_bounds_are_left_out(tmp_path):
+def test_distances_that_are_held_are_closures_and_bounds_are_omitted(tmp_path):
     scene = Scene(tmp_path, metre=0.1)
     scene.body("/a")
     scene.body("/b", (0, 5, 0))
@@ -510,7 +510,7 @@ def test_a_mimic_of_newton_counts_the_other_way(tmp_path):
         scene.load()
 
 
-def test_tendons_are_told(tmp_path):
+def test_tendons_are_reported(tmp_path):
     scene = Scene(tmp_path)
     scene.body("/a")
     scene.joint("RevoluteJoint", "/j", None, "/a").GetPrim().AddAppliedSchema(
@@ -571,7 +571,7 @@ def test_principal_axes_turn_the_moments(tmp_path):
     assert np.allclose(scene.load().inertias["a"].inertia, np.diag([2.0, 1.0, 2.5]), atol=1e-15)
 
 
-def test_shapes_are_drawn_and_meshes_are_told(tmp_path):
+def test_shapes_are_drawn_and_meshes_are_reported(tmp_path):
     scene = Scene(tmp_path, metre=0.01)
     scene.body("/a", (10, 0, 0), scale=2.0)
     cube = UsdGeom.Cube.Define(scene.stage, "/a/cube")

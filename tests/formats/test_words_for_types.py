@@ -34,7 +34,7 @@ def joint(kind: str) -> str:
     ("hinge", "revolute"), ("Hinge", "revolute"), ("pin joint", "revolute"),
     ("slider", "prismatic"), ("ball", "spherical"), ("ball-joint", "spherical"),
     ("cardan", "universal")])
-def test_the_word_that_is_meant_is_offered_and_is_accepted(word, meant, tmp_path):
+def test_the_intended_word_is_offered_and_is_accepted(word, meant, tmp_path):
     for table in (closure, joint):
         assert refused(tmp_path, table(word)).endswith(f"type is {word!r}; did you mean {meant!r}?")
     (tmp_path / "two.toml").write_text(f'name = "two"\ntree = "two.urdf"\n{joint(meant)}')
@@ -50,7 +50,7 @@ def test_what_ties_two_joints_is_a_coupling(word, tmp_path):
 
 @pytest.mark.parametrize(("word", "what"), [("cam", "a cam is not modelled"),
                                             ("contact", "contact between bodies is not modelled")])
-def test_what_is_not_modelled_is_said_with_where_to_look(word, what, tmp_path):
+def test_what_is_not_modelled_is_stated_with_where_to_look(word, what, tmp_path):
     for table in (closure, joint):
         text = refused(tmp_path, table(word))
         assert what in text and "`clearance` tells where links touch" in text

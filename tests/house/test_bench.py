@@ -104,14 +104,14 @@ def test_only_what_lies_beyond_the_spread_is_marked(bench):
     (["--tasks", "sweeps"], "no such task: sweeps"),
     (["--repeats", "0"], "must be positive"),
 ])
-def test_a_wrong_command_line_is_told(bench, capsys, arguments, words):
+def test_a_wrong_command_line_is_reported(bench, capsys, arguments, words):
     with pytest.raises(SystemExit):
         bench.main(arguments)
     assert words in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("text", ["[]", "{}", "no JSON", None])
-def test_an_old_file_that_is_none_is_told(bench, tmp_path, text):
+def test_an_old_file_that_is_none_is_reported(bench, tmp_path, text):
     path = tmp_path / "old.json"
     if text is not None:
         path.write_text(text)
@@ -119,7 +119,7 @@ def test_an_old_file_that_is_none_is_told(bench, tmp_path, text):
         bench.main(["--tasks", "jacobian", "--quick", "--compare", str(path)])
 
 
-def test_a_case_that_fails_is_told_and_the_others_go_on(bench):
+def test_a_case_that_fails_is_reported_and_the_others_go_on(bench):
     class Worker(bench.workers.Worker):
         def __init__(self):
             super().__init__(())
@@ -179,7 +179,7 @@ def test_the_closed_form_of_the_rssr_is_that_of_forty_digits(bench):
             assert abs(off) < 1e-15 * problem.speed**order
 
 
-def test_the_bars_are_told_beside_what_was_measured(bench, capsys, tmp_path):
+def test_the_bars_are_reported_beside_what_was_measured(bench, capsys, tmp_path):
     out = report_of(bench, capsys, "--bars", "--quick", "--tasks", "jacobian,four_bar",
                     "--environments", str(tmp_path))
     title, *lines = out.splitlines()

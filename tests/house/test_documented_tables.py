@@ -33,7 +33,7 @@ def test_folders_and_files_that_the_page_for_contributors_names_exist():
     assert not wrong, listed(wrong)
 
 
-def test_every_folder_of_the_kernel_is_told_of():
+def test_every_folder_of_the_kernel_is_described():
     text = (DOCS / "contributing.md").read_text(encoding="utf-8")
     folders = {path.parent.name for path in PACKAGE.glob("kernel/*/*.c")}
     assert len(folders) > 5 and not {name for name in folders if f"`kernel/{name}`" not in text}
@@ -60,14 +60,14 @@ def sections(text):
     return found
 
 
-def test_every_key_of_a_mechanism_file_is_told_where_it_belongs():
+def test_every_key_of_a_mechanism_file_has_a_table_where_it_belongs():
     found = sections((DOCS / "mechanism_file.md").read_text(encoding="utf-8"))
     for place, keys in BELONGS.items():
         title = f"`{place[3:]}`" if place.startswith("in ") else "Top of the file"
         assert sorted(found[title]) == sorted(keys), title
 
 
-def test_every_type_of_joint_and_closure_is_told():
+def test_every_type_of_joint_and_closure_is_reported():
     found = sections((DOCS / "mechanism_file.md").read_text(encoding="utf-8"))
     assert sorted(found["Types of closures"]) == sorted(closure_types())
     assert sorted(found["Types of joints"]) == sorted(JOINT_TYPES)

@@ -103,7 +103,7 @@ def test_the_list_of_names_is_sorted_and_true() -> None:
     assert all(hasattr(sp, name) for name in sp.__all__)
 
 
-def test_a_command_that_is_called_otherwise_in_python_is_told():
+def test_a_command_that_is_called_otherwise_in_python_is_reported():
     with pytest.raises(AttributeError, match=r"does is sp\.inverse_dynamics, over a motion"):
         sp.statics  # noqa: B018
     with pytest.raises(AttributeError, match=r"no attribute 'nothing'$"):

@@ -62,7 +62,7 @@ def test_errors_may_shrink(saved):
     assert golden.main(["compare", str(saved), str(changed(saved, key, lambda x: x + 1e-12))]) == 1
 
 
-def test_unknown_names_are_told(capsys):
+def test_unknown_names_are_reported(capsys):
     with pytest.raises(SystemExit):
         golden.main(["save", "x.npz", "--only", "five_bar"])
     assert "no mechanism 'five_bar'; there are" in capsys.readouterr().err

@@ -55,7 +55,7 @@ def hook():
     return build_kernel.KernelHook.__new__(build_kernel.KernelHook)
 
 
-def test_without_a_compiler_the_build_asks_for_ziglang(machine):
+def test_without_a_compiler_the_build_requires_ziglang(machine):
     assert hook().dependencies() == ["ziglang"]
 
 
@@ -84,7 +84,7 @@ def test_a_compiler_that_cannot_inline_across_files_is_used_without(machine, tre
     assert build_kernel.compile_kernel(tree, ["-O0"]).exists()
 
 
-def test_no_compiler_at_all_is_told_with_the_remedy(machine, monkeypatch):
+def test_no_compiler_at_all_is_reported_with_the_remedy(machine, monkeypatch):
     monkeypatch.setattr(build_kernel.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(SystemExit, match=r"no C compiler works here: install gcc .*pip install"):
         build_kernel.compiler()

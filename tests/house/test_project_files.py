@@ -58,7 +58,7 @@ def test_every_dependency_has_a_line_in_the_readme():
     assert [name for name in wanted if name not in table] == []
 
 
-def test_who_found_a_fault_is_told_where_to_write_what_to_send_and_when_an_answer_comes():
+def test_the_security_page_says_where_to_write_what_to_send_and_when_an_answer_comes():
     text = (ROOT / "SECURITY.md").read_text(encoding="utf-8").partition("## Reporting a fault")[2]
     addresses = re.findall(r"<([^>]+)>", text)
     assert [x.partition(":")[0] for x in addresses if "://" in x] == ["https"]
@@ -75,7 +75,7 @@ def test_the_version_is_the_same_everywhere():
     assert f"## {sp.__version__}" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
 
 
-def test_the_conda_recipe_asks_for_what_the_package_asks_for():
+def test_the_conda_recipe_requires_what_the_package_requires():
     recipe = yaml.safe_load((ROOT / "packaging/conda/recipe.yaml").read_text(encoding="utf-8"))
     other_names = {"pinocchio": "pin", "meshcat-python": "meshcat", "matplotlib-base": "matplotlib"}
     run = [entry.split() for entry in recipe["requirements"]["run"]]

@@ -53,7 +53,7 @@ def test_the_script_touches_every_public_name():
     assert not untouched
 
 
-def test_mistakes_are_told(checked):
+def test_mistakes_are_reported(checked):
     found, text = checked
     lines = (DATA / "typed_mistakes.py").read_text("utf-8").splitlines()
     wrong = {i: line.split("# WRONG ")[1] for i, line in enumerate(lines, 1) if "# WRONG " in line}

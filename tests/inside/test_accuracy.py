@@ -122,7 +122,7 @@ def pendulum_swing(times):
     return 2.0 * np.arcsin(np.sqrt(k2) * sn)
 
 
-def test_errors_told_of_a_pendulum_are_those_of_elliptic_functions():
+def test_errors_reported_for_a_pendulum_are_those_of_elliptic_functions():
     mech = simple_pendulum()
     times = np.linspace(0.0, 3.0, 61)
     task = {"state": sp.assemble(mech, {"pin": np.pi}), "duration": 3.0, "times": times}

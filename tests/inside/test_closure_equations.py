@@ -299,7 +299,7 @@ def test_only_the_right_orientation_passes_as_welded(tmp_path, kind):
 
 
 @pytest.mark.parametrize("kind", ["revolute", "cylindrical", "screw", "planar", "parallel"])
-def test_an_axis_the_wrong_way_round_is_a_mirror_image(tmp_path, kind):
+def test_a_reversed_axis_is_a_mirror_image(tmp_path, kind):
     mechanism = two_bodies(tmp_path, kind)
     evaluation = LoopEquations(mechanism)
     rng = np.random.default_rng(12)

@@ -39,7 +39,7 @@ def test_an_error_on_the_way_leaves_no_trace(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_what_a_mechanism_works_out_when_asked_holds_no_lock():
+def test_what_a_mechanism_works_out_on_request_holds_no_lock():
     """While one thread works it out, a child, or another thread, can too."""
 
     class Part:

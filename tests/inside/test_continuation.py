@@ -171,7 +171,7 @@ def test_only_long_ways_are_sorted():
 
 
 @pytest.mark.delicate
-def test_where_many_windows_go_flat_is_told_in_few_steps(monkeypatch):
+def test_where_many_windows_go_flat_is_reported_in_few_steps(monkeypatch):
     """Round-off scatters the many eigenvalues of the place: they are not followed one by one."""
     taken, steps = [], singular_points._Interpolated.steps
     monkeypatch.setattr(singular_points._Interpolated, "steps",
@@ -223,7 +223,7 @@ def test_a_place_where_many_ranks_are_lost_keeps_its_digits(fold):
 
 @pytest.mark.delicate
 @pytest.mark.parametrize("apart", [0.3, 0.03, 1e-3])
-def test_places_where_ranks_are_lost_are_told_apart(apart):
+def test_places_where_ranks_are_lost_are_distinguished(apart):
     values = np.stack([np.sin(SAMPLES - x) for x in (0.1, 0.1, 0.1 + apart)], axis=1)
     assert zeros(SAMPLES, matrices(values)) == pytest.approx([0.1, 0.1 + apart], abs=1e-11)
 

@@ -258,7 +258,7 @@ def test_a_screw_does_not_come_back_after_a_turn():
     assert "circuit" not in {x.kind for x in defects(mechanism, states, driver)}
 
 
-def test_what_is_not_judged_is_said():
+def test_what_is_not_judged_is_stated():
     platform = sp.load("stewart")
     states = [sp.assemble(platform)] * 2
     found = defects(platform, states)

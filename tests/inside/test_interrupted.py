@@ -179,7 +179,7 @@ def test_pairs_that_were_searched_stay_so_after_ctrl_c(turn, monkeypatch):
     assert found.least.distance == pytest.approx(whole.least.distance, abs=1e-2)
 
 
-def test_touches_between_samples_are_told_by_these_after_ctrl_c(turn, monkeypatch):
+def test_touches_between_samples_are_reported_by_these_after_ctrl_c(turn, monkeypatch):
     apart = sp.clearance(turn).least
     tolerance = float(np.median(apart.distances))
     monkeypatch.setattr(ClearanceSearch, "found", interrupting(ClearanceSearch.found, 1))
@@ -190,7 +190,7 @@ def test_touches_between_samples_are_told_by_these_after_ctrl_c(turn, monkeypatc
     assert len(found.least.contacts) == 1 + np.sum(np.diff(rows) > 1)
 
 
-def test_no_clearance_is_told_before_the_first_sample(turn, monkeypatch):
+def test_no_clearance_is_reported_before_the_first_sample(turn, monkeypatch):
     def interrupted(*_):
         raise KeyboardInterrupt
 
@@ -276,7 +276,7 @@ def test_a_calibration_keeps_its_best_values_until_ctrl_c(measured, monkeypatch)
     assert found.values["r4"] != whole.values["r4"]
 
 
-def test_no_calibration_is_told_before_the_first_step(measured, monkeypatch):
+def test_no_calibration_is_reported_before_the_first_step(measured, monkeypatch):
     monkeypatch.setattr(Predictions, "jacobian", interrupting(Predictions.jacobian, 1))
     with pytest.raises(KeyboardInterrupt):
         sp.calibrate(*measured, ["r3", "r4"])
@@ -317,7 +317,7 @@ def test_the_command_writes_what_was_simulated(monkeypatch, tmp_path, capsys):
     ["transmission", "four_bar", "rocker_pin"], ["sensitivity", "four_bar", "rocker_pin"],
     ["statics", "four_bar"],
 ])
-def test_what_was_followed_for_an_analysis_over_a_driver_is_told(words, cut, tmp_path, capsys):
+def test_what_was_followed_for_an_analysis_over_a_driver_is_reported(words, cut, tmp_path, capsys):
     cut(20)
     file = tmp_path / "along.csv"
     assert main([*words, "--over", "crank=0..3", "--steps", "61", "--csv", str(file)]) == 130
@@ -326,7 +326,7 @@ def test_what_was_followed_for_an_analysis_over_a_driver_is_told(words, cut, tmp
     assert f"cut short after {n} values" in capsys.readouterr().err
 
 
-def test_settings_that_were_measured_are_told(monkeypatch, tmp_path, capsys):
+def test_settings_that_were_measured_are_reported(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(tradeoff, "_judged", interrupting(tradeoff._judged, 4))
     file = tmp_path / "table.json"
     assert main(["tradeoff", "four_bar", "crank", "0", "1", "--steps", "21", "--repeats", "1",
@@ -338,7 +338,7 @@ def test_settings_that_were_measured_are_told(monkeypatch, tmp_path, capsys):
 
 
 @pytest.mark.parametrize("copies", [[], ["--copies"]])
-def test_modes_that_were_found_are_told(copies, monkeypatch, tmp_path, capsys):
+def test_modes_that_were_found_are_reported(copies, monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(ModeSearch, "_attempt", interrupting(ModeSearch._attempt, 2))
     file = tmp_path / "modes.csv"
     assert main(["modes", "four_bar", "crank=1", *copies, "--csv", str(file)]) == 130

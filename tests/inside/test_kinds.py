@@ -361,7 +361,7 @@ def test_forces_and_their_derivatives_are_those_of_work(tmp_path, kind):
 
 
 @both
-def test_energy_is_kept_where_it_falls_freely(tmp_path, kind):
+def test_energy_is_conserved_where_it_falls_freely(tmp_path, kind):
     mechanism = made(tmp_path, kind)
     state = sp.solve_rates(mechanism, sp.assemble(mechanism, VALUES[kind]), SPEEDS[kind])
     motion = sp.simulate(mechanism, state, 0.3, accuracy=sp.Accuracy.named("reference"))
@@ -398,7 +398,7 @@ def test_what_a_dimension_changes_is_what_differences_say(tmp_path):
 
 
 @both
-def test_what_no_output_needs_is_left_out(tmp_path, kind):
+def test_what_no_output_needs_is_omitted(tmp_path, kind):
     mechanism = made(tmp_path, kind)
     output = "gear_2.position" if kind == "gears" else "tip.position"
     reduced = sp.reduce(mechanism, [output])

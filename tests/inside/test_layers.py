@@ -103,7 +103,7 @@ def test_gap_is_from_where_the_frame_should_be_to_where_it_is(tmp_path, kind, ke
 
 
 @pytest.mark.parametrize("kind", ["weld", "prismatic", "revolute", "parallel"])
-def test_turned_frames_are_told_in_degrees_and_shown_as_two_directions(tmp_path, kind):
+def test_turned_frames_are_reported_in_degrees_and_shown_as_two_directions(tmp_path, kind):
     turn = pin.SE3(pin.exp3(np.array([0.2, 0.0, 0.0])), np.zeros(3))
     state = opened(tmp_path, kind, turn)
     layer = scene(film(state)).layer
@@ -257,7 +257,7 @@ def test_ghosts_are_where_they_stand_and_half_transparent():
     assert any("crank = 85.9°" in entry.text for entry in layer.legend)
 
 
-def test_assembly_modes_stand_beside_each_other_with_their_names():
+def test_assembly_modes_are_shown_side_by_side_with_their_names():
     first, *others = sp.assembly_modes(sp.load("watt_six_bar"), {"crank": 0.3})
     drawn = scene(film(first), sp.Look(ghosts=tuple(others), beside=True))
     labels = drawn.layer.labels
@@ -340,7 +340,7 @@ def lab(colours: np.ndarray, cones: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("missing", CONES)
-def test_colours_of_bodies_can_be_told_apart(missing):
+def test_colours_of_bodies_can_be_distinguished(missing):
     seen = lab(np.array([GROUND_COLOUR, *BODY_COLOURS])[:, :3], np.array(CONES[missing]))
     apart = np.linalg.norm(seen[:, None] - seen, axis=2)
     assert apart[np.triu_indices(len(seen), 1)].min() > 14  # 2 is just seen, side by side
@@ -370,7 +370,7 @@ def test_pictures_of_any_size_are_the_same(tmp_path, size):
 @pytest.mark.parametrize(
     ("x", "words"), [(2.0, "2 m"), (0.05, "50 mm"), (2e-5, "20 µm"), (5e-8, "50 nm")]
 )
-def test_lengths_are_said_in_the_unit_that_suits_them(x, words):
+def test_lengths_are_stated_in_the_unit_that_suits_them(x, words):
     assert length_words(x) == words
 
 

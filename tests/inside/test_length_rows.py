@@ -136,7 +136,7 @@ def test_many_of_them_by_sparse_factorisation(tmp_path, monkeypatch):
         np.testing.assert_allclose(one.reactions[name].vector, force.vector, atol=1e-12 * largest)
 
 
-def test_the_rod_grows_with_the_ram_and_a_gap_is_told_by_it(tmp_path):
+def test_the_rod_grows_with_the_ram_and_a_gap_is_reported_by_it(tmp_path):
     mechanism = known.arm_on_a_ram(tmp_path)
     closed = sp.assemble(mechanism, {"ram": 0.3})
     q = closed.q.copy()

@@ -154,7 +154,7 @@ def test_what_is_not_understood_is_drawn_without_colours(load, bad):
 @pytest.mark.parametrize("bad", [
     dae(first="<p>0 1 99</p>"), dae(nodes='<instance_node url="#gone"/>', first="<p>0 1 9</p>"),
 ])
-def test_what_cannot_be_is_left_out(load, bad):
+def test_what_cannot_be_is_omitted(load, bad):
     mechanism = load("part.dae", bad)
     with pytest.warns(sp.SpatialPinWarning, match=r"part\.dae.*cannot be read"):
         assert mechanism.visual_model.ngeoms == 0

@@ -266,7 +266,7 @@ def test_joint_limits_are_in_the_way_of_moves_beyond_the_end_of_the_branch(far):
     assert drive.value("leg_1") == stop.value == pytest.approx(limit, abs=1e-12)
 
 
-def test_failure_nobody_thought_of_is_told_and_does_no_harm(rssr, monkeypatch, capfd):
+def test_failure_nobody_thought_of_is_reported_and_does_no_harm(rssr, monkeypatch, capfd):
     asking = Page(rssr)
     monkeypatch.setattr(Jog, "move", lambda *_: 1 / 0)
     assert asking.move("crank", 5.0) == {"error": "ZeroDivisionError: division by zero"}

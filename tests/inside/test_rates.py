@@ -26,7 +26,7 @@ def moving(mechanism):
 
 
 @pytest.mark.delicate
-def test_rates_near_a_crossing_where_nothing_moves_fast_are_as_good_as_is_said():
+def test_rates_near_a_crossing_where_nothing_moves_fast_are_as_good_as_reported():
     """Next to the flat place of a Sarrus linkage accelerations lose the third power of a pivot."""
     mech = library("sarrus")
     arm = mech.prescribed_coordinate("arm")
@@ -45,7 +45,7 @@ def test_rates_near_a_crossing_where_nothing_moves_fast_are_as_good_as_is_said()
 @pytest.mark.parametrize("first, n", [(0.3, 400), (0.05, 151)])
 @pytest.mark.parametrize("name", few(
     ["bennett", "bricard", "four_bar", "rssr"], "bennett", "rssr"))
-def test_rates_of_samples_are_as_good_as_is_said(name, first, n):
+def test_rates_of_samples_are_as_good_as_reported(name, first, n):
     """Samples are not closed to round-off, nor solved by the equations that are best there."""
     mech = library(name)
     driver = mech.prescribed_coordinate(*mech.drivers)

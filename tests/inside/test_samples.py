@@ -319,7 +319,7 @@ def test_samples_fail_only_where_the_triangle_cannot_be_closed(monkeypatch, by_t
     assert len(by_themselves) == 60 if way == "one by one" else 0 < len(by_themselves) < 10
 
 
-def test_samples_are_told_with_their_dimensions():
+def test_samples_are_reported_with_their_dimensions():
     mechanism = library("rssr")
     state = sp.assemble(mechanism, {"crank": 1.0})
     found = sp.tolerance(mechanism, "rocker_pin", {"b": 1e-5, "d": 2e-5}, state, samples=200)

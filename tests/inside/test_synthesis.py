@@ -192,7 +192,7 @@ def test_a_drawing_of_any_place_and_size_is_met(small):
     assert all(low <= best.dimensions[name] <= high for name, (low, high) in FREE.items())
 
 
-def test_how_dimensions_move_a_curve_as_a_whole_is_found_out(small):
+def test_how_dimensions_move_a_curve_as_a_whole_is_determined(small):
     """Pivots and the angle of the ground do, and all lengths together scale it."""
     points = drawn(**TRUE)
     for more, shifts, turns, scale in (
@@ -353,7 +353,7 @@ def test_after_ctrl_c_it_goes_on_to_the_same_answer(
 # ---------------------------------------------------------------- what is shown of a design
 
 
-def test_the_best_design_is_shown_with_what_was_asked_of_it(alone):
+def test_the_best_design_is_shown_with_its_goals(alone):
     shown, look = overlaid(alone, None)
     assert shown.mechanism is alone[0].mechanism and look.design is alone[0]
     assert overlaid(alone[0], sp.Look(axes=True))[1].axes
@@ -361,7 +361,7 @@ def test_the_best_design_is_shown_with_what_was_asked_of_it(alone):
     assert overlaid(motion, None) == (motion, None)
 
 
-def test_samples_that_no_motion_joins_are_shown_beside_each_other(alone, monkeypatch):
+def test_samples_that_no_motion_joins_are_shown_side_by_side(alone, monkeypatch):
     def apart(_self, goal=0):
         raise sp.SpatialPinError("the samples are on two branches")
 

@@ -235,7 +235,7 @@ def test_textures_skins_and_height_fields_of_mujoco_are_never_opened(tmp_path):
         assert sp.load(path).coordinates == ("j",)
 
 
-def test_an_inertia_from_a_mesh_elsewhere_is_not_known_and_told(tmp_path):
+def test_an_inertia_from_a_mesh_elsewhere_is_not_known_and_reported(tmp_path):
     pytest.importorskip("mujoco")
     far = written(tmp_path, "far/part.stl", STL)
     text = MJCF.format(f'<asset><mesh name="part" file="{far}"/></asset>',

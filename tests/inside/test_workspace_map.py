@@ -46,7 +46,7 @@ def test_a_command_that_was_interrupted_writes_what_was_found_and_says_so(
     assert table.read_text().count("\n") == 901
 
 
-def test_what_was_found_before_an_interruption_is_kept(found, interrupted):
+def test_results_from_before_an_interruption_are_returned(found, interrupted):
     with pytest.raises(sp.Interrupted) as stopped:
         sp.workspace(found.mechanism, "tip", BARS, points=25)
     part = stopped.value.result

@@ -313,7 +313,7 @@ def test_a_limit_that_stops_it_is_named(tmp_path):
 
 
 @pytest.mark.delicate
-def test_a_stretched_arm_is_the_nearest_and_said_to_be_stretched(tmp_path):
+def test_a_stretched_arm_is_the_nearest_and_reported_as_stretched(tmp_path):
     mechanism = arm(tmp_path, (1.0, 0.8))
     with pytest.raises(sp.ReachError, match="stretched out or folded") as caught:
         sp.reach(mechanism, {"tip": [3.0, 4.0, 0.0]}, at(mechanism, 0.1, 0.5))
@@ -322,7 +322,7 @@ def test_a_stretched_arm_is_the_nearest_and_said_to_be_stretched(tmp_path):
     assert not caught.value.limits
 
 
-def test_too_much_is_asked_of_few_freedoms():
+def test_too_much_is_requested_of_few_freedoms():
     mechanism = library("four_bar")
     point = sp.assemble(mechanism).placement("coupler").translation + np.array([0.3, 0.1, 0.01])
     with pytest.raises(sp.ReachError, match="1 freedom there for 3 numbers"):
@@ -335,7 +335,7 @@ def test_a_planar_arm_has_two_freedoms_for_a_point_off_its_plane(tmp_path):
         sp.reach(mechanism, {"tip": [1.0, 0.5, 0.3]}, at(mechanism, 0.2, 0.4, 0.3))
 
 
-def test_what_nothing_moves_is_said_to_be_so():
+def test_a_link_that_nothing_moves_is_reported():
     mechanism = library("rssr")
     point = sp.assemble(mechanism).placement("rocker").translation + 0.1
     with pytest.raises(sp.ReachError, match="nothing that is free to move moves them"):
@@ -351,7 +351,7 @@ def test_a_crank_many_turns_away_is_on_its_way():
 
 
 @pytest.mark.parametrize("turn", [1e-3, 0.5, 2.0])
-def test_an_idle_rotation_that_is_asked_for_is_made(turn):
+def test_an_idle_rotation_that_is_requested_is_made(turn):
     mechanism = library("rssr")  # its coupler spins between two balls
     start = sp.assemble(mechanism)
     coupler = start.placement("coupler")
@@ -389,7 +389,7 @@ def test_what_is_held_stands_still():
     assert np.abs(state.placement("platform").translation - point).max() < 1e-12
 
 
-def test_the_answer_does_not_depend_on_what_was_asked_before():
+def test_the_answer_does_not_depend_on_earlier_calls():
     mechanism = library("delta")
     start = sp.assemble(mechanism)
     point = start.placement("platform").translation + np.array([0.1, 0.05, 0.02])

@@ -302,7 +302,7 @@ def test_motions_that_drivers_determine_have_no_such_events():
     assert not motion.events and len(motion) == 9
 
 
-def test_first_targets_out_of_reach_are_told_as_reach_tells_them():
+def test_first_targets_out_of_reach_are_reported_as_reach_tells_them():
     mechanism, start, home = platform()
     poses = [pin.SE3(home.rotation, home.translation + (2.0 + t) * UP) for t in (0.0, 0.1)]
     with pytest.raises(sp.ReachError, match="platform"):
@@ -373,7 +373,7 @@ def test_efforts_along_it_are_those_of_each_state():
         assert efforts[name][40] == pytest.approx(alone.efforts[name], rel=1e-9)
 
 
-def test_an_answer_does_not_depend_on_what_was_asked_before():
+def test_an_answer_does_not_depend_on_earlier_calls():
     mechanism, start, home = platform()
     poses, _ = figure(home)
     one = sp.reach_path(mechanism, {"platform": poses}, TIMES, start)

@@ -429,7 +429,7 @@ def answers(kernel: Kernel, mechanism: sp.Mechanism, seed: int) -> bytes:
     return b"".join(np.ascontiguousarray(x).tobytes() for x in said)
 
 
-def test_answers_do_not_depend_on_what_was_asked_before(tmp_path):
+def test_answers_do_not_depend_on_earlier_calls(tmp_path):
     mechanism = everything(tmp_path, 2)
     used, c = Kernel(mechanism), library()
     first = answers(used, mechanism, 1)

@@ -178,7 +178,7 @@ def test_further_starts_tried_in_one_go_are_those_tried_one_by_one(
     (3.0, None, (-4.0, 0.0), 3.0 - 2.0 * np.pi),  # only that is in the limits
     (3.0, None, (-1.0, 1.0), 3.0),  # nor is that
 ])
-def test_angles_are_taken_to_where_they_are_meant(angle, named, limits, meant) -> None:
+def test_angles_are_unwrapped_to_their_reference(angle, named, limits, meant) -> None:
     mechanism = library("rssr")
     at = mechanism.coordinate("rocker_pin").q
     q, said = mechanism.neutral.copy(), np.zeros(mechanism.model.nq, np.int64)

@@ -113,7 +113,7 @@ def test_rates_of_interpolated_samples_hold_near_a_limit_position(tolerance):
     [("bricard", -1), ("bricard", 1), ("excavator", 1), ("elliptic_trammel", -1), ("stewart", 1)],
     [1e-2, 1e-3, 1e-5]))
 @pytest.mark.parametrize("n", few([100, 361, 700, 1500], 361))
-def test_the_last_samples_before_a_limit_are_as_good_as_is_asked(way, n, tolerance):
+def test_the_last_samples_before_a_limit_are_as_good_as_is_requested(way, n, tolerance):
     """However few fit between the last point and the limit, where rates grow without bound."""
     name, sense = way
     mechanism = library(name)

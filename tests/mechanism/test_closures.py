@@ -43,7 +43,7 @@ def test_native_forms_measure_the_same_gap(tmp_path, kind):
 
 @pytest.mark.parametrize("kind", [t for t in CLOSURE_TYPES
                                   if t not in ("spherical", "weld", "fixed", COUPLING)])
-def test_what_pinocchio_cannot_express_is_said(tmp_path, kind):
+def test_what_pinocchio_cannot_express_is_stated(tmp_path, kind):
     with pytest.raises(sp.ClosureTypeError, match=f"'c' is {kind}"):
         two_bodies(tmp_path, kind).constraint_models()
 

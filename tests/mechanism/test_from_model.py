@@ -605,7 +605,7 @@ def test_inertias_belong_to_links():
 
 
 @pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
-def test_inertias_are_told_apart_at_any_size(unit):
+def test_inertias_are_distinguished_at_any_size(unit):
     model = pin.Model()
     i = model.addJoint(0, pin.JointModelRX(), at(), "pin")
     near_one, far_one = pin.Inertia.FromBox(2.0, unit, 2 * unit, 3 * unit), pin.Inertia.FromBox(
@@ -743,7 +743,7 @@ def test_a_placement_that_is_no_rotation_is_refused(turn):
     ({"frames": {"tip": ("\ud800", at(0.1))}}, sp.SpatialPinError, "no link, joint or frame"),
     ({"visual_model": "box"}, TypeError, "pin.GeometryModel"),
 ])
-def test_other_mistakes_are_told(more, error, says):
+def test_other_mistakes_are_reported(more, error, says):
     with pytest.raises(error, match=says):
         from_model(bars(), **more)
 

@@ -208,7 +208,7 @@ def test_what_comes_to_rest_may_last_for_ever(tmp_path):
 
 
 @pytest.mark.parametrize(("speed", "effort"), [(1e150, 0.0), (1.0, 1e300)])
-def test_what_no_number_can_follow_is_said(bar, speed, effort):
+def test_what_no_number_can_follow_is_stated(bar, speed, effort):
     state = sp.solve_rates(bar, sp.assemble(bar, {"crank": 0.4}), {"crank": speed})
     with pytest.raises(sp.SpatialPinError, match="it moves so fast, or forces are so large"):
         sp.simulate(bar, state, 0.1, {"crank": effort})

@@ -39,7 +39,7 @@ def test_both_pass_the_same_change_points(parallelogram, one_distance):
             assert np.abs(got - expected).max() < 1e-10
 
 
-def test_both_stop_there_if_they_are_told_to(parallelogram, one_distance):
+def test_both_stop_there_on_request(parallelogram, one_distance):
     rows = {len(sp.sweep(m, "crank", TURN, on_crossing="stop"))
             for m in (parallelogram, one_distance)}
     assert rows == {int(np.count_nonzero(np.pi > TURN))}

@@ -539,7 +539,7 @@ def test_watt_six_bar_satisfies_freudensteins_equation_twice():
     assert np.max(np.abs([first, second])) < 1e-12
 
 
-def test_stewart_legs_have_the_lengths_asked_for():
+def test_stewart_legs_have_the_lengths_requested():
     """The inverse kinematics, which are plain, applied to the balls of the motion."""
     turned = motion("stewart")
     balls = [turned.frame(f"platform_{k}") for k in range(1, 7)]

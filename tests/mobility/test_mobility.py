@@ -706,7 +706,7 @@ def test_report_says_what_is_instantaneous_only(tmp_path):
     assert any(line.startswith("note: 2 freedom(s) are instantaneous only") for line in report)
 
 
-def test_report_asks_for_drivers(tmp_path):
+def test_report_requires_drivers(tmp_path):
     mechanism = load(tmp_path, "five_bar", tilted(
         turning("left", "ground", "crank1") + turning("right", "ground", "crank2", (0.2, 0, 0))
         + turning("elbow1", "crank1", "rod1", (0.1, 0, 0))

@@ -337,7 +337,7 @@ def test_every_start_gives_the_same_reading_of_rods(seed):
 # ---------------------------------------------------------------- joint limits
 
 
-def test_modes_beyond_joint_limits_are_left_out_on_request(tmp_path):
+def test_modes_beyond_joint_limits_are_omitted_on_request(tmp_path):
     """The slide is on one side only; its limits exclude the other."""
     tree = (turning("crank", "ground", "arm") + turning("elbow", "arm", "rod", (0.1, 0.0, 0.0))
             + point("rod_end", "rod", (0.3, 0.0, 0.0))

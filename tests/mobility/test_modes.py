@@ -432,7 +432,7 @@ def test_isolated_modes_at_a_limit_are_all_listed():
 
 
 @pytest.mark.parametrize(("name", "crank", "count"), [("peaucellier", 0.3, 4), ("sarrus", 0.7, 2)])
-def test_a_family_of_degenerate_configurations_is_told_beside_the_modes(name, crank, count):
+def test_a_family_of_degenerate_configurations_is_reported_beside_the_modes(name, crank, count):
     """The rhombus, or the arms, may fold so that what hangs on them swings freely."""
     mechanism = from_library(name)
     modes = sp.assembly_modes(mechanism, {next(iter(mechanism.drivers)): crank})

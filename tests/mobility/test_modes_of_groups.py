@@ -67,7 +67,7 @@ def test_modes_of_many_legs_are_found_in_a_fraction_of_the_starts():
 
 
 @pytest.mark.delicate
-def test_a_group_that_can_move_is_told_with_all_other_loops_closed():
+def test_a_group_that_can_move_is_reported_with_all_other_loops_closed():
     """A crank without a value moves its own four-bar only."""
     mechanism = side_by_side((0.3, 0.9, 0.7), (0.4, 0.9, 0.8), drivers=["crank_0"])
     with pytest.raises(sp.ContinuumError, match="1 freedom") as caught:

@@ -264,7 +264,7 @@ def test_a_component_of_a_ball_turns_on_about_its_axis_as_in_a_sweep():
     assert motion.q == pytest.approx(sp.sweep(ball(), "ball.x", turn).q, abs=1e-14)
 
 
-def test_a_rotation_vector_about_another_axis_ends_at_half_a_turn_and_that_is_said():
+def test_a_rotation_vector_about_another_axis_ends_at_half_a_turn_and_that_is_stated():
     turn, other = np.linspace(0.0, 7.0, 15), {"ball.y": 0.3, "ball.z": 0.1}
     half = np.sqrt(np.pi**2 - 0.3**2 - 0.1**2)
     for ask in (lambda **how: sp.follow(ball(), {"ball.x": turn, **other}, turn, **how),
@@ -406,12 +406,12 @@ def test_points_are_read_as_a_motion_writes_them(tmp_path, run):
         assert np.ptp(found[f"shoulder_{k} [rad]"]) < 1e-14
 
 
-def test_a_table_that_is_not_there_is_told(run):
+def test_a_table_that_is_not_there_is_reported(run):
     code, _, told = run("follow", "delta", "nowhere.csv")
     assert code == 1 and "nowhere.csv" in told
 
 
-def test_held_joints_stand_where_the_state_has_them_or_it_is_told(tmp_path):
+def test_held_joints_stand_where_the_state_has_them_or_it_is_reported(tmp_path):
     mechanism = known.five_bar(tmp_path)
     state = sp.assemble(mechanism, {"left": 2.0, "right": 1.0})
     elbow, times = state.coordinate("elbow1").value, [3.0, 4.0]

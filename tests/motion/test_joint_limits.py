@@ -88,7 +88,7 @@ def test_a_joint_that_turns_back_just_beyond_its_limit_has_passed_it(tmp_path):
     assert not sp.simulate(short, sp.assemble(short, {"pin": amplitude}), 3.0 * QUARTER).events
 
 
-def test_a_start_beyond_a_limit_is_told_or_refused(tmp_path):
+def test_a_start_beyond_a_limit_is_reported_or_refused(tmp_path):
     mech = hanging(tmp_path, -2.0, 1.0)
     with pytest.warns(sp.SpatialPinWarning, match="beyond joint limits"):
         state = sp.assemble(mech, {"pin": 1.2})

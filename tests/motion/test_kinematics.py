@@ -445,7 +445,7 @@ def test_at_a_change_point_the_branch_goes_straight_on_and_says_so(folder, place
 
 @pytest.mark.delicate
 @AT_CHANGE_POINTS
-def test_change_points_are_refused_where_that_is_asked_for(folder, places, branch):
+def test_change_points_are_refused_where_that_is_requested(folder, places, branch):
     values = CHANGE_POINTS[places]
     with pytest.raises(sp.SingularError, match=r"branches cross|singular") as caught:
         over_change_points(folder, values, branch, on_crossing="raise")

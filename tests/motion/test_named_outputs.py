@@ -138,7 +138,7 @@ def test_components_of_forces_are_outputs_of_loads_and_sensitivities():
 
 
 @pytest.mark.parametrize("name", ["coupler.angel", "com.positon", "mas", "coupler.position.w"])
-def test_names_that_do_not_exist_are_told_with_those_that_do(name):
+def test_names_that_do_not_exist_are_reported_with_those_that_do(name):
     with pytest.raises(sp.UnknownNameError, match="did you mean") as caught:
         four_bar().output(name)
     assert {"mass", "com.position", "coupler.angle"} <= set(caught.value.valid)
@@ -278,7 +278,7 @@ def test_weights_hold_for_outputs_too():
     assert both.coordinate("boom").value == pytest.approx(2.7, abs=1e-11)
 
 
-def test_out_of_reach_an_output_is_told_by_its_name():
+def test_out_of_reach_an_output_is_reported_by_its_name():
     mechanism, start = excavator()
     with pytest.raises(sp.ReachError, match=r"'teeth\.position\.z' stays off") as caught:
         sp.reach(mechanism, {"teeth.position.z": -30.0}, start, hold="swing")
@@ -341,7 +341,7 @@ def test_paths_that_leave_freedom_meet_their_samples(asked):
     assert np.ptp(motion.coordinate("swing").value) < 1e-12
 
 
-def test_a_crank_whose_angle_is_asked_for_turns_round():
+def test_a_crank_whose_angle_is_requested_turns_round():
     mechanism = library("four_bar")
     start = sp.assemble(mechanism, {"crank": 0.3})
     motion = sp.reach_path(mechanism, {"crank.angle": 0.3 + 7.0 * TIMES}, TIMES, start)

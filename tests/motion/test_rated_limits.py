@@ -35,7 +35,7 @@ def of_kind(motion, kind):
     return [e for e in motion.events if e.kind == kind]
 
 
-def test_efforts_beyond_their_limit_are_told(tmp_path):
+def test_efforts_beyond_their_limit_are_reported(tmp_path):
     """The pin bears 1.5 g 0.4 sin(angle), and 3 N·m are allowed: from 30.6° to 149.4°."""
     mech = pendulum(tmp_path, effort=3.0)
     angles = np.radians(np.arange(0.0, 181.0))
@@ -52,7 +52,7 @@ def test_efforts_beyond_their_limit_are_told(tmp_path):
             in text)
 
 
-def test_velocities_beyond_their_limit_are_told_of_motions_in_time(tmp_path):
+def test_velocities_beyond_their_limit_are_reported_for_motions_in_time(tmp_path):
     """A crank of 3 rad/s: the rocker, at 1 rad/s at most, is faster in a part of the turn."""
     toml = library("four_bar").save(tmp_path)
     tree = toml.with_suffix(".urdf")

@@ -84,7 +84,7 @@ def test_rows_are_exchanged_where_scales_differ():
     assert np.abs(a @ (x - 1.0)).max() <= 100 * EPS * np.abs(a).max()
 
 
-def test_a_singular_matrix_is_told():
+def test_a_singular_matrix_is_reported():
     a = random(4, 4)
     a[2] = 0.0
     assert not dense.lu(a)[2]

@@ -83,7 +83,7 @@ def test_what_may_not_move_stays():
     assert found.at.x[:2] == pytest.approx(0.8 * np.array([2.0, 0.5]) / np.hypot(2.0, 0.5))
 
 
-def test_steps_that_run_out_are_told():
+def test_steps_that_run_out_are_reported():
     problem = Valley([-9e3, -9e3], [9e3, 9e3], False)
     problem.most = 2
     found = minimised(problem, np.array([-900.0, 8e5]), {})

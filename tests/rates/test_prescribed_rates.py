@@ -127,7 +127,7 @@ def test_the_pose_of_a_platform_moves_its_legs():
         assert again.a == pytest.approx(state.a, abs=1e-10)
 
 
-def test_drivers_left_out_stand_beside_a_free_body(folder):
+def test_drivers_omitted_keep_their_value_with_a_free_body(folder):
     """A crane swings its load by a ball; nobody says a word of the crane."""
     tree = (turning("slew", "ground", "tower") + sliding("trolley", "tower", "car", axis=(1, 0, 0))
             + floating("rope", "car", "load") + point("hook", "load", (0, 0, -1.0)))
@@ -188,7 +188,7 @@ def test_too_many_components_for_a_loop_are_refused():
         sp.solve_rates(mechanism, sp.assemble(mechanism), {"ball_a": [1.0, 0.0, 0.0]})
 
 
-def test_freedoms_of_which_nothing_is_said_are_named(folder):
+def test_freedoms_that_the_file_does_not_name_are_named(folder):
     mechanism = mechanisms.five_bar(folder)
     with pytest.raises(sp.SingularError, match="1 of its freedoms are not prescribed"):
         sp.solve_rates(mechanism, sp.assemble(mechanism), {"elbow1": 1.0})

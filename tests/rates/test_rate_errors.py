@@ -14,7 +14,7 @@ EXACT = np.array([1.0, -1.0, 1.0])  # of a parallelogram: crank, coupler, rocker
 
 @pytest.mark.parametrize("angle", few(
     [1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0, np.pi - 1e-5], 1e-6, 1e-3, 1.0, np.pi - 1e-5))
-def test_the_rates_of_a_parallelogram_are_as_good_as_is_said(angle):
+def test_the_rates_of_a_parallelogram_are_as_good_as_reported(angle):
     mech = four_bar(r1=0.4, r2=0.12, r3=0.4, r4=0.12)
     # from the side of the branch that goes on as a parallelogram
     state = sp.solve_rates(mech, sp.assemble(mech, {"crank": angle}, {
@@ -27,7 +27,7 @@ def test_the_rates_of_a_parallelogram_are_as_good_as_is_said(angle):
         assert state.rate_error < 1e-13
 
 
-def test_where_it_is_told_it_is_not_told_a_lot_too_large():
+def test_where_it_is_reported_it_is_not_reported_far_too_large():
     mech = four_bar(r1=0.4, r2=0.12, r3=0.4, r4=0.12)
     state = sp.solve_rates(mech, sp.assemble(mech, {"crank": 1e-3}), {"crank": 1.0})
     assert state.rate_error < 1e-4
@@ -47,7 +47,7 @@ def test_rows_that_are_continued_across_a_change_point_know_their_rates():
     assert np.abs(last.v - EXACT).max() <= last.rate_error
 
 
-def test_rates_of_a_traced_curve_near_its_branch_points_are_as_good_as_is_said():
+def test_rates_of_a_traced_curve_near_its_branch_points_are_as_good_as_reported():
     """They are solved there, not continued: a Sarrus linkage's angles are linear in its first."""
     motion = sp.trace(library("sarrus"), "arm", step=0.05, most_rows=400)
     assert [e.kind for e in motion.events[:-1]] == ["branch point"] * 4

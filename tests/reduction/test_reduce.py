@@ -144,7 +144,7 @@ def test_a_state_of_the_full_mechanism_can_be_taken_over_with_its_rates():
         reduced.state(sp.assemble(library("rssr")))
 
 
-def test_links_frames_and_centres_of_mass_stay_when_they_are_asked_for():
+def test_links_frames_and_centres_of_mass_stay_on_request():
     full = library("rssr")
     reduced = sp.reduce(full, ["rocker.com", "rocker_b", "crank_pin.rate"])
     assert sizes(reduced) == (2, 1)
@@ -156,7 +156,7 @@ def test_links_frames_and_centres_of_mass_stay_when_they_are_asked_for():
     np.testing.assert_allclose(a.acceleration, b.acceleration, atol=1e-12)
 
 
-def test_what_moves_nothing_that_is_asked_for_goes():
+def test_what_moves_nothing_that_is_requested_goes():
     """The last hinge of a chain does not matter for the frame before it; drivers stay."""
     full = library("watt_six_bar")
     reduced = sp.reduce(full, "crank_pin")
@@ -166,7 +166,7 @@ def test_what_moves_nothing_that_is_asked_for_goes():
     assert not reduced.visual_model.geometryObjects
 
 
-def test_a_loop_that_is_left_out_limits_no_more_and_verify_says_so():
+def test_a_loop_that_is_omitted_limits_no_more_and_verify_says_so():
     reduced = sp.reduce(library("stewart"), "slide_1")
     assert sizes(reduced) == (6, 0)
     found = reduced.verify("leg_1", np.linspace(0.39, 1.0, 12))
@@ -374,7 +374,7 @@ def test_every_link_that_tells_its_place_is_there(name):
                                rtol=0.0, atol=1e-9)
 
 
-def test_limits_of_joints_that_go_are_told(tmp_path):
+def test_limits_of_joints_that_go_are_reported(tmp_path):
     tree = mechanisms.turning("a", "ground", "arm") + mechanisms.joint(
         "revolute", "b", "arm", "hand", (0.1, 0, 0), (0, 0, 0), (0, 0, 1), (-1.0, 0.5))
     mech = mechanisms.load(tmp_path, "arm", tree, mechanisms.driver("a", "a"))

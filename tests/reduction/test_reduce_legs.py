@@ -167,7 +167,7 @@ def test_a_resolved_spin_goes_with_its_leg(tmp_path):
     assert "passive freedom spin" in str(reduced)
 
 
-def test_a_leg_of_which_more_is_asked_stays(tmp_path):
+def test_a_leg_of_which_more_is_requested_stays(tmp_path):
     full = door(tmp_path)
     for output in ("foot", "lower", "upper", "tip"):
         reduced = sp.reduce(full, ["hinge", output])

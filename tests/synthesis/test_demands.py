@@ -36,7 +36,7 @@ def lengths(design):
 
 
 @pytest.mark.slow
-def test_a_rocker_swings_as_far_as_asked():
+def test_a_rocker_swings_as_far_as_requested():
     best = designed(goals.swing("rocker_pin", 1.0))
     assert swing_of(*lengths(best)) == pytest.approx(1.0, abs=1e-10)
     assert best.errors["swing of rocker_pin"].unit == "rad"
@@ -92,7 +92,7 @@ def test_a_driver_is_made_to_turn_fully():
 
 
 @pytest.mark.slow
-def test_dead_centres_are_where_they_are_asked_for():
+def test_dead_centres_are_where_they_are_requested():
     asked = [0.5, 3.9]
     best = designed(goals.dead_centres("rocker_pin", asked), starts=2)
     found = sorted(event.value % (2.0 * np.pi)
@@ -119,7 +119,7 @@ def test_joints_stay_within_the_size_and_links_below_the_mass():
     assert sum(i.mass for i in list(best.mechanism.model.inertias)[1:]) <= 2.0 + 1e-9
 
 
-def test_links_stay_apart_as_asked():
+def test_links_stay_apart_as_requested():
     values = np.linspace(0.5, 2.5, 5)
     wide = goals.clearance(0.2, [("crank", "rocker")], values=values)
     best = designed(wide, bounds={"r1": (0.2, 0.5)})
@@ -169,7 +169,7 @@ def test_names_that_are_not_there_are_refused_before_work_begins(goal, words):
         sp.design(four_bar(), goal, BOUNDS)
 
 
-def test_a_slide_cannot_turn_and_several_drivers_are_asked_apart():
+def test_a_slide_cannot_turn_and_several_drivers_are_queried_separately():
     stewart = sp.load("stewart")
     with pytest.raises(ValueError, match="slides"):
         sp.design(stewart, goals.turns("leg_1"), [next(iter(stewart.dimensions))])

@@ -51,7 +51,7 @@ def test_drawn_starts_lead_to_joints_within_their_limits(limited):
 
 
 @pytest.mark.slow
-def test_limits_are_kept_where_that_is_asked(limited):
+def test_limits_are_kept_where_that_is_requested(limited):
     mechanism = limited(0.0, 1.9)
     best = sp.design(mechanism, [goals.swing("rocker_pin", 1.0), goals.turns(),
                                  goals.joint_limits()], BOUNDS, starts=1)[0]

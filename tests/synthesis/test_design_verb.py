@@ -201,7 +201,7 @@ def test_an_executor_stays_open(four_bar):
         assert executor.submit(int).result() == 0
 
 
-def test_a_design_that_was_asked_before_is_the_same(four_bar, alone):
+def test_a_design_that_was_computed_before_is_the_same(four_bar, alone):
     sp.design(four_bar, goals.path("coupler_b", [[0.1, 0.0, 0.3]]), {"r2": (0.05, 0.2)}, starts=1)
     assert_same(alone, sp.design(four_bar, FUNCTION, BOUNDS, starts=3))
 

@@ -59,7 +59,7 @@ def test_a_design_is_saved_and_loaded(function, tmp_path):
     assert state.coordinate("rocker_pin").value == pytest.approx(PSI[1], abs=1e-12)
 
 
-def test_a_dimension_on_its_bound_is_told():
+def test_a_dimension_on_its_bound_is_reported():
     best = designed((sp.goals.function("rocker_pin", PSI, {"crank": PHI}),),
                     {**BOUNDS, "r4": (0.05, 0.22)}, starts=1)[0]
     assert best.at_bounds == {"r4": "most"} and "r4 = 0.22 (its most)" in str(best)
@@ -163,7 +163,7 @@ def test_a_report_of_nothing_says_so():
         "cut short; the loops closed at none of them")
 
 
-def test_it_is_told_how_far_the_nearest_is_from_what_is_to_be_met_exactly():
+def test_it_is_reported_how_far_the_nearest_is_from_what_is_to_be_met_exactly():
     goal = sp.goals.path("coupler_b", [[0.0, 0.0, 5.0], [0.1, 0.0, 5.0]], weight=None)
     found = designed((goal,), {"r2": (0.05, 0.2)}, starts=1)
     assert not found and 1.0 < found.nearest < 20.0
@@ -173,7 +173,7 @@ def test_it_is_told_how_far_the_nearest_is_from_what_is_to_be_met_exactly():
         found[0]
 
 
-def test_it_is_told_why_a_demand_could_not_be_judged():
+def test_it_is_reported_why_a_demand_could_not_be_judged():
     asked = sp.goals.swing("rocker_pin", 0.5, values=[0.0, np.pi])  # the crank does not come there
     found = sp.design(sp.load("four_bar", r2=0.25), asked, {"r2": (0.24, 0.26)}, starts=1)
     assert not found and "out of reach" in found.why
@@ -225,7 +225,7 @@ def test_its_motion_goes_through_the_samples(function, path):
         function[0].motion(1)
 
 
-def test_what_was_asked_is_shown_beside_the_path(path):
+def test_what_was_requested_is_shown_beside_the_path(path):
     one = path[0]
     text = page(one.motion(), look=sp.Look(design=one))
     points = [matrix_of(text, f"design 0 point {k}")[:3, 3] for k in range(len(POINTS))]
@@ -261,7 +261,7 @@ def test_a_design_of_other_dimensions_is_refused(function):
         sp.Look(design=function)
 
 
-def test_the_best_design_is_shown_with_what_was_asked(path, tmp_path):
+def test_the_best_design_is_shown_with_what_was_requested(path, tmp_path):
     one = path[0]
     with sp.show(path, open_browser=False) as viewer:
         served = urllib.request.urlopen(viewer.url).read().decode()
@@ -296,7 +296,7 @@ def test_a_path_of_several_drivers_is_reported_too(of_several_drivers, tmp_path)
     assert "path of platform of delta, and what was asked" in told
 
 
-def test_a_report_has_what_was_asked_and_what_was_found(function, tmp_path):
+def test_a_report_has_what_was_requested_and_what_was_found(function, tmp_path):
     one = function[0]
     text = sp.report(one.motion(), tmp_path / "r.html", look=sp.Look(design=one)).read_text("utf-8")
     assert "<h2>Design</h2>" in text and "function of rocker_pin" in text

@@ -82,7 +82,7 @@ def test_centre_points_of_five_poses_lie_on_the_cubics_of_any_four():
 
 
 @pytest.mark.parametrize("name", PATHS)
-def test_published_dimensions_have_the_error_that_is_told(name):
+def test_published_dimensions_have_the_error_that_is_reported(name):
     case = forms.CASES[name]
     bar, points = forms.published(case), case["points"]
     if "crank" in case["published"]:

@@ -46,7 +46,7 @@ def test_what_is_needed_is_named_with_the_way_to_it(given: object, words: str) -
         sp.mobility(given)  # type: ignore[arg-type]
 
 
-def test_switches_numbers_and_names_are_told_apart() -> None:
+def test_switches_numbers_and_names_are_distinguished() -> None:
     mechanism = sp.load("four_bar")
     with pytest.raises(TypeError, match="assemble: limits must be True or False, not 'no'"):
         sp.assemble(mechanism, {"crank": 0.4}, limits="no")  # type: ignore[arg-type]

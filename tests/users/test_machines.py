@@ -59,7 +59,7 @@ def meet(centre_1, radius_1, centre_2, radius_2, side):
 
 
 @pytest.mark.parametrize("script", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.stem)
-def test_a_machine_is_asked_in_less_than_sixty_lines(script):
+def test_one_machine_is_studied_in_less_than_sixty_lines(script):
     if (EXAMPLES / "machines" / f"{script.stem}.toml").exists():
         assert len(script.read_text(encoding="utf-8").splitlines()) < 60
 

@@ -148,7 +148,7 @@ def hinged_bar(folder, turned=0.0, kind="revolute"):
                       + known.driver("roll", "roll"))
 
 
-def test_a_value_out_of_reach_is_not_called_a_frame_the_wrong_way_round(tmp_path):
+def test_a_value_out_of_reach_is_not_called_a_reversed_frame(tmp_path):
     mech = hinged_bar(tmp_path)
     text = refusal(lambda: sp.assemble(mech, {"roll": np.pi}), sp.AssemblyError)
     assert "out of reach" in text and "the loops close at roll = " in text
@@ -157,7 +157,7 @@ def test_a_value_out_of_reach_is_not_called_a_frame_the_wrong_way_round(tmp_path
 
 
 @pytest.mark.parametrize("kind", ["revolute", "cylindrical"])
-def test_a_frame_the_wrong_way_round_is_told_and_turning_it_helps(kind, tmp_path):
+def test_a_reversed_frame_is_reported_and_turning_it_helps(kind, tmp_path):
     """A bar about z reaches its seat at any height, but with its own z axis only."""
     def pinned(turned):
         tree = known.turning("pin", "ground", "bar") + known.point("end", "bar", (0.2, 0, 0))
@@ -171,7 +171,7 @@ def test_a_frame_the_wrong_way_round_is_told_and_turning_it_helps(kind, tmp_path
     assert sp.assemble(pinned(0.0), {"pin": 0.0}).closure_error < 1e-12
 
 
-def test_two_closures_the_wrong_way_round_are_both_named(tmp_path):
+def test_two_reversed_closures_are_both_named(tmp_path):
     tree = known.turning("pin", "ground", "bar") + known.point("end", "bar", (0.2, 0, 0))
     tree += known.point("hole", "bar", (0.1, 0, 0))
     for at, seat in ((0.2, "far"), (0.1, "near")):
@@ -256,7 +256,7 @@ def test_links_too_short_to_meet_are_not_called_a_value_out_of_reach(tmp_path):
         assert "out of reach" not in text
 
 
-def test_a_value_out_of_reach_is_told_with_one_in_reach(tmp_path):
+def test_a_value_out_of_reach_is_reported_with_one_in_reach(tmp_path):
     mech = bars(tmp_path, "rocks", 0.28, 0.24)
     text = refusal(lambda: sp.assemble(mech, {"c": 0.5}), sp.AssemblyError)
     assert "a value is out of reach: left free, the loops close at c = " in text
@@ -312,7 +312,7 @@ def test_a_passive_table_of_a_link_that_cannot_spin_is_named(tmp_path):
 
 
 @pytest.mark.delicate
-def test_branches_that_cross_are_told_apart_from_what_only_shakes(tmp_path):
+def test_branches_that_cross_are_distinguished_from_what_only_shakes(tmp_path):
     flat = known.bare_four_bar(tmp_path, 0.3, 0.1, 0.3, 0.1)
     state = sp.assemble(flat, {"crank": 0.0}, guess={"rocker_pin": 0.0})
     text = refusal(lambda: sp.solve_rates(flat, state, {"crank": 1.0}), sp.SingularError)
@@ -338,13 +338,13 @@ def test_a_crossing_that_was_to_be_refused_says_so(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_value_beyond_its_own_limit_is_told_as_such():
+def test_a_value_beyond_its_own_limit_is_reported_as_such():
     mech = sp.load("stewart")
     text = refusal(lambda: sp.assemble(mech, {"leg_1": 5.0}, limits=True), sp.AssemblyError)
     assert "that is the value given: give one within its limits" in text
 
 
-def test_one_number_is_asked_for_in_words():
+def test_one_number_is_requested_in_words():
     mech = sp.load("four_bar")
     text = refusal(lambda: sp.solve_rates(mech, sp.assemble(mech), {"crank": [1.0, 2.0]}),
                    ValueError)

@@ -39,7 +39,7 @@ def test_what_cannot_move_is_not_good(pump, run):
 
 @pytest.mark.parametrize("words", [("sweep", "crank", 0, 1), ("limits", "crank"),
                                    ("jacobian", "piston")], ids=lambda words: words[0])
-def test_a_structure_is_told_where_it_is_to_move(pump, run, words):
+def test_a_structure_is_reported_where_it_is_to_move(pump, run, words):
     code, _, err = run(words[0], pump(axis=(1, 0, 0)), *words[1:])
     assert code == 1 and "'crank_pin' cannot move: the loops leave no freedom there (see " \
         "`spatial-pin info`); check the axes and frames of closure 'gudgeon'" in err
@@ -111,13 +111,13 @@ def test_the_file_of_wrong_axes_and_of_a_wrong_order_is_named(tmp_path):
 
 @pytest.mark.parametrize("where", ["", "[joints.slide]\ndamping = 1.0\n", START])
 @pytest.mark.parametrize("value", ['["slide"]', '"slide"'])
-def test_drivers_written_as_a_list_are_told_how_they_are_written(tmp_path, where, value):
+def test_drivers_written_as_a_list_get_an_error_with_the_right_form(tmp_path, where, value):
     with pytest.raises(sp.MechanismFileError) as told:
         known.load(tmp_path, "pump", PUMP, f"{where}drivers = {value}\n")
     assert 'write [drivers.NAME] and below it joint = "slide"' in str(told.value)
 
 
-def test_a_driver_written_as_a_line_is_told_how_it_is_written(tmp_path):
+def test_a_driver_written_as_a_line_gets_an_error_with_the_right_form(tmp_path):
     with pytest.raises(sp.MechanismFileError) as told:
         known.load(tmp_path, "pump", PUMP, '[drivers]\ncrank = "crank_pin"\n')
     assert str(told.value).endswith('pump.toml: drivers.crank: must be a table of key = value '
@@ -143,7 +143,7 @@ def test_a_guess_of_another_size_names_what_the_joint_takes(tmp_path):
 
 
 @pytest.mark.parametrize("law", [lambda t: t, lambda t: (t, 1.0), lambda t: ("a", 1.0, 0.0)])
-def test_a_law_that_returns_something_else_is_told_what_it_must_be(law):
+def test_a_law_that_returns_something_else_gets_an_error_with_the_right_form(law):
     mech = sp.load("four_bar")
     with pytest.raises(TypeError, match=r"the law of 'crank' returns .* at 0 s; it must be a "
                                         r"function of time that returns \(value, rate, accel"):
@@ -177,7 +177,7 @@ def test_a_length_in_another_unit_is_a_hint(tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore:.*no link has a mass")
-def test_an_actuator_at_its_limit_position_is_told_with_the_sample(pump):
+def test_an_actuator_at_its_limit_position_is_reported_with_the_sample(pump):
     mech = sp.load(pump())
     motion = sp.sweep(mech, "crank", [-0.5, 0.0, 0.5], speed=1.0)
     with pytest.raises(sp.SpatialPinError) as told:

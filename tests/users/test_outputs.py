@@ -114,7 +114,7 @@ def test_a_pipe_is_written_to(motion, tmp_path):
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no device that is full")
 @pytest.mark.parametrize("option", ["--npz", "--csv", "--json", "--html"])
-def test_a_device_that_is_full_is_said_in_words(option, run):
+def test_a_device_that_is_full_gets_a_clear_error(option, run):
     code, _, err = run("sweep", "four_bar", "crank", 0, 1, "--steps", 5, option, "/dev/full")
     assert code == 1 and f"/dev/full: {os.strerror(errno.ENOSPC)}" in err
     assert not Path("/dev/full.npz").exists()
@@ -151,7 +151,7 @@ def test_names_with_a_dollar_are_drawn_as_they_are(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["a.csv", "a.npz", "a.svg", "a.html"])
-def test_a_folder_that_does_not_exist_is_told_with_the_file(motion, tmp_path, name):
+def test_a_folder_that_does_not_exist_is_reported_with_the_file(motion, tmp_path, name):
     path = tmp_path / "none" / name
     with pytest.raises(FileNotFoundError) as error:
         WRITERS[name](motion, path)

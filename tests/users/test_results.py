@@ -168,7 +168,7 @@ def test_data_sets_keep_vectors_together(loads):
 
 
 @pytest.mark.parametrize("library", ["pandas", "xarray"])
-def test_a_library_that_is_missing_is_said_in_words(motion, monkeypatch, library):
+def test_a_library_that_is_missing_gets_a_clear_error(motion, monkeypatch, library):
     monkeypatch.setitem(sys.modules, library, None)
     convert = motion.to_dataframe if library == "pandas" else motion.to_xarray
     with pytest.raises(sp.SpatialPinError, match=f"needs {library}: pip install .*to_csv"):
@@ -277,7 +277,7 @@ def test_arrays_of_results_are_float64_in_c_order(motion, loads):
         assert array.dtype == np.float64 and array.flags.c_contiguous and len(array) == len(motion)
 
 
-def test_arrays_of_the_user_are_left_alone():
+def test_arrays_of_the_user_are_unchanged():
     values = np.linspace(0.0, 1.0, 5)
     motion = sp.sweep(sp.load("four_bar"), "crank", values)
     values[0] = 9.0

@@ -72,7 +72,7 @@ def test_every_message_is_one_of_the_code():
     assert not wrong, listed(wrong)
 
 
-def test_every_error_that_is_raised_is_told():
+def test_every_error_that_is_raised_is_reported():
     """A new error needs an entry on the page; one that another message is part of has it.
 
     Of what the code raises, as far as its own words say it.
@@ -85,7 +85,7 @@ def test_every_error_that_is_raised_is_told():
     assert not untold, listed(untold)
 
 
-def test_every_kind_of_error_is_told():
+def test_every_kind_of_error_is_reported():
     told = {kind for kinds in ENTRIES.values() for kind in kinds}
     assert {*KINDS, "Interrupted", "SpatialPinWarning"} - told == set()
 
@@ -112,7 +112,7 @@ MET = {  # what a user does, and how the message that comes is told
 
 
 @pytest.mark.parametrize("what", MET)
-def test_what_users_meet_is_told(what):
+def test_what_users_meet_is_reported(what):
     """The message as it comes fits an entry, of the kind of error that it is."""
     act, begins = MET[what]
     with pytest.raises((sp.SpatialPinError, ValueError, TypeError)) as caught:

@@ -220,7 +220,7 @@ def pictures(monkeypatch):
 
 
 @pytest.mark.slow
-def test_gallery_has_a_picture_of_every_mechanism_asked_for(pictures):
+def test_gallery_has_a_picture_of_every_mechanism_requested(pictures):
     image = np.asarray(pictures.library_sheet(["rssr", "oldham", "elliptic_trammel"])) / 255
     assert image.shape == (390, 3 * 480, 3)
     for k in range(3):

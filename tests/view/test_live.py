@@ -44,7 +44,7 @@ def rssr():
 # ---------------------------------------------------------------- following the branch
 
 
-def test_every_joint_is_told_where_the_assembled_mechanism_has_it(rssr):
+def test_every_joint_is_reported_where_the_assembled_mechanism_has_it(rssr):
     answer = Page(rssr).move("crank", 40.0)
     mechanism = sp.load("rssr")
     state = sp.assemble(mechanism, {"crank": np.deg2rad(40.0)})
@@ -81,7 +81,7 @@ def test_one_driver_of_many_can_have_the_only_slider():
 # ---------------------------------------------------------------- what the page is told
 
 
-def test_limit_is_told_in_words_and_marked_on_the_slider():
+def test_limit_is_reported_in_words_and_marked_on_the_slider():
     with opened("four_bar", dimensions=DOUBLE_ROCKER) as viewer:
         asking = Page(viewer)
         answer = asking.move("crank", 120.0)
@@ -95,7 +95,7 @@ def test_limit_is_told_in_words_and_marked_on_the_slider():
     assert ranges["ends"][0] < lower and upper < ranges["ends"][1]
 
 
-def test_the_page_is_told_of_joint_limits_and_switches_them_off(tmp_path):
+def test_the_page_knows_joint_limits_and_switches_them_off(tmp_path):
     with sp.live(limited_slider(tmp_path), open_browser=False) as viewer:
         assert live_data(viewer)["limits"] is True
         asking = Page(viewer)
@@ -125,7 +125,7 @@ def test_slider_without_limits_goes_a_turn_either_way_and_follows_what_is_typed(
     assert asking.ask("ranges")["ranges"]["crank"]["ends"] == pytest.approx([640, 1360])
 
 
-def test_lengths_and_points_are_told_in_a_unit_that_reads_well():
+def test_lengths_and_points_are_reported_in_a_unit_that_reads_well():
     with opened("stewart", outputs=["platform.position"]) as viewer:
         says = Page(viewer).ask("ranges")["says"]
     assert says[0] == "leg_1 = 392.58 mm"
@@ -734,7 +734,7 @@ class TestBrowser:
             assert browser.evaluate(marks) == []
 
     @pytest.mark.slow
-    def test_error_and_lost_server_are_told(self, browser):
+    def test_error_and_lost_server_are_reported(self, browser):
         viewer = opened("rssr")
         try:
             browser.open(viewer.url, SETTLED)

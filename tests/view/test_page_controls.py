@@ -424,7 +424,7 @@ def test_ruler_takes_what_it_says(page, motion, kind):
 
 
 @pytest.mark.slow
-def test_paths_have_points_and_round_off_beside_larger_numbers_is_told_as_zero(
+def test_paths_have_points_and_round_off_beside_larger_numbers_is_reported_as_zero(
     one_browser, tmp_path
 ):
     mech = sp.load("delta")
@@ -605,7 +605,7 @@ def test_shadow_is_off_where_it_is_drawn_slowly_and_can_be_switched_on(page):
 
 
 @pytest.mark.slow
-def test_shadow_can_be_asked_for(one_browser, motion, tmp_path):
+def test_shadow_can_be_requested(one_browser, motion, tmp_path):
     page = sp.export_html(motion, tmp_path / "a.html", look=sp.Look(shadow=True))
     one_browser.open(page, READY)
     assert one_browser.evaluate("document.querySelector('#parts [data-group=shadow]').checked")
@@ -638,7 +638,7 @@ def test_curve_is_the_output_and_its_cursor_moves_both_ways(page, motion, second
 
 
 @pytest.mark.slow
-def test_curves_that_are_asked_for_are_open(one_browser, motion, tmp_path):
+def test_curves_that_are_requested_are_open(one_browser, motion, tmp_path):
     look = sp.Look(curves=("coupler.com.position", "rocker_pin.ratio"))
     one_browser.resize(SIZE)
     one_browser.open(sp.export_html(motion, tmp_path / "a.html", look=look), READY)

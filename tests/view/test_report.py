@@ -134,7 +134,7 @@ def test_ticks_tell_whole_numbers_where_a_coordinate_hardly_changes():
     assert all(a.x1 < b.x0 for a, b in itertools.pairwise(boxes)) and len(boxes) > 2
 
 
-def test_outputs_are_those_asked_for(rssr, tmp_path):
+def test_outputs_are_those_requested(rssr, tmp_path):
     outputs = ["coupler.com.position", "rocker_pin"]
     text = read(sp.report(rssr, tmp_path / "a.html", outputs=outputs))
     names = re.findall(r'aria-label="([^"]*)"', text)

@@ -196,7 +196,7 @@ def test_gap_of_a_failed_assembly_is_shown():
     assert {"gap output_pin/solid", "gap output_pin from/solid"} <= set(paths(text))
 
 
-def test_open_coupling_is_said(tmp_path):
+def test_open_coupling_is_stated(tmp_path):
     tree = turning("a", "ground", "one") + turning("b", "ground", "two", (0.1, 0, 0))
     gear = driver("a", "a") + coupling("gear", "a", "b", -2.0)
     mechanism = load(tmp_path, "gears", tree, gear)
@@ -213,7 +213,7 @@ def test_open_coupling_is_said(tmp_path):
 
 
 @pytest.mark.parametrize(("shown", "expected"), [(None, False), (True, True), (False, False)])
-def test_signs_are_for_models_without_a_picture_unless_asked_for(shown, expected):
+def test_signs_are_for_models_without_a_picture_unless_requested(shown, expected):
     motion = rssr(5)
     assert any("ball_b" in p for p in paths(page(motion, look=sp.Look(pairs=shown)))) is expected
     bare = sp.sweep(without_picture(motion.mechanism), "crank", motion.driver)
@@ -279,12 +279,12 @@ def test_spring_reaches_from_frame_to_frame():
     np.testing.assert_allclose(a + reach, b, atol=1e-6)
 
 
-def test_a_shadow_is_as_it_is_asked_for():
+def test_a_shadow_is_as_it_is_requested():
     for asked in (None, True, False):
         assert data_of(page(rssr(3), look=sp.Look(shadow=asked)))["shadow"] is asked
 
 
-def test_curves_of_another_motion_are_told_where_it_is():
+def test_curves_of_another_motion_are_reported_with_its_name():
     motion = rssr(61)
     other = sp.sweep(sp.load("rssr", d=0.33), "crank", np.linspace(1.0, 3.0, 31))
     text = page(motion, look=sp.Look(curves="rocker_pin", ghosts=other))

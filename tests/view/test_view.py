@@ -196,7 +196,7 @@ def test_capsule_surface_is_at_its_radius():
     np.testing.assert_allclose(np.linalg.norm(from_core, axis=1), 0.1, rtol=1e-6)
 
 
-def test_shape_that_cannot_be_drawn_is_left_out_with_a_warning():
+def test_shape_that_cannot_be_drawn_is_omitted_with_a_warning():
     with pytest.warns(UserWarning, match="part/1.*not shown"):
         text = page(shown_as(coal.BVHModelOBBRSS()))
     assert not [c for c in commands(text, "set_object") if "part" in c["path"]]

@@ -172,7 +172,7 @@ class AssemblyProblem:
         self.given, self.standing = held, standing
         self.held, self.let_go = {**held, **standing}, let_go
         self.tolerance, self.gap = tolerance, gap
-        self._cut = mechanism.kept.cut if mechanism.kept else 0.0
+        self._cut = mechanism.selection.cut if mechanism.selection else 0.0
         self.free_set = free_set(
             mechanism, tuple(self.held), tuple(self.let_go), guess.names, still)
         self.pinned = ({name: self.held[name] for name in self.free_set.pinned}
@@ -446,7 +446,7 @@ def coordinate_sizes(mechanism: Mechanism) -> tuple[list[str], NDArray[np.intp],
     turning = {c.name for c in periodic(mechanism)}
     found = [(name, at, mechanism.velocity_scale[c.v])
              for name, c in mechanism.coordinate_table.items()
-             if (at := mechanism.place_of(c)) >= 0 and name not in turning]
+             if (at := mechanism.index_of(c)) >= 0 and name not in turning]
     return ([x[0] for x in found], np.array([x[1] for x in found], dtype=np.intp),
             np.array([x[2] for x in found], dtype=float))
 

@@ -234,7 +234,7 @@ def _resistances(mech: Mechanism, i: int, k: int, count: int) -> dict[str, str]:
     if count == 1:  # springs of the coordinate damp it, too
         about = ((s, mech.coordinate(s.joint)) for s in mech.springs if s.joint is not None)
         found["damping"] += sum(s.damping for s, c in about
-                                if (c.joint, c.place) == (model.names[i], k))
+                                if (c.joint, c.component) == (model.names[i], k))
     return {key: repr(x) for key, x in found.items() if x}
 
 

@@ -118,7 +118,7 @@ def tree_of(
     for joint in robot.findall("joint"):
         with mistakes.each():
             check_joint(joint, path, faults)
-    mistakes.tell()
+    mistakes.raise_all()
     shapes = take_shapes(robot, path, trust, faults)
     whole = ET.tostring(robot, encoding="unicode")  # with absolute paths of meshes
     elements = {joint.get("name", ""): joint for joint in robot.findall("joint")}

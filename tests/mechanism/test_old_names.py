@@ -1,0 +1,17 @@
+"""Attributes that have a better name now are still read by their old one, with a warning."""
+
+import pytest
+
+import spatial_pin as sp
+
+
+def test_a_coordinate_has_its_component_by_its_old_name_too():
+    mech = sp.load("rssr")
+    with pytest.warns(DeprecationWarning, match="Coordinate.place is now Coordinate.component"):
+        assert mech.coordinate("ball_a.y").place == mech.coordinate("ball_a.y").component == 1
+
+
+def test_a_mechanism_has_its_selected_equations_by_their_old_name_too():
+    mech = sp.load("rssr")
+    with pytest.warns(DeprecationWarning, match="Mechanism.kept is now Mechanism.selection"):
+        assert mech.kept is mech.selection
