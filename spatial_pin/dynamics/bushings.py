@@ -71,7 +71,7 @@ class Bushing(NamedTuple):
                        six_by_six(spring.damping), np.array(spring.preload or np.zeros(6), float))
         coordinate, model = mechanism.prescribed_coordinate(spring.joint), mechanism.centred_model
         joint = mechanism.joint_id(coordinate.joint)
-        k = coordinate.place + (3 if mechanism.pair_of(coordinate.joint) == "spherical" else 0)
+        k = coordinate.component + (3 if mechanism.pair_of(coordinate.joint) == "spherical" else 0)
         alone = np.zeros((6, 6))
         alone[k, k] = 1.0 if spring.is_linear and law is None else 0.0
         return cls(

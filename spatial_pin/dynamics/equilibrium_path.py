@@ -24,6 +24,7 @@ from spatial_pin.assembly.search.whole_turns import turned_apart
 from spatial_pin.assembly.state import State
 from spatial_pin.dynamics.derivatives.small_motions import AppliedLoads, SmallMotions
 from spatial_pin.dynamics.equilibrium import (
+    BALANCED,
     NEUTRAL,
     Guess,
     closed_beside,
@@ -62,7 +63,7 @@ class EquilibriumPath(Motion):
         load_factor: (N,) factor of the loads that grow.
         stable: (N,) whether no motion leads away from the pose.
 
-    `v` are the changes of the joints per unit of the driven coordinate, or of the path's length
+    `v` are the changes of the joints per unit of the driven coordinate, or from sample to sample
     where a load is followed; `a` are those of `v`, interpolated.
 
     Example:
@@ -188,9 +189,8 @@ class LoadPath:
         matrix = self._bordered(at, np.zeros(len(self._scale) + 1))[0]
         pull = np.abs(matrix[:-1, -1]).max(initial=0.0)
         if pull > TOLERANCES.nothing:
-            stiff = np.abs(matrix[:-1, :-1]).max()
-            natural = self.unit * float((stiff if stiff > NEUTRAL else 1.0) / pull)
-            self.unit = min(self._span or np.inf, natural)
+            # as strong as all forces: the stiffness may be any less, where they balance
+            self.unit = min(self._span or np.inf, self.unit / float(pull))
         return self._point(at, factor, along, 0)
 
     def _point(
@@ -198,9 +198,11 @@ class LoadPath:
     ) -> LoadPoint:
         """Return the point at a pose at rest, its tangent continued from `along` (nv + 1,)."""
         matrix, freedoms = self._bordered(at, along)
-        rhs = np.zeros(len(matrix))
-        rhs[-1] = 1.0
-        found = _solved(matrix, rhs)
+        balanced, before = decompose(matrix[:-1], NEUTRAL).null_space, matrix[-1]
+        found = balanced.T @ (balanced @ before)
+        if np.abs(found).max() <= TOLERANCES.half_precision * np.abs(before).max():
+            found = balanced[0]  # nothing is stiff: the loads move it as they push
+            found = found * np.sign(-matrix[:-1, -1] @ found[:-1] * before[-1] or 1.0)
         tangent = np.append(found[:-1] @ freedoms, found[-1])
         reduced = at.orthonormal
         values, modes = np.linalg.eigh(0.5 * (reduced.stiffness + reduced.stiffness.T))
@@ -243,8 +245,11 @@ class LoadPath:
             state, factor = there, start.factor + self.unit * float(way[-1])
             at = SmallMotions(self.loads(factor), state)
             matrix, freedoms = self._bordered(at, row)
-            found = _solved(matrix, np.append(
-                at.orthonormal.load / (at.size or 1.0), target - float(row @ way)))
+            rhs = np.append(at.orthonormal.load / (at.size or 1.0), target - float(row @ way))
+            # the least solution: idle rotations have no stiffness, and stay
+            found = decompose(matrix, NEUTRAL).minimum_norm(rhs)
+            if np.abs(matrix @ found - rhs).max() > BALANCED:
+                return None  # neither pose nor load factor balances it
             step = np.append(found[:-1] @ freedoms, found[-1])
             before, length = length, float(np.abs(step).max())
             if length <= POSE_EXACT or (before <= POSE_NEARLY and length >= 0.5 * before):
@@ -312,11 +317,6 @@ class LoadPath:
         text = ("the load factor turns back" if turns else
                 "another path of poses at rest crosses: the mechanism buckles")
         return Event(kind, float(there.factor), row, f"{text} at {there.factor:.9g}"), there
-
-
-def _solved(matrix: Array, rhs: Array) -> Array:
-    """Return the least solution: idle rotations have no stiffness, and stay."""
-    return decompose(matrix, NEUTRAL).minimum_norm(rhs)
 
 
 @checked
@@ -421,7 +421,7 @@ def _over(
     """Return the poses at which a coordinate has values, and what was met between them."""
     mechanism = path.mechanism
     coordinate = mechanism.driven_coordinate(over)
-    held = assembled(mechanism, {over: float(values[0])}, state)
+    held = assembled(mechanism, {over: float(values[0])}, state, accuracy=path.accuracy)
     entry = velocity_entry(mechanism, over)
     at, _ = settled(AppliedLoads(mechanism, [*path.hold, over], laws=path.laws), held, True,
                     path.accuracy)
@@ -439,7 +439,8 @@ def _over(
         while abs(value - float(point.state.q[coordinate.q])) > TOLERANCES.tight * size:
             way = (value - float(point.state.q[coordinate.q])) / size
             step = parts * np.sign(way) * min(abs(way), LARGEST_LENGTH)
-            there = path.corrected(point, row, step, point.tangent / point.tangent[entry])
+            moves = float(point.tangent[entry])
+            there = path.corrected(point, row, step, point.tangent / moves if moves else row)
             if there is None:
                 parts *= 0.5
                 if parts < SMALLEST_LENGTH:
@@ -464,11 +465,15 @@ def _motion(
 
     mechanism = path.mechanism
     q = np.array([x.state.q for x in points])
+    factor = np.array([x.factor for x in points])
     tangents = np.array([x.tangent[:-1] for x in points]) * mechanism.velocity_scale
     if over is None:
-        ways = [np.linalg.norm(turned_apart(mechanism, x.state.q, y.state.q))
-                for x, y in pairwise(points)]
-        place = np.append(0.0, np.cumsum(np.maximum(ways, 1e-12)))
+        place = np.arange(len(points), dtype=float)
+        if len(points) > 1:  # times how fast the path's length grows from sample to sample
+            poses = [np.linalg.norm(turned_apart(mechanism, x.state.q, y.state.q))
+                     for x, y in pairwise(points)]
+            length = np.append(0.0, np.cumsum(np.hypot(poses, np.diff(factor) / path.unit)))
+            tangents = tangents * np.gradient(length)[:, None]
         driver, name, per = None, "", "sample"
     else:
         coordinate = mechanism.driven_coordinate(over)
@@ -479,7 +484,6 @@ def _motion(
     sense = 1.0 if not rising or place[-1] > place[0] else -1.0
     a = np.array(CubicSpline(sense * place, sense * tangents)(sense * place, 1)) if rising else (
         np.zeros_like(tangents))
-    factor = np.array([x.factor for x in points])
     found = EquilibriumPath(
         mechanism, driver, name, None, q, tangents, a,
         np.array([x.state.closure_error for x in points]), np.ones(len(points)), events,
