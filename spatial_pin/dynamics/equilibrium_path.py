@@ -356,7 +356,8 @@ def equilibrium_path(
 
     Returns:
         The EquilibriumPath, a Motion with load factors and stability. Events are of kind "limit
-        point", "branch point" and "joint limit"; their value is the load factor.
+        point", "branch point" and "joint limit"; their value is the load factor. Where a load is
+        followed, the row of the first two is the pose there.
 
     Raises:
         SpatialPinError: there is no pose at rest to begin with, or the loads move nothing.
@@ -398,15 +399,16 @@ def _along(
     while (there := next(going, None)) is not None and len(points) < MOST_POSES:
         met = path.met(points[-1], there, len(points))
         if met is not None:
-            events.append(met[0])
-            crossed += met[0].kind == "branch point"
-            if crossed == abs(branch) and met[0].kind == "branch point":
-                at = met[1]
+            event, at = met
+            events.append(event)
+            points += [at] if at is not points[-1] and at is not there else []
+            crossed += event.kind == "branch point"
+            if crossed == abs(branch) and event.kind == "branch point":
                 mode = at.modes[int(np.argmin(np.abs(at.stiffnesses)))]
                 mode = np.append(mode / np.linalg.norm(mode), 0.0)
                 mode *= np.sign(branch) * np.sign(mode[np.argmax(np.abs(mode))])
-                there = at._replace(tangent=mode)
-                going = path.steps(there, ends)
+                going = path.steps(at._replace(tangent=mode), ends)
+                continue
         points.append(there)
     if points[-1].factor != ends[1]:
         events.append(Event("stopped", points[-1].factor, len(points),
@@ -451,7 +453,10 @@ def _over(
                         motion=_motion(path, points, events, over))
                 continue
             met = path.met(point, there, len(points))
-            events += [met[0]] if met is not None else []
+            if met is not None:
+                event, at = met
+                events.append(event._replace(
+                    text=f"{event.text}, {over} = {at.state.q[coordinate.q]:.9g}"))
             point, parts = there, min(2.0 * parts, 1.0)
         points.append(point)
     return points, events

@@ -67,8 +67,9 @@ def test_every_sample_of_a_path_is_at_rest_under_its_load():
     length = np.hypot(0.3, y)
     pull = -2.0 * 1000.0 * (length - np.hypot(0.3, 0.1)) * y / length
     assert np.abs(pull - path.load_factor).max() < 1e-10
-    top = y[path.events[0].row]  # behind the limit point, at 0.0567 m
-    assert abs(top - 0.05671838483786) < 0.02
+    for event, sense in zip(path.events, (1.0, -1.0), strict=True):
+        assert y[event.row] == pytest.approx(sense * 0.05671838483786, abs=1e-11)
+        assert path.load_factor[event.row] == event.value
 
 
 def test_displacement_control_goes_through_both_limit_points():
