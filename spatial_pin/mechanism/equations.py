@@ -27,7 +27,7 @@ import numpy as np
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.piecewise import Piecewise
 
-FIRST_TWO = (0, 1)  # frames of a closure that most quantities are of
+FIRST_TWO = (0, 1)  # the two frames of a closure that most quantities belong to
 
 
 class Displacement(NamedTuple):

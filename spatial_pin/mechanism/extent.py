@@ -20,8 +20,8 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import EPS, TOLERANCES
 
 SMALLEST = 1.0 / TOLERANCES.largest  # m
-# Sizes of the machine up to which the world's origin, or a frame of the ground that nothing is
-# joined to, is near it: there its coordinates have all digits but two bits.
+# The world's origin, and a frame of the ground without joints, are near a machine within this many
+# of its sizes. Coordinates there have all digits but two bits.
 SIZES_NEAR = 3.0
 
 

@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-# Mass [kg] of the lightest body above which units need no change: far above 2.2e-16 kg, with room
-# for sums that nearly cancel.
+# Mass of the lightest body [kg] above which units need no change. It is far above 2.2e-16 kg, with
+# room for sums that nearly cancel.
 UNSCALED = 1e-3
-# Powers of two between masses that numbers have room for: of the 1022 below one, the squares of the
-# lengths of bodies take the rest.
+# Powers of two between masses that numbers have room for. Squares of lengths take the rest of the
+# 1022.
 WIDEST = 600
 
 

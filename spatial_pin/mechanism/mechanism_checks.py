@@ -16,7 +16,8 @@ from spatial_pin.mechanism.parts import Closure, Driver, Passive, Spring
 from spatial_pin.numerics.linalg import EPS, Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-ROUNDED = 1e-6  # of mass times length squared: exporters write inertias with six digits or more
+# Relative to mass times length squared: exporters write inertias with six digits or more.
+ROUNDED = 1e-6
 
 
 def check_mechanism(mechanism: Mechanism, where: str, mistakes: Mistakes | None = None) -> None:

@@ -19,8 +19,8 @@ from spatial_pin.mechanism.coordinates import coordinates_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 
-# Speed at which friction has its full size [rad/s, characteristic lengths per second]: a thousandth
-# of a slow machine's, and no less, as a step function of the speed no integrator can follow.
+# Speed at which dry friction has its full size [rad/s, characteristic lengths per second]: a
+# thousandth of the speed of a slow machine. No integrator can follow a jump.
 SLIP_SPEED = 1e-3
 
 SlipSpeed = float | Mapping[str, float]

@@ -112,12 +112,12 @@ def follow(
     state, gone = held_start(mechanism, first, guess, held, tight)
     moved = depending_on(state, names, hold)
     there, hold = (state, hold) if moved is None else moved[:2]
-    found = along(there, names, hold, law, s, accuracy,
+    result = along(there, names, hold, law, s, accuracy,
                      f"{mechanism.name}: {', '.join(names)}", progress,
                      passes=on_crossing == "straight")._replace(released=gone)
     if moved is not None:
-        found, held = found._replace(samples=moved.of_whole(found.samples)), moved.held
-    motion = finished(state.mechanism, found, None if times is None else s, held, list(values),
+        result, held = result._replace(samples=moved.of_whole(result.samples)), moved.held
+    motion = finished(state.mechanism, result, None if times is None else s, held, list(values),
                       "drivers", on_limit, on_crossing)
     return within_gap(motion, accuracy, on_limit)
 
@@ -149,14 +149,14 @@ def along(
 
 
 def finished(
-    mechanism: Mechanism, found: Followed, times: Array | None, held: tuple[str, ...],
+    mechanism: Mechanism, followed: Followed, times: Array | None, held: tuple[str, ...],
     names: list[str], who: str, on_limit: str = "raise", on_crossing: str = "raise",
 ) -> Motion:
-    """Return the Motion of what was found, with its events; raise where it ended early.
+    """Return the Motion of followed samples, with its events; raise if it ended early.
 
     Args:
         mechanism: the mechanism.
-        found: samples of its q, v and a.
+        followed: samples of its q, v and a.
         times: (N,) of all samples; None: the parameter is their number.
         held: what was held by name.
         names: what went along tables, for words.
@@ -169,22 +169,22 @@ def finished(
         SingularError: it ended at a singular configuration, or the branch was lost.
         Interrupted: Ctrl-C ended it.
     """
-    stop = found.stop
-    motion = _motion(mechanism, found.samples, found.done, times)
+    stop = followed.stop
+    motion = _motion(mechanism, followed.samples, followed.done, times)
     motion.held = held
     begin = 0.0 if times is None else float(times[0])
-    motion.events += [Event("released", begin, 0, text) for text in found.released]
+    motion.events += [Event("released", begin, 0, text) for text in followed.released]
     motion.events += [crossed_event(value, row, _where(value, times is None))
-                      for value, row in found.crossed]
+                      for value, row in followed.crossed]
     motion.events += [
         Event("singular", value, row, "the drivers alone do not determine the motion at "
               f"{_where(value, times is None)}: efforts grow without bound towards it")
-        for value, row in found.undriven]
+        for value, row in followed.undriven]
     motion.events += [*joint_limit_events(motion), *velocity_limit_events(motion)]
-    if found.is_cut:
+    if followed.is_cut:
         raise Interrupted(motion)
     if stop is not None:
-        motion.events.append(stop_event(stop, found.done, _where(stop.value, times is None),
+        motion.events.append(stop_event(stop, followed.done, _where(stop.value, times is None),
                                         f"limit of what the {who} can do together"))
         ends = on_limit if stop.kind in ENDS else on_crossing
         if ends != "stop" or stop.kind == "lost":
@@ -204,9 +204,9 @@ def _table(mechanism: Mechanism, values: Mapping[str, Any]) -> tuple[list[str], 
         raise ValueError("values is empty: give a table for every driver that moves")
     lengths = {len(c) for c in columns.values() if c.ndim}
     if len(lengths) > 1:
-        said = ", ".join(f"{name!r} {len(c)}" for name, c in zip(values, columns.values(),
+        counts = ", ".join(f"{name!r} {len(c)}" for name, c in zip(values, columns.values(),
                                                                  strict=True) if c.ndim)
-        raise ValueError(f"tables differ in length: {said}; every driver needs as many values")
+        raise ValueError(f"tables differ in length: {counts}; every driver needs as many values")
     n = lengths.pop() if lengths else 1
     if not n:
         raise ValueError("values has no sample: give every driver one number at least")
@@ -221,10 +221,10 @@ def sample_times(times: Any, n: int) -> Array:
     Raises:
         ValueError: they do not rise, or are not finite.
     """
-    found = finite_array(times, (n,), "times")
-    if np.any(np.diff(found) <= 0.0):
+    array = finite_array(times, (n,), "times")
+    if np.any(np.diff(array) <= 0.0):
         raise ValueError("times must rise from sample to sample")
-    return found
+    return array
 
 
 def _law(

@@ -1,4 +1,4 @@
-"""Where a motion of a rounded file opens equations that the file's mechanism has left out."""
+"""The end of a motion of a rounded file, where its dropped equations open beyond the gap."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from spatial_pin.errors import LimitError, SingularError
 from spatial_pin.motion.motion import AnyMotion, Event, first_samples
 from spatial_pin.settings import Accuracy
 
-# Samples of a motion that are looked at: so many over a turn miss the peak of a sine by 5e-6 of it,
-# far more than is reported.
+# Samples at which a motion is checked. So many per turn miss the peak of a sine by 5e-6 of its
+# height, much less than the report shows.
 MOST_SAMPLES = 1000
 GAP = "gap"  # kind of event
 

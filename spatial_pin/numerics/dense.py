@@ -100,10 +100,10 @@ def independence(a: Array, most: int, part: float) -> Independence:
     chosen, facts = np.empty(len(a), dtype=np.int64), np.zeros(2)
     if not a.size:
         return Independence(chosen[:0].astype(np.intp), 0.0, 0.0)
-    found = _independent_rows(*a.shape, _reals(_own(a)), most, part, _counts(chosen), _reals(facts))
-    if found < 0:
+    rank = _independent_rows(*a.shape, _reals(_own(a)), most, part, _counts(chosen), _reals(facts))
+    if rank < 0:
         raise MemoryError
-    return Independence(chosen[:found].astype(np.intp, copy=False), *facts.tolist())
+    return Independence(chosen[:rank].astype(np.intp, copy=False), *facts.tolist())
 
 
 def qr(a: Array) -> tuple[Array, Order, Array]:

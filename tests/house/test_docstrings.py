@@ -28,9 +28,10 @@ LONG = {  # what designs, workspaces and searches give: the example of the verb 
     "Workspace", "Workspace.curves", "Workspace.plot"}
 INNER = {  # methods of public types that the library has for itself, or for who extends it
     "Closure": {"turned", "with_equations"},
-    "Coordinate": {"place"},  # an old name, as Mechanism.kept
+    "Coordinate": {"place"},  # an old name, as Measured.said and Mechanism.kept
     "Goal": {"check", "unit_of"},
     "JointLimit": {"closing"},
+    "Measured": {"said"},
     "Mechanism": {
         "centred_frame", "centred_model", "coordinate_table", "driven_coordinate", "extent",
         "frame_ids", "frame_on_joint", "index_of", "joint_id", "kept", "loading", "pair_of",

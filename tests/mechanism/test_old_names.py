@@ -15,3 +15,10 @@ def test_a_mechanism_has_its_selected_equations_by_their_old_name_too():
     mech = sp.load("rssr")
     with pytest.warns(DeprecationWarning, match="Mechanism.kept is now Mechanism.selection"):
         assert mech.kept is mech.selection
+
+
+def test_a_measured_setting_has_its_note_by_its_old_name_too():
+    row = sp.tradeoff(sp.load("four_bar"), {"driver": "crank", "values": [0.0, 0.1]},
+                      settings=[sp.Accuracy()], repeats=1).rows[0]
+    with pytest.warns(DeprecationWarning, match="Measured.said is now Measured.note"):
+        assert row.said == row.note

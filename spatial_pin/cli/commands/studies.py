@@ -51,7 +51,7 @@ OUTPUT_HELP = ("as rocker_pin, rocker_pin.rate, coupler.position, crank.effort, 
 WIDE_SPREAD = 0.1  # standard deviation relative to the dimension from which a unit may be missing
 XYZ = ("x", "y", "z")
 UNITS = {"time_per_step": "s", "spread": "s", **dict.fromkeys(  # of others "-", of texts none
-    ("setting", "steps", "solver_steps", "below_reference", "on_front", "said"), "")}
+    ("setting", "steps", "solver_steps", "below_reference", "on_front", "note"), "")}
 PARTS = "errors of positions, velocities and accelerations one by one: --csv, --json"
 COMPONENTS = {3: XYZ, 6: tuple(f"{part} {axis}" for part in ("force", "moment") for axis in XYZ)}
 

@@ -42,21 +42,22 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 
 GivenUp = Set[tuple[type, tuple[int, ...]]]  # formulations, and their independent coordinates
 
-# Speed of a joint relative to the independent coordinates' at which others are taken: it costs half
-# a digit of the joint.
+# A joint this much faster than the independent coordinates replaces one of them: it costs half a
+# digit of the joint.
 FASTER_THAN_CHOSEN = 4.0
-# Residual that points which samples lie between are closed to: second derivatives divide it by the
-# square of the way between them.
+# Closure residual of points between which samples are interpolated. Second derivatives divide it
+# by the square of their distance.
 ANCHOR_RESIDUAL = 1e-12
-# Residual that projected places are closed to: whether two are one is told to 1e-6 (SAME_PLACE in
+# Closure residual of projected points. Two points are one if they agree to 1e-6 (SAME_PLACE in
 # projected.c).
 PROJECTED_RESIDUAL = 1e-8
-# Rotation vector at which coordinates of joints that turn in space are begun anew [rad].
+# Rotation vector at which coordinates of joints that turn in space start again from a new
+# reference [rad].
 COORDINATES_END = 1.0
 TURNED_END = 0.5  # the same where all joint coordinates are unknowns [rad]
-LEFT_OPEN = 1e-6  # closure residual that a step may leave to be projected away, at tight tolerances
-LOOSE = 10.0  # the same relative to the tolerance of a step, at loose ones
-WIDE = 1e-2  # the same at any tolerance: from there Newton's method finds the same branch
+LEFT_OPEN = 1e-6  # closure residual after a step, before projection, at tight tolerances
+LOOSE = 10.0  # the same relative to the tolerance of a step, at loose tolerances
+WIDE = 1e-2  # the same at most: from there Newton's method converges to the same branch
 
 
 class Lost(Exception):
@@ -161,15 +162,15 @@ class ForceFunctions:
         columns = IndependentCoordinates(
             np.vstack([rows, held, self._spins.rows * problem.scale]), problem.scale,
             evaluation.closure_error, self._free()).columns
-        found = problem.least_constraint.solve(
+        least = problem.least_constraint.solve(
             q, v, Bounded(a, ROUNDING * np.abs(a)), columns,
             problem.given(t, q, v, evaluation))
-        if found.pulled:
-            moving = np.abs(found.still / problem.scale).max(axis=0)
+        if least.pulled:
+            moving = np.abs(least.still / problem.scale).max(axis=0)
             names = problem.mechanism.coordinates
             moved = np.flatnonzero(moving > TOLERANCES.half_precision * moving.max())
             raise no_inertia(problem.mechanism, [names[v] for v in moved.tolist()])
-        return None if found.lost else found.z
+        return None if least.lost else least.z
 
 
 class Independent:
@@ -246,10 +247,10 @@ class Independent:
         Returns:
             The unknowns in them; None where no coordinates determine it.
         """
-        found = self.kernel.renew(t, y)
-        if found is None:
+        new = self.kernel.renew(t, y)
+        if new is None:
             return None
-        self.free, fresh, is_same = found
+        self.free, fresh, is_same = new
         if is_same:
             self.patience *= 2.0
         else:
@@ -274,10 +275,10 @@ class Independent:
         return State(self.problem.mechanism, q, v, closure_error=error, angles=angles)
 
     def _closed(self, t: float, y: Array) -> tuple[Array, Array, Array, float]:
-        found = self.kernel.place(t, y)
-        if found is None:
+        closed = self.kernel.place(t, y)
+        if closed is None:
             raise Lost
-        return found
+        return closed
 
     def samples(self, times: Array, unknowns: Array) -> SimulationSamples:
         """Return everything at times (N,) and unknowns (N, n), loops closed.
@@ -285,10 +286,10 @@ class Independent:
         Raises:
             Lost: they cannot be at one of them.
         """
-        found = self.kernel.samples(times, unknowns)
-        if found is None:
+        rows = self.kernel.samples(times, unknowns)
+        if rows is None:
             raise Lost
-        return found
+        return rows
 
     def energies(self, t: float, y: Array) -> Energies:
         """Return the energies at y."""
@@ -355,10 +356,10 @@ class Projected(Independent):
         """
         began = time.perf_counter()
         allowed = min(max(LEFT_OPEN, LOOSE * getattr(solver, "rtol", 0.0)), WIDE)
-        found = self.kernel.settle(np.array(solver.y), allowed)
-        if found is None:
+        settled = self.kernel.settle(np.array(solver.y), allowed)
+        if settled is None:
             return np.inf
-        solver.y, opened, corrections = found
+        solver.y, opened, corrections = settled
         solver.f = self(solver.t, solver.y)
         self.kernel.keep()
         steps, before, most, seconds, share = self.projection

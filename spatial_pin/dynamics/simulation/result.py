@@ -20,7 +20,8 @@ from spatial_pin.motion.motion import Motion, Output, content_of, fields_of, rea
 from spatial_pin.motion.summary import effort_lines, first_of
 from spatial_pin.numerics.linalg import Array
 
-SMALL = 1e-2  # of the energy, or of that of a fall over its size, that counts as exchanged
+# Part of the energy, or of the energy of a fall over its size, that counts as exchanged.
+SMALL = 1e-2
 EPS = float(np.finfo(float).eps)
 WITH_ENERGIES = frozenset(("energy", "work", "effort_names", "efforts", "told"))  # in a file
 TOLD = ("energy_drift", "coordinates", "evaluations", "steps", "by_drivers", "joint_limits",

@@ -235,7 +235,7 @@ class Jog:
                                            closure_error=evaluation.closure_error)
                     kind = "limit" if arrival.runs_away else arrival.kind
                     return JogStop(kind, float(arrival.value))
-                tracker.move_to(found.place(value))
+                tracker.move_to(found.point_at(value))
             if tracker.here.s == value:
                 break
         self.state = self._keep(tracker)
