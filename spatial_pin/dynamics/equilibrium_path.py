@@ -30,7 +30,6 @@ from spatial_pin.dynamics.equilibrium import (
     closed_beside,
     exact_numbers,
     settled,
-    velocity_entry,
 )
 from spatial_pin.dynamics.forces import Law, external_wrenches, generalised, joint_efforts
 from spatial_pin.errors import LimitError, SingularError, SpatialPinError
@@ -426,11 +425,10 @@ def _over(
     mechanism = path.mechanism
     coordinate = mechanism.driven_coordinate(over)
     held = assembled(mechanism, {over: float(values[0])}, state, accuracy=path.accuracy)
-    entry = velocity_entry(mechanism, over)
     at, _ = settled(AppliedLoads(mechanism, [*path.hold, over], laws=path.laws), held, True,
                     path.accuracy)
     row = np.zeros(mechanism.model.nv + 1)
-    row[entry] = 1.0
+    row[coordinate.v] = 1.0
     first = path.start(at.state, 0.0, row)
     start = path.corrected(first, row, 0.0, first.tangent + row)
     if start is None:
@@ -443,7 +441,7 @@ def _over(
         while abs(value - float(point.state.q[coordinate.q])) > TOLERANCES.tight * size:
             way = (value - float(point.state.q[coordinate.q])) / size
             step = parts * np.sign(way) * min(abs(way), LARGEST_LENGTH)
-            moves = float(point.tangent[entry])
+            moves = float(point.tangent[coordinate.v])
             there = path.corrected(point, row, step, point.tangent / moves if moves else row)
             if there is None:
                 parts *= 0.5
@@ -456,9 +454,9 @@ def _over(
                 continue
             met = path.met(point, there, len(points))
             if met is not None:
-                event, at = met
+                event, passed = met
                 events.append(event._replace(
-                    text=f"{event.text}, {over} = {at.state.q[coordinate.q]:.9g}"))
+                    text=f"{event.text}, {over} = {passed.state.q[coordinate.q]:.9g}"))
             point, parts = there, min(2.0 * parts, 1.0)
         points.append(point)
     return points, events

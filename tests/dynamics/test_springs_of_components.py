@@ -153,3 +153,64 @@ def test_mujocos_ball_has_no_spring_of_one_component(tmp_path):
 def test_a_component_that_turns_has_no_free_length(tmp_path):
     with pytest.raises(sp.MechanismFileError, match="free_angle"):
         sp.load(file(tmp_path, "stiffness = 3.0\nfree_length = 0.1"))
+
+
+def test_matrices_are_in_the_coordinates_of_a_ball_not_in_its_angular_velocity():
+    """The stiffness is the second derivative of the energy by the rotation vector."""
+    model = pin.Model()
+    hip = model.addJoint(0, pin.JointModelSpherical(), pin.SE3.Identity(), "hip")
+    model.appendBodyToJoint(hip, BODY, pin.SE3.Identity())
+    mechanism = sp.Mechanism.from_model(model, springs=[
+        sp.Spring(c, joint=f"hip.{c}", stiffness=20.0, free_angle=free)
+        for c, free in zip("xyz", (0.5, -0.8, 0.7), strict=True)])
+    rest = sp.equilibrium(mechanism)
+    assert rest.coordinates == ("hip.x", "hip.y", "hip.z")
+    at = np.array([rest.state.coordinate(c).value for c in rest.coordinates])
+    assert np.linalg.norm(at) > 0.7
+
+    def potential(x):
+        values = dict(zip(rest.coordinates, x, strict=True))
+        return energy(mechanism, sp.assemble(mechanism, values))
+    h, units = 1e-3, np.eye(3)
+    for j in range(3):
+        for k in range(3):
+            wanted = sum(a * b * potential(at + h * (a * units[j] + b * units[k]))
+                         for a in (1, -1) for b in (1, -1)) / (4.0 * h * h)
+            assert rest.stiffness[j, k] == pytest.approx(wanted, abs=1e-5)
+    small = sp.linearize(mechanism, rest.state, inputs=["hip.x"], outputs=["hip.y", "hip.z.rate"])
+    assert small.stiffness == pytest.approx(rest.stiffness, abs=1e-11)
+    response = small.frequency_response([0.0])[0]
+    assert response[0, 0] == pytest.approx(np.linalg.inv(small.stiffness)[1, 0], rel=1e-11)
+    assert response[1, 0] == 0.0
+
+
+def test_what_holds_a_component_works_with_its_rate_and_bends_with_it():
+    """The energy as a function of the rotation vector and an elbow, one of which is held."""
+    model = pin.Model()
+    hip = model.addJoint(0, pin.JointModelSpherical(), pin.SE3.Identity(), "hip")
+    elbow = model.addJoint(hip, pin.JointModelRY(), pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.3])),
+                           "elbow")
+    for joint in (hip, elbow):
+        model.appendBodyToJoint(joint, BODY, pin.SE3.Identity())
+    mechanism = sp.Mechanism.from_model(model, drivers=["hip.x", "elbow"], springs=[
+        sp.Spring("twist", joint="hip.z", stiffness=5.0)])
+    names = ("hip.x", "hip.y", "hip.z", "elbow")
+    for hold in ("hip.x", "hip"):
+        held = sp.equilibrium(mechanism, {"hip": [0.2, 0.1, 0.3]}, hold=hold)
+        at = np.array([held.state.coordinate(name).value for name in names])
+
+        def potential(x):
+            return energy(mechanism, sp.assemble(mechanism, dict(zip(names, x, strict=True))))
+
+        def slope(k, x, potential=potential):
+            ends = [potential(x + h * np.eye(4)[k]) for h in (2e-3, 1e-3, -1e-3, -2e-3)]
+            return (8.0 * (ends[1] - ends[2]) - (ends[0] - ends[3])) / 12e-3
+        assert held.stable and held.stiffness == pytest.approx(held.stiffness.T, abs=1e-11)
+        for name, effort in held.efforts.items():
+            assert effort == pytest.approx(slope(names.index(name), at), abs=1e-9)
+        free = [names.index(name) for name in held.coordinates]
+        for j, row in zip(free, held.stiffness, strict=True):
+            for k, found in zip(free, row, strict=True):
+                way = 1e-3 * np.eye(4)[k]
+                wanted = (slope(j, at + way) - slope(j, at - way)) / 2e-3
+                assert found == pytest.approx(wanted, abs=1e-4)
