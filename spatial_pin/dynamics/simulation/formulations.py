@@ -96,7 +96,7 @@ def forces_as_arrays(
         spins.axes, [frames[j].T @ x for j, x in ends],
         [springs[x.name] for x in lines], [springs[x.name] for x in turns],
         *(part for x in bushings for part in (
-            *(frames[j].T @ y for j, m in zip(x.bodies, x.placements, strict=True)
+            *(frames[carriers[j]].T @ y for j, m in zip(x.bodies, x.placements, strict=True)
               for y in (*m.rotation.T, m.translation)),
             x.stiffness, x.damping, x.preload, x.stored))]
     return (np.concatenate([np.asarray(x, np.int64).ravel() for x in ints]),
