@@ -180,8 +180,10 @@ def pose(
         free: drivers that do not stand.
         release: whether drivers without a value may go.
     """
-    if gap and isinstance(guess, State) and guess.mechanism.whole is mechanism:
-        mechanism = guess.mechanism  # it goes on with the equations that were chosen for it
+    whole = mechanism.whole or mechanism
+    if gap and isinstance(guess, State) and guess.mechanism.whole is whole:
+        if mechanism is whole:
+            mechanism = guess.mechanism  # it goes on with the equations that were chosen for it
         gap = allowed_from(guess, gap)
     elif (exact := rounded(mechanism, gap)) is not None:
         mechanism = exact

@@ -251,9 +251,8 @@ class Branch:
         angles: Array, s: float,
     ) -> Path | None:
         driven = prescribed_places(self.kernel.nv, self.driven, self.still)
-        path = Path(self.kernel, chosen, driven, fill, self.accuracy)
-        if self._law is not None:
-            self.leading.prescribe(path, s, self.still)
+        polynomials = None if self._law is None else self.leading.polynomials(s, self.still)
+        path = Path(self.kernel, chosen, driven, fill, self.accuracy, polynomials)
         return path if path.start(q, angles) else None
 
 
@@ -344,7 +343,7 @@ class PathTracker(Branch):
         if path is not None and closer.knows_mirrors:
             samples = tracker._samples = PathSamples.empty(n, k.nq, k.nv, k.n_angles)
             closer.set_task([problem.goal], problem.settings, problem.goal, problem.reference,
-                            shaken=True)
+                            further=True)
             done = path.from_guess(closer, problem.widest_gap, values,
                                    samples if n == len(values) else samples.between(0, len(values)))
             if done > 0:

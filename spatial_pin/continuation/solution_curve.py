@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.assembly.square_system import SquareSystem
-from spatial_pin.kernel.paths import Path
+from spatial_pin.kernel.paths import Polynomials
 from spatial_pin.mechanism.coordinates import coordinate_value
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
@@ -66,8 +66,9 @@ class OneDriver:
             if c.q >= 0:
                 q[c.q] = value
 
-    def prescribe(self, path: Path, s: float, still: Sequence[int]) -> None:
-        """Let a path continue from a parameter value; see `DriversLaw`."""
+    def polynomials(self, s: float, still: Sequence[int]) -> Polynomials | None:
+        """Return what a path of the kernel goes by; None: the driver leads. See `DriversLaw`."""
+        return None
 
 
 class DriversLaw(OneDriver):
@@ -125,19 +126,19 @@ class DriversLaw(OneDriver):
         smoothed.c[-1] += self.law(here)[: self.n_moving] - smoothed(here)
         return smoothed
 
-    def prescribe(self, path: Path, s: float, still: Sequence[int]) -> None:
-        """Let a path go on from a parameter, along the law.
+    def polynomials(self, s: float, still: Sequence[int]) -> Polynomials | None:
+        """Return the law for a path of the kernel that starts at a parameter.
 
         Args:
-            path: of the kernel.
             s: the parameter.
             still: places in the velocity vector that stand still, where coordinates have values.
         """
         coefficients = np.moveaxis(self.law.c[::-1], 0, 2)
-        all_driven = np.zeros((len(coefficients), path.n_driven, coefficients.shape[-1]))
+        n, _, powers = coefficients.shape
+        all_driven = np.zeros((n, len(self.driven) + len(still), powers))
         all_driven[:, : len(self.driven)] = coefficients
         all_driven[:, len(self.driven) :, 0] = [self._standing.get(v, 0.0) for v in still]
-        path.prescribe(s, self.law.x, all_driven)
+        return Polynomials(s, self.law.x, all_driven)
 
 
 def nearest(law: OneDriver, other: OneDriver, s: float) -> float:

@@ -13,10 +13,9 @@ import numpy as np
 
 from spatial_pin.errors import MechanismFileError, Mistakes
 from spatial_pin.formats.checked_tables import BELONGS, BETWEEN, TOP, TomlTable, belongs
-from spatial_pin.formats.faults import Faults
 from spatial_pin.formats.file_access import Trust, read_text
 from spatial_pin.formats.graph.urdf import without_loops
-from spatial_pin.formats.importers import Request
+from spatial_pin.formats.importers import Faults, Request
 from spatial_pin.formats.urdf.urdf_model import (
     LIMITS,
     RESISTANCES,

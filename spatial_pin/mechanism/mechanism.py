@@ -210,12 +210,12 @@ class Mechanism:
     @made_once
     def with_equations(self, selection: SelectedEquations) -> Mechanism:
         """Return the same mechanism with some of its equations only; this one is its `whole`."""
-        closures = []
+        closures, length = list[Closure](), self.characteristic_length
         for c, own, turned in zip(self.closures, selection.own, selection.turned, strict=True):
             if own or (c.frames and not turned):
-                closures.append(c.with_equations(own) if c.frames else c)
+                closures.append(c.with_equations(own, length) if c.frames else c)
             if turned:
-                closures.append(c.turned().with_equations(turned))
+                closures.append(c.turned().with_equations(turned, length))
         return self.with_fields(whole=self, selection=selection, closures=tuple(closures))
 
     # ------------------------------------------------------------ coordinates

@@ -15,7 +15,7 @@ import pinocchio as pin
 from spatial_pin._support.checks import finite_array, finite_number
 from spatial_pin._support.lazy import by_new_name, cached_property
 from spatial_pin.errors import MechanismFileError, UnknownNameError
-from spatial_pin.mechanism.equations import ConstraintEquation
+from spatial_pin.mechanism.equations import ConstraintEquation, combined
 from spatial_pin.mechanism.pairs import PAIRS, Pair, PairGeometry
 
 
@@ -68,6 +68,8 @@ class Closure:
         numbers: of its type, or (n,) of lists, by their keys in a mechanism file.
         equations: the equations of the pair that are used, None for all; the others must follow
             from them (planar loops).
+        sums: weights of the equations of each sum of them that is used in their place; empty for
+            these themselves.
         source: where it is stated, if not as a closure of a mechanism file.
 
     Example:
@@ -92,6 +94,7 @@ class Closure:
     between: tuple[str, ...] = ()
     source: str = ""
     numbers: Mapping[str, Any] = field(default_factory=dict)
+    sums: tuple[tuple[float, ...], ...] = ()
 
     @property
     def pair(self) -> Pair:
@@ -102,7 +105,9 @@ class Closure:
     def rows(self) -> tuple[ConstraintEquation, ...]:
         """Its scalar equations."""
         rows = self.pair.rows(self) if self.pair.rows else ()
-        return rows if self.equations is None else tuple(rows[k] for k in self.equations)
+        if self.equations is not None:
+            rows = tuple(rows[k] for k in self.equations)
+        return tuple(combined(rows, weights) for weights in self.sums) if self.sums else rows
 
     @property
     def ratio(self) -> float:
@@ -127,10 +132,20 @@ class Closure:
         """Number of scalar equations."""
         return len(self.rows)
 
-    def with_equations(self, places: Iterable[int]) -> Closure:
-        """Return it with some of its equations, by their places in `rows`."""
-        own = self.equations
-        return replace(self, equations=tuple(k if own is None else own[k] for k in places))
+    def with_equations(self, weights: Weights, length: float) -> Closure:
+        """Return it with sums of its equations only, each times its weight.
+
+        Args:
+            weights: (n, n_rows). Where all rows have one entry each, 1, these equations stay.
+            length: what equations that are lengths are divided by [m].
+        """
+        matrix = np.array(weights).reshape(-1, self.n_rows)
+        if np.all(np.count_nonzero(matrix, axis=1) == 1):
+            own = range(self.n_rows) if self.equations is None else self.equations
+            return replace(self, equations=tuple(own[k] for k in np.nonzero(matrix)[1].tolist()))
+        matrix = matrix * [1.0 if row.is_length else length for row in self.rows]
+        return replace(self, equations=self.equations or tuple(range(self.n_rows)),
+                       sums=tuple(map(tuple, matrix.tolist())))
 
     @property
     def can_turn(self) -> bool:
@@ -146,8 +161,11 @@ class Closure:
                        geometry=replace(g, axes1=g.axes2, axes2=g.axes1))
 
 
+Weights = tuple[tuple[float, ...], ...]  # of a closure's equations, by the sums of them that stay
+
+
 class SelectedEquations(NamedTuple):
-    """Some equations of a mechanism, by closure: places in `Closure.rows`, a coupling's is 0.
+    """Some equations of a mechanism, or sums of them, by closure.
 
     Attributes:
         own: of the closures as they are.
@@ -157,8 +175,8 @@ class SelectedEquations(NamedTuple):
         opened: how far each closure that lacks equations opens along the motion [-].
     """
 
-    own: tuple[tuple[int, ...], ...]
-    turned: tuple[tuple[int, ...], ...]
+    own: tuple[Weights, ...]
+    turned: tuple[Weights, ...]
     cut: float = 0.0
     opened: tuple[tuple[str, float], ...] = ()
 

@@ -24,7 +24,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.joint_limit_events import joint_limit_events
 from spatial_pin.motion.motion import Event, Motion
 from spatial_pin.motion.rated_limits import velocity_limit_events
-from spatial_pin.motion.rounding import within_gap
+from spatial_pin.motion.rounding import CHOICES, independent_on, within_gap
 from spatial_pin.motion.sweep import ENDS, check_choice, crossed_event, stop_event, sweep
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -109,17 +109,27 @@ def follow(
     check_not_held(mechanism, coordinates, held)
     tight = replace(accuracy, tolerance=min(accuracy.tolerance, TOLERANCES.tight))
     first = dict(zip(names, table[0].tolist(), strict=True))
-    state, gone = held_start(mechanism, first, guess, held, tight)
-    moved = depending_on(state, names, hold)
-    there, hold = (state, hold) if moved is None else moved[:2]
-    result = along(there, names, hold, law, s, accuracy,
-                     f"{mechanism.name}: {', '.join(names)}", progress,
-                     passes=on_crossing == "straight")._replace(released=gone)
-    if moved is not None:
-        result, held = result._replace(samples=moved.of_whole(result.samples)), moved.held
-    motion = finished(state.mechanism, result, None if times is None else s, held, list(values),
-                      "drivers", on_limit, on_crossing)
-    return within_gap(motion, accuracy, on_limit)
+    good = None
+    for _ in range(CHOICES):
+        state, gone = held_start(mechanism, first, guess, held, tight)
+        moved = depending_on(state, names, hold)
+        there, standing = (state, hold) if moved is None else moved[:2]
+        result = along(there, names, standing, law, s, accuracy,
+                      f"{mechanism.name}: {', '.join(names)}", progress,
+                      passes=on_crossing == "straight")._replace(released=gone)
+        if moved is not None:
+            result = result._replace(samples=moved.of_whole(result.samples))
+        chosen, good = independent_on(
+            _motion(state.mechanism, result.samples, result.done, None), accuracy,
+            result.samples.t[max(0, result.done - 1)],
+            None if result.stop is None else result.stop.q)
+        if chosen is state.mechanism:
+            break
+        mechanism = chosen
+    motion = finished(state.mechanism, result, None if times is None else s,
+                      held if moved is None else moved.held, list(values), "drivers",
+                      on_limit if good is None else "stop", on_crossing)
+    return within_gap(motion, accuracy, on_limit, good)
 
 
 def along(

@@ -44,7 +44,7 @@ from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.motion.joint_limit_events import joint_limit_events
 from spatial_pin.motion.motion import Event, Motion, made
 from spatial_pin.motion.rated_limits import velocity_limit_events
-from spatial_pin.motion.rounding import within_gap
+from spatial_pin.motion.rounding import CHOICES, independent_on, within_gap
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.depending import depending_on
@@ -142,16 +142,27 @@ def sweep(
     speeds, accels = _requested_rates(speed, acceleration, values)
     coordinate = mechanism.prescribed_coordinate(driver)
     given, held = ({}, (hold,)) if isinstance(hold, str) else _hold_values(hold)
-    mechanism, result, held, events = _followed(
-        mechanism, driver, coordinate, values, guess, given, held, accuracy,
-        on_crossing == "straight", progress)
-    n, stop, requested = result.done, result.stop, values
-    if n < len(values):
-        values, speeds, accels = values[:n], speeds[:n], None if accels is None else accels[:n]
-    motion = _motion(mechanism, result, driver, values, speeds, type(speed) is float, accels,
-                     coordinate.unit if speed is None else "s", held, events)
-    motion = within_gap(motion, accuracy, on_limit)
-    if len(motion) < n:
+    requested, rates, good = values, (speeds, accels), None
+    for _ in range(CHOICES):
+        mechanism, result, still, events = _followed(
+            mechanism, driver, coordinate, requested, guess, given, held, accuracy,
+            on_crossing == "straight", progress)
+        n, stop, values = result.done, result.stop, requested
+        if n < len(values):
+            values, speeds = values[:n], rates[0][:n]
+            accels = None if rates[1] is None else rates[1][:n]
+        motion = _motion(mechanism, result, driver, values, speeds, type(speed) is float, accels,
+                         coordinate.unit if speed is None else "s", still, events)
+        if mechanism.whole is None or not n:
+            break
+        onward = (requested.item(n) if n < len(requested) else values.item(0)) - values.item(-1)
+        chosen, good = independent_on(motion, accuracy, math.copysign(1.0, onward) *
+                                      result.samples.t[n - 1], None if stop is None else stop.q)
+        if chosen is mechanism:
+            break
+        mechanism = chosen
+    motion = within_gap(motion, accuracy, on_limit, good)
+    if len(motion) < n or good is not None:
         return motion
     if passed := [*joint_limit_events(motion), *velocity_limit_events(motion)]:
         motion.events += passed

@@ -32,7 +32,6 @@ def _function(name: str, returns: Any, *takes: Any) -> Any:
 _lu = _function("dense_lu", _COUNT, _COUNT, _REALS, _COUNTS)
 _lu_solve = _function(
     "dense_lu_solve", None, _COUNT, _REALS, _COUNTS, _COUNT, _COUNT, _REALS)
-_upper_solve = _function("dense_upper_solve", None, _COUNT, _REALS, _COUNT, _COUNT, _REALS)
 _qr = _function("dense_qr", None, _COUNT, _COUNT, _REALS, _COUNTS, _REALS, _REALS)
 _qr_turn = _function("dense_qr_turn", None, _COUNT, _COUNT, _REALS, _REALS, _COUNT, _COUNT, _COUNT,
                      _REALS, _REALS)
@@ -68,10 +67,7 @@ def lu_solve(factors: Array, order: Order, b: Array, transposed: bool = False) -
 
 def upper_solve(upper: Array, b: Array, transposed: bool = False) -> Array:
     """Return R^-1 b, or R^-T b, for the upper triangle of (n, n), and b (n,) or (n, k)."""
-    x = _own(b)
-    if x.size:
-        _upper_solve(len(x), _reals(_own(upper)), transposed, x.size // len(x), _reals(x))
-    return x
+    return lu_solve(np.triu(upper), np.arange(len(upper)), b, transposed)
 
 
 class Independence(NamedTuple):

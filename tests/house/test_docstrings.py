@@ -31,6 +31,7 @@ INNER = {  # methods of public types that the library has for itself, or for who
     "Coordinate": {"place"},  # an old name, as Measured.said and Mechanism.kept
     "Goal": {"check", "unit_of"},
     "JointLimit": {"closing"},
+    "Look": {"beside"},  # an old name
     "Measured": {"said"},
     "Mechanism": {
         "centred_frame", "centred_model", "coordinate_table", "driven_coordinate", "extent",

@@ -22,3 +22,11 @@ def test_a_measured_setting_has_its_note_by_its_old_name_too():
                       settings=[sp.Accuracy()], repeats=1).rows[0]
     with pytest.warns(DeprecationWarning, match="Measured.said is now Measured.note"):
         assert row.said == row.note
+
+
+def test_a_look_takes_and_has_its_ghosts_side_by_side_by_the_old_name_too():
+    with pytest.warns(DeprecationWarning, match="Look: beside is now side_by_side"):
+        look = sp.Look(beside=True)
+    with pytest.warns(DeprecationWarning, match="Look.beside is now Look.side_by_side"):
+        assert look.beside is look.side_by_side is True
+    assert look == sp.Look(side_by_side=True)

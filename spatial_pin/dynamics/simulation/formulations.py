@@ -34,7 +34,8 @@ from spatial_pin.dynamics.solvers.independent_coordinates import (
     IndependentCoordinates,
 )
 from spatial_pin.errors import SingularError, SpatialPinError
-from spatial_pin.kernel.dynamics import Callbacks, KernelDynamics, SimulationSamples
+from spatial_pin.kernel.dynamics import Callbacks, KernelDynamics, Start
+from spatial_pin.kernel.integrating import SimulationSamples
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.kernel.packing import Ints
 from spatial_pin.numerics.linalg import Array
@@ -208,17 +209,17 @@ class Independent:
         self._functions = ForceFunctions(problem, self.spins, lambda: self.kernel.free)
         arrays = forces_as_arrays(
             problem, self.n, self.spins, self.projects, max(wanted, TOLERANCES.round_off))
-        self.kernel = KernelDynamics(
-            mechanism, problem.packed, *arrays, self._functions.callbacks())
-        self.kernel_handle, self.asking = self.kernel.handle, self.kernel.asking
         held = self.n + len(self.problem.drives) + len(self.spins)
         if len(rows) + held != mechanism.model.nv:
             raise SingularError(
                 f"mechanism {mechanism.name!r}: {mechanism.model.nv - len(rows)} freedoms at "
                 f"{state.q}, but {held} independent coordinates")
-        sigmas = np.array(self.spins.rates(state.q, state.v))
-        has_begun = self.kernel.begin(state.q, state.angles, sigmas, self.free, rows)
-        if not has_begun or not self.kernel.keep() or self.kernel.pivot < TOLERANCES.singular:
+        self.kernel = KernelDynamics(
+            mechanism, problem.packed, *arrays, self._functions.callbacks(),
+            Start(state.q, state.angles, np.array(self.spins.rates(state.q, state.v)), self.free,
+                  rows))
+        self.kernel_handle, self.errors = self.kernel.handle, self.kernel.errors
+        if not self.kernel.save_position() or self.kernel.pivot < TOLERANCES.singular:
             raise SingularError(f"mechanism {mechanism.name!r}: singular configuration")
         if self.projects:
             self.free = list(range(mechanism.model.nv))
@@ -275,7 +276,7 @@ class Independent:
         return State(self.problem.mechanism, q, v, closure_error=error, angles=angles)
 
     def _closed(self, t: float, y: Array) -> tuple[Array, Array, Array, float]:
-        closed = self.kernel.place(t, y)
+        closed = self.kernel.motion_at(t, y)
         if closed is None:
             raise Lost
         return closed
@@ -300,9 +301,9 @@ class Independent:
         """Whether other independent coordinates, or these begun anew, would be better."""
         if not self._is_linear and np.abs(y[: self.n]).max(initial=0.0) > COORDINATES_END:
             return True
-        if self.kernel.place(t, y) is None:
+        if self.kernel.motion_at(t, y) is None:
             return True
-        return self.kernel.keep() > self.patience
+        return self.kernel.save_position() > self.patience
 
     def crossings(self, y: Array, to: Array) -> list[tuple[float, float]]:
         """Return where branches cross between unknowns: the coordinate, and the unknown there.
@@ -361,7 +362,7 @@ class Projected(Independent):
             return np.inf
         solver.y, opened, corrections = settled
         solver.f = self(solver.t, solver.y)
-        self.kernel.keep()
+        self.kernel.save_position()
         steps, before, most, seconds, share = self.projection
         self.projection = Projection(
             steps + 1, before + corrections, max(most, opened),

@@ -88,8 +88,7 @@ def natural_units(
     units = np.ones(len(y))
     units[n : 2 * n] = rate
     if problem.works:
-        system.place(t, y)
-        units[-1] = system.kernel.heaviest * rate * rate or 1.0
+        units[-1] = system.kernel.heaviest(t, y) * rate * rate or 1.0
     return 1.0 / rate, units
 
 

@@ -16,7 +16,7 @@ from spatial_pin.dynamics.simulation.result import (
     energy_drift,
 )
 from spatial_pin.errors import EnergyError
-from spatial_pin.kernel.dynamics import SimulationSamples
+from spatial_pin.kernel.integrating import SimulationSamples
 from spatial_pin.motion.joint_limit_events import Passing
 from spatial_pin.motion.motion import Event
 from spatial_pin.numerics.linalg import Array

@@ -39,15 +39,16 @@ from spatial_pin.dynamics.simulation.record import Record
 from spatial_pin.dynamics.simulation.result import Projection, Simulation
 from spatial_pin.dynamics.solvers.independent_coordinates import IndependentCoordinates
 from spatial_pin.errors import EnergyError, SingularError, SpatialPinError
-from spatial_pin.kernel.dynamics import (
+from spatial_pin.kernel.integrating import (
     AT_END,
     AT_FAILURE,
     MANY,
     NEW_COORDINATES,
     NO_SAMPLES,
+    RungeKutta,
     RunStruct,
+    SampleStruct,
 )
-from spatial_pin.kernel.integrating import RungeKutta
 from spatial_pin.kernel.library import address
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_at
 from spatial_pin.motion.motion import Event
@@ -100,7 +101,7 @@ class Run:
         self._solver: Any = None
         self._is_short = False
         self._kernel_run = RunStruct(
-            address(record.times), len(record.times), 0, *map(address, record.room),
+            address(record.times), len(record.times), 0, SampleStruct(*map(address, record.room)),
             allowed=float(accuracy.most_steps), looks=watch.always,
             n_limits=len(watch.bounds["limit_q"]), between=problem.between,
             **{name: address(x) for name, x in watch.bounds.items()})

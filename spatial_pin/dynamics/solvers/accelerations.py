@@ -61,7 +61,7 @@ class Limbs:
         self._tree = KernelTree(model, mechanism.velocity_scale, is_core)
         self._open = np.flatnonzero(~self._tree.is_core)
         self.a, self._needed, self._force = np.zeros((3, model.nv))
-        self._scale, self.error = mechanism.velocity_scale, 0.0
+        self._scale, self.error, self._of_forces = mechanism.velocity_scale, 0.0, 0.0
         self._rounding = EPS * np.random.default_rng(0).choice([-1.0, 1.0], model.nv)
 
     @cached_property
@@ -107,7 +107,8 @@ class Limbs:
             given = np.where(self._tree.is_core, self._force, 0.0)
             self.a[:] = kkt.accelerations(state.q, state.v, reference, given, self._needed)
             self.error = kkt.error
-        largest, corrected, rounding = self._tree.complete(self._force, self.a)
+        largest, corrected, rounding, self._of_forces = self._tree.complete(
+            self._force, self._rounding * self._force, self.a)
         largest = largest or 1.0
         self.error = max(self.error, LEAST_ERROR, (corrected + rounding) / largest)
         return True
@@ -115,8 +116,7 @@ class Limbs:
     @property
     def is_of_forces(self) -> bool:
         """Whether round-off of the joint forces is most of `error`: no solver can know more."""
-        rounding = self._tree.response(self._rounding * self._force)
-        return self.error * float(np.abs(self.a / self._scale).max()) <= 10.0 * rounding
+        return self.error * float(np.abs(self.a / self._scale).max()) <= 10.0 * self._of_forces
 
 
 class Solution(NamedTuple):

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from spatial_pin.assembly.state import State, all_angles
-from spatial_pin.assembly.undetermined import Regular, lost_rank, rank_loss
+from spatial_pin.assembly.undetermined import Regular, is_sure, lost_rank, rank_loss
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.trees import is_large
 from spatial_pin.dynamics.solvers.bodies import bodies_of
@@ -190,7 +190,7 @@ class Loops:
             SingularError: they have; the motion is not determined by the forces.
         """
         known = self._regular
-        if rank in (self.n_closure, self.model.nv) or (
+        if is_sure(self.mechanism, self.n_closure, rank) or (
                 known is not None and known.holds(self.mechanism, self.state.q, rank)):
             return
         if self._is_large and self.model.nv > PROBED:

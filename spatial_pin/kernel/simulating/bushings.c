@@ -59,8 +59,8 @@ static void frame_in_world(const Kernel *k, Int j, const Real *frame, Real *turn
 static Bend bend_of(const Dynamics *d, Int i)
 {
     const Kernel *k = d->k;
-    const Real *own = d->bushing + BUSHING_NUMBERS * i;
-    const Int first = d->bushing_body[2 * i], second = d->bushing_body[2 * i + 1];
+    const Real *own = d->forces.bushing + BUSHING_NUMBERS * i;
+    const Int first = d->forces.bushing_body[2 * i], second = d->forces.bushing_body[2 * i + 1];
     Bend bend;
     Real start[3], second_turn[9], between[9], quaternion[4], arm[3], moved[3], once[3], spin[3];
     frame_in_world(k, first, own, bend.turn, start);
@@ -94,18 +94,18 @@ static Real form6(const Real *matrix, const Real *x, Int row) { return dot(matri
 
 int bushings_on_bodies(Dynamics *d)
 {
-    for (Int i = 0; i < d->n_bushings; i++) {
-        const Real *own = d->bushing + BUSHING_NUMBERS * i;
-        const Int law = d->bushing_law[i] - 1; /* the component that it is of */
+    for (Int i = 0; i < d->forces.n_bushings; i++) {
+        const Real *own = d->forces.bushing + BUSHING_NUMBERS * i;
+        const Int law = d->forces.bushing_law[i] - 1; /* the component that it is of */
         const Bend bend = bend_of(d, i);
         Real force[6], linear[3], angular[3], turned[3], moment[3];
         for (int c = 0; c < 6; c++) {
             const Real elastic = form6(own + STIFFNESS, bend.x, c) + own[PRELOAD + c];
             force[c] = elastic + form6(own + DAMPING, bend.rate, c);
-            if (c == law && d->asked.spring(d->n_lines + d->n_turns + i, bend.x[c], bend.rate[c],
+            if (c == law && d->callbacks.spring(d->forces.n_lines + d->forces.n_turns + i, bend.x[c], bend.rate[c],
                                             force + c) != DONE)
-                return ASK_FAILED;
-            d->power += (elastic - force[c]) * bend.rate[c];
+                return CALLBACK_FAILED;
+            d->forces.power += (elastic - force[c]) * bend.rate[c];
         }
         by_turn(bend.x + 3, force + 3, -1.0, turned);
         rotate3(bend.turn, force, linear);
@@ -113,9 +113,9 @@ int bushings_on_bodies(Dynamics *d)
         cross3(bend.end, linear, moment);
         add3(1.0, angular, moment);
         for (int side = 0; side < 2; side++) {
-            const Int at = 3 * d->bushing_body[2 * i + side];
-            add3(side ? 1.0 : -1.0, linear, d->force + at); /* pulled back towards the first */
-            add3(side ? 1.0 : -1.0, moment, d->moment + at);
+            const Int at = 3 * d->forces.bushing_body[2 * i + side];
+            add3(side ? 1.0 : -1.0, linear, d->forces.force + at); /* pulled back towards the first */
+            add3(side ? 1.0 : -1.0, moment, d->forces.moment + at);
         }
     }
     return DONE;
@@ -124,8 +124,8 @@ int bushings_on_bodies(Dynamics *d)
 Real bushings_energy(const Dynamics *d)
 {
     Real stored = 0.0;
-    for (Int i = 0; i < d->n_bushings; i++) {
-        const Real *own = d->bushing + BUSHING_NUMBERS * i;
+    for (Int i = 0; i < d->forces.n_bushings; i++) {
+        const Real *own = d->forces.bushing + BUSHING_NUMBERS * i;
         const Bend bend = bend_of(d, i);
         stored += own[STORED];
         for (int c = 0; c < 6; c++)
