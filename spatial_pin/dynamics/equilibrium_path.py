@@ -22,13 +22,13 @@ from spatial_pin._support.columns import Quantity
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.search.whole_turns import turned_apart
 from spatial_pin.assembly.state import State
+from spatial_pin.dynamics.derivatives.derivatives import exact_numbers
 from spatial_pin.dynamics.derivatives.small_motions import AppliedLoads, SmallMotions
 from spatial_pin.dynamics.equilibrium import (
     BALANCED,
     NEUTRAL,
     Guess,
     closed_beside,
-    exact_numbers,
     settled,
 )
 from spatial_pin.dynamics.forces import Law, external_wrenches, generalised, joint_efforts

@@ -34,8 +34,7 @@ int pins_are_sound(const Kernel *k, const Pin *pin, Int n)
     return 1;
 }
 
-/* Rotation vector, of length up to pi, of a quaternion x, y, z, w. */
-void quaternion_vector(const Real *quaternion, Real *phi)
+void rotation_vector(const Real *quaternion, Real *phi)
 {
     const Real w = quaternion[3], sine = sqrt(dot3(quaternion, quaternion));
     const Real factor = sine > 0.0 ? 2.0 * atan2(sine, fabs(w)) / sine : 2.0;
@@ -43,7 +42,7 @@ void quaternion_vector(const Real *quaternion, Real *phi)
         phi[i] = (w < 0.0 ? -factor : factor) * quaternion[i];
 }
 
-/* The quaternion of a rotation vector, of the two the one nearer to what stands there. */
+/* The quaternion of a rotation vector, of the two the one nearer to what it was. */
 static void put_rotation(const Real *phi, Real *quaternion)
 {
     const Real angle = sqrt(dot3(phi, phi));
@@ -63,7 +62,7 @@ void pins_put(const Pin *pin, Int n, const Real *value, Real *q)
             continue;
         }
         Real phi[3];
-        quaternion_vector(q + at, phi);
+        rotation_vector(q + at, phi);
         phi[pin[i].component] = value[i];
         while (i + 1 < n && pin[i + 1].q == at) {
             i++;
@@ -78,7 +77,7 @@ Real pin_value(const Pin *pin, const Real *q)
     Real phi[3];
     if (!pin->turns)
         return q[pin->q + pin->component];
-    quaternion_vector(q + pin->q, phi);
+    rotation_vector(q + pin->q, phi);
     return phi[pin->component];
 }
 
@@ -87,7 +86,7 @@ Real pin_value_near(const Pin *pin, const Real *q, Real wanted)
     Real phi[3], own = pin_value(pin, q);
     if (!pin->turns)
         return own;
-    quaternion_vector(q + pin->q, phi);
+    rotation_vector(q + pin->q, phi);
     phi[pin->component] = 0.0;
     const int is_own_axis = sqrt(dot3(phi, phi)) <= TOLERANCE_TIGHT;
     return is_own_axis ? own + 2.0 * PI * nearbyint((wanted - own) / (2.0 * PI)) : own;
@@ -123,11 +122,9 @@ static void position_row(const Real *q, Int component, Real *row)
         row[i] = axis[i] + 2.0 * w * once[i] + 2.0 * twice[i];
 }
 
-/* a . phi' = (a + a x phi / 2 + g (a x phi) x phi) . w for a unit vector a. */
-static void rotation_row(const Real *q, Int component, Real *row)
+void rotation_vector_row(const Real *phi, Int component, Real *row)
 {
-    Real phi[3], axis[3] = {0.0, 0.0, 0.0}, once[3], twice[3], g, slope;
-    quaternion_vector(q, phi);
+    Real axis[3] = {0.0, 0.0, 0.0}, once[3], twice[3], g, slope;
     rotation_factors(dot3(phi, phi), &g, &slope);
     axis[component] = 1.0;
     cross3(axis, phi, once);
@@ -138,7 +135,13 @@ static void rotation_row(const Real *q, Int component, Real *row)
 
 void pin_row(const Pin *pin, const Real *q, Real *row)
 {
-    (pin->turns ? rotation_row : position_row)(q + pin->q, pin->component, row);
+    Real phi[3];
+    if (!pin->turns) {
+        position_row(q + pin->q, pin->component, row);
+        return;
+    }
+    rotation_vector(q + pin->q, phi);
+    rotation_vector_row(phi, pin->component, row);
 }
 
 void pin_scaled_row(const Kernel *k, const Pin *pin, Real *row)
@@ -176,7 +179,7 @@ Real pin_bias(const Pin *pin, const Real *q, const Real *v)
         position_row(q + pin->q, pin->component, row);
         return dot3(row, bias);
     }
-    quaternion_vector(q + pin->q, phi);
+    rotation_vector(q + pin->q, phi);
     rotation_bias(phi, here, bias);
     return bias[pin->component];
 }

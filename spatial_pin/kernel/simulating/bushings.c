@@ -68,7 +68,7 @@ static Bend bend_of(const Dynamics *d, Int i)
     for (int c = 0; c < 3; c++)
         rotate_back3(bend.turn, second_turn + 3 * c, between + 3 * c);
     rotation_quaternion(between, quaternion);
-    quaternion_vector(quaternion, bend.x + 3);
+    rotation_vector(quaternion, bend.x + 3);
     copy3(bend.end, arm);
     add3(-1.0, start, arm);
     rotate_back3(bend.turn, arm, bend.x);
