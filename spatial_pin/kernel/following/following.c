@@ -16,7 +16,7 @@ EXPORT int path_create(Kernel *k, const PathAccuracy *accuracy, Path **out)
     Path *path = *out = calloc(1, sizeof *path);
     if (!path)
         return NO_MEMORY;
-    path->memory = calloc((size_t)(3 * point_numbers(k)) + 1, sizeof(Real));
+    path->memory = calloc((size_t)(4 * point_numbers(k) + 3 * k->nv + k->nq * (BETWEEN_DEGREE + 1)) + 1, sizeof(Real));
     path->chosen = calloc((size_t)k->nv + 1, sizeof(Int));
     if (!path->memory || !path->chosen || prescribed_create(k, &path->prescribed) != DONE) {
         path_destroy(path);
@@ -26,6 +26,11 @@ EXPORT int path_create(Kernel *k, const PathAccuracy *accuracy, Path **out)
     Real *from = path->memory;
     for (int i = 0; i < 3; i++)
         point_carve(k, &from, path->points + i);
+    point_carve(k, &from, &path->middle);
+    path->probe.t = from;
+    path->probe.along = from + k->nv;
+    path->probe.change = from + 2 * k->nv;
+    path->between.coefficient = from + 3 * k->nv;
     path->k = k;
     path->accuracy = *accuracy;
     path->here = path->points;
@@ -96,8 +101,10 @@ static void forget(Path *path)
     path->zero = INFINITY;
     path->zero_known = path->has_before = path->stale = 0;
     path->idle_way = is_fixed ? INFINITY : IDLE_FIRST;
-    path->between_way = BETWEEN_FIRST * sqrt(sqrt(path->accuracy.between));
+    path->between_way = BETWEEN_FIRST * pow(path->accuracy.between, 1.0 / 7.0);
+    path->degree = 0;
     path->open = OPENED * path->here->error;
+    path->idle_left = path->missed = 0.0;
 }
 
 EXPORT int path_start(Path *path, const Real *q, const Real *angles, Int choose)
@@ -119,6 +126,8 @@ EXPORT int path_start(Path *path, const Real *q, const Real *angles, Int choose)
         code = UNSAFE;
     if (code == DONE)
         code = point_rates(k, &path->prescribed, here);
+    if (code == DONE)
+        probe_errors(path);
     keep_choice(path);
     path->sign = k->sign;
     path->selected = here->size;
@@ -145,7 +154,7 @@ EXPORT int path_go(Path *path, Real target)
     return code == DONE ? turn_into(path, 1.0) : code;
 }
 
-EXPORT Real path_stand(const Path *path, const PathRows *row)
+EXPORT Real path_stand(Path *path, const PathRows *row)
 {
     write_row(path, row, 0);
     return path->here->s;

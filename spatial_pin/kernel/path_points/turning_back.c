@@ -92,6 +92,8 @@ int take_idle_back(Path *path, Real way)
             return NOT_FINITE;
         if (!is_exact(path, way, error))
             return UNSAFE;
+        if (pass == 0)
+            path->idle_left += error;
         if (most <= TOLERANCE_LAST_DIGIT)
             return DONE;
         tree_integrate(k, path->next->q, k->right);
