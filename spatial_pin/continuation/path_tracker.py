@@ -529,7 +529,7 @@ class PathTracker(Branch):
 
 
 def error_estimate(gain: float, t: Array, c: Array, error: float) -> Array:
-    """Return error estimates (3,) of q, t and c at a point: as in `following/estimating.c`.
+    """Return error estimates (3,) of q, t and c at a point, by norms: the kernel's have directions.
 
     Args:
         gain: what the equations magnify residuals by into corrections.

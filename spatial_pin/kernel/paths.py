@@ -15,13 +15,13 @@ from spatial_pin.kernel.kernel import Kernel, check, numbers
 from spatial_pin.kernel.library import INT, POINTER, REAL, address, addresses
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.settings import Accuracy
+from spatial_pin.settings import INTERPOLATED, Accuracy
 
 UNCORRECTED_PART = 0.01  # of the tolerance: a prediction is left as it is; what is left grows
 CLOSED_PART = 0.03  # of the tolerance, which points are closed to: the rest is their rates'
-BETWEEN = 1e-8  # tolerance from which on samples are interpolated between points of the path,
-# which are closed to this, or to so much of the tolerance and its root: second derivatives between
-# them divide it by the square of the way, which grows with a root of the tolerance
+# What points of a path are closed to that samples are interpolated between, or so much of the
+# tolerance and its root: second derivatives between them divide it by the square of the way, which
+# grows with a root of the tolerance.
 NODE_RESIDUAL, NODE_PART = 1e-13, 1e-4
 FINEST = 1e-14  # residual: below it round-off decides
 LEFT = 1e-11  # residual that round-off may leave where there is no closer
@@ -77,7 +77,7 @@ def asked_path(accuracy: Accuracy, has_redundant: bool, is_determined: bool) -> 
             own, which samples could lie on: its accelerations are least by themselves.
     """
     tolerance, is_fixed = accuracy.tolerance, accuracy.corrections is not None
-    loose = tolerance >= BETWEEN and accuracy.order == 3 and not is_fixed and is_determined
+    loose = tolerance >= INTERPOLATED and accuracy.order == 3 and not is_fixed and is_determined
     wanted = min(tolerance, TIGHT) if has_redundant else tolerance
     closed = max(NODE_RESIDUAL, NODE_PART * tolerance**1.5) if loose else max(wanted, FINEST)
     return ctypes.byref(_AccuracyStruct(

@@ -148,10 +148,13 @@ class ErrorEstimate(NamedTuple):
         return max(self.positions, self.rates, self.accelerations)
 
     def __str__(self) -> str:
+        if not self.positions < NOTHING_KNOWN:
+            return f"positions to {self.positions:.1e}: nothing is known of where it goes"
         return (f"positions to {self.positions:.1e}, rates to {self.rates:.1e} and accelerations "
                 f"to {self.accelerations:.1e} of the largest")
 
 
+NOTHING_KNOWN = 1.0  # error of positions: a radian, or the whole mechanism's size
 # Accelerations by the square of rates that are the least size of their errors: where nothing bends
 LEAST_BEND = 1e-2
 # Error of positions, by what coordinates of a mechanism far from the origin resolve

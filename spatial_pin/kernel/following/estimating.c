@@ -19,7 +19,8 @@
 #define SURE 2.0         /* times the error in the middle, which factors of the end tell */
 #define REMEMBERED 0.25  /* of the derivative before: in the middle it may just pass zero */
 #define AIM 0.5          /* of the error allowed: it may grow from one step to the next */
-#define STRAIGHT_BEND 1e-2 /* second derivative by the way below which a path is straight */
+#define STRAIGHT_BEND 1e-2 /* second derivative by the square of the rates below which a path is straight */
+#define REST 0.1         /* of the way that the fastest joint goes, where prescribed values may come to rest */
 #define GROWTH 2.4       /* of the way from one step to the next: the point before is to be near enough */
 #define LONGEST 1.0      /* way between two points */
 
@@ -126,20 +127,31 @@ static Real missing_in_middle(Path *path, const Point *from)
     return solve_correction(k, NULL);
 }
 
+static Real largest_rate(const Kernel *k, const Real *rate)
+{
+    Real most = 0.0;
+    for (Int v = 0; v < k->nv; v++)
+        most = larger_of(most, fabs(rate[v]) / k->scale[v]);
+    return most;
+}
+
 Real estimate_between(Path *path, const Point *third, const Point *from, Real *estimate)
 {
+    const Kernel *k = path->k;
     const Point *to = path->here;
     const Real h = fabs(to->s - from->s), way = path->way;
-    const Int degree = between_make(path->k, third, from, to, &path->between);
+    const Int degree = between_make(k, third, from, to, &path->between);
     const Missed *m = MISSED + (degree == BETWEEN_DEGREE);
     const Real missing = missing_in_middle(path, from), grown = pow(way, m->order + 2.0);
     const Real e = larger_of(missing, degree == path->degree ? REMEMBERED * path->missed * grown : 0.0);
-    const Real bend = larger_of(larger_of(from->bend, to->bend) * h * h / (way * way), STRAIGHT_BEND);
-    const Real rates = larger_of(m->rates * e / way, m->bends * e / (way * way * bend));
+    const Real t = h * larger_of(largest_rate(k, from->t), largest_rate(k, to->t)); /* of one joint */
+    const Real c = h * h * larger_of(largest_rate(k, from->c), largest_rate(k, to->c));
+    const Real first = larger_of(t, REST * way), second = larger_of(c, STRAIGHT_BEND * first * first);
+    const Real rates = larger_of(m->rates * e / first, m->bends * e / second);
     const Real part = SURE * larger_of(e, rates) / path->accuracy.between;
     const Real longer = pow(AIM / larger_of(part, 1e-30), 1.0 / m->order);
     const Real node = estimate_point(path, estimate);
-    const Real noise = m->round_off * node / (way * way * bend * path->accuracy.between);
+    const Real noise = m->round_off * node / (second * path->accuracy.between);
     path->between_way = fmin(way * fmin(fmax(noise > 1.0 ? 0.0 : longer, 0.25), GROWTH), LONGEST);
     path->missed = missing / grown;
     path->degree = degree;
