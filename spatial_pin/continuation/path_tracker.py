@@ -533,7 +533,8 @@ def error_estimate(gain: float, t: Array, c: Array, error: float) -> Array:
 
     Args:
         gain: what the equations magnify residuals by into corrections.
-        t, c: (nv,) derivatives there, by the sizes of coordinates.
+        t: (nv,) first derivative there, by the sizes of coordinates.
+        c: (nv,) second derivative, likewise.
         error: closure residual.
     """
     pace, bend = float(np.linalg.norm(t)), float(np.linalg.norm(c))

@@ -318,7 +318,8 @@ class Motion(Tabular):
         sizes = np.array([1.0, v or 1.0, max(a, LEAST_BEND * v * v) or 1.0])
         found = estimates / sizes
         rows = found.argmax(axis=0)
-        return ErrorEstimate(*found[rows, range(3)].tolist(), tuple(rows.tolist()),
+        positions, rates, accelerations = found[rows, range(3)].tolist()
+        return ErrorEstimate(positions, rates, accelerations, tuple(rows.tolist()),
                              tuple(found[-1].tolist()))
 
     @checked

@@ -56,6 +56,7 @@ def error_estimates(run: Callable[[], Simulation], motion: Simulation) -> Array:
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
+        other: Simulation | None
         try:
             other = run()
         except SpatialPinError as error:

@@ -325,7 +325,7 @@ def simulate(
         moved = run.motion() if fall is None else fall.motion(
             run.motion(), run.record.start, problem.constant)
         del moved.error_estimates
-        moved._estimate = partial(error_estimates, other)
+        moved.__dict__["_estimate"] = partial(error_estimates, other)
         return moved
 
     bar = progress_bar(float(times[-1]), f"{mechanism.name}: seconds", progress)
