@@ -1,4 +1,4 @@
-"""The table behind `Accuracy.for_error`: what settings reach on every mechanism of the library.
+"""The table behind `Accuracy.for_error`: errors and times of settings on every mechanism.
 
     python scripts/accuracy_table.py                  # both tasks, some ten minutes
     python scripts/accuracy_table.py --task sweep --only rssr stewart
@@ -40,7 +40,7 @@ HOPELESS = {"sweep": 1e-11, "simulate": 1e-9}  # best error above which the moti
 UNSTABLE = 1e3  # growth of errors in a simulation above which it is, too
 BASE = sp.Accuracy.named("engineering")
 SAME = {"sweep": ("order", "corrections", "tolerance"),
-        "simulate": tuple(f.name for f in fields(sp.Accuracy))}  # what tells settings apart
+        "simulate": tuple(f.name for f in fields(sp.Accuracy))}  # fields that distinguish settings
 
 Table = dict[str, Any]  # a trade-off as plain data
 
@@ -67,25 +67,25 @@ def candidates(task: str) -> list[sp.Accuracy]:
     """Return the settings that watch their own error; none that creeps where a motion is stiff."""
     if task == "sweep":
         return [a for a in sweep_settings() if a.corrections is None and a.order]
-    found = [a for a in simulation_settings(1.0) if a.step is None]
+    settings = [a for a in simulation_settings(1.0) if a.step is None]
     return list(dict.fromkeys(
         replace(a, integrator="automatic") if a.integrator == "DOP853" else a
-        for a in found if a.integrator != "RK45" and a.formulation == "independent"))
+        for a in settings if a.integrator != "RK45" and a.formulation == "independent"))
 
 
 def measured(task: str, names: Iterable[str], budget: float) -> list[Table]:
-    """Return the trade-offs of mechanisms with loops; says which have no such task."""
-    found = []
+    """Return the trade-offs of mechanisms with loops; prints those without such a task."""
+    rows = []
     for name in names:
         mechanism = sp.load(name)
         if not mechanism.closures:
             continue
         try:
-            found.append(tradeoff(mechanism, task, settings=candidates(task), repeats=REPEATS,
-                                  budget=budget, progress=True).as_dict())
+            rows.append(tradeoff(mechanism, task, settings=candidates(task), repeats=REPEATS,
+                                 budget=budget, progress=True).as_dict())
         except sp.SpatialPinError as error:
             print(f"# {name} left out: {error}")
-    return found
+    return rows
 
 
 def known_error(table: Table, row: Table) -> float:
@@ -114,7 +114,7 @@ def is_hopeless(task: str, table: Table) -> bool:
 
 
 def useful(task: str, tables: list[Table]) -> list[Table]:
-    """Return the tables of motions that any setting can follow; says which are not."""
+    """Return the tables of motions that any setting can follow; prints the others."""
     for table in tables:
         if is_hopeless(task, table):
             print(f"# {table['mechanism']} left out: unstable, or near a singular configuration")
@@ -129,14 +129,14 @@ def entries(task: str, tables: list[Table]) -> list[Entry]:
         for row in table["rows"]:
             rows.setdefault(sp.Accuracy(**row["accuracy"]), {})[table["mechanism"]] = (
                 known_error(table, row), shortest(row) / base)
-    found = []
+    lines = []
     for accuracy, by_name in rows.items():
         good = {name: x for name, x in by_name.items() if math.isfinite(x[0])}
         where = max(good, key=lambda name: good[name][0], default="")
         time = float(np.exp(np.mean([math.log(x[1]) for x in good.values()] or [math.inf])))
-        found.append(Entry(accuracy, good[where][0] if where else math.inf, where, time,
+        lines.append(Entry(accuracy, good[where][0] if where else math.inf, where, time,
                            sorted(set(by_name) - set(good))))
-    return sorted(found, key=lambda entry: entry.time)
+    return sorted(lines, key=lambda entry: entry.time)
 
 
 def promised(error: float, least: float) -> float:
@@ -150,31 +150,31 @@ def chosen(task: str, table: list[Entry]) -> list[tuple[float, sp.Accuracy]]:
     """Return promise and setting where it works everywhere, is not beaten, and worth a promise."""
     good = [entry for entry in table if not entry.failed]
     least = min((entry.error for entry in good), default=0.0) if task == "sweep" else 0.0
-    found = [(entry.time, promised(entry.error, least), entry.accuracy) for entry in good]
-    found = [entry for entry in found if entry[1] <= LARGEST]
-    flags = pareto([time for time, *_ in found], [error for _, error, _ in found])
-    return [(error, accuracy) for (_, error, accuracy), flag in zip(found, flags, strict=True)
+    choices = [(entry.time, promised(entry.error, least), entry.accuracy) for entry in good]
+    choices = [entry for entry in choices if entry[1] <= LARGEST]
+    flags = pareto([time for time, *_ in choices], [error for _, error, _ in choices])
+    return [(error, accuracy) for (_, error, accuracy), flag in zip(choices, flags, strict=True)
             if flag]
 
 
 def literal(accuracy: sp.Accuracy) -> str:
     """Return the setting as Python text, without its defaults."""
-    said = [f"{f.name}={getattr(accuracy, f.name)!r}" for f in fields(accuracy)
-            if getattr(accuracy, f.name) != f.default]
-    return f"Accuracy({', '.join(said)})".replace("'", '"')
+    arguments = [f"{f.name}={getattr(accuracy, f.name)!r}" for f in fields(accuracy)
+                 if getattr(accuracy, f.name) != f.default]
+    return f"Accuracy({', '.join(arguments)})".replace("'", '"')
 
 
 def report(task: str, tables: list[Table]) -> list[str]:
     """Return all settings as text, then the entries of MEASURED."""
-    found = entries(task, tables)
+    table = entries(task, tables)
     lines = [f"# {task}: {len(tables)} mechanisms; the references are good to "
              f"{max(t['reference_error'] for t in tables):.0e} at least"]
-    for entry in found:
+    for entry in table:
         bad = f"  fails on {', '.join(entry.failed)}" if entry.failed else ""
         lines.append(f"# {describe(entry.accuracy, task):30} time {entry.time:5.2f}  error "
                      f"{entry.error:.1e} ({entry.where}){bad}")
     lines.append(f'    "{task}": (')
-    lines += [f"        ({error!r}, {literal(setting)})," for error, setting in chosen(task, found)]
+    lines += [f"        ({error!r}, {literal(setting)})," for error, setting in chosen(task, table)]
     return [*lines, "    ),"]
 
 

@@ -8,7 +8,7 @@
 Rows of a task take turns within one run, so that noise hits all alike; every error is measured
 outside the clock, against closed forms or values of high precision. With `--peers` MuJoCo, Drake,
 Exudyn, placo and pink are installed from PyPI into environments of their own, and run there in
-processes of their own. What a tool does not do stands below the rows, in words.
+processes of their own. Tasks that a tool cannot do are named below the rows.
 
 `--bars` measures only what has a bar (`benchmark/bars.py`), by processor time, beside the peers
 that are installed, and prints how far each task is from its bar; a star is one not met.
@@ -41,10 +41,10 @@ import spatial_pin as sp
 def start(options: argparse.Namespace) -> tuple[list[Any], dict[str, str], list[list[str]]]:
     """Return workers, versions of what they measure, and tools that could not be had."""
     own = workers.Worker(tools.OWN.modules)
-    found: list[Any] = [own]
+    running: list[Any] = [own]
     versions = {"spatial_pin": sp.__version__, **own.versions(tools.OWN.versions)}
     missing = []
-    for tool in tools.asked(options.peers, options.bars):
+    for tool in tools.selected(options.peers, options.bars):
         if not options.peers and not tools.is_there(tool, options.environments):
             missing += [[task, tool.title, "not installed, so not measured; --peers installs it"]
                         for task in tool.bars if task in options.tasks]
@@ -55,20 +55,20 @@ def start(options: argparse.Namespace) -> tuple[list[Any], dict[str, str], list[
             worker = workers.Remote(python, tool.modules)
             worker.rows()
             versions |= worker.versions([*tool.versions])
-            found.append(worker)
+            running.append(worker)
         except (subprocess.CalledProcessError, OSError, workers.Failed) as error:
             why = (getattr(error, "stderr", "") or str(error)).strip().splitlines()[-1]
             missing += [[task, tool.title, f"could not be had: {why}"] for task in options.tasks]
             if worker:
                 worker.close()
-    return found, versions, missing
+    return running, versions, missing
 
 
 def run(options: argparse.Namespace) -> dict[str, Any]:
     """Return the report of one run."""
-    found, versions, missing = start(options)
+    workers, versions, missing = start(options)
     try:
-        cases, absent = measure.rows_of(found)
+        cases, absent = measure.rows_of(workers)
         wanted = {key: (worker, row) for key, (worker, row) in cases.items()
                   if row["task"] in options.tasks and not (options.quick and row["slow"])
                   and (not options.bars or bars.wanted(row))}
@@ -77,7 +77,7 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
         effort = effort._replace(clock=options.clock)
         rows, failed = measure.measure(wanted, effort, note)
     finally:
-        for worker in found:
+        for worker in workers:
             worker.close()
     absent = [a for a in absent if a[0] in options.tasks and not options.bars]
     return {"date": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
@@ -136,39 +136,39 @@ def read(path: Path) -> dict[str, Any]:
         SystemExit: the file is not there, or is something else.
     """
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise SystemExit(f"{path}: {error}") from None
     wanted = {"date", "machine", "effort", "rows"}
-    if not isinstance(found, dict) or not wanted <= found.keys():
+    if not isinstance(content, dict) or not wanted <= content.keys():
         raise SystemExit(f"{path}: no results of this script")
-    return found
+    return content
 
 
-def tell(options: argparse.Namespace, found: dict[str, Any]) -> None:
-    """Print what was measured."""
+def tell(options: argparse.Namespace, results: dict[str, Any]) -> None:
+    """Print the measurements."""
     if options.bars:
-        for line in bars.table(found):
+        for line in bars.table(results):
             print(line)
         for line in bars.growing() if "ladder" in options.tasks else ():
             print(line, flush=True)
         return
-    print("\n".join(report.table(found)))
+    print("\n".join(report.table(results)))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measure, print, save."""
     options = parse(arguments)
     old = read(options.compare) if options.compare else None
-    found = read(options.read) if options.read else run(options)
+    results = read(options.read) if options.read else run(options)
     if options.page:
-        pages.put_all(options.page, found)
+        pages.put_all(options.page, results)
     else:
-        tell(options, found)
+        tell(options, results)
     if old:
-        print("\n".join(report.changes(old, found)))
+        print("\n".join(report.changes(old, results)))
     if options.json:
-        options.json.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+        options.json.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -40,9 +40,9 @@ SAMPLE = "#include <math.h>\n#include <stdlib.h>\ndouble root(double x) { return
 
 
 def compiles(command: list[str]) -> bool:
-    """Return whether a compiler makes a shared library; names alone may stand for nothing.
+    """Return whether a compiler makes a shared library; a name alone proves nothing.
 
-    macOS without its developer tools has a `cc` that only says so; gcc may be there without the
+    macOS without its developer tools has a `cc` that only prints this; gcc may be there without the
     headers of the C library.
     """
     with tempfile.TemporaryDirectory() as folder:
@@ -60,21 +60,21 @@ def compiles(command: list[str]) -> bool:
 @functools.cache
 def system_compiler() -> tuple[str, ...]:
     """Return the command of this machine's C compiler ($CC, cc, gcc or clang), or nothing."""
-    asked = shlex.split(os.environ.get("CC", ""))
-    if asked:  # a compiler that was named is used, or its own message is shown
-        return tuple(asked)
+    own = shlex.split(os.environ.get("CC", ""))
+    if own:  # a compiler that was named is used, or its own message is shown
+        return tuple(own)
     return next((c for c in (("cc",), ("gcc",), ("clang",)) if compiles([*c])), ())
 
 
 def compiler() -> list[str]:
     """Return the command of the system's C compiler, or of ziglang's."""
-    found = [*system_compiler()]
-    if not found and importlib.util.find_spec("ziglang"):
+    choices = [*system_compiler()]
+    if not choices and importlib.util.find_spec("ziglang"):
         # left alone, it compiles for this very processor: a copied library would crash elsewhere
-        found = [sys.executable, "-m", "ziglang", "cc", "-mcpu=baseline"]
-    if not found:
+        choices = [sys.executable, "-m", "ziglang", "cc", "-mcpu=baseline"]
+    if not choices:
         raise SystemExit(NO_COMPILER)
-    return found
+    return choices
 
 
 def macos_version() -> str:
@@ -121,10 +121,10 @@ def compile_kernel(root: Path, flags: list[str] | None = None, out: Path | None 
     declared = "".join(f'"{line}",' for line in about["prototypes"](folder).splitlines())
     is_of = [f'-DSOURCE_HASH="{about["source_hash"](folder)}"', f"-DPROTOTYPES={declared}"]
     headers = sorted({f"-I{file.parent}" for file in about["c_files"](folder, ".h")})
-    found = compiler()
-    if compiles([*found, ACROSS_FILES]):
-        found.append(ACROSS_FILES)
-    command = [*found, *platform_flags(), *FLAGS, *is_of, *headers, *(flags or []),
+    compiler_words = compiler()
+    if compiles([*compiler_words, ACROSS_FILES]):
+        compiler_words.append(ACROSS_FILES)
+    command = [*compiler_words, *platform_flags(), *FLAGS, *is_of, *headers, *(flags or []),
                *map(str, about["c_files"](folder, ".c")), "-o", str(written), "-lm"]
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=False)

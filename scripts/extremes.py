@@ -1,14 +1,14 @@
-"""What holds at the extremes, what degrades, and how it says so.
+"""Accuracy at extremes: errors, bounds, warnings.
 
 Every row is an extreme: its worst error against 50 digits (mpmath: closed forms, or Newton on the
 loop equations), with the bound that `tests/accuracy/test_extremes.py` holds it to; or the
 error it raises.
 
-    python scripts/extremes.py                # a table for the terminal, with what was measured
+    python scripts/extremes.py                # a table for the terminal, with measured errors
     python scripts/extremes.py --markdown     # the table of docs/extremes.md: bounds only
 
 Errors of lengths are relative to the mechanism's size, angles absolute, rates relative to the
-largest. Where the library tells an error of its own, the row fails if it tells less than there is.
+largest. Where the library states an error, the row fails if the statement is too small.
 """
 
 from __future__ import annotations
@@ -51,18 +51,18 @@ made, point, rod = models.made, models.point, models.rod
 
 
 class Understated(AssertionError):
-    """The library told less than the error there is."""
+    """The library stated less than the true error."""
 
 
 class Extreme(NamedTuple):
     """A row of the table.
 
     Attributes:
-        name: what is extreme.
+        name: of the extreme.
         tried: in what, how far.
         run: returns the worst error, or raises `refusal`.
         bound: of the error; None where it is refused.
-        says: how it says so, where it degrades.
+        says: the warning, where accuracy degrades.
         refusal: the error class that is to be raised.
     """
 
@@ -86,10 +86,10 @@ def relative(got: Iterable[float], want: Iterable[Any]) -> float:
     return max(float(abs(mpf(float(g)) - w) / size) for g, w in zip(got, want, strict=True))
 
 
-def told(error: float, said: float) -> float:
-    """Return an error that must be no larger than what the library said."""
-    if error > said:
-        raise Understated(f"error {error:.1e}, but it says {said:.1e}")
+def honest(error: float, estimate: float) -> float:
+    """Return an error that must be no larger than the stated one."""
+    if error > estimate:
+        raise Understated(f"error {error:.1e}, but it says {estimate:.1e}")
     return error
 
 
@@ -246,7 +246,7 @@ def near_a_limit(position: bool) -> float:
             continue
         with mp.workdps(90):
             rate = mpm.diff(rocker, mpf(phi), h=mpf(10) ** -25)
-        worst = max(worst, told(far(got.rate / float(rate), 1), state.rate_error))
+        worst = max(worst, honest(far(got.rate / float(rate), 1), state.rate_error))
     return worst
 
 
@@ -335,7 +335,7 @@ def axis_that_hardly_leans() -> float:
     errors = []
     for lean in (1e-12, 1e-13, 1e-15):
         state = sp.assemble(plane_four_bar(lean=lean), {"crank": 1.0})
-        told(0.5 * lean, state.closure_error)
+        honest(0.5 * lean, state.closure_error)
         errors.append(state.closure_error)
     return max(errors)
 
@@ -372,7 +372,7 @@ def short_couplers() -> float:
         with mp.workdps(90):
             want = [mpm.diff(coupler, 0, k, h=mpf(10) ** -20) for k in (1, 2)]
         got = moved.coordinate("coupler_pin")[1:]
-        worst = max(worst, *(told(far(g / float(w), 1), moved.rate_error)
+        worst = max(worst, *(honest(far(g / float(w), 1), moved.rate_error)
                              for g, w in zip(got, want, strict=True)))
     return worst
 
@@ -384,7 +384,7 @@ def shorter_couplers() -> float:
 
 
 def repeated(n: int) -> float:
-    """Close a four-bar by n hinges on one axis: five equations each, of which two are needed."""
+    """Close a four-bar by n hinges on one axis: five equations each, two of them needed."""
     ground, crank, coupler, rocker = FOUR_BAR
     tree = joint("continuous", "a", "ground", "crank")
     tree += joint("continuous", "b", "crank", "coupler", (crank, 0, 0))
@@ -421,7 +421,7 @@ def upside_down_everywhere() -> float:
         for _ in range(3):
             guess = {c.joint: rng.uniform(-3.0, 3.0) for c in mech.coordinate_table.values()
                      if c.name == c.joint}
-            with warnings.catch_warnings():  # legs far beyond their limits are meant
+            with warnings.catch_warnings():  # legs far beyond their limits are intended
                 warnings.simplefilter("ignore", sp.SpatialPinWarning)
                 worst = max(worst, sp.assemble(mech, guess=guess).closure_error)
     return worst
@@ -478,7 +478,7 @@ def a_million_steps() -> float:
 
 
 def after_many_turns() -> float:
-    """Follow a turn after so many that every angle of the loop has lost digits to counting them."""
+    """Follow a turn after many turns: every angle of the loop has lost digits to their number."""
     mech, worst = sp.load("four_bar"), 0.0
     start = sp.assemble(mech, {"crank": 0.0}).q
     for turns in (1e3, 1e4, 1e5, 1e6):
@@ -547,8 +547,8 @@ def mass_ratios(size: float, density: float, inverse: bool) -> float:
             effort = sp.inverse_dynamics(mech, state).efforts["crank"]
             worst = max(worst, far(effort / float(torque), 1))
         else:
-            found = sp.forward_dynamics(mech, state)
-            worst = max(worst, told(relative(found.a, fall), found.error))
+            result = sp.forward_dynamics(mech, state)
+            worst = max(worst, honest(relative(result.a, fall), result.error))
     return worst
 
 
@@ -575,8 +575,8 @@ def pendulums(seconds: Iterable[float], bend: float) -> float:
     worst = 0.0
     for second in seconds:
         mech, state, want = double_pendulum(1.0, second, bend)
-        found = sp.forward_dynamics(mech, state)
-        worst = max(worst, told(relative(found.a, want), found.error))
+        result = sp.forward_dynamics(mech, state)
+        worst = max(worst, honest(relative(result.a, want), result.error))
     return worst
 
 
@@ -626,25 +626,25 @@ def far_away(rounded: bool) -> float:
         motion = sp.sweep(mech, "crank", np.linspace(0.0, 6.2, 63), speed=1.0)
         for row in range(0, 63, 7):
             want = forms.rates(partial(forms.four_bar, **dims), motion.driver[row], 1.0, 0.0)
-            found = [x[row] for x in motion.coordinate("c")]
+            row_values = [x[row] for x in motion.coordinate("c")]
             errors = [far(x, pose.coordinates["rocker_pin"], max(
                 abs(y) for y in pose.coordinates.values()))
-                for x, pose in zip(found, want, strict=True)]
+                for x, pose in zip(row_values, want, strict=True)]
             if not rounded:
-                told(max(errors[1:]), motion.state(row).rate_error)
+                honest(max(errors[1:]), motion.state(row).rate_error)
             worst = max(worst, *errors)
     return worst
 
 
 def open_far_away() -> float:
-    """Return the closure error that is told far away, where places have fewer digits."""
+    """Return the stated closure error far away, where positions have fewer digits."""
     worst = 0.0
     for away in FAR:
         mech = plane_four_bar(away=away)
         for crank in np.linspace(0.0, 6.0, 13):
             state = sp.assemble(mech, {"crank": float(crank)})
             end, eye = (state.placement(name).translation for name in ("end", "eye"))
-            told(float(np.abs(end - eye).max()) / mech.characteristic_length, state.closure_error)
+            honest(float(np.abs(end - eye).max()) / mech.characteristic_length, state.closure_error)
             worst = max(worst, state.closure_error)
     return worst
 
@@ -673,7 +673,7 @@ def many_steps_in_time() -> float:
 HEAVY_ENDS = (1e-100, 1e-20, 1e-12, 1e-6, 1.0, 1e6, 1e9, 1e12, 1e15, 1e17, 1e20)
 SAID_BY_RATES = "`rate_error` bounds it"
 SAID_BY_FORCES = "`Dynamics.error` bounds it"
-SAID_BY_CLOSURE = "`closure_error` says it"
+BY_CLOSURE_ERROR = "`closure_error` says it"
 EXTREMES = (
     Extreme("size", "RSSR of 0.6 nm to 600 km, a turn: points, angles and their rates",
             rssr_of_any_size, 1e-11),
@@ -704,7 +704,7 @@ EXTREMES = (
     Extreme("limit", "swept to 1e-13 to 1e-3 rad beyond it: the limit", beyond_a_limit,
             1e-12, "`LimitError` has it"),
     Extreme("limit", "assembled 1e-12, 1e-11 rad beyond it: loops open by",
-            assembled_just_beyond, 1e-11, SAID_BY_CLOSURE),
+            assembled_just_beyond, 1e-11, BY_CLOSURE_ERROR),
     Extreme("limit", "assembled 1e-9 to 1 rad beyond it", assembled_beyond, None,
             refusal=sp.AssemblyError),
     Extreme("nearly parallel", "Hooke's joint, shafts 1e-3 to 1e-15 rad from a line",
@@ -714,7 +714,7 @@ EXTREMES = (
     Extreme("nearly parallel", "plane four-bar, hinge leaning by 1e-3 to 1e-10 rad, no gap allowed",
             axis_that_leans, None, refusal=sp.AssemblyError),
     Extreme("nearly parallel", "the same, by 1e-12 to 1e-15 rad: loops open by",
-            axis_that_hardly_leans, 1e-11, SAID_BY_CLOSURE),
+            axis_that_hardly_leans, 1e-11, BY_CLOSURE_ERROR),
     Extreme("short link",
             "slider-crank, crank of 1e-3 to 1e-100 m: slide, its rate per crank speed",
             short_crank, 1e-12),
@@ -757,12 +757,12 @@ EXTREMES = (
             partial(far_away, True), 1e-12),
     Extreme("far away", "the same, as against the digits that its places on the ground have lost",
             partial(far_away, False), 1e-7, SAID_BY_RATES),
-    Extreme("far away", "the same: loops open by", open_far_away, 1e-8, SAID_BY_CLOSURE),
+    Extreme("far away", "the same: loops open by", open_far_away, 1e-8, BY_CLOSURE_ERROR),
     Extreme("far away", "the same, falling: energy drift", falls_far_away, 1e-9,
             "`energy_drift` says it"),
     Extreme("steps", "four-bar swept in a million steps of 1°", a_million_steps, 1e-11),
     Extreme("turns", "four-bar, one more turn after 1e3 to 1e6 turns of its joints: angle, closure",
-            after_many_turns, 1e-8, SAID_BY_CLOSURE),
+            after_many_turns, 1e-8, BY_CLOSURE_ERROR),
     Extreme("steps", "four-bar, a hundred thousand steps of RK4, 1 ms: energy drift",
             many_steps_in_time, 1e-5, "`energy_drift` says it"),
 )
@@ -779,11 +779,11 @@ def measure(extreme: Extreme) -> float | Exception:
             return error
 
 
-def holds(extreme: Extreme, found: float | Exception) -> bool:
-    """Whether a row came out as the table says."""
-    if isinstance(found, Exception):
-        return extreme.refusal is not None and isinstance(found, extreme.refusal)
-    return extreme.bound is not None and found <= extreme.bound
+def holds(extreme: Extreme, result: float | Exception) -> bool:
+    """Whether a row is as in the table."""
+    if isinstance(result, Exception):
+        return extreme.refusal is not None and isinstance(result, extreme.refusal)
+    return extreme.bound is not None and result <= extreme.bound
 
 
 def answer(extreme: Extreme) -> str:
@@ -807,16 +807,16 @@ def main() -> int:
             continue
         start = time.perf_counter()
         try:
-            found = measure(extreme)
+            result = measure(extreme)
         except Exception as error:  # whatever it is, the other rows are shown too
-            found = error
-        good = holds(extreme, found)
+            result = error
+        good = holds(extreme, result)
         failed += not good
         if options.markdown:
             print(f"| {extreme.name} | {extreme.tried} | {answer(extreme)} |")
             continue
-        text = f"{found:.1e}" if isinstance(found, float) else (
-            f"{type(found).__name__}: {str(found)[:100]}")
+        text = f"{result:.1e}" if isinstance(result, float) else (
+            f"{type(result).__name__}: {str(result)[:100]}")
         print(f"{'' if good else 'FAILED '}{extreme.name}: {extreme.tried}\n"
               f"    {answer(extreme)}: {text} ({time.perf_counter() - start:.1f} s)", flush=True)
     return failed

@@ -6,7 +6,7 @@
     python scripts/fuzz.py 0 2000 --drawn            files of 4 to 12 digits: MJCF, SDFormat, URDF
 
 Needs an x86 machine: the judge works in its extended precision. Exit status 1 if an answer is
-wrong, or a call crashes or hangs. `fuzzing/` says what is checked and how.
+wrong, or a call crashes or hangs. `fuzzing/` has the checks.
 """
 
 from __future__ import annotations
@@ -66,9 +66,9 @@ def _log(path):
 def _mechanisms(options, log):
     seeds = range(options.first, options.last)
     sums = Sums()
-    found = (_each(drawn_checks.judged, seeds, options.jobs) if options.drawn
+    results = (_each(drawn_checks.judged, seeds, options.jobs) if options.drawn
              else _each(_judged, [(s, options.only) for s in seeds], options.jobs))
-    for records in found:
+    for records in results:
         sums.add(records)
         for r in records:
             if r["end"] not in ("right", "skipped"):

@@ -1,9 +1,9 @@
-"""Golden numbers of the library: what every verb answers of every mechanism, to compare later.
+"""Golden numbers: the answers of every verb for every mechanism, to compare later.
 
     python scripts/golden.py save old.npz
     python scripts/golden.py save new.npz --only rssr,watt_six_bar --verbs sweep,limits
     python scripts/golden.py compare old.npz new.npz
-    python scripts/golden.py compare old.npz --only rssr      # against what is answered now
+    python scripts/golden.py compare old.npz --only rssr      # against the present answers
 
 Differences are relative to a quantity's own size over the motion (rates: of the sample), absolute
 for angles. They may be 1e-13, or the error that the library itself states of the number: the
@@ -31,13 +31,13 @@ import spatial_pin as sp
 SHOWN = 40  # differences that are printed, one a mechanism and verb
 
 
-def compute(only: Sequence[str], asked: Sequence[str], clock: bool = False) -> answer.Golden:
-    """Return the answers of verbs, mechanism by mechanism; says which library gives them."""
+def compute(only: Sequence[str], wanted: Sequence[str], clock: bool = False) -> answer.Golden:
+    """Return the answers of verbs, mechanism by mechanism; prints which library gives them."""
     golden: answer.Golden = {}
     print(f"answers of {Path(sp.__file__).parent}", file=sys.stderr, flush=True)
     for name in only:
         start = time.process_time()
-        golden |= {(name, verb): verbs.ask(name, verb) for verb in asked}
+        golden |= {(name, verb): verbs.ask(name, verb) for verb in wanted}
         if clock:
             print(f"{name}: {time.process_time() - start:.1f} s", file=sys.stderr, flush=True)
     return golden
@@ -45,19 +45,20 @@ def compute(only: Sequence[str], asked: Sequence[str], clock: bool = False) -> a
 
 def report(old: answer.Golden, new: answer.Golden, tolerance: float, shown: int) -> Iterator[str]:
     """Yield lines: the largest difference of every mechanism and verb, and how many are equal."""
-    found = comparison.compare(old, new, tolerance)
-    beyond = [d for d in found if d.is_beyond]
+    differences = comparison.compare(old, new, tolerance)
+    beyond = [d for d in differences if d.is_beyond]
     largest: dict[tuple[str, str], comparison.Difference] = {}
-    for difference in found:
+    for difference in differences:
         largest.setdefault((difference.mechanism, difference.verb), difference)
     if len(largest) > shown:
         yield f"the {shown} largest of {len(largest)}:"
     for difference in list(largest.values())[:shown]:
         yield f"{'BEYOND ' if difference.is_beyond else 'within '}{difference}"
     both = old.keys() & new.keys()
-    n = sum(len(old[place]) for place in both)
-    yield (f"{len(both)} answers of both, {n} quantities: {n - len(found)} equal to the bit or the "
-           f"word, {len(found) - len(beyond)} within what is allowed, {len(beyond)} beyond it")
+    n = sum(len(old[key]) for key in both)
+    same, near = n - len(differences), len(differences) - len(beyond)
+    yield (f"{len(both)} answers of both, {n} quantities: {same} equal to the bit or the word, "
+           f"{near} within what is allowed, {len(beyond)} beyond it")
     for where, places in (("old", old.keys() - both), ("new", new.keys() - both)):
         if places:
             yield f"only in the {where} one, not compared: {len(places)} answers"
@@ -66,15 +67,15 @@ def report(old: answer.Golden, new: answer.Golden, tolerance: float, shown: int)
 def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     """Return the command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    asked = argparse.ArgumentParser(add_help=False)
-    asked.add_argument("--only", metavar="M,...", help="mechanisms (all of the library)")
-    asked.add_argument("--verbs", metavar="V,...", help=f"of {', '.join(verbs.VERBS)} (all)")
+    pair = argparse.ArgumentParser(add_help=False)
+    pair.add_argument("--only", metavar="M,...", help="mechanisms (all of the library)")
+    pair.add_argument("--verbs", metavar="V,...", help=f"of {', '.join(verbs.VERBS)} (all)")
     commands = parser.add_subparsers(dest="command", required=True)
-    save = commands.add_parser("save", parents=[asked], help="compute them and write a file")
+    save = commands.add_parser("save", parents=[pair], help="compute them and write a file")
     save.add_argument("file", type=Path)
-    compare = commands.add_parser("compare", parents=[asked], help="compare two files")
+    compare = commands.add_parser("compare", parents=[pair], help="compare two files")
     compare.add_argument("old", type=Path)
-    compare.add_argument("new", type=Path, nargs="?", help="default: what is answered now")
+    compare.add_argument("new", type=Path, nargs="?", help="default: the present answers")
     compare.add_argument("--tolerance", type=float, default=1e-13, help="(1e-13)")
     compare.add_argument("--shown", type=int, default=SHOWN, help=f"lines ({SHOWN})")
     options = parser.parse_args(arguments)
@@ -94,8 +95,8 @@ def _chosen(
 
 
 def read(path: Path, options: argparse.Namespace) -> answer.Golden:
-    """Return the answers of a file that were asked for."""
-    return {(name, verb): found for (name, verb), found in answer.read(path).items()
+    """Return the selected answers of a file."""
+    return {(name, verb): golden for (name, verb), golden in answer.read(path).items()
             if name in options.only and verb in options.verbs}
 
 

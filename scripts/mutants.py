@@ -65,15 +65,15 @@ def read(path: Path = ROOT / "scripts" / "mutations.toml") -> list[Mutation]:
 
 
 def misfits(mutations: list[Mutation], root: Path = ROOT) -> list[str]:
-    """Return what is wrong with a list of faults, in words."""
-    names, found = [m.name for m in mutations], []
+    """Return the mistakes in a list of faults, in words."""
+    names, wrong = [m.name for m in mutations], []
     for m in mutations:
         path = root / m.file
         count = path.read_text("utf-8").count(m.old) if path.is_file() else 0
         if count != 1 or m.old == m.new or names.count(m.name) > 1:
-            found.append(f"{m.name}: its old text must stand once in {m.file}, and stands {count} "
+            wrong.append(f"{m.name}: its old text must stand once in {m.file}, and stands {count} "
                          f"times; it must differ from the new one, and names from each other")
-    return found
+    return wrong
 
 
 def modules_of(root: Path, stems: tuple[str, ...]) -> list[str]:
@@ -84,8 +84,8 @@ def modules_of(root: Path, stems: tuple[str, ...]) -> list[str]:
 
 def failed(text: str) -> str:
     """Return the first test that failed, from what pytest prints, else its last words."""
-    found = re.search(r"^(?:FAILED|ERROR) (\S+?\.py(?:::[^\s\[]+)?)", text, re.MULTILINE)
-    return found[1] if found else (text.strip().splitlines() or ["nothing"])[-1][:200]
+    match = re.search(r"^(?:FAILED|ERROR) (\S+?\.py(?:::[^\s\[]+)?)", text, re.MULTILINE)
+    return match[1] if match else (text.strip().splitlines() or ["nothing"])[-1][:200]
 
 
 class Judge:
@@ -112,7 +112,7 @@ class Judge:
         shutil.copytree(root, self._pristine, symlinks=True, ignore=LEFT_OUT)
 
     def stop(self) -> None:
-        """End what is running, and run nothing more."""
+        """End the running commands, and run nothing more."""
         self._is_stopped = True
         for process in list(self._running):
             with contextlib.suppress(ProcessLookupError):
@@ -199,11 +199,11 @@ class Judge:
 
 def state_of_tests(root: Path) -> str:
     """Return a hash of the tests and of how they are configured."""
-    found = hashlib.sha256((root / "pyproject.toml").read_bytes())
+    digest = hashlib.sha256((root / "pyproject.toml").read_bytes())
     for path in sorted((root / "tests").rglob("*")):
         if path.is_file() and "__pycache__" not in path.parts:
-            found.update(str(path.relative_to(root)).encode() + b"\0" + path.read_bytes())
-    return found.hexdigest()
+            digest.update(str(path.relative_to(root)).encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
 
 
 def table(rows: list[dict[str, object]]) -> str:
@@ -219,7 +219,7 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
     p = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     p.add_argument("--only", default="", metavar="NAME,...", help="faults of these names")
     p.add_argument("--room", default="", help="faults in one folder of the package")
-    p.add_argument("--list", action="store_true", help="only tell what there is")
+    p.add_argument("--list", action="store_true", help="only list the faults")
     p.add_argument("--jobs", type=int, default=1, help="how many run side by side")
     p.add_argument("--longest", type=float, default=LONGEST, metavar="SECONDS",
                    help=f"from when on the tests of a fault count as hanging ({LONGEST:g})")
@@ -238,7 +238,7 @@ def _chosen(options: argparse.Namespace) -> list[Mutation]:
         sys.exit(2)
     only = {x.strip() for x in options.only.split(",") if x.strip()}
     if unknown := only - {m.name for m in mutations}:
-        sys.exit(f"no fault {', '.join(sorted(unknown))}; --list tells what there is")
+        sys.exit(f"no fault {', '.join(sorted(unknown))}; --list lists them")
     chosen = [m for m in mutations
               if (not only or m.name in only) and options.room in ("", m.room)]
     for stem in dict.fromkeys(stem for m in chosen for stem in m.tests):

@@ -12,7 +12,7 @@ colon ("`lifter.toml`:") is that file. A comment right above a block says what e
 
     <!-- from: examples/NAME.py -->  parts of this script, with "# ..." between them; the script is
                                      run, and what the page shows are lines that it prints
-    <!-- ends with 1 -->             the command refuses to do what is asked
+    <!-- ends with 1 -->             the command fails with this status
     <!-- not run: REASON -->         left alone
 
 `<!-- files: PATH -->` puts a copy of a file or folder of the repository into the folder.
@@ -46,7 +46,7 @@ from spatial_pin.view.browser import find_browser
 ROOT = Path(__file__).parents[1]
 REMARK = re.compile(r"^<!-- (?P<word>from|ends with|not run):? (?P<what>.+) -->$")
 BETWEEN = "# ...\n"  # the parts of a script
-MISSING = "pip install 'spatial_pin["  # what is said where an extra package is not there
+MISSING = "pip install 'spatial_pin["  # message where an extra package is missing
 FENCE = re.compile(r"^(?P<ticks>`{3,}|:{3,})(?P<kind>[a-z]*|\{[a-z-]+\}.*)$")
 ROUND_OFF = re.compile(r"-?\b(?:\d(?:\.\d+(?:\.\.\.\d*)?)?e-(?:09|[1-9]\d)|0\.0e\+00)\b")
 SAME = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
@@ -62,10 +62,10 @@ class Block(NamedTuple):
         kind: "python", "console" or another word behind the three backticks.
         code: its lines.
         line: number of its first line in the file.
-        shown: what the page says that it prints; None where it says nothing.
+        shown: its output on the page; None without any.
         why_not: reason why it is not run; empty where it is.
         file: name of the file that it is; empty where it is none.
-        script: path of the script that it shows parts of; empty where it stands for itself.
+        script: path of the script that it is a part of; empty without one.
         status: what its commands end with.
     """
 
@@ -89,7 +89,7 @@ def fenced(text: str) -> Iterator[tuple[str, list[str], int, int, str]]:
             k += 1
             continue
         end = next(i for i in range(k + 1, len(lines)) if lines[i].strip() == match["ticks"])
-        if match["kind"].startswith("{"):  # a directive: what is in it is part of the page
+        if match["kind"].startswith("{"):  # a directive: its content is part of the page
             k += 1
             continue
         yield match["kind"], lines[k + 1:end], k + 1, end, before
@@ -97,23 +97,23 @@ def fenced(text: str) -> Iterator[tuple[str, list[str], int, int, str]]:
 
 
 def block_of(kind: str, code: str, line: int, before: str) -> Block:
-    """Return a piece of code with what the line before says of it."""
+    """Return a piece of code with the remark before it."""
     file, remark = FILE.match(before), REMARK.match(before)
-    said = {remark["word"]: remark["what"]} if remark else {}
-    return Block(kind, code, line, why_not=said.get("not run", ""), file=file[1] if file else "",
-                 script=said.get("from", ""), status=int(said.get("ends with", 0)))
+    words = {remark["word"]: remark["what"]} if remark else {}
+    return Block(kind, code, line, why_not=words.get("not run", ""), file=file[1] if file else "",
+                 script=words.get("from", ""), status=int(words.get("ends with", 0)))
 
 
 def pieces(path: Path) -> list[Block]:
     """Return all code of a page; a `text` block right behind a piece is what it prints."""
-    found: list[Block] = []
+    blocks: list[Block] = []
     for kind, lines, first, _, before in fenced(path.read_text(encoding="utf-8")):
         code = "\n".join(lines)
-        if kind == "text" and found and not before and found[-1].kind != "text":
-            found[-1] = found[-1]._replace(shown=code)
+        if kind == "text" and blocks and not before and blocks[-1].kind != "text":
+            blocks[-1] = blocks[-1]._replace(shown=code)
         else:
-            found.append(block_of(kind, code, first + 1, before))
-    return found
+            blocks.append(block_of(kind, code, first + 1, before))
+    return blocks
 
 
 def blocks(path: Path) -> list[Block]:

@@ -1,4 +1,4 @@
-"""Makes the pictures of the documentation, each by what it is a picture of.
+"""Make the pictures of the documentation.
 
     python scripts/pictures.py                              # all of them, some twenty minutes
     python scripts/pictures.py docs/pictures/NAME.jpg [...] # these, also of new mechanisms
@@ -90,7 +90,7 @@ def shots(states: Iterable[sp.State]) -> Iterator[Image.Image]:
 
 
 def sheet(captions: Sequence[str], images: Sequence[Image.Image], most: int) -> Image.Image:
-    """Return all pictures on one sheet with their captions, so many in a row at most."""
+    """Return all pictures on one sheet with their captions, a few in a row."""
     columns = min(most, len(captions))
     width, height = TILE[0], TILE[1] + CAPTION
     made = Image.new("RGB", (columns * width, ceil(len(captions) / columns) * height), "white")
@@ -110,7 +110,7 @@ def narrow(image: Image.Image) -> Image.Image:
     return image.resize(size, Image.Resampling.LANCZOS)
 
 
-def on_the_way(name: str) -> sp.State:
+def midway(name: str) -> sp.State:
     """Return a mechanism at a part of its usual motion, or as it is assembled."""
     shown = default_motion(sp.load(name))
     return shown if isinstance(shown, sp.State) else shown.state(int(PART * len(shown)))
@@ -119,18 +119,18 @@ def on_the_way(name: str) -> sp.State:
 def library_sheet(names: Sequence[str]) -> Image.Image:
     """Return mechanisms of the library on one sheet."""
     captions = [f"{name}: {sp.load(name).title}".rstrip(": ") for name in names]
-    return sheet(captions, list(shots(map(on_the_way, names))), 6)
+    return sheet(captions, list(shots(map(midway, names))), 6)
 
 
 def of_library(path: Path, _: Folders) -> None:
     """Write the picture of the library's mechanism of that name."""
-    (image,) = shots([on_the_way(path.stem)])
+    (image,) = shots([midway(path.stem)])
     save(image, path)
 
 
 def of_robot(path: Path, models: Folders) -> None:
     """Write the picture and the page of a robot, where its file is found."""
-    for robot, file in robots.found(models):
+    for robot, file in robots.present(models):
         if robot.name == path.stem:
             state = robot.posed(file)
             (image,) = shots([state])
@@ -141,9 +141,9 @@ def of_robot(path: Path, models: Folders) -> None:
 
 def of_robots(path: Path, models: Folders) -> None:
     """Write the sheet of the robots whose files are found."""
-    found = list(robots.found(models))
-    images = list(shots(robot.posed(file) for robot, file in found))
-    save(narrow(sheet([robot.caption for robot, _ in found], images, 3)), path, 75)
+    all_robots = list(robots.present(models))
+    images = list(shots(robot.posed(file) for robot, file in all_robots))
+    save(narrow(sheet([robot.caption for robot, _ in all_robots], images, 3)), path, 75)
 
 
 def animate(name: str, path: Path, traces: Sequence[str]) -> None:
@@ -173,7 +173,7 @@ def written_by(name: str, files: Sequence[str], *arguments: Path) -> list[Image.
 
 def of_example(path: Path, models: Folders) -> None:
     """Write the first picture of the example of that name, small; Cassie's with its meshes."""
-    meshes = [file for robot, file in robots.found(models) if robot.name == "cassie_mjcf"
+    meshes = [file for robot, file in robots.present(models) if robot.name == "cassie_mjcf"
               ] if path.stem == "cassie" else []
     (image,) = written_by(path.stem, [f"{path.stem}.png"], *meshes)
     image.thumbnail((SMALL, SMALL))
@@ -225,7 +225,7 @@ def measuring(browser: Browser) -> bytes:
 
 
 def dragging(browser: Browser) -> bytes:
-    """A live page: one leg of a platform is asked for more than it can give."""
+    """A live page: one leg of a platform is moved beyond its limit."""
     with sp.live(sp.load("stewart"), open_browser=False) as viewer:
         browser.open(viewer.url, READY)
         browser.evaluate("""document.querySelector("[data-opens=parts]").click();

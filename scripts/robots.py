@@ -1,4 +1,4 @@
-"""Published robots with closed loops: where their files are, how they stand, and a page of each.
+"""Published robots with closed loops: where their files are, their poses, and a page of each.
 
 Robots of the installed package example-robot-data are always there; the others are sought in the
 folders given, such as clones of mujoco_menagerie and example-parallel-robots. `pictures.py` makes
@@ -27,11 +27,11 @@ class Robot(NamedTuple):
 
     Attributes:
         name: that of its page.
-        caption: what stands under its picture.
+        caption: text under its picture.
         file: where it lies, below the folder of its kind; a folder for formats that are one.
         source: where the file is from.
         posed: gives the state to show, of the file.
-        stand: how it is put on its feet, in Python; empty where the file has its loops.
+        pose: code that puts it on its feet; empty where the file has its loops.
     """
 
     name: str
@@ -39,7 +39,7 @@ class Robot(NamedTuple):
     file: str
     source: str
     posed: Callable[[Path], sp.State]
-    stand: str = ""
+    pose: str = ""
 
 
 def at_guess(path: Path) -> sp.State:
@@ -58,7 +58,7 @@ def standing(
         pose: values of joints [rad]; the others are zero.
     """
 
-    def stand(path: Path) -> sp.State:
+    def on_feet(path: Path) -> sp.State:
         robot = sp.load(path, free_flyer=True)
         state = sp.assemble(robot, guess=pose)
         ground = [closure(foot, ("universe", state.placement(foot))) for foot in feet]
@@ -66,7 +66,7 @@ def standing(
                                        visual_model=robot.visual_model)
         return sp.assemble(held)
 
-    return stand
+    return on_feet
 
 
 def written(pose: Mapping[str, float]) -> str:
@@ -111,10 +111,10 @@ ROBOTS = (
 )
 
 
-def found(models: Sequence[Path]) -> Iterator[tuple[Robot, Path]]:
+def present(models: Sequence[Path]) -> Iterator[tuple[Robot, Path]]:
     """Yield the robots that are there, with where."""
-    roots = [Path(place) / DATA for place in sys.path]
-    roots += [place for folder in models for place in (folder, *folder.glob("*/"))]
+    roots = [Path(site) / DATA for site in sys.path]
+    roots += [site for folder in models for site in (folder, *folder.glob("*/"))]
     for robot in ROBOTS:
         places = [root / robot.file for root in roots if (root / robot.file).exists()]
         if places:
@@ -127,7 +127,7 @@ def page(robot: Robot, state: sp.State) -> str:
     """Return the page of a robot, Markdown."""
     mechanism = state.mechanism
     file = Path(robot.file).name
-    opened = robot.stand or f'mech = sp.load("{file}")'
+    opened = robot.pose or f'mech = sp.load("{file}")'
     return "\n\n".join((
         f"# {robot.caption}",
         f'![{robot.caption}](../pictures/robots/{robot.name}.jpg){{width="480px"}}',

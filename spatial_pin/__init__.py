@@ -45,9 +45,9 @@ def __getattr__(name: str) -> Any:
         verb = _COMMANDS.get(name)
         hint = f"; what the command {name!r} does is {verb}" if verb else ""
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}{hint}")
-    found = _public(name)
-    globals()[name] = found
-    return found
+    value = _public(name)
+    globals()[name] = value
+    return value
 
 
 def __dir__() -> list[str]:

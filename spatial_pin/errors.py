@@ -15,7 +15,7 @@ if TYPE_CHECKING:  # errors keep a State or a Motion, and use nothing of them
     import spatial_pin as sp
 
 
-LONG_LIST = 40  # names, beyond which those that differ in their endings are told together
+LONG_LIST = 40  # from so many names on, names that differ only in their endings are shown as one
 
 
 class SpatialPinError(Exception):
@@ -80,7 +80,7 @@ class MechanismFileError(SpatialPinError):
 
 
 class Mistakes:
-    """Mistakes of one file, found one after the other and told together.
+    """Mistakes of one file, collected and raised together.
 
     Args:
         where: the file, as its mistakes name it.
@@ -88,40 +88,41 @@ class Mistakes:
 
     def __init__(self, where: str) -> None:
         self._where = where
-        self._found: list[MechanismFileError] = []
+        self._errors: list[MechanismFileError] = []
 
     def __len__(self) -> int:
-        return len(self._found)
+        return len(self._errors)
 
     @contextmanager
     def each(self) -> Iterator[None]:
-        """Keep a mistake that the block comes upon, and go on behind the block."""
+        """Add a mistake that the block raises, and go on after the block."""
         try:
             yield
         except MechanismFileError as error:
             self.note(error)
 
     def note(self, error: MechanismFileError) -> None:
-        """Keep a mistake, or several that were told together, each once."""
+        """Add a mistake, or several that were raised together, each once."""
         several = error.__dict__.get("_mistakes", ())
         for one in map(MechanismFileError, several) if several else (error,):
-            if str(one) not in map(str, self._found):
-                self._found.append(one)
+            if str(one) not in map(str, self._errors):
+                self._errors.append(one)
 
-    def tell(self) -> None:
-        """Raise what was found, if anything was.
+    def raise_all(self) -> None:
+        """Raise the collected mistakes, if there are any.
 
         Raises:
-            MechanismFileError: a single mistake as it was found; several, one a line.
+            MechanismFileError: a single mistake as it was raised; several, one a line.
         """
         if len(self) == 1:
-            raise self._found[0]
-        if self._found:
-            told = tuple(str(error) for error in self._found)
+            raise self._errors[0]
+        if self._errors:
+            texts = tuple(str(error) for error in self._errors)
             lines = (f"  ({k}) {text.removeprefix(f'{self._where}: ')}"
-                     for k, text in enumerate(told, start=1))
-            error = MechanismFileError("\n".join([f"{self._where}: {len(told)} mistakes:", *lines]))
-            error.__dict__["_mistakes"] = told
+                     for k, text in enumerate(texts, start=1))
+            error = MechanismFileError(
+                "\n".join([f"{self._where}: {len(texts)} mistakes:", *lines]))
+            error.__dict__["_mistakes"] = texts
             raise error
 
 
@@ -147,7 +148,7 @@ class UnknownNameError(SpatialPinError, LookupError):
 
 
 class AssemblyError(SpatialPinError):
-    """No closed configuration was found.
+    """The solver reached no closed configuration.
 
     Attributes:
         closure_error: the least closure error reached [-, see `Mechanism.characteristic_length`].
@@ -198,7 +199,7 @@ class ReachError(SpatialPinError):
     """Targets cannot be reached.
 
     Attributes:
-        state: the nearest configuration that was found; its loops are closed.
+        state: the nearest configuration that was reached; its loops are closed.
         distances: distance to each target, by name [lengths relative to the characteristic length,
             rad].
         residuals: the same with its components: from where each target should be to where it is.
@@ -274,10 +275,10 @@ def unless_cut(result: Any, motion: sp.Motion | None = None) -> Any:
 
     Args:
         result: it has an attribute `is_whole`.
-        motion: that it was found along, if it was.
+        motion: the motion along which it was computed, if any.
 
     Raises:
-        Interrupted: Ctrl-C has cut it short; has what was found until then.
+        Interrupted: Ctrl-C has cut it short; it holds the results until then.
     """
     if not result.is_whole:
         raise Interrupted(motion, result)
@@ -409,8 +410,8 @@ def _together(names: list[str]) -> Iterator[str]:
         stem, dot, ending = name.rpartition(".")
         endings.setdefault(stem if dot else name, []).append(dot + ending if dot else "")
     stems: dict[tuple[str, ...], list[str]] = {}
-    for stem, found in endings.items():
-        stems.setdefault(tuple(found), []).append(stem)
+    for stem, its_endings in endings.items():
+        stems.setdefault(tuple(its_endings), []).append(stem)
     for ends, alike in stems.items():
         if len(ends) == 1:
             yield from (stem + ends[0] for stem in alike)

@@ -16,7 +16,7 @@ KERNEL = "kernel"
 class Integrator(NamedTuple):
     """An integrator of ordinary differential equations; to add one, add an entry to `INTEGRATORS`.
 
-    1. A class that is made and steps like those of SciPy's `solve_ivp` is told by its module and
+    1. A class that is made and steps like those of SciPy's `solve_ivp` is given by its module and
        name: "scipy.integrate:Radau", or one of your own.
     2. One of the kernel (Runge and Kutta's) is an entry of `METHODS` in
        `kernel/integrators/integrating.c`; these have the same order here.

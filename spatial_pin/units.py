@@ -51,7 +51,7 @@ class ValueWithUnit(float):
     unit: str = ""
 
     def is_for(self, base: str) -> bool:
-        """Whether it may stand for a value in `base`, an SI unit as "rad" or "m/s2"."""
+        """Whether it can be a value in `base`, an SI unit as "rad" or "m/s2"."""
         return not self.unit or self.unit in KINDS[base]
 
 
@@ -70,13 +70,13 @@ def quantity(text: str) -> ValueWithUnit:
     value = float(match[1]) * UNITS[match[2]]
     if not math.isfinite(value):
         raise ValueError(f"{text!r} is not finite")
-    found = ValueWithUnit(value)
-    found.unit = match[2]
-    return found
+    value_with_unit = ValueWithUnit(value)
+    value_with_unit.unit = match[2]
+    return value_with_unit
 
 
 def likely_unit(times: float) -> str:
-    """Return the unit that a number was probably meant in, by how far it is off; "" if in its own.
+    """Return the unit that a number was probably written in, by its size; "" if in its own.
 
     Args:
         times: the number, taken in metres or radians, relative to what it usually is.

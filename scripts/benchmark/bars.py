@@ -1,4 +1,4 @@
-"""The table of bars: what a task takes, what it should take, and how that is to another tool.
+"""The table of bars: times of tasks, their limits, and the times of other tools.
 
 A bar is an entry of BARS: a row of the benchmark, the time it should take at most, and the rows of
 others that it should be ahead of. Times are of one whole call, by medians.
@@ -13,7 +13,7 @@ from benchmark import growth
 from benchmark.case import TASKS
 from benchmark.report import HAND, key
 
-LOOSE = 1e-4  # error that an answer may have where little accuracy is asked for
+LOOSE = 1e-4  # error that an answer may have at loose settings
 POWER, MEMORY = 1.3, 2000.0  # with which times of a ladder may grow, and what 1000 loops take [MB]
 SOLVERS = HAND, "MuJoCo"  # of constrained dynamics, for any mechanism
 WIDTH = 56
@@ -27,7 +27,7 @@ class Bar(NamedTuple):
         title: the task.
         row: key of our row.
         most: seconds that it may take; None where only others are the measure.
-        others: what it is measured beside: keys of rows, the fastest of which counts; or the name
+        others: rows to compare with, by keys; the fastest counts; or the name
             of an error: of the rows of SOLVERS the fastest that is as exact as ours, or as LOOSE,
             counts, or the most exact where none is.
         ratio: that the times may have.
@@ -105,8 +105,8 @@ def wanted(row: Mapping[str, Any]) -> bool:
     """Whether a row of the benchmark is one of ours that has a bar, or one beside it."""
     own = key(row["task"], row["size"], row["how"], row["tool"])
     for bar in BARS:
-        beside = bar.others if not isinstance(bar.others, str) else ()
-        if own == bar.row or own in beside:
+        others = bar.others if not isinstance(bar.others, str) else ()
+        if own == bar.row or own in others:
             return True
         if isinstance(bar.others, str) and row["tool"] in SOLVERS \
                 and bar.row.startswith(f"{row['task']} / {row['size']} / "):
@@ -130,12 +130,12 @@ def _line(bar: Bar, rows: Mapping[str, Any]) -> str:
         return f"{bar.title.ljust(WIDTH)}{'-':>11}  not measured"
     own = rows[bar.row]
     seconds = own["median"] * own["count"]
-    text = f"{bar.title.ljust(WIDTH)}{told(seconds):>11}"
-    text += f" {told(bar.most):>9} {_judged(seconds / bar.most):>8}" if bar.most else " " * 19
-    return (text + "  " + _beside(bar, own, rows)).rstrip()
+    text = f"{bar.title.ljust(WIDTH)}{duration(seconds):>11}"
+    text += f" {duration(bar.most):>9} {_judged(seconds / bar.most):>8}" if bar.most else " " * 19
+    return (text + "  " + _ratio(bar, own, rows)).rstrip()
 
 
-def _beside(bar: Bar, own: Mapping[str, Any], rows: Mapping[str, Any]) -> str:
+def _ratio(bar: Bar, own: Mapping[str, Any], rows: Mapping[str, Any]) -> str:
     """Return how the time is to the best other, and who that is."""
     if not bar.others:
         return ""
@@ -172,7 +172,7 @@ def _judged(value: float, shown: float | None = None) -> str:
     return f"{value if shown is None else shown:.2g}{'*' * (value > 1.0)}"
 
 
-def told(seconds: float) -> str:
+def duration(seconds: float) -> str:
     """Return a time with three digits."""
     for unit, size in (("µs", 1e-6), ("ms", 1e-3)):
         if seconds < 999.5 * size:
@@ -182,18 +182,18 @@ def told(seconds: float) -> str:
 
 def growing(sizes: Iterable[int] = growth.SIZES) -> Iterator[str]:
     """Measure and yield the lines about ladders."""
-    found: dict[int, dict[str, tuple[float, float]]] = {}
+    times: dict[int, dict[str, tuple[float, float]]] = {}
     for n in sizes:
-        found[n], why = growth.measure(n)
-        done = ", ".join(f"{stage} {told(x)}" for stage, (x, _) in found[n].items())
-        memory = max((m for _, m in found[n].values()), default=0.0)
+        times[n], why = growth.measure(n)
+        done = ", ".join(f"{stage} {duration(x)}" for stage, (x, _) in times[n].items())
+        memory = max((m for _, m in times[n].values()), default=0.0)
         yield f"ladder of {n} loops: {done}; {memory:.0f} MB{'*' * (memory > MEMORY)}"
         if why:
-            stage = next(stage for stage in growth.STAGES if stage not in found[n])
+            stage = next(stage for stage in growth.STAGES if stage not in times[n])
             yield (f"  {stage} does not end within {growth.SECONDS} s and "
                    f"{growth.MEMORY >> 30} GB*: {why}; no larger one is tried")
             break
     for stage in growth.STAGES:
-        value, few, many = growth.power(found, stage)
+        value, few, many = growth.power(times, stage)
         yield (f"  {stage}: grows with power {_judged(value / POWER, value)} from {few} to "
                f"{many} (bar {POWER:g})")

@@ -1,4 +1,4 @@
-"""Cases: what is timed, and what is judged afterwards."""
+"""Cases: calls that are timed, and judges of their results."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Task(NamedTuple):
     """A heading of the table.
 
     Attributes:
-        title: what is done; the size is put for {}.
+        title: of the task; {} becomes the size.
         unit: in which times are shown, µs, ms or s.
         errors: names of the errors, as the columns come.
         note: what the errors are.

@@ -1,7 +1,7 @@
 """Closed mechanisms for inverse kinematics, as trees of hinges and slides with points to close.
 
 Every tool loads the same URDF, with universal joints and the six freedoms of a platform as hinges
-and slides, and closes the same points. A target is where a frame stands when the joints that carry
+and slides, and closes the same points. A target is the pose of a frame when the joints that carry
 it, `leading`, have certain values; so it can be reached. Results are joints' values, judged by the
 kinematics in this file.
 
@@ -48,7 +48,7 @@ class Target(NamedTuple):
     """Values of the leading joints, and where (4, 4) the frame is then."""
 
     values: dict[str, float]
-    place: Array
+    pose: Array
 
 
 class Robot(NamedTuple):
@@ -84,8 +84,8 @@ class Robot(NamedTuple):
 
     def home(self) -> dict[str, float]:
         """Return values of all joints to start from; loops are nearly closed."""
-        found = dict.fromkeys(self.moving, 0.0) | dict(self.guess)
-        return found | {name: value for name, (value, _) in self.leading.items()}
+        values = dict.fromkeys(self.moving, 0.0) | dict(self.guess)
+        return values | {name: value for name, (value, _) in self.leading.items()}
 
     def targets(self) -> list[Target]:
         """Return targets here and there about home."""
@@ -105,39 +105,39 @@ class Robot(NamedTuple):
 
     def placements(self, values: Values) -> dict[str, Array]:
         """Return (4, 4) of every joint's link in the world."""
-        found = {"ground": np.eye(4)}
+        poses = {"ground": np.eye(4)}
         for joint in self.joints:
-            place = found[joint.parent] @ placement(joint.xyz, joint.rpy)
+            pose = poses[joint.parent] @ placement(joint.xyz, joint.rpy)
             axis, value = np.array(joint.axis), values.get(joint.name, 0.0)
             if joint.kind == "revolute":
-                place = place.copy()
-                place[:3, :3] = place[:3, :3] @ stewart.exponential(axis * value)
+                pose = pose.copy()
+                pose[:3, :3] = pose[:3, :3] @ stewart.exponential(axis * value)
             elif joint.kind == "prismatic":
-                place = place @ placement(axis * value, (0.0, 0.0, 0.0))
-            found[joint.name] = place
-        return found
+                pose = pose @ placement(axis * value, (0.0, 0.0, 0.0))
+            poses[joint.name] = pose
+        return poses
 
-    def judge(self, targets: Sequence[Target], found: Sequence[Values]) -> dict[str, float]:
+    def judge(self, targets: Sequence[Target], results: Sequence[Values]) -> dict[str, float]:
         """Return the largest errors of the targets that were met, and how many were not."""
-        errors = np.array([self.errors(*pair) for pair in zip(targets, found, strict=True)])
+        errors = np.array([self.errors(*pair) for pair in zip(targets, results, strict=True)])
         met = (errors < MET).all(axis=1)
         closure, target = errors[met].max(axis=0, initial=0.0)
         return {"closure": float(closure), "target": float(target), "missed": float((~met).sum())}
 
     def errors(self, target: Target, values: Values) -> tuple[float, float]:
         """Return how far closures are open [m], and it is off its target [m, rad]."""
-        place = self.placements(values)
-        gaps = [place[a][:3, 3] - place[b][:3, 3] for a, b in self.closures]
-        return float(np.linalg.norm(gaps, axis=1).max()), self.off(target, values, place)
+        pose = self.placements(values)
+        gaps = [pose[a][:3, 3] - pose[b][:3, 3] for a, b in self.closures]
+        return float(np.linalg.norm(gaps, axis=1).max()), self.off(target, values, pose)
 
-    def off(self, target: Target, values: Values, place: Mapping[str, Array]) -> float:
+    def off(self, target: Target, values: Values, pose: Mapping[str, Array]) -> float:
         """Return how far it is off its target [m, rad]."""
         if self.kind == "joints":
             return max(abs(values[name] - x) for name, x in target.values.items())
-        off = float(np.linalg.norm(place[self.frame][:3, 3] - target.place[:3, 3]))
+        off = float(np.linalg.norm(pose[self.frame][:3, 3] - target.pose[:3, 3]))
         if self.kind == "point":
             return off
-        apart = target.place[:3, :3].T @ place[self.frame][:3, :3]
+        apart = target.pose[:3, :3].T @ pose[self.frame][:3, :3]
         return max(off, float(np.linalg.norm(apart - np.eye(3))) / math.sqrt(2.0))
 
     def urdf(self) -> str:
@@ -174,11 +174,11 @@ X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
 def placement(xyz: Sequence[float], rpy: Sequence[float]) -> Array:
     """Return (4, 4) of a position and roll, pitch and yaw, as URDF has them."""
-    found = np.eye(4)
+    M = np.eye(4)
     for axis, angle in zip((Z, Y, X), reversed(rpy), strict=True):
-        found[:3, :3] = found[:3, :3] @ stewart.exponential(np.array(axis) * angle)
-    found[:3, 3] = xyz
-    return found
+        M[:3, :3] = M[:3, :3] @ stewart.exponential(np.array(axis) * angle)
+    M[:3, 3] = xyz
+    return M
 
 
 def free(xyz: tuple[float, ...]) -> list[Joint]:
@@ -332,18 +332,18 @@ def setup(make: Callable[[Robot], tuple[Any, Any, Any]], name: str, on: bool) ->
 
 def run(tool: Tool) -> list[Any]:
     """Return the configurations found."""
-    found, at = [], tool.home
+    results, at = [], tool.home
     for target in tool.targets:
         there = tool.solve(target, at)
-        found.append(there)
+        results.append(there)
         if tool.on:
             at = there
-    return found
+    return results
 
 
-def judge(tool: Tool, found: Sequence[Any]) -> dict[str, float | None]:
+def judge(tool: Tool, results: Sequence[Any]) -> dict[str, float | None]:
     """Return the errors."""
-    return dict(tool.robot.judge(tool.targets, [tool.values(x) for x in found]))
+    return dict(tool.robot.judge(tool.targets, [tool.values(x) for x in results]))
 
 
 def cases(

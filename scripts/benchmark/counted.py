@@ -41,7 +41,7 @@ def arm() -> sp.Mechanism:
 
 
 def rssr() -> sp.Mechanism:
-    """Return the RSSR of the library; its crank stands where the guess has it."""
+    """Return the RSSR of the library; its crank at the guess."""
     return sp.load("rssr")
 
 

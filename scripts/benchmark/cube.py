@@ -15,7 +15,7 @@ CORNERS = np.array([(0, 0, 0), (1, 0, 0), (1, -1, 0), (1, -1, 1), (0, -1, 1), (0
 AXES = "yzxyzx"  # of the hinges at the corners
 P3 = np.array([0.999999963806, -1.000269012696, 0.999730951120])  # integrated to 1e-12
 P3_ROD = 2  # P3 is its far end
-POST = np.array([0.0, 0.0, 1.0])  # where the last hinge stands on the ground
+POST = np.array([0.0, 0.0, 1.0])  # place of the last hinge on the ground
 
 
 def edges() -> Array:

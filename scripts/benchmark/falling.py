@@ -32,7 +32,7 @@ class Leg(NamedTuple):
 
 
 def leg(name: str, pin: Array, tip: Array, bend: float) -> Leg:
-    """Return the rods from a pin to a tip; `bend` says on which side the knee is."""
+    """Return the rods from a pin to a tip; `bend` is the side of the knee."""
     x, y = tip - pin
     far = math.hypot(x, y)
     knee = math.acos((UPPER**2 + far**2 - LOWER**2) / (2.0 * UPPER * far)) * bend
@@ -87,6 +87,6 @@ ROBOTS = {"five-bar": five_bar, "3-RRR": three_legs}
 def judge(
     mechanism: sp.Mechanism, gained: float, closure: float | None
 ) -> dict[str, float | None]:
-    """Return the error of energy, of which `gained` [J] came from nowhere, and the closure [m]."""
+    """Return the error of energy, with `gained` [J] from nowhere, and the closure [m]."""
     weight = G * sum(body.mass for body in mechanism.model.inertias)
     return {"energy": abs(gained) / (weight * (UPPER + LOWER)), "closure": closure}

@@ -38,7 +38,7 @@ def solve(phi: Array, speed: float) -> Array:
     return np.array([psi, rate, acceleration])
 
 
-def judge(phi: Array, speed: float, found: Array) -> dict[str, float]:
+def judge(phi: Array, speed: float, values: Array) -> dict[str, float]:
     """Return the largest errors of (3, N), as `solve` returns it."""
-    off = np.abs(found - solve(phi, speed))
+    off = np.abs(values - solve(phi, speed))
     return dict(zip(("ψ", "ψ'", "ψ''"), off.max(axis=1).tolist(), strict=True))

@@ -65,19 +65,19 @@ def measure(n: int) -> tuple[dict[str, tuple[float, float]], str]:
     done = subprocess.run([sys.executable, "-W", "ignore", "-m", "benchmark.growth", str(n)],
                           capture_output=True, text=True, check=False,
                           env={**os.environ, "PYTHONPATH": path})
-    found = {stage: (seconds, memory)
+    stages = {stage: (seconds, memory)
              for stage, seconds, memory in map(json.loads, done.stdout.splitlines())}
     words = done.stderr.strip().splitlines() or [f"ended by signal {-done.returncode}"]
-    return found, "" if len(found) == len(STAGES) else words[-1]
+    return stages, "" if len(stages) == len(STAGES) else words[-1]
 
 
-def power(found: Mapping[int, Mapping[str, Any]], stage: str) -> tuple[float, int, int]:
+def power(measured: Mapping[int, Mapping[str, Any]], stage: str) -> tuple[float, int, int]:
     """Return the power with which a stage's time grows, from which size to which."""
-    sizes = [n for n, done in found.items() if stage in done]
+    sizes = [n for n, done in measured.items() if stage in done]
     if len(sizes) < 2:
         return math.nan, 0, 0
     few, many = sizes[0], sizes[-1]
-    return (math.log(found[many][stage][0] / found[few][stage][0]) / math.log(many / few),
+    return (math.log(measured[many][stage][0] / measured[few][stage][0]) / math.log(many / few),
             few, many)
 
 

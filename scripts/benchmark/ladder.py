@@ -12,7 +12,7 @@ import math
 from scipy.special import ellipj, ellipk
 
 DURATION, G, START = 10.0, 9.81, 1.0  # [s, m/s², rad/s]
-ANGLE, RATE = 0.5, 1.0  # where forward dynamics is asked for [rad, rad/s]
+ANGLE, RATE = 0.5, 1.0  # state of forward dynamics [rad, rad/s]
 ROD = 1.0 / 12.0  # moment of inertia of a rod about its middle [kg m²]
 SIZES = (1, 20, 200)
 
@@ -32,11 +32,11 @@ def angle(n: int, t: float) -> float:
     return math.pi + 2.0 * float(ellipj(math.sqrt(fast) / 2.0 * t - ellipk(m), m)[3])
 
 
-def judge_end(found: float, closure: float | None) -> dict[str, float | None]:
+def judge_end(value: float, closure: float | None) -> dict[str, float | None]:
     """Return the errors of A02 with one loop from θ at the end [rad] and the closure [m]."""
-    return {"angle": abs(found - angle(1, DURATION)), "closure": closure}
+    return {"angle": abs(value - angle(1, DURATION)), "closure": closure}
 
 
-def judge_acceleration(n: int, found: float) -> dict[str, float | None]:
+def judge_acceleration(n: int, acceleration: float) -> dict[str, float | None]:
     """Return the error of θ'' [rad/s²] at ANGLE."""
-    return {"acceleration": abs(found - growth(n) * math.sin(ANGLE))}
+    return {"acceleration": abs(acceleration - growth(n) * math.sin(ANGLE))}

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from benchmark.case import TASKS
-from benchmark.workers import Failed, told
+from benchmark.workers import Failed, sentence
 
 
 class Effort(NamedTuple):
@@ -31,13 +31,13 @@ QUICK = Effort(repeats=3, budget=0.5, least=0.002)
 
 
 def rows_of(workers: Iterable[Any]) -> tuple[dict[str, tuple[Any, dict]], list[list[str]]]:
-    """Return (worker, row) of every case by its key, and what is absent."""
+    """Return (worker, row) of every case by its key, and the absent ones."""
     cases: dict[str, tuple[Any, dict]] = {}
     absent: list[list[str]] = []
     for worker in workers:
-        found = worker.rows()
-        cases |= {key: (worker, row) for key, row in found["cases"].items()}
-        absent += found["absent"]
+        own = worker.rows()
+        cases |= {key: (worker, row) for key, row in own["cases"].items()}
+        absent += own["absent"]
     return cases, absent
 
 
@@ -119,4 +119,4 @@ def spread(few: int, many: int) -> Sequence[int]:
 
 def words(error: BaseException) -> str:
     """Return an error in one line."""
-    return str(error) if isinstance(error, Failed) else told(error)
+    return str(error) if isinstance(error, Failed) else sentence(error)

@@ -25,7 +25,7 @@ class Line(NamedTuple):
     """A line of a table: one tool, by one way or by two.
 
     Attributes:
-        title: what stands in its first column.
+        title: in its first column.
         tool: whose rows.
         hows: the ways, as the benchmark calls them.
     """
@@ -85,8 +85,8 @@ REACHES = {  # task: its lines
 }
 REACHES["path"] = (Line("`sp.reach_path`, with rates", OWN, ("reach_path, with rates",)),
                    *REACHES["reach"][1:])
-ASKED = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10)  # errors
-SINGLE = (  # title, our row, what stands beside it, its row
+ERRORS = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10)  # errors
+SINGLE = (  # title, our row, title of the other, its row
     ("`sweep` of 1 value", key("sweep", 1, "sweep"), "Pinocchio by hand, tuned",
      key("sweep", 1, "tuned", HAND)),
     ("`sweep` of 36 values", key("sweep", 36, "sweep"), "Pinocchio by hand, tuned",
@@ -140,8 +140,8 @@ def joined(rows: Rows, keys: Sequence[str], word: Callable[[Any], str]) -> str:
 
 def largest(rows: Rows, keys: Sequence[str], error: str) -> str:
     """Return the largest error of rows; nothing where they do not have it."""
-    found = [e for k in keys if k in rows and (e := rows[k]["errors"].get(error)) is not None]
-    return power(max(found)) if found else ""
+    errors = [e for k in keys if k in rows and (e := rows[k]["errors"].get(error)) is not None]
+    return power(max(errors)) if errors else ""
 
 
 def cells(*words: str) -> str:
@@ -176,7 +176,7 @@ def dial(rows: Rows) -> Iterator[str]:
     """Yield the table of what an error that is accepted saves."""
     yield "| error asked for | 360 values | 3600 | ψ | ψ″ | A02 | angle |"
     yield "|---|---|---|---|---|---|---|"
-    for error in (*ASKED, None):
+    for error in (*ERRORS, None):
         word = "engineering" if error is None else power(error)
         sweep = "sweep" if error is None else f"sweep, for_error({error:g})"
         run = f"simulate, for_error({word})" if error else "simulate, engineering"
@@ -192,7 +192,7 @@ def reaches(rows: Rows, kind: str) -> Iterator[str]:
     yield f"| | {' | '.join(ROBOTS.values())} |"
     yield f"|---|{'---|' * len(ROBOTS)}"
 
-    def told(row: Any) -> str:
+    def cell(row: Any) -> str:
         errors = row["errors"]
         missed = int(errors["missed"])
         worst = power(max(errors["closure"], errors["target"]))
@@ -200,7 +200,7 @@ def reaches(rows: Rows, kind: str) -> Iterator[str]:
 
     for line in REACHES[kind]:
         yield cells(line.title, *(
-            joined(rows, [key(f"{kind}-{robot}", 0, how, line.tool) for how in line.hows], told)
+            joined(rows, [key(f"{kind}-{robot}", 0, how, line.tool) for how in line.hows], cell)
             for robot in ROBOTS))
 
 
@@ -267,9 +267,9 @@ def single(rows: Rows) -> Iterator[str]:
     """Yield the table of single states and short sweeps: one whole call."""
     yield "| | spatial_pin | beside |"
     yield "|---|---|---|"
-    for title, ours, other, beside in SINGLE:
+    for title, ours, other, unit in SINGLE:
         own, theirs = (f"{time(row['count'] * row['least'])}" if (row := rows.get(k)) else ""
-                       for k in (ours, beside))
+                       for k in (ours, unit))
         yield cells(title, own, f"{other}: {theirs}" if theirs else "")
     few, many = (rows.get(key("forward", n, FORWARD)) for n in (50, 500))
     if few and many:
@@ -320,11 +320,11 @@ def put(page: Path, name: str, lines: Sequence[str]) -> None:
         ValueError: the page has no such mark.
     """
     text = page.read_text(encoding="utf-8")
-    found = re.search(rf"^<!-- table: {name} -->\n((?:\|.*\n)*)", text, flags=re.MULTILINE)
-    if found is None:
+    match = re.search(rf"^<!-- table: {name} -->\n((?:\|.*\n)*)", text, flags=re.MULTILINE)
+    if match is None:
         raise ValueError(f"{page} has no <!-- table: {name} -->")
     table = "".join(f"{line}\n" for line in lines)
-    page.write_text(text[:found.start(1)] + table + text[found.end(1):], encoding="utf-8")
+    page.write_text(text[:match.start(1)] + table + text[match.end(1):], encoding="utf-8")
 
 
 def put_all(page: Path, report: Mapping[str, Any]) -> None:

@@ -47,8 +47,8 @@ def table(report: Mapping[str, Any]) -> Iterator[str]:
             yield f"  errors: {task.note}"
         absent = [a for a in report["absent"] if a[0] == name]
         yield from (f"  {tool}: {why}" for _, tool, why in absent)
-        told = {row["tool"] for row in rows} | {tool for _, tool, _ in absent}
-        silent = [tool for tool in report["tools"] if tool not in told]
+        reported = {row["tool"] for row in rows} | {tool for _, tool, _ in absent}
+        silent = [tool for tool in report["tools"] if tool not in reported]
         if rows and silent and task.errors:
             yield f"  no row written: {', '.join(silent)}"
 
@@ -85,7 +85,7 @@ def changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[str]:
         yield f"  the old times are by the {clocks[0]} clock, the new by the {clocks[1]} clock"
     both = {name: (old["rows"][name], row) for name, row in new["rows"].items()
             if name in old["rows"]}
-    others = {task: statistics.median(found) for task in TASKS if (found := [
+    others = {task: statistics.median(ratios) for task in TASKS if (ratios := [
         row["least"] / was["least"] for was, row in both.values()
         if row["task"] == task and row["tool"] != OWN])}
     for name, (was, row) in both.items():

@@ -20,7 +20,7 @@ Array = NDArray[Any]
 MAX_CORRECTIONS = 30  # Newton steps from the rough guess; two suffice after the first angle
 STEPS = (360, 3600)  # crank angles in one turn
 SHORT = (1, 36)  # the same where every call counts
-FEW = 9  # of these the second is taken where one closed state is asked for
+FEW = 9  # the second of these is the one closed state
 
 
 class Answer(NamedTuple):

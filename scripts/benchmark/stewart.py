@@ -53,7 +53,7 @@ def rows(x: Array, rotation: Array) -> tuple[Array, Array, Array, Array]:
 
 def solve(values: Array, speed: float) -> Array:
     """Return (3, 3, N): centre of the platform, its velocity and acceleration, by axis first."""
-    x, rotation, kept = np.array([0.0, 0.0, HEIGHT]), np.eye(3), []
+    x, rotation, poses = np.array([0.0, 0.0, HEIGHT]), np.eye(3), []
     for value in values:
         target = np.array([value, *HOME[1:]])
         for _ in range(20):
@@ -70,11 +70,11 @@ def solve(values: Array, speed: float) -> Array:
         across = np.einsum("ij,ij->i", tips, tips) - along**2
         centripetal = np.cross(twist[3:], np.cross(twist[3:], arms))
         bias = np.einsum("ij,ij->i", unit, centripetal) + across / length
-        kept.append((x, twist[:3], -(inverse @ bias)[:3]))
-    return np.array(kept).transpose(2, 1, 0)
+        poses.append((x, twist[:3], -(inverse @ bias)[:3]))
+    return np.array(poses).transpose(2, 1, 0)
 
 
-def judge(values: Array, speed: float, found: Array) -> dict[str, float]:
+def judge(values: Array, speed: float, poses: Array) -> dict[str, float]:
     """Return the largest errors of a centre (3, 3, N), as `solve` returns it."""
-    off = np.abs(found - solve(values, speed)).max(axis=(0, 2))
+    off = np.abs(poses - solve(values, speed)).max(axis=(0, 2))
     return dict(zip(("x", "x'", "x''"), off.tolist(), strict=True))

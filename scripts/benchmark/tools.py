@@ -17,7 +17,7 @@ class Tool(NamedTuple):
     Attributes:
         title: its name in the table.
         modules: of this package, with its cases.
-        versions: packages whose versions are told.
+        versions: packages whose versions are reported.
         installs: what pip installs for it; nothing where it runs in this environment.
         bars: tasks with bars that are measured beside it.
     """
@@ -50,8 +50,8 @@ PEERS = (
 )
 
 
-def asked(peers: bool, bars: bool) -> tuple[Tool, ...]:
-    """Return the peers to measure: all that are asked for, or those beside which a bar is."""
+def selected(peers: bool, bars: bool) -> tuple[Tool, ...]:
+    """Return the peers to measure: all, or those of the bars."""
     return tuple(tool for tool in PEERS if (tool.bars if bars else peers))
 
 

@@ -209,7 +209,7 @@ def setup_ladder(h: float) -> SimpleNamespace:
 def setup_cube(h: float) -> SimpleNamespace:
     """Close the last hinge by two points on its axis.
 
-    They stand on a post welded to the ground: constraints on the world itself end the process.
+    They are on a post welded to the ground: constraints on the world itself end the process.
     """
     plant = new_plant(h)
     parent, at = plant.world_body(), cube.CORNERS[0]

@@ -46,11 +46,11 @@ def make(robot: Robot) -> tuple[Any, Any, Any]:
                 program.AddBoundingBoxConstraint(value, value, unknown[places[name]])
         else:
             for arm in arms:
-                point = (target.place @ [*arm, 1.0])[:3]
+                point = (target.pose @ [*arm, 1.0])[:3]
                 problem.AddPositionConstraint(frame, arm, plant.world_frame(), point, point)
         program.SetInitialGuess(unknown, q)
-        found: Array = Solve(program).GetSolution(unknown)
-        return found
+        solution: Array = Solve(program).GetSolution(unknown)
+        return solution
 
     def values(q: Array) -> Values:
         return {name: float(q[at]) for name, at in places.items()}

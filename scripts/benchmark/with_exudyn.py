@@ -104,21 +104,22 @@ def run(tool: SimpleNamespace) -> Array:
     return tool.mbs.systemData.GetODE2Coordinates()
 
 
-def place(tool: SimpleNamespace, body: int, at: Array) -> Array:
+def position(tool: SimpleNamespace, body: int, at: Array) -> Array:
     """Return where a point of a body is."""
     return np.array(tool.mbs.GetObjectOutputBody(tool.bodies[body], WHERE, localPosition=at))
 
 
 def judge_a02(tool: SimpleNamespace, q: Array) -> dict[str, float | None]:
     end = np.array([0.5, 0.0, 0.0])
-    gap = place(tool, 1, end) - place(tool, 2, end)
+    gap = position(tool, 1, end) - position(tool, 2, end)
     return ladder.judge_end(-float(q[2]), float(np.linalg.norm(gap)))
 
 
 def judge_a04(tool: SimpleNamespace, _: Array) -> dict[str, float | None]:
     edges = cube.edges()
-    gap = place(tool, -1, edges[-1] / 2) - cube.POST
-    return cube.judge(place(tool, cube.P3_ROD, edges[cube.P3_ROD] / 2), float(np.linalg.norm(gap)))
+    gap = position(tool, -1, edges[-1] / 2) - cube.POST
+    end = position(tool, cube.P3_ROD, edges[cube.P3_ROD] / 2)
+    return cube.judge(end, float(np.linalg.norm(gap)))
 
 
 CASES = (

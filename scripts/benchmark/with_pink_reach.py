@@ -67,7 +67,7 @@ def target_task(robot: Robot, model: pin.Model, places: dict[str, int]) -> tuple
         return posture, aim
     turned = float(robot.kind == "placement")
     task = FrameTask(f"{robot.frame}_link", 1.0, turned)
-    return task, lambda target: task.set_target(pin.SE3(target.place))
+    return task, lambda target: task.set_target(pin.SE3(target.pose))
 
 
 def worst(configuration: pink.Configuration, closings: list[Any], wanted: Any) -> float:

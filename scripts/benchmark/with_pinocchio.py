@@ -53,7 +53,8 @@ def run_tuned(tool: SimpleNamespace) -> tuple[Array, Array, Array]:
     called directly with positional arguments (keywords cost as much as the work).
     """
     model, data, tip, problem = tool.model, tool.data, tool.coupler, tool.problem
-    kinematics, integrate, place = pin.forwardKinematics, pin.integrate, pin.updateFramePlacement
+    kinematics, integrate = pin.forwardKinematics, pin.integrate
+    placement = pin.updateFramePlacement
     jacobians, get_jacobian = pin.computeJointJacobians, pin.getFrameJacobian
     get_acceleration, axes = pin.getFrameClassicalAcceleration, pin.LOCAL
     h, small, nv = problem.time_step, problem.tolerance**2, model.nv
@@ -66,10 +67,10 @@ def run_tuned(tool: SimpleNamespace) -> tuple[Array, Array, Array]:
     rhs, step, zero = np.zeros(4), np.zeros(nv), np.zeros(nv)
     correction = step[1:]
     path = problem.crank_path().transpose(1, 0, 2)
-    kept = rates[:, 0], rates[:, 0, 1:], rates[:, 1, 1:]
+    samples = rates[:, 0], rates[:, 0, 1:], rates[:, 1, 1:]
     q = tool.q0
-    for i, (phi, target, velocity, acceleration, v, v_left, a_left) in enumerate(
-        zip(problem.phi.tolist(), *path, *kept, strict=True)
+    for i, (phi, target, velocity, acceleration, v, v_others, a_others) in enumerate(
+        zip(problem.phi.tolist(), *path, *samples, strict=True)
     ):
         if i > 1:
             q = integrate(model, q, dgemv(1.0, history[:, 2 * i - 4 : 2 * i], predictor))
@@ -78,7 +79,7 @@ def run_tuned(tool: SimpleNamespace) -> tuple[Array, Array, Array]:
         q[0] = phi
         for _ in range(MAX_CORRECTIONS):
             jacobians(model, data, q)
-            place(model, data, tip)
+            placement(model, data, tip)
             jacobian = get_jacobian(model, data, tip, axes)[:4, 1:]
             gap = target - p
             x, y, z = gap.tolist()
@@ -92,13 +93,13 @@ def run_tuned(tool: SimpleNamespace) -> tuple[Array, Array, Array]:
             raise RuntimeError(f"loop open by {math.hypot(x, y, z):.1e} m at {phi} rad")
         positions[i] = q
         lu, pivots, _ = dgetrf(jacobian)
-        dgemv(1.0, rotation, velocity, 0.0, v_left, 0, 1, 0, 1, 1, 1)
-        dgetrs(lu, pivots, v_left, 0, 1)
+        dgemv(1.0, rotation, velocity, 0.0, v_others, 0, 1, 0, 1, 1, 1)
+        dgetrs(lu, pivots, v_others, 0, 1)
         kinematics(model, data, q, v, zero)
         bias = get_acceleration(model, data, tip, axes).vector
-        dgemv(1.0, rotation, acceleration, 0.0, a_left, 0, 1, 0, 1, 1, 1)
-        daxpy(bias, a_left, 4, -1.0)
-        dgetrs(lu, pivots, a_left, 0, 1)
+        dgemv(1.0, rotation, acceleration, 0.0, a_others, 0, 1, 0, 1, 1, 1)
+        daxpy(bias, a_others, 4, -1.0)
+        dgetrs(lu, pivots, a_others, 0, 1)
     return positions, rates[:, 0], rates[:, 1]
 
 
@@ -118,20 +119,20 @@ def setup_plain(problem: Problem) -> SimpleNamespace:
     coupler = pin.Quaternion(problem.guessed_coupler()).coeffs()
     q0 = np.concatenate([[0.0], coupler, [problem.guess]])
     tool = SimpleNamespace(model=model, data=model.createData(), q0=q0, problem=problem)
-    tool.contact, tool.kept = contact, contact.createData()
+    tool.contact, tool.contact_data = contact, contact.createData()
     tool.ends, tool.coupler, tool.rocker = ends, ends[0], (5, 4)
     return tool
 
 
 def system(tool: SimpleNamespace, q: Array) -> tuple[Array, Array]:
     """Return loop and spin, in the axes of the coupler: (4, nv) rows, and what is left of them."""
-    model, data, contact, kept = tool.model, tool.data, tool.contact, tool.kept
+    model, data, contact, contact_data = tool.model, tool.data, tool.contact, tool.contact_data
     rows, rhs = np.empty((4, model.nv)), np.zeros(4)
     pin.computeJointJacobians(model, data, q)
-    contact.calc(model, data, kept)
-    rows[:3] = pin.getConstraintJacobian(model, data, contact, kept)
+    contact.calc(model, data, contact_data)
+    rows[:3] = pin.getConstraintJacobian(model, data, contact, contact_data)
     rows[3] = pin.getFrameJacobian(model, data, tool.coupler, pin.LOCAL)[3]
-    rhs[:3] = kept.c1Mc2.translation
+    rhs[:3] = contact_data.c1Mc2.translation
     return rows, rhs
 
 
@@ -155,7 +156,7 @@ def rates(tool: SimpleNamespace, q: Array, rows: Array) -> tuple[Array, Array]:
     v[1:] = np.linalg.solve(rows[:, 1:], -rows[:, 0] * speed)
     pin.forwardKinematics(model, data, q, v, a)
     one, other = (pin.getFrameClassicalAcceleration(model, data, f, pin.LOCAL) for f in tool.ends)
-    rhs[:3] = tool.kept.c1Mc2.rotation @ other.linear - one.linear
+    rhs[:3] = tool.contact_data.c1Mc2.rotation @ other.linear - one.linear
     rhs[3] = -one.angular[0]
     a[1:] = np.linalg.solve(rows[:, 1:], rhs)
     return v, a
@@ -163,14 +164,14 @@ def rates(tool: SimpleNamespace, q: Array, rows: Array) -> tuple[Array, Array]:
 
 def run_plain(tool: SimpleNamespace) -> tuple[Array, Array, Array]:
     """Start each angle from the last position moved on by its velocity."""
-    problem, q, v, kept = tool.problem, tool.q0, np.zeros(tool.model.nv), []
+    problem, q, v, samples = tool.problem, tool.q0, np.zeros(tool.model.nv), []
     for phi in problem.phi:
         q = pin.integrate(tool.model, q, v * problem.time_step)
         q[0] = phi
         q, rows = close(tool, q)
         v, a = rates(tool, q, rows)
-        kept.append((q, v, a))
-    positions, velocities, accelerations = (np.array(x) for x in zip(*kept, strict=True))
+        samples.append((q, v, a))
+    positions, velocities, accelerations = (np.array(x) for x in zip(*samples, strict=True))
     return positions, velocities, accelerations
 
 
@@ -214,7 +215,7 @@ def run_jacobian(tool: SimpleNamespace) -> Array:
 
 
 def judge_one(tool: SimpleNamespace, result: tuple[Array, ...]) -> dict[str, float | None]:
-    """Judge one row (q, v, a) or what there is of it."""
+    """Judge one row (q, v, a), or a part of it."""
     q, v, a = (np.array([x]) for x in result)
     return rssr.judge_row(tool.problem, read_pinocchio(tool, (q, v, a)), 1)
 

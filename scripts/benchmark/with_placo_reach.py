@@ -71,7 +71,7 @@ def target_task(robot: Robot, solver: placo.KinematicsSolver, tasks: list[Any]) 
         tasks.append(point)
 
         def move(target: Target) -> None:
-            point.target_world = target.place[:3, 3]
+            point.target_world = target.pose[:3, 3]
 
         return move
     frame = solver.add_frame_task(f"{robot.frame}_link", np.eye(4))
@@ -79,7 +79,7 @@ def target_task(robot: Robot, solver: placo.KinematicsSolver, tasks: list[Any]) 
     tasks += [frame.position(), frame.orientation()]
 
     def turn(target: Target) -> None:
-        frame.T_world_frame = target.place
+        frame.T_world_frame = target.pose
 
     return turn
 

@@ -53,13 +53,13 @@ def swarm(_: None) -> tuple[float, int]:
 
     linkage = four_bar()
     bounds = pl.generate_bounds(linkage.get_constraints())
-    found = pl.particle_swarm_optimization(
+    best = pl.particle_swarm_optimization(
         eval_func=counted, linkage=linkage, bounds=bounds, order_relation=min, verbose=False)[0]
-    return float(found.score), len(tried)
+    return float(best.score), len(tried)
 
 
-def judge(_: object, found: tuple[float | None, int]) -> dict[str, float | None]:
-    return {"error": found[0], "evaluations": found[1]}
+def judge(_: object, result: tuple[float | None, int]) -> dict[str, float | None]:
+    return {"error": result[0], "evaluations": result[1]}
 
 
 def rocker_angles(solution, inputs) -> np.ndarray:
@@ -128,8 +128,8 @@ def path(_: None) -> tuple[list, int]:
         return path_generation(list(POINTS)).raw_solutions, len(tried)
 
 
-def judge_path(_: None, found: tuple[list, int]) -> dict[str, float | None]:
-    return judge(None, (min(map(missed, found[0]), default=None), found[1]))
+def judge_path(_: None, result: tuple[list, int]) -> dict[str, float | None]:
+    return judge(None, (min(map(missed, result[0]), default=None), result[1]))
 
 
 NAME = "pylinkage"

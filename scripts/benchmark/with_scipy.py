@@ -85,7 +85,7 @@ def run_distance(problem: Problem) -> Array:
     cos, sin = math.cos, math.sin
     psi, rate, acceleration = problem.guess, 0.0, 0.0
     last, last_acceleration = 0.0, 0.0
-    kept = []
+    samples = []
     for i, phi in enumerate(problem.phi.tolist()):
         if i > 1:
             psi, last, last_acceleration = (
@@ -106,13 +106,13 @@ def run_distance(problem: Problem) -> Array:
         rate = along / turn
         acceleration = (-w * w * cphi * (q + s * cpsi) + 2.0 * s * w * sphi * spsi * rate
                         - slope * cpsi * rate * rate) / turn
-        kept.append((psi, rate, acceleration))
-    return np.array(kept)
+        samples.append((psi, rate, acceleration))
+    return np.array(samples)
 
 
-def judge_distance(problem: Problem, kept: Array) -> dict[str, float | None]:
-    found = rssr.judge(problem, (None, *kept.T, None, None))
-    return {name: found[name] for name in ("ψ", "ψ'", "ψ''")}
+def judge_distance(problem: Problem, samples: Array) -> dict[str, float | None]:
+    errors = rssr.judge(problem, (None, *samples.T, None, None))
+    return {name: errors[name] for name in ("ψ", "ψ'", "ψ''")}
 
 
 # IFToMM A02 as one equation

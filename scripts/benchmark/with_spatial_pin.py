@@ -59,8 +59,8 @@ def setup_reduced(steps: int) -> SimpleNamespace:
 
 
 def judge_reduced(tool: SimpleNamespace, motion: sp.Motion) -> dict[str, float | None]:
-    found = rssr.judge(tool.problem, (None, *motion.coordinate("rocker_pin"), None, None))
-    return {name: found[name] for name in ("ψ", "ψ'", "ψ''")}
+    errors = rssr.judge(tool.problem, (None, *motion.coordinate("rocker_pin"), None, None))
+    return {name: errors[name] for name in ("ψ", "ψ'", "ψ''")}
 
 
 # Full and reduced models
@@ -177,8 +177,8 @@ def run_other(tool: SimpleNamespace) -> sp.Motion:
 
 
 def judge_four_bar(tool: SimpleNamespace, motion: sp.Motion) -> dict[str, float | None]:
-    found = np.array(tuple(motion.coordinate("rocker_pin")))
-    return four_bar.judge(tool.values, tool.speed, found)
+    values = np.array(tuple(motion.coordinate("rocker_pin")))
+    return four_bar.judge(tool.values, tool.speed, values)
 
 
 def judge_stewart(tool: SimpleNamespace, motion: sp.Motion) -> dict[str, float | None]:

@@ -30,9 +30,9 @@ def setup_forward(n: int) -> SimpleNamespace:
     mechanism = models.ladder(n)
     q, v = np.zeros(mechanism.model.nq), np.zeros(mechanism.model.nv)
     for name in mechanism.coordinates:
-        place = mechanism.coordinate(name)
+        coordinate = mechanism.coordinate(name)
         sign = -1.0 if name.startswith("pin_") else 1.0
-        q[place.q], v[place.v] = sign * ladder.ANGLE, sign * ladder.RATE
+        q[coordinate.q], v[coordinate.v] = sign * ladder.ANGLE, sign * ladder.RATE
     state = sp.State(mechanism, q, v, closure_error=0.0)
     return SimpleNamespace(mechanism=mechanism, state=state, loops=n)
 
@@ -42,8 +42,8 @@ def run_forward(tool: SimpleNamespace) -> float:
     return float(-answer.a[tool.mechanism.coordinate("pin_0").v])
 
 
-def judge_forward(tool: SimpleNamespace, found: float) -> dict[str, float | None]:
-    return ladder.judge_acceleration(tool.loops, found)
+def judge_forward(tool: SimpleNamespace, result: float) -> dict[str, float | None]:
+    return ladder.judge_acceleration(tool.loops, result)
 
 
 # Open chains
@@ -72,12 +72,12 @@ def run_chain_inverse(tool: SimpleNamespace) -> None:
     sp.inverse_dynamics(tool.mechanism, tool.state)
 
 
-def judge_chain(tool: SimpleNamespace, found: Array | None) -> dict[str, float | None]:
-    if found is None:
+def judge_chain(tool: SimpleNamespace, result: Array | None) -> dict[str, float | None]:
+    if result is None:
         return {"acceleration": None}
     q, v = tool.state.q, tool.state.v
     exact = accelerations(tool.mechanism.model, q, v, np.zeros(len(q)))
-    return {"acceleration": float(np.abs(found - exact).max() / np.abs(exact).max())}
+    return {"acceleration": float(np.abs(result - exact).max() / np.abs(exact).max())}
 
 
 # Simulation

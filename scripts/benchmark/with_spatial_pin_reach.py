@@ -21,9 +21,9 @@ def goal(robot: Robot, target: Target) -> dict[str, Any]:
     """Return a target as this library takes it."""
     if robot.kind == "joints":
         return dict(target.values)
-    point = target.place[:3, 3]
+    point = target.pose[:3, 3]
     turned = robot.kind == "placement"
-    return {f"{robot.frame}_link": pin.SE3(target.place[:3, :3], point) if turned else point}
+    return {f"{robot.frame}_link": pin.SE3(target.pose[:3, :3], point) if turned else point}
 
 
 def make(robot: Robot) -> tuple[Any, Any, Any]:

@@ -41,8 +41,8 @@ def setup_sensitivity() -> SimpleNamespace:
 
 
 def run_sensitivity(tool: SimpleNamespace) -> Array:
-    found = sp.sensitivity(tool.mechanism, tool.state, "rocker_pin", DIMENSIONS)
-    return np.array([[found.derivatives[name] for name in DIMENSIONS]])
+    result = sp.sensitivity(tool.mechanism, tool.state, "rocker_pin", DIMENSIONS)
+    return np.array([[result.derivatives[name] for name in DIMENSIONS]])
 
 
 def setup_gradient() -> SimpleNamespace:
@@ -53,15 +53,15 @@ def setup_gradient() -> SimpleNamespace:
 
 
 def run_gradient(tool: SimpleNamespace) -> Array:
-    found = sp.sensitivity(tool.mechanism, tool.motion, "rocker_pin", DIMENSIONS)
-    return np.column_stack([found.derivatives[name] for name in DIMENSIONS])
+    result = sp.sensitivity(tool.mechanism, tool.motion, "rocker_pin", DIMENSIONS)
+    return np.column_stack([result.derivatives[name] for name in DIMENSIONS])
 
 
-def judge_derivatives(tool: SimpleNamespace, found: Array) -> dict[str, float | None]:
+def judge_derivatives(tool: SimpleNamespace, values: Array) -> dict[str, float | None]:
     """Compare with sixth-order differences of the closed form."""
-    rows = slice(1, 2) if len(found) == 1 else slice(None)
+    rows = slice(1, 2) if len(values) == 1 else slice(None)
     exact = [derivative(tool.problem, name)[rows] for name in DIMENSIONS]
-    return {"dψ": float(np.abs(found - np.array(exact).T).max())}
+    return {"dψ": float(np.abs(values - np.array(exact).T).max())}
 
 
 def derivative(problem: Problem, name: str) -> Array:
@@ -83,12 +83,12 @@ def run_design(problem: DesignProblem) -> Any:
     return problem.solve(seed=0)
 
 
-def judge_design(problem: DesignProblem, found: Any) -> dict[str, float | None]:
+def judge_design(problem: DesignProblem, designs: Any) -> dict[str, float | None]:
     """Return errors, evaluations and, of each kind of defect that the best design has, 1."""
-    defects = {defect.kind for defect in found[0].defects} if len(found) else ()
-    return {"published": problem.published, "designs": len(found),
-            "error": problem.error(found[0]) if len(found) else None,
-            "evaluations": found.evaluations, **dict.fromkeys(sorted(defects), 1.0)}
+    defects = {defect.kind for defect in designs[0].defects} if len(designs) else ()
+    return {"published": problem.published, "designs": len(designs),
+            "error": problem.error(designs[0]) if len(designs) else None,
+            "evaluations": designs.evaluations, **dict.fromkeys(sorted(defects), 1.0)}
 
 
 CASES = (

@@ -1,4 +1,4 @@
-"""Processes that run cases when they are told to, so that tools of all environments take turns.
+"""Processes that run cases on request, so that tools of all environments take turns.
 
     python -m benchmark.workers MODULE ...
 
@@ -41,34 +41,34 @@ CLOCKS = {"wall": time.perf_counter, "cpu": processor_time}
 
 
 class Failed(Exception):
-    """A tool could not do what was asked."""
+    """A tool could not do its task."""
 
 
 class Worker:
     """Runs the cases of some modules in this process."""
 
     def __init__(self, modules: Sequence[str]) -> None:
-        found = [importlib.import_module(f"benchmark.{name}") for name in modules]
-        self.cases: dict[str, Case] = {c.key: c for m in found for c in m.CASES}
-        self.absent: list[Absent] = [a for m in found for a in getattr(m, "ABSENT", ())]
+        loaded = [importlib.import_module(f"benchmark.{name}") for name in modules]
+        self.cases: dict[str, Case] = {c.key: c for m in loaded for c in m.CASES}
+        self.absent: list[Absent] = [a for m in loaded for a in getattr(m, "ABSENT", ())]
         self._tools: dict[str, Any] = {}
         self._results: dict[str, Any] = {}
 
     def rows(self) -> dict[str, Any]:
-        """Return the cases as data, and what is absent."""
+        """Return the cases as data, and the absent ones."""
         names = ("task", "tool", "how", "count", "size", "slow")
         return {"cases": {k: {n: getattr(c, n) for n in names} for k, c in self.cases.items()},
                 "absent": [list(a) for a in self.absent]}
 
     def versions(self, packages: Sequence[str]) -> dict[str, str]:
         """Return the installed versions of packages, and that of Python."""
-        found = {}
+        versions = {}
         for name in packages:
             try:
-                found[name] = importlib.metadata.version(name)
+                versions[name] = importlib.metadata.version(name)
             except importlib.metadata.PackageNotFoundError:
                 continue
-        return found
+        return versions
 
     def setup(self, key: str) -> None:
         """Build what a case needs."""
@@ -161,13 +161,13 @@ class Remote:
         self._process.wait()
         for stream in (self._process.stdin, self._process.stdout):
             if stream:
-                with contextlib.suppress(OSError):  # what was not sent is lost with the process
+                with contextlib.suppress(OSError):  # unsent data is lost with the process
                     stream.close()
         if not self._log.closed:
             self._log.close()
 
 
-def told(error: BaseException) -> str:
+def sentence(error: BaseException) -> str:
     """Return an error as one line."""
     first = (str(error).strip().splitlines() or [""])[0]
     return f"{type(error).__name__}: {first}"[:200]
@@ -184,7 +184,7 @@ def serve(modules: Sequence[str]) -> None:
             worker = worker or Worker(modules)
             answer = {"is": getattr(worker, verb)(*args)}
         except Exception as error:
-            answer = {"failed": told(error)}
+            answer = {"failed": sentence(error)}
         channel.write(json.dumps(answer) + "\n")
         channel.flush()
 

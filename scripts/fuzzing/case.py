@@ -1,4 +1,4 @@
-"""One random mechanism: what is known of it, and what its checks have found so far."""
+"""One random mechanism: its known properties, and the results of its checks."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Wrong(Exception):
 
 
 class Skip(Exception):
-    """A check says nothing about this mechanism."""
+    """A check does not apply to this mechanism."""
 
 
 def need(holds, text):
@@ -140,8 +140,8 @@ class Case:
         if self.rank == len(self.jacobian):
             return True
         for _ in range(2):
-            way = self.rng.normal(size=self.dof) @ self.null_space * 0.05 * self.scale
-            q, open_by = self.judge.solve(self.judge.integrate(self.q, way)[0])
+            step = self.rng.normal(size=self.dof) @ self.null_space * 0.05 * self.scale
+            q, open_by = self.judge.solve(self.judge.integrate(self.q, step)[0])
             if open_by > 1e-13 or rank(self.judge.jacobian(q)) != self.rank:
                 return False
         return True
@@ -168,7 +168,7 @@ class Case:
         return np.asarray(q, dtype=LD)[..., self.q_at]
 
     def own_v(self, v):
-        """The library's velocities, or what is like them."""
+        """The library's velocities, or vectors like them."""
         return np.asarray(v, dtype=LD)[..., self.v_at]
 
     def their_q(self, q):
@@ -199,18 +199,18 @@ class Case:
             what: of what, for the message.
             most: largest residual of each, by the size of the rates.
         """
-        found = self.judge.derivatives(self.own_q(q), *rates)
-        for k, (residual, limit) in enumerate(zip(found, most, strict=False)):
+        derivatives = self.judge.derivatives(self.own_q(q), *rates)
+        for k, (residual, limit) in enumerate(zip(derivatives, most, strict=False)):
             small(residual / self.sizes(rates)[k], limit,
                   f"{what}: derivative {k + 1} of the loops")
 
     def sizes(self, rates):
         """Sizes of a motion's derivatives, none smaller than what the lower ones make."""
-        found = [max(float(np.abs(x / self.scale).max(initial=0)), 1e-3) for x in rates]
-        for k in range(1, len(found)):
-            found[k] = max([found[k], found[0] ** (k + 1),
-                            *([found[1] * found[0]] if k == 2 else [])])
-        return found
+        sizes = [max(float(np.abs(x / self.scale).max(initial=0)), 1e-3) for x in rates]
+        for k in range(1, len(sizes)):
+            sizes[k] = max([sizes[k], sizes[0] ** (k + 1),
+                            *([sizes[1] * sizes[0]] if k == 2 else [])])
+        return sizes
 
     def driver_values(self):
         """Driver values at the known configuration, by name."""

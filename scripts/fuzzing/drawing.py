@@ -51,10 +51,10 @@ class Drawing:
     """A mechanism at the pose where it is drawn.
 
     Attributes:
-        family: what it is.
+        family: its kind.
         size: its unit of length [m].
         dof: its freedoms.
-        balls: whether a ball may stand for a hinge that closes a loop.
+        balls: whether a ball may replace a hinge that closes a loop.
         joints: of the tree, parents first; `loops` what closes it.
         couplings: (driving joint, driven joint, ratio).
         drivers: joints that are driven.
@@ -102,7 +102,7 @@ def draw(seed, attempt=0, shake=0.0, again=0):
 
 
 def welded(drawing, which):
-    """The same mechanism, one link of which is cut in two halves that a weld holds together.
+    """The same mechanism with one link cut in two halves, held together by a weld.
 
     Args:
         drawing: the mechanism.
@@ -152,7 +152,7 @@ class _Maker:
         t, tilt = self.number(-3.1, 3.1), self.number(-0.5, 0.5)
         return _unit(math.cos(t) * one + math.sin(t) * two + tilt * axis)
 
-    def place(self):
+    def point(self):
         """A point (3,), in units."""
         return self.number(-0.5, 0.5, 3)
 
@@ -161,7 +161,7 @@ class _Maker:
 
         Points come somewhere on the line through (x, y) along the normal.
         """
-        normal, origin = self.direction(), self.place()
+        normal, origin = self.direction(), self.point()
         one, two = _frame(normal)
         t = self.number(-3.1, 3.1)
         one, two = (math.cos(t) * one + math.sin(t) * two, math.cos(t) * two - math.sin(t) * one)
@@ -234,7 +234,7 @@ class _Maker:
             # of frames the shake is none of the mechanism
             rotation = from_rpy(self.rng.uniform([-3, -1.3, -3], [3, 1.3, 3])).astype(float)
             d.links[joint.child] = Link(
-                rotation, mass, joint.point + d.size * 0.6 * self.place(), tensor)
+                rotation, mass, joint.point + d.size * 0.6 * self.point(), tensor)
         d.gravity = 9.81 * self.direction()
 
 
@@ -303,7 +303,7 @@ def _trammel(m):
 def _spherical_loop(m):
     """Hinges whose lines meet in a point."""
     n = int(m.rng.choice([4, 5], p=[0.75, 0.25]))
-    middle, up = m.place(), m.direction()
+    middle, up = m.point(), m.direction()
     one, two = _frame(up)
     axes = [_unit(x * one + y * two + m.number(0.4, 0.8) * up) for x, y in m.corners(n)]
     names = m.ring([middle + m.number(0.2, 0.6) * a for a in axes], axes)
@@ -312,13 +312,13 @@ def _spherical_loop(m):
 
 def _chain(m, steps, angles):
     """Points and axes of hinges, from steps (length, twist) between them and their angles."""
-    rotation, place = from_rpy(m.number(-3, 3, 3)).astype(float), m.place()
-    points, axes = [place], [rotation[:, 2]]
+    rotation, point = from_rpy(m.number(-3, 3, 3)).astype(float), m.point()
+    points, axes = [point], [rotation[:, 2]]
     for (length, twist), angle in zip(steps, angles, strict=False):
         rotation = rotation @ from_rpy([0, 0, angle]).astype(float)
-        place = place + length * rotation[:, 0]
+        point = point + length * rotation[:, 0]
         rotation = rotation @ from_rpy([twist, 0, 0]).astype(float)
-        points.append(place)
+        points.append(point)
         axes.append(rotation[:, 2])
     return [p + m.number(-0.1, 0.1) * a for p, a in zip(points, axes, strict=True)], axes
 
@@ -335,10 +335,10 @@ def _bennett(m):
 
 
 def _bricard(m):
-    """Six hinges, of which three are the others turned by half a turn about a line."""
-    line, middle = m.direction(), m.place()
+    """Six hinges: three, and their images by half a turn about a line."""
+    line, middle = m.direction(), m.point()
     half = 2 * np.outer(line, line) - np.eye(3)
-    points = [0.4 * m.direction() + 0.3 * m.place() for _ in range(3)]
+    points = [0.4 * m.direction() + 0.3 * m.point() for _ in range(3)]
     axes = [m.direction() for _ in range(3)]
     names = m.ring([*(middle + p for p in points), *(middle + half @ p for p in points)],
                    [*axes, *(half @ a for a in axes)])
@@ -351,7 +351,7 @@ def _sarrus(m):
     first = m.direction()
     second = m.across(first)
     along = _unit(np.cross(first, second))
-    middle, rise, points = m.place(), m.number(0.4, 0.8), []
+    middle, rise, points = m.point(), m.number(0.4, 0.8), []
     for axis in (first, second):
         out = np.cross(along, axis)
         foot = middle + 0.3 * m.number(0.5, 1.0) * out + 0.2 * m.number(-1, 1) * axis
@@ -430,7 +430,7 @@ def _three_legs(m):
 
 def _delta(m):
     """A platform on three arms with parallelograms of hinges: it does not turn."""
-    up, middle, drivers = m.direction(), m.place(), []
+    up, middle, drivers = m.direction(), m.point(), []
     east, north = _frame(up)
     for k in range(3):
         turn = 2 * math.pi * k / 3 + m.number(-0.2, 0.2)
@@ -458,7 +458,7 @@ def _delta(m):
 
 def _seven_hinges(m):
     """A loop in space without a redundant equation."""
-    names = m.ring([m.place() * 1.5 for _ in range(7)], [m.direction() for _ in range(7)])
+    names = m.ring([m.point() * 1.5 for _ in range(7)], [m.direction() for _ in range(7)])
     m.drawing.balls = False
     m.drive(1, [x for x in names if x][:1])
 

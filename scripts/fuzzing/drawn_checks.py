@@ -31,7 +31,7 @@ ATTEMPTS = 8  # drawings of a seed
 WIDENED = 5  # gaps in a row that refusals may name, as each looks a little ahead only
 ROUNDED = 100.0  # times the last digit of a number, that all numbers together do, or a gap is
 FLOOR = 1e-8  # of an answer: what time steps and closing do
-VAGUE = 0.2  # part of an answer, above which a comparison says nothing
+VAGUE = 0.2  # part of an answer, above which a comparison is meaningless
 SINGULAR = 100.0  # condition of loops and drivers, above which a mechanism is near-singular
 SAMPLES, REACH = 51, 0.5  # of a sweep [rad]: none steps over a singular configuration unseen
 SLIDES = 0.3  # the reach of a slide, in units
@@ -70,7 +70,7 @@ class Drawn:
 
     def records(self):
         """One record for every answer, or one for all where none was compared."""
-        began, found = time.perf_counter(), []
+        began, made = time.perf_counter(), []
         signal.signal(signal.SIGPROF, _too_long)
         signal.setitimer(signal.ITIMER_PROF, LONGEST)
         try:
@@ -78,40 +78,40 @@ class Drawn:
                 warnings.simplefilter("error")
                 warnings.simplefilter("ignore", sp.SpatialPinWarning)
                 self.folder = Path(folder)
-                found = self.compared()
+                made = self.compared()
         except Skip as why:
-            found = [("exact", "skipped", str(why))]
+            made = [("exact", "skipped", str(why))]
         except Wrong as why:
-            found = [("load", "wrong", str(why))]
+            made = [("load", "wrong", str(why))]
         except Hung:
-            found = [("load", "hung", "")]
+            made = [("load", "hung", "")]
         except Exception as error:
             at = traceback.extract_tb(error.__traceback__)[-1]
-            found = [("load", "crashed", f"{type(error).__name__}: {error} at "
+            made = [("load", "crashed", f"{type(error).__name__}: {error} at "
                                          f"{Path(at.filename).name}:{at.lineno}")]
         finally:
             signal.setitimer(signal.ITIMER_PROF, 0)
         seconds = round(time.perf_counter() - began, 3)
         return [{"seed": self.seed, "check": check, "end": end, "name": self.name,
                  "text": text, "doubtful": False, "seconds": seconds}
-                for check, end, text in found]
+                for check, end, text in made]
 
     def compared(self):
         """(answer, end, text) of every answer of the file, at the gap that its refusal names."""
         exact, others = self.reference()
         self.close()
         path = Writer(self.changed, self.digits, self.rng).write(self.folder, "drawn", self.kind)
-        found, gap, ends = Answers(sp.load(path), self.drawing, exact.way), None, []
+        answers, gap, ends = Answers(sp.load(path), self.drawing, exact.sense), None, []
         for _ in range(WIDENED):
-            wider = found.gap_named()
+            wider = answers.gap_named()
             if wider is None or not (gap or 0.0) < wider <= ROUNDED * 10.0**-self.digits:
                 break
             gap = wider
             ends.append((f"gap {len(ends) + 1}", "refused", f"gap={gap}"))
-            found = Answers(sp.load(path, gap=gap), self.drawing, exact.way)
-        told = f"with gap={gap}: " if gap else ""
-        return ends + [(x, end, told + text) for x, end, text in self.against(
-            found, exact, others)]
+            answers = Answers(sp.load(path, gap=gap), self.drawing, exact.sense)
+        remark = f"with gap={gap}: " if gap else ""
+        return ends + [(x, end, remark + text) for x, end, text in self.against(
+            answers, exact, others)]
 
     def reference(self):
         """The exact answers, and those of mechanisms that are a little different."""
@@ -125,40 +125,40 @@ class Drawn:
                  f"exact: {exact.values['dof']} freedoms, not {self.drawing.dof}")
             if exact.condition() > SINGULAR:
                 continue
-            others = [self.exactly(draw(self.seed, attempt, SHAKE, k), exact.way)
+            others = [self.exactly(draw(self.seed, attempt, SHAKE, k), exact.sense)
                       for k in range(SHAKES)]
             if not any(x.refused for x in others):
                 return exact, others
         raise Skip("no drawing away from limits and singular configurations")
 
-    def exactly(self, drawing, way=None):
+    def exactly(self, drawing, sense=None):
         """The answers of a drawing in full digits."""
         path = Writer(drawing, EXACT, self.rng).write(self.folder, "exact", "urdf")
-        return Answers(sp.load(path), drawing, way)
+        return Answers(sp.load(path), drawing, sense)
 
     def close(self):
         """Choose how the file closes a loop: by its hinge, a ball, or a weld within a link."""
-        ways = {"hinge": lambda d, _: d, "weld": welded}
+        senses = {"hinge": lambda d, _: d, "weld": welded}
         if self.drawing.balls:
-            ways["ball"] = with_ball
-        self.cut = str(self.rng.choice(list(ways)))
+            senses["ball"] = with_ball
+        self.cut = str(self.rng.choice(list(senses)))
         which = int(self.rng.integers(0, len(self.drawing.loops)))
-        self.changed = ways[self.cut](self.drawing, which)
+        self.changed = senses[self.cut](self.drawing, which)
 
-    def against(self, found, exact, others):
+    def against(self, answers, exact, others):
         """(answer, end, text) of the answers of a file that were not refused for its digits."""
         rounding = 10.0**-self.digits
-        for name, text in found.refused.items():
+        for name, text in answers.refused.items():
             yield name, "wrong", f"refused: {text}"
-        if "dof" in found.values:
-            dof = found.values["dof"]
+        if "dof" in answers.values:
+            dof = answers.values["dof"]
             right = dof == self.drawing.dof
             yield ("dof", "right" if right else "wrong",
                    "" if right else f"{dof} freedoms, not {self.drawing.dof}")
-        for name in set(found.values) - {"dof"}:
-            common = sorted(set(found.values[name]) & set(exact.values[name]))
+        for name in set(answers.values) - {"dof"}:
+            common = sorted(set(answers.values[name]) & set(exact.values[name]))
             mine, wanted, *near = (np.concatenate([x.values[name][k] for k in common])
-                                   for x in (found, exact, *others))
+                                   for x in (answers, exact, *others))
             size = np.abs(wanted).max(initial=0.0)
             depends = max(np.abs(x - wanted).max(initial=0.0) for x in near) / SHAKE + size
             most = ROUNDED * rounding * depends + FLOOR * size
@@ -172,7 +172,7 @@ class Drawn:
 
 
 class Answers:
-    """What the library says of one file: values by what they are, refusals in its words.
+    """Answers of the library for one file: values by name, refusals in its words.
 
     Args:
         mechanism: the loaded one.
@@ -180,21 +180,21 @@ class Answers:
         way: the sign of the sweep; None: the first that the mechanism can go.
     """
 
-    def __init__(self, mechanism, drawing, way=None):
-        self.mechanism, self.drawing, self.way = mechanism, drawing, way
+    def __init__(self, mechanism, drawing, sense=None):
+        self.mechanism, self.drawing, self.sense = mechanism, drawing, sense
         self.values, self.refused, self.report = {}, {}, ""
         try:
             self.state = sp.assemble(mechanism)
-            found = sp.mobility(mechanism, self.state)
+            result = sp.mobility(mechanism, self.state)
         except sp.SpatialPinError as error:
-            self.refused["assemble"] = _said(error)
+            self.refused["assemble"] = _reason(error)
             return
-        self.values["dof"], self.report = found.dof, str(found)
+        self.values["dof"], self.report = result.dof, str(result)
         for name in ("home", "jacobian", "accelerations", "efforts", "sweep", "simulate"):
             try:
                 self.values[name] = getattr(self, name)()
             except sp.SpatialPinError as error:
-                self.refused[name] = _said(error)
+                self.refused[name] = _reason(error)
 
     def gap_named(self):
         """The gap that a refusal, or the mobility, names; None if none does."""
@@ -214,14 +214,14 @@ class Answers:
 
     def places(self, state):
         """Places by the unit of length, and rotations, of all links."""
-        found = {}
+        points = {}
         for link in self.drawing.links:
             at = state.placement(link)
-            found[link] = np.concatenate([at.translation / self.drawing.size,
+            points[link] = np.concatenate([at.translation / self.drawing.size,
                                           at.rotation.ravel()])
-        return found
+        return points
 
-    # ------------------------------------------------------------ what is asked
+    # ------------------------------------------------------------ answers
 
     def home(self):
         """Places of links where they are drawn."""
@@ -229,17 +229,17 @@ class Answers:
 
     def jacobian(self):
         """Of all links, for all drivers."""
-        d, found = self.drawing, {}
+        d, columns = self.drawing, {}
         by = np.array([d.size] * 3 + [1.0] * 3)[:, None]
         units = np.array([self.linear.get(x, 1.0) for x in d.drivers])
         for link in d.links:
-            found[link] = (sp.jacobian(self.mechanism, self.state, link) / by * units).ravel()
-        return found
+            columns[link] = (sp.jacobian(self.mechanism, self.state, link) / by * units).ravel()
+        return columns
 
     def accelerations(self):
         """Of joints, under weight alone and at rest."""
-        found = sp.forward_dynamics(self.mechanism, self.state).a
-        return {n: np.array([found[self.mechanism.coordinate(n).v] / unit])
+        a = sp.forward_dynamics(self.mechanism, self.state).a
+        return {n: np.array([a[self.mechanism.coordinate(n).v] / unit])
                 for n, unit in self.linear.items()}
 
     def efforts(self):
@@ -248,8 +248,8 @@ class Answers:
         for k, name in enumerate(d.drivers):
             rates[name] = (1.0 + 0.3 * k) * self.linear.get(name, 1.0)
         moving = sp.solve_rates(self.mechanism, self.state, rates)
-        found = sp.inverse_dynamics(self.mechanism, moving).efforts
-        return {n: np.array([found[n] * self.linear.get(n, 1.0)]) / d.size**2 for n in d.drivers}
+        efforts = sp.inverse_dynamics(self.mechanism, moving).efforts
+        return {n: np.array([efforts[n] * self.linear.get(n, 1.0)]) / d.size**2 for n in d.drivers}
 
     def sweep(self):
         """Places and velocities of links half a radian away."""
@@ -257,21 +257,21 @@ class Answers:
         unit = self.linear.get(driver, 1.0)
         kind = next(j.kind for j in d.joints if j.name == driver)
         reach = REACH if kind == HINGE else SLIDES * d.size
-        ways = (1.0, -1.0) if self.way is None else (self.way,)
-        for way in ways:
+        senses = (1.0, -1.0) if self.sense is None else (self.sense,)
+        for sense in senses:
             try:
-                motion = sp.sweep(self.mechanism, driver, way * np.linspace(0.0, reach, SAMPLES),
+                motion = sp.sweep(self.mechanism, driver, sense * np.linspace(0.0, reach, SAMPLES),
                                   speed=unit)
             except sp.SpatialPinError:
-                if way == ways[-1]:
+                if sense == senses[-1]:
                     raise
                 continue
-            self.way, self.moved = way, motion
-            end, found = motion.state(-1), {}
-            for link, place in self.places(end).items():
+            self.sense, self.moved = sense, motion
+            end, result = motion.state(-1), {}
+            for link, point in self.places(end).items():
                 v = end.velocity(link)
-                found[link] = np.concatenate([place, v.linear / d.size, v.angular])
-            return found
+                result[link] = np.concatenate([point, v.linear / d.size, v.angular])
+            return result
         return None
 
     def simulate(self):
@@ -296,7 +296,7 @@ class Answers:
         return worst
 
 
-def _said(error):
+def _reason(error):
     return f"{type(error).__name__}: {error}"
 
 

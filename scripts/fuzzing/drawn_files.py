@@ -20,7 +20,7 @@ EXACT = 17
 MJCF_JOINT = {HINGE: "hinge", SLIDE: "slide", BALL: "ball"}
 SDF_JOINT = {HINGE: "revolute", SLIDE: "prismatic", BALL: "ball", WELD: "fixed"}
 URDF_JOINT = {HINGE: "continuous", SLIDE: "prismatic"}
-APART = 0.3  # of the two balls that stand for a hinge, in units
+APART = 0.3  # of the two balls that replace a hinge, in units
 
 
 class Writer:
@@ -55,7 +55,7 @@ class Writer:
         return values if self.digits == EXACT else np.round(values, places)
 
     def figure(self, x):
-        """A number of so many digits, wherever its point is: masses and moments."""
+        """A number of `digits` digits, wherever its point is: masses and moments."""
         return f"{x:.{self.digits}g}"
 
     # ------------------------------------------------------------ places
@@ -71,9 +71,9 @@ class Writer:
 
     def inertia(self, link):
         """Mass, centre (3,) and the six moments of a link, in its frame, as text."""
-        found, r = self.drawing.links[link], self.drawing.rotation(link)
-        tensor = r.T @ found.tensor @ r
-        return (self.figure(found.mass), self.lengths(self.local(link, found.com)),
+        own, r = self.drawing.links[link], self.drawing.rotation(link)
+        tensor = r.T @ own.tensor @ r
+        return (self.figure(own.mass), self.lengths(self.local(link, own.com)),
                 [self.figure(tensor[i, k]) for i, k in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2),
                                                         (2, 2))])
 

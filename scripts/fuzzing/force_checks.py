@@ -23,20 +23,20 @@ SAMPLES = 6  # of a simulation
 def _bodies(c, motion):
     """For each body: link, mass, place, velocity, acceleration, spin, its rate, its tensor."""
     for link, body in c.spec["inertias"].items():
-        place, velocity, acceleration, _ = motion.point(link, body["com"])
+        position, velocity, acceleration, _ = motion.point(link, body["com"])
         turning, rate, _ = motion.turns(link)
         r = motion.rotation[c.judge.number(link)]
         tensor = r @ np.array(body["tensor"], dtype=LD)[TENSOR] @ r.T
-        yield link, LD(body["mass"]), place, velocity, acceleration, turning, rate, tensor
+        yield link, LD(body["mass"]), position, velocity, acceleration, turning, rate, tensor
 
 
 def _energy(c, q, v):
     """Kinetic and potential energy of bodies and springs, the judge's numbering [J]."""
     moving = resting = LD(0)
     gravity = np.array(c.spec["gravity"], dtype=LD)
-    for _, mass, place, velocity, _, w, _, tensor in _bodies(c, c.judge.motion(q, v)):
+    for _, mass, position, velocity, _, w, _, tensor in _bodies(c, c.judge.motion(q, v)):
         moving += mass * (velocity @ velocity) / 2 + w @ (tensor @ w) / 2
-        resting -= mass * (gravity @ place)
+        resting -= mass * (gravity @ position)
     for spring in c.spec["springs"]:
         resting += 0.5 * spring["stiffness"] * _stretch(c, spring, q)[0] ** 2
     return float(moving), float(resting)
@@ -126,11 +126,11 @@ def check_forward(c):
     jacobian, gamma, carried, free, values, load, heavy, pull = _ours(c, state, efforts)
     massless = values <= LIGHT * heavy
     try:
-        found = sp.forward_dynamics(c.mechanism, state, efforts)
+        result = sp.forward_dynamics(c.mechanism, state, efforts)
     except sp.SpatialPinError:
         c.doubtful = c.keeps_rank and not massless.any()
         raise
-    got = c.own_v(found.a).astype(float) / c.scale
+    got = c.own_v(result.a).astype(float) / c.scale
     need(np.isfinite(got).all(), "accelerations are no numbers")
     fast = np.abs(state.v[c.v_at] / c.scale).max(initial=0)
     floor = 1e-3 * max(np.linalg.norm(c.spec["gravity"]) / c.size, pull / max(heavy, 1e-300))
@@ -147,9 +147,9 @@ def check_forward(c):
         small(rest / max(np.abs(wanted).max(), 1e-6), 1e-5, "accelerations of what has inertia")
         raise Skip("a freedom without inertia")
     spread = values[-1] / values[0] if len(values) else 1.0
-    most = min(1e-4, 1e-11 * spread * c.condition + 1e-9 + 10 * found.error)
+    most = min(1e-4, 1e-11 * spread * c.condition + 1e-9 + 10 * result.error)
     small((got - wanted) / max(size, np.abs(wanted).max(initial=0)), most, "accelerations")
-    c.dynamics = found, efforts, state
+    c.dynamics = result, efforts, state
 
 
 # ------------------------------------------------------------ balance of every body
@@ -210,8 +210,8 @@ def _effort(c, i, tau):
     return (u * tau[1] if kind == "cylindrical" else none), u * tau[0]
 
 
-def _need_balance(c, found, efforts, state, v, a):
-    """Newton and Euler for every body by itself, from what is said of the pairs."""
+def _need_balance(c, result, efforts, state, v, a):
+    """Newton and Euler for every body by itself, from the stated reactions."""
     judge, balance = c.judge, _Balance(c)
     placements, tau = judge.placements(c.at[None]), np.zeros(judge.nv)
     for x, (_, iv) in zip(efforts.values(), c.driven, strict=True):
@@ -223,39 +223,39 @@ def _need_balance(c, found, efforts, state, v, a):
             continue
         links = [judge.frames[f][0] for f in spring["frames"]]
         a1, b1 = (judge.frame(f, placements)[1][0].astype(float) for f in spring["frames"])
-        way = (b1 - a1) / np.linalg.norm(b1 - a1)
-        balance.add(links[1], pull * way, np.zeros(3), b1)
-        balance.add(links[0], -pull * way, np.zeros(3), a1)
-    tau += _couplings(c, found, state)
+        direction = (b1 - a1) / np.linalg.norm(b1 - a1)
+        balance.add(links[1], pull * direction, np.zeros(3), b1)
+        balance.add(links[0], -pull * direction, np.zeros(3), a1)
+    tau += _couplings(c, result, state)
     for i, joint in enumerate(judge.joints):
         if joint["kind"] == "fixed":
             continue
-        wrench, at = found.reactions[joint["name"]], placements[1][0, i].astype(float)
+        wrench, at = result.reactions[joint["name"]], placements[1][0, i].astype(float)
         force, moment = _effort(c, i, tau[judge.v_at[i] : judge.v_at[i] + NV[joint["kind"]]])
         balance.between(joint["child"], joint["parent"], wrench.linear + force,
                         wrench.angular + moment, at)
     for closure in c.spec["closures"]:
         if closure["type"] != "coupling":
-            wrench = found.reactions[closure["name"]]
+            wrench = result.reactions[closure["name"]]
             at = judge.frame(closure["frames"][1], placements)[1][0].astype(float)
             one, two = (judge.frames[f][0] for f in closure["frames"])
             balance.between(two, one, wrench.linear, wrench.angular, at)
     gravity = np.array(c.spec["gravity"], dtype=LD)
     motion = judge.motion(c.at, v, a)
-    for link, mass, place, _, acceleration, w, rate, tensor in _bodies(c, motion):
+    for link, mass, position, _, acceleration, w, rate, tensor in _bodies(c, motion):
         balance.add(link, mass * (gravity - acceleration),
-                    -(tensor @ rate + np.cross(w, tensor @ w)), place)
+                    -(tensor @ rate + np.cross(w, tensor @ w)), position)
         origin = motion.acceleration[judge.number(link)]
         balance.takes_part(link, mass * np.concatenate([gravity, origin]), tensor @ rate)
-    _judge_balance(c, balance, found.on_ground)
+    _judge_balance(c, balance, result.on_ground)
 
 
-def _couplings(c, found, state):
+def _couplings(c, result, state):
     """Joint forces (nv,) of couplings: their multipliers come last."""
     n = sum(x["type"] == "coupling" for x in c.spec["closures"])
     if not n:
         return np.zeros(c.judge.nv)
-    return (found.multipliers[-n:] @ sp.closure_jacobian(c.mechanism, state)[-n:])[c.v_at]
+    return (result.multipliers[-n:] @ sp.closure_jacobian(c.mechanism, state)[-n:])[c.v_at]
 
 
 def _judge_balance(c, balance, on_ground):
@@ -272,8 +272,8 @@ def check_reactions(c):
     """Every body is in balance under the reactions of forward dynamics."""
     if c.dynamics is None:
         raise Skip("no dynamics")
-    found, efforts, state = c.dynamics
-    _need_balance(c, found, efforts, state, c.own_v(state.v), c.own_v(found.a))
+    result, efforts, state = c.dynamics
+    _need_balance(c, result, efforts, state, c.own_v(state.v), c.own_v(result.a))
 
 
 def check_inverse(c):
@@ -281,7 +281,7 @@ def check_inverse(c):
     c.only_if_driven()
     v, a = c.own_v(c.moving.v), c.own_v(c.moving.a)
     try:
-        found = sp.inverse_dynamics(c.mechanism, c.moving)
+        result = sp.inverse_dynamics(c.mechanism, c.moving)
     except sp.SpatialPinError:
         c.doubtful = c.keeps_rank
         raise
@@ -291,10 +291,10 @@ def check_inverse(c):
         parts += [mass * (velocity @ acceleration), -mass * (velocity @ gravity),
                   w @ (tensor @ rate)]
     parts += list(-_spring_forces(c, c.at, v) * v)
-    given = [found.efforts[n] * v[iv] for n, (_, iv) in zip(c.names, c.driven, strict=True)]
+    given = [result.efforts[n] * v[iv] for n, (_, iv) in zip(c.names, c.driven, strict=True)]
     size = max(float(np.abs(x)) for x in [*parts, *given, 1e-6 * _weight(c) * _speed(c, v)])
     small((sum(given) - sum(parts)) / max(size, 1e-300), 1e-8, "power")
-    _need_balance(c, found, {n: found.efforts[n] for n in c.names}, c.moving, v, a)
+    _need_balance(c, result, {n: result.efforts[n] for n in c.names}, c.moving, v, a)
 
 
 def _weight(c):
@@ -321,20 +321,20 @@ def check_simulate(c):
     massless = values[0] < 1e-6 * max(values[-1], heavy)  # a freedom may have none at all
     gravity = max(np.linalg.norm(c.spec["gravity"]), 1.0)
     duration = 0.5 * math.sqrt(c.size * 9.81 / gravity)
-    found, refused = {}, {}
+    result, refused = {}, {}
     for formulation in ("independent", "projected"):
         try:
             m = _simulated(c, formulation, duration, 1e-9)
         except sp.SpatialPinError as error:
             refused[formulation] = f"{formulation}: {type(error).__name__}: {error}"
             continue
-        found[formulation] = m
+        result[formulation] = m
         _need_honest(c, m, formulation, gravity)
     if refused:
         c.doubtful = len(refused) == 1 and c.keeps_rank and not massless
         raise sp.SpatialPinError("; ".join(refused.values()))
     if not massless:
-        _need_alike(c, found, duration)
+        _need_alike(c, result, duration)
 
 
 def _simulated(c, formulation, duration, tolerance):
@@ -349,25 +349,25 @@ def _need_honest(c, m, formulation, gravity):
                           for q, v in zip(m.q, m.v, strict=True)])
         size = max(parts[:, 0].max(), np.ptp(parts[:, 1]), 1e-7 * _weight(c) * gravity / 9.81)
         small((parts.sum(1) - parts[0].sum()) / size, 1e-5,
-              f"{formulation}: energy (told {m.energy_drift:.0e})")
+              f"{formulation}: energy (stated {m.energy_drift:.0e})")
     rates = [c.own_v(m.v[-1]), c.own_v(m.a[-1])]
-    found = c.judge.derivatives(c.own_q(m.q[-1]), *rates)
+    result = c.judge.derivatives(c.own_q(m.q[-1]), *rates)
     fast = max(_speed(c, rates[0]), 1e-3)
-    small(found[0] / fast, 1e-7, f"{formulation}: velocities open the loops")
-    small(found[1] / max(_speed(c, rates[1]), fast**2, 1e-2 * gravity / c.size), 1e-6,
+    small(result[0] / fast, 1e-7, f"{formulation}: velocities open the loops")
+    small(result[1] / max(_speed(c, rates[1]), fast**2, 1e-2 * gravity / c.size), 1e-6,
           f"{formulation}: accelerations open the loops")
 
 
-def _need_alike(c, found, duration):
-    if _gap(c, found) < 1e-5:
+def _need_alike(c, result, duration):
+    if _gap(c, result) < 1e-5:
         return
-    tight = {f: _simulated(c, f, duration, 1e-12) for f in found}  # chaotic motions grow errors
+    tight = {f: _simulated(c, f, duration, 1e-12) for f in result}  # chaotic motions grow errors
     small(_gap(c, tight), 1e-4, "formulations differ at 1e-12")
-    small(_gap(c, found), 1e-2, "formulations differ at 1e-9")
+    small(_gap(c, result), 1e-2, "formulations differ at 1e-9")
 
 
-def _gap(c, found):
-    one, two = (m.q for m in found.values())
+def _gap(c, result):
+    one, two = (m.q for m in result.values())
     return max(np.abs(c.judge.difference(c.own_q(a), c.own_q(b)) / c.scale).max()
                for a, b in zip(one, two, strict=True))
 

@@ -174,7 +174,7 @@ class _Maker:
     # ------------------------------------------------------------ closures
 
     def close(self):
-        """Add closures until few freedoms are left; now and then one that says nothing new."""
+        """Add closures until few freedoms remain; now and then a redundant one."""
         rng, spec = self.rng, self.spec
         wanted = int(rng.choice([0, 1, 2, 3, 4], p=[0.04, 0.56, 0.22, 0.1, 0.08]))
         nv, most = Judge(spec).nv, int(rng.integers(2, 11))
@@ -263,7 +263,7 @@ class _Maker:
             "weld": (np.eye(3), none), "fixed": (np.eye(3), none),
             "universal": (self.crossed(c, f), none),
             "perpendicular": (self.crossed(c, f), anywhere * self.size),
-            "distance": (free, self.some_way()), "point_on_line": (free, along),
+            "distance": (free, self.some_direction()), "point_on_line": (free, along),
             "point_on_plane": (free, across), "parallel": (turned, anywhere * self.size),
         }[kind]
 
@@ -279,7 +279,7 @@ class _Maker:
         start = onto(c.get("axis2", [0, 1, 0]))
         return (onto(target) @ from_rpy([0, 0, s]) @ start.T).astype(float)
 
-    def some_way(self):
+    def some_direction(self):
         d = np.array(self.direction())
         if self.mode == "planar":
             d = np.array(self.in_plane())
@@ -294,8 +294,8 @@ class _Maker:
         placements = judge.placements(np.array([self.spec["q"]], dtype=LD))
         (r1, p1), (r2, p2) = ((r[0], p[0]) for r, p in (
             judge.frame(names[0], placements), judge.frame(links[1], placements)))
-        place = r2.T @ (p1 + r1 @ shift - p2)
-        frames.append({"name": names[1], "link": links[1], "xyz": [float(x) for x in place],
+        offset = r2.T @ (p1 + r1 @ shift - p2)
+        frames.append({"name": names[1], "link": links[1], "xyz": [float(x) for x in offset],
                        "rpy": to_rpy(r2.T @ r1 @ rotation)})
         if c["type"] == "distance":
             judge = Judge(self.spec)
@@ -303,19 +303,19 @@ class _Maker:
             c["length"] = float(np.sqrt(((a - b) ** 2).sum()))
 
     def repeat(self):
-        """Add a closure that says again, or in part, what another one says."""
+        """Add a closure that repeats another one, or a part of it."""
         c = dict(self.rng.choice(np.array(self.spec["closures"], dtype=object)))
         if c["type"] == "coupling":
             return
         kind = str(self.rng.choice(WEAKER.get(c["type"], (c["type"],))))
-        kept = {"name": f"c{len(self.spec['closures'])}", "type": kind, "frames": c["frames"]}
+        again = {"name": f"c{len(self.spec['closures'])}", "type": kind, "frames": c["frames"]}
         if kind in WITH_AXIS and "axis" in c:
-            kept["axis"] = c["axis"]
+            again["axis"] = c["axis"]
         for key, owner in (("axis2", "universal"), ("axis2", "perpendicular"), ("lead", "screw"),
                            ("length", "distance")):
             if kind == owner and key in c:
-                kept[key] = c[key]
-        self.spec["closures"].append(kept)
+                again[key] = c[key]
+        self.spec["closures"].append(again)
 
     # ------------------------------------------------------------ forces, drivers, dimensions
 
@@ -364,8 +364,8 @@ class _Maker:
         """Drive as many coordinates as there are freedoms, well away from their dead centres."""
         judge = Judge(self.spec)
         have = judge.jacobian(np.array(self.spec["q"], dtype=LD))
-        found = rank(have)
-        dof = judge.nv - found
+        best = rank(have)
+        dof = judge.nv - best
         names = list(judge.linear)
         self.rng.shuffle(names)
         for name in names:
@@ -374,8 +374,8 @@ class _Maker:
             row = np.zeros((1, judge.nv))
             row[0, judge.linear[name][1]] = 1.0
             s = np.linalg.svd(np.vstack([have, row]), compute_uv=False)
-            if len(s) > found and s[found] > 5e-3 * s[0]:
-                have, found = np.vstack([have, row]), found + 1
+            if len(s) > best and s[best] > 5e-3 * s[0]:
+                have, best = np.vstack([have, row]), best + 1
                 self.spec["drivers"].append({"name": f"d{len(self.spec['drivers'])}",
                                              "joint": name})
 

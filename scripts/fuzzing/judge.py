@@ -64,10 +64,10 @@ class Judge:
         self.v_at = np.cumsum([0, *(NV[k] for k in kinds)]).tolist()
         self.nq, self.nv = self.q_at[-1], self.v_at[-1]
         self.size = LD(spec["size"])
-        self.places = [_place(j) for j in self.joints]
+        self.places = [_placement(j) for j in self.joints]
         self.axes = [unit(j["axis"]) if "axis" in j else None for j in self.joints]
         self.second_axes = [unit(j["axis2"]) if "axis2" in j else None for j in self.joints]
-        self.frames = {f["name"]: (f["link"], *_place(f)) for f in spec["frames"]}
+        self.frames = {f["name"]: (f["link"], *_placement(f)) for f in spec["frames"]}
         self.joint_of = {j["child"]: i for i, j in enumerate(self.joints)}
         self.coordinates, self.units, self.linear = [], [], {}
         for i, j in enumerate(self.joints):
@@ -201,9 +201,9 @@ class Judge:
         """Residuals (N, rows) of all closures; the least alignment (N,), above 0 where closed."""
         qs = np.atleast_2d(qs).astype(LD)
         placements = self.placements(qs)
-        found = [self._closure(c, placements, qs) for c in self.spec["closures"]]
-        rows = [np.zeros((len(qs), 0), dtype=LD), *(r for r, _ in found)]
-        aligned = [np.ones(len(qs), dtype=LD), *(good for _, good in found if good is not None)]
+        values = [self._closure(c, placements, qs) for c in self.spec["closures"]]
+        rows = [np.zeros((len(qs), 0), dtype=LD), *(r for r, _ in values)]
+        aligned = [np.ones(len(qs), dtype=LD), *(good for _, good in values if good is not None)]
         return np.concatenate(rows, -1), np.min(aligned, axis=0)
 
     def _closure(self, c, placements, qs):
@@ -220,7 +220,7 @@ class Judge:
         return (open_by / self.scale[at])[:, None]
 
     def open_by(self, qs):
-        """How far the loops are open (N,); inf where a closure stands in its mirror image."""
+        """How far the loops are open (N,); inf where a closure is in its mirror image."""
         rows, aligned = self.residual(qs)
         return np.where(aligned <= 0, np.inf, np.abs(rows).max(-1, initial=0)).astype(float)
 
@@ -298,7 +298,7 @@ class LinkMotion:
         self.judge = judge
         rotations, places = placements
         middle = len(POINTS) // 2
-        self.rotation, self.place = rotations[middle], places[middle]
+        self.rotation, self.position = rotations[middle], places[middle]
         along = [(FIRST, h), (SECOND, h**2), (THIRD, h**3)]
         self.velocity, self.acceleration, self.jerk = (
             np.einsum("t,tbi->bi", w, places) / s for w, s in along)
@@ -316,7 +316,7 @@ class LinkMotion:
         dr = np.cross(w, r)
         ddr = np.cross(dw, r) + np.cross(w, dr)
         dddr = np.cross(ddw, r) + 2 * np.cross(dw, dr) + np.cross(w, ddr)
-        return (self.place[k] + r, self.velocity[k] + dr, self.acceleration[k] + ddr,
+        return (self.position[k] + r, self.velocity[k] + dr, self.acceleration[k] + ddr,
                 self.jerk[k] + dddr)
 
     def frame(self, name):
@@ -331,7 +331,7 @@ class LinkMotion:
         return self.turning[k], self.turning_rate[k], self.turning_jerk[k]
 
 
-def _place(entry):
+def _placement(entry):
     return from_rpy(entry["rpy"]), np.array(entry["xyz"], dtype=LD)
 
 
@@ -357,7 +357,7 @@ def _difference(start, end):
 
 # ------------------------------------------------------------ residuals of closures
 # of (closure, relative rotation (N, 3, 3), shift (N, 3) in frame 1 by size, size):
-# rows (N, k), and what is above 0 unless the closure stands in its mirror image
+# rows (N, k), and what is above 0 unless the closure is in its mirror image
 
 
 def _axis(c):

@@ -27,10 +27,10 @@ def check_load(c):
     pin.framesForwardKinematics(m.model, data, c.their_q(c.q))
     placements = judge.placements(c.q[None])
     for name in [*judge.frames, *judge.joint_of]:
-        rotation, place = judge.frame(name, placements)
-        found = data.oMf[m.frame_id(name)]
-        small((found.translation - place[0]) / c.size, 1e-11, f"place of {name}")
-        small(found.rotation - rotation[0], 1e-12, f"rotation of {name}")
+        rotation, position = judge.frame(name, placements)
+        placement = data.oMf[m.frame_id(name)]
+        small((placement.translation - position[0]) / c.size, 1e-11, f"place of {name}")
+        small(placement.rotation - rotation[0], 1e-12, f"rotation of {name}")
     rows = sp.closure_jacobian(m, c.their_q(c.q))
     need(len(rows) == len(c.jacobian), f"{len(rows)} closure equations, not {len(c.jacobian)}")
     s = np.linalg.svd(rows * m.velocity_scale, compute_uv=False) if rows.size else np.zeros(0)
@@ -49,10 +49,10 @@ def check_state(c):
 
 
 def check_assemble(c):
-    """From a guess nearby the loops close, and the drivers stand where they were asked to."""
+    """From a guess nearby the loops close, and the drivers have their values."""
     values = c.driver_values()
-    way = c.rng.uniform(-0.05, 0.05, c.judge.nv) * c.scale
-    guess = c.judge.integrate(c.q, way)[0]
+    step = c.rng.uniform(-0.05, 0.05, c.judge.nv) * c.scale
+    guess = c.judge.integrate(c.q, step)[0]
     try:
         state = sp.assemble(c.mechanism, values, guess=c.their_q(guess))
     except sp.SpatialPinError:
@@ -60,9 +60,9 @@ def check_assemble(c):
         c.doubtful = open_by < 1e-13 and c.judge.open_by(q[None])[0] < 1e-12
         raise
     c.need_closed(state.q, "assemble")
-    small(state.closure_error, 1e-10, "closure error told")
+    small(state.closure_error, 1e-10, "stated closure error")
     for (iq, _), value in zip(c.driven, values.values(), strict=True):
-        need(float(c.own_q(state.q)[iq]) == value, "a driver is not where it was asked to be")
+        need(float(c.own_q(state.q)[iq]) == value, "a driver does not have its value")
 
 
 def check_rates(c):
@@ -80,9 +80,9 @@ def check_rates(c):
     c.need_rates(m.q, rates, "rates", (1e-9, 1e-8))
     motion, (fast, faster) = c.judge.motion(c.at, *rates), c.sizes(rates)
     for name in [*list(c.judge.frames)[:3], c.judge.joints[-1]["child"]]:
-        place, velocity, acceleration, _ = motion.frame(name)
+        position, velocity, acceleration, _ = motion.frame(name)
         turning, turning_rate, _ = motion.turns(name)
-        small((m.placement(name).translation - place) / c.size, 1e-11, f"place of {name}")
+        small((m.placement(name).translation - position) / c.size, 1e-11, f"place of {name}")
         small((m.velocity(name).linear - velocity) / c.size / fast, 1e-9, f"velocity of {name}")
         small((m.acceleration(name).linear - acceleration) / c.size / faster, 1e-8,
               f"acceleration of {name}")
@@ -132,15 +132,15 @@ def check_jerk(c):
     for (_, iv), x in zip(c.driven, wanted.values(), strict=True):
         small((rates[2][iv] - x) / c.scale[iv] / size, 1e-9, "a driver's jerk")
     name = list(c.judge.frames)[-1] if c.judge.frames else c.judge.joints[-1]["child"]
-    motion, found = c.judge.motion(c.at, *rates), jerks.frame(name)
-    small((found.linear - motion.frame(name)[3]) / c.size / size, 1e-6, f"jerk of {name}")
-    small((found.angular - motion.turns(name)[2]) / size, 1e-6, f"angular jerk of {name}")
+    motion, jerk = c.judge.motion(c.at, *rates), jerks.frame(name)
+    small((jerk.linear - motion.frame(name)[3]) / c.size / size, 1e-6, f"jerk of {name}")
+    small((jerk.angular - motion.turns(name)[2]) / size, 1e-6, f"angular jerk of {name}")
 
 
 def _own_sweep(c, values, k):
     """Our own way along the branch (N, nq), in steps of less than a degree; None where it ends."""
     judge, at = c.judge, [float(c.at[iq]) for iq, _ in c.driven]
-    q, scale, found = c.at.copy(), c.scale[c.driven[k][1]], []
+    q, scale, samples = c.at.copy(), c.scale[c.driven[k][1]], []
     for value in values:
         parts = max(1, math.ceil(abs(value - at[k]) / scale / 0.0127))
         for x in np.linspace(at[k], value, parts + 1)[1:]:
@@ -156,8 +156,8 @@ def _own_sweep(c, values, k):
             q, open_by = judge.solve(judge.integrate(q, step * c.scale)[0], c.held, at, most=8)
             if open_by > 1e-13:
                 return None
-        found.append(q)
-    return np.array(found)
+        samples.append(q)
+    return np.array(samples)
 
 
 def check_sweep(c):
@@ -182,10 +182,10 @@ def check_sweep(c):
     need(len(m.q) == SAMPLES, "samples are missing")
     small((c.own_q(m.q)[:, iq] - values) / c.scale[iv], 1e-13, "driver's values")
     for r in range(0, SAMPLES, 12):
-        found = [c.own_v(m.v[r]), c.own_v(m.a[r])]
-        c.need_rates(m.q[r], found, f"sample {r}", (1e-9, 1e-8))
-        small((found[0][iv] - speed) / speed, 1e-12, "driver's speed in a sample")
-        small((found[1][iv] - rates[1]) / speed, 1e-9, "driver's acceleration in a sample")
+        va = [c.own_v(m.v[r]), c.own_v(m.a[r])]
+        c.need_rates(m.q[r], va, f"sample {r}", (1e-9, 1e-8))
+        small((va[0][iv] - speed) / speed, 1e-12, "driver's speed in a sample")
+        small((va[1][iv] - rates[1]) / speed, 1e-9, "driver's acceleration in a sample")
     if ours is not None:
         _same_places(c, [c.own_q(x) for x in m.q], ours[AHEAD - 1 :], 1e-7, "our own way")
     _other_routes(c, m, name, values, rates, start)
@@ -213,20 +213,20 @@ def _same_motion(c, q, v, other_q, other_v, what):
     small((v - other_v) / size, 1e-6, f"{what}: velocities")
 
 
-def _same_places(c, found, wanted, most, what):
+def _same_places(c, poses, wanted, most, what):
     small([np.abs(c.judge.difference(a, b) / c.scale).max()
-           for a, b in zip(found, wanted, strict=True)], most, f"{what}: configurations")
+           for a, b in zip(poses, wanted, strict=True)], most, f"{what}: configurations")
 
 
 def check_mobility(c):
     """Rank, freedoms and redundant equations are those of our own Jacobian."""
     if not c.is_plain:
         raise Skip("the rank can be doubted")
-    found = sp.mobility(c.mechanism, c.state)
-    need(found.rank == c.rank, f"rank {found.rank}, ours {c.rank}")
-    need(found.instantaneous == c.dof, f"instantaneous {found.instantaneous}, ours {c.dof}")
-    need(not c.keeps_rank or found.dof == c.dof, f"dof {found.dof}, ours {c.dof}")
-    need(found.overconstrained == (c.rank < len(c.jacobian)), "overconstrained")
+    result = sp.mobility(c.mechanism, c.state)
+    need(result.rank == c.rank, f"rank {result.rank}, ours {c.rank}")
+    need(result.instantaneous == c.dof, f"instantaneous {result.instantaneous}, ours {c.dof}")
+    need(not c.keeps_rank or result.dof == c.dof, f"dof {result.dof}, ours {c.dof}")
+    need(result.overconstrained == (c.rank < len(c.jacobian)), "overconstrained")
 
 
 def check_reduce(c):
@@ -254,8 +254,8 @@ def check_reduce(c):
 def check_export(c):
     """What is written, or pickled, is read as the same mechanism."""
     written = sp.load(str(export_urdf(c.mechanism, c.folder / "written.urdf")[-1]))
-    way = c.rng.normal(size=c.judge.nv) * 0.1 * c.scale
-    q = c.their_q(c.judge.integrate(c.q, way)[0])
+    step = c.rng.normal(size=c.judge.nv) * 0.1 * c.scale
+    q = c.their_q(c.judge.integrate(c.q, step)[0])
     for other, what in ((written, "written"), (pickle.loads(pickle.dumps(c.mechanism)), "pickled")):
         mine = c.mechanism
         need(mine.coordinates == other.coordinates, f"{what}: coordinates")
@@ -282,7 +282,7 @@ def check_sensitivity(c):
     h = 1e-5 * c.size
     values = _by_dimension(c, output, name, h)
     try:
-        found = sp.sensitivity(c.mechanism, c.state, output, [name])
+        result = sp.sensitivity(c.mechanism, c.state, output, [name])
     except sp.SpatialPinError:
         c.doubtful = values is not None
         raise
@@ -291,14 +291,14 @@ def check_sensitivity(c):
     plain = (values[1] - values[-1]) / (2 * h)
     wanted = (8 * (values[1] - values[-1]) - (values[2] - values[-2])) / (12 * h)
     size = max(abs(wanted), c.scale[c.judge.linear[output][1]] / c.size)
-    told = 10 * found.errors[name] + 0.1 * abs(wanted - plain)
-    small((found.derivatives[name] - wanted) / size, max(1e-7, told / size), f"d {output}")
+    allowed = 10 * result.errors[name] + 0.1 * abs(wanted - plain)
+    small((result.derivatives[name] - wanted) / size, max(1e-7, allowed / size), f"d {output}")
 
 
 def _by_dimension(c, output, name, h):
     """The output at four values of a dimension, by the number of steps; None where it opens."""
     at = [float(c.at[iq]) for iq, _ in c.driven]
-    which, found = c.spec["parameters"][name], {}
+    which, values = c.spec["parameters"][name], {}
     for k in (-2, -1, 1, 2):
         spec = json.loads(json.dumps(c.spec))
         frame = next(f for f in spec["frames"] if f["name"] == which["frame"])
@@ -306,12 +306,12 @@ def _by_dimension(c, output, name, h):
         q, open_by = Judge(spec).solve(c.at, c.held, at)
         if open_by > 1e-14:
             return None
-        found[k] = float(q[c.judge.linear[output][0]])
-    return found
+        values[k] = float(q[c.judge.linear[output][0]])
+    return values
 
 
 def check_history(c):
-    """What was asked before makes no difference: a mechanism loaded anew answers alike."""
+    """Earlier calls make no difference: a mechanism loaded anew answers alike."""
     fresh = sp.load(str(c.path))
     for guess in (c.their_q(c.q), c.state):
         state = sp.assemble(c.mechanism, c.driver_values(), guess=guess)
@@ -321,8 +321,8 @@ def check_history(c):
             small((sp.jacobian(c.mechanism, state, c.judge.joints[-1]["child"])
                    - sp.jacobian(fresh, again, c.judge.joints[-1]["child"])) / max(1.0, c.size),
                   1e-13 * c.driven_condition, "jacobian anew")
-    found = [str(sp.mobility(m, c.state.q)) for m in (c.mechanism, fresh)]
-    need(found[0] == found[1], "mobility anew")
+    texts = [str(sp.mobility(m, c.state.q)) for m in (c.mechanism, fresh)]
+    need(texts[0] == texts[1], "mobility anew")
 
 
 CHECKS = {  # name: (function, what must have been right before it)

@@ -124,10 +124,10 @@ class Damage:
 
     def two_tokens(self, text):
         """Exchange two words or signs."""
-        found = re.findall(r"\w+|\W", text)
-        a, b = (self.rng.randrange(len(found)) for _ in range(2))
-        found[a], found[b] = found[b], found[a]
-        return "".join(found)
+        tokens = re.findall(r"\w+|\W", text)
+        a, b = (self.rng.randrange(len(tokens)) for _ in range(2))
+        tokens[a], tokens[b] = tokens[b], tokens[a]
+        return "".join(tokens)
 
     def the_end(self, text):
         """Cut off the end."""
@@ -141,10 +141,10 @@ class Damage:
 
     def replaced(self, text, pattern, group, by):
         """Write one of `by` for one match of a pattern."""
-        found = list(pattern.finditer(text))
-        if not found:
+        matches = list(pattern.finditer(text))
+        if not matches:
             return text
-        m = self.rng.choice(found)
+        m = self.rng.choice(matches)
         return text[: m.start(group)] + self.rng.choice(by) + text[m.end(group) :]
 
     def bytes_of(self, text):

@@ -30,7 +30,7 @@ GOES_ON = ("right", "skipped")
 
 
 class Hung(BaseException):
-    """The time of a check is over; not an Exception, so that nobody catches it on the way."""
+    """The time of a check is over; not an Exception, so that nobody catches it."""
 
 
 def judged(seed, only=()):
@@ -92,7 +92,7 @@ def _where(error):
 
 
 class Sums:
-    """How often each check ended how, with the seeds of what is bad."""
+    """Counts of how each check ended, with the seeds of the bad ones."""
 
     def __init__(self):
         self.seeds = collections.defaultdict(lambda: collections.defaultdict(list))
@@ -105,7 +105,7 @@ class Sums:
 
     def count(self, *ends):
         """How many checks ended in one of these ways."""
-        return sum(len(found.get(end, ())) for found in self.seeds.values() for end in ends)
+        return sum(len(seeds_of.get(end, ())) for seeds_of in self.seeds.values() for end in ends)
 
     @property
     def bad(self):
@@ -114,12 +114,12 @@ class Sums:
 
     def __str__(self):
         lines = []
-        for check, found in self.seeds.items():
+        for check, records in self.seeds.items():
             lines.append(f"{check:12} " + ", ".join(f"{len(s)} {end}" for end, s in sorted(
-                found.items(), key=lambda x: -len(x[1]))))
+                records.items(), key=lambda x: -len(x[1]))))
             lines += [f"{'':12} {end}: seeds {', '.join(map(str, s[:12]))}"
                       + (" ..." if len(s) > 12 else "")
-                      for end, s in found.items() if end in (*BAD, "refused?")]
+                      for end, s in records.items() if end in (*BAD, "refused?")]
         lines.append(f"wrong, crashed or hung: {self.bad}; refused though we found an answer: "
                      f"{self.count('refused?')} of {self.count('refused', 'refused?')} refusals")
         return "\n".join(lines)

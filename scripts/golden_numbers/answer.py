@@ -46,16 +46,16 @@ FIELDS = "values", "scale", "known"
 def write(path: Path, golden: Golden) -> None:
     """Write answers to a file."""
     arrays = {}
-    for place, answer in golden.items():
-        arrays["/".join((*place, "", "asked"))] = np.array("")
-        for name, found in answer.items():
-            key = "/".join((*place, name))
-            if isinstance(found, str):
-                arrays[f"{key}/text"] = np.array(found)
+    for case, answer in golden.items():
+        arrays["/".join((*case, "", "asked"))] = np.array("")
+        for name, value in answer.items():
+            key = "/".join((*case, name))
+            if isinstance(value, str):
+                arrays[f"{key}/text"] = np.array(value)
                 continue
             for field in FIELDS:
-                arrays[f"{key}/{field}"] = getattr(found, field)
-            arrays[f"{key}/meaning"] = np.array([found.by, "at most" * found.at_most])
+                arrays[f"{key}/{field}"] = getattr(value, field)
+            arrays[f"{key}/meaning"] = np.array([value.by, "at most" * value.at_most])
     np.savez_compressed(path, **arrays)
 
 
@@ -81,7 +81,7 @@ def numbers(values: Any, scale: Any = 1.0, known: Any = 0.0, by: str = "") -> Nu
 
 
 def at_most(values: Any, allowed: float) -> Numbers:
-    """Return errors, which may be smaller, or as large as what was allowed."""
+    """Return errors, which may be smaller, or as large as the allowed one."""
     return Numbers(np.array(values, dtype=float), np.array(1.0), np.array(allowed),
                    "what was allowed", True)
 
@@ -111,12 +111,12 @@ def closed_to(errors: Any, closure_errors: Any) -> Any:
 
 
 def motion(
-    found: sp.Motion, known: Any = None, by: str = "", *, along: bool = False
+    given: sp.Motion, known: Any = None, by: str = "", *, along: bool = False
 ) -> Answer:
     """Return the samples of a motion, and its events.
 
     Args:
-        found: the motion.
+        given: the motion.
         known: (N, 1) stated error of each sample's rates relative to their size; default what the
             states of a driver's motion say. Configurations are known better, as the driver's part
             of the rates is.
@@ -124,55 +124,55 @@ def motion(
         along: whether samples are counted along the curve, so that what is lost where branches
             cross is lost for all that follow.
     """
-    mechanism, n = found.mechanism, len(found)
+    mechanism, n = given.mechanism, len(given)
     answer: Answer = {}
     if known is None:
-        lost = np.array([found.state(k).rate_error for k in range(n)])
+        lost = np.array([given.state(k).rate_error for k in range(n)])
         known, by = closed_to(np.where(np.isfinite(lost), lost, 1.0),
-                              found.closure_error).reshape(n, 1), "rate_error and closure_error"
+                              given.closure_error).reshape(n, 1), "rate_error and closure_error"
         answer["rate error"] = at_most(lost, MORE * lost)
     known = np.maximum.accumulate(known) if along else known
-    pace, own = paces(mechanism, found.v), mechanism.velocity_scale
-    bend = np.maximum(paces(mechanism, found.a), pace**2)
-    placed = known / _ahead(found, pace)
+    pace, own = paces(mechanism, given.v), mechanism.velocity_scale
+    bend = np.maximum(paces(mechanism, given.a), pace**2)
+    placed = known / _ahead(given, pace)
     answer |= {
-        "q": numbers(found.q, configuration_scale(mechanism), placed, by),
-        "v": numbers(found.v, pace * own, known, by),
-        "a": numbers(found.a, bend * own, known, by),
-        "angles": numbers(found.angles, 1.0, placed if found.angles.size else 0.0, by),
-        "closure error": at_most(found.closure_error, sp.Accuracy().tolerance),
+        "q": numbers(given.q, configuration_scale(mechanism), placed, by),
+        "v": numbers(given.v, pace * own, known, by),
+        "a": numbers(given.a, bend * own, known, by),
+        "angles": numbers(given.angles, 1.0, placed if given.angles.size else 0.0, by),
+        "closure error": at_most(given.closure_error, sp.Accuracy().tolerance),
     }
-    for name, values in (("driver", found.driver), ("time", found.time)):
+    for name, values in (("driver", given.driver), ("time", given.time)):
         if values is not None:
             answer[name] = numbers(values, np.abs(values).max(initial=1e-300),
                                    known[:, 0] if along else 0.0, by)
-    asked = found.driver is not None and not along  # at values that were asked for
-    return answer | events(found.events, None if asked else known)
+    at_values = given.driver is not None and not along  # at given values
+    return answer | events(given.events, None if at_values else known)
 
 
-def _ahead(found: sp.Motion, pace: Array) -> Array:
+def _ahead(given: sp.Motion, pace: Array) -> Array:
     """Return how many times faster than the driver joints move (N, 1), 1 at least."""
-    if found.driver is None:
+    if given.driver is None:
         return np.ones_like(pace)
-    speed = np.abs(found.driver_speed).reshape(-1, 1) / np.max(
-        found.mechanism.velocity_scale[found.mechanism.coordinate(found.driver_name).v])
+    speed = np.abs(given.driver_speed).reshape(-1, 1) / np.max(
+        given.mechanism.velocity_scale[given.mechanism.coordinate(given.driver_name).v])
     return np.maximum(pace / np.maximum(speed, 1e-300), 1.0)
 
 
-def events(found: Sequence[sp.Event], known: Any = None) -> Answer:
+def events(given: Sequence[sp.Event], known: Any = None) -> Answer:
     """Return events: kinds, samples before them, words of their sentences, and values.
 
     Args:
-        found: the events.
+        given: the events.
         known: (N, 1) stated error of each sample, where events are known no better.
     """
-    errors = [crossing(e.kind) for e in found]
+    errors = [crossing(e.kind) for e in given]
     if known is not None and len(known):
         errors = [max(error, float(known[min(e.row, len(known) - 1), 0]))
-                  for error, e in zip(errors, found, strict=True)]
+                  for error, e in zip(errors, given, strict=True)]
     return {"events": "\n".join(f"{e.kind}, sample {e.row}: {without_numbers(e.text)}"
-                                for e in found),
-            "event values": numbers([e.value for e in found], 1.0, errors,
+                                for e in given),
+            "event values": numbers([e.value for e in given], 1.0, errors,
                                     "branches that cross, and its samples")}
 
 
@@ -186,55 +186,55 @@ def crossing(kind: str) -> float:
     return float(np.sqrt(ROUND_OFF)) if kind in ("branch point", "singular") else 0.0
 
 
-def state(found: sp.State, prefix: str = "") -> Answer:
+def state(given: sp.State, prefix: str = "") -> Answer:
     """Return a state's configuration, placements of its links, and closure error."""
-    mechanism = found.mechanism
-    known, by = stated(found)
-    turned, moved = placements(found, mechanism.links)
+    mechanism = given.mechanism
+    known, by = stated(given)
+    turned, moved = placements(given, mechanism.links)
     return {
-        f"{prefix}q": numbers(found.q, configuration_scale(mechanism), known, by),
+        f"{prefix}q": numbers(given.q, configuration_scale(mechanism), known, by),
         f"{prefix}rotations": numbers(turned, 1.0, known, by),
         f"{prefix}positions": numbers(moved, mechanism.characteristic_length, known, by),
-        f"{prefix}closure error": at_most(found.closure_error, sp.Accuracy().tolerance),
+        f"{prefix}closure error": at_most(given.closure_error, sp.Accuracy().tolerance),
     }
 
 
-def placements(found: sp.State, links: Sequence[str]) -> tuple[list[Array], list[Array]]:
+def placements(given: sp.State, links: Sequence[str]) -> tuple[list[Array], list[Array]]:
     """Return rotations and positions of links in the world."""
-    placed = [found.placement(link) for link in links]
+    placed = [given.placement(link) for link in links]
     return [p.rotation for p in placed], [p.translation for p in placed]
 
 
-def stated(found: sp.State) -> tuple[float, str]:
+def stated(given: sp.State) -> tuple[float, str]:
     """Return the error that a state's configuration is known to, and what says so.
 
     It is what rates that its drivers make would have. Where they make none the configuration is
     singular: known to the root of what closes its loops only.
     """
     try:
-        lost = found.rate_error if np.isfinite(found.rate_error) else sp.solve_rates(
-            found.mechanism, found).rate_error
+        lost = given.rate_error if np.isfinite(given.rate_error) else sp.solve_rates(
+            given.mechanism, given).rate_error
     except sp.SpatialPinError:
         return float(np.sqrt(sp.Accuracy().tolerance)), "root of the tolerance: singular"
-    return float(closed_to(lost, found.closure_error)), "rate_error and closure_error"
+    return float(closed_to(lost, given.closure_error)), "rate_error and closure_error"
 
 
 def forces(
-    found: Mapping[str, Any], weight: float, length: float, known: float, by: str
+    result: Mapping[str, Any], weight: float, length: float, known: float, by: str
 ) -> Answer:
     """Return wrenches by pair, forces relative to the largest of all, moments likewise.
 
     Args:
-        found: wrenches by name.
+        result: wrenches by name.
         weight: of the mechanism [N], the least size of a force; times `length` [m] of a moment.
         length: its size [m].
         known: stated error.
         by: what states it.
     """
-    linear = np.array([f.linear for f in found.values()]).reshape(-1, 3)
-    angular = np.array([f.angular for f in found.values()]).reshape(-1, 3)
+    linear = np.array([f.linear for f in result.values()]).reshape(-1, 3)
+    angular = np.array([f.angular for f in result.values()]).reshape(-1, 3)
     return {
-        "pairs": ", ".join(found),
+        "pairs": ", ".join(result),
         "forces": numbers(linear, np.abs(linear).max(initial=weight), known, by),
         "moments": numbers(angular, np.abs(angular).max(initial=weight * length), known, by),
     }

@@ -9,7 +9,7 @@ import numpy as np
 from golden_numbers.answer import NUMBER, Answer, Array, Golden, Numbers
 
 MARGIN = 10.0  # by which promised errors exceed estimated ones, as in `scripts/accuracy_table.py`
-NOISE = 1e-10  # errors told in a sentence that are as good as none
+NOISE = 1e-10  # errors in a sentence that are as good as none
 TELL = 60  # letters of a sentence around what has changed
 
 
@@ -19,10 +19,10 @@ class Difference(NamedTuple):
     Attributes:
         mechanism, verb, name: which.
         size: largest difference relative to the quantity's own scale; infinite where it is another
-            thing altogether. Where it passes what is allowed by most.
+            thing altogether. The row with the largest excess.
         allowed: the tolerance, or more where the library states so.
         by: what states it.
-        text: what was, and what is.
+        text: the old and the new one.
     """
 
     mechanism: str
@@ -35,7 +35,7 @@ class Difference(NamedTuple):
 
     @property
     def excess(self) -> float:
-        """The difference relative to what is allowed."""
+        """The difference relative to the allowed one."""
         return self.size / self.allowed
 
     @property
@@ -50,31 +50,31 @@ class Difference(NamedTuple):
 
 
 def compare(old: Golden, new: Golden, tolerance: float) -> list[Difference]:
-    """Return the differences of what both have, the largest relative to what is allowed first."""
-    found = []
-    for place in old.keys() & new.keys():
-        found += _of_answers(place, old[place], new[place], tolerance)
-    return sorted(found, key=lambda d: (-d.excess, d[:3]))
+    """Return the differences of common answers, the largest relative to the allowed one first."""
+    differences = []
+    for key in old.keys() & new.keys():
+        differences += _of_answers(key, old[key], new[key], tolerance)
+    return sorted(differences, key=lambda d: (-d.excess, d[:3]))
 
 
 def _of_answers(
-    place: tuple[str, str], old: Answer, new: Answer, tolerance: float
+    key: tuple[str, str], old: Answer, new: Answer, tolerance: float
 ) -> list[Difference]:
-    found = []
+    differences = []
     for name in sorted(old.keys() | new.keys()):
         a, b = old.get(name), new.get(name)
         if a is None or b is None:
             here = b if a is None else a
-            said = here if isinstance(here, str) else "numbers"
+            kind = here if isinstance(here, str) else "numbers"
             words = "is new" if a is None else "is missing"
-            difference = np.inf, tolerance, "", f"{words}: {said[:2 * TELL]}"
+            difference = np.inf, tolerance, "", f"{words}: {kind[:2 * TELL]}"
         elif isinstance(a, str) or isinstance(b, str):
             difference = _of_texts(a, b, tolerance)
         else:
             difference = _of_numbers(a, b, tolerance)
         if difference is not None:
-            found.append(Difference(*place, name, *difference))
-    return found
+            differences.append(Difference(*key, name, *difference))
+    return differences
 
 
 def _of_numbers(
@@ -113,8 +113,8 @@ def _of_texts(
     if old == new:
         return None
     if not isinstance(old, str) or not isinstance(new, str):
-        said = old if isinstance(old, str) else new
-        return np.inf, tolerance, "", f"numbers where there was a sentence, or back: {said}"
+        one = old if isinstance(old, str) else new
+        return np.inf, tolerance, "", f"numbers where there was a sentence, or back: {one}"
     words = [NUMBER.split(text) for text in (old, new)]
     values = [NUMBER.findall(text) for text in (old, new)]
     if words[0] == words[1] and all(map(_reads_alike, *values)):

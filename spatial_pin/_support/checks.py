@@ -1,4 +1,4 @@
-"""What every public function asks of its numbers before it works with them."""
+"""Checks of arguments: types, finite numbers, shapes and names."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 LARGEST_INTEGER = 2**63  # of whole numbers: what NumPy counts with
 NO_NUMBERS = "USmMcV"  # kinds of arrays: texts, dates, complex numbers, records
 FEW = 64  # numbers that Python has looked at before NumPy begins
-MOST_PIXELS = 16384  # along a side of what a browser draws
+MOST_PIXELS = 16384  # along a side of a picture that a browser draws
 # How far the length of a unit vector may be from 1: nine digits written out, one more lost.
 UNIT_TOLERANCE = 1e-9
 
@@ -47,7 +47,7 @@ def _beginning(values: Any) -> str:
         return "integers of thousands of digits"
 
 
-# ---------------------------------------------------------------- what annotations ask
+# ---------------------------------------------------------------- annotations
 
 
 def _is_number(value: Any) -> bool:
@@ -75,7 +75,7 @@ def _is_several(value: Any) -> bool:
         isinstance(value, np.ndarray) and value.ndim == 0)
 
 
-# what an annotation says, whether a value is that, and how it is asked for
+# annotation: whether a value is of this kind, and the words for the kind
 KINDS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "None": (lambda x: x is None, "None"),
     "str": (lambda x: isinstance(x, str), "a name"),
@@ -101,7 +101,7 @@ KINDS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "Path": (lambda x: isinstance(x, os.PathLike), "a path"),
     "Output": (lambda x: hasattr(x, "values") and hasattr(x, "label"), "an Output"),
 }
-# classes of which every object is of a kind: these need not be asked any more
+# classes whose objects are all of a kind: they need no check of each object
 PLAIN: dict[str, tuple[type, ...]] = {
     "None": (type(None),), "str": (str,), "bool": (bool,), "float": (float,), "Mapping": (dict,),
     "Iterable": (list, tuple, dict), "Sequence": (list, tuple),
@@ -145,32 +145,32 @@ def _parts(annotation: str) -> list[str]:
 
 
 def _refuse(where: str, kinds: list[str], value: Any) -> None:
-    """Say in words of what kinds a value should be."""
+    """Raise the error that names the kinds a value may have."""
     own = [kind for kind in kinds if kind in MADE_BY]
     if own and set(kinds) <= {*own, "None"}:
         a = "an" if own[0][0] in "AEIO" else "a"
-        said = f"{_beginning(value)[:40]!r} of type " if isinstance(value, str) else ""
-        raise TypeError(f"{where}: {a} {' or '.join(own)} is needed, not {said}"
+        text = f"{_beginning(value)[:40]!r} of type " if isinstance(value, str) else ""
+        raise TypeError(f"{where}: {a} {' or '.join(own)} is needed, not {text}"
                         f"{type(value).__name__}: {MADE_BY[own[0]]}")
-    asked = [f"a {kind}" if kind in MADE_BY else KINDS[kind][1] for kind in kinds]
-    asked = list(dict.fromkeys(asked))
-    words = ", ".join(asked[:-1]) + " or " * (len(asked) > 1) + asked[-1]
+    needed = [f"a {kind}" if kind in MADE_BY else KINDS[kind][1] for kind in kinds]
+    needed = list(dict.fromkeys(needed))
+    words = ", ".join(needed[:-1]) + " or " * (len(needed) > 1) + needed[-1]
     error = ValueError if {"float", "int"} & set(kinds) else TypeError
-    raise error(f"{where} must be {words}, not {_told(value)}")
+    raise error(f"{where} must be {words}, not {_shown(value)}")
 
 
-def _told(value: Any) -> str:
+def _shown(value: Any) -> str:
     if isinstance(value, str | bytes | bool | int | float | complex | type(None)):
         return _beginning(repr(value))
     return f"{_beginning(value)!r} of type {type(value).__name__}"
 
 
 def check_kind(where: str, annotation: str, value: Any) -> None:
-    """Refuse a value of another kind than an annotation asks for, in words.
+    """Refuse a value of another kind than its annotation.
 
     Raises:
         TypeError: it is of another kind.
-        ValueError: a number was asked for.
+        ValueError: a number is needed.
     """
     kinds = _parts(annotation)
     if not _is_of(value, kinds):
@@ -185,7 +185,7 @@ def checked(function: Function) -> Function:
 
     Raises:
         TypeError: an argument is of another kind.
-        ValueError: a number was asked for.
+        ValueError: a number is needed.
     """
     parts = {k: _parts(text) for k, text in function.__annotations__.items() if k != "return"}
     kinds = {k: x for k, x in parts.items()
@@ -194,10 +194,10 @@ def checked(function: Function) -> Function:
     plain = {k: {own for kind in x for own in PLAIN.get(kind, ())} for k, x in kinds.items()}
     code = function.__code__
     names = code.co_varnames[: code.co_argcount]
-    known: set[tuple[Any, ...]] = set()  # classes of arguments that need not be asked any more
+    known: set[tuple[Any, ...]] = set()  # classes of arguments that need no check any more
 
     @functools.wraps(function)
-    def asked(*args: Any, **given: Any) -> Any:
+    def call(*args: Any, **given: Any) -> Any:
         classes = *map(type, args), *given, *map(type, given.values())
         if classes in known:
             return function(*args, **given)
@@ -208,7 +208,7 @@ def checked(function: Function) -> Function:
                     _refuse(f"{function.__name__}: {name}", kinds[name], value)
                 own: Any = type(value)
                 if any(_is_kind_of(own, x) for x in kinds[name] if x in MADE_BY):
-                    plain[name].add(own)  # another object of it need not be asked
+                    plain[name].add(own)  # its objects need no check any more
                 if kinds[name] == ["int"] and not isinstance(value, int):
                     whole[name] = int(value)
         if whole:
@@ -218,7 +218,7 @@ def checked(function: Function) -> Function:
             known.add(classes)
         return function(*args, **(given | whole))
 
-    return cast(Function, asked)
+    return cast(Function, call)
 
 
 # ---------------------------------------------------------------- values
@@ -304,12 +304,12 @@ def names_of(values: Any, what: str) -> list[str]:
     if isinstance(values, str):
         return [values]
     if not _is_several(values):
-        raise TypeError(f"{what} must be names, not {_told(values)}")
-    found = list(values)
-    for name in found:
+        raise TypeError(f"{what} must be names, not {_shown(values)}")
+    names = list(values)
+    for name in names:
         if not isinstance(name, str):
-            raise TypeError(f"{what} must be names, not {_told(name)}")
-    return found
+            raise TypeError(f"{what} must be names, not {_shown(name)}")
+    return names
 
 
 def rows_of(table: Any, make: Callable[..., Row], what: str) -> list[Row]:
@@ -318,14 +318,14 @@ def rows_of(table: Any, make: Callable[..., Row], what: str) -> list[Row]:
     Raises:
         TypeError: a row has other entries than it needs.
     """
-    found = []
+    rows = []
     for i, row in enumerate(table, start=1):
         try:
-            found.append(make(*row))
+            rows.append(make(*row))
         except TypeError:
             fields = ", ".join(getattr(make, "_fields", ()))
-            raise TypeError(f"{what} {i} is {_told(row)}; it is made of ({fields})") from None
-    return found
+            raise TypeError(f"{what} {i} is {_shown(row)}; it is made of ({fields})") from None
+    return rows
 
 
 def whole_number(value: Any, what: str) -> int:

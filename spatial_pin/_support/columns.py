@@ -70,12 +70,12 @@ def flat(quantities: Mapping[str, Quantity]) -> dict[str, NDArray[Any]]:
 
 def quantities_of(table: Mapping[str, NDArray[Any]]) -> dict[str, Quantity]:
     """Return columns with headings as quantities."""
-    found = {}
+    columns = {}
     for head, values in table.items():
         match = re.fullmatch(r"(.*) \[([^\[\]]*)\]", head)
         name, unit = (match[1], match[2]) if match else (head, "")
-        found[name] = Quantity(values, unit)
-    return found
+        columns[name] = Quantity(values, unit)
+    return columns
 
 
 def chosen(
@@ -88,10 +88,10 @@ def chosen(
     """
     if names is None:
         return quantities
-    for name in (asked := names_of(names, "outputs")):
+    for name in (wanted := names_of(names, "outputs")):
         if name not in quantities:
             raise UnknownNameError("column", name, quantities, f"{what}: ")
-    return {name: quantities[name] for name in asked}
+    return {name: quantities[name] for name in wanted}
 
 
 class Tabular:
@@ -142,14 +142,14 @@ class Tabular:
 
         Args:
             path: a file's name, or an open text file, or None for the text itself.
-            outputs: names of what is wanted; default all that the table has.
+            outputs: names of columns; default all.
 
         Returns:
             The path of the file; the text where there is no path.
 
         Raises:
             UnknownNameError: there is no such output.
-            OSError: it cannot be written; what was there before stays.
+            OSError: it cannot be written; an old file stays.
 
         Example:
             >>> motion = sp.sweep(sp.load("four_bar"), "crank", [0.0, 0.5, 1.0], speed=2.0)
@@ -176,14 +176,14 @@ class Tabular:
 
         Args:
             path: of the file; `.npz` is added where it is missing.
-            outputs: names of what is wanted; default all that the table has.
+            outputs: names of columns; default all.
 
         Returns:
             The path.
 
         Raises:
             UnknownNameError: there is no such output.
-            OSError: it cannot be written; what was there before stays.
+            OSError: it cannot be written; an old file stays.
 
         Example:
             >>> motion = sp.sweep(sp.load("four_bar"), "crank", [0.0, 0.5, 1.0], speed=2.0)
@@ -201,7 +201,7 @@ class Tabular:
         Its `attrs["units"]` are the units by heading.
 
         Args:
-            outputs: names of what is wanted; default all that the table has.
+            outputs: names of columns; default all.
 
         Raises:
             UnknownNameError: there is no such output.
@@ -230,7 +230,7 @@ class Tabular:
         Variables have names without units, which are in `attrs["units"]` of each.
 
         Args:
-            outputs: names of what is wanted; default all that the table has.
+            outputs: names of columns; default all.
 
         Raises:
             UnknownNameError: there is no such output.
@@ -249,9 +249,9 @@ class Tabular:
                                   "need nothing") from error
         quantities = self.quantities(outputs)
         dimensions = ("sample", "component")
-        found = xarray.Dataset({name: (dimensions[: x.ndim], np.array(x), {"units": unit})
-                                for name, (x, unit) in quantities.items()})
-        return found.assign_coords(component=list(XYZ)) if "component" in found.dims else found
+        data = xarray.Dataset({name: (dimensions[: x.ndim], np.array(x), {"units": unit})
+                               for name, (x, unit) in quantities.items()})
+        return data.assign_coords(component=list(XYZ)) if "component" in data.dims else data
 
 
 def write_npz(path: str | Path, arrays: Mapping[str, Any]) -> Path:
@@ -260,7 +260,7 @@ def write_npz(path: str | Path, arrays: Mapping[str, Any]) -> Path:
     The suffix is added where it is missing, but not to the name of a pipe or device.
 
     Raises:
-        OSError: it cannot be written; what was there before stays.
+        OSError: it cannot be written; an old file stays.
     """
     path = named_path(path)
     if path.suffix != ".npz" and not is_special(path):

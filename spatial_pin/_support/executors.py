@@ -1,4 +1,4 @@
-"""Work that is done here or by the workers of an executor, its results in the order of the jobs."""
+"""Jobs done here or by the workers of an executor; results come in the order of the jobs."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from typing import Any
 def in_order(
     executor: Executor | None, work: Callable[..., Any], jobs: Iterable[tuple[Any, ...]]
 ) -> Generator[Any]:
-    """Yield what some work makes of the arguments of each job; when it ends, none is waited for.
+    """Yield the result of each job in order; jobs that are not needed any more are cancelled.
 
     Args:
         executor: where it is done; None: here, one after the other.
-        work: what is done.
-        jobs: its arguments.
+        work: the function.
+        jobs: arguments of each call.
     """
     if executor is None:
         yield from starmap(work, jobs)

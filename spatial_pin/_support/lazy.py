@@ -1,4 +1,4 @@
-"""What is made of an object when it is first needed, and used again and again.
+"""Results of an object that are computed once and kept in it.
 
 All of it lies in the object itself and goes with it; copies begin without what `made_once` and
 `made_anew` hold. Nothing here locks: before Python 3.12 the `cached_property` of `functools` holds
@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import wraps
 from typing import TYPE_CHECKING, Any, TypeVar, TypeVarTuple
+from warnings import warn
 
 RESULTS = "_results"  # the attribute that holds them: an object leaves it out of its copies
 
@@ -20,7 +21,7 @@ More = TypeVarTuple("More")
 
 
 def made_once(make: Callable[[Owner, *More], Made]) -> Callable[[Owner, *More], Made]:
-    """Hold in an object what a function makes of it, and of nothing but hashable arguments."""
+    """Keep a function's result in its first argument; the other arguments are hashable."""
 
     @wraps(make)
     def result(owner: Owner, *more: *More) -> Made:
@@ -38,7 +39,7 @@ def made_once(make: Callable[[Owner, *More], Made]) -> Callable[[Owner, *More], 
 
 
 def made_anew(make: Callable[[Owner, *More], Made]) -> Callable[[Owner, *More], Made]:
-    """Hold in an object what a function made of it last: other arguments make it anew."""
+    """Keep a function's last result in its first argument; other arguments compute it again."""
 
     @wraps(make)
     def result(owner: Owner, *more: *More) -> Made:
@@ -63,7 +64,7 @@ if TYPE_CHECKING:
 else:
 
     class cached_property:
-        """A property that is worked out when it is first asked for."""
+        """A property that is computed at its first use."""
 
         def __init__(self, work: Any) -> None:
             self.work, self.__doc__ = work, work.__doc__
@@ -77,4 +78,33 @@ else:
             value = owner.__dict__[self.name] = self.work(owner)
             return value
 
-__all__ = ["cached_property", "made_anew", "made_once"]
+
+
+def by_new_name(owner: object, old: str, new: str) -> Any:
+    """Return an attribute that a user reads by its old name, with a warning."""
+    kind = type(owner).__name__
+    warn(f"{kind}.{old} is now {kind}.{new}", DeprecationWarning, stacklevel=3)
+    return getattr(owner, new)
+
+
+def with_former_field(old: str, new: str) -> Callable[[type[Owner]], type[Owner]]:
+    """Return a decorator of dataclasses: a field's former name works, with a warning."""
+
+    def decorated(kind: type[Owner]) -> type[Owner]:
+        make: Any = kind.__init__
+
+        @wraps(make)
+        def init(self: Owner, *args: Any, **named: Any) -> None:
+            if old in named:
+                warn(f"{kind.__name__}: {old} is now {new}", DeprecationWarning, stacklevel=2)
+                named[new] = named.pop(old)
+            make(self, *args, **named)
+
+        kind.__init__ = init  # type: ignore[method-assign,assignment]
+        setattr(kind, old, property(lambda self: by_new_name(self, old, new)))
+        return kind
+
+    return decorated
+
+
+__all__ = ["by_new_name", "cached_property", "made_anew", "made_once", "with_former_field"]

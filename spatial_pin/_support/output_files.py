@@ -1,4 +1,4 @@
-"""Writing files: what was there before stays until the new file is whole.
+"""Writing files: an old file stays until the new one is complete.
 
 A full disk, an error or a kill on the way loses nothing.
 """
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-LONGEST_SUFFIX = 16  # of a name that tells a writer the format
+LONGEST_SUFFIX = 16  # of a name whose suffix is the format
 FORMULA = ("=", "+", "-", "@")  # how formulas of a spreadsheet begin
 QUOTE = "'"  # before a text that is none, in a table
 
@@ -84,32 +84,32 @@ def replacing(path: Path) -> Iterator[Path]:
     if path.exists() and not os.access(path, os.W_OK):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
     suffix = path.suffix if len(path.suffix) <= LONGEST_SUFFIX else ""
-    beside = path.with_name(f".{os.urandom(8).hex()}{suffix}")
+    new = path.with_name(f".{os.urandom(8).hex()}{suffix}")
     try:
-        with _naming(path, beside):
-            os.close(os.open(beside, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+        with _naming(path, new):
+            os.close(os.open(new, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
             if path.exists():
-                os.chmod(beside, stat.S_IMODE(path.stat().st_mode))
-            yield beside
-            os.replace(beside, path)
+                os.chmod(new, stat.S_IMODE(path.stat().st_mode))
+            yield new
+            os.replace(new, path)
     finally:
         with contextlib.suppress(OSError):
-            beside.unlink()
+            new.unlink()
 
 
 def is_special(path: Path) -> bool:
-    """Whether there is a pipe, a device or the like, which keeps nothing."""
+    """Whether a path is a pipe, a device or the like."""
     return path.exists() and not path.is_file()
 
 
 @contextlib.contextmanager
-def _naming(path: Path, beside: Path) -> Iterator[None]:
+def _naming(path: Path, new: Path) -> Iterator[None]:
     """Let errors speak of the file that the user knows."""
     try:
         yield
     except OSError as error:
         if error.errno is None or not (
-                error.filename is None or os.fspath(error.filename) == str(beside)):
+                error.filename is None or os.fspath(error.filename) == str(new)):
             raise
         raise OSError(error.errno, error.strerror, str(path)) from error  # of its own kind
 
@@ -118,7 +118,7 @@ def write_columns(path: Path, table: Mapping[str, Any]) -> Path:
     """Write named columns of equal length as .csv, with all digits; returns the path.
 
     Raises:
-        OSError: it cannot be written; what was there before stays.
+        OSError: it cannot be written; an old file stays.
     """
     with replacing(path) as target, target.open("w", newline="", encoding="utf-8") as file:
         write_csv(file, table, "\r\n")
@@ -181,13 +181,13 @@ def figure_suffix(path: Path, what: str = "path") -> str:
 
     known, suffix = FigureCanvasAgg.get_supported_filetypes(), path.suffix.lower()[1:]
     if suffix not in known:
-        raise ValueError(f"{what} {path}: its suffix says how to write a figure: .png, .svg, .pdf "
+        raise ValueError(f"{what} {path}: its suffix is the format of a figure: .png, .svg, .pdf "
                          f"(or .{', .'.join(sorted(set(known) - {'png', 'svg', 'pdf'}))})")
     return suffix
 
 
 def save_figure(figure: Figure, path: str | Path) -> None:
-    """Write a figure as the suffix says.
+    """Write a figure in the format of its suffix.
 
     Raises:
         ValueError: no figure has this suffix.

@@ -34,9 +34,9 @@ def progress_bar(total: float, name: str, shown: bool) -> Any:
     """Return a bar as `tqdm` makes it.
 
     Args:
-        total: what there is to do.
-        name: stands before it.
-        shown: whether it is wanted.
+        total: amount of work.
+        name: text before the bar.
+        shown: whether the bar is wanted.
     """
     if not shown or sys.stderr is None or not sys.stderr.isatty():
         return _Hidden()

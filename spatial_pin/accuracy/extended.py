@@ -146,13 +146,13 @@ class Extended:
         """Return the joint placements (3, N, 4, 4) in the world with their rates."""
         still = np.zeros((3, len(q), 4, 4), dtype=Long)
         still[0] = np.eye(4)
-        found = [still]
+        poses = [still]
         for joint in self._joints:
-            t = np.einsum("knij,jl->knil", found[joint.parent], joint.placement)
+            t = np.einsum("knij,jl->knil", poses[joint.parent], joint.placement)
             for element in self._elements(joint, q, v, a):
                 t = times(t, element)
-            found.append(t)
-        return found
+            poses.append(t)
+        return poses
 
     def _elements(self, joint: _Joint, q: Array, v: Array, a: Array) -> list[Array]:
         if joint.is_linear:
@@ -177,18 +177,18 @@ class Extended:
             turns: (N, n) relative angles of screw closures to within half a turn [rad].
         """
         placements = self.placements(q, v, a)
-        counted, found = iter(turns.T), []
+        counted, blocks = iter(turns.T), []
         for closure in sorted(self.mechanism.closures, key=lambda c: not c.frames):
             frames = [self._frame(placements, name)
                       for name in (*closure.frames, *closure.between)]
             joints = [self.mechanism.coordinate(name) for name in closure.joints]
             known = [np.stack([q[:, c.q], v[:, c.v], a[:, c.v]]) for c in joints]
             for row in closure.rows:
-                found.append(self._size(closure, row) * sum(
+                blocks.append(self._size(closure, row) * sum(
                     self._term(Long(number), [self._quantity(x, closure, frames, known, counted)
                                               for x in factors], len(q))
                     for number, factors in row.terms))
-        return np.stack(found, axis=-1) if found else np.zeros((3, len(q), 0), dtype=Long)
+        return np.stack(blocks, axis=-1) if blocks else np.zeros((3, len(q), 0), dtype=Long)
 
     def _frame(self, placements: list[Array], name: str) -> Array:
         joint, offset = self.mechanism.frame_on_joint(name)
@@ -196,11 +196,11 @@ class Extended:
 
     def _term(self, number: Any, factors: list[Array], n: int) -> Array:
         """Return a number times quantities with their rates (3, n)."""
-        found = np.zeros((3, n), dtype=Long)
-        found[0] = number
+        product = np.zeros((3, n), dtype=Long)
+        product[0] = number
         for x in factors:
-            found = dot(found[..., None], x[..., None])
-        return found
+            product = dot(product[..., None], x[..., None])
+        return product
 
     def _quantity(
         self, x: Quantity, closure: Closure, frames: list[Array], joints: list[Array],
@@ -251,15 +251,15 @@ class Extended:
     def spins(self, q: Array, v: Array, a: Array) -> Array:
         """Return (2, N, n) speed and acceleration of the resolved passive spins [rad/s, rad/s²]."""
         placements = self.placements(q, v, a) if self._spins else []
-        found = []
+        parts = []
         for joint, axis in self._spins:
             r, dr, ddr = placements[joint][..., :3, :3]
             back = np.swapaxes(r, -1, -2)
             for k in (back @ dr, back @ ddr):  # axial vectors of the skew parts
                 axial = np.stack([k[:, 2, 1] - k[:, 1, 2], k[:, 0, 2] - k[:, 2, 0],
                                   k[:, 1, 0] - k[:, 0, 1]], axis=-1) / 2
-                found.append(axial @ axis)
-        return np.moveaxis(np.array(found, dtype=Long).reshape(-1, 2, len(q)), 0, -1)
+                parts.append(axial @ axis)
+        return np.moveaxis(np.array(parts, dtype=Long).reshape(-1, 2, len(q)), 0, -1)
 
     def closure_errors(self, q: Array, turns: Array) -> Array:
         """Return the largest closure row (N,) of configurations (N, nq) [-]."""

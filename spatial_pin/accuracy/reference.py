@@ -31,12 +31,12 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.rates import prescribed_at
 from spatial_pin.settings import Accuracy
 
-# Newton steps in extended precision, with factors in double: each takes off a digit at least where
-# pivots are above 1e-15 of the largest, and from 1e-11 to 1e-19 there are eight.
+# Newton steps in extended precision with factors in double. Each gains at least one digit where
+# pivots are above 1e-15 of the largest. From 1e-11 to 1e-19 there are eight digits.
 REFINEMENTS = 12
-JUDGED = 721  # samples of a sweep that are judged at most: half a degree apart over a turn
-# Distance of a sample's own solution from the reference that is another branch, where passive
-# freedoms lie between: branches are a tenth of a radian apart and more, but where they meet.
+JUDGED = 721  # samples of a sweep that are compared: one per half degree of a turn
+# Distance of a sample from the reference that shows another branch [rad, characteristic lengths].
+# Branches are 0.1 apart and more, except near their branch points.
 OTHER_BRANCH = 0.05
 
 
@@ -49,8 +49,8 @@ class Exact(NamedTuple):
     Attributes:
         q, v, a: (N, nq), (N, nv), (N, nv).
         good: (N,) whether the sample is determined, and was found.
-        left: (3,) last corrections of positions [-], and of velocities and accelerations by the
-            largest.
+        remainder: (3,) last corrections of positions [-], and of velocities and accelerations,
+            by the largest.
         passive: (N, k, nv) passive freedoms, scaled, of unit length.
     """
 
@@ -58,7 +58,7 @@ class Exact(NamedTuple):
     v: Array
     a: Array
     good: NDArray[np.bool_]
-    left: Array
+    remainder: Array
     passive: Array
 
     def sizes(self, scale: Array) -> Array:
@@ -112,13 +112,13 @@ class ExactRows:
             steps = np.einsum("nij,knj->kni", inverses, missing)
             x = self.extended.integrate(x, steps[0] * self.scale)
             v, a = v + steps[1] * self.scale, a + steps[2] * self.scale
-            found = Exact(x, v, a, good, last, passive)
+            exact = Exact(x, v, a, good, last, passive)
             now = np.abs(steps[:, good]).max(axis=(1, 2), initial=0.0).astype(float)
-            now /= found.sizes(self.scale)
+            now /= exact.sizes(self.scale)
             if np.all((now <= EPS) | (now > 0.5 * last)):
                 break
             last = now
-        return found._replace(left=np.minimum(now, last))
+        return exact._replace(remainder=np.minimum(now, last))
 
     def _missing(
         self, q: Array, v: Array, a: Array, turns: Array, rows: NDArray[np.intp], null: Array
@@ -130,10 +130,10 @@ class ExactRows:
         spins[1:] = self.extended.spins(q, v, a)
         drive = np.zeros((3, n, len(self.moved)), dtype=Long)
         fill = np.zeros((3, n, null.shape[1]), dtype=Long)
-        for level, rates, asked in ((1, v, self.speed), (2, a, self.acceleration)):
+        for level, rates, rate in ((1, v, self.speed), (2, a, self.acceleration)):
             scaled = rates / self.scale
             drive[level] = scaled[:, self.moved]
-            drive[level, :, 0] -= asked / Long(self.scale[self.driven[0].v])
+            drive[level, :, 0] -= rate / Long(self.scale[self.driven[0].v])
             fill[level] = np.einsum("nkv,nv->nk", null, scaled)
         chosen = np.take_along_axis(closure, np.broadcast_to(rows, (3, *rows.shape)), axis=2)
         return -np.concatenate([chosen, spins, drive, fill], axis=2)
@@ -149,7 +149,7 @@ class ExactRows:
         n, nv = len(q), self.mechanism.model.nv
         evaluation = LoopEquations(self.mechanism)
         closed = np.array(q, dtype=float)
-        found: dict[int, SquareSystem] = {}
+        systems: dict[int, SquareSystem] = {}
         inverses = np.zeros((n, nv, nv))
         free = np.ones(nv, dtype=bool)
         free[self.moved] = False
@@ -161,12 +161,12 @@ class ExactRows:
                 if error <= TOLERANCES.closed:
                     system = SquareSystem(evaluation, self.driven, closed[k])
                     if system.pivot > SINGULAR_PIVOT:
-                        found[k], inverses[k] = system, np.linalg.inv(system.matrix)
-        shapes = [(len(s.equations), len(s.passive)) for s in found.values()]
+                        systems[k], inverses[k] = system, np.linalg.inv(system.matrix)
+        shapes = [(len(s.equations), len(s.passive)) for s in systems.values()]
         r, p = max(shapes, default=(0, 0))
         rows, null = np.zeros((n, r), dtype=np.intp), np.zeros((n, p, nv))
         good = np.zeros(n, dtype=bool)
-        for (k, system), shape in zip(found.items(), shapes, strict=True):
+        for (k, system), shape in zip(systems.items(), shapes, strict=True):
             if shape == (r, p):  # elsewhere the loops have lost rank
                 rows[k], null[k], good[k] = system.equations, system.passive, True
         inverses[~good] = 0.0
@@ -242,7 +242,7 @@ class SweepReference:
             raise SpatialPinError(f"mechanism {mechanism.name!r}: no sample of the sweep is "
                                   "determined: it moves along a singular configuration")
         self.sizes = self.exact.sizes(self.scale)
-        self.error = float(max(self.exact.left.max(), EPS))
+        self.error = float(max(self.exact.remainder.max(), EPS))
 
     @property
     def text(self) -> str:

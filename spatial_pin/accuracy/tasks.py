@@ -29,11 +29,11 @@ from spatial_pin.rates.rates import prescribed_at
 from spatial_pin.settings import LEVELS, Accuracy
 
 OURS = ("mechanism", "accuracy", "progress")  # arguments that the trade-off itself gives
-# Length of the default simulation relative to sqrt(characteristic length / gravity), of which a
-# pendulum of that length takes 2 pi for a small swing: more than one, less than two.
+# Duration of the default simulation relative to sqrt(characteristic length / gravity). A pendulum
+# of that length takes 2 pi for a small swing, so it makes more than one and less than two.
 SWINGS = 9.0
-SHORTER = 0.8  # part of the time to a singular configuration that is simulated: rates are finite
-SAMPLES = 201  # of the default simulation: more than a hundred a swing, so that no error hides
+SHORTER = 0.8  # part of the time to a singular configuration that is simulated: rates stay finite
+SAMPLES = 201  # samples of the default simulation: more than a hundred per swing
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,8 +263,8 @@ STEPS = {  # fixed steps relative to the mean step of the reference
     ("independent", "Gauss"): (4.0, 1.0),
     ("projected", "RK4"): (2.0,),
 }
-# Closure tolerance relative to the tolerance in time, between 1e-13 and 1e-8: a hundred steps leave
-# less by it than by the other.
+# Closure tolerance relative to the tolerance in time, between 1e-13 and 1e-8: after a hundred
+# steps the closure adds less error than the integrator.
 SAFETY = 1e-2
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from spatial_pin._support.checks import checked, positive_number, whole_number
+from spatial_pin._support.lazy import by_new_name
 from spatial_pin._support.output_files import named_path, write_text
 from spatial_pin._support.progress import progress_bar
 from spatial_pin.accuracy.reference import (
@@ -40,10 +41,10 @@ from spatial_pin.settings import INTERPOLATED, LEVELS, Accuracy, accuracy_of
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-REPEATS = 5  # of which the least counts: other programs only delay
-MOST_REPEATS = 10_000  # more tell nothing
-MARGIN = 3.0  # times the error measured that a setting is said to keep
-BUDGET = 30.0  # time after which no further run is repeated [s]: whoever waits goes on waiting
+REPEATS = 5  # runs whose least time counts: other programs only delay
+MOST_REPEATS = 10_000  # runs at most: more tell nothing
+MARGIN = 3.0  # times the measured error that a setting is said to keep
+BUDGET = 30.0  # after this time no run is repeated [s]
 ROUND_OFF = TOLERANCES.last_digit  # error below which results in double precision are equally exact
 FAILURES = (Astray, SpatialPinError, ValueError, ArithmeticError, np.linalg.LinAlgError)
 
@@ -62,7 +63,7 @@ class Measured:
         on_front: whether no other setting is both as fast and as exact.
         estimate: largest error that the motion tells of itself, by its `error_estimates`; None
             where it tells none.
-        said: why it failed, or what the motion reports; empty if nothing.
+        note: why it failed, or what the motion reports; empty if nothing.
 
     Example:
         >>> mech = sp.load("four_bar")
@@ -82,8 +83,13 @@ class Measured:
     energy_drift: float | None = None
     solver_steps: int | None = None
     on_front: bool = False
-    said: str = ""
+    note: str = ""
     estimate: float | None = None
+
+    @property
+    def said(self) -> str:
+        """The old name of `note`; it warns."""
+        return str(by_new_name(self, "said", "note"))
 
     @property
     def time_per_step(self) -> float:
@@ -280,7 +286,7 @@ class Tradeoff:
             **{key: row.errors and getattr(row.errors, key) for key in Errors._fields[:-1]},
             "below_reference": bool(row.errors and row.error < self.reference_error),
             "energy_drift": row.energy_drift, "solver_steps": row.solver_steps,
-            "on_front": row.on_front, "said": row.said, "estimate": row.estimate,
+            "on_front": row.on_front, "note": row.note, "estimate": row.estimate,
             "keeps": row.errors and self.kept_error(row),
         } for row in self.rows]
         return {"mechanism": self.mechanism, "task": self.task, "kind": self.kind,
@@ -386,7 +392,7 @@ def tradeoff(
         raise ValueError(f"budget is {budget!r}; it is a time in s")
     if isinstance(settings, Accuracy):
         settings = [settings]
-    begun = time.perf_counter()
+    start = time.perf_counter()
     doing, reference = with_reference(task_of(mechanism, task))
     if settings is not None:
         tried = [accuracy_of(x) for x in settings]
@@ -401,21 +407,21 @@ def tradeoff(
         try:
             for accuracy in tried:
                 rows.append(_judged(doing, reference, accuracy, bar)
-                            if time.perf_counter() < begun + 2.0 * budget
-                            else Measured(accuracy, (), 0, said="not tried, the time was out"))
-            _repeat(doing, rows, repeats - 1, begun + budget, bar)
+                            if time.perf_counter() < start + 2.0 * budget
+                            else Measured(accuracy, (), 0, note="not tried, the time was out"))
+            _repeat(doing, rows, repeats - 1, start + budget, bar)
             is_whole = True
         except KeyboardInterrupt:  # what was measured until then is the answer
             if not rows:
                 raise
-            rows += [Measured(accuracy, (), 0, said="not tried, cut short")
+            rows += [Measured(accuracy, (), 0, note="not tried, cut short")
                      for accuracy in tried[len(rows):]]
             is_whole = False
     rows.sort(key=lambda row: row.time_per_step if row.errors else np.inf)
-    found = Tradeoff(mechanism.name, str(doing), doing.kind, tuple(rows), reference.text,
+    result = Tradeoff(mechanism.name, str(doing), doing.kind, tuple(rows), reference.text,
                      reference.error, is_whole)
-    flags = pareto([row.time_per_step for row in rows], [found.known_error(row) for row in rows])
-    return unless_cut(replace(found, rows=tuple(
+    flags = pareto([row.time_per_step for row in rows], [result.known_error(row) for row in rows])
+    return unless_cut(replace(result, rows=tuple(
         replace(row, on_front=flag) for row, flag in zip(rows, flags, strict=True))))
 
 
@@ -442,15 +448,15 @@ def _judged(
         seconds = time.perf_counter() - start
         errors = reference.judge(motion)
     except FAILURES as error:
-        said = str(error) or type(error).__name__
-        return Measured(accuracy, (time.perf_counter() - start,), 0, said=said)
+        text = str(error) or type(error).__name__
+        return Measured(accuracy, (time.perf_counter() - start,), 0, note=text)
     finally:
         bar.update()
-    said = "; ".join(event.text for event in motion.events)
+    text = "; ".join(event.text for event in motion.events)
     sizes = reference.sizes
     estimate = float((motion.error_estimates.max(axis=0) / sizes).max()) if (
         len(motion.error_estimates)) else None
-    row = Measured(accuracy, (seconds,), len(motion), errors, said=said, estimate=estimate)
+    row = Measured(accuracy, (seconds,), len(motion), errors, note=text, estimate=estimate)
     if isinstance(motion, Simulation):
         return replace(row, energy_drift=motion.energy_drift, solver_steps=motion.steps)
     return row

@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PARTS = ("position", "velocity", "acceleration", "spin")  # columns of parts of the error
-SAID = 100  # characters that are shown of what a setting says: the table has as many
+SAID = 100  # characters of a setting's description in the figure, as many as in the table
 INK, FAINT = "#2b3138", "#d5d9de"
-APART = 2.5  # ratio of two errors whose labels are a line of text apart in the figure
+APART = 2.5  # ratio of two errors whose labels are one line of text apart in the figure
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8a939c")
 MARKERS = "osD^vPX<>"  # more than colours, so that pairs repeat late
 
@@ -36,8 +36,8 @@ def table(tradeoff: Tradeoff, is_narrow: bool = False) -> str:
     good = [row for row in tradeoff.rows if row.errors is not None]
     lines = cells(tradeoff, merged(good, tradeoff.kind))
     if is_narrow:
-        kept = [k for k, head in enumerate(lines[0]) if head not in PARTS]
-        lines = [[line[k] for k in kept] for line in lines]
+        columns = [k for k, head in enumerate(lines[0]) if head not in PARTS]
+        lines = [[line[k] for k in columns] for line in lines]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     text = [f"{tradeoff.mechanism}: {tradeoff.task}", f"reference: {tradeoff.reference}"]
     text += ["  ".join([line[0].ljust(widths[0]),
@@ -52,10 +52,10 @@ def table(tradeoff: Tradeoff, is_narrow: bool = False) -> str:
     if any(row.error < tradeoff.reference_error for row in good):
         notes.append("<: smaller than the reference's own error")
     text += notes
-    said = [row for row in tradeoff.rows if row.errors is None or row.said]
+    remarks = [row for row in tradeoff.rows if row.errors is None or row.note]
     text += [f"{describe(row.accuracy, tradeoff.kind)}: {'failed: ' * (row.errors is None)}"
-             f"{row.said if len(row.said) <= SAID else row.said[: SAID - 3] + '...'}"
-             for row in said]
+             f"{row.note if len(row.note) <= SAID else row.note[: SAID - 3] + '...'}"
+             for row in remarks]
     return "\n".join(text)
 
 
@@ -150,15 +150,15 @@ def plot(tradeoff: Tradeoff, path: str | Path | None = None) -> Figure:
         bars = np.maximum(np.abs(times.T - np.array(x)), 0.0)  # between the quartiles
         axes.errorbar(x, y, xerr=bars, fmt=MARKERS[k % len(MARKERS)], markersize=5, elinewidth=0.8,
                       color=COLOURS[k % len(COLOURS)], label=name)
-    places = [_point(tradeoff, row) for row in tradeoff.front]
-    if places:
-        x, y = zip(*places, strict=True)
+    points = [_point(tradeoff, row) for row in tradeoff.front]
+    if points:
+        x, y = zip(*points, strict=True)
         axes.step(x, y, where="post", color=INK, linewidth=1.0, zorder=1, label="Pareto front")
     last = np.inf
-    for row, place in zip(tradeoff.front, places, strict=True):
-        if last >= APART * place[1]:  # else it would lie on the label before
-            last = place[1]
-            axes.annotate(describe(row.accuracy, tradeoff.kind), place, xytext=(-5, -3),
+    for row, point in zip(tradeoff.front, points, strict=True):
+        if last >= APART * point[1]:  # else it would lie on the label before
+            last = point[1]
+            axes.annotate(describe(row.accuracy, tradeoff.kind), point, xytext=(-5, -3),
                           textcoords="offset points", ha="right", va="top", fontsize=7, color=INK)
     axes.set(xscale="log", yscale="log", xlabel="time per step [µs]",
              ylabel="largest error [rad, characteristic lengths;\nrates relative to the largest]")

@@ -180,8 +180,10 @@ def pose(
         free: drivers that do not stand.
         release: whether drivers without a value may go.
     """
-    if gap and isinstance(guess, State) and guess.mechanism.whole is mechanism:
-        mechanism = guess.mechanism  # it goes on with the equations that were chosen for it
+    whole = mechanism.whole or mechanism
+    if gap and isinstance(guess, State) and guess.mechanism.whole is whole:
+        if mechanism is whole:
+            mechanism = guess.mechanism  # it goes on with the equations that were chosen for it
         gap = allowed_from(guess, gap)
     elif (exact := rounded(mechanism, gap)) is not None:
         mechanism = exact
@@ -249,12 +251,12 @@ def _searched(problem: AssemblyProblem, limits: bool, release: bool) -> tuple[Ar
 def tell(state: State) -> None:
     """Warn, once of a mechanism, of the equations that the numbers of its file contradict."""
     mechanism, whole = state.mechanism, state.mechanism.whole
-    assert whole is not None and mechanism.kept is not None
+    assert whole is not None and mechanism.selection is not None
     if whole in _WARNED:
         return
     _WARNED.add(whole)
-    opened = dict(mechanism.kept.opened)
-    counts = zip(whole.closures, mechanism.kept.counts(), strict=True)
+    opened = dict(mechanism.selection.opened)
+    counts = zip(whole.closures, mechanism.selection.counts(), strict=True)
     texts = [f"{c.n_rows - n} of {c.n_rows} equations of {c.name!r} hold to {opened[c.name]:.0e} "
              "only" for c, n in counts if n < c.n_rows]
     warn(f"mechanism {whole.name!r}: {'; '.join(texts)}: the file's numbers are rounded "

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.close import DAMPED_STEPS, close
-from spatial_pin.assembly.state import State
+from spatial_pin.assembly.state import State, carried_angles
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.kernel.closer import closer_of
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
@@ -66,8 +66,13 @@ GOOD = 0.2
 # Independence relative to that of all equations, below which a choice is of no use: rates lose two
 # digits, and a tenth of a radian ahead the equations may depend on each other.
 USELESS = 0.05
+# The same, with which a choice made for a path is left at that: errors are a few times those of all
+# equations; and how many times as independent another one is to be.
+FAIR, TWICE = 0.3, 2.0
 # of motion from the guess, over which equations stay within the gap
 HALF_RADIAN, PARTS_OF_MOTION = 0.5, 4
+PART = HALF_RADIAN / PARTS_OF_MOTION
+MOST_LOOKED_AT = 400  # configurations of a path: eight turns, in a tenth of a second
 DIRECTIONS = 6  # of that motion, each taken both ways
 LONGER_WAY = 4  # such motions in a row, over which it is seen how long equations are independent
 PROBES, STEPS_TO_POSE = 4, 3  # other poses tried, and steps to each
@@ -76,6 +81,10 @@ STEP_TO_POSE = 0.1  # length of a step [rad, characteristic lengths]
 # the loops hold.
 GAPS_TRIED = (1e-3, 1e-2, 2e-4, 5e-4, 2e-3, 5e-3)
 FEW_CHOICES = 300  # of equations, that are all looked at: in a fraction of a second
+# Samples from the guess on, in which sums of equations are to be independent where none are all
+# through: two radians, one and a half, one, half a radian; of ways ahead, none.
+HORIZONS = 17, 13, 9, 5, 1
+ROUNDS = 30  # of weights, after which the least independent sample gains no digit more
 # Weight of equations that are kept if they can, those of screws and couplings: no other is as well
 # conditioned as to outweigh it.
 KEPT = 1e3
@@ -157,8 +166,8 @@ def gap_needed(mechanism: Mechanism) -> float | None:
     """Return a gap with which a mechanism that its loops hold would move, one digit; or None."""
     for gap in (Accuracy().gap, *GAPS_TRIED):
         if gap > gap_allowed(mechanism) and (found := rounded(mechanism, gap)) is not None:
-            assert found.kept is not None
-            less = clearly_above(max(open_by for _, open_by in found.kept.opened))
+            assert found.selection is not None
+            less = clearly_above(max(open_by for _, open_by in found.selection.opened))
             while less < gap and rounded(mechanism, less) is None:
                 less = clearly_above(less)
             return min(gap, less)
@@ -195,7 +204,7 @@ def allowed_from(state: State, gap: float) -> float:
 
 def rounding_of(mechanism: Mechanism) -> float:
     """Return what is round-off of a file, relative to 1: 0 for a mechanism that is whole."""
-    return 0.0 if mechanism.kept is None else mechanism.kept.cut
+    return 0.0 if mechanism.selection is None else mechanism.selection.cut
 
 
 def _kept(evaluation: LoopEquations, gap: float) -> SelectedEquations | None:
@@ -219,7 +228,7 @@ def _kept(evaluation: LoopEquations, gap: float) -> SelectedEquations | None:
     near = [list(takewhile(lambda y: _rank(y.s, CLEAR_OF_CUT * cut) == rank,
                            _oriented(first, x, rank)))
             for x in _nearby(evaluation, first, cut, gap)]
-    kept = (_independent(mechanism, near, _oriented(first, samples, rank)) if rank else
+    kept = (_independent(mechanism, near, _oriented(first, samples, rank))[0] if rank else
             SelectedEquations(((),) * len(mechanism.closures), ((),) * len(mechanism.closures)))
     if _opens_nearby(evaluation, mechanism.with_equations(kept),
                      _oriented(first, [first], rank)[0], gap):
@@ -373,6 +382,86 @@ def _opens_nearby(whole: LoopEquations, reduced: Mechanism, first: Sample, gap: 
     return False
 
 
+def _dense(mechanism: Mechanism, q: Array) -> Iterator[tuple[int, Array]]:
+    """Yield configurations (nq,) along a path of some (n, nq), none far from the one before.
+
+    Before each stands how many of those that are given come before it.
+    """
+    last, model = q[0], mechanism.model
+    yield 0, last
+    for k, x in enumerate(q[1:], start=1):
+        way = pin.difference(model, last, x)
+        parts = float(np.abs(way / mechanism.velocity_scale).max()) / PART
+        if parts >= 0.5 or k + 1 == len(q):
+            for i in range(1, math.ceil(parts)):
+                yield k, pin.integrate(model, last, way * (i / math.ceil(parts)))
+            yield k, x
+            last = x
+
+
+def independent_along(
+    mechanism: Mechanism, q: Array, angles: Array, ahead: Array, gap: float
+) -> tuple[Mechanism, int]:
+    """Return the mechanism of a rounded file with equations that are independent along a path.
+
+    Those that are so near the guess may depend on each other elsewhere, at what seems a limit
+    position then, or a singular one.
+
+    Args:
+        mechanism: one that has a `whole`.
+        q: (n, nq) closed configurations along the path.
+        angles: (n_angles,) of its screw closures at the first one.
+        ahead: (nv,) direction in which it goes on from the last, scaled.
+        gap: the largest closure error that other equations may keep [-].
+
+    Returns:
+        The same one where its equations do, or no others do better; else one with equations that
+        are independent for some way ahead as well. And how many configurations come before the
+        first at which the given ones are not.
+    """
+    whole, selection = mechanism.whole, mechanism.selection
+    assert whole is not None and selection is not None
+    rank, cut = sum(selection.counts()), min(GAPS_WIDE * gap, WIDEST_GAP)
+    if not rank:
+        return mechanism, len(q)
+    with loops_of(whole, carried_angles(mechanism, angles, whole)) as every, loops_of(
+            mechanism, angles) as evaluation:
+        path, rows, before = [], [], []
+        for k, place in list(_dense(mechanism, q))[-MOST_LOOKED_AT:]:
+            every.update(place)
+            evaluation.update(place)
+            jacobian = every.jacobian[: every.constraints.n_closure].copy()
+            path.append(Sample(place, jacobian, singular_values(jacobian), every.closure_error))
+            rows.append(evaluation.jacobian[: evaluation.constraints.n_closure].copy())
+            before.append(k)
+        path = list(takewhile(lambda x: _rank(x.s, CLEAR_OF_CUT * cut) == rank,
+                              _oriented(path[0], path, rank)))
+        if not path:
+            return mechanism, len(q)
+        found = _independence(np.array(rows[: len(path)]), path)
+        found *= np.sign(found[0])
+        bad = np.flatnonzero(found < USELESS)
+        n, worth = before[bad[0]] if bad.size else len(q), max(0.0, float(found.min()))
+        if worth >= FAIR:
+            return mechanism, n
+        for x in q[-2::-1]:
+            way = pin.difference(whole.model, x, q[-1]) / whole.velocity_scale
+            if np.abs(way).max() > TOLERANCES.half_precision:
+                ahead = way
+                break
+        beyond = _oriented(path[-1], list(_walk(
+            whole, path[-1].q, ahead, LONGER_WAY * PARTS_OF_MOTION,
+            lambda place: _sample(every, place, cut, gap)))) if ahead.any() else []
+        best = max(USELESS, TWICE * worth), selection
+        for some in HORIZONS:
+            chosen, better = _independent(whole, [], path + beyond[: some - 1])
+            best = max(best, (better, chosen), key=lambda x: x[0])
+            if better >= FAIR or not beyond:
+                break
+    return mechanism if best[1] is selection else whole.with_equations(
+        best[1]._replace(cut=selection.cut, opened=selection.opened)), n
+
+
 def _walk(
     mechanism: Mechanism, q: Array, ahead: Array, parts: int,
     closed: Callable[[Array], Sample | None],
@@ -388,7 +477,7 @@ def _walk(
     """
     model, scale = mechanism.model, mechanism.velocity_scale
     for _ in range(parts):
-        step = HALF_RADIAN / PARTS_OF_MOTION * ahead / np.abs(ahead).max()
+        step = PART * ahead / np.abs(ahead).max()
         found = closed(pin.integrate(model, q, scale * step))
         if found is None:
             return
@@ -426,39 +515,92 @@ def _on_the_way(
 
 def _independent(
     mechanism: Mechanism, near: list[list[Sample]], samples: list[Sample]
-) -> SelectedEquations:
+) -> tuple[SelectedEquations, float]:
     """Return equations, as many as are independent, that are so at all samples as well as can be.
 
     No choice may do everywhere: the parallel cranks of a coupler are folded by pairs, one pair here
     and another there, and each choice relies on some pair. Then one is made for the paths near the
-    guess. Directions of frame 2 serve too where those of frame 1 alone would not do.
+    guess. Directions of frame 2 serve too where those of frame 1 alone would not do, and sums of a
+    closure's equations where none of them would.
+
+    Returns:
+        The equations, and how independent they are on all of `samples`, as `_worth` has it.
     """
     constraints = constraints_of(mechanism)
     weights = np.ones(constraints.n_closure)
     weights[[x.equation for x in constraints.angles]] = KEPT
     weights[constraints.n_products :] = KEPT
+    near = [path for path in near if path]
     paths = [*near, samples]
     everywhere = [x for path in paths for x in path]
-    rows, worth = _choice([x.jacobian for x in everywhere], paths, weights)
+    jacobians, labels = np.array([x.jacobian for x in everywhere]), list(constraints.labels)
+    rows, worth = _choice(jacobians, paths, weights)
+    sums: Array = np.eye(len(weights))[rows]
     if worth[1] < GOOD and any(c.can_turn for c in mechanism.closures):
-        turned = mechanism.with_fields(
-            closures=tuple(c.turned() for c in mechanism.closures if c.can_turn))
-        evaluation, more = LoopEquations(turned), []
+        evaluation = LoopEquations(mechanism.with_fields(
+            closures=tuple(c.turned() for c in mechanism.closures if c.can_turn)))
+        more = []
         for x in everywhere:
             evaluation.update(x.q)
-            more.append(np.vstack([x.jacobian, evaluation.jacobian[: len(evaluation.residual)]]))
-        weights = np.concatenate([weights, np.ones(len(more[0]) - len(weights))])
-        wider, better = _choice(more, paths, weights)
+            more.append(evaluation.jacobian[: len(evaluation.residual)].copy())
+        wider, n = np.concatenate([jacobians, more], axis=1), len(weights)
+        weights = np.concatenate([weights, np.ones(len(more[0]))])
+        sums = np.pad(sums, ((0, 0), (0, len(weights) - n)))
+        rows, better = _choice(wider, paths, weights)
         if better > worth:
-            rows = wider
-        labels = [*constraints.labels, *evaluation.constraints.labels]
-    else:
-        labels = list(constraints.labels)
-    kept: list[dict[str, tuple[int, ...]]] = [{c.name: () for c in mechanism.closures}
-                                              for _ in range(2)]
-    for row in rows:
-        kept[row >= constraints.n_closure][labels[row].closure] += (labels[row].equation,)
-    return SelectedEquations(tuple(kept[0].values()), tuple(kept[1].values()))
+            sums, worth = np.eye(len(weights))[rows], better
+        jacobians, labels = wider, [*labels, *evaluation.constraints.labels]
+    own = [np.array([k for k, x in enumerate(labels)
+                     if x.closure == c.name and (k >= constraints.n_closure) is turned], np.intp)
+           for turned in (False, True) for c in mechanism.closures]
+    blocks = [x for x in own if len(x) and (weights[x] < KEPT).all()]
+    if worth[1] < GOOD and blocks:
+        for some in (paths, *([path[:n] for path in near] for n in HORIZONS[:-1] if near)):
+            at = [k for k, x in enumerate(everywhere)
+                  if any(x is y for path in some for y in path)]
+            found = _sums(sums, jacobians[at], [everywhere[k] for k in at], blocks)
+            if (better := _worth(found @ jacobians, paths)) > worth:
+                sums, worth = found, better
+    chosen = [tuple(tuple(row[at].tolist()) for row in sums if row[at].any()) for at in own]
+    n = len(mechanism.closures)
+    return SelectedEquations(tuple(chosen[:n]), tuple(chosen[n:])), worth[1]
+
+
+def _sums(
+    rows: Array, jacobians: Array, samples: list[Sample], blocks: list[NDArray[np.intp]]
+) -> Array:
+    """Return rows (rank, n), of which those of blocks are sums that are independent at samples.
+
+    Of one closure they span the mean of the spaces of Jacobians' columns, in the chordal distance
+    of subspaces, with weights that bring the farthest nearer [Absil2004]; closures are gone
+    through one after the other, where the rows of others are held.
+
+    Args:
+        rows: weights of all equations, where it begins.
+        jacobians: (N, n, nv) of all equations at the samples.
+        samples: the configurations.
+        blocks: equations of each closure.
+    """
+    minors = jacobians @ np.array([x.rows.T for x in samples])
+    columns = np.linalg.svd(minors, full_matrices=False)[0]
+    weights, best, most = np.ones(len(samples)), rows, 0.0
+    for _ in range(ROUNDS):
+        for block in blocks:
+            mine = np.flatnonzero(np.any(rows[:, block] != 0.0, axis=1))
+            count = len(mine)
+            if not 0 < count < len(block):
+                continue
+            free = np.linalg.svd(np.delete(rows, mine, axis=0) @ columns)[2][:, len(rows) - count :]
+            spanned = np.linalg.qr(columns[:, block] @ free.transpose(0, 2, 1))[0]
+            mean = np.einsum("k,kij,klj->il", weights, spanned, spanned)
+            rows = rows.copy()
+            rows[np.ix_(mine, block)] = np.linalg.eigh(mean)[1][:, -count:].T
+        least = singular_values(rows @ columns)[:, -1]
+        if least.min() > most:
+            best, most = rows, float(least.min())
+        weights *= np.exp(least.max() - least)
+        weights /= weights.max()
+    return best
 
 
 def _independence(jacobians: list[Array] | Array, samples: list[Sample]) -> Array:
@@ -472,51 +614,51 @@ def _independence(jacobians: list[Array] | Array, samples: list[Sample]) -> Arra
     return least * np.sign(np.linalg.det(minors))
 
 
-def _choice(
-    jacobians: list[Array], paths: list[list[Sample]], weights: Array
-) -> tuple[list[int], tuple[float, float, int, float]]:
-    """Return the rows that are independent at all samples as well as can be, and how well.
-
-    All choices are looked at if they are few; else those that are best at one of them, or at all.
-    Rows whose weight is `KEPT` are among them if that is good enough.
-
-    Args:
-        jacobians: at all samples of the paths, in this order.
-        paths: those near the guess; last, the motion all through.
-        weights: of the rows.
+def _worth(rows: Array, paths: list[list[Sample]]) -> tuple[float, float, int, float]:
+    """Return how well rows (N, rank, nv) of Jacobians at all samples are independent.
 
     Returns:
-        The rows, and their independence relative to that of all: the least within half a radian of
-        the guess, up to `GOOD`; the least all through, 0 if the rows become dependent between two
-        samples, where their determinant changes sign; at how many samples in a row from the guess
-        there is any; the least at the samples themselves.
+        Their independence relative to that of all equations: the least within half a radian of the
+        guess, up to `GOOD`; the least all through, 0 if they become dependent between two samples,
+        where their determinant changes sign; at how many samples in a row from the guess there is
+        any; the least at the samples themselves.
     """
-    samples, stacked = [x for path in paths for x in path], np.array(jacobians)
-    n, rank = len(weights), len(samples[0].rows)
+    first = len(rows) - len(paths[-1])
+    found = np.round(_independence(rows[first:], paths[-1]), 6)
+    through = float(np.abs(found).min()) if (np.sign(found) == np.sign(found[0])).all() else 0.0
+    nearby, count = GOOD, 0
+    if through < GOOD and first:  # looked at where the rows do not do everywhere
+        ahead = np.round(_independence(rows[:first], [x for p in paths[:-1] for x in p]), 6)
+        same = np.where(np.sign(ahead) == np.sign(ahead[0]), np.abs(ahead), 0.0)
+        branches = np.split(same, list(accumulate(map(len, paths[:-1])))[:-1])
+        nearby = min(GOOD, *(float(x[: PARTS_OF_MOTION + 1].min()) for x in branches))
+        count = sum(len(list(takewhile(lambda value: value >= USELESS, x))) for x in branches)
+    return nearby, through, count, float(np.abs(found).min())
+
+
+def _choice(
+    jacobians: Array, paths: list[list[Sample]], weights: Array
+) -> tuple[list[int], tuple[float, float, int, float]]:
+    """Return the equations that are independent at all samples as well as can be; their `_worth`.
+
+    All choices are looked at if they are few; else those that are best at one of them, or at all.
+    Equations whose weight is `KEPT` are among them if that is good enough.
+
+    Args:
+        jacobians: (N, n, nv) at all samples of the paths, in this order.
+        paths: those near the guess; last, the motion all through.
+        weights: of the equations.
+    """
+    n, rank = len(weights), len(paths[-1][0].rows)
     if comb(n, rank) <= FEW_CHOICES:
         choices = list(combinations(range(n), rank))
     else:
-        near, way = jacobians[: -len(paths[-1])], jacobians[-len(paths[-1]) :]
-        places = [*way, np.hstack(way), *([np.hstack(near)] if near else [])]
+        near, through = np.split(jacobians, [len(jacobians) - len(paths[-1])])
+        places = [*through, np.hstack(list(through)), *([np.hstack(list(near))] if len(near)
+                                                        else [])]
         choices = sorted({tuple(weighty_rows(weights[:, None] * x, rank).tolist())
                           for x in places})
-    first = len(samples) - len(paths[-1])
-    ends = list(accumulate(map(len, paths[:-1])))
-    found = [np.round(_independence(stacked[first:, rows], samples[first:]), 6)
-             for rows in choices]
-    through = [float(np.abs(x).min()) if (np.sign(x) == np.sign(x[0])).all() else 0.0
-               for x in found]
-    worths = []
-    for k, rows in enumerate(choices):
-        nearby = GOOD, 0  # looked at where no choice does everywhere
-        if max(through) < GOOD and first:
-            ahead = np.round(_independence(stacked[:first, rows], samples[:first]), 6)
-            same = np.where(np.sign(ahead) == np.sign(ahead[0]), np.abs(ahead), 0.0)
-            branches = np.split(same, ends[:-1])
-            nearby = (min(GOOD, *(float(x[: PARTS_OF_MOTION + 1].min()) for x in branches)),
-                      sum(len(list(takewhile(lambda value: value >= USELESS, x)))
-                          for x in branches))
-        worths.append((nearby[0], through[k], nearby[1], float(np.abs(found[k]).min())))
+    worths = [_worth(jacobians[:, rows], paths) for rows in choices]
     kept = set(np.flatnonzero(weights == KEPT).tolist())
     best = max(range(len(choices)), key=lambda k: (
         worths[k][1] >= GOOD and kept <= set(choices[k]), *worths[k], -k))

@@ -145,7 +145,7 @@ class SquareSystem:
         with kernel_of(self.evaluation.mechanism) as kernel:
             at = prescribed_places(kernel.nv, self.driven, self.still)
             rates = rates_of(kernel, tuple(at), len(self.driven))
-            rates.place(q, self.evaluation.angle_reference, self.chosen)
+            rates.factor(q, self.evaluation.angle_reference, self.chosen)
             yield rates
 
     def driver_rates(self) -> Array:

@@ -458,7 +458,7 @@ def gap_of(mechanism: Mechanism, q: Array, angles: Array) -> Gap:
         q: configuration.
         angles: (n_angles,) of its screw closures.
     """
-    if mechanism.whole is None or mechanism.kept is None:
+    if mechanism.whole is None or mechanism.selection is None:
         return Gap()
     with loops_of(mechanism.whole, all_angles(mechanism, angles)) as evaluation:
         evaluation.update(q)
@@ -466,7 +466,7 @@ def gap_of(mechanism: Mechanism, q: Array, angles: Array) -> Gap:
         for label, row in zip(evaluation.constraints.labels, evaluation.residual, strict=True):
             largest[label.closure] = max(largest.get(label.closure, 0.0), abs(float(row)))
     return Gap({c.name: largest[c.name]
-                for c, n in zip(mechanism.whole.closures, mechanism.kept.counts(), strict=True)
+                for c, n in zip(mechanism.whole.closures, mechanism.selection.counts(), strict=True)
                 if n < c.n_rows})
 
 
@@ -517,8 +517,8 @@ def of_mechanism(mechanism: Mechanism, state: State) -> State:
         whole = state.mechanism.whole
         alike = [(c.name, c.n_rows) for c in mechanism.closures]
         if alike == [(c.name, c.n_rows) for c in whole.closures]:
-            assert state.mechanism.kept is not None
-            mechanism = mechanism.with_equations(state.mechanism.kept)
+            assert state.mechanism.selection is not None
+            mechanism = mechanism.with_equations(state.mechanism.selection)
     same = state.mechanism.coordinates == mechanism.coordinates
     evaluation = LoopEquations(mechanism)
     if same and state.angles.size == evaluation.angle_reference.size:

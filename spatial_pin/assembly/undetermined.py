@@ -13,8 +13,8 @@ from spatial_pin.assembly.holding import BASE, SPRINGS, free_bases, velocity_ent
 from spatial_pin.assembly.passive_freedoms import RESTING, is_in_loop, passive_freedoms
 from spatial_pin.assembly.redundant_equations import gap_words
 from spatial_pin.errors import SingularError
+from spatial_pin.kernel.kernel import tangent_step
 from spatial_pin.kernel.loop_equations import LoopEquations
-from spatial_pin.kernel.regular import step_beside
 from spatial_pin.mechanism.coordinates import driver_coordinates
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
@@ -27,6 +27,9 @@ REGULAR_TRIALS = 4  # of which one nearly always closes, as each is short
 # Lost rank is not looked for again within this part of it: they may turn faster farther on, but not
 # four times as fast.
 SURE_WAY = 0.25
+# Way after which equations that depend on each other at one configuration only are independent in
+# earnest, of those that shake to the second order too; links that are next to nothing stay so.
+SOME_WAY = 0.1  # rad, characteristic lengths
 LONGEST_SURE = 0.1  # rad, characteristic lengths, of it at most: ten trial steps
 
 
@@ -52,6 +55,14 @@ class Regular(NamedTuple):
         return bool(np.abs(away).max(initial=0.0) <= self.radius)
 
 
+def is_sure(mechanism: Mechanism, n: int, rank: int) -> bool:
+    """Whether n closure equations of a rank are lost nowhere near: all are independent, or hold.
+
+    Those that stayed of a rounded file may be so by its rounding only.
+    """
+    return rank == mechanism.model.nv or (rank == n and mechanism.whole is None)
+
+
 def rank_loss(evaluation: LoopEquations, q: Array, rank: int) -> int:
     """Return how many independent equations the loops lose at q, where their rank is `rank`.
 
@@ -65,8 +76,8 @@ def rank_loss(evaluation: LoopEquations, q: Array, rank: int) -> int:
         q: (nq,) closed configuration.
         rank: of the closure equations there.
     """
-    n, nv = evaluation.constraints.n_closure, evaluation.model.nv
-    if rank in (n, nv):
+    n = evaluation.constraints.n_closure
+    if is_sure(evaluation.mechanism, n, rank):
         return 0
     known: Regular | None = evaluation.regular
     if known is not None and known.holds(evaluation.mechanism, q, rank):
@@ -75,10 +86,16 @@ def rank_loss(evaluation: LoopEquations, q: Array, rank: int) -> int:
     jacobian = evaluation.jacobian[:n].copy()
     rows = independent_rows(jacobian)
     svd = decompose(jacobian[rows])
+    strong = int(np.count_nonzero(svd.s > TOLERANCES.half_precision * svd.s.max(initial=0.0)))
     freedoms = svd.vt[len(rows) :]
-    beside = step_beside(evaluation.mechanism, q, evaluation.angle_reference, rows, freedoms)
-    if beside is not None and beside.is_closed:
-        evaluation.update(beside.q)
+    if strong < len(rows):  # which may be the rounding of a file
+        lost = _rank_away(evaluation, q, freedoms) - strong
+        evaluation.update(q)
+        if lost > 0:
+            return lost
+    step = tangent_step(evaluation.mechanism, q, evaluation.angle_reference, rows, freedoms)
+    if step is not None and step.is_closed:
+        evaluation.update(step.q)
         turned = np.linalg.norm(evaluation.jacobian[:n] - jacobian) / STEP
         radius = SURE_WAY * svd.s[-1] / max(turned, EPS) if rank else 0.0
         evaluation.regular = Regular(q.copy(), rank, min(float(radius), LONGEST_SURE))
@@ -86,7 +103,21 @@ def rank_loss(evaluation: LoopEquations, q: Array, rank: int) -> int:
         return 0
     lost = _generic_rank(evaluation, q) - rank
     evaluation.update(q)
-    return max(lost, int(beside is not None))
+    return max(lost, int(step is not None))
+
+
+def _rank_away(evaluation: LoopEquations, q: Array, freedoms: Array) -> int:
+    """Return the closure rank some way off q along freedoms (k, nv), far above all rounding."""
+    n, model = evaluation.constraints.n_closure, evaluation.model
+    free, scale = np.ones(model.nv, dtype=bool), evaluation.mechanism.velocity_scale
+    best = 0
+    for v in (*freedoms, *-freedoms):
+        step = scale * v * (SOME_WAY / np.abs(v).max())
+        _, error = close(evaluation, pin.integrate(model, q, step), free, TOLERANCES.zero)
+        if error <= TOLERANCES.closed:
+            best = max(best, len(independent_rows(evaluation.jacobian[:n],
+                                                  TOLERANCES.near_singular)))
+    return best
 
 
 def _generic_rank(evaluation: LoopEquations, q: Array) -> int:
@@ -107,7 +138,7 @@ def _ways(evaluation: LoopEquations, q: Array) -> int:
     """Return in how many independent ways steps from q go on when loops are closed again."""
     evaluation.update(q)
     n, scale = evaluation.constraints.n_closure, evaluation.mechanism.velocity_scale
-    freedoms = decompose(evaluation.jacobian[:n]).null_space
+    freedoms = decompose(evaluation.jacobian[:n], TOLERANCES.half_precision).null_space
     free, rng = np.ones(len(scale), dtype=bool), np.random.default_rng(3)
     left = []
     for _ in range(REGULAR_TRIALS * len(freedoms)):
@@ -131,7 +162,8 @@ def lost_rank(evaluation: LoopEquations, q: Array, lost: int, motion: str) -> st
         motion: what would determine the motion elsewhere.
     """
     n, ways = evaluation.constraints.n_closure, _ways(evaluation, q)
-    freedoms = evaluation.model.nv - len(independent_rows(evaluation.jacobian[:n]))
+    freedoms = evaluation.model.nv - len(
+        independent_rows(evaluation.jacobian[:n], TOLERANCES.half_precision))
     equations = f"{lost} independent equation{'s' * (lost != 1)}"
     text = f"singular configuration: the loops lose {equations} there, and "
     if ways <= freedoms - lost:
@@ -169,6 +201,10 @@ def dependence(
     if freedom < len(driven):
         rank = decompose(closures, TOLERANCES.near_singular).rank
         if closures.shape[1] - rank >= len(driven):
+            n, q = evaluation.constraints.n_closure, evaluation.q.copy()
+            lost = rank_loss(evaluation, q, len(independent_rows(evaluation.jacobian[:n])))
+            if lost:
+                return where + lost_rank(evaluation, q, lost, "drivers")
             return (f"{where}singular configuration: branches cross so near that round-off "
                     "hides which equations depend on others; start further from it"
                     + gap_words(mechanism))

@@ -95,7 +95,7 @@ def _values(words: list[_CommandWords], line: Callable[[str, _Option], str]) -> 
 
 
 def _places(words: list[_CommandWords], first: int, line: Callable[[str, str], str]) -> str:
-    """Return a line for each word behind the mechanism, of which `first` is the number."""
+    """Return a line for each word after the mechanism; `first` is the number of the first."""
     patterns = {f'"{first} {word.name}")': word.first for word in words} | {
         f'*" {word.name}")': word.rest for word in words}
     return "\n".join(line(pattern, kind) for pattern, kind in patterns.items() if kind)
@@ -190,7 +190,7 @@ def offer(words: Sequence[str]) -> int:
         equals = "=" * kind.endswith("=")
         print("".join(f"{name}{equals}\n" for name in names if PLAIN.fullmatch(name)), end="",
               flush=True)
-    except (Exception, KeyboardInterrupt):  # whoever types is not told of a file in the making
+    except (Exception, KeyboardInterrupt):  # no errors while a file is being written
         return 1
     return 0
 
@@ -214,7 +214,7 @@ def _ranges(mechanism: sp.Mechanism) -> list[str]:
     return [*_coordinates(mechanism), *PARTS]
 
 
-# To add a kind: what there is of it in a mechanism. `completion` says which word is of which.
+# To add a kind of word: a function from a mechanism to its words. `completion` has the kinds.
 KINDS: dict[str, Callable[[sp.Mechanism], Iterable[str]]] = {
     "coordinate": _coordinates,
     "held": lambda m: [*_coordinates(m), *_joints(m), str(BASE), SPRINGS],

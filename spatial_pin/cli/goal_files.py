@@ -1,4 +1,4 @@
-"""What a design is asked for in a file: goals and bounds in TOML, or points and values in a table.
+"""Goals of a design in a file: goals and bounds in TOML, or points and values in a table.
 
 A TOML file has an array of tables `[[goal]]`, each with the `kind` of a goal of `sp.goals` and the
 arguments of its function, and a table `[dimensions]` with the least and the largest value of each
@@ -42,7 +42,7 @@ def read_goals(path: str | Path, mechanism: Mechanism) -> tuple[list[Goal], dict
 
     Raises:
         OSError: it cannot be read.
-        SpatialPinError: it is no such file, or a goal is none; says where.
+        SpatialPinError: it is no such file, or a goal is wrong; names file and goal.
     """
     path = Path(path)
     if path.suffix.lower() != ".toml":
@@ -57,13 +57,13 @@ def read_goals(path: str | Path, mechanism: Mechanism) -> tuple[list[Goal], dict
         raise SpatialPinError(f"{path}: there is no goal; write [[goal]], and below it its kind")
     if not isinstance(bounds, dict):
         raise SpatialPinError(f"{path}: dimensions is a table [dimensions] of NAME = [least, most]")
-    found = []
+    goals = []
     for k, table in enumerate(tables, start=1):
         try:
-            found += _goals(path, mechanism, dict(table))
+            goals += _goals(path, mechanism, dict(table))
         except (SpatialPinError, ValueError, TypeError) as error:
             raise SpatialPinError(f"{path}: goal {k}: {error}") from error
-    return found, {name: _bounds(path, name, given) for name, given in bounds.items()}
+    return goals, {name: _bounds(path, name, given) for name, given in bounds.items()}
 
 
 def _bounds(path: Path, name: str, given: Any) -> Bounds:
@@ -102,11 +102,11 @@ def _goals(path: Path, mechanism: Mechanism, table: dict[str, Any]) -> list[Goal
         table["weight"] = None if given == EXACT else _plain(given)
     if "table" in table:
         kind, name = table.pop("kind", None), table.pop("table")
-        found = _goals_of_table(path.parent / str(name), mechanism, table)
-        if kind is not None and any(x.name.split()[0] != kind for x in found):
-            raise ValueError(f"{name} has columns of {' and '.join(x.name for x in found)}, "
+        goals = _goals_of_table(path.parent / str(name), mechanism, table)
+        if kind is not None and any(x.name.split()[0] != kind for x in goals):
+            raise ValueError(f"{name} has columns of {' and '.join(x.name for x in goals)}, "
                              f"which is no {kind}")
-        return found
+        return goals
     kind = table.pop("kind", None)
     make = KINDS.get(kind) if isinstance(kind, str) else None
     if make is None:
@@ -129,10 +129,10 @@ def _argument(mechanism: Mechanism, kind: str, key: str, table: Mapping[str, Any
     if key == "drivers" and isinstance(given, dict):
         return {name: _in_units(f"{key}: {name}", _plain(values), mechanism.coordinate(name).unit)
                 for name, values in given.items()}
-    found = given if key == "weight" else _plain(given)
-    if key == "placements" and isinstance(found, list):
+    value = given if key == "weight" else _plain(given)
+    if key == "placements" and isinstance(value, list):
         placements = []  # x, y, z, rx, ry, rz (rotation vector); a matrix as it is
-        for i, x in enumerate(found):
+        for i, x in enumerate(value):
             if isinstance(x, list) and len(x) == 6:
                 for number, base in zip(x, ("m", "m", "m", "rad", "rad", "rad"), strict=True):
                     _in_units(f"placement {i}", number, base)
@@ -143,11 +143,11 @@ def _argument(mechanism: Mechanism, kind: str, key: str, table: Mapping[str, Any
     base = BASES.get((kind, key), "")
     if base == "output":
         base = mechanism.coordinate(str(table.get("output"))).unit
-    return _in_units(key, found, base)
+    return _in_units(key, value, base)
 
 
 def _plain(given: Any) -> Any:
-    """Return what a file gives with its texts that begin as numbers do as quantities."""
+    """Return a file's values; texts that begin with a number become quantities."""
     if isinstance(given, str) and _NUMBER.match(given):
         return quantity(given)
     if isinstance(given, list):
@@ -158,7 +158,7 @@ def _plain(given: Any) -> Any:
 
 
 def _in_units(key: str, given: Any, base: str) -> Any:
-    """Return what is given, after a look at the units in it."""
+    """Return a value after a check of its units."""
     if isinstance(given, ValueWithUnit) and base and not given.is_for(base):
         raise ValueError(f"{key} is in {base}, not in {given.unit}")
     if isinstance(given, list):
@@ -186,7 +186,7 @@ def _goals_of_table(
     targets = targets_of(path, mechanism, columns)
     moved = {mechanism.driven_coordinate(name).name for name in mechanism.drivers}
     drivers = {name: x for name, x in targets.items() if name in moved}
-    found = []
+    goals = []
     for name, target in targets.items():
         if name in moved:
             continue
@@ -197,8 +197,8 @@ def _goals_of_table(
         for key in more:
             if key not in parameters:
                 raise ValueError(f"{kind} has no {key!r}; {suggestion(key, parameters)}")
-        found.append(KINDS[kind](name, target, drivers, **more))
-    if not found:
+        goals.append(KINDS[kind](name, target, drivers, **more))
+    if not goals:
         raise SpatialPinError(f"{path}: there is no goal: columns NAME.x, NAME.y, NAME.z of a "
                               "frame, or of a coordinate that is no driver")
-    return found
+    return goals

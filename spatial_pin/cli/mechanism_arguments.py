@@ -19,9 +19,9 @@ from spatial_pin.mechanism.joint_limits import joint_limits
 from spatial_pin.proximity.clearance import standing
 from spatial_pin.units import ValueWithUnit, likely_unit
 
-MANY_TURNS = 12.0  # [rad], nearly two turns: whole numbers beyond are meant in degrees more often
+MANY_TURNS = 12.0  # [rad], nearly two turns: larger whole numbers are usually degrees
 Result = TypeVar("Result")
-RATES = {"speed": "/s", "acceleration": "/s2"}  # per what they are
+RATES = {"speed": "/s", "acceleration": "/s2"}  # end of the unit
 NO_SLIDE = 30.0  # characteristic lengths that no slide goes
 
 
@@ -32,7 +32,7 @@ def loaded(options: argparse.Namespace) -> sp.Mechanism:
                            "packages": dict(options.packages), "model": options.model,
                            "without": options.without}
     plain = {name: x for name, x in given.items() if isinstance(x, ValueWithUnit) and not x.unit}
-    if plain:  # first, for what is far off may not even load
+    if plain:  # first: with far-off numbers a file may not even load
         rest = {name: x for name, x in given.items() if name not in plain}
         usual: Mapping[str, float] = {}
         with contextlib.suppress(sp.SpatialPinError):  # what needs a dimension has no default
@@ -119,10 +119,10 @@ def in_units(values: Mapping[str, float], *units: str) -> None:
 
 
 def check_names(options: argparse.Namespace, mechanism: sp.Mechanism) -> None:
-    """Refuse outputs, traces, arrows and what is to be held that do not exist, before any work.
+    """Refuse names of outputs, traces, arrows and held coordinates that do not exist.
 
     Raises:
-        UnknownNameError: says what there is instead.
+        UnknownNameError: lists the nearest names.
     """
     check_held(options, mechanism)
     if not any(getattr(options, key, ()) for key in ("output", "trace", "arrow")):
@@ -152,7 +152,7 @@ def check_names(options: argparse.Namespace, mechanism: sp.Mechanism) -> None:
 
 
 def check_held(options: argparse.Namespace, mechanism: sp.Mechanism) -> None:
-    """Refuse names of what is to stand still that do not exist."""
+    """Refuse names of held coordinates that do not exist."""
     for name in getattr(options, "hold", ()):
         if name not in (*mechanism.model.names, SPRINGS) and not is_base(mechanism, name):
             mechanism.coordinate(name)
@@ -198,18 +198,18 @@ def motion_over(
     try:
         return sp.sweep(mechanism, name, values, guess=guess_of(options, mechanism),
                         hold=held(options), progress=True)
-    except sp.Interrupted as stopped:  # what was followed is told of
+    except sp.Interrupted as stopped:  # the samples so far are reported
         options.cut_short = f"cut short after {len(stopped.result)} values"
         return stopped.result
 
 
 def held(options: argparse.Namespace) -> list[str]:
-    """Return what stands still: free bases, and what `--hold` names."""
+    """Return the held coordinates: free bases, and the names after `--hold`."""
     return [BASE, *options.hold]
 
 
 def along(options: argparse.Namespace, work: Callable[[], Any]) -> Any:
-    """Return what is found along a motion; after Ctrl-C until then, as `options.cut_short` says."""
+    """Return a result along a motion; after Ctrl-C the unfinished one, with `options.cut_short`."""
     try:
         return work()
     except sp.Interrupted as stopped:
@@ -217,8 +217,8 @@ def along(options: argparse.Namespace, work: Callable[[], Any]) -> Any:
         return stopped.result
 
 
-def as_far_as_found(work: Callable[[], Result]) -> Result:
-    """Return a result, after Ctrl-C as far as it was found until then: its `is_whole` tells."""
+def or_partial_result(work: Callable[[], Result]) -> Result:
+    """Return a result; after Ctrl-C the unfinished one, whose `is_whole` is false."""
     try:
         return work()
     except sp.Interrupted as stopped:

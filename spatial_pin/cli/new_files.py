@@ -21,7 +21,7 @@ from spatial_pin.mechanism.joint_limits import joint_limits
 from spatial_pin.mechanism.pairs import COUPLING
 
 FRAMES, JOINTS = "frames", "joints"
-CLOSURES = {  # what an example of each kind says, what it needs, and keys besides
+CLOSURES = {  # of an example of each kind: a comment, its needs, further keys
     "spherical": ("a ball", FRAMES, ""),
     "revolute": ("a hinge; axis is z of both frames unless it is given", FRAMES,
                  "axis = [0, 0, 1]"),
@@ -52,7 +52,7 @@ def write_from(name: str, tree: Path, folder: Path, mechanism: sp.Mechanism) -> 
         name: of the mechanism and its file.
         tree: the file that it is loaded from.
         folder: where to write.
-        mechanism: what the tree loads as.
+        mechanism: loaded from the tree.
 
     Returns:
         The files written.
@@ -65,15 +65,15 @@ def write_from(name: str, tree: Path, folder: Path, mechanism: sp.Mechanism) -> 
         kind = "a folder" if tree.is_dir() else "a mechanism file"
         raise SpatialPinError(f"{tree} is {kind}, which is loaded as it is; `spatial-pin export "
                               f"{mechanism.name} --folder {name}` makes a copy to edit")
-    place = folder / f"{name}.toml"
-    _refuse_existing([place])
-    beside = Path(os.path.relpath(tree.resolve(), folder.resolve())).as_posix()
+    path = folder / f"{name}.toml"
+    _refuse_existing([path])
+    tree_path = Path(os.path.relpath(tree.resolve(), folder.resolve())).as_posix()
     title = {"title": mechanism.title} if mechanism.title else {}
-    parts = [HEAD + toml_text({"name": name, **title, "tree": beside}),
+    parts = [HEAD + toml_text({"name": name, **title, "tree": tree_path}),
              _joints(mechanism), _closures(mechanism), _drivers(mechanism),
              MORE.format(link=_ends(mechanism)[0], joint=[*mechanism.model.names, "joint"][1]),
              _guess(mechanism)]
-    return [write_text(place, "\n".join(part for part in parts if part))]
+    return [write_text(path, "\n".join(part for part in parts if part))]
 
 
 def write_new(name: str, folder: Path) -> list[Path]:
@@ -104,7 +104,7 @@ def _refuse_existing(paths: Iterable[Path]) -> None:
 
 
 def _joints(mechanism: sp.Mechanism) -> str:
-    """Return the tree's joints as comments: what they join, and their limits."""
+    """Return the tree's joints as comments: their links and limits."""
     ends = {joint.get("name"): [
         "" if (end := joint.find(key)) is None else end.get("link", "") for key in (
             "parent", "child")] for joint in robot_of(mechanism).findall("joint")}
@@ -122,7 +122,7 @@ def _joints(mechanism: sp.Mechanism) -> str:
 
 
 def _closures(mechanism: sp.Mechanism) -> str:
-    """Return what the tree states of loops, and an example of every kind, as comments."""
+    """Return the tree's own loops, and an example of every kind of closure, as comments."""
     lines = ["# Loops: each closure joins two frames of different bodies. Links and frames: "
              "`spatial-pin info`."]
     for closure in mechanism.closures:
@@ -151,17 +151,17 @@ def _ends(mechanism: sp.Mechanism) -> tuple[str, ...]:
 def _drivers(mechanism: sp.Mechanism) -> str:
     """Return the first driver, and others as comments."""
     lines = ["# Drivers: as many as the closed mechanism has freedoms (`spatial-pin check`)."]
-    found = list(mechanism.drivers.values()) or [
+    drivers = list(mechanism.drivers.values()) or [
         sp.Driver(c.name, c.name) for c in mechanism.coordinate_table.values() if c.q >= 0][:1]
     keep_all = bool(mechanism.closures)  # which drivers move its loops is stated with them
-    for k, driver in enumerate(found):
+    for k, driver in enumerate(drivers):
         text = toml_text({"drivers": {driver.name: {"joint": driver.joint}}}).strip()
         lines += [line if k == 0 or keep_all else f"# {line}" for line in text.splitlines()]
-    return "\n".join(lines) + "\n" if found else ""
+    return "\n".join(lines) + "\n" if drivers else ""
 
 
 def _guess(mechanism: sp.Mechanism) -> str:
-    """Return where the joints of one freedom stand."""
+    """Return the values of the joints with one freedom."""
     state = None
     for limits in (True, False):  # within the joint limits where there is such a configuration
         with contextlib.suppress(sp.AssemblyError), warnings.catch_warnings():
@@ -181,7 +181,7 @@ def _guess(mechanism: sp.Mechanism) -> str:
 
 HEAD = """\
 # Metres, radians, kilograms. Keys of the top come before the first [table].
-# `spatial-pin check FILE` says what is wrong, `spatial-pin show FILE` shows it.
+# `spatial-pin check FILE` lists mistakes, `spatial-pin show FILE` shows it.
 """
 MORE = """\
 # More that may be said; without the first two letters of its lines it holds:

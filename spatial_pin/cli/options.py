@@ -1,4 +1,4 @@
-"""Options that several commands have, the values of options, and what a command is."""
+"""Options of several commands, the values of options, and the type of a command."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from spatial_pin.units import ValueWithUnit, quantity
 SPRINGS_HELP = "; springs for all joints that springs act about"
 MECHANISM_HELP = ("library name (see `spatial-pin list`), or path of a mechanism file (.toml), or "
                   "of a robot: .urdf, .xacro, .xml (MJCF), .sdf, .usd, .yaml")
-AT_HELP = "where drivers, or coordinates, stand, as crank=60deg; the others stand at the guess"
+AT_HELP = "values of drivers or coordinates, as crank=60deg; the others keep those of the guess"
 
 
 Option = tuple[tuple[str, ...], dict[str, Any]]  # flags and settings, as `add_argument` takes them
 
 
 class Command(NamedTuple):
-    """What a word behind `spatial-pin` does.
+    """A command of `spatial-pin`.
 
     Attributes:
-        run: does it; its docstring is the help.
-        options: what its parser understands.
+        run: its function, whose docstring is the help.
+        options: of its parser.
         takes_mechanism: whether its first word names a mechanism.
-        one_of: options of which one is given, and only one.
+        one_of: options that exclude each other; one must be given.
     """
 
     run: Callable[[argparse.Namespace], None]
@@ -37,7 +37,7 @@ class Command(NamedTuple):
 
     @property
     def text(self) -> str:
-        """What it does, in a line of the help."""
+        """Its line in the help."""
         words = (self.run.__doc__ or "").rstrip(".")
         return words[:1].lower() + words[1:]
 
@@ -54,8 +54,8 @@ def data_options(json: str, csv: str = "") -> tuple[Option, ...]:
     """Return `--json` and, where there is a table, `--csv`.
 
     Args:
-        json: what is written as JSON.
-        csv: what is written as a table; "" for none.
+        json: content of the JSON file.
+        csv: content of the table; "" for none.
     """
     return tuple(option(flag, metavar="F", nargs="?", const=SCREEN,
                         help=f"write {what} as {form} (to the screen without F)")
@@ -64,13 +64,13 @@ def data_options(json: str, csv: str = "") -> tuple[Option, ...]:
 
 
 def hold_option(more: str = "") -> tuple[Option, ...]:
-    """Return what stands still."""
+    """Return the option of held coordinates."""
     return (option("--hold", action="append", default=[], metavar="NAME",
-                   help=f"a joint or coordinate that stands still, besides a free base{more}"),)
+                   help=f"a joint or coordinate that is held, besides a free base{more}"),)
 
 
 def sweep_arguments(needed: bool = True) -> tuple[Option, ...]:
-    """Return a driver, its first and its last value, and how it goes between them."""
+    """Return the options of a sweep: driver, first and last value, steps, speed."""
     times = None if needed else "?"
     return (
         option("driver", nargs=times, help="driver or coordinate"),
@@ -86,7 +86,7 @@ def sweep_arguments(needed: bool = True) -> tuple[Option, ...]:
 
 
 def over_options(held: str = f"{SPRINGS_HELP} (--over)") -> tuple[Option, ...]:
-    """Return a driver that goes over a range, for a row at each of its values."""
+    """Return the options of a sweep without speed, for a row at each value."""
     return (
         option("--over", type=span, metavar="DRIVER=LO..HI",
                help="do it all along a sweep of this driver or coordinate"),
@@ -96,12 +96,12 @@ def over_options(held: str = f"{SPRINGS_HELP} (--over)") -> tuple[Option, ...]:
 
 
 def start_options(speed: str) -> tuple[Option, ...]:
-    """Return how a simulation begins."""
+    """Return the options of the start of a simulation."""
     return (
         option("--at", action="append", default=[], type=setting, metavar="DRIVER=VALUE",
-               help="where the simulation starts"),
+               help="configuration at the start of the simulation"),
         option(speed, action="append", default=[], type=setting, metavar="DRIVER=VALUE",
-               help="how it starts, as crank=240rpm"),
+               help="speed at the start, as crank=240rpm"),
         option("--effort", action="append", default=[], type=setting, metavar="JOINT=VALUE",
                help="a constant torque [N·m] or force [N] in it"),
     )
@@ -120,26 +120,26 @@ def value(text: str) -> ValueWithUnit:
 
 def above_zero(text: str) -> ValueWithUnit:
     """Return a number above zero, with a unit or without one."""
-    found = value(text)
-    if not found > 0.0:
+    number = value(text)
+    if not number > 0.0:
         raise argparse.ArgumentTypeError(f"{text!r} is not above zero")
-    return found
+    return number
 
 
 def not_negative(text: str) -> ValueWithUnit:
     """Return a number from zero up, with a unit or without one."""
-    found = value(text)
-    if found < 0.0:
+    number = value(text)
+    if number < 0.0:
         raise argparse.ArgumentTypeError(f"{text!r} is negative")
-    return found
+    return number
 
 
 def positive(text: str) -> float:
     """Return a number above zero without a unit."""
-    found = value(text)
-    if not found > 0.0 or found.unit:
+    number = value(text)
+    if not number > 0.0 or number.unit:
         raise argparse.ArgumentTypeError(f"{text!r} is not a positive number without a unit")
-    return found
+    return number
 
 
 def count(text: str) -> int:
@@ -166,10 +166,10 @@ def setting(text: str) -> tuple[str, float]:
 
 def spread(text: str) -> tuple[str, float]:
     """Return name and value of `NAME=VALUE`, which is not negative."""
-    name, found = setting(text)
-    if found < 0.0:
+    name, number = setting(text)
+    if number < 0.0:
         raise argparse.ArgumentTypeError(f"{text!r} is negative")
-    return name, found
+    return name, number
 
 
 def rising(text: str) -> tuple[str, tuple[ValueWithUnit, ValueWithUnit]]:
@@ -301,25 +301,25 @@ def as_taken(words: Sequence[str], parser: argparse.ArgumentParser) -> list[str]
     ranged = {flag for action in actions if action.type in RANGES
               for flag in action.option_strings or [""]}
     has_ends = any(action.dest == "first" for action in actions)
-    found: list[str] = []
+    taken: list[str] = []
     for word in words:
         name, ends = _range(word)
-        before, known = _range(found[-1]) if found else ("", [])
-        if found and found[-1] in DATA and "=" in word:
-            found += [SCREEN, word]  # NAME=VALUE is no file
-        elif has_ends and ends and _option(found, valued) == "":
-            found += [name, *ends] if name else ends
+        before, known = _range(taken[-1]) if taken else ("", [])
+        if taken and taken[-1] in DATA and "=" in word:
+            taken += [SCREEN, word]  # NAME=VALUE is no file
+        elif has_ends and ends and _option(taken, valued) == "":
+            taken += [name, *ends] if name else ends
         elif ends and not name and before and len(known) < 2 and _option(
-                found[:-1], valued) in ranged:
-            found[-1] += f"..{word}" if known else f"={word}"
+                taken[:-1], valued) in ranged:
+            taken[-1] += f"..{word}" if known else f"={word}"
         else:
-            found.append(word)
-    return found
+            taken.append(word)
+    return taken
 
 
-def _option(found: Sequence[str], valued: Collection[str]) -> str:
+def _option(words: Sequence[str], valued: Collection[str]) -> str:
     """Return the option that the next word is a value of, "" for none."""
-    return found[-1] if found and found[-1] in valued else ""
+    return words[-1] if words and words[-1] in valued else ""
 
 
 def _range(word: str) -> tuple[str, list[str]]:

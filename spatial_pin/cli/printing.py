@@ -31,7 +31,7 @@ class CutShort(KeyboardInterrupt):
 
 
 def worded(options: argparse.Namespace, text: object) -> str:
-    """Return what the library says in the words of the command line."""
+    """Return a message of the library in the words of the command line."""
     given, flags = vars(options), set(options.parsers[options.command]._option_string_actions)
     if given.get("over", "") is None:
         flags.discard("--hold")  # which is of a sweep
@@ -83,7 +83,7 @@ def wrote(paths: Iterable[Path | str]) -> None:
 
 
 def say(text: object) -> None:
-    """Print text, no line of which is wider than a terminal where it can be broken."""
+    """Print text, with lines broken at the width of the terminal."""
     shown = "\n".join(fitted(line) for line in str(text).splitlines())
     if shown:
         try:
@@ -101,7 +101,7 @@ def fitted(line: str) -> str:
     """Return a line broken at spaces to fit, the rest below its last column of text."""
     if len(line) <= WIDTH or line.startswith(NOTE):
         return line
-    columns = [found.end() for found in re.finditer(r"\S {2,}(?=\S)", line[:DEEPEST])]
+    columns = [match.end() for match in re.finditer(r"\S {2,}(?=\S)", line[:DEEPEST])]
     indent = len(line) - len(line.lstrip())
     below = columns[-1] if columns else indent + 2
     return textwrap.fill(line, WIDTH, subsequent_indent=" " * below, break_long_words=False,
@@ -162,8 +162,8 @@ class Remedy(NamedTuple):
     """How advice to callers from Python reads for who types commands.
 
     Attributes:
-        python: pattern of what the library says.
-        words: what is said instead.
+        python: pattern in a message of the library.
+        words: its replacement.
         flag: the option that a command needs for it; "" for none. Others leave it to the next.
     """
 
@@ -173,7 +173,7 @@ class Remedy(NamedTuple):
 
 
 def in_options(text: str, flags: Collection[str]) -> str:
-    """Return what the library says with the options of a command in the place of arguments.
+    """Return a message of the library with a command's options in place of arguments.
 
     Args:
         text: the message of an error or warning.
@@ -192,18 +192,18 @@ def in_options(text: str, flags: Collection[str]) -> str:
 
 def _each(flag: str) -> Callable[[re.Match[str]], str]:
     """Return what writes the names of a list, the last group, each behind an option."""
-    return lambda said: " ".join(f"{flag} {name}" for name in ast.literal_eval(
-        said[said.re.groups]) if name != str(BASE))  # which the commands hold anyway
+    return lambda match: " ".join(f"{flag} {name}" for name in ast.literal_eval(
+        match[match.re.groups]) if name != str(BASE))  # which the commands hold anyway
 
 
-def _rates(said: re.Match[str]) -> str:
-    return " ".join(f"--speed {name}=0" for name in ast.literal_eval(f"{{{said[1]}}}"))
+def _rates(match: re.Match[str]) -> str:
+    return " ".join(f"--speed {name}=0" for name in ast.literal_eval(f"{{{match[1]}}}"))
 
 
 PRESCRIBED = (r"solve_rates\(\.\.\., \{(.*)\}\), sweep\(\.\.\., hold=(\[.*?\])\) or "
               r"jacobian\(\.\.\., drivers=\[\.\.\.\]\)")
 
-# Tried one after the other. A test holds them against all that the library says.
+# Tried one after the other. A test checks them against all messages of the library.
 REMEDIES = (
     Remedy(PRESCRIBED, _each("--hold"), "--hold"),
     Remedy(PRESCRIBED, _rates, "--speed"),
@@ -228,8 +228,8 @@ REMEDIES = (
     Remedy(r"task='pose'", "--task pose"),
     Remedy(r"load\(\.\.\., gap=(.*?)\)", r"`gap = \1` in the mechanism file"),
     Remedy(r"gap=(.*?) allows it", r"`gap = \1` in the mechanism file allows it"),
-    Remedy(r"(?:sp\.)?load\(\.\.\., packages=\{(.*?)\}\)", lambda said: " ".join(
-        f"--package {name}=FOLDER" for name in re.findall(r"'([^']*)'", said[1]))),
+    Remedy(r"(?:sp\.)?load\(\.\.\., packages=\{(.*?)\}\)", lambda match: " ".join(
+        f"--package {name}=FOLDER" for name in re.findall(r"'([^']*)'", match[1]))),
     Remedy(r"sp\.load\(\.\.\., trusted=True\)", "--trusted"),
     Remedy(r"load\(\.\.\., without=\[('.*?'|\".*?\")\]\)", r"--without \1"),
     Remedy(r"load\(\.\.\., model=('.*?'|\".*?\")\)", r"--model \1"),

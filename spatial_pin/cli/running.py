@@ -1,4 +1,4 @@
-"""The command `spatial-pin`: parses, runs, and says in one line what went wrong."""
+"""The command `spatial-pin`: parse the words, run the command, print an error in one line."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from spatial_pin.cli.printing import SCREEN, WIDTH, CutShort, unheard, worded
 from spatial_pin.errors import suggestion
 
 DESCRIPTION = "Spatial mechanisms with closed loops: load, close, move, see."
-MORE = "`spatial-pin COMMAND --help` says what a command takes."
+MORE = "`spatial-pin COMMAND --help` lists the words and options of a command."
 COLUMN = 15  # where the texts of commands begin in the help
 DATA = ("json", "csv")  # options that take - for the screen
 FILES = ("csv", "npz", "plot", "html", "json", "movie", "urdf",
@@ -110,9 +110,9 @@ def options_of(words: Sequence[str]) -> argparse.Namespace:
 
 
 def _near(word: str, known: Iterable[str]) -> str:
-    """Return the nearest of some words, else where they are told."""
+    """Return the nearest of some words, else a pointer to --help."""
     near = suggestion(word, known)
-    return near if near.startswith("did you mean") else "--help says which there are"
+    return near if near.startswith("did you mean") else "--help lists them"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -129,7 +129,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(words: Sequence[str]) -> int:
-    """Run a command; what it raises on purpose becomes one sentence."""
+    """Run a command; an expected error becomes one sentence."""
     options = options_of(words)
     warnings.showwarning = lambda message, *_, **__: print(
         f"spatial-pin: warning: {worded(options, message)}", file=sys.stderr)
@@ -138,7 +138,7 @@ def _run(words: Sequence[str]) -> int:
         options.run(options)
         if sys.stdout is not None:  # which it is where standard output is closed
             sys.stdout.flush()
-    except BrokenPipeError:  # nothing is left to flush at exit
+    except BrokenPipeError:  # nothing remains to flush at exit
         unheard()
         return 0
     except (sp.SpatialPinError, ValueError) as error:
@@ -163,7 +163,7 @@ def _run(words: Sequence[str]) -> int:
 
 
 def _refused(options: argparse.Namespace, error: Exception) -> int:
-    """Say what the library refuses; an error of another package, for nobody to read, goes on."""
+    """Print an error of the library; errors of other packages are raised on."""
     frames = traceback.extract_tb(error.__traceback__)
     if not isinstance(error, sp.SpatialPinError) and frames and (
             PACKAGE not in Path(frames[-1].filename).parents):
@@ -174,7 +174,7 @@ def _refused(options: argparse.Namespace, error: Exception) -> int:
 
 
 def _plain(error: UnicodeError) -> tuple[str, int]:
-    """Return what is written for signs that an encoding lacks; ? where nothing else is known."""
+    """Return replacements of signs that an encoding lacks; ? where there is none."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
     lacking = error.object[error.start : error.end]
@@ -185,7 +185,7 @@ codecs.register_error(PLAIN, _plain)
 
 
 def _hints(options: argparse.Namespace) -> list[str]:
-    """Return what may have been meant otherwise, each once."""
+    """Return hints at words with another possible meaning, each once."""
     return list(dict.fromkeys(options.hints))
 
 
@@ -256,5 +256,5 @@ def _where() -> str:
         urls = metadata("spatial_pin").get_all("Project-URL", [])
     except PackageNotFoundError:
         urls = []
-    found = [url.removeprefix("Issues, ") for url in urls if url.startswith("Issues, ")]
-    return found[0] if found else "the project's page"
+    links = [url.removeprefix("Issues, ") for url in urls if url.startswith("Issues, ")]
+    return links[0] if links else "the project's page"

@@ -53,31 +53,31 @@ def read_table(
 
     Raises:
         OSError: it cannot be read.
-        SpatialPinError: it is no such table; says where.
+        SpatialPinError: it is no such table; names file, row and column.
     """
     lines = _lines(path)
     if len(lines) < 2:
         raise SpatialPinError(f"{path}: no table: a line of names and lines of numbers are needed")
-    found: dict[str, Array] = {}
+    columns: dict[str, Array] = {}
     (_, heads), *rows = lines
     for k, head in enumerate(heads):
         if not "".join(word for _, line in lines for word in line[k : k + 1]).strip():
-            continue  # what a comma at the end of every line leaves
+            continue  # a comma at the end of every line leaves an empty column
         name, unit = _head(path, head)
         if name.endswith(NOT_READ) or NO_POSITION.search(name) or unit == ENERGY:
             continue
-        if name in found:
+        if name in columns:
             raise SpatialPinError(f"{path}: two columns are named {name!r}")
         _check_unit(path, mechanism, name, unit)
-        found[name] = np.array([
+        columns[name] = np.array([
             _number(path, mechanism, (name, unit, k), row, line[k].strip() if k < len(line) else "",
                     with_blanks) for row, line in rows])
-    times = found.pop(TIME, None)
+    times = columns.pop(TIME, None)
     if times is not None and not with_blanks and (back := np.diff(times) <= 0.0).any():
         k = int(np.argmax(back))
         raise SpatialPinError(f"{path}: line {rows[k + 1][0]}: the time {times[k + 1]:.9g} s does "
                               f"not rise: {times[k]:.9g} s comes before it")
-    return found, times
+    return columns, times
 
 
 @contextmanager
@@ -113,7 +113,7 @@ def _lines(path: str | Path) -> list[tuple[int, list[str]]]:
 
 
 def _check_unit(path: str | Path, mechanism: Mechanism | None, name: str, unit: str) -> None:
-    """Refuse a unit that does not go with what a column is about."""
+    """Refuse a unit that does not fit the quantity of a column."""
     last, base = name.rpartition(".")[2], ""
     if name == TIME:
         base = "s"
@@ -142,7 +142,7 @@ def targets_of(
         SpatialPinError: columns of a frame are missing, or there is no such frame, coordinate or
             driver.
     """
-    found: dict[str, Any] = {}
+    targets: dict[str, Any] = {}
     frames: dict[str, dict[str, Array]] = {}
     for name, column in columns.items():
         frame, _, part = name.rpartition(".")
@@ -153,8 +153,8 @@ def targets_of(
                 frames.setdefault(frame, {})[part] = column
             else:
                 is_own = is_coordinate(mechanism, name) or not is_part(mechanism, name)
-                found[mechanism.coordinate(name).name if is_own else name] = column
-    return {**found, **{frame: frame_targets(f"{path}: no column", frame, parts)
+                targets[mechanism.coordinate(name).name if is_own else name] = column
+    return {**targets, **{frame: frame_targets(f"{path}: no column", frame, parts)
                         for frame, parts in frames.items()}}
 
 
@@ -162,7 +162,7 @@ def frame_targets(where: str, frame: str, parts: Mapping[str, Any]) -> Any:
     """Return points (N, 3) of a frame, or its placements, from columns (N,) by x, y, z, rx, ry, rz.
 
     Args:
-        where: what is said before the names of columns that are missing.
+        where: text before the names of missing columns.
         frame: its name.
         parts: the columns.
 
@@ -206,12 +206,12 @@ def _number(
         if math.isfinite(value) or (may_be_blank and math.isnan(value)):
             return value
     try:
-        found = quantity(word)
+        number = quantity(word)
     except ValueError:
         raise SpatialPinError(f"{path}: line {row}, column {k + 1}: "
                               f"{repr(word) if word else 'nothing'} is no number") from None
-    _check_unit(path, mechanism, name, found.unit)
-    return float(found)
+    _check_unit(path, mechanism, name, number.unit)
+    return float(number)
 
 
 # ---------------------------------------------------------------- measurements
@@ -220,7 +220,7 @@ def _number(
 def read_measurements(
     path: str | Path, mechanism: Mechanism, read: Collection[str] = ()
 ) -> list[tuple[dict[str, float], dict[str, Any]]]:
-    """Return measurements as `calibrate` takes them: what encoders read, and what was measured.
+    """Return measurements as `calibrate` takes them: readings of encoders, and measured outputs.
 
     Columns of drivers are what encoders read. Measured are `NAME.x`, `NAME.y`, `NAME.z` of a point
     [m], with `NAME.rx`, `NAME.ry`, `NAME.rz` (rotation vector, rad) of a placement, other
@@ -234,24 +234,24 @@ def read_measurements(
 
     Raises:
         OSError: it cannot be read.
-        SpatialPinError: it is no such table; says where.
+        SpatialPinError: it is no such table; names file, row and column.
         UnknownNameError: there is no such frame, coordinate or driver.
     """
     columns, _ = read_table(path, mechanism, with_blanks=True)
     own = {name for d in mechanism.drivers.values()
            for name in (d.name, mechanism.coordinate(d.joint).name)} | set(read)
     count = len(next(iter(columns.values()))) if columns else 0
-    found = []
+    measurements = []
     for i in range(count):
         row = {name: float(x[i]) for name, x in columns.items() if not np.isnan(x[i])}
         encoders = {name: row.pop(name) for name in list(row) if name in own}
-        found.append((encoders, _measured(f"{path}: row {i + 1}", mechanism, row)))
-    return found
+        measurements.append((encoders, _measured(f"{path}: row {i + 1}", mechanism, row)))
+    return measurements
 
 
 def _measured(where: str, mechanism: Mechanism, row: Mapping[str, float]) -> dict[str, Any]:
-    """Return what was measured at a pose, by name of a frame or coordinate."""
-    found: dict[str, Any] = {}
+    """Return the measured outputs of a pose, by name of a frame or coordinate."""
+    entry: dict[str, Any] = {}
     frames: dict[str, dict[str, float]] = {}
     for name, value in row.items():
         frame, _, part = name.rpartition(".")
@@ -260,22 +260,22 @@ def _measured(where: str, mechanism: Mechanism, row: Mapping[str, float]) -> dic
                  for k in range(1, len(words)))
         pair = next((two for two in pairs if all(map(mechanism.model.existFrame, two))), None)
         if name in mechanism.coordinate_table:
-            found[name] = value
+            entry[name] = value
         elif frame and part in (*POINT, *TURNED):
             frames.setdefault(frame, {})[part] = value
         elif pair:
-            if pair[0] in found or pair[0] in frames:
+            if pair[0] in entry or pair[0] in frames:
                 raise SpatialPinError(f"{where}: {pair[0]!r} is measured twice; write the distance "
                                       f"as {pair[1]}-{pair[0]}")
-            found[pair[0]] = targets.distance(pair[1], value)
+            entry[pair[0]] = targets.distance(pair[1], value)
         else:
-            found[mechanism.coordinate(name).name] = value  # says which there are
-    return {**found, **{name: frame_targets(f"{where}: no", name, parts)[0]
+            entry[mechanism.coordinate(name).name] = value  # says which there are
+    return {**entry, **{name: frame_targets(f"{where}: no", name, parts)[0]
                         for name, parts in frames.items()}}
 
 
 def check_sigma(mechanism: Mechanism, sigma: Mapping[str, float]) -> None:
-    """Refuse standard deviations whose units are not those of what they are of."""
+    """Refuse standard deviations in other units than their measurements."""
     for name, value in sigma.items():
         kind = name.rpartition(".")[2]
         coordinate = name.removesuffix(ENCODER)
@@ -349,10 +349,10 @@ def _of_frame(kind: str, x: Array, weight: float | None) -> targets.Target:
 
 
 def _weight(text: str, given: str) -> float:
-    found = quantity(given)
-    if not found > 0.0 or found.unit:
+    weight = quantity(given)
+    if not weight > 0.0 or weight.unit:
         raise ValueError(f"{text!r}: a weight is a positive number without a unit, behind the @")
-    return float(found)
+    return float(weight)
 
 
 def _distance(text: str, words: list[str], weight: float | None) -> targets.Target:

@@ -166,12 +166,12 @@ class Constraints:
         row = row if closure.equations is None else closure.equations[row]
         self.angles += [CountedAngle(at, (closure.name, row, k)) for k in range(len(made.angles))]
         names = (*closure.frames, *closure.between)
-        for place, (one, two) in made.elsewhere:
-            self.elsewhere.append(Elsewhere(at, made.products[place], (
+        for k, (one, two) in made.elsewhere:
+            self.elsewhere.append(Elsewhere(at, made.products[k], (
                 self.mechanism.frame_on_joint(names[one])[0],
                 self.mechanism.frame_on_joint(names[two])[0])))
         return Equation(tuple(made.products), tuple(made.coordinates), tuple(made.angles),
-                        tuple(terms), tuple(place for place, _ in made.elsewhere))
+                        tuple(terms), tuple(k for k, _ in made.elsewhere))
 
     def _size(self, closure: Closure, equation: ConstraintEquation) -> float:
         """Return what an equation of joint coordinates alone is multiplied by, else 1.
@@ -198,11 +198,11 @@ class Constraints:
     @cached_property
     def occurring(self) -> NDArray[np.bool_]:
         """(n_closure + n_passive, nv) which coordinates occur in each equation."""
-        found = np.zeros((len(self.equations), self.mechanism.model.nv), bool)
-        for own, equation in zip(found, self.equations, strict=True):
+        occurring = np.zeros((len(self.equations), self.mechanism.model.nv), bool)
+        for own, equation in zip(occurring, self.equations, strict=True):
             own |= np.any(self.signs[list(equation.products)] != 0.0, axis=0)
             own[[c.v for c in equation.coordinates]] = True
-        return found
+        return occurring
 
     def support(self, joint: int) -> Array:
         """(nv,) 1 for the freedoms that move the body of `joint`."""
@@ -230,15 +230,15 @@ class _Composing:
             name = self.closure.joints[quantity.joint]
             self.coordinates.append(self.mechanism.coordinate(name))
             return Factor("coordinate", len(self.coordinates) - 1)
-        place = len(self.products)
+        first = len(self.products)
         for product in _products_of(quantity):
             if product.frames != FIRST_TWO:
                 self.elsewhere.append((len(self.products), product.frames))
             self.products.append(self.all_products.add(product, self.closure) if self.products
                                  else self._first)
         if not isinstance(quantity, Angle):
-            return Factor("product", place)
-        self.angles.append((self._angles_before + len(self.angles), place))
+            return Factor("product", first)
+        self.angles.append((self._angles_before + len(self.angles), first))
         return Factor("angle", len(self.angles) - 1)
 
 

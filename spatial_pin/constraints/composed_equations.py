@@ -126,14 +126,14 @@ class Composed:
             changes: (N, ...) derivatives of the products with respect to a second variable.
             coordinate_changes: (nv, ...) the same of q, v and so on, as many.
         """
-        found = [Taylor.of(*([x[at] for x in part] for part in (products, changes)))
+        series = [Taylor.of(*([x[at] for x in part] for part in (products, changes)))
                  for at in self.products]
         rest = np.zeros([len(self.rows)] + [1] * (np.ndim(products[0]) - 1))
         for q, v in zip(*self.coordinates, strict=True):
             known = [_alongside(x[v if k else q], rest) for k, x in enumerate(coordinates)]
-            found.append(Taylor.of([*known, *[rest] * (len(products) - len(known))],
+            series.append(Taylor.of([*known, *[rest] * (len(products) - len(known))],
                                    [x[v] for x in coordinate_changes]))
-        return found
+        return series
 
     def seeded(self, products: Sequence[Array], coordinates: Sequence[Array]) -> list[Taylor]:
         """Return products (N, 1, ...) and coordinates that change each by itself (m, n, ...)."""

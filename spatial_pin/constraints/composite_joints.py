@@ -21,7 +21,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 
 COMPOSITE = ("JointModelUniversal", "JointModelComposite")
-TURN, SLIDE, SCREW, BALL, FREE = 1, 2, 3, 4, 5  # as JointKind of core/kernel.h
+TURN, SLIDE, SCREW, BALL, FREE = 1, 2, 3, 4, 5  # the same numbers as JointKind in core/kernel.h
 AXIAL = {"R": TURN, "P": SLIDE, "H": SCREW}  # by the first letter of Pinocchio's names
 
 

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from spatial_pin.constraints.composite_joints import TreeArrays, split
 from spatial_pin.constraints.pinocchio_views import inertias
-from spatial_pin.errors import SpatialPinError
-from spatial_pin.kernel.library import CODES, SINGULAR, address, library
+from spatial_pin.kernel.library import DONE, POINTER, SINGULAR, address, check, library
 from spatial_pin.numerics.linalg import Array
 
 SYMMETRIC = np.array([4, 5, 7, 5, 6, 8, 7, 8, 9])  # places of a (3, 3) inertia in `inertias`
@@ -26,12 +25,20 @@ SYMMETRIC = np.array([4, 5, 7, 5, 6, 8, 7, 8, 9])  # places of a (3, 3) inertia 
 class TreePlacements:
     """Placements (njoints, 4, 3) as `pin.Data.oMi` has them, each made when it is asked for."""
 
-    def __init__(self, found: Array) -> None:
-        self._found = found
+    def __init__(self, placements: Array) -> None:
+        self._placements = placements
 
     def __getitem__(self, joint: int) -> pin.SE3:
-        at = self._found[joint]
+        at = self._placements[joint]
         return pin.SE3(at[:3].T, at[3])
+
+
+class _TreeTask(ctypes.Structure):
+    """TreeTask in articulated.h."""
+
+    _fields_ = [(name, POINTER) for name in (
+        "q", "v", "a", "armature", "R", "p", "jacobian", "velocity", "acceleration", "tau",
+        "wrench")]
 
 
 class KernelTree:
@@ -64,7 +71,13 @@ class KernelTree:
         self.placements[0, :3] = np.eye(3)
         self.twists, self.accelerations = np.zeros((2, n, 6))
         self.data = SimpleNamespace(J=self.columns, oMi=TreePlacements(self.placements))
-        self._make_buffers()
+        n, nv = self._split.njoints, model.nv
+        self._q, self._v, self._a = np.empty(model.nq), np.empty(nv), np.empty(nv)
+        self._tau, self._scratch, self._facts = np.empty(nv), np.zeros((3, nv)), np.empty(4)
+        self._R, self._p = np.empty((n, 3, 3)), np.empty((n, 3))
+        self._moving = np.empty((2, n, 6))
+        self._at = dict(zip(("q", "v", "a", "armature", "R", "p"), map(address, (
+            self._q, self._v, self._a, self._armature, self._R, self._p)), strict=True))
 
     def _create(self, scale: Array, is_core: NDArray[np.bool_]) -> None:
         t, n = self._tree, self._split.njoints
@@ -75,7 +88,7 @@ class KernelTree:
                  self.model.gravity.linear, scale)
         self._reals = np.concatenate([np.asarray(x, float).ravel() for x in parts])
         handle, tree = ctypes.c_void_p(), ctypes.c_void_p()
-        _check(self._library.kernel_create(
+        check(self._library.kernel_create(
             address(ints), len(ints), address(self._reals), len(self._reals), ctypes.byref(handle)))
         weakref.finalize(self, self._library.kernel_destroy, handle)
         self._kernel = handle
@@ -83,19 +96,10 @@ class KernelTree:
         own[self._carriers] = is_core
         for joint in range(n - 1, 0, -1):  # those in front in a joint that is split
             own[t.parent[joint]] |= own[joint]
-        _check(self._library.tree_create(handle, address(own), ctypes.byref(tree)))
+        check(self._library.tree_create(handle, address(own), ctypes.byref(tree)))
         self._handle, self.is_core = tree, np.zeros(self.model.nv, bool)
         for joint in (np.flatnonzero(own[1:]) + 1).tolist():
             self.is_core[t.iv[joint] : t.iv[joint] + self._split.nvs[joint]] = True
-
-    def _make_buffers(self) -> None:
-        n, nv = self._split.njoints, self.model.nv
-        self._q, self._v, self._a = np.empty(self.model.nq), np.empty(nv), np.empty(nv)
-        self._tau, self._scratch, self._facts = np.empty(nv), np.zeros((3, nv)), np.empty(3)
-        self._R, self._p = np.empty((n, 3, 3)), np.empty((n, 3))
-        self._moving = np.empty((2, n, 6))
-        self._at = [address(x) for x in (self._q, self._v, self._a)]
-        self._places = [address(self._R), address(self._p)]
 
     def _take_masses(self) -> None:
         """Take the masses and the gravity that the model has now, and its armatures."""
@@ -114,29 +118,40 @@ class KernelTree:
         first = 13 * n
         self._reals[first : first + 13 * n + 3] = np.concatenate(
             [mass, com.ravel(), inertia.ravel(), gravity])
-        _check(self._library.kernel_set_numbers(
+        check(self._library.kernel_set_numbers(
             self._kernel, address(self._reals), len(self._reals)))
 
     # ------------------------------------------------------------ places and motions
 
-    def place(self, q: Array) -> None:
+    def update(self, q: Array) -> None:
         """Set `placements` and `columns` at the configuration q (nq,)."""
-        self._q[:] = q
-        self._library.tree_motion(self._handle, self._at[0], None, None, *self._places, None, None)
-        self._library.tree_jacobian(self._handle, address(self.columns))
+        self._evaluate(q, None, None, jacobian=self.columns)
         self._put_placements()
 
     def move(self, q: Array, v: Array, a: Array) -> None:
         """Set `placements`, `twists` and `accelerations` of a motion."""
-        self._q[:], self._v[:], self._a[:] = q, v, a
         velocity, acceleration = self._moving
-        self._library.tree_motion(self._handle, *self._at, *self._places, address(velocity),
-                                  address(acceleration))
+        self._evaluate(q, v, a, velocity=velocity, acceleration=acceleration)
         self._put_placements()
         seen, felt = velocity[self._carriers], acceleration[self._carriers].copy()
         felt[:, :3] -= np.cross(seen[:, 3:], seen[:, :3])
         self._in_joint_axes(seen, self.twists)
         self._in_joint_axes(felt, self.accelerations)
+
+    def _evaluate(self, q: Array, v: Array | None, a: Array | None, **outputs: Array) -> None:
+        """Evaluate a motion; a None: no acceleration; v None: where the tree stands."""
+        self._q[:], task = q, _TreeTask(**self._at)
+        if v is None:
+            task.v = None
+        else:
+            self._v[:] = v
+        if a is None:
+            task.a = None
+        else:
+            self._a[:] = a
+        for name, out in outputs.items():
+            setattr(task, name, address(out))
+        self._library.tree_evaluate(self._handle, ctypes.byref(task))
 
     def _put_placements(self) -> None:
         at = self._carriers
@@ -151,13 +166,13 @@ class KernelTree:
     def frame_jacobian(self, frame: int) -> Array:
         """Return the Jacobian (6, nv) of a frame at its origin, world axes, where it is placed."""
         model, at = self.model, self.model.frames[frame]
-        found = np.zeros_like(self.columns)
+        jacobian = np.zeros_like(self.columns)
         for i in list(model.supports[at.parentJoint])[1:]:
             own = slice(model.idx_vs[i], model.idx_vs[i] + model.nvs[i])
-            found[:, own] = self.columns[:, own]
-        place = self.data.oMi[at.parentJoint] * at.placement
-        found[:3] -= pin.skew(place.translation) @ found[3:]
-        return found
+            jacobian[:, own] = self.columns[:, own]
+        placement = self.data.oMi[at.parentJoint] * at.placement
+        jacobian[:3] -= pin.skew(placement.translation) @ jacobian[3:]
+        return jacobian
 
     # ------------------------------------------------------------ forces
 
@@ -166,28 +181,20 @@ class KernelTree:
 
         The next call overwrites them.
         """
-        return self._forces(q, v, a, None)
+        self._take_masses()
+        self._evaluate(q, v, a, tau=self._tau)
+        return self._tau
 
     def transmitted(self, q: Array, v: Array, a: Array) -> Array:
         """Return (njoints, 6) what joints hand on, joint axes, as `pin.Data.f` has it."""
-        handed_on = self._moving[0]
-        self._forces(q, v, a, address(handed_on))
-        self._library.tree_motion(self._handle, self._at[0], None, None, *self._places, None, None)
-        self._put_placements()
-        found = np.empty((self.model.njoints, 6))
-        self._in_joint_axes(handed_on[self._carriers], found)
-        found[0] = 0.0
-        return found
-
-    def _forces(self, q: Array, v: Array, a: Array | None, handed_on: int | None) -> Array:
         self._take_masses()
-        self._q[:], self._v[:] = q, v
-        if a is not None:
-            self._a[:] = a
-        self._library.tree_forces(
-            self._handle, *self._at[:2], None if a is None else self._at[2],
-            address(self._armature), address(self._tau), handed_on)
-        return self._tau
+        wrench = self._moving[0]
+        self._evaluate(q, v, a, tau=self._tau, wrench=wrench)
+        self._put_placements()
+        forces = np.empty((self.model.njoints, 6))
+        self._in_joint_axes(wrench[self._carriers], forces)
+        forces[0] = 0.0
+        return forces
 
     def mass_entries(self, all_joints: bool = True) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Return rows and columns of the numbers of `masses`, or of those of the core."""
@@ -211,7 +218,9 @@ class KernelTree:
         """Write the numbers of the mass matrix at q (nq,), in the order of `mass_entries`."""
         self._take_masses()
         self._q[:] = q
-        self._library.tree_masses(self._handle, self._at[0], address(self._armature), address(out))
+        at = self._at
+        self._library.tree_masses(
+            self._handle, at["q"], None, None, at["armature"], address(out), None)
 
     # ------------------------------------------------------------ accelerations
 
@@ -231,31 +240,29 @@ class KernelTree:
         """
         self._take_masses()
         self._q[:], self._v[:] = q, v
-        code = self._library.tree_eliminate(
-            self._handle, *self._at[:2], address(force), address(self._armature), address(masses),
+        at = self._at
+        code = self._library.tree_masses(
+            self._handle, at["q"], at["v"], address(force), at["armature"], address(masses),
             address(needed))
-        if code not in (0, SINGULAR):
-            _check(code)
+        if code not in (DONE, SINGULAR):
+            check(code)
         return not code
 
-    def complete(self, force: Array, a: Array) -> tuple[float, float, float]:
+    def complete(
+        self, force: Array, off: Array, a: Array
+    ) -> tuple[float, float, float, float]:
         """Complete the accelerations (nv,) of the core by those of the rest, after `eliminate`.
 
+        Args:
+            force: (nv,) joint forces, those of `eliminate`.
+            off: (nv,) what they may be off by.
+            a: the accelerations.
+
         Returns:
-            By scale: the largest, the largest correction, and the largest that round-off of
-            motions and wrenches makes.
+            By scale: the largest, the largest correction, the largest that round-off of motions
+            and wrenches makes, and the largest that joint forces `off` make by themselves.
         """
         self._library.tree_accelerations(
-            self._handle, address(force), address(a), address(self._scratch), address(self._facts))
-        largest, corrected, rounding = self._facts.tolist()
-        return largest, corrected, rounding
-
-    def response(self, force: Array) -> float:
-        """Return the largest acceleration, by scale, under joint forces (nv,) alone, likewise."""
-        return float(self._library.tree_respond(
-            self._handle, address(force), address(self._scratch)))
-
-
-def _check(code: int) -> None:
-    if code:
-        raise SpatialPinError(f"the kernel ended with {CODES[code]}")
+            self._handle, *map(address, (force, off, a, self._scratch, self._facts)))
+        largest, corrected, rounding, given = self._facts.tolist()
+        return largest, corrected, rounding, given

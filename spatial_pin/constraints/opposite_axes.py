@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 import pinocchio as pin
 
@@ -23,38 +21,26 @@ def opposite_axes(mechanism: Mechanism, data: pin.Data) -> dict[str, bool]:
         mechanism: with closures.
         data: of its model, with the joint placements.
     """
-    found = {}
-    for pair in _axis_pairs(mechanism):
-        one, two = (data.oMi[joint].rotation @ axes for joint, axes in pair.fixed)
+    opposite = {}
+    for name, ends in _axis_pairs(mechanism):
+        one, two = (data.oMi[joint].rotation @ axes for joint, axes in ends)
         cosines = np.vecdot(one.T, two.T)
         if np.any(cosines < 0.5):
-            found[pair.closure] = bool(np.all(np.abs(cosines) > 0.5))
-    return found
-
-
-class _AxisPair(NamedTuple):
-    """Axes of a closure that should point the same way.
-
-    Attributes:
-        closure: its name.
-        fixed: the joint that carries each end, and the axes (3, n) fixed to it.
-    """
-
-    closure: str
-    fixed: tuple[tuple[int, Array], tuple[int, Array]]
+            opposite[name] = bool(np.all(np.abs(cosines) > 0.5))
+    return opposite
 
 
 @made_once
-def _axis_pairs(mechanism: Mechanism) -> list[_AxisPair]:
-    """Return the axes of all closures that have any."""
-    found = []
+def _axis_pairs(mechanism: Mechanism) -> list[tuple[str, list[tuple[int, Array]]]]:
+    """Return closures with axes: name, and of each end its joint and axes (3, n) fixed to it."""
+    pairs = []
     for closure in mechanism.closures:
         if not closure.pair.aligned:
             continue
         geometry, first = closure.geometry, 2 if closure.pair.aligned == "z" else 0
-        one, two = (
+        ends = [
             (frame.joint, (frame.placement.rotation @ axes)[:, first:])
             for frame, axes in zip((FrameOnBody.of(mechanism, name) for name in closure.frames),
-                                   (geometry.axes1, geometry.axes2), strict=True))
-        found.append(_AxisPair(closure.name, (one, two)))
-    return found
+                                   (geometry.axes1, geometry.axes2), strict=True)]
+        pairs.append((closure.name, ends))
+    return pairs

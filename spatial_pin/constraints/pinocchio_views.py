@@ -73,14 +73,14 @@ def frame_jacobian(model: pin.Model, data: pin.Data, frame: int) -> Array:
     """Return the Jacobian (6, nv) of a frame at its origin, world axes; joints' are known."""
     if not model.nv:
         return np.zeros((6, 0))
-    found: Array = pin.getFrameJacobian(model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
-    return found.reshape(6, model.nv)
+    J: Array = pin.getFrameJacobian(model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+    return J.reshape(6, model.nv)
 
 
 def own_jacobian(model: pin.Model, data: pin.Data, joint: int) -> Array:
     """Return the Jacobian (6, nv) of a joint in its own axes; joints' are known."""
-    found: Array = pin.getJointJacobian(model, data, joint, LOCAL)
-    return found.reshape(6, model.nv)
+    jacobian: Array = pin.getJointJacobian(model, data, joint, LOCAL)
+    return jacobian.reshape(6, model.nv)
 
 
 def twist_derivatives(model: pin.Model, data: pin.Data, joint: int) -> list[Array]:

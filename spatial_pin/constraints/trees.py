@@ -55,7 +55,7 @@ class Tree:
         self.placements, self.columns = placements(self.data), joint_jacobian(self.data, model.nv)
         self.twists, self.accelerations = twists(self.data), accelerations(self.data)
 
-    def place(self, q: Array) -> None:
+    def update(self, q: Array) -> None:
         """Set `placements` and `columns` at the configuration q (nq,)."""
         pin.computeJointJacobians(self.model, self.data, q)
 

@@ -78,7 +78,9 @@ def turns_of(mechanism: Mechanism, closure: Closure, angle: Angle) -> Turns:
     middle = rest[len(last) :]
     are_all = bool(first or last) and all(x.is_about(middle[0].axes[0]) for x in middle)
     if middle and are_all:
-        two = _aligning(middle[0].axes[0], two[:, 2], one[:, 2]) @ two
+        axis, u, w = middle[0].axes[0], two[:, 2], one[:, 2]  # takes u nearest to w about it
+        sine, cosine = axis @ np.cross(u, w), u @ w - (axis @ u) * (axis @ w)
+        two = pin.exp3(axis * math.atan2(sine, cosine)) @ two
     at_zero = math.atan2(one[:, 1] @ two[:, 0], one[:, 0] @ two[:, 0])
     return Turns(row, at_zero if at_zero > HALF_TURN_NOISE - math.pi else at_zero + 2.0 * math.pi,
                  are_all)
@@ -86,10 +88,10 @@ def turns_of(mechanism: Mechanism, closure: Closure, angle: Angle) -> Turns:
 
 def _placement(model: pin.Model, joint: int) -> pin.SE3:
     """Return where a joint is at neutral: a `pin.Data` of many loops is large."""
-    found = pin.SE3.Identity()
+    placement = pin.SE3.Identity()
     for i in list(model.supports[joint])[1:]:
-        found = found * model.jointPlacements[i]
-    return found
+        placement = placement * model.jointPlacements[i]
+    return placement
 
 
 def _between(model: pin.Model, one: int, two: int) -> list[_Hinge]:
@@ -108,9 +110,3 @@ def _hinge(model: pin.Model, i: int, sense: int) -> _Hinge:
     turns = np.array(data.S).reshape(6, -1)[3:].T
     axes = turns[turns.any(axis=1)] @ _placement(model, i).rotation.T
     return _Hinge(int(model.idx_qs[i]), axes, sense)
-
-
-def _aligning(axis: Array, one: Array, two: Array) -> Array:
-    """Return the rotation (3, 3) about an axis that takes a direction nearest to another."""
-    sine, cosine = axis @ np.cross(one, two), one @ two - (axis @ one) * (axis @ two)
-    return pin.exp3(axis * math.atan2(sine, cosine))

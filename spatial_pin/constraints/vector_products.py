@@ -140,8 +140,8 @@ def matrix_of(blocks: Sequence[list[tuple[Term, ...]]], n_joints: int) -> Any:
             for k, x in enumerate((*term.local, term.flag)):
                 at = row, 4 * term.joint + k
                 cells[at] = cells.get(at, 0.0) + term.factor * x
-    found = [(*at, x) for at, x in cells.items() if x]
-    rows, columns, values = np.array(found or np.empty((0, 3)), float).T
+    entries = [(*at, x) for at, x in cells.items() if x]
+    rows, columns, values = np.array(entries or np.empty((0, 3)), float).T
     rows, columns = rows.astype(np.intp), columns.astype(np.intp)
     shape = len(vectors), 4 * n_joints
     if shape[0] * shape[1] <= DENSE_LIMIT:

@@ -60,9 +60,9 @@ class Workspaces:  # with Workspaces() as workspaces
 
     def acquire(self, workspace: acquired[Workspace]) -> Workspace:
         """Acquire one more."""
-        found = workspace.__enter__()
+        entered = workspace.__enter__()
         self._acquired.append(workspace)
-        return found
+        return entered
 
     def release_last(self) -> None:
         """Release the one that was acquired last."""

@@ -1,4 +1,4 @@
-"""Ends of branches at which a joint runs away without end, while what leads comes to a value.
+"""Asymptotes: a joint grows without bound while the driver approaches a value.
 
 A slide along a turning arm whose end stays in a plane is such a joint: it is parallel to the plane
 at last. The curve of closed configurations goes on for ever there; of its leading value only the
@@ -19,18 +19,20 @@ from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-# rad, characteristic lengths, that no joint has to go: ten times as far as links reach. From there
-# on it is asked whether it has an end.
+# Rad or characteristic lengths: ten times as far as links reach. A driver beyond this value is
+# checked for an asymptote.
 BEYOND_LINKS = 20.0
-# The same of the last place: round-off opens loops by that times machine epsilon, 4e-12.
+# Rad or characteristic lengths: the last point used. Machine epsilon times this value opens loops
+# by 4e-12.
 FARTHEST_OUT = 2e4
-FEWEST_PLACES = 6  # from which a limit is extrapolated
-ROOTS = 1, 2, 3  # of the coordinate, in which the leading value may be a power series
-MOST_TRIALS = 40  # from one place to the next, which is twice as far out
+FEWEST_PLACES = 6  # points for an extrapolation
+ROOTS = 1, 2, 3  # the leading value is tried as a power series in this root of the coordinate
+# Steps from one point to the next, which is twice as far out: steps halve where they fail.
+MOST_TRIALS = 40
 
 
 def running_away(curve: SolutionCurve, x: Array, target: float) -> Arrival | None:
-    """Return the end of a branch on which a joint runs away, before a target; None if none does.
+    """Return the asymptote that ends a branch before a target value; None if there is none.
 
     A target so near the end that the joint would be farther out than is followed is beyond it too.
 
@@ -39,19 +41,19 @@ def running_away(curve: SolutionCurve, x: Array, target: float) -> Arrival | Non
         x: (n,) unknowns, farther out than links reach if a joint runs away.
         target: leading value that is to be reached.
     """
-    found = _outward(curve, x)
-    if found is None:
+    runner = _outward(curve, x)
+    if runner is None:
         return None
-    places = np.array(_places(*found)).reshape(-1, 2)
+    points = np.array(_points_outward(*runner)).reshape(-1, 2)
     known = TOLERANCES.closed * float(curve.unknowns.scale[curve.unknowns.rate])
-    limit = _limit(places[:, 0], places[:, 1], known)
-    if limit is None or not (target - places[-1, 1]) * (limit - places[0, 1]) > 0.0:
+    limit = _limit(points[:, 0], points[:, 1], known)
+    if limit is None or not (target - points[-1, 1]) * (limit - points[0, 1]) > 0.0:
         return None
-    return Arrival("runs away", curve.unknowns.configuration(x), limit, runs_away=found[0].of.name)
+    return Arrival("runs away", curve.unknowns.configuration(x), limit, runs_away=runner[0].of.name)
 
 
 class _Far(NamedTuple):
-    """A coordinate that may run away along a curve."""
+    """A coordinate that may grow without bound along a curve."""
 
     curve: SolutionCurve
     of: Coordinate
@@ -70,9 +72,9 @@ class _Far(NamedTuple):
         """Return the derivative of that (m,) with respect to scaled steps."""
         mechanism, q = self.curve.evaluation.mechanism, self.curve.unknowns.configuration(x)
         gradient, scale = coordinate_gradient(mechanism, self.of, q), self.curve.unknowns.scale
-        found = np.zeros(len(scale))
-        found[: len(gradient)] = gradient * scale[: len(gradient)] / self.size
-        return found
+        gradient_row = np.zeros(len(scale))
+        gradient_row[: len(gradient)] = gradient * scale[: len(gradient)] / self.size
+        return gradient_row
 
     def pace(self, point: CurvePoint) -> float:
         """Return how fast it moves along the tangent at a point."""
@@ -80,7 +82,7 @@ class _Far(NamedTuple):
 
 
 def _outward(curve: SolutionCurve, x: Array) -> tuple[_Far, CurvePoint] | None:
-    """Return which joint runs away at x, and the point there, its tangent that way."""
+    """Return the joint that grows at x, and the point with its tangent in that direction."""
     table = curve.evaluation.mechanism.coordinate_table.values()
     far = [f for c in table if c not in curve.system.driven and (f := _Far(curve, c))
            and abs(f.value(x)) >= BEYOND_LINKS]
@@ -94,8 +96,8 @@ def _outward(curve: SolutionCurve, x: Array) -> tuple[_Far, CurvePoint] | None:
     return (fastest, point) if fastest.value(x) * fastest.pace(point) > 0.0 else None
 
 
-def _places(far: _Far, point: CurvePoint) -> list[tuple[float, float]]:
-    """Return coordinate and leading value at places, each twice as far out as the one before."""
+def _points_outward(far: _Far, point: CurvePoint) -> list[tuple[float, float]]:
+    """Return coordinate and parameter at points, each twice as far out as the one before."""
     back = point._replace(t=-point.t, sign=-point.sign)
     inward: list[CurvePoint] = []
     outward = [point]
@@ -117,13 +119,13 @@ def _places(far: _Far, point: CurvePoint) -> list[tuple[float, float]]:
 
 
 def _led(far: _Far, point: CurvePoint, goal: float) -> CurvePoint | None:
-    """Return the point of the curve at which a coordinate has about a value, or None."""
+    """Return the point of the curve where a coordinate has about a given value, or None."""
     curve, length = far.curve, np.inf
     for _ in range(MOST_TRIALS):
-        left, pace = goal - far.value(point.x), far.pace(point)
-        if not left * pace > 0.0:
+        gap, pace = goal - far.value(point.x), far.pace(point)
+        if not gap * pace > 0.0:
             return None  # it turned back
-        length = min(length, left / pace)
+        length = min(length, gap / pace)
         step = length * point.t
         curve.expect(point, step)
         ahead = curve.unknowns.moved(point.x, step)
@@ -132,7 +134,7 @@ def _led(far: _Far, point: CurvePoint, goal: float) -> CurvePoint | None:
         if x is None or sign != point.sign or t @ point.t < STRAIGHT:
             length *= 0.5
             continue
-        point, is_there = curve.point(x, t), length == left / pace
+        point, is_there = curve.point(x, t), length == gap / pace
         if is_there:
             return point
         length *= 2.0
@@ -140,21 +142,21 @@ def _led(far: _Far, point: CurvePoint, goal: float) -> CurvePoint | None:
 
 
 def _limit(x: Array, values: Array, known: float) -> float | None:
-    """Return the limit of values (n,) for growing x (n,); None if there is none that is known.
+    """Return the limit of values (n,) for growing x (n,); None if it is not certain.
 
-    Inner places are left out where that makes it better known: laws that drivers go by have pieces.
+    Inner points are omitted where the limit is more certain without them: laws have pieces.
 
     Args:
-        x: places.
-        values: there.
-        known: by how much the limit may change if the innermost place is left out.
+        x: points.
+        values: at these points.
+        known: by how much the limit may change if the innermost point is omitted.
     """
-    ways = [_at_zero(np.abs(x[first:]) ** (-1.0 / root), values[first:])
+    estimates = [_at_zero(np.abs(x[first:]) ** (-1.0 / root), values[first:])
             for first in range(len(x) - FEWEST_PLACES + 1) for root in ROOTS]
-    found, change = min(ways, key=lambda pair: pair[1], default=(np.nan, np.inf))
-    left = np.abs(found - values)
-    comes_near = bool((left[1:] < left[:-1]).all())
-    return found if comes_near and change <= known else None
+    best, change = min(estimates, key=lambda pair: pair[1], default=(np.nan, np.inf))
+    distance = np.abs(best - values)
+    comes_near = bool((distance[1:] < distance[:-1]).all())
+    return best if comes_near and change <= known else None
 
 
 def _at_zero(y: Array, values: Array) -> tuple[float, float]:

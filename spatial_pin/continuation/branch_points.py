@@ -1,4 +1,4 @@
-"""Going straight on where branches of closed configurations cross.
+"""Crossing branch points: the path continues straight on through them.
 
 At a branch point (a change point) the equations lose rank and nothing can be solved; on either side
 each branch is a smooth curve. The one that goes straight on is the continuation of the curve
@@ -29,19 +29,27 @@ from spatial_pin.continuation.solution_curve import (
 from spatial_pin.errors import SingularError
 from spatial_pin.numerics.linalg import Array
 
-# rad, characteristic lengths of the joint that moves most, from a branch point: there is a solution
+# Distances from a branch point at which nodes are tried, largest first, by the joint that moves
+# most [rad, characteristic lengths].
 REACHES = 0.12 * 0.5 ** np.arange(7)
-APPROACHES = 2  # to such a place: how fast joints move is first known elsewhere
-NODES = 8  # configurations on either side that the curve is continued through
-CLOSED = 1e-12  # closure residual between the ends, above which nodes are taken nearer
-KNOWN = 1e-11  # what two nodes more may change there [rad, characteristic lengths]
-BETWEEN = np.cos(np.pi * (np.arange(12)[::-1] + 0.5) / 12)  # parts of the way out [Chebyshev]
-ROUND_OFF = 5e-16  # closure residual of the nodes [-]
-SAME = 1e-9  # difference of driver values that are the branch point's own [rad or m]
-# Values by which a law that is smoothed may be off [rad or m]: its square is left in rates, and it
-# is left in accelerations, of what third derivatives are
+# Corrections of the distance of a node: the first step does not know the speeds there.
+APPROACHES = 2
+NODES = 8  # configurations on each side through which the polynomial goes
+CLOSED = 1e-12  # largest closure residual between the nodes: with more, nearer nodes are tried
+# Largest change by two more nodes [rad, characteristic lengths]: with more, nearer nodes are
+# tried.
+KNOWN = 1e-11
+# Points between the nodes at which the residual is checked, as parts of the distance: Chebyshev
+# points, which lie where polynomials are worst.
+BETWEEN = np.cos(np.pi * (np.arange(12)[::-1] + 0.5) / 12)
+ROUND_OFF = 5e-16  # closure residual of solved nodes: two roundings of one
+SAME = 1e-9  # driver values closer than this are the branch point itself [rad or m]
+# Largest change of values by a smoothed law [rad or m]. Its square remains in rates. In
+# accelerations it is multiplied by third derivatives.
 SMOOTHED = 1e-7
-OFF = 1e-4  # part of the way across that the continued curve may be off the closed configurations
+# Largest distance of the continued curve from closed configurations, as part of the distance
+# across: a wrong branch is off by the whole distance.
+OFF = 1e-4
 Node = tuple[PathPoint, Array, Array]  # a place of a passage; `Passage.first` and `.second` there
 
 
@@ -57,14 +65,15 @@ def far_side(curve: SolutionCurve, base: CurvePoint, distance: float) -> CurvePo
     curve.expect(base, 2.0 * distance * base.t)
     unknowns = curve.unknowns
     expected = unknowns.normalized(_polynomial(lengths, np.array(nodes))(2.0 * distance))
-    found = curve.onto(expected, base.t)
-    if found is None or not np.linalg.norm(unknowns.apart(expected, found)) < OFF * distance:
+    corrected = curve.onto(expected, base.t)
+    if corrected is None or not (
+            np.linalg.norm(unknowns.apart(expected, corrected)) < OFF * distance):
         return None
-    return curve.settle(found, unknowns.apart(base.x, found))
+    return curve.settle(corrected, unknowns.apart(base.x, corrected))
 
 
 def _polynomial(x: Array, y: Array) -> Callable[[float], Array]:
-    """Return the polynomial through y (N, k) at places (N,) [BerrutTrefethen2004, 4.2]."""
+    """Return the polynomial through y (N, k) at nodes (N,) [BerrutTrefethen2004, 4.2]."""
     gaps = (4.0 / np.ptp(x)) * (x[:, None] - x)  # products neither large nor small
     np.fill_diagonal(gaps, 1.0)
     weights = 1.0 / gaps.prod(axis=1)
@@ -102,7 +111,7 @@ def _arc(t: Array) -> float:
 
 
 class Passage(NamedTuple):
-    """The stretch of a branch about a branch point, as polynomials in the leading value.
+    """The part of a branch about a branch point, as polynomials in the continuation parameter.
 
     What the drivers do is not interpolated: between pieces of a law their accelerations bend.
 
@@ -133,13 +142,13 @@ class Passage(NamedTuple):
         return min(self.ends) < value < max(self.ends)
 
     def passed(self, first: float, last: float) -> list[float]:
-        """Return the branch points met on the way from one driver value to another, in order."""
+        """Return the branch points between two driver values, in order."""
         low, high = min(first, last) - SAME, max(first, last) + SAME
         met = [x for x in self.branch_points if low <= x <= high and abs(x - first) > SAME]
         return met if last > first else met[::-1]
 
-    def place(self, value: float) -> PathPoint:
-        """Return the place at a driver value between the ends, else the end that is nearer."""
+    def point_at(self, value: float) -> PathPoint:
+        """Return the point at a driver value between the ends, else the nearer end."""
         if not self.holds(value):
             return self.outside[int(abs(value - self.ends[1]) < abs(value - self.ends[0]))]
         q, first, second = self.by_drivers(value)
@@ -151,7 +160,7 @@ class Passage(NamedTuple):
         return PathPoint(value, q, *self.rates(value, first, second), error, missed, angles)
 
     def by_drivers(self, value: float) -> tuple[Array, Array, Array]:
-        """Return the configuration (nq,) at a leading value between the ends, and its derivatives.
+        """Return the configuration (nq,) at a parameter between the ends, and its derivatives.
 
         Returns:
             (nq,) configuration; joint rates (nv, k) per rate of each driver that moves; joint
@@ -169,7 +178,7 @@ class Passage(NamedTuple):
         return q, first, second
 
     def rates(self, value: float, first: Array, second: Array) -> tuple[Array, Array]:
-        """Return derivatives (nv,) of the configuration with respect to the leading value."""
+        """Return derivatives (nv,) of the configuration with respect to the parameter."""
         leading, k = self.tracker.leading, first.shape[1]
         rates, bends = leading.rates(value)[:k], leading.bends(value)[:k]
         return first @ rates, first @ bends + second @ rates @ rates
@@ -179,23 +188,23 @@ class Passage(NamedTuple):
 
         Near a branch point the residual alone is no measure of the error.
         """
-        mechanism, place = self.tracker.mechanism, self.place(value)
+        mechanism, here = self.tracker.mechanism, self.point_at(value)
         other = pin.normalize(mechanism.model, fewer(value))
-        off = pin.difference(mechanism.model, other, place.q) / mechanism.velocity_scale
-        return bool(place.error < CLOSED and np.abs(off).max() < KNOWN)
+        off = pin.difference(mechanism.model, other, here.q) / mechanism.velocity_scale
+        return bool(here.error < CLOSED and np.abs(off).max() < KNOWN)
 
     def matrices(self, curve: SolutionCurve, values: Array) -> Array:
-        """Return the matrices (k, m, m) of equations and tangent at leading values (k,)."""
-        unknowns, places = curve.unknowns, []
+        """Return the matrices (k, m, m) of equations and tangent at parameters (k,)."""
+        unknowns, points = curve.unknowns, []
         for s in values.tolist():
             q, first, second = self.by_drivers(s)
             t = self.rates(s, first, second)[0]
-            places.append((unknowns.of(q, s), unknowns.along(t)))
-        return matrices(curve, places)
+            points.append((unknowns.of(q, s), unknowns.along(t)))
+        return matrices(curve, points)
 
 
 def passage(tracker: PathTracker, arrival: Arrival) -> Passage | None:
-    """Return the branch about a branch point where it has stopped, going straight on.
+    """Return the polynomials that cross the branch point at which the tracker stopped.
 
     None where it has stopped for another reason, or none goes straight on; the point then stands
     where it stood.
@@ -218,20 +227,20 @@ def passage(tracker: PathTracker, arrival: Arrival) -> Passage | None:
                 tracker.reach(value - sense * reach / pace)
             if k == 0:
                 clear = tracker.here
-            found = _passage(tracker, sense, reach * _arc(tracker.here.t / size))
+            crossing = _passage(tracker, sense, reach * _arc(tracker.here.t / size))
         except (Stopped, SingularError):
             continue
-        if found is not None and found.smooth is not tracker.leading:
-            value = found.branch_points[0]
-            found = _with_bends(found, tracker)
-        if found is not None:
-            return found
+        if crossing is not None and crossing.smooth is not tracker.leading:
+            value = crossing.branch_points[0]
+            crossing = _with_bends(crossing, tracker)
+        if crossing is not None:
+            return crossing
     tracker.move_to(before)
     return None
 
 
 def _passage(tracker: PathTracker, sense: float, reach: float) -> Passage | None:
-    """Return the passage that begins where the tracker stands, as far as the arc length `reach`."""
+    """Return the crossing from the tracker's point on, as far as the arc length `reach`."""
     here, own = tracker.here, tracker
     apart = sense * reach / tracker.pace(here)
     law = tracker.leading.smooth(here.s, here.s - NODES * apart, here.s + (NODES + 2) * apart)
@@ -244,27 +253,27 @@ def _passage(tracker: PathTracker, sense: float, reach: float) -> Passage | None
     if near is None or far is None:
         return None
     sides = [_nodes(own, curve, point, reach) for point in (near._replace(t=-near.t), far)]
-    values = [place.s for place, _, _ in (*sides[0][::-1], *sides[1])]
+    values = [node.s for node, _, _ in (*sides[0][::-1], *sides[1])]
     if not np.all(sense * np.diff(values) > 0.0):  # the driver turns back
         return None
     return _joined(own, curve, *sides)
 
 
 def _with_bends(smoothed: Passage, tracker: PathTracker) -> Passage | None:
-    """Return the passage of a tracker whose law one has smoothed; None if by too much."""
+    """Return the crossing with the tracker's own law; None if smoothing changed too much."""
     leading, smooth, (low, high) = tracker.leading, smoothed.smooth, smoothed.ends
-    found = smoothed._replace(tracker=tracker)
+    exact = smoothed._replace(tracker=tracker)
     for x in (0.5 * (low + high) + 0.5 * (high - low) * BETWEEN).tolist():
         off = smooth.values(nearest(smooth, leading, x)) - leading.values(x)
-        if np.abs(off[: leading.n_moving]).max() > SMOOTHED or found.place(x).error > CLOSED:
+        if np.abs(off[: leading.n_moving]).max() > SMOOTHED or exact.point_at(x).error > CLOSED:
             return None
-    q = found.by_drivers(high)[0]
-    system = tracker.system_at(q, found.angles(high))
+    q = exact.by_drivers(high)[0]
+    system = tracker.system_at(q, exact.angles(high))
     free = np.ones(len(system.scale), dtype=bool)
     free[[*system.drive_at, *system.still]] = False
     q = close(system.evaluation, q, free, ROUND_OFF)[0]
     behind = tracker.point_at(q, high, system.evaluation.angles.copy(), system)
-    return found._replace(
+    return exact._replace(
         branch_points=[nearest(leading, smooth, x) for x in smoothed.branch_points],
         outside=(tracker.here, behind))
 
@@ -288,7 +297,7 @@ def _nodes(
         # further away from the branch point the first node's equations do better still
         if not nodes:
             system.select(q)
-        place = tracker.point_at(q, curve.value(x), curve.evaluation.angles.copy(), system)
+        at_node = tracker.point_at(q, curve.value(x), curve.evaluation.angles.copy(), system)
         first = system.driver_rates()[:, :k]
         second = np.empty((len(first), k, k))
         for i in range(k):
@@ -297,25 +306,25 @@ def _nodes(
                 both = system.acceleration(q, first[:, i] + first[:, j], rest)
                 second[:, i, j] = second[:, j, i] = 0.5 * (
                     both - second[:, i, i] - second[:, j, j])
-        nodes.append((place, first, second))
+        nodes.append((at_node, first, second))
     return nodes
 
 
 def _joined(
     tracker: PathTracker, curve: SolutionCurve, near: list[Node], far: list[Node]
 ) -> Passage | None:
-    """Return the passage between two sides; None if it is not accurate, or no branch crosses."""
-    places, firsts, seconds = zip(*near, *far, strict=True)
-    values = np.array([place.s for place in places])
+    """Return the crossing between two sides; None if it is inaccurate, or no branch crosses."""
+    points, firsts, seconds = zip(*near, *far, strict=True)
+    values = np.array([point.s for point in points])
     q, first, second, angles = (_polynomial(values, np.array(x).reshape(2 * NODES, -1)) for x in (
-        [x.q for x in places], firsts, seconds, [x.angles for x in places]))
+        [x.q for x in points], firsts, seconds, [x.angles for x in points]))
     outside = near[0][0], far[0][0]
     ends = outside[0].s, outside[1].s
-    found = Passage(tracker, tracker.leading, [], ends, q, first, second, angles, outside)
-    kept = np.delete(np.arange(2 * NODES), [NODES - 1, -1])
-    fewer = _polynomial(values[kept], np.array([places[k].q for k in kept]))
+    crossing = Passage(tracker, tracker.leading, [], ends, q, first, second, angles, outside)
+    inner = np.delete(np.arange(2 * NODES), [NODES - 1, -1])
+    fewer = _polynomial(values[inner], np.array([points[k].q for k in inner]))
     between = 0.5 * (ends[0] + ends[1]) + 0.5 * (ends[1] - ends[0]) * BETWEEN
-    if not all(found.is_accurate(x, fewer) for x in between[1::3].tolist()):
+    if not all(crossing.is_accurate(x, fewer) for x in between[1::3].tolist()):
         return None
-    met = [x for x in zeros(between, found.matrices(curve, between)) if found.holds(x)]
-    return found._replace(branch_points=met) if met else None
+    met = [x for x in zeros(between, crossing.matrices(curve, between)) if crossing.holds(x)]
+    return crossing._replace(branch_points=met) if met else None

@@ -1,4 +1,4 @@
-"""Where a curve of closed configurations begins: a guess, and the tangent with a driver."""
+"""The start of a curve of closed configurations: the assembled guess and the tangent there."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from spatial_pin.rates.depending import Depending, depending_on
 from spatial_pin.rates.rates import check_not_held, prescribed_at
 from spatial_pin.settings import Accuracy
 
-# Arc length that a start on a limit of the driver is moved by: rates there are twenty times the
-# driver's, and no sample is missed, as the way back is followed too.
+# Arc length by which a start at a limit of the driver is moved away. Joints are twenty times
+# faster than the driver there, and no sample is missed since the path back is followed too.
 BESIDE_LIMIT = 0.05
 
 
@@ -49,10 +49,10 @@ def system_at(
     try:
         return _square(mechanism, driven, state, still), state, moved
     except SingularError as error:
-        beside = _beside(mechanism, driven, state, still)
-        if beside is None:
+        shifted = _shifted_state(mechanism, driven, state, still)
+        if shifted is None:
             raise error
-    return _square(mechanism, driven, beside, still), beside, moved
+    return _square(mechanism, driven, shifted, still), shifted, moved
 
 
 def _square(
@@ -65,10 +65,10 @@ def _square(
     return system
 
 
-def _beside(
+def _shifted_state(
     mechanism: Mechanism, driven: Sequence[Coordinate], state: State, still: Sequence[int]
 ) -> State | None:
-    """Return a closed state a little further along the curve, found with another driver."""
+    """Return a closed state a short distance along the curve, computed with another driver."""
     for other in mechanism.coordinate_table.values():
         if other.q < 0 or other in driven or other.v in still:
             continue
@@ -91,7 +91,7 @@ def direction_of(system: SquareSystem) -> Array:
 
 
 def not_spinning(system: SquareSystem) -> list[int]:
-    """Return the bodies without passive freedoms, resolved or not, where the system stands.
+    """Return the bodies without passive freedoms, resolved or not, at the system's configuration.
 
     The others need not come back with the loops: what they spin over a turn is no whole one.
     """
@@ -102,7 +102,7 @@ def not_spinning(system: SquareSystem) -> list[int]:
     return [i for i in range(mechanism.model.njoints) if i not in spinning]
 
 
-def body_places(evaluation: LoopEquations, bodies: list[int]) -> Array:
+def body_placements(evaluation: LoopEquations, bodies: list[int]) -> Array:
     """Return the placements of bodies, lengths scaled."""
     scale = np.array([1.0, 1.0, 1.0, evaluation.mechanism.characteristic_length])[:, None]
     return evaluation.placements[bodies] / scale

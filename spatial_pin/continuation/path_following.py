@@ -1,4 +1,4 @@
-"""Samples of a branch at driver values, in the best order, straight on where branches cross."""
+"""Samples of a branch at driver values, in the best order, through branch points."""
 
 from __future__ import annotations
 
@@ -16,14 +16,15 @@ from spatial_pin.kernel.paths import PathSamples
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 
-# Values are sorted first if following them as given is more than so many times longer: random ones
-# are; one or two reversals are not, and are followed as given.
+# Values are sorted if following them in the given order is more than this many times longer.
+# Random values are, values with one or two reversals are not.
 SORTED_FROM = 3.0
-CHUNK = 200_000  # joint coordinates followed at a time: a tenth of a second
+# Joint coordinates computed in one call of the kernel: 0.1 s, so that Ctrl-C is answered.
+CHUNK = 200_000
 
 
 class Followed(NamedTuple):
-    """What was followed.
+    """The samples of a followed branch, and how it ended.
 
     Attributes:
         samples: of which `done` are done.
@@ -46,7 +47,7 @@ class Followed(NamedTuple):
 
 
 def there_and_back(values: Array) -> list[NDArray[np.intp]] | None:
-    """Return the places of values from the first one upwards, and of those from it downwards.
+    """Return the indices of values from the first one upwards, and from it downwards.
 
     None where following the values as given is not much longer.
 
@@ -56,11 +57,11 @@ def there_and_back(values: Array) -> list[NDArray[np.intp]] | None:
     if len(values) < 3 or (values[1:] >= values[:-1]).all():
         return None
     with np.errstate(over="ignore"):
-        way = np.abs(values[1:] - values[:-1]).sum()
-        if way / SORTED_FROM <= abs(values[-1] - values[0]):  # as most are
+        length = np.abs(values[1:] - values[:-1]).sum()
+        if length / SORTED_FROM <= abs(values[-1] - values[0]):  # as most are
             return None
         first, low, high = values[0], values.min(), values.max()
-        if not way / SORTED_FROM > high - low + min(high - first, first - low):
+        if not length / SORTED_FROM > high - low + min(high - first, first - low):
             return None
     order = np.argsort(values, kind="stable")
     up, down = order[values[order] >= first], order[values[order] < first][::-1]
@@ -70,7 +71,7 @@ def there_and_back(values: Array) -> list[NDArray[np.intp]] | None:
 def followed_both_ways(
     tracker: PathTracker, values: Array, ways: list[NDArray[np.intp]], bar: Any
 ) -> Followed | None:
-    """Return the samples, followed in the order of their values from the first on, both ways.
+    """Return the samples, followed in the order of their values, up and down from the first.
 
     None where the branch ends or crosses another, the tracker at the start again: which samples
     come before that depends on the order asked for.
@@ -101,25 +102,25 @@ def followed_both_ways(
 
 def followed(
     tracker: PathTracker, values: Array, samples: PathSamples, passes: bool, bar: Any,
-    begun: int = 0,
+    n_done: int = 0,
 ) -> Followed:
-    """Write the samples of a branch at values of what leads, as far as it goes.
+    """Write the samples of a branch at values of the parameter, as far as it goes.
 
     Args:
-        tracker: at the first value; or behind the samples that the kernel has begun with.
+        tracker: at the first value; or behind the samples that the kernel has computed.
         values: (n,) of what leads.
         samples: room for them.
         passes: whether to go straight on where branches cross.
         bar: of the progress.
-        begun: how many samples the kernel has begun with.
+        n_done: how many samples the kernel has computed already.
 
     Raises:
         SingularError: the driver does not determine the motion at the start.
         KeyboardInterrupt: before anything was followed.
     """
-    done, crossed = begun, list[tuple[float, int]]()
+    done, crossed = n_done, list[tuple[float, int]]()
     try:
-        for done in _follow(tracker, values, samples, crossed if passes else None, begun):
+        for done in _follow(tracker, values, samples, crossed if passes else None, n_done):
             bar.update(done - bar.n)
     except Stopped as caught:
         return Followed(samples, caught.sample, caught.arrival, crossed)
@@ -132,7 +133,7 @@ def followed(
 
 def _follow(
     tracker: PathTracker, values: Array, samples: PathSamples,
-    crossed: list[tuple[float, int]] | None, begun: int = 0,
+    crossed: list[tuple[float, int]] | None, n_done: int = 0,
 ) -> Iterator[int]:
     """Write the samples of a branch; yields the number of those done.
 
@@ -145,8 +146,8 @@ def _follow(
     k, chunk = 0, chunk_of(tracker.mechanism)
     while k < len(values):
         last = tracker.here if k else None
-        if begun:
-            done, begun = begun, 0
+        if n_done:
+            done, n_done = n_done, 0
         else:
             part = samples if len(values) <= chunk and not k else samples.between(k, k + chunk)
             done = tracker.follow(values[k : k + chunk], part)
@@ -186,7 +187,7 @@ def _pass_branch_point(
     tracker: PathTracker, values: Array, samples: PathSamples, stopped: Stopped,
     crossed: list[tuple[float, int]] | None,
 ) -> int:
-    """Go straight on at a branch point before a sample; return the first one behind its passage.
+    """Cross a branch point before a sample; return the first sample after the crossing.
 
     Samples before it that lie on the passage are taken from there too: it is the more exact.
 
@@ -195,18 +196,18 @@ def _pass_branch_point(
     """
     if crossed is None or stopped.arrival.kind not in CROSSINGS:
         raise stopped
-    found = passage(tracker, stopped.arrival)
-    if found is None:
+    crossing = passage(tracker, stopped.arrival)
+    if crossing is None:
         raise stopped
     k = stopped.sample
-    while k > 0 and found.holds(float(values[k - 1])):
+    while k > 0 and crossing.holds(float(values[k - 1])):
         k -= 1
-    crossed[:] = [(x, at) for x, at in crossed if at < k or not found.holds(x)]
+    crossed[:] = [(x, at) for x, at in crossed if at < k or not crossing.holds(x)]
     for at in range(k, len(values)):
         value = float(values[at])
-        crossed += [(x, at) for x in found.passed(float(values[max(at - 1, 0)]), value)]
-        tracker.move_to(found.place(value))
-        if not found.holds(value):
+        crossed += [(x, at) for x in crossing.passed(float(values[max(at - 1, 0)]), value)]
+        tracker.move_to(crossing.point_at(value))
+        if not crossing.holds(value):
             if at == stopped.sample and not abs(value - tracker.here.s) < abs(
                     value - stopped.arrival.value):  # no nearer than before
                 raise stopped

@@ -1,7 +1,7 @@
-"""A point on a branch of closed configurations that moves to given values of the driver.
+"""The path tracker: a point on a branch that moves to given values of the driver.
 
 The kernel follows regular stretches with the driver as parameter. Where it stops, pseudo-arclength
-continuation takes over, which passes the hard stretch or finds what ends the branch.
+continuation passes the singular region or finds the end of the branch.
 """
 
 from __future__ import annotations
@@ -41,15 +41,19 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.rates import check_not_held, prescribed_at, prescribed_first
 from spatial_pin.settings import Accuracy
 
-FARTHEST = 640e3  # rad, characteristic lengths, that joints move on the way to one value
-STRETCH = 64.0  # the same by pseudo-arclength, before the kernel is asked again
 ROUND_OFF = 4.0 * float(np.finfo(float).eps)  # of a closure equation, and of its derivatives
 CURVED = 2.0  # second derivatives of equations by the square of the rates, about
-UNBOUND = 300.0  # speed of a joint relative to the driver's at which that has come to its limit
+FARTHEST = 640e3  # rad, characteristic lengths: longest path to one value, 100,000 turns
+# Rad, characteristic lengths: longest path by pseudo-arclength before the kernel continues, ten
+# turns.
+STRETCH = 64.0
+# Speed of a joint, relative to the driver's, that shows a limit of the driver: see `FAST` of
+# sweeps.
+UNBOUND = 300.0
 
 
 class Stopped(Exception):
-    """The branch cannot be followed to the value asked for.
+    """The branch cannot be followed to the given value.
 
     Attributes:
         arrival: where it ended.
@@ -94,23 +98,23 @@ class PathPoint(NamedTuple):
 
 
 class Branch:
-    """A branch of closed configurations: what is prescribed along it, and its equations.
+    """A branch of closed configurations: its prescribed coordinates and its equations.
 
-    What evaluates and follows it is acquired when it is first needed.
+    Its evaluation and its kernel are acquired at the first use.
 
     Attributes:
         driven: the prescribed coordinates, the driver first.
-        still: places in the velocity vector that stand still.
+        still: indices in the velocity vector of coordinates at rest.
 
     Args:
         mechanism: the mechanism.
         driven: the prescribed coordinates, the driver first.
-        still: places in the velocity vector that stand still; default: those of free bases.
+        still: indices in the velocity vector of coordinates at rest; default: those of free bases.
         accuracy: of the motion.
-        law: how the coordinates driven first go by a parameter, see `DriversLaw`; default: the
-            driver itself leads.
+        law: the first prescribed coordinates as functions of a parameter, see `DriversLaw`;
+            default: the driver itself is the parameter.
         begin: the parameter at the start.
-        workspaces: what is acquired.
+        workspaces: hold the evaluation and the kernel.
     """
 
     def __init__(
@@ -124,7 +128,7 @@ class Branch:
 
     @cached_property
     def state(self) -> State:
-        """Where the branch begins."""
+        """The state at the start of the branch."""
         assert self._samples is not None
         return PathPoint.of(self._samples, 0, 0.0).state(self.mechanism)
 
@@ -140,7 +144,7 @@ class Branch:
 
     @cached_property
     def leading(self) -> OneDriver:
-        """What leads along the branch."""
+        """The parameter of the branch: a driver, or that of a law."""
         mechanism, driven, q = self.mechanism, self.driven, self.state.q
         if self._law is None:
             return OneDriver(mechanism, driven, q)
@@ -148,14 +152,14 @@ class Branch:
 
     @cached_property
     def moving_drivers(self) -> set[str]:
-        """The drivers that move though they are not driven, as nothing lets them stand."""
+        """The drivers that are not prescribed and must move."""
         return _moving_drivers(self.mechanism, self.driven, self.still)
 
     @property
     def has_arc_length(self) -> bool:
         """Whether the branch can be followed by pseudo-arclength.
 
-        Components of balls and floating joints are no entries of q that a curve could lead by.
+        Components of balls and floating joints are no entries of q, so none can be the parameter.
         """
         return all(c.q >= 0 for c in self.driven)
 
@@ -196,7 +200,7 @@ class Branch:
             system: its equations are chosen again only if they are dependent there.
 
         Raises:
-            SingularError: what is driven does not determine the motion there.
+            SingularError: the prescribed coordinates do not determine the motion there.
         """
         self.evaluation.angle_reference[:] = angles
         self.evaluation.update(q)
@@ -215,15 +219,15 @@ class Branch:
         return PathPoint(s, q, t, c, error, estimate, evaluation.angles.copy())
 
     def pace(self, point: PathPoint) -> float:
-        """Return how fast joints move at a point, by the leading value."""
+        """Return the speed of the joints at a point, per unit of the parameter."""
         return float(np.linalg.norm(point.t / self.mechanism.velocity_scale))
 
     def distance(self, point: PathPoint, value: float) -> float:
-        """Return how far joints move from a point to a leading value at the rates there."""
+        """Return how far joints move from a point to a parameter value, at the rates there."""
         return abs(value - point.s) * self.pace(point)
 
     def _path_from(self, q: Array, angles: Array, s: float) -> Path | None:
-        """Return the path that the kernel follows from q; None where it cannot, or may not.
+        """Return the path that the kernel follows from q; None where it cannot.
 
         Args:
             q: (nq,) closed configuration.
@@ -253,14 +257,13 @@ class Branch:
         angles: Array, s: float,
     ) -> Path | None:
         driven = prescribed_places(self.kernel.nv, self.driven, self.still)
-        path = Path(self.kernel, chosen, driven, fill, self.accuracy)
-        if self._law is not None:
-            self.leading.prescribe(path, s, self.still)
+        polynomials = None if self._law is None else self.leading.polynomials(s, self.still)
+        path = Path(self.kernel, chosen, driven, fill, self.accuracy, polynomials)
         return path if path.start(q, angles) else None
 
 
 class PathTracker(Branch):
-    """A point on a branch, which moves to given values of what leads; see `Branch`."""
+    """A point on a branch, which moves to given values of the parameter; see `Branch`."""
 
     _path: Path | None = None  # of the kernel, where it is at the point or ahead of it
     _here: PathPoint | None = None  # the point, unless the path is there
@@ -270,10 +273,10 @@ class PathTracker(Branch):
         cls, state: State, driven: Sequence[Coordinate], still: Sequence[int] | None,
         accuracy: Accuracy, workspaces: Workspaces,
     ) -> PathTracker:
-        """Return a tracker at a closed state, with coordinates driven, the driver first.
+        """Return a tracker at a closed state, with prescribed coordinates, the driver first.
 
         Raises:
-            SingularError: what is driven does not determine the motion there.
+            SingularError: the prescribed coordinates do not determine the motion there.
         """
         tracker = cls(state.mechanism, driven, still, accuracy, workspaces)
         tracker.state = state
@@ -285,19 +288,19 @@ class PathTracker(Branch):
         cls, state: State, names: Sequence[str], hold: Hold, accuracy: Accuracy,
         workspaces: Workspaces, law: Any = None, begin: float = 0.0,
     ) -> PathTracker:
-        """Return a tracker at a state with the first of some names driven, the others held.
+        """Return a tracker at a state, with the first name as the driver and the others held.
 
         Args:
             state: closed.
             names: prescribed coordinates, the driver first.
-            hold: what stands still, see `sweep`.
+            hold: coordinates and bases at rest, see `sweep`.
             accuracy: of the motion.
-            workspaces: what is acquired.
-            law: how the names go by a parameter; default: the first one leads.
+            workspaces: hold the evaluation and the kernel.
+            law: the names as functions of a parameter; default: the first one is the parameter.
             begin: the parameter at the start.
 
         Raises:
-            SingularError: what is driven does not determine the motion there.
+            SingularError: the prescribed coordinates do not determine the motion there.
         """
         mechanism = state.mechanism
         driven, still = prescribed_first(mechanism, names, hold)
@@ -324,7 +327,7 @@ class PathTracker(Branch):
             names: see `along`.
             hold: see `along`.
             accuracy: of the motion.
-            workspaces: what is acquired.
+            workspaces: hold the evaluation and the kernel.
             values: (m,) the first ones of the driver.
             n: how many there are in all.
 
@@ -337,16 +340,16 @@ class PathTracker(Branch):
             ValueError: the driver is held.
         """
         mechanism = problem.mechanism
-        driven, still, places, moving = _prescribed(mechanism, names, hold)
+        driven, still, indices, moving = _prescribed(mechanism, names, hold)
         tracker = cls(mechanism, driven, still, accuracy, workspaces)
         tracker.moving_drivers = moving
         closer = workspaces.acquire(closer_of(mechanism))
         k = tracker.kernel = closer.kernel
-        tracker._path = path = path_of(closer, places, accuracy)
+        tracker._path = path = path_of(closer, indices, accuracy)
         if path is not None and closer.knows_mirrors:
             samples = tracker._samples = PathSamples.empty(n, k.nq, k.nv, k.n_angles)
             closer.set_task([problem.goal], problem.settings, problem.goal, problem.reference,
-                            shaken=True)
+                            further=True)
             done = path.from_guess(closer, problem.widest_gap, values,
                                    samples if n == len(values) else samples.between(0, len(values)))
             if done > 0:
@@ -371,7 +374,7 @@ class PathTracker(Branch):
         other.move_to(self.here)
         return other
 
-    # ------------------------------------------------------------ where it is
+    # ------------------------------------------------------------ the current point
 
     @property
     def here(self) -> PathPoint:
@@ -393,7 +396,7 @@ class PathTracker(Branch):
     def curve(
         self, system: SquareSystem, tolerance: float, pace: float | None = None
     ) -> SolutionCurve:
-        """Return the curve through the current point, what leads set free.
+        """Return the curve through the current point, with the parameter as an unknown.
 
         Args:
             system: the square system there.
@@ -408,7 +411,7 @@ class PathTracker(Branch):
         pace = max(self.pace(self.here) if pace is None else pace, 1.0 / span)
         return SolutionCurve(system, tolerance, WithParameter(system, leading, 1.0 / pace))
 
-    # ------------------------------------------------------------ how it moves
+    # ------------------------------------------------------------ moving it
 
     def _moving_path(self) -> Path | None:
         """Return the kernel's path from the current point; None where it cannot start here."""
@@ -447,25 +450,25 @@ class PathTracker(Branch):
             self._go_by_arc_length(goal, begin, value)
 
     def _end(self) -> Arrival:
-        """Return where the branch ends if pseudo-arclength cannot be used, to the smallest step.
+        """Return the end of the branch where pseudo-arclength cannot be used.
 
-        What is driven is at its limit if joint rates per unit of its own grow without bound.
+        A driver is at its limit if joint rates per unit of its rate grow without bound.
         """
         here, mechanism, scale = self.here, self.mechanism, self.mechanism.velocity_scale
-        asked = np.abs(self.leading.rates(here.s) / scale[[c.v for c in self.driven]]).max()
+        driver_speed = np.abs(self.leading.rates(here.s) / scale[[c.v for c in self.driven]]).max()
         for joint in {c.joint for c in self.driven if c.q < 0 and c.unit == "rad"}:
             vector = [coordinate_value(mechanism, c, here.q)
                       for c in mechanism.coordinate_table.values()
                       if c.joint == joint and c.unit == "rad"]
             if np.linalg.norm(vector) > np.pi - TOLERANCES.half_precision:
                 return Arrival("half turn", here.q, here.s)
-        is_fast = np.abs(here.t / scale).max() > UNBOUND * asked
+        is_fast = np.abs(here.t / scale).max() > UNBOUND * driver_speed
         return Arrival("limit" if is_fast else "lost", here.q, here.s)
 
     def _running_away(
         self, goal: float, system: SquareSystem | None = None, arrival: Arrival | None = None
     ) -> Arrival | None:
-        """Return the end of the branch before a goal at which a joint runs away, or None.
+        """Return the asymptote that ends the branch before a goal, or None.
 
         Args:
             goal: the leading value that is to be reached.
@@ -490,7 +493,7 @@ class PathTracker(Branch):
         return running_away(curve, curve.unknowns.of(q, s), goal)
 
     def _go_by_arc_length(self, value: float, clear: PathPoint, goal: float) -> None:
-        """Continue by pseudo-arclength, which finds the limit or passes the hard stretch.
+        """Continue by pseudo-arclength, which finds the limit or passes the singular region.
 
         It starts at the point `clear`, if near: that is farther from the singularity ahead. The
         value is one on the way to the goal.
@@ -549,11 +552,11 @@ def error_estimate(gain: float, t: Array, c: Array, error: float) -> Array:
 def _prescribed(
     mechanism: Mechanism, names: tuple[str, ...], hold: FixedHold
 ) -> tuple[list[Coordinate], tuple[int, ...], tuple[int, ...], set[str]]:
-    """Return what is driven, what stands still, both as C counts them, and drivers that move."""
+    """Return prescribed and resting coordinates, their indices for C, and drivers that move."""
     check_not_held(mechanism, [mechanism.prescribed_coordinate(names[0])], hold)
     driven, still = prescribed_first(mechanism, names, hold)
-    places = tuple(prescribed_places(mechanism.model.nv, driven, still))
-    return driven, still, places, _moving_drivers(mechanism, driven, still)
+    indices = tuple(prescribed_places(mechanism.model.nv, driven, still))
+    return driven, still, indices, _moving_drivers(mechanism, driven, still)
 
 
 def _moving_drivers(

@@ -1,4 +1,4 @@
-"""Following closed configurations by pseudo-arclength, where what leads is no parameter any more.
+"""Pseudo-arclength continuation, for parts of a path where the driver is no good parameter.
 
 Predictor along the tangent, corrector in the plane normal to it [AllgowerGeorg2003]. What differs
 between callers is where they end: at a leading value, at a limit, where the curve closes.
@@ -18,29 +18,30 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.roots import sign_change
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-# rad or characteristic lengths; the next is twice as long, so that seven lead to the largest.
-FIRST_STEP = 1e-3
-LARGEST_STEP = 0.1  # far below the longest of a path, as it is taken where that may not be
+FIRST_STEP = 1e-3  # rad or characteristic lengths. Steps double, so that seven lead to the largest
+# Rad or characteristic lengths: below the longest step of a path, since it is used where longer
+# ones fail.
+LARGEST_STEP = 0.1
 # Where steps as short as this still fail, the branch is lost: configurations nearer to each other
 # than the root of round-off, 1.5e-8, may tell nothing of a singularity between them.
 SMALLEST_STEP = TOLERANCES.nothing
-# Least cosine between the directions at the two ends of a step: 11 degrees, so that a branch that
-# crosses at a larger angle is never taken for this one.
+# Least cosine between the tangents at the two ends of a step, 11 degrees: a branch that crosses at
+# a larger angle is never taken by mistake.
 STRAIGHT = 0.98
-MOST_STEPS = 2000  # two hundred radians or characteristic lengths: thirty turns
-# Length of a step in which a change of the determinant's sign is believed: in longer ones it may be
-# another branch's.
+MOST_STEPS = 2000  # steps of a path: 200 rad or characteristic lengths, thirty turns
+# Longest step in which a sign change of the determinant is a branch point of this path. In a
+# longer one it may belong to another branch.
 NEAR_BRANCH_POINT = 1e-3
-# Distance to a branch point, relative to the root of what loops are left open by, at which the path
-# ends there. Branches that cross pass each other at that root if loops are open; at ten times it
-# the tangent is off by a hundredth.
+# A path ends at this distance from a branch point, relative to the square root of the closure
+# residual. Branches of open loops pass each other at a distance of that root. At ten times the
+# root the tangent is off by 1 %.
 NEAREST_BRANCH_POINT = 10.0
 
 CROSSINGS = ("branch point", "singular")  # kinds of arrivals where branches may cross
 
 
 class Arrival(NamedTuple):
-    """Where following a path ended.
+    """The end of a followed path.
 
     Attributes:
         kind: "reached", "limit", "branch point", "singular", "lost", or "runs away" (a joint does
@@ -60,7 +61,7 @@ class Arrival(NamedTuple):
 
 
 class PredictedStep(NamedTuple):
-    """A step along a curve that is not taken yet.
+    """A predicted step along a curve, not yet taken.
 
     Attributes:
         kind: "regular", or where none is possible "branch point", or "lost".
@@ -90,11 +91,11 @@ class ArcLengthPath:
 
     @property
     def value(self) -> float:
-        """Leading value of the point."""
+        """The parameter at the point."""
         return self.curve.value(self.point.x)
 
     def ahead(self, length: float) -> PredictedStep:
-        """Return the next step, as long as asked for or shorter where the curve bends.
+        """Return the next step, of the given length or shorter where the curve bends.
 
         It goes no further than half the way to a singularity: two branch points in one step would
         not be noticed. Nor nearer than configurations tell a singularity from one beside it: what
@@ -116,7 +117,7 @@ class ArcLengthPath:
         return PredictedStep("lost", point.x, point.t, 0.0)
 
     def turning_point(self, step: PredictedStep) -> PredictedStep | None:
-        """Return the part of a step to where the leading value turns back, if it does."""
+        """Return the part of a step up to a turning point of the parameter, if there is one."""
         curve, point = self.curve, self.point
         before, after = curve.slope(point.t), curve.slope(step.t)
         if not before or before * after > 0.0:
@@ -127,7 +128,7 @@ class ArcLengthPath:
             return curve.slope(curve.direction(x, point.t)[0]) if x is not None else np.nan
 
         length = _root(slope, step.length)
-        return PredictedStep("regular", _place(curve, point, length), step.t, length)
+        return PredictedStep("regular", _point_at(curve, point, length), step.t, length)
 
     def take(self, step: PredictedStep) -> bool:
         """Move by a step; False, and nothing moves, where branches cross at its end."""
@@ -140,7 +141,7 @@ class ArcLengthPath:
 
 
 def towards(curve: SolutionCurve, x: Array, target: float, direction: Array) -> Arrival:
-    """Follow a curve from x towards the leading value `target`.
+    """Follow a curve from x towards the parameter value `target`.
 
     Args:
         curve: what leads along it is set free.
@@ -184,10 +185,10 @@ def _arrive(curve: SolutionCurve, point: CurvePoint, length: float, target: floa
     """Return the configuration at the target value, reached within `length` of the point."""
 
     def gap(x: float) -> float:
-        return curve.value(_place(curve, point, x)) - target
+        return curve.value(_point_at(curve, point, x)) - target
 
     unknowns, evaluation = curve.unknowns, curve.evaluation
-    ahead = _place(curve, point, _root(gap, length))
+    ahead = _point_at(curve, point, _root(gap, length))
     unknowns.put(ahead, target)
     free = np.ones(evaluation.model.nv, dtype=bool)
     free[[*curve.system.drive_at, *curve.system.still]] = False
@@ -200,15 +201,15 @@ def _arrive(curve: SolutionCurve, point: CurvePoint, length: float, target: floa
 
 
 def branch_point_near(curve: SolutionCurve, point: CurvePoint, x: Array) -> Arrival:
-    """Return where the equations lose rank, ahead of a point, near x; there if none is found."""
-    found = located(curve, point)
-    kind, value = found if found is not None else ("branch point", curve.value(x))
+    """Return where the equations lose rank, ahead of a point, near x; else x."""
+    singular = located(curve, point)
+    kind, value = singular if singular is not None else ("branch point", curve.value(x))
     return Arrival(kind, curve.unknowns.configuration(x), value)
 
 
-def _place(curve: SolutionCurve, point: CurvePoint, length: float) -> Array:
-    found = curve.ahead(point, length)
-    return point.x.copy() if found is None else found
+def _point_at(curve: SolutionCurve, point: CurvePoint, length: float) -> Array:
+    ahead = curve.ahead(point, length)
+    return point.x.copy() if ahead is None else ahead
 
 
 def _root(function: Callable[[float], float], length: float) -> float:

@@ -1,4 +1,4 @@
-"""Where the equations of a curve lose rank, extrapolated from places before it.
+"""Branch points ahead on a curve, extrapolated from points before them.
 
 Nothing can be solved there, but the matrix of equations and tangent is a smooth function of the arc
 length and can be extrapolated. It is singular where branches cross. Loops of a chain that go flat
@@ -17,21 +17,24 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 LARGEST_STEP, SMALLEST_STEP = 0.1, TOLERANCES.nothing  # as of `pseudo_arclength`
-VIEW = 8e-3, 2e-2  # least and most distance from which a branch point is located
-# Length over which the fall of a singular value is judged: round-off leaves twelve digits of its
-# change, and the error of the estimate is about the square, 1e-8.
+# Least and greatest distance from which a branch point is located [rad, characteristic lengths]:
+# nearer round-off grows, farther the series does not converge.
+VIEW = 8e-3, 2e-2
+# Length of the difference that gives the slope of a singular value. Round-off leaves twelve digits
+# of the change, and the truncation error is its square, 1e-8.
 PROBE = 1e-4
-STEPS_TO_VIEW = 64  # to such a distance, each half of what is left or a largest step: 6 rad
-PLACES = 0.16 * np.arange(6)  # nodes, as fractions of that distance, from which it is extrapolated
-# Part of the way over which singular places are one: a zero of order four is known to the fourth
+# Steps to that distance: each is half of the distance, or a largest step; 6 rad in all.
+STEPS_TO_VIEW = 64
+PLACES = 0.16 * np.arange(6)  # nodes of the extrapolation, as parts of that distance
+# Zeros closer than this part of the distance are one. A zero of order four is known to the fourth
 # root of round-off, 1e-4.
 TOGETHER = 1e-4
 # parts of half the way: the matrices are interpolated to some hundred times machine epsilon
 SETTLED = TOLERANCES.zero
-# Part of half the way outside of it that places are continued to: there the terms of a Chebyshev
-# series are 2 + sqrt(3) times as large, each relative to the one before.
+# Zeros are accepted up to this far outside of the interval, as part of half of its length. Terms
+# of a Chebyshev series grow by 2 + sqrt(3) each there.
 BEYOND_VIEW = 1.0
-# Next step relative to this one, at most: one half where the matrix only touches singularity.
+# Longest next step relative to this one. It is one half where the matrix only touches singularity.
 NEXT_STEP = 0.6
 
 
@@ -41,17 +44,17 @@ def through(x: Array, y: Array) -> np.polynomial.Polynomial:
 
 
 class _Interpolated:
-    """The polynomial through matrices (k, n, n) at places (k,), with places scaled to [-1, 1]."""
+    """The polynomial through matrices (k, n, n) at nodes (k,), scaled to [-1, 1]."""
 
-    def __init__(self, places: Array, matrices: Array) -> None:
+    def __init__(self, nodes: Array, matrices: Array) -> None:
         self.shape = matrices.shape[1:]
-        basis = chebyshev.chebvander(places, len(places) - 1)
-        self.values = np.linalg.solve(basis, matrices.reshape(len(places), -1))
+        basis = chebyshev.chebvander(nodes, len(nodes) - 1)
+        self.values = np.linalg.solve(basis, matrices.reshape(len(nodes), -1))
         self.slopes = chebyshev.chebder(self.values)
 
-    def steps(self, place: float) -> Array:
+    def steps(self, at: float) -> Array:
         """Return the steps, complex, after which the tangent to the matrices is singular."""
-        value, slope = (chebyshev.chebval(place, x).reshape(self.shape)
+        value, slope = (chebyshev.chebval(at, x).reshape(self.shape)
                         for x in (self.values, self.slopes))
         try:
             inverse = np.linalg.eigvals(np.linalg.solve(value, slope))
@@ -59,40 +62,40 @@ class _Interpolated:
             return np.zeros(1)
         return -1.0 / inverse[inverse != 0.0]
 
-    def singular(self, place: float, reach: float) -> list[float]:
-        """Return the singular places about a place, as far as `reach`.
+    def singular(self, x0: float, reach: float) -> list[float]:
+        """Return the singular points about x0, up to a distance `reach`.
 
         Found by successive linear eigenproblems, which converge quadratically; linearly, by halves,
         where the matrix only touches singularity, until round-off dominates.
         """
-        away = self.steps(place)
+        away = self.steps(x0)
         steps = np.sort_complex(away[np.abs(away) <= reach])
         if not steps.size:
-            return [place] if reach < TOGETHER else []
-        found = []
-        gap = max(0.1 * reach, TOGETHER)  # else round-off parts a place into ever more
+            return [x0] if reach < TOGETHER else []
+        zeros = []
+        gap = max(0.1 * reach, TOGETHER)  # else round-off splits one point into ever more
         for group in np.split(steps, np.flatnonzero(np.diff(steps.real) > gap) + 1):
             step, apart = group.real.mean(), np.ptp(group.real)
             if np.abs(group.real).max() <= SETTLED:
-                found += [place] if np.abs(group.imag).min() < TOGETHER else []
+                zeros += [x0] if np.abs(group.imag).min() < TOGETHER else []
             else:
                 within = max(NEXT_STEP * np.abs(group).max(), apart)
-                found += self.singular(place + step, min(within, 0.9 * reach))
-        return found
+                zeros += self.singular(x0 + step, min(within, 0.9 * reach))
+        return zeros
 
 
 def zeros(x: Array, matrices: Array) -> list[float]:
-    """Return the places where the polynomial through matrices (k, n, n) at x (k,) is singular.
+    """Return the points where the polynomial through matrices (k, n, n) at x (k,) is singular.
 
     They rise; those nearer to each other than round-off can separate are returned as one.
     """
     middle, half = 0.5 * (x[0] + x[-1]), 0.5 * float(x[-1] - x[0])
-    places = (x - middle) / half
-    curve = _Interpolated(places, matrices)
-    gaps = np.concatenate([[BEYOND_VIEW], np.diff(places), [BEYOND_VIEW]])
-    found = np.sort([middle + half * place for k, start in enumerate(places.tolist())
-                     for place in curve.singular(start, float(gaps[k : k + 2].max()))])
-    groups = np.split(found, np.flatnonzero(np.diff(found) > 2.0 * TOGETHER * abs(half)) + 1)
+    nodes = (x - middle) / half
+    curve = _Interpolated(nodes, matrices)
+    gaps = np.concatenate([[BEYOND_VIEW], np.diff(nodes), [BEYOND_VIEW]])
+    roots = np.sort([middle + half * x0 for k, start in enumerate(nodes.tolist())
+                     for x0 in curve.singular(start, float(gaps[k : k + 2].max()))])
+    groups = np.split(roots, np.flatnonzero(np.diff(roots) > 2.0 * TOGETHER * abs(half)) + 1)
     return [float(group.mean()) for group in groups if group.size]
 
 
@@ -127,7 +130,7 @@ def _moved(curve: SolutionCurve, point: CurvePoint, length: float) -> CurvePoint
 
 
 def distance_ahead(curve: SolutionCurve, point: CurvePoint) -> float:
-    """Return about how far ahead of a point the equations lose rank, inf if not at all."""
+    """Return the distance from a point to the next loss of rank, about; inf if there is none."""
     x = curve.ahead(point, PROBE)
     if x is None:
         return 0.0
@@ -135,13 +138,13 @@ def distance_ahead(curve: SolutionCurve, point: CurvePoint) -> float:
 
 
 def distance_after(last: CurvePoint, point: CurvePoint, length: float) -> float:
-    """Return how far ahead of a point, `length` after the last, its equations would lose rank."""
+    """Return the distance to the loss of rank ahead of a point, `length` after the last one."""
     fall = last.sigma - point.sigma
     return point.sigma * length / fall if fall > 0.0 else np.inf
 
 
 def located(curve: SolutionCurve, point: CurvePoint) -> tuple[str, float] | None:
-    """Return the kind of the point ahead where the equations lose rank, and its leading value.
+    """Return kind and parameter of the next point where the equations lose rank.
 
     The matrix of equations and tangent, a smooth function of the arc length, is extrapolated to
     where it is singular; so are the leading value and its slope. If the slope vanishes there, the
@@ -152,16 +155,16 @@ def located(curve: SolutionCurve, point: CurvePoint) -> tuple[str, float] | None
         return None
     base, distance = viewed
     lengths = distance * PLACES
-    places = [curve.ahead(base, x) for x in lengths]
-    found = [place for place in places if place is not None]
-    if len(found) < len(places):
+    nodes = [curve.ahead(base, x) for x in lengths]
+    points = [node for node in nodes if node is not None]
+    if len(points) < len(nodes):
         return None
-    tangents = [curve.direction(x, base.t)[0] for x in found]
-    there = matrices(curve, zip(found, tangents, strict=True))
+    tangents = [curve.direction(x, base.t)[0] for x in points]
+    there = matrices(curve, zip(points, tangents, strict=True))
     first = next((x for x in zeros(lengths, there) if x > 0.0), None)
     if first is None:
         return None
-    value = float(through(lengths, np.array([curve.value(x) for x in found]))(first))
+    value = float(through(lengths, np.array([curve.value(x) for x in points]))(first))
     slopes = through(lengths, np.array([curve.slope(t) for t in tangents]))
     rests = abs(slopes(first)) < 0.1 * abs(slopes(0.0))
     return "limit" if rests else "branch point", value

@@ -1,4 +1,4 @@
-"""The curve of closed configurations, what leads along it set free; and what may lead.
+"""The curve of closed configurations, with its parameter as an unknown; its two parameters.
 
 That is the value of one driver, or a parameter that several go by.
 """
@@ -12,20 +12,21 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.assembly.square_system import SquareSystem
-from spatial_pin.kernel.paths import Path
+from spatial_pin.kernel.paths import Polynomials
 from spatial_pin.mechanism.coordinates import coordinate_value
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 from spatial_pin.numerics.linalg import Array, decompose, determinant_sign_of, independent_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-SMOOTH_POINTS = 8  # Chebyshev points that a law is smoothed by: as many as nodes on either side
+# Chebyshev points of a smoothed law: as many as nodes on each side of a branch point.
+SMOOTH_POINTS = 8
 
-NEAREST_STEPS = 4  # of Newton's method, each of which squares an error that is below 1e-4
+NEAREST_STEPS = 4  # Newton steps: each squares an error below 1e-4
 
 
 class OneDriver:
-    """The value of what is driven first leads; all else that is driven stands.
+    """The first prescribed coordinate is the parameter; the other prescribed ones are at rest.
 
     Attributes:
         begin: the leading value at the start [rad or m].
@@ -44,11 +45,11 @@ class OneDriver:
         self.begin, self.n_moving = float(self._start[0]), 1
 
     def values(self, s: float) -> Array:
-        """Return the values (k,) of what is driven."""
+        """Return the values (k,) of the prescribed coordinates."""
         return np.append(s, self._start[1:])
 
     def rates(self, s: float) -> Array:
-        """Return their derivatives (k,) with respect to the leading value."""
+        """Return their derivatives (k,) with respect to the parameter."""
         return np.eye(1, len(self.driven))[0]
 
     def bends(self, s: float) -> Array:
@@ -56,7 +57,7 @@ class OneDriver:
         return np.zeros(len(self.driven))
 
     def smooth(self, here: float, first: float, last: float) -> Any | None:
-        """Return a law that is smooth between two leading values; None if this one is."""
+        """Return a law that is smooth between two parameters; None if this one is."""
         return None
 
     def put(self, q: Array, s: float) -> None:
@@ -65,12 +66,13 @@ class OneDriver:
             if c.q >= 0:
                 q[c.q] = value
 
-    def prescribe(self, path: Path, s: float, still: Sequence[int]) -> None:
-        """Let a path go on from a leading value; see `DriversLaw`."""
+    def polynomials(self, s: float, still: Sequence[int]) -> Polynomials | None:
+        """Return what a path of the kernel goes by; None: the driver leads. See `DriversLaw`."""
+        return None
 
 
 class DriversLaw(OneDriver):
-    """A parameter leads that the coordinates driven first go by; what is driven besides stands.
+    """The first prescribed coordinates are functions of a parameter; the others are at rest.
 
     Args:
         mechanism: the mechanism.
@@ -96,7 +98,7 @@ class DriversLaw(OneDriver):
                           if c.q >= 0}
 
     def values(self, s: float) -> Array:
-        """Return the values (k,) of what is driven."""
+        """Return the values (k,) of the prescribed coordinates."""
         return self.law(s)
 
     def rates(self, s: float) -> Array:
@@ -120,38 +122,38 @@ class DriversLaw(OneDriver):
         values = self.law(low + width * parts)[:, : self.n_moving]
         c = np.linalg.solve(np.vander(parts), values)
         c /= width ** np.arange(SMOOTH_POINTS - 1.0, -1.0, -1.0)[:, None]
-        found = PPoly(c[:, None, :], [low, low + width])
-        found.c[-1] += self.law(here)[: self.n_moving] - found(here)
-        return found
+        smoothed = PPoly(c[:, None, :], [low, low + width])
+        smoothed.c[-1] += self.law(here)[: self.n_moving] - smoothed(here)
+        return smoothed
 
-    def prescribe(self, path: Path, s: float, still: Sequence[int]) -> None:
-        """Let a path go on from a parameter, along the law.
+    def polynomials(self, s: float, still: Sequence[int]) -> Polynomials | None:
+        """Return the law for a path of the kernel that starts at a parameter.
 
         Args:
-            path: of the kernel.
             s: the parameter.
             still: places in the velocity vector that stand still, where coordinates have values.
         """
         coefficients = np.moveaxis(self.law.c[::-1], 0, 2)
-        all_driven = np.zeros((len(coefficients), path.n_driven, coefficients.shape[-1]))
+        n, _, powers = coefficients.shape
+        all_driven = np.zeros((n, len(self.driven) + len(still), powers))
         all_driven[:, : len(self.driven)] = coefficients
         all_driven[:, len(self.driven) :, 0] = [self._standing.get(v, 0.0) for v in still]
-        path.prescribe(s, self.law.x, all_driven)
+        return Polynomials(s, self.law.x, all_driven)
 
 
 def nearest(law: OneDriver, other: OneDriver, s: float) -> float:
-    """Return the leading value at which a law is nearest to where another, a little off, is at s.
+    """Return the parameter at which a law is nearest to another law's values at s.
 
     It is farther off sideways, if at all, in what several drivers do.
     """
     if law is other:
         return s
-    k, found = law.n_moving, s
+    k, s_near = law.n_moving, s
     goal = other.values(s)[:k]
     for _ in range(NEAREST_STEPS):
-        rates = law.rates(found)[:k]
-        found += float((goal - law.values(found)[:k]) @ rates / (rates @ rates))
-    return found
+        rates = law.rates(s_near)[:k]
+        s_near += float((goal - law.values(s_near)[:k]) @ rates / (rates @ rates))
+    return s_near
 
 
 class Configurations:
@@ -173,7 +175,7 @@ class Configurations:
         self.drive = system.drive[1:]
 
     def of(self, q: Array, s: float) -> Array:
-        """Return the unknowns at a configuration and a leading value, which q has already."""
+        """Return the unknowns at a configuration and a parameter, which q has already."""
         return q
 
     def configuration(self, x: Array) -> Array:
@@ -181,7 +183,7 @@ class Configurations:
         return x
 
     def along(self, t: Array) -> Array:
-        """Return the scaled tangent of the derivative (nv,) with respect to the leading value."""
+        """Return the scaled tangent of the derivative (nv,) with respect to the parameter."""
         return t / self.scale
 
     def moved(self, x: Array, step: Array) -> Array:
@@ -197,20 +199,23 @@ class Configurations:
         return pin.normalize(self.model, x)
 
     def put(self, x: Array, s: float) -> None:
-        """Give what is driven its values at a leading value, which becomes x's."""
+        """Set the prescribed coordinates to their values at a parameter, the new one of x."""
         x[self.at] = s
 
     def completed(self, rows: Array, first: int, x: Array) -> Array:
-        """Return equations (m, n) from those of configurations (m, nv), the driven from `first`."""
+        """Return equations (m, n) from those of configurations (m, nv).
+
+        Those of prescribed coordinates begin at row `first`.
+        """
         return rows
 
     def gaps(self, x: Array) -> Array:
-        """Return how far driven coordinates are from their values, relative to their sizes."""
+        """Return the errors of prescribed coordinates, relative to their sizes."""
         return np.empty(0)
 
 
 class WithParameter(Configurations):
-    """Unknowns x (nq + 1,): a configuration, and the parameter of a law that drivers go by.
+    """Unknowns x (nq + 1,): a configuration, and the parameter of the drivers' law.
 
     Args:
         system: the square system of what is driven.
@@ -223,7 +228,7 @@ class WithParameter(Configurations):
         self.scale = np.append(system.scale, unit)
         self.at = self.rate = -1
         self.drive = system.drive
-        self._places = [c.q for c in system.driven]
+        self._indices = [c.q for c in system.driven]
         self._sizes = np.array([system.scale[c.v] for c in system.driven])
 
     def of(self, q: Array, s: float) -> Array:
@@ -252,20 +257,23 @@ class WithParameter(Configurations):
         return np.append(pin.normalize(self.model, x[:-1]), x[-1])
 
     def put(self, x: Array, s: float) -> None:
-        """Give what is driven its values at a parameter, which becomes x's."""
+        """Set the prescribed coordinates to their values at a parameter, the new one of x."""
         self.law.put(x[:-1], s)
         x[-1] = s
 
     def completed(self, rows: Array, first: int, x: Array) -> Array:
-        """Return equations (m, n) from those of configurations (m, nv), the driven from `first`."""
-        found = np.column_stack([rows, np.zeros(len(rows))])
-        found[first : first + len(self._sizes), -1] = (
+        """Return equations (m, n) from those of configurations (m, nv).
+
+        Those of prescribed coordinates begin at row `first`.
+        """
+        extended = np.column_stack([rows, np.zeros(len(rows))])
+        extended[first : first + len(self._sizes), -1] = (
             -self.unit * self.law.rates(float(x[-1])) / self._sizes)
-        return found
+        return extended
 
     def gaps(self, x: Array) -> Array:
-        """Return how far driven coordinates are from their values, relative to their sizes."""
-        return (x[self._places] - self.law.values(float(x[-1]))) / self._sizes
+        """Return the errors of prescribed coordinates, relative to their sizes."""
+        return (x[self._indices] - self.law.values(float(x[-1]))) / self._sizes
 
 
 class CurvePoint(NamedTuple):
@@ -387,11 +395,11 @@ class SolutionCurve:
         return _ratio(decompose(self.equations(x), 0.0).s, self.system.size)
 
     def value(self, x: Array) -> float:
-        """Return the leading value, of a driver or the parameter."""
+        """Return the parameter: a driver's value, or that of a law."""
         return float(x[self.unknowns.at])
 
     def slope(self, t: Array) -> float:
-        """Rate of the leading value along the scaled tangent."""
+        """Rate of the parameter along the scaled tangent."""
         unknowns = self.unknowns
         return float(t[unknowns.rate] * unknowns.scale[unknowns.rate])
 
@@ -401,9 +409,9 @@ def _ratio(s: Array, size: float) -> float:
     return float(s[-1] / np.hypot(s[0], size)) if s.size else 1.0
 
 
-def matrices(curve: SolutionCurve, places: Iterable[tuple[Array, Array]]) -> Array:
-    """Return matrices (k, m, m) of [independent equations; unit tangent] at places (x, t).
+def matrices(curve: SolutionCurve, points: Iterable[tuple[Array, Array]]) -> Array:
+    """Return matrices (k, m, m) of [independent equations; unit tangent] at points (x, t).
 
     Smooth functions of the place, singular where branches cross.
     """
-    return np.array([np.vstack([curve.equations(x), t / np.linalg.norm(t)]) for x, t in places])
+    return np.array([np.vstack([curve.equations(x), t / np.linalg.norm(t)]) for x, t in points])

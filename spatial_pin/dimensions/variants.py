@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 from spatial_pin._support.lazy import made_once
 from spatial_pin.dimensions.homotopy import varied
 from spatial_pin.errors import SpatialPinError, warn
-from spatial_pin.formats.faults import Faults
 from spatial_pin.formats.file_access import shown
 from spatial_pin.formats.files import load_expanded
+from spatial_pin.formats.importers import Faults
 from spatial_pin.formats.parsing import parse_urdf
 from spatial_pin.formats.urdf.validation import check_links
 from spatial_pin.formats.xacro.expansion import expand, traced
@@ -301,7 +301,7 @@ class TracedTree:
             number = self._tape.read(word)
             values.append(float(word if number is None else number))
             places.append(-1 if number is None else len(known))
-            known += [] if number is None else [number.place]
+            known += [] if number is None else [number.row]
         return _Words(np.array(values), np.array(places, dtype=np.intp))
 
     def _check(self) -> None:

@@ -25,7 +25,7 @@ from spatial_pin.dimensions.homotopy import followed
 from spatial_pin.dimensions.variants import TracedGeometry, TracedTree, Variants
 from spatial_pin.dynamics.force_outputs import Told
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.kernel.dimensions import ClosedSamples, DimensionCloser, Numbers
+from spatial_pin.kernel.dimensions import ClosedSamples, ClosingSystem, DimensionCloser, Numbers
 from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.mechanism.coordinates import coordinate_rates
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -204,7 +204,7 @@ class VariedSamples:
 
     def near(self, state: State, drive: DriverMotion) -> Near | None:
         """Return what closes samples from a closed state; None where that is all but singular."""
-        found = _System.at(state, drive)
+        found = _system_at(state, drive)
         return Near(self, state, drive, found) if found is not None else None
 
     def own_numbers(self) -> Numbers:
@@ -220,13 +220,12 @@ class VariedSamples:
             return MadeOf(dimensions, geometry, self._numbers.at(geometry))
 
     def close(
-        self, start: ClosedSamples, numbers: Numbers, rates: Array | None, system: _System
+        self, start: ClosedSamples, numbers: Numbers, rates: Array | None, system: ClosingSystem
     ) -> ClosedSamples:
         """Close samples from where others are."""
         with acquired(self.mechanism, DimensionCloser) as closer:
-            closer.set_system(*system)
             return closer.close(
-                start.q, start.angles, numbers, self._numbers.joints, rates,
+                system, start.q, start.angles, numbers, self._numbers.joints, rates,
                 Accuracy.named("engineering").tolerance, DAMPED_STEPS)
 
     def values(self, closed: ClosedSamples, drive: DriverMotion) -> list[Array]:
@@ -250,34 +249,25 @@ class VariedSamples:
         return ratio
 
 
-class _System(NamedTuple):
-    """The square system at a closed state: what `DimensionCloser.set_system` takes."""
-
-    chosen: NDArray[np.intp]
-    driven: list[int]
-    fill: Array
-    free: NDArray[np.bool_]
-
-    @classmethod
-    def at(cls, state: State, drive: DriverMotion) -> _System | None:
-        """Return the system; None where its equations are not clearly independent."""
-        mechanism = state.mechanism
-        held = [mechanism.driven_coordinate(name) for name in drive.values]
-        driven = [*(c.v for c in held), *still_entries(mechanism, held)]
-        free = np.ones(mechanism.model.nv, dtype=bool)
-        free[[c.v for c in held]] = False
-        moving = free.copy()
-        moving[driven] = False
-        with loops_of(mechanism, state.angles) as evaluation:
-            evaluation.update(state.q)
-            jacobian, n = evaluation.jacobian, evaluation.constraints.n_closure
-            chosen = independent_rows(jacobian[:n, moving])
-            rows = np.vstack([jacobian[chosen], jacobian[n:], np.eye(len(free))[driven]])
-        svd = decompose(rows)
-        if len(svd.s) < len(rows) or (
-                len(rows) and svd.s[-1] <= TOLERANCES.regular * svd.s[0]):
-            return None
-        return cls(chosen, driven, svd.null_space, free)
+def _system_at(state: State, drive: DriverMotion) -> ClosingSystem | None:
+    """Return the square system; None where its equations are not clearly independent."""
+    mechanism = state.mechanism
+    held = [mechanism.driven_coordinate(name) for name in drive.values]
+    driven = [*(c.v for c in held), *still_entries(mechanism, held)]
+    free = np.ones(mechanism.model.nv, dtype=bool)
+    free[[c.v for c in held]] = False
+    moving = free.copy()
+    moving[driven] = False
+    with loops_of(mechanism, state.angles) as evaluation:
+        evaluation.update(state.q)
+        jacobian, n = evaluation.jacobian, evaluation.constraints.n_closure
+        chosen = independent_rows(jacobian[:n, moving])
+        rows = np.vstack([jacobian[chosen], jacobian[n:], np.eye(len(free))[driven]])
+    svd = decompose(rows)
+    if len(svd.s) < len(rows) or (
+            len(rows) and svd.s[-1] <= TOLERANCES.regular * svd.s[0]):
+        return None
+    return ClosingSystem(chosen, driven, svd.null_space, free)
 
 
 class Near:
@@ -288,7 +278,7 @@ class Near:
     """
 
     def __init__(
-        self, samples: VariedSamples, state: State, drive: DriverMotion, system: _System
+        self, samples: VariedSamples, state: State, drive: DriverMotion, system: ClosingSystem
     ) -> None:
         self._samples, self._state, self._drive, self._system = samples, state, drive, system
         self._rates = None
@@ -335,7 +325,7 @@ class Near:
             step = np.maximum(closed.farthest, TOLERANCES.nothing)
             good &= (
                 made_of.geometry.holds & (closed.error <= TOLERANCES.zero)
-                & (closed.farthest <= LONGEST_AT_ONCE) & (closed.way <= WAY)
+                & (closed.farthest <= LONGEST_AT_ONCE) & (closed.distance <= WAY)
                 & (closed.bend <= TOLERANCES.contraction * step) & (closed.sign == self._own.sign)
                 & (closed.magnitude > self._own.magnitude + np.log(LEAST_DETERMINANT))
                 & (closed.opened <= TOLERANCES.singular))

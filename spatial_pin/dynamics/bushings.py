@@ -17,9 +17,10 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Spring
 from spatial_pin.numerics.linalg import Array
 
-SERIES = 0.1  # 1 - cos of the angle below which functions of it are summed
-TERMS = 24  # of these sums: the last is 1e-30
-# Entries of R that are twice the sines of the rotation about x, y and z: plus, and minus.
+# Value of 1 - cos(angle) below which its functions are summed as series: closed forms lose digits.
+SERIES = 0.1
+TERMS = 24  # terms of these series: the last is 1e-30
+# Entries of R whose difference is twice the sine of the rotation about x, y and z.
 SINES = (((2, 1), (1, 2)), ((0, 2), (2, 0)), ((1, 0), (0, 1)))
 Coefficients = dict[int, Array]
 

@@ -34,20 +34,24 @@ from spatial_pin.numerics.linalg import Array, common_rows, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy, accuracy_of
 
-MOST_DESCENTS = 500  # of one search: some twenty suffice, or something falls without end
-LONGEST = 0.3  # step [rad, characteristic lengths]: below the distance of two equilibria, as a rule
-OVERSHOT = 0.5  # part of the slope at the start of a step, against which its end may rise
-SHORTEST_DESCENT = 2.0**-30  # part of a step from which on it is not halved any more
-ARRIVED = 1e-13  # step [rad, characteristic lengths] that changes nothing any more
-NEAR_REST = 1e-7  # step from which on only round-off keeps the next from being shorter
-WITHOUT_END = 100.0  # rad, characteristic lengths: what has gone so far falls without end
-NEUTRAL = 1e-8  # of the terms of the stiffness: stiffness that is none, half of the digits
-BALANCED = 1e-9  # of the terms of a load: what is balanced
-PASSING = 1e-6  # of accelerations, and of forces, that change as a shaft turns
-NUDGE = 0.05  # rad, characteristic lengths: off a pose at rest that is not stable
-SAME_POSE = 1e-6  # difference of coordinates of one equilibrium, from two starts
-FAR_STARTS = (np.pi, 1.0, 0.3)  # rad, characteristic lengths: how far starts are from the guess
-RANDOM_STARTS = 60  # half of which go down: basins of a tenth are met
+# Steps of one search. Twenty suffice as a rule; after so many the mechanism falls without end.
+MOST_DESCENTS = 500
+LONGEST = 0.3  # longest step [rad, characteristic lengths]: equilibria are farther apart as a rule
+OVERSHOT = 0.5  # largest slope at the end of a step, relative to the one at its start
+SHORTEST_DESCENT = 2.0**-30  # a step is halved down to this part: below it round-off decides
+ARRIVED = 1e-13  # step [rad, characteristic lengths] at which the search has converged: round-off
+NEAR_REST = 1e-7  # below this step only round-off keeps the next one from being shorter
+WITHOUT_END = 100.0  # rad, characteristic lengths: a mechanism that goes so far falls without end
+NEUTRAL = 1e-8  # stiffness that counts as zero, relative to its terms: half of the digits
+BALANCED = 1e-9  # load that counts as zero, relative to its terms
+PASSING = 1e-6  # change of accelerations and forces as a shaft turns that counts as zero
+NUDGE = 0.05  # rad, characteristic lengths: displacement from an unstable pose, to descend from it
+# Two searches that differ by less have one equilibrium: they agree to 1e-9 and better.
+SAME_POSE = 1e-6
+# Largest distances of start values from the guess [rad, characteristic lengths].
+FAR_STARTS = (np.pi, 1.0, 0.3)
+# Half of them descend: they meet a basin of a tenth of the space with a chance of 96 %.
+RANDOM_STARTS = 60
 POSE_KINDS = {True: "stable", False: "unstable", None: "neutral"}
 Guess = Mapping[str, Any] | State | Array | None
 

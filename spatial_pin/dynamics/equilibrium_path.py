@@ -42,16 +42,18 @@ from spatial_pin.numerics.roots import sign_change
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy, accuracy_of
 
-# Steps of the path [rad, characteristic lengths, load factors by their unit]
+# Steps of the path [rad, characteristic lengths, load factors in their unit]. Where the smallest
+# one fails, the path ends.
 FIRST_LENGTH, LARGEST_LENGTH, SMALLEST_LENGTH = 0.02, 0.1, 1e-7
-MOST_POSES = 5000  # of a path: a hundred times what snapping through takes
-MOST_RANGES = 11.0  # ranges of the load factor from its end: what goes so far does not come back
-POSE_CORRECTIONS = 12  # Newton steps; more than that, and a shorter step of the path is cheaper
-# Corrections up to which the next step is longer, and above which it is shorter.
+MOST_POSES = 5000  # poses of a path: a snap-through takes fifty
+MOST_RANGES = 11.0  # a load factor that leaves its range by so many ranges does not come back
+POSE_CORRECTIONS = 12  # Newton steps: beyond, a shorter step of the path costs less
+# After at most so many corrections the next step is longer, after more than so many it is shorter.
 FEW_CORRECTIONS, MANY_CORRECTIONS = 4, 7
 LOAD_FACTOR = "load_factor"  # an output
-BENT = 0.95  # cosine between tangents, below which a step is halved
-POSE_EXACT, POSE_NEARLY = 1e-13, 1e-9  # correction that ends a search, and that may end it
+BENT = 0.95  # least cosine between two tangents: with less the step is halved
+# Correction that ends a search, and largest last one that is accepted where round-off is larger.
+POSE_EXACT, POSE_NEARLY = 1e-13, 1e-9
 
 
 @dataclass(eq=False, repr=False)

@@ -42,10 +42,10 @@ from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-AT_REST = 1e-6  # of the terms of a force, above which a pose is not at rest
-AMPLITUDE = 0.1  # of a shape: its largest coordinate [rad, characteristic lengths]
-NO_DECAY = 1e-14  # of the largest eigenvalue: a decay that is none
-SHAPE_SAMPLES = 61  # of the period of a shape
+AT_REST = 1e-6  # largest unbalanced force of a pose at rest, relative to its terms
+AMPLITUDE = 0.1  # largest coordinate of a shape [rad, characteristic lengths]: well visible
+NO_DECAY = 1e-14  # decay that counts as none, relative to the largest eigenvalue: round-off
+SHAPE_SAMPLES = 61  # samples of one period of a shape: one per 6 degrees of phase
 
 
 class Linearization(Tabular):

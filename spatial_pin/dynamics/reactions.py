@@ -29,7 +29,7 @@ MANY = ("* one of many (along these axes), the least: loops, or more actuators t
         "can be under stress by themselves")
 BESIDE = ("* without the force of {couplings}, which {pairs} bear{s} too: a coupling does not say "
           "where it acts")
-UNMOVED = 1e-8  # reaction to a unit self-stress that is none
+UNMOVED = 1e-8  # reaction to a unit self-stress that counts as zero: half of the digits
 
 
 class Poses(NamedTuple):

@@ -1,6 +1,6 @@
-"""The file formats that are read: one table, one importer a format.
+"""File formats: one table, one importer for each format.
 
-Every importer gives the same thing, an `Imported`: the open tree as plain URDF text, and beside it
-what a mechanism file would say (joints, closures, drivers, springs, guess), as `tomllib` reads
-one. `spatial_pin.formats.files.load` asks the table and builds the mechanism.
+Every importer returns an `Imported`: the open tree as plain URDF text, and the other tables of a
+mechanism file (joints, closures, drivers, springs, guess), as `tomllib` reads them.
+`spatial_pin.formats.files.load` takes the importer from the table and builds the mechanism.
 """

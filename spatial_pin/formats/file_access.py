@@ -31,7 +31,7 @@ def shown(path: Path | str) -> str:
 
 
 def check_file(path: Path) -> None:
-    """Refuse what is no plain file.
+    """Refuse a path that is no plain file.
 
     Raises:
         MechanismFileError: it is not there, a folder, a pipe, or larger than any mechanism.
@@ -55,7 +55,7 @@ def _reason(error: Exception) -> str:
 
 
 def is_file(path: Path) -> bool:
-    """Return whether there is a plain file that can be asked for."""
+    """Return whether there is a plain file."""
     return os.path.isfile(path)  # unlike Path.is_file, false for names that are too long
 
 
@@ -106,8 +106,8 @@ def package_folders(name: str, folder: Path, packages: Mapping[str, Path]) -> It
         if parent.name == name or _manifest_name(parent) == name:
             yield parent
         yield parent / name
-    for place in dict.fromkeys(sys.path):  # where Python packages install robots' data
-        yield Path(place) / "cmeel.prefix" / "share" / name
+    for site in dict.fromkeys(sys.path):  # where Python packages install robots' data
+        yield Path(site) / "cmeel.prefix" / "share" / name
     yield Path(sys.prefix) / "share" / name
 
 
@@ -121,16 +121,16 @@ def _manifest_name(folder: Path) -> str:
     if not is_file(manifest):
         return ""
     try:
-        found = re.search(r"<name>\s*([\w.-]+)\s*</name>", read_text(manifest))
+        match = re.search(r"<name>\s*([\w.-]+)\s*</name>", read_text(manifest))
     except MechanismFileError:
         return ""
-    return found[1] if found else ""
+    return match[1] if match else ""
 
 
 def is_installed(folder: Path, packages: Mapping[str, Path]) -> bool:
     """Return whether a folder is the library, or a package.
 
-    That is what says so itself, or is named by the environment or the caller.
+    A package has a manifest, or is named by the environment or the caller.
     """
     listed = (root for variable in (*OF_PACKAGES, *OF_MODELS) for root in _listed(variable))
     return is_file(folder / MANIFEST) or any(
@@ -163,7 +163,7 @@ class Trust:
     def of(
         cls, file: Path, packages: Mapping[str, Path] = NO_PACKAGES, trusted: bool = False
     ) -> Trust:
-        """Return the rule for what a file, or the files of a folder, may name."""
+        """Return the rule for files that a file, or the files of a folder, may name."""
         folder = file if os.path.isdir(file) else file.parent
         return cls(folder.resolve(), packages, trusted)
 

@@ -16,7 +16,6 @@ import numpy as np
 from spatial_pin._support.checks import number_from_zero
 from spatial_pin.errors import MechanismFileError, Mistakes, suggestion, warn
 from spatial_pin.formats.checked_tables import TomlTable
-from spatial_pin.formats.faults import Faults
 from spatial_pin.formats.file_access import (
     Trust,
     check_file,
@@ -25,7 +24,7 @@ from spatial_pin.formats.file_access import (
     read_text,
     shown,
 )
-from spatial_pin.formats.importers import IMPORTERS, Importer, Request, endings, importer_of
+from spatial_pin.formats.importers import IMPORTERS, Faults, Importer, Request, endings, importer_of
 from spatial_pin.formats.mechanism_file import MechanismSpec, mechanism_of
 from spatial_pin.formats.parsing import parse_toml, parse_urdf
 from spatial_pin.formats.urdf.validation import end_of
@@ -36,15 +35,15 @@ LISTS = ("closures", "springs")
 TABLES = ("joints", "frames", "guess")
 SAME = "that is the same"
 ROOT_JOINT = "root_joint"  # as Pinocchio names it
-GROUNDS = ("world", "ground")  # names of the link that stands still, the first that is free
+GROUNDS = ("world", "ground")  # names of the fixed link, the first that is free
 
 
 def merged(own: Mapping[str, Any], stated: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
-    """Return the content of both, and what was left out, a sentence each.
+    """Return the content of both files, and notices of entries that were replaced.
 
     Args:
-        own: what the mechanism file says, as `tomllib` reads it.
-        stated: what the file of its tree says beside the tree.
+        own: content of the mechanism file, as `tomllib` reads it.
+        stated: content of the file of its tree.
 
     Returns:
         The mechanism file's keys; a loop of the tree's file too, unless the mechanism file has a
@@ -94,7 +93,7 @@ def with_free_flyer(urdf: str, path: Path, refined: Container[str] = ()) -> str:
     """Return URDF text in which a floating joint carries the root link.
 
     A new link, `world`, becomes the root (`ground` where a link has that name): closures to what
-    stands still name it. What a file fixes to its root link goes with it.
+    stands still name it. Links that a file fixes to its root link go with it.
 
     Raises:
         MechanismFileError: all that the root carries floats already.
@@ -105,7 +104,7 @@ def with_free_flyer(urdf: str, path: Path, refined: Container[str] = ()) -> str:
     roots = [link for link in links if link.get("name", "") not in children]
     where = f"{shown(path)}: free_flyer=True"
     if not roots:
-        return urdf  # no tree: told by whoever reads it
+        return urdf  # no tree: its reader refuses it
     root = roots[0].get("name", "")
     if len(roots) > 1:
         names = ", ".join(link.get("name", "") for link in roots)
@@ -142,11 +141,11 @@ def list_mechanisms() -> list[str]:
 
 def library_titles() -> dict[str, tuple[str, str]]:
     """Return title and source of every library mechanism by name, without loading any."""
-    found = {}
+    titles = {}
     for name in list_mechanisms():
         table = tomllib.loads((library_folder() / f"{name}.toml").read_text(encoding="utf-8"))
-        found[name] = table.get("title", ""), table.get("source", "")
-    return found
+        titles[name] = table.get("title", ""), table.get("source", "")
+    return titles
 
 
 def load(
@@ -173,7 +172,7 @@ def load(
             and, xacro, from ROS packages (folders with a `package.xml`, or below those of
             ROS_PACKAGE_PATH, AMENT_PREFIX_PATH and `packages`).
         free_flyer: whether a floating joint, `root_joint`, carries the root link, as Pinocchio's
-            JointModelFreeFlyer does; what stands still is then the link `world`.
+            JointModelFreeFlyer does; the fixed link is then `world`.
         packages: folders of ROS packages by name, such as {"talos_data": "robots/talos_data"}, in
             which `package://NAME/...` and `$(find NAME)` lie; they go before ROS_PACKAGE_PATH,
             AMENT_PREFIX_PATH, the folders round the file, and installed packages of data.
@@ -184,17 +183,17 @@ def load(
             "outer::inner".
         without: names or tags of elements and joints of the tree's file (not of links) that are
             left out, such as ["tendon_constraint"], where one of them cannot be read;
-            `Mechanism.notices` tells it.
+            `Mechanism.notices` names them.
         **parameters: values of the xacro arguments of its tree [SI, rad].
 
     Returns:
         The mechanism; its loops are not yet closed, see `assemble`. A warning lists faults of the
         file that do not prevent loading; `Mechanism.notices` has them all. Meshes are read when
-        `visual_model` or `collision_model` is first asked for.
+        `visual_model` or `collision_model` is first used.
 
     Raises:
-        MechanismFileError: a file cannot be used; says which key, joint or closure, and why. Or
-            `free_flyer` is asked for and the root floats already.
+        MechanismFileError: a file cannot be used; names the key, joint or closure. Or
+            `free_flyer` is True and the root floats already.
         TypeError: the source is neither a name nor a path, or `trusted` or `free_flyer` neither
             True nor False, or `packages` no dictionary of paths, or `model` no name, or `without`
             no list of names, or a parameter is neither a number nor a text.
@@ -216,8 +215,9 @@ def load(
         raise TypeError(f"model is the name of one, not {model!r}")
     if not isinstance(without, list | tuple) or not all(isinstance(x, str) for x in without):
         raise TypeError(f"without is a list of names, not {without!r}")
-    request = Request(_find(source), parameters, trusted, _folders(packages or {}), model=model,
-                      without=tuple(without), free_flyer=free_flyer)
+    path, folders = _find(source), _folders(packages) if packages else {}
+    request = Request(path, parameters, trusted, folders, model=model, without=tuple(without),
+                      free_flyer=free_flyer)
     try:
         mechanism = _loaded(request)
     except MechanismFileError as error:
@@ -235,7 +235,7 @@ def load_expanded(mechanism: Mechanism, parameters: Mapping[str, float], urdf: s
     Args:
         mechanism: it was loaded from the file.
         parameters: values of xacro arguments that change [SI, rad].
-        urdf: what the xacro file expands to with them.
+        urdf: expanded text of the xacro file with them.
     """
     m = mechanism
     assert m.path is not None
@@ -249,8 +249,8 @@ def _loaded(request: Request) -> Mechanism:
     if request.path.suffix == ".toml":
         return _load_toml(request)
     importer = importer_of(request.path)
-    assert importer is not None  # otherwise it was not found
-    request = _choosing_model(request, request.path, importer)
+    assert importer is not None  # else there is no such file
+    request = _for_file(request, request.path, importer)
     imported, path = importer.read(request), request.path
     name = path.name.removesuffix(".xacro").removesuffix(".urdf")
     content = {"name": name, "tree": path.name, **imported.content}
@@ -295,27 +295,34 @@ def _load_toml(request: Request) -> Mechanism:
         file = _tree_of(top, request)
         importer = importer_of(file) or IMPORTERS["urdf"]
         complete = top.flag("complete")
-        request = _choosing_model(request, file, importer)
+        request = _for_file(request, file, importer)
         tree = importer.read(replace(request, path=file, complete=complete,
                                      alone=not complete and "closures" not in top))
         stated = {key: x for key, x in tree.content.items()
                   if not complete or key not in (*LISTS, "drivers", "passive", "guess")}
-        content, left_out = merged(top.content, stated)
+        content, replaced = merged(top.content, stated)
     if mistakes:
         MechanismSpec(top, mistakes, Trust.of(path, request.packages, request.trusted))
-        mistakes.tell()
-    return _made(content, file, tree.urdf, request, (*tree.notices, *left_out))
+        mistakes.raise_all()
+    return _made(content, file, tree.urdf, request, (*tree.notices, *replaced))
 
 
-def _choosing_model(request: Request, file: Path, importer: Importer) -> Request:
-    """Return a request whose `model` chooses among several; elsewhere it is a xacro argument."""
-    if request.model is None or importer.has_models:
-        return request
-    if file.suffix == ".xacro":
+def _for_file(request: Request, file: Path, importer: Importer) -> Request:
+    """Return a request for a file: `model` chooses among several, or is a xacro argument.
+
+    Raises:
+        MechanismFileError: the file takes no parameters, or no `model`.
+    """
+    if file.suffix == ".xacro" and request.model is not None:
         own: dict[str, Any] = {**request.parameters, "model": request.model}
         return replace(request, parameters=own, model=None)
-    raise MechanismFileError(f"{shown(file)}: only a file of SDFormat may hold several models, one "
-                             f"of them {request.model!r}; leave `model` out")
+    if file.suffix != ".xacro" and request.parameters:
+        raise MechanismFileError(f"{shown(file)}: parameters {sorted(request.parameters)} given, "
+                                 "but only .xacro files have any")
+    if request.model is not None and not importer.has_models:
+        raise MechanismFileError(f"{shown(file)}: only a file of SDFormat may hold several models, "
+                                 f"one of them {request.model!r}; leave `model` out")
+    return request
 
 
 def _empty_arguments(request: Request) -> list[str]:
@@ -346,7 +353,7 @@ def _tree_of(top: TomlTable, request: Request) -> Path:
 def _made(
     content: dict[str, Any], file: Path, urdf: str, request: Request, notices: Iterable[str]
 ) -> Mechanism:
-    """Return the mechanism of a file's content and the tree of `file`; a warning tells faults."""
+    """Return the mechanism of a file's content and the tree of `file`; a warning names faults."""
     faults = Faults()
     for notice in notices:
         faults.note(notice)
@@ -356,6 +363,6 @@ def _made(
         refined = [name for name, x in tables.items() if isinstance(x, dict) and "type" in x]
         urdf = with_free_flyer(urdf, file, refined)
     made = mechanism_of(TomlTable(content, str(request.path)), file, urdf, request, faults)
-    if told := faults.told():
-        warn(f"{shown(request.path)}: {told}")
+    if summary := faults.summary():
+        warn(f"{shown(request.path)}: {summary}")
     return made

@@ -1,4 +1,4 @@
-"""What an importer is given and gives, the table of formats, and which of them a file is in."""
+"""Importers: their request and result, the table of formats, and the format of a file."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.file_access import Trust, check_file, shown
 
 FOLDER = "/"  # the ending of a folder's name
+NAMED_FAULTS = 3  # of one kind in a warning: enough to see what they have in common
 
 
 @dataclass(frozen=True)
 class Request:
-    """What is to be read, and how.
+    """A file to read, with the options of `load`.
 
     Attributes:
         path: the file, or the folder for formats that are one.
@@ -26,10 +27,10 @@ class Request:
         packages: folders of ROS packages, by name, absolute; go before all others.
         model: which model of a file with several; None: its only one.
         without: names of elements and joints that are left out.
-        free_flyer: whether a floating joint is put below the root of what is read.
-        alone: whether no mechanism file with closures says more of it.
-        complete: whether a mechanism file says all that there is beside links and joints.
-        expanded: what the xacro file of its tree expands to, where that is known.
+        free_flyer: whether a floating joint is put below the root link.
+        alone: whether no mechanism file adds closures.
+        complete: whether a mechanism file has everything beside links and joints.
+        expanded: expanded text of the xacro file of its tree, where that is known.
     """
 
     path: Path
@@ -51,18 +52,53 @@ class Request:
 
 @dataclass(frozen=True)
 class Imported:
-    """An open tree and all that a file says beside it.
+    """An open tree and the further content of its file.
 
     Attributes:
         urdf: the open tree as plain URDF text, files of meshes by absolute paths.
-        content: what a mechanism file would say beside it, as `tomllib` reads one; `name` and
+        content: the other keys of a mechanism file, as `tomllib` reads them; `name` and
             `tree` may be left out.
-        notices: what was changed or left out in reading, a sentence each; `load` warns of them.
+        notices: of changes and omissions in reading, a sentence each; `load` warns of them.
     """
 
     urdf: str
     content: Mapping[str, Any] = field(default_factory=dict)
     notices: tuple[str, ...] = ()
+
+
+class Faults:
+    """What is wrong in a file that is read all the same, kind by kind."""
+
+    def __init__(self) -> None:
+        self._named: dict[str, list[str]] = {}
+
+    def note(self, kind: str, what: str = "") -> None:
+        """Note a fault.
+
+        Args:
+            kind: the fault and its treatment.
+            what: the link, joint or file that has it; "" where `kind` says it.
+        """
+        named = self._named.setdefault(kind, [])
+        if what and what not in named:
+            named.append(what)
+
+    def notices(self, most: int | None = None) -> tuple[str, ...]:
+        """Return a sentence for each kind, with all its faults or the first few."""
+        sentences = []
+        for kind, names in self._named.items():
+            named = ", ".join(names[:most])
+            rest = len(names) - len(names[:most])
+            more = f" and {rest} more" if rest else ""
+            sentences.append(f"{named}{more}: {kind}" if names else kind)
+        return tuple(sentences)
+
+    def summary(self) -> str:
+        """Return one line for a warning, "" where nothing is wrong."""
+        notices = self.notices(NAMED_FAULTS)
+        if len(notices) < 2:
+            return "".join(notices)
+        return "; ".join(f"({k}) {notice}" for k, notice in enumerate(notices, start=1))
 
 
 @dataclass(frozen=True)
@@ -75,7 +111,7 @@ class Importer:
         recognises: whether a file (or folder) with one of these endings is one of it; it reads no
             more than it must. A folder has the ending "/".
         read: reads one; raises `MechanismFileError` where it cannot be used.
-        has_models: whether a file of it may hold several models, of which `load` takes one.
+        has_models: whether a file may hold several models; `load` takes one.
     """
 
     title: str

@@ -13,10 +13,9 @@ import numpy as np
 
 from spatial_pin.errors import MechanismFileError, Mistakes
 from spatial_pin.formats.checked_tables import BELONGS, BETWEEN, TOP, TomlTable, belongs
-from spatial_pin.formats.faults import Faults
 from spatial_pin.formats.file_access import Trust, read_text
 from spatial_pin.formats.graph.urdf import without_loops
-from spatial_pin.formats.importers import Request
+from spatial_pin.formats.importers import Faults, Request
 from spatial_pin.formats.urdf.urdf_model import (
     LIMITS,
     RESISTANCES,
@@ -156,11 +155,11 @@ def mechanism_of(
     trust = Trust.of(file, request.packages, request.trusted)
     spec = MechanismSpec(top, mistakes, trust)
     if not spec.is_whole["joints"]:
-        mistakes.tell()  # what the tree is, is not known
+        mistakes.raise_all()  # what the tree is, is not known
     with mistakes.each():
         cut = without_loops(urdf, top.content, spec.refinements, file, faults)
         if cut is not None:
-            mistakes.tell()
+            mistakes.raise_all()
             for notice in cut.notices:
                 faults.note(notice)
             urdf, top = cut.urdf, TomlTable(cut.content, top.where)
@@ -170,7 +169,7 @@ def mechanism_of(
             tree["model"].gravity.linear = spec.gravity
         spec.parts["closures"] += mimics
         return _build(top, tree, spec, file, request, faults, mistakes)
-    mistakes.tell()
+    mistakes.raise_all()
     raise AssertionError  # a mistake was kept
 
 
@@ -200,7 +199,7 @@ def _build(
         check_mechanism(mechanism, where, mistakes)
         if spec.is_whole["drivers"]:
             _check_guess(mechanism, where, mistakes)
-    mistakes.tell()
+    mistakes.raise_all()
     negative, lopsided = impossible_inertias(mechanism)
     for kind, links in (
         ("below zero, which no body has: motion is computed, forces are refused", negative),

@@ -1,4 +1,4 @@
-"""Meshes: where they lie, and their reading, in a process of its own, when shapes are asked for.
+"""Meshes: their files, and their reading in a process of its own, at the first use of shapes.
 
 Loading a mechanism only looks whether a mesh is there.
 """
@@ -30,8 +30,8 @@ Seen = tuple[str, int, int]  # a file as it was read: path, size, time of its la
 _COLOURS: dict[Seen, Colours] = {}
 LEAST_TIME = 20.0  # s for meshes to be read, the start of the process with it
 OUTSIDE = f"neither below the folder of the file nor in an installed package; {REMEDY}"
-TIME_OF_A_BYTE = 2e-6  # s, ten times what was seen
-ALONE = (".stl", ".ply", ".off", ".obj", ".dae", ".3ds")  # of which no other file is opened
+TIME_OF_A_BYTE = 2e-6  # s, ten times the largest measured
+ALONE = (".stl", ".ply", ".off", ".obj", ".dae", ".3ds")  # formats in one file
 OF_PARTS = (".gltf", ".glb")  # which name other files
 
 
@@ -67,7 +67,7 @@ def read_meshes(files: Iterable[str]) -> dict[str, tuple[Array, Array] | str]:
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-P", mesh_reader.__file__, folder, *names]
         time = LEAST_TIME + TIME_OF_A_BYTE * sum(map(os.path.getsize, names))
-        for _ in names:  # each run that ends too soon has at least begun one more
+        for _ in names:  # each run that ends too soon has at least started one more
             try:
                 run = subprocess.run(
                     command, timeout=time, check=False, stdin=subprocess.DEVNULL,
@@ -87,8 +87,8 @@ def _outcome(folder: Path, k: int, name: str) -> tuple[Array, Array] | str:
     try:
         if report.is_file():
             return _reason(report.read_text(encoding="utf-8"))
-        with np.load(target) as found:
-            points, corners, colours = found["points"], found["corners"], found["colours"]
+        with np.load(target) as arrays:
+            points, corners, colours = arrays["points"], arrays["corners"], arrays["colours"]
     except (OSError, ValueError, zipfile.BadZipFile):
         return "reading it does not end, or ends the process that reads it"
     if not np.all(np.isfinite(points)):
@@ -105,10 +105,10 @@ def _outcome(folder: Path, k: int, name: str) -> tuple[Array, Array] | str:
 
 
 def _reason(text: str) -> str:
-    """Return what the reader says, without where in its sources it says it."""
-    lines = text.split("message:")[-1].strip().splitlines() or ["for no reason that it tells"]
-    told = [line for line in lines if not line.startswith(("Could not load resource", "Hint:"))]
-    return " ".join((told or lines)[0].split())[:200]
+    """Return the message of the reader without its place in the reader's sources."""
+    lines = text.split("message:")[-1].strip().splitlines() or ["no reason given"]
+    printed = [line for line in lines if not line.startswith(("Could not load resource", "Hint:"))]
+    return " ".join((printed or lines)[0].split())[:200]
 
 
 # ---------------------------------------------------------------- where they lie

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 MEMORY = 4 << 30  # bytes of address space: the libraries alone take a quarter of it
-GROWTH = 200  # bytes for a byte of the file, four times what the reader was seen to take
+GROWTH = 200  # bytes for a byte of the file, four times the largest measured
 DEEPEST_NODE = 100  # nodes within one another: Python recurses to a thousand
 MOST_NODES = 10_000  # nodes and geometries, counted as often as they are used
 PRIMITIVES = ("triangles", "polylist", "polygons", "trifans", "tristrips")
@@ -27,19 +27,19 @@ LARGEST_MATERIALS = 10_000_000  # bytes of a file of materials
 
 
 def main(folder: str, files: list[str]) -> None:
-    """Read all files, the K-th of which no earlier run has begun."""
+    """Read all files; the K-th is the first that no earlier run has started."""
     limit_memory(files)
     for k, file in enumerate(files):
-        begun = os.path.join(folder, f"{k}.begun")
-        if os.path.exists(begun):
+        started = os.path.join(folder, f"{k}.begun")
+        if os.path.exists(started):
             continue
-        with open(begun, "w", encoding="utf-8"):
+        with open(started, "w", encoding="utf-8"):
             pass
         target = os.path.join(folder, str(k))
         try:
             points, corners, colours = coloured(file) or plain(file, folder)
             np.savez(f"{target}.npz", points=points, corners=corners, colours=colours)
-        except Exception as error:  # whatever the reader says
+        except Exception as error:  # errors of any kind
             with open(f"{target}.txt", "w", encoding="utf-8", errors="replace") as report:
                 report.write(str(error))
 
@@ -49,7 +49,7 @@ def coloured(file):
     read = COLOURED.get(os.path.splitext(file)[1].lower())
     try:
         return read(file) if read else None
-    except Exception:  # the other reader says what is wrong with it
+    except Exception:  # the other reader has a message
         return None
 
 
@@ -93,7 +93,7 @@ def read_collada(file: str) -> Part:
     """Return points (N, 3) [m], triangles (M, 3) and their colours (M, 4), NaN for those without.
 
     Raises:
-        ValueError: it has what is not known here, or lacks what it needs.
+        ValueError: it has unknown elements, or lacks needed ones.
         ElementTree.ParseError: it is no XML.
     """
     root = ET.parse(file).getroot()
@@ -139,18 +139,18 @@ class _ColladaScene:
         self._used += 1
         if depth > DEEPEST_NODE or self._used > MOST_NODES:
             raise ValueError("its nodes have no end")
-        place = above @ _transform(node)
+        placement = above @ _transform(node)
         for child in node:
             if child.tag == "instance_geometry":
-                yield from self._of_geometry(child, place)
+                yield from self._of_geometry(child, placement)
             elif child.tag == "instance_controller":
                 raise ValueError("it has a skin")
             elif child.tag == "node":
-                yield from self._of_node(child, place, depth + 1)
+                yield from self._of_node(child, placement, depth + 1)
             elif child.tag == "instance_node":
-                yield from self._of_node(self._named(child), place, depth + 1)
+                yield from self._of_node(self._named(child), placement, depth + 1)
 
-    def _of_geometry(self, instance: ET.Element, place: Any) -> Iterator[Part]:
+    def _of_geometry(self, instance: ET.Element, placement: Any) -> Iterator[Part]:
         bound = {x.get("symbol"): self._named(x, "target")
                  for x in instance.iterfind("bind_material/technique_common/instance_material")}
         mesh = self._named(instance).find("mesh")
@@ -166,7 +166,7 @@ class _ColladaScene:
             used, corners = np.unique(corners, return_inverse=True)
             if len(used) and (used[0] < 0 or used[-1] >= len(points)):
                 raise ValueError("it has triangles of points that it does not have")
-            moved = points[used] @ place[:3, :3].T + place[:3, 3]
+            moved = points[used] @ placement[:3, :3].T + placement[:3, 3]
             yield moved, corners.reshape(-1, 3), self._colour(bound.get(primitive.get("material")))
 
     def _points(self, primitive: ET.Element) -> Any:
@@ -190,9 +190,9 @@ class _ColladaScene:
         if material is None:
             return np.full(4, np.nan)
         effect = self._named(material.find("instance_effect"))
-        for way in ("diffuse", "emission"):
+        for lighting in ("diffuse", "emission"):
             for kind in ("phong", "lambert", "blinn", "constant"):
-                colour = effect.find(f"profile_COMMON/technique/{kind}/{way}/color")
+                colour = effect.find(f"profile_COMMON/technique/{kind}/{lighting}/color")
                 if colour is not None:
                     rgba = np.append(_floats(colour.text), 1.0)[:4]
                     return rgba if rgba[3] > 0.0 else np.append(rgba[:3], 1.0)
@@ -241,7 +241,7 @@ def _corners(primitive: ET.Element) -> Any:
     if primitive.tag == "polylist":
         counts = np.array((primitive.findtext("vcount") or "").split(), dtype=np.int64)
         faces = np.split(np.concatenate(faces), np.cumsum(counts)[:-1]) if faces else []
-    found = [np.empty((0, 3), np.int64)]
+    blocks = [np.empty((0, 3), np.int64)]
     for face in faces:
         if primitive.tag == "tristrips":
             triangles = np.stack([face[:-2], face[1:-1], face[2:]], axis=1)
@@ -249,8 +249,8 @@ def _corners(primitive: ET.Element) -> Any:
         else:  # a fan, or a polygon as one
             first = np.repeat(face[:1], max(len(face) - 2, 0))
             triangles = np.stack([first, face[1:-1], face[2:]], axis=1)
-        found.append(triangles)
-    return np.concatenate(found)
+        blocks.append(triangles)
+    return np.concatenate(blocks)
 
 
 # ---------------------------------------------------------------- Wavefront
@@ -270,7 +270,7 @@ def read_wavefront(file: str) -> tuple[Any, Any, Any]:
         if key == "v":
             points.append([float(x) for x in words[:3]])
         elif key == "f":
-            face = [_place(word, len(points)) for word in words]
+            face = [_index(word, len(points)) for word in words]
             corners += [(face[0], *face[k:k + 2]) for k in range(1, len(face) - 1)]
             colours += [colour] * (len(face) - 2)
         elif key == "usemtl":
@@ -283,13 +283,13 @@ def read_wavefront(file: str) -> tuple[Any, Any, Any]:
     return np.array(points)[used], places.reshape(-1, 3), np.array(colours)
 
 
-def _place(word: str, count: int) -> int:
+def _index(word: str, count: int) -> int:
     """Return the number, from 0, of a point of a face; negative ones count from the last."""
     number = int(word.partition("/")[0])
-    place = number - 1 if number > 0 else count + number
-    if not 0 <= place < count or not number:
+    index = number - 1 if number > 0 else count + number
+    if not 0 <= index < count or not number:
         raise ValueError("it has triangles of points that it does not have")
-    return place
+    return index
 
 
 def _lines(file: str) -> Iterator[tuple[str, list[str]]]:
@@ -308,16 +308,16 @@ def _materials(name: str, folder: str) -> dict[str, list[float]]:
     if not (file.startswith(os.path.join(folder, "")) and os.path.isfile(file)
             and os.path.getsize(file) <= LARGEST_MATERIALS):
         return {}
-    found: dict[str, list[float]] = {}
+    colours: dict[str, list[float]] = {}
     colour: list[float] = []
     for key, words in _lines(file):
         if key == "newmtl":
-            colour = found.setdefault(" ".join(words), [np.nan] * 4)
+            colour = colours.setdefault(" ".join(words), [np.nan] * 4)
         elif key == "Kd" and len(words) == 3 and colour:
             colour[:] = [*map(float, words), 1.0 if np.isnan(colour[3]) else colour[3]]
         elif key == "d" and colour and float(words[-1]) > 0.0:
             colour[3] = float(words[-1])
-    return found
+    return colours
 
 
 COLOURED = {".dae": read_collada, ".obj": read_wavefront}  # endings, and who reads them here

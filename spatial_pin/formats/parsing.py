@@ -1,4 +1,4 @@
-"""XML and TOML text to elements and tables, without what a short text can make of their parsers.
+"""XML and TOML text to elements and tables; texts that make their parsers hang are refused.
 
 XML is nested no deeper than robots are, and may have prefixes that nobody declares; TOML could
 take hours and gigabytes.
@@ -50,16 +50,16 @@ def without(text: str, begin: str, end: str) -> str:
 
     What has no end stays, too; unlike a regular expression, this looks for that end but once.
     """
-    kept, at, start = [], 0, text.find(begin)
+    parts, at, start = [], 0, text.find(begin)
     while start >= 0 and (stop := text.find(end, start + len(begin))) >= 0:
-        kept += [text[at:start], "\n" * text.count("\n", start, stop)]
+        parts += [text[at:start], "\n" * text.count("\n", start, stop)]
         at = stop + len(end)
         start = text.find(begin, at)
-    return "".join([*kept, text[at:]])
+    return "".join([*parts, text[at:]])
 
 
 def parse_urdf(text: str, path: Path) -> ET.Element:
-    """Return the root element of URDF text; a namespace of all of URDF is left out of its names."""
+    """Return the root element of URDF text; names lose a namespace of all of URDF."""
     robot = parse_xml(text.lstrip(), path)
     if robot.tag.endswith("}robot"):
         namespace = robot.tag.removesuffix("robot")
@@ -84,7 +84,7 @@ def _parsed(text: str) -> ET.Element:
 
 def parse_toml(text: str, path: Path) -> dict[str, Any]:
     """Return the tables of TOML text; `path` is where it comes from."""
-    long = _LONG_KEY.search(_TEXTS.sub(lambda found: "" if found[1] else "_", text))
+    long = _LONG_KEY.search(_TEXTS.sub(lambda digits: "" if digits[1] else "_", text))
     if long:
         raise MechanismFileError(f"{shown(path)}: a key of more than {DEEPEST_KEY} names: "
                                  f"{long[0][:40]}...; a mechanism file has at most three")
@@ -95,8 +95,8 @@ def parse_toml(text: str, path: Path) -> dict[str, Any]:
     except tomllib.TOMLDecodeError as error:
         raise MechanismFileError(f"{shown(path)}: not valid TOML: {str(error)[:300]}") from error
     except ValueError as error:  # Python reads no numbers of thousands of digits
-        found = re.search(r"\d{1000}", text.replace("_", ""))
-        lines = text.replace("_", "")[:found.start() if found else 0].splitlines() or [""]
+        digits = re.search(r"\d{1000}", text.replace("_", ""))
+        lines = text.replace("_", "")[:digits.start() if digits else 0].splitlines() or [""]
         key = lines[-1].partition("=")[0].strip()[:40]
         raise MechanismFileError(
             f"{shown(path)}: line {len(lines)}: {key}: a whole number of thousands of digits; "

@@ -22,7 +22,7 @@ FOLDERS = ("", "urdf", "robots")  # where in a folder, or package, its URDF lies
 
 
 def is_urdf(path: Path) -> bool:
-    """Return whether a file is one: its name says so, or the name of its root element."""
+    """Return whether a file is a URDF, by its name or the name of its root element."""
     if path.suffix.lower() != ".xml":
         return True
     try:
@@ -32,33 +32,33 @@ def is_urdf(path: Path) -> bool:
     return root is not None and root[0].endswith("<robot")
 
 
-def read_urdf(request: Request, beside: Path | None = None) -> Imported:
+def read_urdf(request: Request, loops_file: Path | None = None) -> Imported:
     """Read a URDF or xacro file.
 
     Args:
         request: the file.
-        beside: the file that states its loops, if that is known; else it is looked for.
+        loops_file: the file that states its loops, if that is known; else it is looked for.
     """
     text = request.expanded
     if text is None:
         text = expand(request.path, request.parameters, request.trusted, request.packages)
     robot = parse_urdf(text, request.path)
     before = ET.tostring(robot, encoding="unicode")
-    notices = leave_out(robot, request.without, str(request.path))
+    notices = leave_out(robot, request.without, str(request.path)) if request.without else []
     if request.path.suffix != ".xacro" and (written := re.search(r"\$\{[^}]*\}", before)):
-        notices.append(f"{written[0]} stands in it as it is written: xacro puts values in, where "
+        notices.append(f"{written[0]} is in it as text: xacro puts values in, where "
                        "the file's name ends in .urdf.xacro")
     links = {link.get("name") for link in robot.findall("link")}
     named = {end_of(x, "parent") for x in robot.iter() if local(x) == "joint"}
     named |= {x.get("name", "") for x in robot.iter() if local(x).endswith(("_body_A", "_body_B"))}
     if WORLD in named - links:  # as Drake has it
         robot.insert(0, ET.Element("link", name=WORLD))
-        notices.append(f"link {WORLD!r} is not defined: it is what stands still")
+        notices.append(f"link {WORLD!r} is not defined: it is the ground")
     reading = RobotReading(robot, request.path, notices=notices)
     if request.complete:
         refuse_unread(reading)
     else:
-        read_dialects(reading, beside)
+        read_dialects(reading, loops_file)
     if request.alone and not reading.content.get("closures"):
         yaml_loops.tell_unstated(reading)
     after = ET.tostring(reading.robot, encoding="unicode")
@@ -98,7 +98,7 @@ def _read(urdf: Path, request: Request, name: str, statement: Path | None = None
     robot = parse_xml(imported.urdf, urdf)
     for mesh in robot.iter("mesh"):
         file = mesh.get("filename", "")
-        if file and "://" not in file:  # relative to the URDF, not to what was asked for
+        if file and "://" not in file:  # relative to the URDF, not to the file that was loaded
             mesh.set("filename", str(urdf.resolve().parent / file))
     return Imported(ET.tostring(robot, encoding="unicode"), {"name": name, **imported.content},
                     imported.notices)
@@ -106,20 +106,20 @@ def _read(urdf: Path, request: Request, name: str, statement: Path | None = None
 
 def _candidates(folder: Path, trust: Trust) -> list[Path]:
     """Return the URDFs of a folder, those of the first place that has any."""
-    for place in FOLDERS:
-        found = sorted(p for p in (folder / place).glob("*.urdf") if trust.allows(p))
-        if found:
-            return found
+    for part in FOLDERS:
+        files = sorted(p for p in (folder / part).glob("*.urdf") if trust.allows(p))
+        if files:
+            return files
     return []
 
 
 def _only(folder: Path, trust: Trust) -> Path:
-    """Return the URDF that is meant by a folder."""
-    found = _candidates(folder, trust)
+    """Return the URDF of a folder."""
+    files = _candidates(folder, trust)
     names = ("robot", folder.resolve().name)
-    chosen = found if len(found) == 1 else [p for p in found if p.stem in names][:1]
+    chosen = files if len(files) == 1 else [p for p in files if p.stem in names][:1]
     if not chosen:
-        listed = ", ".join(p.name for p in found) or "none"
+        listed = ", ".join(p.name for p in files) or "none"
         raise MechanismFileError(f"{shown(folder)}: which .urdf is meant? There are: {listed}; "
                                  "load one of them by its own path")
     return chosen[0]

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.errors import SingularError
-from spatial_pin.kernel.kernel import Kernel, check
-from spatial_pin.kernel.library import INT, POINTER, REAL, address
+from spatial_pin.kernel.kernel import Kernel
+from spatial_pin.kernel.library import INT, POINTER, REAL, address, check
 from spatial_pin.mechanism.equations import Cosine
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import NOT_FINITE, Array
@@ -21,7 +21,7 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 
 AGREEING = {"z": 1, "xyz": 3}  # axes that must point the same way, by `Pair.aligned`
 EQUATIONS = {1: 2, 3: 3}  # of directions that say so
-NAMED, HELD, TURNS = 1, 2, 4  # what is said of an entry of q; TURNS: whole turns mean nothing
+NAMED, FIXED, TURNS = 1, 2, 4  # kinds of an entry of q; TURNS: whole turns mean nothing
 AT_ONCE = 8  # starts at most that loops are closed from in one call
 MOST_GROUPS = 8  # of loops that are each closed from as many further ones in it
 LOOSE = TOLERANCES.nothing  # residual to which loops are closed where more is released then
@@ -78,71 +78,67 @@ class Reached(NamedTuple):
     examined: Examined | None = None
 
 
-class Meant(NamedTuple):
-    """What configurations are judged by.
+class NamedCoordinates(NamedTuple):
+    """Values that configurations are compared with, and to which their angles are unwrapped.
 
-    Angles that mean the same after a whole turn are taken to where they are named, else nearest to
+    An angle that means the same after a whole turn is taken to where it is named, else nearest to
     zero, to half a turn rather than its negative; a turn further where only that is in the limits.
-    Held ones have their values.
+    Fixed ones have their values.
 
     Attributes:
-        value: (nq,) of what is named or held; those of a ball together.
-        said: (nq,) NAMED, HELD, TURNS, or several, of each; those of a ball at its first entry.
+        value: (nq,) of what is named or fixed; those of a ball together.
+        kinds: (nq,) NAMED, FIXED, TURNS, or several, of each; those of a ball at its first entry.
         lower, upper: (nq,) limits.
     """
 
     value: Array
-    said: NDArray[np.int64]
+    kinds: NDArray[np.int64]
     lower: Array
     upper: Array
 
 
-class MeantPlaces(ctypes.Structure):
-    """Where the arrays of a `Meant` are, for C."""
+class NamedStruct(ctypes.Structure):
+    """Named in unwrapping.h: the arrays of `NamedCoordinates`."""
 
-    _fields_ = [(name, ctypes.c_void_p) for name in Meant._fields]
+    _fields_ = [(name, POINTER) for name in NamedCoordinates._fields]
 
 
-class Reaching(ctypes.Structure):
-    """What loops are closed with and what is found, for C: see `closer_reach`."""
+class ClosureTask(ctypes.Structure):
+    """ClosureTask in closing.h: what loops are closed with, and the result."""
 
     _fields_ = [
         ("m", INT), *[(name, POINTER) for name in ("q", "first", "free")], ("loose", REAL),
         ("tolerance", REAL), ("iterations", INT), ("pinned", POINTER), ("reference", POINTER),
-        ("cut", REAL), ("meant", MeantPlaces), ("n_shakes", INT), ("shakes", POINTER),
-        ("near", REAL), ("shaken", POINTER), ("group", POINTER),
+        ("cut", REAL), ("named", NamedStruct), ("n_steps", INT), ("steps", POINTER),
+        ("near", REAL), ("moved", POINTER), ("group", POINTER),
         *[(name, POINTER) for name in ("error", "distance", "mirrored", "facts", "angle")]]
 
 
-class Shakes:
+class FurtherStarts:
     """Further starts, for where the first one does not lead near to what is named.
 
     Args:
         steps: (m, `AT_ONCE`, nv) joint displacements from the first start, of each of m groups of
-            loops: while one is shaken the others stand.
+            loops: while one is displaced the others stand.
         near: distance from what is named that is not questioned.
         group: (nv,) the group that each velocity is of.
-
-    Attributes:
-        at, at_shaken, at_group: where the displacements are, the group of each, and `group`.
     """
 
     def __init__(self, steps: Array, near: float, group: NDArray[np.int64]) -> None:
-        self.near, self._group = near, group.copy()
-        self.steps = steps.reshape(-1, len(group)).copy()
-        self._shaken = np.repeat(np.arange(len(steps)), len(self.steps) // max(len(steps), 1))
-        self.at, self.at_shaken, self.at_group = (
-            address(x) for x in (self.steps, self._shaken, self._group))
+        self.near, self.steps = near, steps.reshape(-1, len(group)).copy()
+        moved = np.repeat(np.arange(len(steps)), len(self.steps) // max(len(steps), 1))
+        self._alive = moved, group.copy()  # as long as C reads them
+        self.addresses = address(self.steps), *map(address, self._alive)
 
 
 class ClosureSettings(NamedTuple):
-    """How loops are closed, whatever the values of what is held: two are the same if one object.
+    """How loops are closed, whatever the values of what is fixed: two are the same if one object.
 
     Attributes:
         free, first: (nv,) velocities that may move, and may move before that, see `Closer.close`.
         tolerance, iterations, cut: see `Closer.close`.
-        said, lower, upper: see `Meant`.
-        shakes: further starts; None: there are none.
+        kinds, lower, upper: see `NamedCoordinates`.
+        further: further starts; None: there are none.
     """
 
     free: NDArray[np.bool_]
@@ -150,10 +146,10 @@ class ClosureSettings(NamedTuple):
     tolerance: float
     iterations: int
     cut: float
-    said: NDArray[np.int64]
+    kinds: NDArray[np.int64]
     lower: Array
     upper: Array
-    shakes: Shakes | None
+    further: FurtherStarts | None
 
 
 class Closer:
@@ -166,11 +162,10 @@ class Closer:
     Attributes:
         kernel: the compiled mechanism, in whose memory it works.
         handle: of the C structure.
-        facts: (3,) of what was examined last: see `Examined`.
-        at_task: where C reads what is to be reached.
-        paths: those that begin where it closes the loops, by what is prescribed.
-        knows_mirrors: whether it knows the axes of all closures that make them parallel: not of
-            those of which only some equations are kept.
+        at_task: where C reads how to close.
+        paths: those that start where it closes the loops, by what is prescribed.
+        knows_mirrors: whether mirror images can be detected for every closure: not for closures
+            with some equations left out.
     """
 
     def __init__(self, mechanism: Mechanism, pinned: Iterable[str] = ()) -> None:
@@ -185,30 +180,24 @@ class Closer:
             kernel.handle, address(rotations), rotations.shape[1], address(pins), len(pins),
             ctypes.byref(handle)))
         self.handle, self.paths = handle, dict[tuple[int, ...], Any]()
-        self._q, self._pinned = np.empty(kernel.nq), np.empty(len(pins))
-        self._first, self._free = np.empty((2, kernel.nv), np.int64)
-        self._reference, self._angles = np.empty((2, kernel.n_angles))
-        self.facts, self._mirrored = np.empty(3), np.empty(1, np.int64)
-        rows = 1 + MOST_GROUPS * AT_ONCE
-        self._starts, self._mirrors = np.empty((rows, kernel.nq)), np.empty(rows, np.int64)
-        self._errors, self._distances = np.empty((2, rows))
-        self._all_may_be = [1] * rows
-        self._value = np.empty(kernel.nq)
-        self._said = np.empty(kernel.nq, np.int64)
         self.knows_mirrors = rotations.shape[1] == sum(
             bool(c.pair.aligned) for c in mechanism.closures)
-        self._at_q, self._at_first, self._at_free, *self._at, self._at_turns = (
-            address(x) for x in (self._q, self._first, self._free, self._pinned, self._reference))
-        meant = MeantPlaces(address(self._value), address(self._said))
-        found = *map(address, (self._errors, self._mirrors, self._distances)),
-        self._facts = address(self.facts), address(self._angles), address(self._mirrored)
-        self._task = Reaching(
-            0, address(self._starts), None, self._at_free, pinned=self._at[0],
-            reference=self._at_turns, meant=meant,
-            **dict(zip(("error", "mirrored", "distance"), found, strict=True)),
-            facts=self._facts[0], angle=self._facts[1])
-        self.at_task, self._meant = ctypes.byref(self._task), self._task.meant
-        self._reached = ctypes.byref(self._meant), *found
+        rows = 1 + MOST_GROUPS * AT_ONCE
+        self._q, self._value = np.empty((rows, kernel.nq)), np.empty(kernel.nq)
+        self._kinds, self._mirrored = np.empty(kernel.nq, np.int64), np.empty(rows, np.int64)
+        self._first, self._free = np.empty((2, kernel.nv), np.int64)
+        self._reference, self._angles = np.empty((2, kernel.n_angles))
+        self._pinned, self._facts = np.empty(len(pins)), np.empty(4)
+        self._errors, self._distances = np.empty((2, rows))
+        self._all_may_be = [1] * rows
+        self._at_value, self._at_kinds, self._at_first, self._at_facts, self._at_angles = map(
+            address, (self._value, self._kinds, self._first, self._facts, self._angles))
+        self._task = ClosureTask(
+            0, address(self._q), None, address(self._free), pinned=address(self._pinned),
+            reference=address(self._reference), error=address(self._errors),
+            distance=address(self._distances), mirrored=address(self._mirrored),
+            angle=self._at_angles)
+        self.at_task = ctypes.byref(self._task)
         self._settings: ClosureSettings | None = None  # what the task is set to
 
     def close(
@@ -231,106 +220,126 @@ class Closer:
         Raises:
             SingularError: positions have grown beyond all numbers.
         """
-        self._q[:], self._free[:], self._settings = q, free, None
-        if first is not None:
-            self._first[:] = first
-        if len(self._reference):
-            self._reference[:] = reference
-        if len(self._order):
-            self._pinned[:] = np.array(list(pinned))[self._order]
-        self._library.closer_close(
-            self.handle, self._at_q, None if first is None else self._at_first, self._at_free,
-            *self._at, self._at_turns, max(tolerance, LOOSE), tolerance, iterations, cut,
-            *self._facts[::2])
-        error = self.facts.item(0)
+        task, self._settings = self._task, None
+        self._set_method(free, first, tolerance, iterations, cut)
+        self._set_values(reference, pinned)
+        self._q[0], task.m, task.n_steps, task.facts = q, 1, 0, None
+        task.named.value = None
+        check(self._library.closer_close(self.handle, self.at_task))
+        error = self._errors.item(0)
         if not math.isfinite(error):
             raise SingularError(NOT_FINITE)
-        return Closed(self._q.copy(), error, not self.knows_mirrors or self._mirrored.item(0) != 0)
+        return Closed(self._q[0].copy(), error, self._may_be_mirrored)
 
     def reach(
         self, q: Sequence[Array], settings: ClosureSettings, value: Array,
-        reference: Array | float = 0.0, pinned: Iterable[float] = (), shaken: bool = False,
+        reference: Array | float = 0.0, pinned: Iterable[float] = (), further: bool = False,
     ) -> list[Reached]:
         """Close from each of some q (nq,), `AT_ONCE` at most, by itself, as `close` does.
 
         Args:
             q: where to start.
             settings: how.
-            value: (nq,) of what is named or held, see `Meant`.
+            value: (nq,) of what is named or fixed, see `NamedCoordinates`.
             reference: see `close`.
             pinned: see `close`.
-            shaken: close from the further starts too where a single one closes, nothing is at
+            further: close from the further starts too where a single one closes, nothing is at
                 fault, and it is not near: those that lead to what is closed, but no nearer, are
-                left out.
+                omitted.
 
         Raises:
             SingularError: positions have grown beyond all numbers.
         """
-        self.set_task(q, settings, value, reference, pinned, shaken)
-        check(self._library.closer_reach(self.handle, self.at_task))
+        self.set_task(q, settings, value, reference, pinned, further)
+        check(self._library.closer_close(self.handle, self.at_task))
         return self.reached()
 
     def reached(self) -> list[Reached]:
         """Return where C has closed the loops to; raises as `reach`."""
-        mirrors = self._mirrors.tolist() if self.knows_mirrors else self._all_may_be
-        seen = self._examined(mirrors[0]) if self.facts.item(0) < np.inf else None
+        mirrored = self._mirrored.tolist() if self.knows_mirrors else self._all_may_be
+        examined = self._examined(mirrored[0] != 0) if self._facts.item(0) < np.inf else None
         errors = self._errors[: self._task.m].tolist()
         if not all(map(math.isfinite, errors)):
             raise SingularError(NOT_FINITE)
-        return [Reached(self._starts[k].copy(), error, mirrors[k] != 0, self._distances.item(k),
-                        None if k else seen) for k, error in enumerate(errors)]
+        return [Reached(self._q[k].copy(), error, mirrored[k] != 0, self._distances.item(k),
+                        None if k else examined) for k, error in enumerate(errors)]
 
     def set_task(
         self, q: Sequence[Array], settings: ClosureSettings, value: Array,
-        reference: Array | float = 0.0, pinned: Iterable[float] = (), shaken: bool = False,
+        reference: Array | float = 0.0, pinned: Iterable[float] = (), further: bool = False,
     ) -> None:
-        """Set what C is to close, as `reach` says it."""
-        task, shakes = self._task, settings.shakes
+        """Set what C is to close, see `reach`."""
+        task, starts = self._task, settings.further
         if settings is not self._settings:  # else only values have changed
-            self._free[:], self._said[:] = settings.free, settings.said
-            if settings.first is not None:
-                self._first[:] = settings.first
-            self._limits = settings.lower, settings.upper  # the model's own, where it keeps them
-            self._meant.lower, self._meant.upper = map(address, self._limits)
-            task.first = None if settings.first is None else self._at_first
-            task.tolerance, task.loose = settings.tolerance, max(settings.tolerance, LOOSE)
-            task.iterations, task.cut, task.near = settings.iterations, settings.cut, np.inf
-            if shakes is not None:
-                task.near, task.shakes = shakes.near, shakes.at
-                task.shaken, task.group = shakes.at_shaken, shakes.at_group
+            self._set_method(settings.free, settings.first, settings.tolerance,
+                             settings.iterations, settings.cut)
+            self._name(value, settings.kinds, settings.lower, settings.upper)
+            task.facts, task.near = self._at_facts, np.inf
+            if starts is not None:
+                task.near, (task.steps, task.moved, task.group) = starts.near, starts.addresses
             self._settings = settings
+        self._set_values(reference, pinned)
         for row, start in enumerate(q):
-            self._starts[row] = start
+            self._q[row] = start
+        self._value[:] = value
+        task.m = len(q)
+        task.n_steps = len(starts.steps) if further and starts and self.knows_mirrors else 0
+
+    def _set_method(
+        self, free: NDArray[np.bool_], first: NDArray[np.bool_] | None, tolerance: float,
+        iterations: int, cut: float,
+    ) -> None:
+        task = self._task
+        self._free[:] = free
+        if first is not None:
+            self._first[:] = first
+        task.first = None if first is None else self._at_first
+        task.tolerance, task.loose = tolerance, max(tolerance, LOOSE)
+        task.iterations, task.cut = iterations, cut
+
+    def _set_values(self, reference: Array | float, pinned: Iterable[float]) -> None:
         if len(self._reference):
             self._reference[:] = reference
         if len(self._order):
             self._pinned[:] = np.array(list(pinned))[self._order]
-        self._value[:] = value
-        task.m = len(q)
-        task.n_shakes = len(shakes.steps) if shaken and shakes and self.knows_mirrors else 0
 
-    def judge(self, q: Array, reference: Array | float, meant: Meant) -> Reached:
+    def _name(
+        self, value: Array, kinds: NDArray[np.int64], lower: Array, upper: Array
+    ) -> None:
+        self._value[:], self._kinds[:] = value, kinds
+        self._limits = lower, upper  # as long as C reads them
+        named = self._task.named
+        named.value, named.kinds = self._at_value, self._at_kinds
+        named.lower, named.upper = map(address, self._limits)
+
+    def judge(self, q: Array, reference: Array | float, named: NamedCoordinates) -> Reached:
         """Return what q (nq,) is, whole turns taken off its angles."""
-        self._q[:], self._reference[:] = q, reference
-        self._value[:], self._said[:], self._settings = meant.value, meant.said, None
-        self._limits = meant.lower, meant.upper
-        self._meant.lower, self._meant.upper = map(address, self._limits)
-        self._library.closer_judge(
-            self.handle, self._at_q, self._at_turns, *self._reached)
-        return Reached(self._q.copy(), self._errors.item(0),
-                       not self.knows_mirrors or self._mirrors.item(0) != 0,
-                       self._distances.item(0))
+        self._settings = None
+        self._name(*named)
+        self._examine(q, reference, None)
+        return Reached(self._q[0].copy(), self._facts.item(0), self._may_be_mirrored,
+                       self._facts.item(1))
 
     def examine(self, q: Array, reference: Array | float) -> Examined:
         """Return what q (nq,) is like; turns (n_angles,) are those that angles count from [rad]."""
-        self._q[:], self._reference[:] = q, reference
-        check(self._library.closer_examine(self.handle, self._at_q, self._at_turns, *self._facts))
-        return self._examined(not self.knows_mirrors or self._mirrored.item(0) != 0)
+        self._settings = self._task.named.value = None
+        self._examine(q, reference, self._at_angles)
+        return self._examined(self._may_be_mirrored)
 
-    def _examined(self, mirrored: float) -> Examined:
-        error, least, left_out = self.facts.tolist()
+    def _examine(self, q: Array, reference: Array | float, angles: int | None) -> None:
+        self._q[0], self._reference[:], task = q, reference, self._task
+        named = ctypes.addressof(task) + ClosureTask.named.offset
+        check(self._library.closer_examine(
+            self.handle, task.q, task.reference, named, self._at_facts, angles, task.mirrored))
+
+    @property
+    def _may_be_mirrored(self) -> bool:
+        return not self.knows_mirrors or self._mirrored.item(0) != 0
+
+    def _examined(self, mirrored: bool) -> Examined:
+        error, _, least, left_out = self._facts.tolist()
         angles = self._angles.copy() if self.kernel.n_angles else self._angles
-        return Examined(error, angles, mirrored != 0, least, left_out)
+        return Examined(error, angles, mirrored, least, left_out)
 
     def descend(
         self, q: Array, free: NDArray[np.bool_], tolerance: float, iterations: int
@@ -341,8 +350,9 @@ class Closer:
         """
         q, errors = np.array(q, order="C"), np.empty(len(q))
         self._free[:], self._settings = free, None
-        self._library.closer_descend(self.handle, len(q), address(q), self._at_free, tolerance,
-                                     iterations, address(errors))
+        check(self._library.closer_descend(
+            self.handle, len(q), address(q), self._task.free, tolerance, iterations,
+            address(errors)))
         return q, errors
 
 
@@ -360,7 +370,7 @@ def _rotations(mechanism: Mechanism) -> Iterator[tuple[int, int]]:
         rows = at + np.flatnonzero([isinstance(row.first, Cosine) for row in closure.rows])
         at += closure.n_rows
         axes = AGREEING.get(closure.pair.aligned, 0)
-        if axes and len(rows) == EQUATIONS[axes]:
+        if axes and len(rows) == EQUATIONS[axes] and not closure.sums:
             yield int(rows[0]), axes
 
 
@@ -370,6 +380,6 @@ def _pin(mechanism: Mechanism, name: str) -> tuple[int, int, int, int]:
     i = mechanism.joint_id(c.joint)
     q, v = int(mechanism.model.idx_qs[i]), int(mechanism.model.idx_vs[i])
     is_free = mechanism.model.nqs[i] == 7
-    if is_free and c.place < 3:
-        return q, v, c.place, 0
-    return q + 3 * is_free, v + 3 * is_free, c.place % 3, 1
+    if is_free and c.component < 3:
+        return q, v, c.component, 0
+    return q + 3 * is_free, v + 3 * is_free, c.component % 3, 1

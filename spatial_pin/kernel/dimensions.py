@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.kernel.closer import Closer
-from spatial_pin.kernel.kernel import Kernel, check, numbers
-from spatial_pin.kernel.library import address
+from spatial_pin.kernel.kernel import EvaluationStruct, Kernel, numbers
+from spatial_pin.kernel.library import INT, NOT_FINITE, POINTER, REAL, address, check
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -41,10 +41,10 @@ class ClosedSamples(NamedTuple):
         points: (m, n_points, 5, 3) position, velocity, acceleration, angular velocity and angular
             acceleration of what the points are fixed in, world axes.
         error: (m,) closure errors.
-        farthest, way: (m,) displacement from the start, of the joint that moved farthest and the
-            norm of all [rad, characteristic lengths].
+        farthest, distance: (m,) displacement from the start, of the joint that moved farthest and
+            the norm of all [rad, characteristic lengths].
         sign, magnitude: (m,) of the determinant of the square system; natural logarithm.
-        bend: (m,) norm of Newton's step from the end back to the start, less `way`.
+        bend: (m,) norm of Newton's step from the end back to the start, less `distance`.
         opened: (m,) rate at which redundant equations would be violated, relative to the fastest
             joint's rate.
     """
@@ -56,7 +56,7 @@ class ClosedSamples(NamedTuple):
     points: Array
     error: Array
     farthest: Array
-    way: Array
+    distance: Array
     sign: Array
     magnitude: Array
     bend: Array
@@ -92,13 +92,31 @@ class EvaluatedSamples(NamedTuple):
         return (own.reshape(-1, 3) @ self.axes[joint].T).reshape(own.shape)
 
 
+class ClosingSystem(NamedTuple):
+    """The square system that samples are closed with, and their rates are solved by.
+
+    Attributes:
+        chosen: independent closure equations.
+        driven: places of the drivers in the velocity vector.
+        fill: (k, nv) rows that give passive freedoms the least motion.
+        free: (nv,) velocities that may move to close the loops.
+    """
+
+    chosen: NDArray[np.intp]
+    driven: list[int]
+    fill: Array
+    free: NDArray[np.bool_]
+
+
 class _DimensionStruct(ctypes.Structure):
-    _fields_ = [(name, ctypes.c_void_p) for name in (
-        "base", "place", "varied", "free", "joint", "speed", "acceleration", "q", "angle", "v",
-        "a", "point", "fact")]
-    _fields_ += [(name, ctypes.c_int64) for name in (
-        "n_reals", "n_varied", "n_points", "iterations")]
-    _fields_ += [(name, ctypes.c_double) for name in ("tolerance", "cut")]
+    """Samples in dimensions.c."""
+
+    _fields_ = [(name, POINTER) for name in (
+        "chosen", "driven", "fill", "base", "place", "varied", "free", "joint", "speed",
+        "acceleration", "q", "angle", "v", "a", "point", "fact")]
+    _fields_ += [(name, INT) for name in (
+        "n_chosen", "n_driven", "n_fill", "n_reals", "n_varied", "n_points", "iterations")]
+    _fields_ += [("tolerance", REAL), ("cut", REAL)]
 
 
 class DimensionCloser:
@@ -112,36 +130,16 @@ class DimensionCloser:
 
     def __init__(self, mechanism: Mechanism) -> None:
         self._closer = Closer(mechanism)
-        self._kernel = kernel = self._closer.kernel
-        self._free = np.ones(kernel.nv, np.int64)
-        self._n_fill = 0
-
-    def set_system(
-        self, chosen: NDArray[np.intp], driven: Sequence[int], fill: Array,
-        free: NDArray[np.bool_],
-    ) -> None:
-        """Set the square system: independent equations, idle rotations, drivers, least-motion rows.
-
-        Args:
-            chosen: independent closure equations.
-            driven: places in the velocity vector.
-            fill: (k, nv) rows that give passive freedoms the least motion.
-            free: (nv,) velocities that may move to close the loops.
-        """
-        rows, at = np.array(chosen, np.int64), np.array(driven, np.int64)
-        fill = numbers(fill, (len(fill), self._kernel.nv))
-        check(self._kernel.library.system_set(
-            self._kernel.handle, address(rows), len(rows), address(at), len(at), address(fill),
-            len(fill)))
-        self._free[:], self._n_fill = free, len(fill)
+        self._kernel = self._closer.kernel
 
     def close(
-        self, q: Array, angles: Array, made_of: Numbers, joints: Sequence[int],
-        rates: Array | None, tolerance: float, iterations: int,
+        self, system: ClosingSystem, q: Array, angles: Array, made_of: Numbers,
+        joints: Sequence[int], rates: Array | None, tolerance: float, iterations: int,
     ) -> ClosedSamples:
         """Close samples, each from its own start, and solve their rates.
 
         Args:
+            system: the square system.
             q: (m, nq) starts.
             angles: (m, n_angles) from which those of screws count [rad].
             made_of: their numbers.
@@ -158,16 +156,20 @@ class DimensionCloser:
         varied = numbers(made_of.varied, (m, len(places)))
         v, a, facts = np.empty((m, nv)), np.empty((m, nv)), np.empty((m, 7))
         points = np.empty((m, len(at), 5, 3))
-        work = np.empty(len(base) + kernel.nq + nv + kernel.n_closure + self._n_fill * nv)
+        fill = numbers(system.fill, (len(system.fill), nv))
+        chosen, driven, free = (
+            np.array(x, np.int64) for x in (system.chosen, system.driven, system.free))
+        work = np.empty(3 * len(at) + kernel.nq + nv + kernel.n_closure + fill.size)
         speed, acceleration = (None, None) if rates is None else (
             np.ascontiguousarray(x, float) for x in rates)
-        asked = _DimensionStruct(
+        samples = _DimensionStruct(
             *(None if x is None else address(x) for x in (
-                base, places, varied, self._free, at, speed, acceleration, q, angles, v, a,
-                points, facts)),
-            reals, len(places), len(at), iterations, tolerance, TOLERANCES.rank)
+                chosen, driven, fill, base, places, varied, free, at, speed, acceleration, q,
+                angles, v, a, points, facts)),
+            len(chosen), len(driven), len(fill), reals, len(places), len(at), iterations,
+            tolerance, TOLERANCES.rank)
         check(kernel.library.dimensions_close(
-            kernel.handle, self._closer.handle, ctypes.byref(asked), m, address(work)))
+            kernel.handle, self._closer.handle, ctypes.byref(samples), m, address(work)))
         return ClosedSamples(q, angles, v, a, points, *facts.T)
 
 
@@ -201,17 +203,17 @@ class DimensionEvaluator:
         base = numbers(made_of.base, kernel.packed.reals.shape)
         places = np.array(made_of.places, np.int64)
         varied = numbers(made_of.varied, (m, len(places)))
-        residual, work = np.empty((m, kernel.n_closure)), np.empty(len(base))
-        turns, translations = np.empty((m, n, 3, 3)), np.empty((m, n, 3))
+        residual, turns, translations = (
+            np.empty((m, *shape)) for shape in ((kernel.n_closure,), (n, 3, 3), (n, 3)))
         k = m if with_jacobian else 0
-        jacobian, linear, angular = np.empty((k, size, nv)), *np.empty((2, k, nv, 3))
-        asked = _DimensionStruct(base=address(base), place=address(places), varied=address(varied),
-                         q=address(q), angle=address(angles), n_reals=len(base),
-                         n_varied=len(places))
+        jacobian, linear, angular = np.empty((k, size + kernel.n_angles, nv)), *np.empty(
+            (2, k, nv, 3))
         ends = [address(x) if with_jacobian else None for x in (jacobian, linear, angular)]
-        check(kernel.library.dimensions_evaluate(
-            kernel.handle, ctypes.byref(asked), m, *map(address, (residual, turns,
-            translations)), *ends, address(work)))
+        code = kernel.library.kernel_evaluate(kernel.handle, ctypes.byref(EvaluationStruct(
+            m, address(q), None, address(angles), address(base), len(base), len(places),
+            *map(address, (places, varied, turns, translations, residual, angles)), *ends)))
+        if code != NOT_FINITE:
+            check(code)
         carriers = kernel.packed.carriers
         return EvaluatedSamples(
             residual, angles, turns, translations[:, carriers], jacobian[:, : kernel.n_closure],

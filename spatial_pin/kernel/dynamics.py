@@ -9,14 +9,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from spatial_pin.kernel.integrating import LOST, Asking, view
+from spatial_pin.errors import SingularError
+from spatial_pin.kernel.integrating import (
+    LOST,
+    MOST_CROSSINGS,
+    CallbackErrors,
+    SampleStruct,
+    SimulationSamples,
+    view,
+)
 from spatial_pin.kernel.kernel import Kernel
-from spatial_pin.kernel.library import INT, POINTER, REAL, address, library
+from spatial_pin.kernel.library import INT, POINTER, REAL, SINGULAR, address, check, library
 from spatial_pin.kernel.packing import Ints, Packed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
-
-MOST_CROSSINGS = 64  # in one step
 
 _EFFORTS = ctypes.CFUNCTYPE(ctypes.c_int, REAL, POINTER, POINTER, POINTER, POINTER)
 _SPRING = ctypes.CFUNCTYPE(ctypes.c_int, INT, REAL, REAL, POINTER)
@@ -25,50 +31,23 @@ _LEAST = ctypes.CFUNCTYPE(ctypes.c_int, REAL, POINTER, POINTER, POINTER, POINTER
 
 
 class _CallbackStruct(ctypes.Structure):
-    """Asked in dynamics.h."""
+    """Callbacks in dynamics.h."""
 
     _fields_ = [("efforts", _EFFORTS), ("spring", _SPRING), ("drives", _DRIVES), ("least", _LEAST)]
 
 
-class RunStruct(ctypes.Structure):
-    """Run in running.h: what many steps want, and where their samples go."""
+class _StartStruct(ctypes.Structure):
+    """StartingPoint in dynamics.h."""
 
-    _fields_ = [("times", POINTER), ("n_times", INT), ("row", INT), ("q", POINTER), ("v", POINTER),
-                ("a", POINTER), ("numbers", POINTER), ("efforts", POINTER), ("angles", POINTER),
-                ("most", INT), ("patience", REAL), ("largest_step", REAL),
-                ("largest_pivot", REAL), ("allowed", REAL), ("n_crossed", INT),
-                ("crossed", REAL * MOST_CROSSINGS), ("crossed_row", INT * MOST_CROSSINGS),
-                ("looks", INT), ("n_limits", INT), ("limit_q", POINTER), ("limit_v", POINTER),
-                ("limit_side", POINTER), ("limit_value", POINTER), ("limit_before", POINTER),
-                ("between", REAL)]
+    _fields_ = [(name, POINTER) for name in ("q", "angles", "spins", "free", "chosen")]
+    _fields_ += [("n_chosen", INT)]
 
 
-AT_END, AT_FAILURE, NEW_COORDINATES, FULL, STIFF, CREEPING, MANY = range(7)  # why it paused
-NO_SAMPLES = 9  # the same, see Pause in running.c
+class _DynamicsHead(ctypes.Structure):
+    """The first fields of Dynamics in dynamics.h."""
 
-
-class SimulationSamples(NamedTuple):
-    """N samples of a simulation.
-
-    Attributes:
-        q, v, a: (N, nq), (N, nv), (N, nv).
-        numbers: (N, 4) closure error [-], kinetic and total energy [J], work [J].
-        efforts: (N, n) of prescribed drivers [N·m, N].
-        angles: (N, n_angles) of screw closures [rad].
-    """
-
-    q: Array
-    v: Array
-    a: Array
-    numbers: Array
-    efforts: Array
-    angles: Array
-
-
-class _SampleStruct(ctypes.Structure):
-    """SampleRows in dynamics.h."""
-
-    _fields_ = [(name, POINTER) for name in SimulationSamples._fields]
+    _fields_ = [("evaluations", INT), ("crosses", INT), ("pivot", REAL), ("held", POINTER),
+                ("factorisations", POINTER)]
 
 
 class Callbacks(NamedTuple):
@@ -88,6 +67,24 @@ class Callbacks(NamedTuple):
     least: Callable[[float, Array, Array, Array, Array], Array | None]
 
 
+class Start(NamedTuple):
+    """What coordinates count from.
+
+    Attributes:
+        q: (nq,) a closed configuration.
+        angles: (n_angles,) of screw closures.
+        spins: angular velocities about their lines of bodies that spin freely [rad/s].
+        free: velocity entries of the independent coordinates.
+        chosen: independent closure equations.
+    """
+
+    q: Array
+    angles: Array
+    spins: Array
+    free: Sequence[int]
+    chosen: Ints
+
+
 class KernelDynamics:
     """The equations of motion in independent coordinates.
 
@@ -95,78 +92,70 @@ class KernelDynamics:
         mechanism: the mechanism.
         arrays: the packed mechanism with its masses, without idle rotations.
         ints, reals: forces and prescribed drivers, as `read_arrays` in creating.c reads them.
-        asked: Python functions that it calls.
+        callbacks: Python functions that it calls.
+        start: where it starts.
 
     Attributes:
         handle: of the C structure.
         n: number of unknowns.
+
+    Raises:
+        SingularError: the coordinates do not determine the motion there.
     """
 
     def __init__(
-        self, mechanism: Mechanism, arrays: Packed, ints: Ints, reals: Array, asked: Callbacks
+        self, mechanism: Mechanism, arrays: Packed, ints: Ints, reals: Array,
+        callbacks: Callbacks, start: Start,
     ) -> None:
         self._kernel = kernel = Kernel(mechanism, arrays)
-        self._library, self.asking = library(), Asking()
+        self._library, self.errors = library(), CallbackErrors()
         self.nq, self.nv, self.n_angles = kernel.nq, kernel.nv, kernel.n_angles
         self.n_free, self.n_drives, n_spins, _, _, works, projects = ints[:7].tolist()
         self.n = (2 * self.nv if projects else 2 * self.n_free + 4 * n_spins) + works
-        self._asked = self._functions(asked)
+        self._callbacks = self._functions(callbacks)
+        given = [np.array(x, float) for x in start[:3]] + [np.array(x, np.int64) for x in start[3:]]
         handle = ctypes.c_void_p()
         code = self._library.dynamics_create(
             kernel.handle, address(ints), len(ints), address(reals), len(reals),
-            ctypes.byref(self._asked), ctypes.byref(handle))
-        if code:
-            raise RuntimeError(f"the kernel refuses the forces of {mechanism.name!r}: {code}")
-        self.handle = handle
+            ctypes.byref(self._callbacks),
+            ctypes.byref(_StartStruct(*map(address, given), len(start.chosen))),
+            ctypes.byref(handle))
+        if code == SINGULAR:
+            raise SingularError(f"mechanism {mechanism.name!r}: singular configuration")
+        check(code)
+        self.handle, self._head = handle, _DynamicsHead.from_address(handle.value or 0)
 
-    def _functions(self, asked: Callbacks) -> _CallbackStruct:
-        nq, nv, na, safely = self.nq, self.nv, self.n_angles, self.asking.safely
+    def _functions(self, given: Callbacks) -> _CallbackStruct:
+        nq, nv, na, safely = self.nq, self.nv, self.n_angles, self.errors.caught
 
         def efforts(t: float, q: int, v: int, angles: int, out: int) -> int:
-            assert asked.efforts is not None
-            view(out, nv)[:] = asked.efforts(
+            assert given.efforts is not None
+            view(out, nv)[:] = given.efforts(
                 t, view(q, nq).copy(), view(v, nv).copy(), view(angles, na).copy())
             return 0
 
         def spring(which: int, length: float, rate: float, out: int) -> int:
-            assert asked.spring is not None
-            view(out, 1)[0] = asked.spring(which, length, rate)
+            assert given.spring is not None
+            view(out, 1)[0] = given.spring(which, length, rate)
             return 0
 
         def drives(t: float, out: int) -> int:
-            assert asked.drives is not None
-            view(out, 3 * self.n_drives)[:] = asked.drives(t).ravel()
+            assert given.drives is not None
+            view(out, 3 * self.n_drives)[:] = given.drives(t).ravel()
             return 0
 
-        def lightest(t: float, q: int, v: int, a: int, angles: int, out: int) -> int:
-            found = asked.least(t, view(q, nq).copy(), view(v, nv).copy(), view(a, nv).copy(),
-                                view(angles, na).copy())
-            if found is None:
+        def least(t: float, q: int, v: int, a: int, angles: int, out: int) -> int:
+            accelerations = given.least(t, view(q, nq).copy(), view(v, nv).copy(),
+                                        view(a, nv).copy(), view(angles, na).copy())
+            if accelerations is None:
                 return LOST
-            view(out, self.n_free)[:] = found
+            view(out, self.n_free)[:] = accelerations
             return 0
 
         return _CallbackStruct(
-            _EFFORTS(safely(efforts)) if asked.efforts else _EFFORTS(),
-            _SPRING(safely(spring)) if asked.spring else _SPRING(),
-            _DRIVES(safely(drives)) if asked.drives else _DRIVES(), _LEAST(safely(lightest)))
-
-    def begin(
-        self, q: Array, angles: Array, spins: Array, free: Sequence[int], chosen: Ints
-    ) -> bool:
-        """Count coordinates from a closed configuration; whether they determine the motion.
-
-        Args:
-            q: (nq,) the configuration.
-            angles: (n_angles,) of screw closures.
-            spins: angular velocities about their lines of bodies that spin freely [rad/s].
-            free: velocity entries of the independent coordinates.
-            chosen: independent closure equations.
-        """
-        q, angles, spins = (np.array(x, float) for x in (q, angles, spins))
-        held, chosen = np.array(free, np.int64), np.array(chosen, np.int64)
-        return not self._library.dynamics_begin(
-            self.handle, *map(address, (q, angles, spins, held, chosen)), len(chosen))
+            _EFFORTS(safely(efforts)) if given.efforts else _EFFORTS(),
+            _SPRING(safely(spring)) if given.spring else _SPRING(),
+            _DRIVES(safely(drives)) if given.drives else _DRIVES(), _LEAST(safely(least)))
 
     def renew(self, t: float, y: Array) -> tuple[list[int], Array, bool] | None:
         """Choose the best independent coordinates at y, and let them count from there.
@@ -176,26 +165,39 @@ class KernelDynamics:
             (the same coordinates, none of which turns in space). None where there are none.
         """
         y, free, same = np.array(y), np.empty(self.n_free, np.int64), np.empty(1, np.int64)
-        code = self.asking.settle(self._library.dynamics_renew(
+        code = self.errors.checked(self._library.dynamics_renew(
             self.handle, t, *map(address, (y, free, same))))
         return None if code else (free.tolist(), y, bool(same[0]))
 
     def rates(self, t: float, y: Array) -> Array:
         """Return dy/dt (n,), NaN where the loops cannot be closed."""
         y, out = np.ascontiguousarray(y, float), np.empty(self.n)
-        code = self.asking.settle(self._library.dynamics_rates(
+        code = self.errors.checked(self._library.dynamics_rates(
             self.handle, t, address(y), address(out)))
         if code:
             out[:] = math.nan
         return out
 
-    def place(self, t: float, y: Array) -> tuple[Array, Array, Array, float] | None:
+    def motion_at(self, t: float, y: Array) -> tuple[Array, Array, Array, float] | None:
         """Return q, v, screw angles and closure error at y; None where loops cannot be closed."""
-        y, error = np.ascontiguousarray(y, float), np.empty(1)
+        numbers = np.empty(4)
         q, v, angles = np.empty(self.nq), np.empty(self.nv), np.empty(self.n_angles)
-        code = self.asking.settle(self._library.dynamics_place(
-            self.handle, t, *map(address, (y, q, v, angles, error))))
-        return None if code else (q, v, angles, float(error[0]))
+        code = self._samples(np.array([t]), y, SampleStruct(
+            address(q), address(v), numbers=address(numbers), angles=address(angles)))
+        return None if code else (q, v, angles, numbers.item(0))
+
+    def heaviest(self, t: float, y: Array) -> float:
+        """Return the largest inertia of a joint at y, scaled, the others held."""
+        most, other = np.zeros(1), self.room(1)
+        self._samples(np.array([t]), y, SampleStruct(
+            address(other.q), address(other.v), numbers=address(other.numbers),
+            angles=address(other.angles), heaviest=address(most)))
+        return most.item(0)
+
+    def _samples(self, times: Array, unknowns: Array, rows: SampleStruct) -> int:
+        unknowns = np.ascontiguousarray(unknowns, float)
+        return self.errors.checked(self._library.dynamics_samples(
+            self.handle, len(times), address(times), address(unknowns), ctypes.byref(rows)))
 
     def settle(self, y: Array, allowed: float) -> tuple[Array, float, int] | None:
         """Take unknowns (n,) of all joints to closed loops.
@@ -216,9 +218,7 @@ class KernelDynamics:
     @property
     def free(self) -> list[int]:
         """Velocity entries of the independent coordinates that it solves for now."""
-        free = np.empty(self.n_free, np.int64)
-        self._library.dynamics_free(self.handle, address(free))
-        return free.tolist()
+        return list((INT * self.n_free).from_address(self._head.held)) if self.n_free else []
 
     def room(self, n: int) -> SimulationSamples:
         """Return room for n samples."""
@@ -227,12 +227,9 @@ class KernelDynamics:
 
     def samples(self, times: Array, unknowns: Array) -> SimulationSamples | None:
         """Return samples at times (N,) and unknowns (N, n); None where loops cannot be closed."""
-        times, unknowns = (np.ascontiguousarray(x, float) for x in (times, unknowns))
-        found = self.room(len(times))
-        code = self.asking.settle(self._library.dynamics_samples(
-            self.handle, len(times), address(times), address(unknowns),
-            ctypes.byref(_SampleStruct(*map(address, found)))))
-        return None if code else found
+        times, samples = np.ascontiguousarray(times, float), self.room(len(times))
+        code = self._samples(times, unknowns, SampleStruct(*map(address, samples)))
+        return None if code else samples
 
     def crossed(self, first: float, last: float) -> list[float]:
         """Return the branch points between two values of the independent coordinate."""
@@ -240,31 +237,26 @@ class KernelDynamics:
         n = self._library.dynamics_crossed(self.handle, first, last, address(out), len(out))
         return out[:n].tolist()
 
-    def keep(self) -> float:
-        """Keep the last configuration as one to restart from where closing from another fails.
+    def save_position(self) -> float:
+        """Save the last configuration, to restart from it where closing from another fails.
 
         Returns:
             The largest speed of another coordinate relative to the independent ones; infinite where
             others must be chosen.
         """
-        return float(self._library.dynamics_keep(self.handle))
-
-    @property
-    def heaviest(self) -> float:
-        """The largest inertia of a joint, scaled, the others held, where it stands."""
-        return float(self._library.dynamics_heaviest(self.handle))
+        return float(self._library.dynamics_save(self.handle))
 
     @property
     def evaluations(self) -> int:
         """Number of evaluations of dy/dt."""
-        return int(self._library.dynamics_evaluations(self.handle))
+        return int(self._head.evaluations)
 
     @property
     def factorisations(self) -> int:
         """Number of factorisations of the constraint equations."""
-        return int(self._library.dynamics_factorisations(self.handle))
+        return int(INT.from_address(self._head.factorisations).value)
 
     @property
     def pivot(self) -> float:
-        """Smallest over largest pivot of the constraint equations at the last evaluation."""
-        return float(self._library.dynamics_pivot(self.handle))
+        """Smallest over largest pivot at the last evaluation; 1 where branch points are crossed."""
+        return 1.0 if self._head.crosses else float(self._head.pivot)

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import ctypes
 import math
-import weakref
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from spatial_pin.kernel.kernel import check
-from spatial_pin.kernel.library import INT, POINTER, REAL, address, library
+from spatial_pin.kernel.library import INT, POINTER, REAL, address, check, library
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import INTEGRATORS, KERNEL
 
@@ -19,37 +17,80 @@ from spatial_pin.settings import INTEGRATORS, KERNEL
 METHODS = tuple(name for name, x in INTEGRATORS.items() if x.solver == KERNEL)
 STATUS = ("running", "finished", "failed")
 RATES = ctypes.CFUNCTYPE(ctypes.c_int, POINTER, REAL, POINTER, POINTER)
-LOST, ASK_FAILED = 20, 21  # as in simulating/dynamics.h
+LOST, CALLBACK_FAILED = 20, 21  # as in simulating/dynamics.h
+MOST_CROSSINGS = 64  # branch points in one step
+ROOM = 30  # numbers for each unknown: MOST_STAGES + 14, see integrating.h
 
 
 class _IntegratorStruct(ctypes.Structure):
-    """The first entries of Integrator in integrating.h."""
+    """Integrator in integrating.h."""
 
     _fields_ = [
         ("n", INT), ("method", INT), ("status", INT), ("code", INT), ("t", REAL), ("t_old", REAL),
         ("t_end", REAL), ("t_begin", REAL), ("next", REAL), ("longest", REAL), ("rtol", REAL),
         ("count", INT), ("done", INT), ("steps", INT), ("evaluations", INT), ("many_long", INT),
-        ("many_short", INT), ("is_stiff", INT), ("is_dense", INT), ("y", POINTER),
-        ("y_old", POINTER), ("f", POINTER)]
+        ("many_short", INT), ("is_stiff", INT), ("is_dense", INT), *((name, POINTER) for name in (
+            "y", "y_old", "f", "atol", "slope", "trial", "ended", "dense")), ("rates", RATES),
+        ("context", POINTER)]
 
 
-class Asking:
-    """Functions of Python that the kernel calls; what they raise is raised when it has ended."""
+AT_END, AT_FAILURE, NEW_COORDINATES, FULL, STIFF, CREEPING, MANY = range(7)  # why it paused
+NO_SAMPLES = 9  # the same, see Pause in running.c
+
+
+class SimulationSamples(NamedTuple):
+    """N samples of a simulation.
+
+    Attributes:
+        q, v, a: (N, nq), (N, nv), (N, nv).
+        numbers: (N, 4) closure error [-], kinetic and total energy [J], work [J].
+        efforts: (N, n) of prescribed drivers [N·m, N].
+        angles: (N, n_angles) of screw closures [rad].
+    """
+
+    q: Array
+    v: Array
+    a: Array
+    numbers: Array
+    efforts: Array
+    angles: Array
+
+
+class SampleStruct(ctypes.Structure):
+    """SampleRows in dynamics.h."""
+
+    _fields_ = [(name, POINTER) for name in (*SimulationSamples._fields, "heaviest")]
+
+
+class RunStruct(ctypes.Structure):
+    """Run in running.h: what many steps want, and where their samples go."""
+
+    _fields_ = [("times", POINTER), ("n_times", INT), ("row", INT), ("rows", SampleStruct),
+                ("most", INT), ("patience", REAL), ("largest_step", REAL),
+                ("largest_pivot", REAL), ("allowed", REAL), ("n_crossed", INT),
+                ("crossed", REAL * MOST_CROSSINGS), ("crossed_row", INT * MOST_CROSSINGS),
+                ("looks", INT), ("n_limits", INT), ("limit_q", POINTER), ("limit_v", POINTER),
+                ("limit_side", POINTER), ("limit_value", POINTER), ("limit_before", POINTER),
+                ("between", REAL)]
+
+
+class CallbackErrors:
+    """What functions of Python raise that the kernel calls: it is raised when the kernel ends."""
 
     def __init__(self) -> None:
         self.error: BaseException | None = None
 
-    def safely(self, function: Callable[..., int]) -> Callable[..., int]:
-        """Return a function that keeps what is raised, and returns the kernel's code."""
+    def caught(self, function: Callable[..., int]) -> Callable[..., int]:
+        """Return a function that remembers what it raises, and returns the kernel's code."""
         def call(*args: Any) -> int:
             try:
                 return function(*args)
-            except BaseException as error:  # raised anew by `settle`
+            except BaseException as error:  # raised anew by `checked`
                 self.error = error
-                return ASK_FAILED
+                return CALLBACK_FAILED
         return call
 
-    def settle(self, code: int) -> int:
+    def checked(self, code: int) -> int:
         """Return a code of the kernel; raise what a function has raised."""
         if self.error is not None:
             error, self.error = self.error, None
@@ -63,6 +104,9 @@ def view(pointer: int | None, n: int) -> Array:
         return np.empty(0)
     block: Any = (ctypes.c_double * n).from_address(pointer)
     return np.frombuffer(block)
+
+
+_ONE_STEP = RunStruct(most=1)
 
 
 class RungeKutta:
@@ -84,49 +128,50 @@ class RungeKutta:
         self, method: str, fun: Any, t0: float, y0: Array, t_end: float, step: float,
         longest: float, rtol: float, atol: Array,
     ) -> None:
-        self._library, self._asking, self._fun = library(), Asking(), fun
-        n, rates, context = len(y0), None, getattr(fun, "kernel_handle", None)
+        self._library, self._errors, self._fun = library(), CallbackErrors(), fun
+        n, rates, context = len(y0), RATES(), getattr(fun, "kernel_handle", None)
         if context is None:
             def evaluate(_: int, t: float, y: int, out: int) -> int:
-                found = view(out, n)
-                found[:] = fun(t, view(y, n).copy())
-                return 0 if np.isfinite(found).all() else LOST
-            rates = self._rates = RATES(self._asking.safely(evaluate))
+                slopes = view(out, n)
+                slopes[:] = fun(t, view(y, n).copy())
+                return 0 if np.isfinite(slopes).all() else LOST
+            rates = RATES(self._errors.caught(evaluate))
         else:
-            self._asking = fun.asking
-        handle, y0, atol = ctypes.c_void_p(), np.array(y0, float), np.array(atol, float)
-        code = self._library.integrator_create(
-            METHODS.index(method), n, rates, context, t0, address(y0), t_end, step, longest, rtol,
-            address(atol), ctypes.byref(handle))
-        self._handle = handle
-        weakref.finalize(self, self._library.integrator_destroy, handle)
-        if self._asking.settle(code) != ASK_FAILED:
-            check(code)
-        self._c = _IntegratorStruct.from_address(handle.value or 0)
+            self._errors = fun.errors
         self.n, self.method = n, method
-        self._y, self._y_old, self._f = (view(p, n) for p in (self._c.y, self._c.y_old, self._c.f))
+        self._room, y0, atol = np.zeros(ROOM * n), np.array(y0, float), np.array(atol, float)
+        self._c = c = _IntegratorStruct(
+            n, METHODS.index(method), t=t0, t_end=t_end, next=step, longest=longest, rtol=rtol,
+            rates=rates, context=context)
+        self._handle = ctypes.byref(c)
+        code = self._library.integrator_begin(
+            self._handle, address(y0), address(atol), address(self._room), len(self._room))
+        if self._errors.checked(code) != CALLBACK_FAILED:
+            check(code)
+        self._y, self._y_old, self._f = (view(p, n) for p in (c.y, c.y_old, c.f))
 
     def step(self) -> None:
         """Take one step."""
-        self._asking.settle(self._library.integrator_step(self._handle))
+        self._run(None, _ONE_STEP)
 
-    def run(self, run: Any) -> int:
+    def run(self, run: RunStruct) -> int:
         """Take many steps of a mechanism in the kernel with their samples; why it paused."""
-        why = self._library.integrator_run(
-            self._handle, self._fun.kernel_handle, ctypes.byref(run))
-        self._asking.settle(why)
-        return int(why)
+        return self._run(self._fun.kernel_handle, run)
+
+    def _run(self, handle: Any, run: RunStruct) -> int:
+        why = self._library.integrator_run(self._handle, handle, ctypes.byref(run))
+        return self._errors.checked(why)
 
     def dense_output(self) -> Callable[[Any], Array]:
         """Return the interpolant of the last step, of a time or of times (N,): (n,) or (n, N)."""
         def at(times: Any) -> Array:
             given = np.ascontiguousarray(np.atleast_1d(times), float)
-            found = np.empty((len(given), self.n))
-            code = self._asking.settle(self._library.integrator_between(
-                self._handle, address(given), len(given), address(found)))
+            values = np.empty((len(given), self.n))
+            code = self._errors.checked(self._library.integrator_between(
+                self._handle, address(given), len(given), address(values)))
             if code:
-                found[:] = math.nan
-            return found.T if np.ndim(times) else found[0]
+                values[:] = math.nan
+            return values.T if np.ndim(times) else values[0]
         return at
 
     @property

@@ -4,14 +4,23 @@ from __future__ import annotations
 
 import ctypes
 import weakref
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.workspaces import acquired
-from spatial_pin.errors import SpatialPinError
-from spatial_pin.kernel.library import CODES, address, library
+from spatial_pin.kernel.library import (
+    BAD_ARRAYS,
+    DONE,
+    INT,
+    POINTER,
+    UNSAFE,
+    address,
+    check,
+    library,
+)
 from spatial_pin.kernel.packing import Packed, packed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
@@ -29,6 +38,16 @@ def numbers(array: Array, shape: tuple[int, ...]) -> Array:
     return out
 
 
+class EvaluationStruct(ctypes.Structure):
+    """Evaluation in kernel.h: configurations, and where goes what they give."""
+
+    _fields_ = [
+        ("m", INT), ("q", POINTER), ("v", POINTER), ("reference", POINTER), ("base", POINTER),
+        ("n_reals", INT), ("n_varied", INT), *((name, POINTER) for name in (
+            "place", "varied", "R", "p", "residual", "angle", "jacobian", "linear", "angular",
+            "bias"))]
+
+
 class Kernel:
     """A mechanism in the compiled kernel; one caller at a time.
 
@@ -41,7 +60,8 @@ class Kernel:
         handle: of the C structure.
         library: the compiled functions.
         packed: what it was made of.
-        kept: what works in its memory, made once.
+        solvers: what works in its memory, made once.
+        path: which path it follows.
     """
 
     def __init__(self, mechanism: Mechanism, arrays: Packed | None = None) -> None:
@@ -56,7 +76,8 @@ class Kernel:
         check(self.library.kernel_create(
             address(ints), len(ints), address(reals), len(reals), ctypes.byref(handle)))
         self.handle = handle
-        self.kept: dict[Any, Any] = {}
+        self.solvers: dict[Any, Any] = {}
+        self.path: object = None
         weakref.finalize(self, self.library.kernel_destroy, handle)
         self._q, self._angles = np.empty(self.nq), np.empty(self.n_angles)
         self._taken = address(self._q), address(self._angles)
@@ -68,21 +89,25 @@ class Kernel:
 
     def placements(self, q: Array) -> Array:
         """Return the joint placements (m, njoints, 4, 3) at q (m, nq): columns of R, then p."""
-        m, n = len(q), len(self.packed.frames)
-        q, carriers = numbers(q, (m, self.nq)), self.packed.carriers
+        m, n, carriers = len(q), len(self.packed.frames), self.packed.carriers
         rotations, translations = np.empty((m, n, 3, 3)), np.empty((m, n, 1, 3))
-        self.library.kernel_evaluate_all(
-            self.handle, m, address(q), address(rotations), address(translations), None)
+        self._evaluate(q, R=rotations, p=translations)
         columns = self.packed.frames[carriers] @ rotations[:, carriers]  # turned to z, and back
         return np.concatenate([columns, translations[:, carriers]], axis=2)
 
     def jacobians(self, q: Array) -> Array:
         """Return (m, n_closure + n_passive, nv) at q (m, nq), by v / `velocity_scale`."""
-        q, n = numbers(q, (len(q), self.nq)), self.n_closure + self.n_passive
-        found = np.empty((len(q), n + self.n_angles, self.nv))
-        self.library.kernel_evaluate_all(
-            self.handle, len(q), address(q), None, None, address(found))
-        return found[:, :n]
+        n = self.n_closure + self.n_passive
+        jacobian = np.empty((len(q), n + self.n_angles, self.nv))
+        self._evaluate(q, jacobian=jacobian)
+        return jacobian[:, :n]
+
+    def _evaluate(self, q: Array, **outputs: Array) -> None:
+        """Evaluate q (m, nq), the angles of screws counting from zero."""
+        q, zero = numbers(q, (len(q), self.nq)), np.zeros((len(q), self.n_angles))
+        self.library.kernel_evaluate(self.handle, ctypes.byref(EvaluationStruct(
+            len(q), address(q), reference=address(zero),
+            **{name: address(x) for name, x in outputs.items()})))
 
     def displaced(self, q: Array, steps: Array) -> Array:
         """Return q (m, nq) moved by joint displacements (m, nv), as `pin.integrate`."""
@@ -92,12 +117,45 @@ class Kernel:
         return q
 
 
-def check(code: int) -> None:
-    """Raise if a function of the kernel ended with what no mechanism brings about."""
-    if code:
-        raise SpatialPinError(f"the kernel ended with {CODES[code]}")
-
-
 def kernel_of(mechanism: Mechanism) -> acquired[Kernel]:
     """Acquire a kernel of a mechanism, as if newly made."""
     return acquired(mechanism, Kernel)
+
+
+class TangentStep(NamedTuple):
+    """The end of a step from a closed configuration, on the surface of independent equations.
+
+    Attributes:
+        q: (nq,) the end.
+        is_closed: whether all other equations hold there.
+    """
+
+    q: Array
+    is_closed: bool
+
+
+def tangent_step(
+    mechanism: Mechanism, q: Array, reference: Array, rows: NDArray[np.intp], freedoms: Array
+) -> TangentStep | None:
+    """Return the end of a step in all freedoms, see `correcting.c`; None where there is none.
+
+    Args:
+        mechanism: the mechanism.
+        q: (nq,) closed configuration.
+        reference: (n_angles,) from which the angles of screws count [rad].
+        rows: independent closure equations at q.
+        freedoms: (k, nv) orthonormal scaled velocities that they leave.
+    """
+    with acquired(mechanism, _without_idle_rotations) as kernel:
+        freedoms = numbers(freedoms, (len(freedoms), kernel.nv))
+        chosen, end = np.array(rows, np.int64), np.empty(kernel.nq)
+        code = kernel.library.tangent_step(
+            kernel.handle, *kernel.taken(q, reference), address(chosen), len(chosen),
+            address(freedoms), len(freedoms), address(end))
+    if code == BAD_ARRAYS:
+        check(code)
+    return TangentStep(end, code == DONE) if code in (DONE, UNSAFE) else None
+
+
+def _without_idle_rotations(mechanism: Mechanism) -> Kernel:
+    return Kernel(mechanism, packed(mechanism, False))

@@ -10,14 +10,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.kernel.kernel import Kernel, check, numbers
-from spatial_pin.kernel.library import address
+from spatial_pin.kernel.kernel import Kernel, numbers
+from spatial_pin.kernel.library import POINTER, address, check
 from spatial_pin.kernel.packing import packed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 
 Places = NDArray[Any]
+
+
+class _KktTask(ctypes.Structure):
+    """KktTask in kkt.c."""
+
+    _fields_ = [(name, POINTER) for name in (
+        "q", "v", "reference", "mass", "force", "a", "closures", "multipliers", "entry", "chosen",
+        "facts")]
 
 
 class KKT:
@@ -43,7 +50,8 @@ class KKT:
     ) -> None:
         self._kernel = kernel = Kernel(mechanism, packed(mechanism, False))
         self._library, nv, n_closure = kernel.library, kernel.nv, kernel.n_closure
-        groups = np.cumsum([0, *_equations_by_closure(kernel)])
+        labels = groupby(kernel.constraints.labels, lambda label: label.closure)
+        groups = np.cumsum([0, *(len(list(group)) for _, group in labels)])  # by closure
         ints = np.concatenate([groups, *mass_at]).astype(np.int64)
         handle = ctypes.c_void_p()
         check(self._library.kkt_create(kernel.handle, address(ints), len(groups) - 1,
@@ -51,15 +59,16 @@ class KKT:
                                        ctypes.byref(handle)))
         self._handle = handle
         self.pivot, self.error, self.rank = 1.0, 0.0, 0
+        self._at = np.nonzero(kernel.constraints.occurring[:n_closure])
+        self._values, self._chosen = np.empty(len(self._at[0])), np.empty(n_closure, np.int64)
         self._q, self._reference = np.empty(kernel.nq), np.empty(kernel.n_angles)
         self._v, self._force, self._a = np.empty((3, nv))
         self.mass, self._facts = np.empty(n_masses), np.empty(3)
         self.closures, self.multipliers = np.empty(nv), np.empty(n_closure)
-        self._rows = np.empty(n_closure, np.int64)
-        self._inputs = [handle, *map(address, (
-            self._q, self._v, self._reference, self.mass, self._force))]
-        self._outputs = [address(x) for x in (
-            self._a, self.closures, self.multipliers, self._facts)]
+        self._task = _KktTask(*map(address, (
+            self._q, self._v, self._reference, self.mass, self._force, self._a, self.closures,
+            self.multipliers, self._values, self._chosen, self._facts)))
+        self._at_task = ctypes.byref(self._task)
 
     def accelerations(
         self, q: Array, v: Array, reference: Array | Sequence[float], given: Array, needed: Array
@@ -75,7 +84,7 @@ class KKT:
         """
         self._q[:], self._v[:], self._reference[:] = q, v, reference
         np.subtract(given, needed, out=self._force)
-        check(self._library.kkt_accelerations(*self._inputs, *self._outputs))
+        check(self._library.kkt_accelerations(self._handle, self._at_task))
         self.pivot, self.error, rank = self._facts.tolist()
         self.rank = int(rank)
         return self._a
@@ -88,7 +97,7 @@ class KKT:
             gamma: (k, n_closure) second derivatives of the closure equations without acceleration.
         """
         n = len(force)
-        force, gamma = numbers(force, (n, len(self._v))), numbers(gamma, (n, len(self._rows)))
+        force, gamma = numbers(force, (n, len(self._v))), numbers(gamma, (n, len(self._chosen)))
         a, multipliers = np.empty_like(force), np.empty_like(gamma)
         self._library.kkt_solve(self._handle, n, *map(address, (force, gamma, a, multipliers)))
         return a, multipliers
@@ -96,20 +105,10 @@ class KKT:
     @property
     def entries(self) -> tuple[Places, Places, Array]:
         """Rows, columns and values (nnz,) of the Jacobian for scaled velocities, at that place."""
-        n = self._library.kkt_entries(self._handle, None, None, None)
-        rows, columns = np.empty((2, n), np.int64)
-        values = np.empty(n)
-        self._library.kkt_entries(self._handle, *map(address, (rows, columns, values)))
-        return rows, columns, values
+        rows, columns = self._at
+        return rows, columns, self._values.copy()
 
     @property
     def rows(self) -> Places:
         """Indices of the independent equations that were chosen, ascending."""
-        n = self._library.kkt_chosen(self._handle, address(self._rows))
-        return self._rows[:n].copy()
-
-
-def _equations_by_closure(kernel: Kernel) -> list[int]:
-    """Return how many equations each closure has, in their order."""
-    labels = constraints_of(kernel.mechanism).labels
-    return [len(list(group)) for _, group in groupby(labels, lambda label: label.closure)]
+        return self._chosen[: self.rank].copy()

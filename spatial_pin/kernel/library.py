@@ -45,28 +45,36 @@ def addresses(arrays: Iterable[NDArray[Any]]) -> list[int]:
 
 
 def opened(path: Path) -> ctypes.CDLL:
-    """Open the library of a file.
+    """Open the library of a file; its functions are declared as C declares them.
 
     Raises:
         SpatialPinError: if it is missing (the package was copied, not installed), if this machine
             cannot load it, or if the C files beside it are not those it was compiled from.
     """
     try:
-        found = ctypes.CDLL(str(path))
+        loaded = ctypes.CDLL(str(path))
     except OSError as error:
         raise SpatialPinError(
             f"the compiled kernel {path} cannot be loaded ({error}): {REMEDY}") from error
     now = source_hash(path.parent)
-    if now and now != compiled_from(found):
+    if now and now != compiled_from(loaded):
         raise SpatialPinError(
             f"the compiled kernel {path} is older than the C files beside it: {REMEDY}")
-    return _declared(found)
+    prototypes: Any = ctypes.pointer(ctypes.c_char_p.in_dll(loaded, "kernel_prototypes"))
+    for prototype in takewhile(bool, prototypes):  # NULL behind the last
+        head, _, arguments = prototype.decode().partition("(")
+        *returned, name = head.split()
+        function = getattr(loaded, name)
+        function.restype = TYPES[returned[-1]]
+        function.argtypes = [POINTER if "*" in x else TYPES.get(x.split()[-2], POINTER)
+                             for x in arguments.rstrip(")").split(",")]
+    return loaded
 
 
-def compiled_from(found: ctypes.CDLL) -> str:
+def compiled_from(loaded: ctypes.CDLL) -> str:
     """Return the hash of the C files that a library was compiled from; nothing if it has none."""
     try:
-        text = (ctypes.c_char * 16).in_dll(found, "kernel_source_hash")
+        text = (ctypes.c_char * 16).in_dll(loaded, "kernel_source_hash")
     except ValueError:
         return ""
     return text.raw.decode(errors="replace")
@@ -78,14 +86,7 @@ def library() -> ctypes.CDLL:
     return opened(Path(__file__).with_name(LIBRARY))
 
 
-def _declared(found: ctypes.CDLL) -> ctypes.CDLL:
-    """Tell what the functions take and return, as C says it, and return the library."""
-    prototypes: Any = ctypes.pointer(ctypes.c_char_p.in_dll(found, "kernel_prototypes"))
-    for prototype in takewhile(bool, prototypes):  # NULL behind the last
-        head, _, arguments = prototype.decode().partition("(")
-        *returned, name = head.split()
-        function = getattr(found, name)
-        function.restype = TYPES[returned[-1]]
-        function.argtypes = [POINTER if "*" in x else TYPES.get(x.split()[-2], POINTER)
-                             for x in arguments.rstrip(")").split(",")]
-    return found
+def check(code: int) -> None:
+    """Raise if a function of the kernel ended with what no mechanism brings about."""
+    if code:
+        raise SpatialPinError(f"the kernel ended with {CODES[code]}")

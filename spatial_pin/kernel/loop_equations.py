@@ -7,6 +7,7 @@ steps mean the same at every size.
 
 from __future__ import annotations
 
+import ctypes
 from functools import cached_property
 from typing import Any
 
@@ -19,7 +20,7 @@ from spatial_pin.constraints.kernel_tree import KernelTree
 from spatial_pin.constraints.opposite_axes import opposite_axes
 from spatial_pin.constraints.trees import Tree, tree_of
 from spatial_pin.constraints.workspaces import acquired
-from spatial_pin.kernel.kernel import Kernel, numbers
+from spatial_pin.kernel.kernel import EvaluationStruct, Kernel, numbers
 from spatial_pin.kernel.library import address
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
@@ -54,17 +55,19 @@ class LoopEquations:
         self._rows = np.zeros((n + kernel.n_angles, kernel.nv))
         self.jacobian, self.angle_jacobian = self._rows[:n], self._rows[n:]
         self._is_placed = False
-        self._at = tuple(map(address, (self._own_q, self.angle_reference, self.residual,
-                                       self.angles, self._rows)))
+        self._at_q, self._at_reference, self._at_rows = map(
+            address, (self._own_q, self.angle_reference, self._rows))
+        self._task = EvaluationStruct(
+            1, self._at_q, reference=self._at_reference, residual=address(self.residual),
+            angle=address(self.angles))
+        self._evaluated = ctypes.byref(self._task)
 
     def update(self, q: Array, with_jacobian: bool = True) -> None:
         """Evaluate the equations at the configuration q (nq,), and `jacobian` if it is wanted."""
         self.q, self._is_placed = q, False
         self._own_q[:] = q
-        here, reference, residual, angles, rows = self._at
-        self._kernel.library.kernel_evaluate(
-            self._kernel.handle, here, None, reference, None, None, residual, angles,
-            rows if with_jacobian else None, None)
+        self._task.jacobian = self._at_rows if with_jacobian else None
+        self._kernel.library.kernel_evaluate(self._kernel.handle, self._evaluated)
 
     def bias(self, q: Array, v: Array) -> Array:
         """Return (n_closure + n_passive,) second derivatives at zero joint acceleration.
@@ -73,8 +76,8 @@ class LoopEquations:
         """
         self._own_q[:] = q
         v, bias = numbers(v, (self.model.nv,)), np.empty(len(self.jacobian))
-        self._kernel.library.kernel_evaluate(
-            self._kernel.handle, self._at[0], address(v), self._at[1], *[None] * 5, address(bias))
+        self._kernel.library.kernel_evaluate(self._kernel.handle, ctypes.byref(EvaluationStruct(
+            1, self._at_q, address(v), self._at_reference, bias=address(bias))))
         return bias
 
     @property
@@ -102,7 +105,7 @@ class LoopEquations:
     def _tree(self) -> Tree | KernelTree:
         """The tree at the last configuration."""
         if not self._is_placed:
-            self._unplaced.place(self.q)
+            self._unplaced.update(self.q)
             self._is_placed = True
         return self._unplaced
 
@@ -155,9 +158,9 @@ class LoopEquations:
         Behind them come those of `Constraints.elsewhere`: they act on two bodies of their own.
         """
         values, wrenches = self._products()
-        (found,) = combined_wrenches(self.constraints, [values[:, None]], [self.q[:, None]],
+        (on_bodies,) = combined_wrenches(self.constraints, [values[:, None]], [self.q[:, None]],
                                      [wrenches])
-        return found
+        return on_bodies
 
     def joint_rows(self) -> Array:
         """Return (len(of_joints), nv) joint forces per unit of each equation `of_joints`.
@@ -165,13 +168,13 @@ class LoopEquations:
         They are the derivatives of these equations by joint coordinates as such.
         """
         c, (values, _) = self.constraints, self._products()
-        found, nv = np.zeros((c.n_closure, self.model.nv)), self.model.nv
+        forces, nv = np.zeros((c.n_closure, self.model.nv)), self.model.nv
         for group in c.composed:
             if len(group.coordinates[0]):
                 value, _ = group.values(group.seeded([values[:, None]], [self.q[:, None]]))
-                found[group.rows] = composed_rows(
+                forces[group.rows] = composed_rows(
                     group, value.changes[0], np.zeros((len(values), nv)), np.ones(nv))
-        return found[c.of_joints]
+        return forces[c.of_joints]
 
     def twist_derivatives(self, joint: int) -> Array:
         """Return derivatives (n_closure, 6) of equations for a twist of what a joint carries."""
@@ -186,10 +189,10 @@ class LoopEquations:
 
 def loops_at(mechanism: Mechanism, q: Array, angles: Array | float = 0.0) -> LoopEquations:
     """Return new `LoopEquations` at the configuration q (nq,), angles counting turns from some."""
-    found = LoopEquations(mechanism)
-    found.angle_reference[:] = angles
-    found.update(q)
-    return found
+    loops = LoopEquations(mechanism)
+    loops.angle_reference[:] = angles
+    loops.update(q)
+    return loops
 
 
 class loops_of(acquired["LoopEquations"]):  # with loops_of(...) as loops
@@ -206,6 +209,6 @@ class loops_of(acquired["LoopEquations"]):  # with loops_of(...) as loops
 
     def __enter__(self) -> LoopEquations:
         """Return the equations."""
-        found = super().__enter__()
-        found.angle_reference[:] = self._angles
-        return found
+        loops = super().__enter__()
+        loops.angle_reference[:] = self._angles
+        return loops

@@ -136,16 +136,16 @@ def with_masses(mechanism: Mechanism) -> Packed:
 
 @made_anew
 def _with_masses(mechanism: Mechanism, masses: bytes) -> Packed:
-    model, found = mechanism.model, packed(mechanism, False)
-    found = found._replace(reals=found.reals.copy())
-    _, _, mass, com, inertia, gravity, _ = found.parts()
+    model, arrays = mechanism.model, packed(mechanism, False)
+    arrays = arrays._replace(reals=arrays.reals.copy())
+    _, _, mass, com, inertia, gravity, _ = arrays.parts()
     for joint, body in enumerate(model.inertias):
         if joint:
-            i = found.carriers[joint]
-            own = found.frames[i]
+            i = arrays.carriers[joint]
+            own = arrays.frames[i]
             mass[i], com[i], inertia[i] = body.mass, own.T @ body.lever, own.T @ body.inertia @ own
     gravity[:] = model.gravity.linear
-    return found
+    return arrays
 
 
 def _joined(kind: type, *parts: Any) -> Any:
@@ -217,12 +217,12 @@ class _Sums:
         """Add a quantity, and the function of it if there is one."""
         if factor.kind == "coordinate":
             coordinate = equation.coordinates[factor.at]
-            place = coordinate.q, coordinate.v
+            entry = coordinate.q, coordinate.v
         else:
-            place = (equation.angles[factor.at][0] if factor.kind == "angle"
+            entry = (equation.angles[factor.at][0] if factor.kind == "angle"
                      else equation.products[factor.at]), 0
         self.kinds.append(QUANTITIES.index(factor.kind))
-        self.places.append(place)
+        self.places.append(entry)
         f = factor.function
         self.function.append(-1 if f is None else len(self.shapes))
         if f is not None:

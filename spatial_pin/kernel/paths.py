@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.kernel.closer import Closer
-from spatial_pin.kernel.kernel import Kernel, check, numbers
-from spatial_pin.kernel.library import INT, POINTER, REAL, address, addresses
+from spatial_pin.kernel.kernel import Kernel, numbers
+from spatial_pin.kernel.library import BAD_ARRAYS, INT, POINTER, REAL, address, addresses, check
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import INTERPOLATED, Accuracy
@@ -60,15 +60,50 @@ class PathSamples(NamedTuple):
         return PathSamples(*(part[first:last] for part in self))
 
 
+class Polynomials(NamedTuple):
+    """Piecewise polynomials of a path's parameter, for the driven coordinates.
+
+    Before the first break and behind the last the outer polynomials are extrapolated. At a break
+    rates are those after it.
+
+    Attributes:
+        begin: the parameter where the path starts.
+        breaks: (m + 1,) ends of the intervals, rising.
+        coefficients: (m, k, degree + 1) of powers of the parameter less the break before it,
+            rising, of all that is driven; zero of what stands still without having a value.
+    """
+
+    begin: float
+    breaks: Array
+    coefficients: Array
+
+
 class _AccuracyStruct(ctypes.Structure):
-    _fields_ = [(name, ctypes.c_double)
-                for name in ("enough", "tolerance", "left", "idle", "between")]
-    _fields_ += [(name, ctypes.c_int64) for name in ("order", "corrections")]
+    """PathAccuracy in following.h."""
+
+    _fields_ = [(name, REAL) for name in ("enough", "tolerance", "left", "idle", "between")]
+    _fields_ += [("order", INT), ("corrections", INT)]
+
+
+class _RowsStruct(ctypes.Structure):
+    """PathRows in following.h: the arrays of `PathSamples`."""
+
+    _fields_ = [(name, POINTER) for name in PathSamples._fields]
+
+
+class _PathTask(ctypes.Structure):
+    """PathTask in following.h."""
+
+    _fields_ = [
+        ("chosen", POINTER), ("n_chosen", INT), ("driven", POINTER), ("n_driven", INT),
+        ("fill", POINTER), ("n_fill", INT), ("accuracy", _AccuracyStruct), ("begin", REAL),
+        ("n_pieces", INT), ("degree", INT), ("breaks", POINTER), ("coefficients", POINTER),
+        ("open", REAL), ("s", POINTER), ("here", _RowsStruct)]
 
 
 @cache
-def asked_path(accuracy: Accuracy, has_redundant: bool, is_determined: bool) -> Any:
-    """Return what is asked of a path, for C.
+def path_accuracy(accuracy: Accuracy, has_redundant: bool, is_determined: bool) -> Any:
+    """Return how exactly a path is followed, for C.
 
     Args:
         accuracy: of the path.
@@ -80,79 +115,73 @@ def asked_path(accuracy: Accuracy, has_redundant: bool, is_determined: bool) -> 
     loose = tolerance >= INTERPOLATED and accuracy.order == 3 and not is_fixed and is_determined
     wanted = min(tolerance, TIGHT) if has_redundant else tolerance
     closed = max(NODE_RESIDUAL, NODE_PART * tolerance**1.5) if loose else max(wanted, FINEST)
-    return ctypes.byref(_AccuracyStruct(
+    return _AccuracyStruct(
         UNCORRECTED_PART * closed, CLOSED_PART * closed, max(LEFT, wanted, closed),
         np.inf if is_fixed else max(IDLE_ERROR, IDLE_PART * tolerance),
         tolerance if loose else 0.0, accuracy.order,
-        -1 if accuracy.corrections is None else accuracy.corrections))
-
-
-class PathRows(ctypes.Structure):
-    """Where the arrays of `PathSamples` are, for C."""
-
-    _fields_ = [(name, ctypes.c_void_p) for name in PathSamples._fields]
-
-
-class PathTask(ctypes.Structure):
-    """Where a path begins, and where its values go, for C: see `path_from_guess`."""
-
-    _fields_ = [("n_chosen", INT), ("driven", POINTER), ("n_driven", INT), ("open", REAL),
-                ("value", POINTER), ("n", INT), ("rows", PathRows)]
+        -1 if accuracy.corrections is None else accuracy.corrections)
 
 
 class Path:
     """A path over the value of one coordinate, or over a parameter that several depend on.
 
-    It keeps a current point, which can move to any value, forwards or backwards.
+    Its current point can move to any value, forwards or backwards. A kernel follows one path at a
+    time; another one starts again at its current point.
 
     Args:
-        kernel: of the mechanism; this path alone uses it as long as it is followed.
+        kernel: of the mechanism.
         chosen: independent closure equations; None: as many are chosen at the start as
             there are unknowns.
         driven: what is prescribed, the driver first; see `prescribed_places`.
         fill: (k, nv) rows that give passive freedoms the least motion; None: there are none.
         accuracy: tolerance and order of the predictor.
+        polynomials: the driven coordinates by a parameter; None: the first one leads.
     """
 
     def __init__(
-        self, kernel: Kernel, chosen: NDArray[np.integer[Any]] | None,
-        driven: Sequence[int], fill: Array | None, accuracy: Accuracy,
+        self, kernel: Kernel, chosen: NDArray[np.integer[Any]] | None, driven: Sequence[int],
+        fill: Array | None, accuracy: Accuracy, polynomials: Polynomials | None = None,
     ) -> None:
-        self.kernel, self._library = kernel, kernel.library
-        self.n_driven, self._chooses, self.accuracy = len(driven), chosen is None, accuracy
+        self.kernel, self._library, self.accuracy = kernel, kernel.library, accuracy
+        n = kernel.nv - kernel.n_passive - len(driven) if chosen is None else len(chosen)
         rows = None if chosen is None else np.ascontiguousarray(chosen, np.int64)
-        n = kernel.nv - kernel.n_passive - len(driven) if rows is None else len(rows)
-        self._driven = (INT * len(driven))(*driven)
-        self._task = PathTask(n, ctypes.addressof(self._driven), len(driven))
-        fill = None if fill is None else np.ascontiguousarray(fill, float)
-        check(self._library.system_set(
-            kernel.handle, None if rows is None else address(rows), n,
-            self._driven, len(driven),
-            None if fill is None else address(fill), 0 if fill is None else len(fill)))
-        handle = ctypes.c_void_p()
-        asked = asked_path(accuracy, n < kernel.n_closure, fill is None or not len(fill))
-        check(self._library.path_create(kernel.handle, asked, ctypes.byref(handle)))
-        self._handle = handle
-
-    def __del__(self) -> None:
-        """Free what C has allocated."""
-        if hasattr(self, "_handle"):
-            self._library.path_destroy(self._handle)
+        at, fill = np.array(driven, np.int64), np.ascontiguousarray(
+            np.empty((0, kernel.nv)) if fill is None else fill, float)
+        self._here = PathSamples.empty(1, kernel.nq, kernel.nv, kernel.n_angles)
+        self._s, self._value = np.empty(1), np.empty(1)
+        self._alive, self._token = [rows, at, fill], object()  # arrays as long as C reads them
+        self._here_rows = _RowsStruct(*map(address, self._here))
+        self._task = task = _PathTask(
+            None if rows is None else address(rows), n, address(at), len(at), address(fill),
+            len(fill), path_accuracy(accuracy, n < kernel.n_closure, not len(fill)),
+            s=address(self._s), here=self._here_rows)
+        if polynomials is not None:
+            breaks, shape = np.array(polynomials.breaks, float), polynomials.coefficients.shape
+            coefficients = numbers(
+                polynomials.coefficients, (len(breaks) - 1, len(at), shape[-1]))
+            self._alive += [breaks, coefficients]
+            task.begin, task.n_pieces, task.degree = polynomials.begin, shape[0], shape[-1] - 1
+            task.breaks, task.coefficients = address(breaks), address(coefficients)
+        self._at_task = ctypes.byref(task)
 
     def start(self, q: Array, angles: Array) -> bool:
-        """Move to a closed configuration; False if it is singular, or may be.
+        """Start at a closed configuration; False if it is singular, or may be.
 
         Args:
             q: (nq,) the configuration.
             angles: (n_angles,) of screw closures.
         """
-        return not self._library.path_start(
-            self._handle, *self.kernel.taken(q, angles), self._chooses)
+        self.kernel.path = self._token
+        code = self._library.path_start(
+            self.kernel.handle, self._at_task, *self.kernel.taken(q, angles))
+        if code == BAD_ARRAYS:
+            check(code)
+        return not code
 
     def from_guess(
         self, closer: Closer, widest_gap: float, values: Array, samples: PathSamples
     ) -> int:
-        """Close the loops by a task that a closer has, and follow the path that begins there.
+        """Close the loops by a task that a closer has, and follow the path that starts there.
 
         Args:
             closer: in whose kernel it is.
@@ -162,55 +191,39 @@ class Path:
 
         Returns:
             How many samples were reached; less than 0 where closing leaves something to choose, or
-            where loops are not regular: the closer tells then what it has reached, if it is -1.
+            where loops are not regular: if it is -1, `Closer.reached` returns the result.
         """
-        values, task = numbers(values, (len(samples.q),)), self._task
-        rows = task.rows
-        rows.q, rows.t, rows.c, rows.error, rows.estimate, rows.angles = addresses(samples)
-        task.open, task.value, task.n = widest_gap, address(values), len(values)
+        values, rows = numbers(values, (len(samples.q),)), _RowsStruct(*addresses(samples))
+        self._task.open, self.kernel.path = widest_gap, self._token
         return self._library.path_from_guess(
-            self._handle, closer.handle, closer.at_task, ctypes.byref(task))
+            self.kernel.handle, self._at_task, closer.handle, closer.at_task, address(values),
+            len(values), ctypes.byref(rows))
 
     def follow(self, values: Array, samples: PathSamples) -> int:
         """Write samples at values of the parameter (m,); return how many were reached."""
         values = numbers(values, (len(samples.q),))
-        rows, code = PathRows(*map(address, samples)), ctypes.c_int()
-        return self._library.path_follow(
-            self._handle, address(values), len(values), ctypes.byref(rows), ctypes.byref(code))
+        return self._follow(address(values), len(values), _RowsStruct(*map(address, samples)))
 
     def go(self, value: float) -> bool:
         """Move to a value of the parameter; False if it stopped at a safe point before it."""
-        return not self._library.path_go(self._handle, value)
+        self._value[0] = value
+        return self._follow(address(self._value), 1, self._here_rows) == 1
+
+    def _follow(self, values: int, n: int, rows: _RowsStruct) -> int:
+        if self.kernel.path is not self._token:  # it has followed another one since
+            self._task.begin = self._s.item(0)
+            if not self.start(self._here.q[0], self._here.angles[0]):
+                return 0
+        return self._library.path_follow(self.kernel.handle, values, n, ctypes.byref(rows))
 
     @property
     def here(self) -> tuple[float, PathSamples]:
         """The current point, which may lie between samples: the parameter, and one sample."""
-        kernel = self.kernel
-        sample = PathSamples.empty(1, kernel.nq, kernel.nv, kernel.n_angles)
-        row = PathRows(*map(address, sample))
-        s: float = self._library.path_stand(self._handle, ctypes.byref(row))
-        return s, sample
-
-    def prescribe(self, begin: float, breaks: Array, coefficients: Array) -> None:
-        """Prescribe the driven coordinates as piecewise polynomials of the parameter.
-
-        `start` then begins at the parameter `begin`. Outside of the breaks the first and the last
-        polynomial are extrapolated. At a break rates are those after it.
-
-        Args:
-            begin: the parameter where the path starts.
-            breaks: (m + 1,) ends of the intervals, rising.
-            coefficients: (m, k, degree + 1) of powers of the parameter less the break before it,
-                rising, of all that is driven; zero of what stands still without having a value.
-        """
-        breaks, shape = np.ascontiguousarray(breaks, float), coefficients.shape
-        coefficients = numbers(coefficients, (len(breaks) - 1, self.n_driven, shape[-1]))
-        check(self._library.path_prescribe(
-            self._handle, begin, shape[0], shape[-1] - 1, address(breaks), address(coefficients)))
+        return self._s.item(0), PathSamples(*(part.copy() for part in self._here))
 
 
 def path_of(closer: Closer, driven: tuple[int, ...], accuracy: Accuracy) -> Path | None:
-    """Return a path in a closer's kernel that chooses its equations; the last one is kept.
+    """Return a path in a closer's kernel that chooses its equations; the last one is stored.
 
     None where there are other numbers of equations than of unknowns.
     """

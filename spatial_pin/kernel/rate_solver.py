@@ -9,8 +9,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.kernel.kernel import Kernel, check, numbers
-from spatial_pin.kernel.library import DONE, NOT_FINITE, SINGULAR, UNSAFE, address
+from spatial_pin.kernel.kernel import Kernel, numbers
+from spatial_pin.kernel.library import (
+    DONE,
+    INT,
+    NOT_FINITE,
+    POINTER,
+    SINGULAR,
+    UNSAFE,
+    address,
+    check,
+)
 from spatial_pin.numerics.linalg import Array
 
 
@@ -45,10 +54,19 @@ class Chosen(NamedTuple):
     fill: Array
 
 
+class _RateTask(ctypes.Structure):
+    """RateTask in rates.h."""
+
+    _fields_ = [
+        ("q", POINTER), ("reference", POINTER), ("equations", POINTER), ("n_equations", INT),
+        ("fill", POINTER), ("n_fill", INT), ("n_moving", INT), *((name, POINTER) for name in (
+            "speed", "acceleration", "columns", "v", "a", "facts"))]
+
+
 class RateSolver:
     """Solves for rates with some freedoms driven; one caller at a time.
 
-    Kept by the kernel whose memory it works in. What is asked for after `place` or `solve` is that
+    Kept by the kernel whose memory it works in. What is asked for after `factor` or `solve` is that
     of their configuration.
 
     Args:
@@ -59,7 +77,7 @@ class RateSolver:
 
     Attributes:
         speeds, accelerations: (n,) of what is driven, for `solve`.
-        pivot: smallest over largest pivot of the equations, where they were last placed.
+        pivot: smallest over largest pivot of the equations, where they were last factored.
     """
 
     def __init__(self, kernel: Kernel, driven: Sequence[int], n_moving: int) -> None:
@@ -74,14 +92,15 @@ class RateSolver:
         self.speeds, self.accelerations = np.zeros((2, len(at)))
         self._columns, self._v, self._a = np.empty((n_moving, self.nv)), *np.empty((2, self.nv))
         self._facts, self._local = np.zeros(3), np.empty(3)
-        self._jacobian = np.empty((6, n_moving))
-        self._at = [handle, address(self._q), address(self._reference)]
-        self._pivot = address(self._facts)
-        self._rates = [n_moving, *(address(x) for x in (
-            self.speeds, self.accelerations, self._columns, self._v, self._a, self._facts))]
-        self._frame = [address(x) for x in (self._local, self._columns, self._jacobian)]
+        self._jacobian, self._at_speeds = np.empty((6, n_moving)), address(self.speeds)
+        self._task = _RateTask(
+            address(self._q), address(self._reference), n_moving=n_moving,
+            acceleration=address(self.accelerations), columns=address(self._columns),
+            v=address(self._v), a=address(self._a), facts=address(self._facts))
+        self._at_task = ctypes.byref(self._task)
+        self._frame = [address(x) for x in (self._local, self._jacobian)]
 
-    def place(self, q: Array, reference: Array, chosen: Chosen | None = None) -> bool:
+    def factor(self, q: Array, reference: Array, chosen: Chosen | None = None) -> bool:
         """Factor the equations at q (nq,); False where nothing determines rates there.
 
         Without `chosen`: where equations are not clearly independent of each other and of what is
@@ -92,31 +111,45 @@ class RateSolver:
             reference: (n_angles,) from which the angles of screws count [rad].
             chosen: the equations, if the kernel is not to choose them.
         """
-        self._q[:], self._reference[:] = q, reference
-        given, _kept = _NONE if chosen is None else _addresses(chosen)
-        return _determined(self._library.rates_place(*self._at, *given, self._pivot))
+        self._task.speed = None
+        return self._code(q, reference, chosen) in (DONE, NOT_FINITE)
 
     def solve(self, q: Array, reference: Array, chosen: Chosen | None = None) -> Solved | None:
         """Return the rates at q (nq,) for the drivers' rates in `speeds` and `accelerations`.
 
-        None as `place`.
+        None as `factor`.
         """
-        self._q[:], self._reference[:] = q, reference
-        given, _kept = _NONE if chosen is None else _addresses(chosen)
-        code = self._library.rates_solve(*self._at, *given, *self._rates)
-        if not _determined(code):
+        self._task.speed = self._at_speeds
+        code = self._code(q, reference, chosen)
+        if code not in (DONE, NOT_FINITE):
             return None
         pivot, lost, known = self._facts.tolist()
         return Solved(self._v.copy(), self._a.copy(), pivot, lost, known, code == DONE)
 
+    def _code(self, q: Array, reference: Array, chosen: Chosen | None) -> int:
+        """Solve the task; return the kernel's code, which says whether rates are determined."""
+        self._q[:], self._reference[:], task = q, reference, self._task
+        if chosen is None:
+            task.equations = None
+        else:
+            rows = np.ascontiguousarray(chosen.rows, np.int64)
+            fill = np.ascontiguousarray(chosen.fill, float)
+            task.equations, task.n_equations = address(rows), len(rows)
+            task.fill, task.n_fill = address(fill), len(fill)
+        code: int = self._library.rates_solve(self._handle, self._at_task)
+        if code not in (DONE, UNSAFE, SINGULAR, NOT_FINITE):
+            check(code)
+        return code
+
     @property
     def pivot(self) -> float:
-        """Smallest over largest pivot of the equations, where they were last placed."""
+        """Smallest over largest pivot of the equations, where they were last factored."""
         return self._facts.item(0)
 
     def columns(self) -> Array:
         """Return (nv, n_moving): joint velocities per unit speed of each that moves."""
-        check(self._library.rates_columns(self._handle, self.n_moving, address(self._columns)))
+        check(self._library.rates_columns(
+            self._handle, self.n_moving, self._task.columns, 0, None, None))
         return self._columns.T.copy()
 
     def acceleration(self, v: Array, drive: Array | None = None) -> Array:
@@ -126,10 +159,8 @@ class RateSolver:
             v: joint velocities.
             drive: (n_driven,) accelerations of what is driven; none by default.
         """
-        v, drive = numbers(v, (self.nv,)), self._drive(drive)
-        a = np.empty(self.nv)
-        self._library.rates_acceleration(self._handle, *map(address, (v, drive, a)))
-        return a
+        v = numbers(v, (self.nv,))
+        return self._answer(address(v), None, drive)
 
     def answer(self, derivative: Array, drive: Array | None = None) -> Array:
         """Return joint rates (nv,) of any order; what is driven must have no components.
@@ -138,17 +169,15 @@ class RateSolver:
             derivative: (n_closure + n_passive,) of the equations, where the rates are zero.
             drive: (n_driven,) rates of what is driven; none by default.
         """
-        derivative, drive = numbers(derivative, (self._n_equations,)), self._drive(drive)
-        rates = np.empty(self.nv)
-        self._library.rates_answer(self._handle, *map(address, (derivative, drive, rates)))
-        return rates
+        derivative = numbers(derivative, (self._n_equations,))
+        return self._answer(None, address(derivative), drive)
 
-    def _drive(self, drive: Array | None) -> Array:
-        """Return the rates of all that is driven: the last ones stand still."""
-        full = np.zeros(self.n_driven)
+    def _answer(self, v: int | None, derivative: int | None, drive: Array | None) -> Array:
+        rates, full = np.empty(self.nv), np.zeros(self.n_driven)  # the last ones stand still
         if drive is not None:
             full[: len(drive)] = drive
-        return full
+        self._library.rates_answer(self._handle, v, derivative, address(full), address(rates))
+        return rates
 
     def jacobian(self, joint: int, local: Array) -> Array:
         """Return the Jacobian (6, n_moving) of a point of a joint's body.
@@ -158,34 +187,16 @@ class RateSolver:
             local: (3,) the point in the joint's axes [m].
         """
         self._local[:] = local
-        code = self._library.rates_jacobian(self._handle, self.n_moving, joint, *self._frame)
+        code = self._library.rates_columns(
+            self._handle, self.n_moving, self._task.columns, joint, *self._frame)
         if code != NOT_FINITE:
             check(code)
         return self._jacobian.copy()
 
 
-_NONE = (None, 0, None, 0), None  # `_addresses` where the kernel is to choose
-
-
-def _addresses(chosen: Chosen) -> tuple[tuple[int, int, int, int], object]:
-    """Return chosen equations as C takes them, and the arrays that are to live as long."""
-    rows = np.ascontiguousarray(chosen.rows, np.int64)
-    fill = np.ascontiguousarray(chosen.fill, float)
-    return (address(rows), len(rows), address(fill), len(fill)), (rows, fill)
-
-
-def _determined(code: int) -> bool:
-    """Return whether there are rates: a code of the kernel that tells it."""
-    if code == DONE:
-        return True
-    if code not in (UNSAFE, SINGULAR, NOT_FINITE):
-        check(code)
-    return code == NOT_FINITE
-
-
 def rates_of(kernel: Kernel, driven: tuple[int, ...], n_moving: int) -> RateSolver:
     """Return the solver for rates in a kernel, made once."""
     key = driven, n_moving
-    if key not in kernel.kept:
-        kernel.kept[key] = RateSolver(kernel, driven, n_moving)
-    return kernel.kept[key]
+    if key not in kernel.solvers:
+        kernel.solvers[key] = RateSolver(kernel, driven, n_moving)
+    return kernel.solvers[key]

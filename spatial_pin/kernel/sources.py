@@ -3,7 +3,7 @@
 Its C files stand in one folder a job: algebra (dense and sparse matrices, independent rows), core
 (the mechanism, its equations and their square system), closing (far from closure), states (rates
 and accelerations at one state), path_points and following (continuation), simulating (equations of
-motion), integrators (steps in time), passages (through branch points in time).
+motion), integrators (steps in time), branch_points (crossed in time).
 
 It imports nothing of the package: the build runs it before there is one.
 """
@@ -31,18 +31,18 @@ def source_hash(folder: Path) -> str:
     files = c_files(folder, ".c", ".h")
     if not files:
         return ""
-    found = 0
+    checksum = 0
     for file in files:
         text = file.read_bytes().replace(b"\r\n", b"\n")
-        found = zlib.crc32(f"{file.name} {len(text)}\n".encode() + text, found)
-    return f"{found:016x}"
+        checksum = zlib.crc32(f"{file.name} {len(text)}\n".encode() + text, checksum)
+    return f"{checksum:016x}"
 
 
 def prototypes(folder: Path) -> str:
     """Return the prototypes of the functions that Python calls, as C has them, one a line."""
-    found = {}
+    declared = {}
     for file in c_files(folder, ".c", ".h"):
         for text in re.findall(r"^EXPORT ([^;{}]*\))\s*[;{]", file.read_text("utf-8"), re.M):
             words = " ".join(text.split())
-            found[words[: words.index("(")].split()[-1].lstrip("*")] = words
-    return "\n".join(found.values())
+            declared[words[: words.index("(")].split()[-1].lstrip("*")] = words
+    return "\n".join(declared.values())

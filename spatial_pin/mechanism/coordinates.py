@@ -33,7 +33,7 @@ FACTORIALS = np.array([  # of 2, 4, ..., 16
 
 
 def needed(mechanism: object) -> None:
-    """Refuse what is no Mechanism.
+    """Refuse an argument that is no Mechanism.
 
     Raises:
         TypeError: says how to get one.
@@ -82,8 +82,8 @@ def coordinate_round_off(mechanism: Mechanism, q: Array) -> float:
 @made_once
 def _round_off(mechanism: Mechanism) -> tuple[NDArray[np.intp], Array]:
     """Return the places in q of coordinates, and the round-off of each, relative to it."""
-    at = [(place, c.v) for c in mechanism.coordinate_table.values()
-          if (place := mechanism.place_of(c)) >= 0]
+    at = [(index, c.v) for c in mechanism.coordinate_table.values()
+          if (index := mechanism.index_of(c)) >= 0]
     places, v_at = np.array(at, dtype=np.intp).reshape(-1, 2).T
     return places, 4.0 * EPS / mechanism.velocity_scale[v_at]
 
@@ -91,10 +91,10 @@ def _round_off(mechanism: Mechanism) -> tuple[NDArray[np.intp], Array]:
 @made_once
 def by_joint(mechanism: Mechanism) -> dict[str, list[Coordinate]]:
     """Return the coordinates of every joint."""
-    found: dict[str, list[Coordinate]] = {}
+    by_joint: dict[str, list[Coordinate]] = {}
     for c in mechanism.coordinate_table.values():
-        found.setdefault(c.joint, []).append(c)
-    return found
+        by_joint.setdefault(c.joint, []).append(c)
+    return by_joint
 
 
 def coordinates_of(mechanism: Mechanism, joint: str) -> list[Coordinate]:
@@ -165,7 +165,7 @@ def with_values(mechanism: Mechanism, q: Array, values: Mapping[str, float]) -> 
         if c.q >= 0:
             q[c.q] = value
         else:
-            components.setdefault(c.joint, {})[c.place] = value
+            components.setdefault(c.joint, {})[c.component] = value
     for joint, given in components.items():
         i = mechanism.joint_id(joint)
         at, n = mechanism.model.idx_qs[i], mechanism.model.nvs[i]
@@ -200,16 +200,16 @@ def coordinate_rates(
     i = mechanism.joint_id(c.joint)
     at, n, iv = mechanism.model.idx_qs[i], mechanism.model.nqs[i], mechanism.model.idx_vs[i]
     quaternions = q[:, at + n - 4 : at + n]
-    if n == 7 and c.place < 3:
+    if n == 7 and c.component < 3:
         from scipy.spatial.transform import Rotation
 
         rotation = Rotation.from_quat(quaternions.copy())  # SciPy refuses read-only arrays
         moves, spins = v[:, iv : iv + 3], v[:, iv + 3 : iv + 6]
         rate = rotation.apply(moves.copy())
         acceleration = rotation.apply(a[:, iv : iv + 3] + np.cross(spins, moves))
-        return CoordinateRates(q[:, at + c.place].copy(), rate[:, c.place],
-                               acceleration[:, c.place])
-    k = c.place % 3
+        return CoordinateRates(q[:, at + c.component].copy(), rate[:, c.component],
+                               acceleration[:, c.component])
+    k = c.component % 3
     w = slice(iv + 3, iv + 6) if n == 7 else slice(iv, iv + 3)
     phi = (continued_rotation_vectors if continued else rotation_vectors)(quaternions)
     rate, acceleration = rotation_vector_rates(phi, v[:, w], a[:, w])
@@ -218,10 +218,10 @@ def coordinate_rates(
 
 def coordinate_value(mechanism: Mechanism, coordinate: Coordinate, q: Array) -> float:
     """Return a coordinate at q (nq,) [rad or m]; of a rotation vector of length up to pi."""
-    place = mechanism.place_of(coordinate)
-    if place >= 0:
-        return float(q[place])
-    return float(joint_vector(mechanism, q, coordinate.joint)[coordinate.place])
+    index = mechanism.index_of(coordinate)
+    if index >= 0:
+        return float(q[index])
+    return float(joint_vector(mechanism, q, coordinate.joint)[coordinate.component])
 
 
 def coordinate_gradient(mechanism: Mechanism, coordinate: Coordinate, q: Array) -> Array:

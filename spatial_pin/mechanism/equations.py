@@ -19,6 +19,7 @@ every quantity come from one product rule (`kernel/core/equations.c`).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -27,7 +28,7 @@ import numpy as np
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.piecewise import Piecewise
 
-FIRST_TWO = (0, 1)  # frames of a closure that most quantities are of
+FIRST_TWO = (0, 1)  # the two frames of a closure that most quantities belong to
 
 
 class Displacement(NamedTuple):
@@ -135,6 +136,15 @@ def screw(axes1: Array, axes2: Array, pitch: float) -> ConstraintEquation:
     """Return the equation slide = pitch [m/rad] * angle about z; `axes` (3, 3) hold x, y, z."""
     terms = (1.0, (Displacement(axes1[:, 2]),)), (-pitch, (Angle(axes1, axes2),))
     return ConstraintEquation(terms, is_length=True)
+
+
+def combined(
+    equations: Sequence[ConstraintEquation], weights: Sequence[float]
+) -> ConstraintEquation:
+    """Return the sum of equations, each times a weight; of equations that are no lengths in m."""
+    terms = ((weight * number, factors) for equation, weight in zip(equations, weights, strict=True)
+             for number, factors in equation.terms if weight)
+    return ConstraintEquation(tuple(terms), is_length=True)
 
 
 def linear_ratios(equation: ConstraintEquation) -> tuple[dict[int, float], float] | None:

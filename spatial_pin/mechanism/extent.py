@@ -1,7 +1,7 @@
 """How large a machine is and where: its characteristic length, and a centre close to it.
 
 In site coordinates a machine of 3 m may be 5000 km from the world's origin. Numbers of that size
-have seven digits fewer for what happens within it, so what is solved is solved relative to the
+have seven digits fewer for what happens within it, so solvers work relative to the
 centre, in which no digit is lost: it is a multiple of a power of two of about the machine's size.
 """
 
@@ -20,8 +20,8 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import EPS, TOLERANCES
 
 SMALLEST = 1.0 / TOLERANCES.largest  # m
-# Sizes of the machine up to which the world's origin, or a frame of the ground that nothing is
-# joined to, is near it: there its coordinates have all digits but two bits.
+# The world's origin, and a frame of the ground without joints, are near a machine within this many
+# of its sizes. Coordinates there have all digits but two bits.
 SIZES_NEAR = 3.0
 
 
@@ -47,7 +47,7 @@ def extent_of(model: pin.Model, joined: Collection[int], where: str) -> Extent:
     """Return the extent of a machine.
 
     Frames of the ground that nothing is joined to, the world's own among them, count where they
-    are near what moves and what is joined.
+    are near the moving and joined parts.
 
     Args:
         model: its tree.
@@ -90,13 +90,13 @@ def extent_of(model: pin.Model, joined: Collection[int], where: str) -> Extent:
 
 def centred(model: pin.Model, centre: Array) -> pin.Model:
     """Return a copy of a tree with all that is joined to the ground relative to a centre (3,)."""
-    found, back = model.copy(), pin.SE3(np.eye(3), -centre)
+    copy, back = model.copy(), pin.SE3(np.eye(3), -centre)
     for joint in model.children[0]:
-        found.jointPlacements[joint] = back * model.jointPlacements[joint]
+        copy.jointPlacements[joint] = back * model.jointPlacements[joint]
     for i, frame in enumerate(model.frames):
         if frame.parentJoint == 0:
-            found.frames[i].placement = back * frame.placement
-    return found
+            copy.frames[i].placement = back * frame.placement
+    return copy
 
 
 def diameter(points: Array) -> float:

@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-# Mass [kg] of the lightest body above which units need no change: far above 2.2e-16 kg, with room
-# for sums that nearly cancel.
+# Mass of the lightest body [kg] above which units need no change. It is far above 2.2e-16 kg, with
+# room for sums that nearly cancel.
 UNSCALED = 1e-3
-# Powers of two between masses that numbers have room for: of the 1022 below one, the squares of the
-# lengths of bodies take the rest.
+# Powers of two between masses that numbers have room for. Squares of lengths take the rest of the
+# 1022.
 WIDEST = 600
 
 
@@ -35,7 +35,7 @@ def put_inertias(model: pin.Model, links: Mapping[str, pin.Inertia]) -> None:
             parts[frame.parentJoint].append(frame.placement.act(links[frame.name]))
     for joint, inertias in enumerate(parts):
         if inertias:
-            given = sorted(inertias, key=lambda x: x.mass < 0.0)  # no sum below zero on the way
+            given = sorted(inertias, key=lambda x: x.mass < 0.0)  # no partial sum below zero
             unit, total = _unit(x.mass for x in given), pin.Inertia.Zero()
             for inertia in given:
                 total = total + _times(inertia, 1.0 / unit)
@@ -48,34 +48,34 @@ def moving_mass(model: pin.Model) -> float:
 
 
 def remainder(total: pin.Inertia, parts: Iterable[pin.Inertia]) -> pin.Inertia | None:
-    """Return what is left of an inertia without its parts, zero where round-off is.
+    """Return an inertia minus its parts, zero where the difference is round-off.
 
     Returns:
-        None where nothing that there can be is left.
+        None where the difference is no possible inertia.
     """
     given = [total, *parts]
     if len(given) == 1:
         return total
     matrices = np.array([x.toPseudoInertia().toMatrix() for x in given])
-    masses, second = matrices[:, 3, 3], np.abs(matrices[:, :3, :3]).max(axis=(1, 2))
-    heavy = masses.max() > 0.0 and second.max() > 0.0
-    length = math.sqrt(second.max() / masses.max()) if heavy else 1.0  # of the bodies, about
+    masses, moments = matrices[:, 3, 3], np.abs(matrices[:, :3, :3]).max(axis=(1, 2))
+    heavy = masses.max() > 0.0 and moments.max() > 0.0
+    length = math.sqrt(moments.max() / masses.max()) if heavy else 1.0  # of the bodies, about
     scale = np.array([1.0 / length] * 3 + [1.0])
     matrices *= scale[:, None] * scale
-    left, least = matrices[0] - matrices[1:].sum(axis=0), TOLERANCES.tight * np.abs(matrices).max()
-    if np.abs(left).max() <= least:
+    rest, least = matrices[0] - matrices[1:].sum(axis=0), TOLERANCES.tight * np.abs(matrices).max()
+    if np.abs(rest).max() <= least:
         return pin.Inertia.Zero()
-    mass, first, rest = left[3, 3], left[:3, 3], left[:3, :3]
+    mass, first, second = rest[3, 3], rest[:3, 3], rest[:3, :3]
     if mass < least:
         if mass < -least or np.abs(first).max() > least:
             return None
         mass, first = 0.0, np.zeros(3)
     lever = first / mass if mass else first
-    rest = rest - mass * np.outer(lever, lever)
-    if np.linalg.eigvalsh(rest)[0] < -least:
+    second = second - mass * np.outer(lever, lever)
+    if np.linalg.eigvalsh(second)[0] < -least:
         return None
     return inertia_as_given(mass, length * lever,
-                      length**2 * (np.trace(rest) * np.eye(3) - rest))
+                      length**2 * (np.trace(second) * np.eye(3) - second))
 
 
 def _unit(masses: Iterable[float]) -> float:
@@ -102,18 +102,18 @@ def inertia_as_given(mass: float, lever: Array, matrix: Array) -> pin.Inertia:
 
 
 def depth_first(model: pin.Model) -> list[int]:
-    """Return the joints of a tree, each followed by all that it carries."""
-    found, left = [], [int(i) for i in reversed(model.children[0])]
-    while left:
-        found.append(left.pop())
-        left += [int(i) for i in reversed(model.children[found[-1]])]
-    return found
+    """Return the joints of a tree, each followed by its descendants."""
+    order, stack = [], [int(i) for i in reversed(model.children[0])]
+    while stack:
+        order.append(stack.pop())
+        stack += [int(i) for i in reversed(model.children[order[-1]])]
+    return order
 
 
 def part_of(
     whole: pin.Model, joints: list[int]
 ) -> tuple[pin.Model, NDArray[np.intp], NDArray[np.intp]]:
-    """Return a tree of some joints in an order, with their places in q and in v of the whole.
+    """Return a tree of some joints in an order, with their indices in q and v of the whole tree.
 
     Args:
         whole: the tree.
@@ -188,7 +188,7 @@ class KineticEnergy:
             self._model.armature = np.zeros(model.nv)
 
     def __call__(self, q: Array, v: Array, data: pin.Data | None = None) -> float:
-        """Return the energy [J] at q (nq,) and v (nv,); bodies are left placed in `data`."""
+        """Return the energy [J] at q (nq,) and v (nv,); `data` gets the bodies' placements."""
         at = self._data if data is None else data
         bodies = float(pin.computeKineticEnergy(self._model, at, q, v))
         return bodies + 0.5 * float(v @ (self._armature * v))

@@ -46,7 +46,7 @@ class JointLimit(NamedTuple):
     size: float
 
     def room(self, q: Array) -> Array:
-        """Return how much is left before the limit, at q (nq,) or (N, nq) [rad or m].
+        """Return the distance to the limit, at q (nq,) or (N, nq) [rad or m].
 
         Args:
             q: configurations, (nq,) or (N, nq).
@@ -71,7 +71,7 @@ class JointLimit(NamedTuple):
         return f"{side} limit {self.value:.9g} {self.unit} of {self.name}"
 
 
-# the limits of joints; their places in q, their values, sides, and what is not called beyond
+# the limits of joints: indices in q, values, sides, and margins
 LimitArrays = tuple[list[JointLimit], NDArray[np.intp], Array, Array, Array]
 
 

@@ -57,7 +57,7 @@ def ramp(start: float, speed: float, rise_time: float) -> DriverLaw:
 
     Args:
         start: value at time 0 [rad or m].
-        speed: the speed that is kept [rad/s or m/s].
+        speed: the constant speed [rad/s or m/s].
         rise_time: how long it speeds up, positive [s].
 
     Raises:
@@ -86,7 +86,7 @@ def sine(mean: float, amplitude: float, frequency: float, phase: float = 0.0) ->
 
     Args:
         mean: value it swings about [rad or m].
-        amplitude: how far it swings either way [rad or m].
+        amplitude: largest distance from its middle [rad or m].
         frequency: [Hz].
         phase: at time 0 [rad].
 
@@ -123,7 +123,7 @@ def cycloid(start: float, end: float, rise_time: float) -> DriverLaw:
 
     Example:
         >>> law = sp.laws.cycloid(0.0, 1.0, 2.0)  # from 0 to 1 rad within 2 s
-        >>> [round(x, 4) for x in law(1.0)]  # half way: rad, rad/s, rad/s²
+        >>> [round(x, 4) for x in law(1.0)]  # half of the travel: rad, rad/s, rad/s²
         [0.5, 1.0, 0.0]
     """
     start, end = finite_number(start, "start"), finite_number(end, "end")

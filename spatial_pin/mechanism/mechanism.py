@@ -13,7 +13,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from spatial_pin._support.brief import counted
-from spatial_pin._support.lazy import RESULTS, cached_property, made_once
+from spatial_pin._support.lazy import RESULTS, by_new_name, cached_property, made_once
 from spatial_pin.errors import (
     ClosureTypeError,
     MechanismFileError,
@@ -66,9 +66,9 @@ class Mechanism:
         model_of_file, without: the model of its file, and the omitted elements, see `load`.
         whole: the mechanism as its file has it, where this one is without equations that the
             file's rounded numbers contradict, see `assembly.redundant_equations`; else None.
-        kept: which equations of the `whole` it has.
+        selection: which equations of the `whole` it has.
         dimensions: value of every named dimension (xacro argument), given or by default [SI, rad];
-            read when first asked for.
+            read at the first use.
 
     Example:
         >>> mech = sp.load("rssr", d=0.315)  # [m]
@@ -80,7 +80,7 @@ class Mechanism:
         0.603 m
         >>> mech.neutral  # (nq,): crank, quaternion of the ball, rocker
         array([0., 0., 0., 0., 1., 0.])
-        >>> mech.centre  # [m] what is solved is relative to it: the world's origin, which is near
+        >>> mech.centre  # [m] solvers work relative to it; here the world's origin, which is near
         array([0., 0., 0.])
     """
 
@@ -111,8 +111,14 @@ class Mechanism:
     model_of_file: str | None = None
     without: tuple[str, ...] = ()
     whole: Mechanism | None = None
-    kept: SelectedEquations | None = None
+    selection: SelectedEquations | None = None
     dimensions: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def kept(self) -> SelectedEquations | None:
+        """The old name of `selection`; it warns."""
+        value: SelectedEquations | None = by_new_name(self, "kept", "selection")
+        return value
 
     @classmethod
     def from_model(
@@ -140,12 +146,12 @@ class Mechanism:
             drivers: joints or coordinates by the drivers' names, or only joints. Default: in a
                 tree without closures every coordinate, by its own name; else none.
             springs: `spatial_pin.Spring`s; their frames by name or, as those of closures, as
-                (link or joint, `pin.SE3` on it). What stands still is "universe".
+                (link or joint, `pin.SE3` on it). The ground is "universe".
             passives: `spatial_pin.Passive`s, likewise.
             guess: rough configuration, by joint, as in a mechanism file, or (nq,) of the model.
             frames: (link, frame or joint, placement on it) by name.
             name: of the mechanism; default that of the model.
-            visual_model: what is drawn.
+            visual_model: the shapes that are drawn.
             collision_model: what collides.
             gap: see the attribute.
 
@@ -161,8 +167,8 @@ class Mechanism:
         Example:
             >>> model = pin.Model()
             >>> for name, x in (("lever", 0.0), ("arm", 1.0)):  # two hinges, 1 m apart
-            ...     place = pin.SE3(np.eye(3), np.array([x, 0.0, 0.0]))
-            ...     joint = model.addJoint(0, pin.JointModelRY(), place, name)
+            ...     placement = pin.SE3(np.eye(3), np.array([x, 0.0, 0.0]))
+            ...     joint = model.addJoint(0, pin.JointModelRY(), placement, name)
             >>> ends = [(name, pin.SE3(np.eye(3), np.array([0.0, 0.0, z])))
             ...         for name, z in (("lever", 0.5), ("arm", 0.4))]
             >>> rod = sp.closures.distance(*ends, 1.0)  # of 1 m between the ends
@@ -177,11 +183,11 @@ class Mechanism:
             frames or {}, name, visual_model, collision_model, gap)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what is copied or sent elsewhere: all but what is worked out again on use."""
+        """Return the fields to copy or pickle: all but results that are worked out again on use."""
         again = RESULTS, "neutral", "centred_model"
-        kept = {k: x for k, x in self.__dict__.items() if k not in again}
+        fields = {k: x for k, x in self.__dict__.items() if k not in again}
         parts = {name: (x.mass, x.lever, x.inertia) for name, x in self.inertias.items()}
-        return {**kept, "inertias": parts}
+        return {**fields, "inertias": parts}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Take what `__getstate__` gave; Pinocchio's inertias cannot be sent if below zero."""
@@ -202,15 +208,15 @@ class Mechanism:
                 "without": self.without, "gap": self.gap}
 
     @made_once
-    def with_equations(self, kept: SelectedEquations) -> Mechanism:
+    def with_equations(self, selection: SelectedEquations) -> Mechanism:
         """Return the same mechanism with some of its equations only; this one is its `whole`."""
-        closures = []
-        for c, own, turned in zip(self.closures, kept.own, kept.turned, strict=True):
+        closures, length = list[Closure](), self.characteristic_length
+        for c, own, turned in zip(self.closures, selection.own, selection.turned, strict=True):
             if own or (c.frames and not turned):
-                closures.append(c.with_equations(own) if c.frames else c)
+                closures.append(c.with_equations(own, length) if c.frames else c)
             if turned:
-                closures.append(c.turned().with_equations(turned))
-        return self.with_fields(whole=self, kept=kept, closures=tuple(closures))
+                closures.append(c.turned().with_equations(turned, length))
+        return self.with_fields(whole=self, selection=selection, closures=tuple(closures))
 
     # ------------------------------------------------------------ coordinates
 
@@ -232,7 +238,7 @@ class Mechanism:
         return tuple(self.coordinate_table)
 
     def coordinate(self, name: str) -> Coordinate:
-        """Return the coordinate of that name; a driver's name stands for its coordinate.
+        """Return the coordinate of that name; a driver's name means its coordinate.
 
         Raises:
             UnknownNameError: there is none.
@@ -267,7 +273,7 @@ class Mechanism:
         if len(components) > 1:
             raise SpatialPinError(
                 f"mechanism {self.name!r}: {name!r} is a {self.pair_of(name)} joint with several "
-                f"coordinates: {', '.join(components)}; name those that are meant, such as "
+                f"coordinates: {', '.join(components)}; name the intended ones, such as "
                 f"{{{components[0]!r}: 0.1}}"
             )
         return self.coordinate(name)
@@ -290,10 +296,10 @@ class Mechanism:
             )
         return coordinate
 
-    def place_of(self, coordinate: Coordinate) -> int:
-        """Return where a coordinate stands in the configuration, -1 for rotation vectors."""
+    def index_of(self, coordinate: Coordinate) -> int:
+        """Return the index of a coordinate in the configuration, -1 for rotation vectors."""
         if coordinate.q < 0 and coordinate.unit == "m":  # the translation of a floating joint
-            return int(self.model.idx_qs[self.joint_id(coordinate.joint)]) + coordinate.place
+            return int(self.model.idx_qs[self.joint_id(coordinate.joint)]) + coordinate.component
         return coordinate.q
 
     def pair_of(self, joint: str) -> str:
@@ -374,7 +380,7 @@ class Mechanism:
 
     @cached_property
     def neutral(self) -> Array:
-        """(nq,) the configuration in which every joint stands at its URDF zero."""
+        """(nq,) the configuration in which every joint is at its URDF zero."""
         q = pin.neutral(self.model)
         q.flags.writeable = False
         return q
@@ -414,7 +420,7 @@ class Mechanism:
         return centred(self.model, self.centre) if self.centre.any() else self.model
 
     def centred_frame(self, name: str) -> tuple[int, pin.SE3]:
-        """Return what `frame_on_joint` does; what is on the ground relative to the `centre`."""
+        """Return the same as `frame_on_joint`, but on the ground relative to the `centre`."""
         frame = self.centred_model.frames[self.frame_id(name)]
         return int(frame.parentJoint), frame.placement
 
@@ -490,7 +496,7 @@ class Mechanism:
 
 
 class _MadeWhenAsked:
-    """A field that is given its value, or a function that makes it when it is first asked for."""
+    """A field that has its value, or a function that makes it at the first use."""
 
     def __init__(self, name: str) -> None:
         self.name = name

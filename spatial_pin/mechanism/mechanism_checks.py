@@ -16,7 +16,8 @@ from spatial_pin.mechanism.parts import Closure, Driver, Passive, Spring
 from spatial_pin.numerics.linalg import EPS, Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-ROUNDED = 1e-6  # of mass times length squared: exporters write inertias with six digits or more
+# Relative to mass times length squared: exporters write inertias with six digits or more.
+ROUNDED = 1e-6
 
 
 def check_mechanism(mechanism: Mechanism, where: str, mistakes: Mistakes | None = None) -> None:
@@ -25,33 +26,33 @@ def check_mechanism(mechanism: Mechanism, where: str, mistakes: Mistakes | None 
     Args:
         mechanism: the mechanism.
         where: the file.
-        mistakes: keeps what is found, to be told later; else it is told here.
+        mistakes: collects the mistakes, to be raised later; else they are raised here.
 
     Raises:
         MechanismFileError: with `where` and the keys at fault.
     """
-    found = Mistakes(where) if mistakes is None else mistakes
+    collected = Mistakes(where) if mistakes is None else mistakes
     for kind in ("closures", "springs"):
         names = [x.name for x in getattr(mechanism, kind)]
-        with found.each():
+        with collected.each():
             for k, name in enumerate(names):
                 if name in names[:k]:
                     raise MechanismFileError(f"{where}: {kind}: two are named {name!r}")
     for closure in mechanism.closures:
-        with found.each():
+        with collected.each():
             _check_closure(mechanism, closure, f"{where}: closure {closure.name!r}")
     driven: dict[str, str] = {}
     for driver in mechanism.drivers.values():
-        with found.each():
+        with collected.each():
             _check_driver(mechanism, driver, driven, f"{where}: drivers.{driver.name}")
     for spring in mechanism.springs:
-        with found.each():
+        with collected.each():
             _check_spring(mechanism, spring, f"{where}: spring {spring.name!r}")
     for passive in mechanism.passives:
-        with found.each():
+        with collected.each():
             _check_passive(mechanism, passive, f"{where}: passive.{passive.name}")
     if mistakes is None:
-        found.tell()
+        collected.raise_all()
 
 
 def _check_spring(mechanism: Mechanism, spring: Spring, where: str) -> None:
@@ -125,12 +126,12 @@ def _all_named(lookup: Any, names: Iterable[str], where: str) -> list[Any]:
     Raises:
         MechanismFileError: it finds nothing of some; has a mistake for each.
     """
-    found, mistakes = [], Mistakes(where)
+    named_ones, mistakes = [], Mistakes(where)
     for name in names:
         with mistakes.each():
-            found.append(named(lookup, name, where))
-    mistakes.tell()
-    return found
+            named_ones.append(named(lookup, name, where))
+    mistakes.raise_all()
+    return named_ones
 
 
 def _check_passive(mechanism: Mechanism, passive: Passive, where: str) -> None:
@@ -148,14 +149,13 @@ def _check_passive(mechanism: Mechanism, passive: Passive, where: str) -> None:
 def impossible_inertias(mechanism: Mechanism) -> tuple[dict[str, str], dict[str, str]]:
     """Return the links whose bodies have inertias that no body has, with these in words.
 
-    First those with a mass or a principal moment of inertia below zero; then those of which a
-    principal moment is more than the sum of the other two.
-    Links that are fixed to one another are one body, of which it is judged; what round-off of the
-    file's numbers can do to a moment, relative to mass times length squared, is let pass.
+    First those with a negative mass or principal moment of inertia; then those with a principal
+    moment larger than the sum of the other two. Links that are fixed to one another count as one
+    body. Differences that rounding of the file's numbers explains pass.
     """
     model, length = mechanism.model, mechanism.characteristic_length
-    found: tuple[dict[str, str], dict[str, str]] = {}, {}
-    for kinds, kind in zip(_kinds(list(model.inertias)[1:], length), found, strict=True):
+    faults: tuple[dict[str, str], dict[str, str]] = {}, {}
+    for kinds, kind in zip(_kinds(list(model.inertias)[1:], length), faults, strict=True):
         for joint in map(int, np.flatnonzero(kinds) + 1):
             links = [f.name for f in model.frames
                      if f.type == pin.FrameType.BODY and f.parentJoint == joint]
@@ -163,7 +163,7 @@ def impossible_inertias(mechanism: Mechanism) -> tuple[dict[str, str], dict[str,
             at_fault = [x for x in own if np.any(_kinds([mechanism.inertias[x]], length))]
             for name in at_fault or own[:1] or [model.names[joint]]:
                 kind[name] = _words(mechanism.inertias.get(name, model.inertias[joint]))
-    return found
+    return faults
 
 
 def refuse_negative_inertias(mechanism: Mechanism) -> None:

@@ -13,9 +13,9 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin._support.checks import finite_array, finite_number
-from spatial_pin._support.lazy import cached_property
+from spatial_pin._support.lazy import by_new_name, cached_property
 from spatial_pin.errors import MechanismFileError, UnknownNameError
-from spatial_pin.mechanism.equations import ConstraintEquation
+from spatial_pin.mechanism.equations import ConstraintEquation, combined
 from spatial_pin.mechanism.pairs import PAIRS, Pair, PairGeometry
 
 
@@ -28,11 +28,11 @@ class Coordinate(NamedTuple):
         unit: "rad" or "m".
         q: index in the configuration, -1 when it is not an entry of it (rotation vectors).
         v: index in the velocity.
-        place: its number among the coordinates of the joint, from 0.
+        component: its number among the coordinates of the joint, from 0.
 
     Example:
         >>> sp.load("rssr").coordinate("rocker_pin")
-        Coordinate(name='rocker_pin', joint='rocker_pin', unit='rad', q=5, v=4, place=0)
+        Coordinate(name='rocker_pin', joint='rocker_pin', unit='rad', q=5, v=4, component=0)
     """
 
     name: str
@@ -40,7 +40,12 @@ class Coordinate(NamedTuple):
     unit: str
     q: int
     v: int
-    place: int
+    component: int
+
+    @property
+    def place(self) -> int:
+        """The old name of `component`; it warns."""
+        return int(by_new_name(self, "place", "component"))
 
 
 class VelocityEntry(Coordinate):
@@ -63,6 +68,8 @@ class Closure:
         numbers: of its type, or (n,) of lists, by their keys in a mechanism file.
         equations: the equations of the pair that are used, None for all; the others must follow
             from them (planar loops).
+        sums: weights of the equations of each sum of them that is used in their place; empty for
+            these themselves.
         source: where it is stated, if not as a closure of a mechanism file.
 
     Example:
@@ -87,6 +94,7 @@ class Closure:
     between: tuple[str, ...] = ()
     source: str = ""
     numbers: Mapping[str, Any] = field(default_factory=dict)
+    sums: tuple[tuple[float, ...], ...] = ()
 
     @property
     def pair(self) -> Pair:
@@ -97,7 +105,9 @@ class Closure:
     def rows(self) -> tuple[ConstraintEquation, ...]:
         """Its scalar equations."""
         rows = self.pair.rows(self) if self.pair.rows else ()
-        return rows if self.equations is None else tuple(rows[k] for k in self.equations)
+        if self.equations is not None:
+            rows = tuple(rows[k] for k in self.equations)
+        return tuple(combined(rows, weights) for weights in self.sums) if self.sums else rows
 
     @property
     def ratio(self) -> float:
@@ -122,10 +132,20 @@ class Closure:
         """Number of scalar equations."""
         return len(self.rows)
 
-    def with_equations(self, places: Iterable[int]) -> Closure:
-        """Return it with some of its equations, by their places in `rows`."""
-        own = self.equations
-        return replace(self, equations=tuple(k if own is None else own[k] for k in places))
+    def with_equations(self, weights: Weights, length: float) -> Closure:
+        """Return it with sums of its equations only, each times its weight.
+
+        Args:
+            weights: (n, n_rows). Where all rows have one entry each, 1, these equations stay.
+            length: what equations that are lengths are divided by [m].
+        """
+        matrix = np.array(weights).reshape(-1, self.n_rows)
+        if np.all(np.count_nonzero(matrix, axis=1) == 1):
+            own = range(self.n_rows) if self.equations is None else self.equations
+            return replace(self, equations=tuple(own[k] for k in np.nonzero(matrix)[1].tolist()))
+        matrix = matrix * [1.0 if row.is_length else length for row in self.rows]
+        return replace(self, equations=self.equations or tuple(range(self.n_rows)),
+                       sums=tuple(map(tuple, matrix.tolist())))
 
     @property
     def can_turn(self) -> bool:
@@ -141,19 +161,22 @@ class Closure:
                        geometry=replace(g, axes1=g.axes2, axes2=g.axes1))
 
 
+Weights = tuple[tuple[float, ...], ...]  # of a closure's equations, by the sums of them that stay
+
+
 class SelectedEquations(NamedTuple):
-    """Some equations of a mechanism, by closure: places in `Closure.rows`, a coupling's is 0.
+    """Some equations of a mechanism, or sums of them, by closure.
 
     Attributes:
         own: of the closures as they are.
         turned: of the same with their frames exchanged.
         cut: part of the largest singular value of all equations, below which rounding has made
             the others.
-        opened: how far each closure that lacks equations opens on the way [-].
+        opened: how far each closure that lacks equations opens along the motion [-].
     """
 
-    own: tuple[tuple[int, ...], ...]
-    turned: tuple[tuple[int, ...], ...]
+    own: tuple[Weights, ...]
+    turned: tuple[Weights, ...]
     cut: float = 0.0
     opened: tuple[tuple[str, float], ...] = ()
 
@@ -273,8 +296,9 @@ class Spring:
                     np.linalg.eigvalsh(matrix)[0] < -1e-9 * size):
                 raise ValueError(f"{what} of spring {self.name!r} must be symmetric and not "
                                  "negative, so that it stores energy")
-            kept = tuple(given.tolist()) if given.ndim == 1 else tuple(map(tuple, given.tolist()))
-            object.__setattr__(self, what, kept)
+            rows = given.tolist()
+            object.__setattr__(self, what,
+                               tuple(rows) if given.ndim == 1 else tuple(map(tuple, rows)))
         preload = finite_array(self.preload, (6,), f"preload of spring {self.name!r}") if len(
             self.preload) else ()
         object.__setattr__(self, "preload", tuple(map(float, preload)))
@@ -398,10 +422,10 @@ class Passive:
 
 
 def drivers_of_tree(joints: Mapping[str, str], closures: Iterable[Closure]) -> dict[str, Driver]:
-    """Return what drives an open tree of which nobody says: every coordinate, by its own name.
+    """Return the drivers of an open tree that names none: every coordinate, by its own name.
 
-    Those that couplings give are left out, and the components of balls and floating joints, which
-    are no entries of the configuration. Where loops are closed nobody knows: nothing is returned.
+    Coordinates that couplings give are omitted. So are the components of balls and floating
+    joints, which are no entries of the configuration. A mechanism with loops gets none.
 
     Args:
         joints: pair by joint, in the order of the tree.
@@ -469,18 +493,18 @@ def add_frames(model: pin.Model, frames: Mapping[str, Frame], where: str) -> Non
                                                "already; choose another" if name in known else
                                                "a frame needs a name that can be read"))
     for name in frames:
-        way: dict[str, None] = {}
+        path: dict[str, None] = {}
         while name not in known:
-            if name in way:
+            if name in path:
                 raise MechanismFileError(
-                    f"{where}: frames.{name}: hangs on itself: {' on '.join([*way, name])}")
+                    f"{where}: frames.{name}: hangs on itself: {' on '.join([*path, name])}")
             if name not in frames:
-                last = next(reversed(way))
+                last = next(reversed(path))
                 raise MechanismFileError(f"{where}: frames.{last}: link: " + str(
                     UnknownNameError("link, joint or frame", name, [*known, *frames])))
-            way[name] = None
+            path[name] = None
             name = frames[name].link
-        for new in reversed(way):
+        for new in reversed(path):
             on = model.frames[known[frames[new].link]]
             known[new] = model.addFrame(pin.Frame(
                 new, on.parentJoint, known[frames[new].link],

@@ -19,8 +19,8 @@ from spatial_pin.mechanism.coordinates import coordinates_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 
-# Speed at which friction has its full size [rad/s, characteristic lengths per second]: a thousandth
-# of a slow machine's, and no less, as a step function of the speed no integrator can follow.
+# Speed at which dry friction has its full size [rad/s, characteristic lengths per second]: a
+# thousandth of the speed of a slow machine. No integrator can follow a jump.
 SLIP_SPEED = 1e-3
 
 SlipSpeed = float | Mapping[str, float]
@@ -73,8 +73,8 @@ class Resistance:
 
 
 def resistance_texts(mechanism: Mechanism) -> dict[str, str]:
-    """Return what resists, or adds inertia, at each coordinate that has any, in words."""
-    resistance, found = Resistance(mechanism), {}
+    """Return damping, dry friction and armature of each coordinate that has any, as text."""
+    resistance, texts = Resistance(mechanism), {}
     for c in mechanism.coordinate_table.values():
         turns = c.unit == "rad"
         force, per = ("N·m", "rad") if turns else ("N", "m")
@@ -87,8 +87,8 @@ def resistance_texts(mechanism: Mechanism) -> dict[str, str]:
         if resistance.friction[c.v]:
             parts.append(f"slip speed {resistance.slip_speed[c.v]:g} {per}/s")
         if parts:
-            found[c.name] = ", ".join(parts)
-    return found
+            texts[c.name] = ", ".join(parts)
+    return texts
 
 
 def resists(mechanism: Mechanism, joint: int) -> bool:

@@ -64,7 +64,7 @@ class Starts:
         self._most = int(np.clip(LARGEST // max(1, self.kernel.n_closure * nv), 1, MOST_TOGETHER))
         self._size = min(FEWEST_TOGETHER, self._most)
         self._slides = [at for c in table.values() if c.unit == "m" and c.name not in held
-                        and (at := mechanism.place_of(c)) >= 0]
+                        and (at := mechanism.index_of(c)) >= 0]
         self._low = np.full(len(self._slides), np.inf)
         self._high = -self._low
 

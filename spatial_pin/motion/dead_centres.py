@@ -1,4 +1,4 @@
-"""Where outputs turn back while the driver goes on."""
+"""Dead centres: points where an output reverses while the driver goes on."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def dead_centres(motion: Motion, output: str | None = None) -> list[Event]:
         [0.0, 3.1416]
     """
     motion_needed(motion)
-    found = []
+    events = []
     for name in grounded_outputs(motion) if output is None else [output]:
         rates = _rates(motion, name)
         moving = np.flatnonzero(rates)
@@ -52,11 +52,11 @@ def dead_centres(motion: Motion, output: str | None = None) -> list[Event]:
             continue
         goes = np.sign(motion.driver_speed[moving])  # the other way beyond its own limits
         turning = np.flatnonzero((np.diff(np.sign(rates[moving])) != 0.0) & (np.diff(goes) == 0.0))
-        found += [_located(motion, moving[k : k + 2], rates, name) for k in turning.tolist()]
+        events += [_located(motion, moving[k : k + 2], rates, name) for k in turning.tolist()]
         ends = {0, len(motion) - 1} - set(moving.tolist())
-        found += [_event(motion, name, row, float(motion.swept[row]),
+        events += [_event(motion, name, row, float(motion.swept[row]),
                          float(motion.coordinate(name).value[row])) for row in ends]
-    return sorted(found, key=lambda event: event.row)
+    return sorted(events, key=lambda event: event.row)
 
 
 def known_dead_centres(motion: Motion) -> list[Event]:

@@ -1,4 +1,4 @@
-"""The motion of a mechanism of which nothing is said: a move of its first driver."""
+"""The motion that is shown by default: a move of the first driver."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array
 
-TURN = 2 * math.pi  # how far a driver turns [rad]
-# How far it slides relative to the characteristic length: far enough to see, and no farther than
-# most slides get from where they are assembled.
+TURN = 2 * math.pi  # a driver that turns makes one turn [rad]
+# A driver that slides goes this far, in characteristic lengths. The motion is well visible, and
+# most slides of the library reach it from their guess.
 SLIDE_RANGE = 0.15
-ROWS = 361  # samples: a degree apart over a turn
+ROWS = 361  # samples: one per degree of a turn
 
 
-def _reach(state: State, driver: str, way: Array) -> Motion | None:
-    """Return the motion of a driver by `way` from a state on, as far as it goes, or None."""
-    values, found = state.coordinate(driver).value + way, None
+def _reach(state: State, driver: str, offsets: Array) -> Motion | None:
+    """Return the motion of a driver from a state by `offsets`, as far as it goes, or None."""
+    values, reached = state.coordinate(driver).value + offsets, None
     for hold in (BASE, [BASE, SPRINGS])[: 1 + bool(state.mechanism.springs)]:
         try:
             return sweep(state.mechanism, driver, values, guess=state, hold=hold, on_limit="stop")
         except SpatialPinError as error:
-            found = getattr(error, "motion", None) or found
-    return found
+            reached = getattr(error, "motion", None) or reached
+    return reached
 
 
 def default_motion(
@@ -38,15 +38,15 @@ def default_motion(
 ) -> Motion | State:
     """Return a motion that shows what a mechanism does.
 
-    A driver turns once, or slides by 15 % of the characteristic length, from the assembled guess
-    on; where a limit or a singular position is in the way, to there, in the direction in which it
-    comes further. The other drivers are held, a free base too, and joints with springs where the
+    A driver turns once, or slides by 15 % of the characteristic length, from the assembled guess.
+    If a limit or a singular position is in between, it goes up to it, in the direction with the
+    longer range. The other drivers are held, a free base too, and joints with springs where the
     drivers do not determine the motion. The motion has no speed, nor time.
 
     Args:
         mechanism: the mechanism.
         driver: driver or coordinate that moves; the first driver if not given.
-        rows: number of samples of the whole way.
+        rows: number of samples of the whole motion.
 
     Returns:
         The motion; the assembled state of a mechanism without drivers, or that cannot move.
@@ -60,10 +60,10 @@ def default_motion(
         return state
     turns = mechanism.coordinate(driver).unit == "rad"
     travel = TURN if turns else SLIDE_RANGE * mechanism.characteristic_length
-    way = np.linspace(0.0, travel, rows)
-    forward = _reach(state, driver, way)
+    offsets = np.linspace(0.0, travel, rows)
+    forward = _reach(state, driver, offsets)
     if forward is not None and len(forward) == rows:
         return forward
-    both = (forward, _reach(state, driver, -way))
+    both = (forward, _reach(state, driver, -offsets))
     best = max((m for m in both if m is not None), key=len, default=None)
     return best if best is not None and len(best) > 1 else state

@@ -24,7 +24,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.joint_limit_events import joint_limit_events
 from spatial_pin.motion.motion import Event, Motion
 from spatial_pin.motion.rated_limits import velocity_limit_events
-from spatial_pin.motion.rounding import within_gap
+from spatial_pin.motion.rounding import CHOICES, independent_on, within_gap
 from spatial_pin.motion.sweep import (
     ENDS,
     check_choice,
@@ -116,17 +116,27 @@ def follow(
     check_not_held(mechanism, coordinates, held)
     tight = replace(accuracy, tolerance=min(accuracy.tolerance, TOLERANCES.tight))
     first = dict(zip(names, table[0].tolist(), strict=True))
-    state, gone = held_start(mechanism, first, guess, held, tight)
-    moved = depending_on(state, names, hold)
-    there, hold = (state, hold) if moved is None else moved[:2]
-    found = along(there, names, hold, law, s, accuracy,
-                     f"{mechanism.name}: {', '.join(names)}", progress,
-                     passes=on_crossing == "straight")._replace(released=gone)
-    if moved is not None:
-        found, held = found._replace(samples=moved.of_whole(found.samples)), moved.held
-    motion = finished(state.mechanism, found, None if times is None else s, held, list(values),
-                      "drivers", on_limit, on_crossing)
-    return within_gap(motion, accuracy, on_limit)
+    good = None
+    for _ in range(CHOICES):
+        state, gone = held_start(mechanism, first, guess, held, tight)
+        moved = depending_on(state, names, hold)
+        there, standing = (state, hold) if moved is None else moved[:2]
+        result = along(there, names, standing, law, s, accuracy,
+                      f"{mechanism.name}: {', '.join(names)}", progress,
+                      passes=on_crossing == "straight")._replace(released=gone)
+        if moved is not None:
+            result = result._replace(samples=moved.of_whole(result.samples))
+        chosen, good = independent_on(
+            _motion(state.mechanism, result.samples, result.done, None), accuracy,
+            result.samples.t[max(0, result.done - 1)],
+            None if result.stop is None else result.stop.q)
+        if chosen is state.mechanism:
+            break
+        mechanism = chosen
+    motion = finished(state.mechanism, result, None if times is None else s,
+                      held if moved is None else moved.held, list(values), "drivers",
+                      on_limit if good is None else "stop", on_crossing)
+    return within_gap(motion, accuracy, on_limit, good)
 
 
 def along(
@@ -156,14 +166,14 @@ def along(
 
 
 def finished(
-    mechanism: Mechanism, found: Followed, times: Array | None, held: tuple[str, ...],
+    mechanism: Mechanism, followed: Followed, times: Array | None, held: tuple[str, ...],
     names: list[str], who: str, on_limit: str = "raise", on_crossing: str = "raise",
 ) -> Motion:
-    """Return the Motion of what was found, with its events; raise where it ended early.
+    """Return the Motion of followed samples, with its events; raise if it ended early.
 
     Args:
         mechanism: the mechanism.
-        found: samples of its q, v and a.
+        followed: samples of its q, v and a.
         times: (N,) of all samples; None: the parameter is their number.
         held: what was held by name.
         names: what went along tables, for words.
@@ -176,22 +186,22 @@ def finished(
         SingularError: it ended at a singular configuration, or the branch was lost.
         Interrupted: Ctrl-C ended it.
     """
-    stop = found.stop
-    motion = _motion(mechanism, found.samples, found.done, times)
+    stop = followed.stop
+    motion = _motion(mechanism, followed.samples, followed.done, times)
     motion.held = held
     begin = 0.0 if times is None else float(times[0])
-    motion.events += [Event("released", begin, 0, text) for text in found.released]
+    motion.events += [Event("released", begin, 0, text) for text in followed.released]
     motion.events += [crossed_event(value, row, _where(value, times is None))
-                      for value, row in found.crossed]
+                      for value, row in followed.crossed]
     motion.events += [
         Event("singular", value, row, "the drivers alone do not determine the motion at "
               f"{_where(value, times is None)}: efforts grow without bound towards it")
-        for value, row in found.undriven]
+        for value, row in followed.undriven]
     motion.events += [*joint_limit_events(motion), *velocity_limit_events(motion)]
-    if found.is_cut:
+    if followed.is_cut:
         raise Interrupted(motion)
     if stop is not None:
-        motion.events.append(stop_event(stop, found.done, _where(stop.value, times is None),
+        motion.events.append(stop_event(stop, followed.done, _where(stop.value, times is None),
                                         f"limit of what the {who} can do together"))
         ends = on_limit if stop.kind in ENDS else on_crossing
         if ends != "stop" or stop.kind == "lost":
@@ -211,9 +221,9 @@ def _table(mechanism: Mechanism, values: Mapping[str, Any]) -> tuple[list[str], 
         raise ValueError("values is empty: give a table for every driver that moves")
     lengths = {len(c) for c in columns.values() if c.ndim}
     if len(lengths) > 1:
-        said = ", ".join(f"{name!r} {len(c)}" for name, c in zip(values, columns.values(),
+        counts = ", ".join(f"{name!r} {len(c)}" for name, c in zip(values, columns.values(),
                                                                  strict=True) if c.ndim)
-        raise ValueError(f"tables differ in length: {said}; every driver needs as many values")
+        raise ValueError(f"tables differ in length: {counts}; every driver needs as many values")
     n = lengths.pop() if lengths else 1
     if not n:
         raise ValueError("values has no sample: give every driver one number at least")
@@ -228,10 +238,10 @@ def sample_times(times: Any, n: int) -> Array:
     Raises:
         ValueError: they do not rise, or are not finite.
     """
-    found = finite_array(times, (n,), "times")
-    if np.any(np.diff(found) <= 0.0):
+    array = finite_array(times, (n,), "times")
+    if np.any(np.diff(array) <= 0.0):
         raise ValueError("times must rise from sample to sample")
-    return found
+    return array
 
 
 def _law(

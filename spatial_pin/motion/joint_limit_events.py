@@ -1,4 +1,4 @@
-"""Where a motion passes joint limits of the URDF."""
+"""Events where a motion passes joint limits of the URDF."""
 
 from __future__ import annotations
 
@@ -22,14 +22,18 @@ from spatial_pin.numerics.roots import sign_change
 from spatial_pin.settings import Accuracy
 
 KIND = "joint limit"  # of events
-NOISE = 1e-11  # rate of a joint that stands still relative to that of the fastest
+# Rate of a joint at rest, relative to the fastest joint: round-off of solved rates stays below.
+NOISE = 1e-11
 # What rates and accelerations add to a polynomial of fifth degree between two samples, at most: the
 # largest values of x (1 - x)³ (1 + 3 x) and of x² (1 - x)³ / 2 in steps from 0 to 1, rounded up.
 SWING_OF_RATES, SWING_OF_ACCELERATIONS = 0.2, 0.02
-DOUBT = 4.0  # margin to a limit, in swings of the joint between samples, that polynomials want
-ELSEWHERE = 1e-6  # difference of joints that shows another branch [rad, characteristic lengths]
+# Margin to a limit, in swings of the joint between two samples, within which the polynomials
+# between samples are checked.
+DOUBT = 4.0
+# Difference of joint coordinates that shows another branch [rad, characteristic lengths].
+ELSEWHERE = 1e-6
 
-_Way = Callable[[float], tuple[Array, Array]]  # to configuration and rates
+_Path = Callable[[float], tuple[Array, Array]]  # to configuration and rates
 _Ends = tuple[tuple[Array, Array], tuple[Array, Array]]  # the same at both ends
 
 
@@ -59,21 +63,21 @@ class Passing(NamedTuple):
 
     @property
     def event(self) -> Event:
-        """The event of a motion that says so."""
+        """The event of a motion for this passing."""
         return Event(KIND, self.value, self.row, f"{self.limit.words} passed {self.where}"
                      if self.where else f"beyond the {self.limit.words} from the start")
 
 
 def passed_at_start(mechanism: Mechanism, q: Array, value: float) -> list[Passing]:
-    """Return the joint limits beyond which q (nq,) is, as passings at a value (driver or time)."""
+    """Return the joint limits that q (nq,) is beyond, as passings at a value (driver or time)."""
     return [Passing(limit, value, 0, "") for limit in joint_limits(mechanism)
             if limit.room(q) < -SLACK * limit.size]
 
 
 def first_passing(
-    limit: JointLimit, at: _Way, span: tuple[float, float], ends: _Ends, noise: float = 0.0,
+    limit: JointLimit, at: _Path, span: tuple[float, float], ends: _Ends, noise: float = 0.0,
 ) -> float | None:
-    """Return when a limit is first passed outwards in a span of time, if it is.
+    """Return the time at which a limit is first passed outwards in a span, or None.
 
     A joint that turns back is looked at where it stands still; one that does so twice in the span
     may pass unnoticed in between.
@@ -101,7 +105,7 @@ def first_passing(
 
 
 def joint_limits_passed(motion: Motion) -> list[Passing]:
-    """Return where a motion passes joint limits outwards, in the order of its samples.
+    """Return the points where a motion passes joint limits outwards, in order of samples.
 
     Where the motion of a swept driver passes one between two samples, the branch is followed
     again from the first of them, to where the joint is at its limit: however far samples are apart,
@@ -126,12 +130,12 @@ def joint_limits_passed(motion: Motion) -> list[Passing]:
         return []
     values = motion.driver if motion.driver is not None else motion.time
     start = float(values[0]) if values is not None else 0.0
-    found = passed_at_start(motion.mechanism, motion.q[0], start)
+    all_passings = passed_at_start(motion.mechanism, motion.q[0], start)
     for at, k in zip(*(x.tolist() for x in np.nonzero(_may_be_passed(motion, limits))),
                      strict=True):
         passing = _between(motion, limits[at], k)
-        found += [passing] if passing is not None else []
-    return sorted(found, key=lambda passing: passing.row)
+        all_passings += [passing] if passing is not None else []
+    return sorted(all_passings, key=lambda passing: passing.row)
 
 
 def _may_be_passed(motion: Motion, limits: list[JointLimit]) -> NDArray[np.bool_]:
@@ -211,7 +215,7 @@ def _at_driver(motion: Motion, limit: JointLimit, k: int, value: float, digits: 
                    f"at {motion.driver_name} = {value:.{digits}g} {motion.driver_unit}")
 
 
-def _may_pass(limit: JointLimit, at: _Way, ends: _Ends) -> bool:
+def _may_pass(limit: JointLimit, at: _Path, ends: _Ends) -> bool:
     """Whether a limit may be passed between two samples, if interpolants are only roughly right."""
     (q0, v0), (q1, v1) = ends
     if limit.room(q1) < -SLACK * limit.size:
@@ -220,9 +224,9 @@ def _may_pass(limit: JointLimit, at: _Way, ends: _Ends) -> bool:
     if not pace[0] > 0.0 > pace[1]:
         return False
     turn = sign_change(lambda x: float(limit.closing(at(x)[1])), 0.0, 1.0, *pace)
-    left = limit.room(at(turn)[0])
-    swing = min(limit.room(q0), limit.room(q1)) - left
-    return bool(left < DOUBT * swing)
+    room = limit.room(at(turn)[0])
+    swing = min(limit.room(q0), limit.room(q1)) - room
+    return bool(room < DOUBT * swing)
 
 
 def _followed(motion: Motion, limit: JointLimit, k: int, ends: _Ends) -> float | None:
@@ -289,6 +293,6 @@ def _quintic(
     Values q, rates v and accelerations a, each (2,), hold at the ends of a step of length h; 0
     makes a straight line.
     """
-    found = np.polynomial.Polynomial(
+    polynomial = np.polynomial.Polynomial(
         quintic(q, h * v, h * h * a) if h else [q[0], q[1] - q[0]])
-    return found, found.deriv()
+    return polynomial, polynomial.deriv()

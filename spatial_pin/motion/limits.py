@@ -1,4 +1,4 @@
-"""How far a driver can go, and how far before a joint reaches a limit of the URDF."""
+"""The range of a driver, up to limit positions or up to joint limits of the URDF."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
 from spatial_pin.continuation.asymptotes import running_away
 from spatial_pin.continuation.initial_tangent import (
-    body_places,
+    body_placements,
     direction_of,
     not_spinning,
     system_at,
@@ -30,12 +30,14 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy
 
 TURN = 2.0 * np.pi
-FARTHEST_SLIDE = 20.0  # characteristic lengths, ten times as far as links reach: there is no limit
-# Turns of a driver that leads elsewhere, or takes a joint further, with every turn: gear trains
-# repeat after dozens.
+# Characteristic lengths: a slide that goes ten times as far as links reach has no limit.
+FARTHEST_SLIDE = 20.0
+# After this many turns of a driver the search for a limit ends. Gear trains of the library repeat
+# after dozens of turns.
 MOST_TURNS = 100
-SPAN_SAMPLES = 721  # half a degree apart over a turn
-# Parts of the way left before a bound, at samples near it: a ten-thousandth of a sample at last.
+SPAN_SAMPLES = 721  # samples of one turn: one per half degree
+# Distances to a bound at which samples are added, as parts of the range: each is half of the one
+# before, and the last is a ten-thousandth of a sample distance.
 TOWARDS = 0.5 ** np.arange(13.0) / SPAN_SAMPLES
 
 
@@ -135,30 +137,31 @@ def limits(
     direction = direction_of(system)
     ends = [_bound(system, state, start, sense, span, direction) for sense in (-1.0, 1.0)]
     turns = coordinate.unit == "rad" and all(end.kind == "none" for end in ends)
-    found, mechanism = Range(driver, ends[0], ends[1], coordinate.unit, turns), state.mechanism
+    limit_range = Range(driver, ends[0], ends[1], coordinate.unit, turns)
+    mechanism = state.mechanism
     if not joints or not joint_limits(mechanism):
-        return found
+        return limit_range
     passed = passed_at_start(mechanism, state.q, 0.0)
     if passed:
         raise SpatialPinError(
             f"mechanism {mechanism.name!r}: {state} is beyond the {passed[0].limit.words}; give a "
             "guess within the joint limits (assemble(limits=True) finds one)")
     lower, upper = (_nearer(mechanism, state, driver, bound, sense * span, hold)
-                    for bound, sense in ((found.lower, -1.0), (found.upper, 1.0)))
-    free = found.full_turn and lower == found.lower and upper == found.upper
-    return found._replace(lower=lower, upper=upper, full_turn=free)
+                    for bound, sense in ((limit_range.lower, -1.0), (limit_range.upper, 1.0)))
+    free = limit_range.full_turn and lower == limit_range.lower and upper == limit_range.upper
+    return limit_range._replace(lower=lower, upper=upper, full_turn=free)
 
 
 def _bound(
     system: SquareSystem, state: State, start: float, sense: float, span: float, direction: Array
 ) -> Bound:
-    """Go one span after the other until a limit, or until a turn ends where it began."""
+    """Follow span after span up to a limit, or until a turn ends in its first configuration."""
     tolerance = Accuracy.named("engineering").tolerance
     evaluation = system.evaluation
     evaluation.angle_reference[:] = state.angles
     evaluation.update(state.q)
     bodies = not_spinning(system)
-    place, angles, q = body_places(evaluation, bodies), evaluation.angles.copy(), state.q
+    placement, angles, q = body_placements(evaluation, bodies), evaluation.angles.copy(), state.q
     for k in range(1, MOST_TURNS + 1):
         curve, goal = SolutionCurve(system, tolerance), start + sense * k * span
         arrival = towards(curve, q, goal, direction)
@@ -169,7 +172,7 @@ def _bound(
         if arrival.kind != "reached":
             return Bound(arrival.value, arrival.kind)
         evaluation.update(arrival.q)
-        moved = np.abs(body_places(evaluation, bodies) - place).max(initial=0.0)
+        moved = np.abs(body_placements(evaluation, bodies) - placement).max(initial=0.0)
         repeats = moved < TOLERANCES.half_precision
         if system.driven[0].unit != "rad" or (repeats and np.allclose(evaluation.angles, angles)):
             return Bound(sense * np.inf, "none")

@@ -104,7 +104,7 @@ class Output(NamedTuple):
     unit: str
 
     def parts(self) -> tuple[Output, ...]:
-        """Return it as quantities of one unit each: a reaction as its force and its moment.
+        """Return its parts of one unit each: a reaction as its force and its moment.
 
         Example:
             >>> mech = sp.load("four_bar")
@@ -159,8 +159,8 @@ NOTHING_KNOWN = 1.0  # error of positions: a radian, or the whole mechanism's si
 LEAST_BEND = 1e-2
 # Error of positions, by what coordinates of a mechanism far from the origin resolve
 UNRESOLVED = 10.0
-# Distance from a branch point [rad, characteristic lengths] up to which the path is continued
-# through it, not solved: that of the farthest node of its polynomial.
+# Distance from a branch point [rad, characteristic lengths] within which samples lie on the
+# polynomial through it. They are not solved. It is the distance of the polynomial's farthest node.
 ACROSS = 0.12
 SAMPLED = frozenset(("driver", "time", "q", "v", "a"))  # without which there is no sample
 SAVED = frozenset((  # arrays of a file
@@ -247,13 +247,13 @@ class Motion(Tabular):
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what is copied or sent elsewhere: all but what is worked out again on use."""
+        """Return the fields to copy or pickle: all but results that are worked out again on use."""
         fields = {**{name: getattr(self, name) for name in LATER}, **self.__dict__}
         return {k: x for k, x in fields.items() if not k.startswith("_")}
 
-    def __setstate__(self, kept: dict[str, Any]) -> None:
-        """Take over what was copied or sent."""
-        self.__dict__.update(kept)
+    def __setstate__(self, fields: dict[str, Any]) -> None:
+        """Set the fields that were copied or pickled."""
+        self.__dict__.update(fields)
         self.__post_init__()
 
     def __len__(self) -> int:
@@ -265,7 +265,7 @@ class Motion(Tabular):
         return self.mechanism.coordinate(self.driver_name).unit
 
     def rate_unit(self, unit: str, order: int = 1) -> str:
-        """Return the unit of the derivative of that order, as those in v and a, of a quantity.
+        """Return the unit of a quantity's derivative of an order, per unit of this motion's rates.
 
         Args:
             unit: of the quantity: "rad" or "m".
@@ -582,7 +582,7 @@ class Motion(Tabular):
 
 
 def content_of(motion: Motion) -> dict[str, Any]:
-    """Return what the file of a motion holds, by name."""
+    """Return the content of a motion's file, by name."""
     return {
         "driver": motion.driver if motion.driver is not None else np.empty(0),
         "driver_name": motion.driver_name,
@@ -640,7 +640,7 @@ def fields_of(content: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
 
 
 def motion_needed(motion: object) -> None:
-    """Refuse what is no Motion.
+    """Refuse an argument that is no Motion.
 
     Raises:
         TypeError: says how to get one.
@@ -654,18 +654,18 @@ AnyMotion = TypeVar("AnyMotion", bound=Motion)
 
 
 def first_samples(motion: AnyMotion, n: int) -> AnyMotion:
-    """Return the first n samples of a motion, with the events on the way to the last of them."""
+    """Return the first n samples of a motion, with their events."""
     def cut(x: Any) -> Any:
         if isinstance(x, dict):
             return {key: cut(value) for key, value in x.items()}
         return x[:n] if isinstance(x, np.ndarray) and len(x) == len(motion) else x
 
-    kept = {f.name: cut(getattr(motion, f.name)) for f in fields(motion)}
-    return replace(motion, **{**kept, "events": [e for e in motion.events if e.row < n]})
+    parts = {f.name: cut(getattr(motion, f.name)) for f in fields(motion)}
+    return replace(motion, **{**parts, "events": [e for e in motion.events if e.row < n]})
 
 
 def made(**fields: Any) -> Motion:
-    """Return a Motion of all its fields, of arrays that are finite and that nobody writes any more.
+    """Return a Motion from all its fields; its arrays are checked to be finite and read-only.
 
     In place of events and error estimates that depend on nothing but these fields, there may be
     functions of the motion that make them when they are asked for: see `LATER`.

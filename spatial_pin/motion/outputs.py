@@ -1,4 +1,4 @@
-"""Quantities of a motion by their names: of coordinates, frames, centres of mass, of the whole."""
+"""Quantities of a motion by name: of coordinates, frames, centres of mass, the whole mechanism."""
 
 from __future__ import annotations
 
@@ -50,19 +50,19 @@ def whole_com(motion: Motion) -> FrameMotion:
     Raises:
         SpatialPinError: they have no mass.
     """
-    found = [np.zeros((len(motion), 3)) for _ in range(3)]
+    sums = [np.zeros((len(motion), 3)) for _ in range(3)]
     for joint, share, lever in mass_shares(motion.mechanism):
         at = _at(motion, joint, pin.SE3(np.eye(3), lever))
-        for x, part in zip(found, (at.position, at.velocity, at.acceleration), strict=True):
+        for x, part in zip(sums, (at.position, at.velocity, at.acceleration), strict=True):
             x += share * part
-    position, velocity, acceleration = found
+    position, velocity, acceleration = sums
     still = np.zeros_like(position)
     return FrameMotion(position, np.repeat(np.eye(3)[None], len(motion), axis=0), velocity,
                        acceleration, still, still)
 
 
 def component(spec: str) -> tuple[str, int | None]:
-    """Return the name of a vector, and the number of the component that is asked for, if one is."""
+    """Return the name of a vector, and the index of the component that a name has, or None."""
     whole, _, last = spec.rpartition(".")
     is_one = last in XYZ and whole.rpartition(".")[2] in VECTORS
     return (whole, XYZ.index(last)) if is_one else (spec, None)
@@ -116,7 +116,7 @@ def output(motion: Motion, spec: str) -> Output:
 
 
 def _vector(motion: Motion, spec: str) -> Output | None:
-    """Return a quantity of a point as a vector (N, 3), None where the name is of no such."""
+    """Return a quantity of a point as a vector (N, 3), None for other names."""
     name, _, kind = spec.rpartition(".")
     if kind not in FRAME_UNITS or not name or is_of_whole(motion.mechanism, spec):
         return None
@@ -147,8 +147,8 @@ def quantities(
 ) -> dict[str, Quantity]:
     """Return time, driver, and outputs or all coordinates; see `Motion.quantities`."""
     if outputs is not None:
-        found = (motion.output(name) for name in names_of(outputs, "outputs"))
-        return {**abscissas(motion), **named(found)}
+        outputs_of = (motion.output(name) for name in names_of(outputs, "outputs"))
+        return {**abscissas(motion), **named(outputs_of)}
     table = abscissas(motion)
     for name in motion.mechanism.coordinates:
         unit = motion.mechanism.coordinate(name).unit
@@ -160,7 +160,7 @@ def quantities(
 
 
 def is_force(spec: object) -> bool:
-    """Whether a name is that of a force, which a motion by itself has not."""
+    """Whether a name is that of a force, which a motion alone does not have."""
     if not isinstance(spec, str):
         return False
     spec = component(spec)[0]
@@ -168,11 +168,11 @@ def is_force(spec: object) -> bool:
 
 
 def abscissas(motion: Motion) -> dict[str, Quantity]:
-    """Return what samples are taken over: time, and the driver where one was swept."""
-    found = {} if motion.time is None else {"time": Quantity(motion.time, "s")}
+    """Return the abscissas of samples: time, and the driver where one was swept."""
+    columns = {} if motion.time is None else {"time": Quantity(motion.time, "s")}
     if motion.driver is not None:
-        found[motion.driver_name] = Quantity(motion.driver, motion.driver_unit)
-    return found
+        columns[motion.driver_name] = Quantity(motion.driver, motion.driver_unit)
+    return columns
 
 
 def named(outputs: Iterable[Output]) -> dict[str, Quantity]:
@@ -182,7 +182,7 @@ def named(outputs: Iterable[Output]) -> dict[str, Quantity]:
 
 
 def _of_whole(motion: Motion, spec: str) -> Output:
-    """Return the mass of all moving links, or how its centre moves."""
+    """Return the mass of all moving links, or the motion of its centre."""
     kind = spec.rpartition(".")[2]
     if spec == MASS:
         return Output(np.full(len(motion), moving_mass(motion.mechanism.model)), MASS, "kg")

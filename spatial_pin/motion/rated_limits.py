@@ -1,4 +1,4 @@
-"""Effort and velocity limits of the URDF, and where a motion is beyond them.
+"""Effort and velocity limits of the URDF, and the samples of a motion beyond them.
 
 A limit of 0 is none: URDF wants the attributes even where nothing is known.
 """
@@ -43,11 +43,11 @@ class RatedLimit(NamedTuple):
 
     @property
     def words(self) -> str:
-        """What it is, for a sentence."""
+        """Its name in a sentence."""
         return f"{self.kind} {self.value:.9g} {self.unit} of {self.name}"
 
     def excess(self, values: Array) -> Array:
-        """Return by how much values (...) are beyond it, negative where they are not."""
+        """Return the excess of values (...) over the limit, negative within it."""
         return np.abs(values) - self.value * (1.0 + SLACK)
 
 
@@ -77,7 +77,7 @@ class BeyondLimit(NamedTuple):
 
     @property
     def by(self) -> float:
-        """How far it is beyond the limit, at most [rad/s, m/s, N·m or N]."""
+        """Largest excess over the limit [rad/s, m/s, N·m or N]."""
         return abs(self.most) - self.limit.value
 
     def text(self, motion: Motion) -> str:
@@ -124,26 +124,26 @@ def _stated(mechanism: Mechanism, values: Array) -> list[tuple[Coordinate, float
 
 
 def beyond(pairs: Iterable[tuple[RatedLimit, Array]]) -> list[BeyondLimit]:
-    """Return which limits velocities or efforts (N,) are beyond, and where."""
-    found = []
+    """Return the limits that velocities or efforts (N,) exceed, with their samples."""
+    exceeded = []
     for limit, values in pairs:
         excess = limit.excess(values)
         samples = np.flatnonzero(excess > 0.0)
         if samples.size:
             worst = int(np.argmax(excess))
-            found.append(BeyondLimit(limit, samples, worst, float(values[worst])))
-    return found
+            exceeded.append(BeyondLimit(limit, samples, worst, float(values[worst])))
+    return exceeded
 
 
 def velocities_beyond(motion: Motion) -> list[BeyondLimit]:
-    """Return which velocity limits a motion is beyond; none where its rates are not in time."""
+    """Return the velocity limits that a motion exceeds; none if its rates are not in time."""
     if motion.per != "s":
         return []
     return beyond((limit, motion.v[:, limit.v]) for limit in velocity_limits(motion.mechanism))
 
 
 def velocity_limit_events(motion: Motion) -> list[Event]:
-    """Return an event for every velocity limit that a motion is beyond, at its first sample."""
+    """Return an event for each velocity limit that a motion exceeds, at the first such sample."""
     at = motion.time if motion.driver is None else motion.driver
     return [] if at is None else [
         Event(VELOCITY, float(at[b.samples[0]]), int(b.samples[0]), b.text(motion))

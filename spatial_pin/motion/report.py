@@ -24,7 +24,7 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 
 @dataclass(frozen=True)
 class Info:
-    """What a mechanism consists of, and its freedoms at the assembled guess.
+    """The parts of a mechanism, and its freedoms at the assembled guess.
 
     Attributes:
         mobility: the freedoms at the assembled guess; None when it does not close.
@@ -88,7 +88,7 @@ class Info:
 
 
 def info(mechanism: Mechanism) -> Info:
-    """Return what a mechanism consists of; never fails for want of a closed configuration."""
+    """Return the parts and freedoms of a mechanism; it need not have a closed configuration."""
     try:
         state = assembled(mechanism)
         closed, error = True, state.closure_error

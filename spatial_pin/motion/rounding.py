@@ -1,21 +1,33 @@
-"""Where a motion of a rounded file opens equations that the file's mechanism has left out."""
+"""The end of a motion of a rounded file, where its dropped equations open beyond the gap."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from spatial_pin.assembly.redundant_equations import allowed_from, clearly_above, gap_allowed
+from spatial_pin.assembly.redundant_equations import (
+    allowed_from,
+    clearly_above,
+    gap_allowed,
+    independent_along,
+)
+from spatial_pin.assembly.state import NO_ANGLES, State
 from spatial_pin.errors import LimitError, SingularError
+from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import AnyMotion, Event, first_samples
+from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import Accuracy
 
-# Samples of a motion that are looked at: so many over a turn miss the peak of a sine by 5e-6 of it,
-# far more than is reported.
+# Samples at which a motion is checked. So many per turn miss the peak of a sine by 5e-6 of its
+# height, much less than the report shows.
 MOST_SAMPLES = 1000
 GAP = "gap"  # kind of event
+# Choices of independent equations that are made along a path: each reaches half a radian further.
+CHOICES = 8
 
 
-def within_gap(motion: AnyMotion, accuracy: Accuracy, on_limit: str) -> AnyMotion:
+def within_gap(
+    motion: AnyMotion, accuracy: Accuracy, on_limit: str, independent: int | None = None
+) -> AnyMotion:
     """Return the part of a motion on which all equations hold to the gap, with an event at its end.
 
     At most a thousand samples are checked.
@@ -23,7 +35,9 @@ def within_gap(motion: AnyMotion, accuracy: Accuracy, on_limit: str) -> AnyMotio
     Args:
         motion: of any mechanism; of one that has all its equations all samples stay.
         accuracy: its settings.
-        on_limit: "stop", or "raise" where equations open further.
+        on_limit: "stop", or "raise" where equations open further, or are not independent.
+        independent: how many samples come before equations depend on each other; None: they never
+            do.
 
     Raises:
         LimitError: they do.
@@ -31,24 +45,70 @@ def within_gap(motion: AnyMotion, accuracy: Accuracy, on_limit: str) -> AnyMotio
     """
     if motion.mechanism.whole is None or not len(motion):
         return motion
-    gap, before = allowed_from(motion.state(0), gap_allowed(motion.mechanism, accuracy)), 0
-    for row in np.unique(np.linspace(0, len(motion) - 1, MOST_SAMPLES).astype(int)).tolist():
-        state = motion.state(row)
-        if state.gap > gap:
-            worst = max(state.gap.closures.items(), key=lambda x: x[1])[0]
-            text = (f"the file's numbers are rounded, and redundant equations of closure {worst!r} "
-                    f"open by {float(state.gap):.1e} at {state}, beyond the gap of {gap:.0e} "
-                    f"(load(..., gap={clearly_above(float(state.gap)):.0e}) allows it)")
-            if not before:
-                raise SingularError(f"mechanism {motion.mechanism.name!r}: {text}", state=state,
-                                    motion=motion)
-            swept = motion.time if motion.driver is None else motion.driver
-            value = float(row if swept is None else swept[row])
-            motion = first_samples(motion, before)
-            motion.events.append(Event(GAP, value, before, text))
-            if on_limit != "stop":
-                raise LimitError(f"mechanism {motion.mechanism.name!r}: {text}", limit=value,
-                                 motion=motion)
-            return motion
+    gap = allowed_from(motion.state(0), gap_allowed(motion.mechanism, accuracy))
+    end, before, opened = len(motion) if independent is None else independent, 0, None
+    for row in np.unique(np.linspace(0, end - 1, min(end, MOST_SAMPLES)).astype(int)).tolist():
+        if (state := motion.state(row)).gap > gap:
+            end, opened = before, state
+            break
         before = row + 1
+    at = opened or motion.state(max(0, end - 1))
+    if independent is not None:
+        return _ended(motion, end, at, on_limit, (
+            "the file's numbers are rounded, and no choice of its redundant equations is "
+            f"independent from the first sample to beyond {at}; begin another motion there, with "
+            "guess="))
+    if opened is None:
+        return motion
+    worst = max(opened.gap.closures.items(), key=lambda x: x[1])[0]
+    return _ended(motion, end, at, on_limit, (
+        f"the file's numbers are rounded, and redundant equations of closure {worst!r} open by "
+        f"{float(at.gap):.1e} at {at}, beyond the gap of {gap:.0e} (load(..., gap="
+        f"{clearly_above(float(at.gap)):.0e}) allows it)"))
+
+
+def _ended(
+    motion: AnyMotion, n: int, state: State, on_limit: str, text: str
+) -> AnyMotion:
+    """Return the first n samples of a motion, with an event at the end that a file's digits set.
+
+    Raises:
+        LimitError: that is not allowed.
+        SingularError: there is no sample.
+    """
+    name = motion.mechanism.name
+    if not n:
+        raise SingularError(f"mechanism {name!r}: {text}", state=state, motion=motion)
+    swept, row = motion.time if motion.driver is None else motion.driver, min(n, len(motion) - 1)
+    value = float(row if swept is None else swept[row])
+    motion = first_samples(motion, n)
+    motion.events.append(Event(GAP, value, n, text))
+    if on_limit != "stop":
+        raise LimitError(f"mechanism {name!r}: {text}", limit=value, motion=motion)
     return motion
+
+
+def independent_on(
+    motion: AnyMotion, accuracy: Accuracy, ahead: Array, end: Array | None = None
+) -> tuple[Mechanism, int | None]:
+    """Return a mechanism whose equations are independent on a motion, and for some way ahead.
+
+    Args:
+        motion: of any mechanism.
+        accuracy: its settings.
+        ahead: (nv,) the direction in which it goes on.
+        end: (nq,) where it ends beyond its last sample.
+
+    Returns:
+        The motion's own mechanism where that is one, or of a rounded file no choice of equations
+        is better; else the same file's with others, on which the motion is to be made again. And
+        how many samples come before its equations depend on each other; None: they never do.
+    """
+    mechanism = motion.mechanism
+    if mechanism.whole is None or not len(motion):
+        return mechanism, None
+    gap = allowed_from(motion.state(0), gap_allowed(mechanism, accuracy))
+    q = motion.q if end is None else np.vstack([motion.q, end])
+    chosen, n = independent_along(mechanism, q, motion.angles[0] if motion.angles.size
+                                  else NO_ANGLES, ahead / mechanism.velocity_scale, gap)
+    return chosen, None if n == len(q) else n

@@ -1,4 +1,4 @@
-"""What a motion is in a few lines."""
+"""A motion in a few lines of text."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-MOST_LINES = 12  # of a kind: with three kinds a summary fits on a screen
+MOST_LINES = 12  # lines per kind of event: a summary of three kinds fits on a screen
 EFFORTS = {"rad": "N·m", "m": "N"}  # units, by that of what they move
 
 
 def heading(motion: Motion) -> str:
-    """Return what moves, how many steps over what, and how well the loops are closed."""
+    """Return the mechanism, the number and range of steps, and the closure error."""
     name, unit = _over(motion)
     values = motion.driver if motion.driver is not None else motion.time
     span = ""
@@ -31,7 +31,7 @@ def error_lines(motion: Motion) -> list[str]:
 
 
 def ranges(motion: Motion) -> list[str]:
-    """Return a line for every coordinate: how far it goes, and how fast."""
+    """Return a line for every coordinate: its range and its largest rate."""
     if not len(motion):
         return []
     table = motion.mechanism.coordinate_table
@@ -46,7 +46,7 @@ def ranges(motion: Motion) -> list[str]:
 
 
 def first_of(lines: Sequence[str], what: str) -> list[str]:
-    """Return lines, the last of too many replaced by their number."""
+    """Return lines; if there are too many, the last line is the number of the others."""
     if len(lines) <= MOST_LINES:
         return list(lines)
     return [*lines[: MOST_LINES - 1], f"  ... and {len(lines) - MOST_LINES + 1} more {what}"]
@@ -72,7 +72,7 @@ def effort_lines(motion: Motion, efforts: dict[str, Array]) -> list[str]:
 
 
 def where(motion: Motion, row: int) -> str:
-    """Return at what driver value, or time, a sample is, in words."""
+    """Return the driver value, or time, of a sample as text."""
     name, unit = _over(motion)
     values = motion.driver if motion.driver is not None else motion.time
     return f"at {name} = {values[row]:.6g} {unit}" if values is not None else f"in sample {row}"

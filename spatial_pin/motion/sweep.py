@@ -45,17 +45,21 @@ from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.motion.joint_limit_events import joint_limit_events
 from spatial_pin.motion.motion import UNRESOLVED, Event, Motion, made
 from spatial_pin.motion.rated_limits import velocity_limit_events
-from spatial_pin.motion.rounding import within_gap
+from spatial_pin.motion.rounding import CHOICES, independent_on, within_gap
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.depending import depending_on
 from spatial_pin.rates.rates import SOLUTION_ERROR, check_finite, check_not_held
 from spatial_pin.settings import Accuracy, accuracy_of
 
-FAST = 300.0  # speed of a joint by the driver's, and by the least over the motion, near a limit
+# Near a limit a joint is this much faster than the driver, and than its own lowest speed: at a
+# distance d it is 1 / sqrt(d) times faster, so d is 1e-5 of the range.
+FAST = 300.0
 ENDS = ("limit", "half turn", "runs away")  # kinds of arrivals beyond which there is nothing
-FASTEST = 1e100  # speed below which nothing overflows, nor in times above its inverse
-DRIFTED = 1e-3  # closure error that a fixed number of corrections may leave without a word
+FASTEST = 1e100  # largest driver speed: its square, and the inverse of its square, are finite
+# Closure error above which a sweep with a fixed number of corrections warns: 0.1 % of the size is
+# visible.
+DRIFTED = 1e-3
 
 
 @checked
@@ -136,30 +140,41 @@ def sweep(
     check_choice("on_limit", on_limit, ("raise", "stop"))
     check_choice("on_crossing", on_crossing, ("straight", "stop", "raise"))
     values = _values(mechanism, driver, values, speed)
-    speeds, accels = _rates_asked(speed, acceleration, values)
+    speeds, accels = _requested_rates(speed, acceleration, values)
     coordinate = mechanism.prescribed_coordinate(driver)
-    given, held = ({}, (hold,)) if isinstance(hold, str) else _told_to_hold(hold)
-    mechanism, found, held, events = _followed(
-        mechanism, driver, coordinate, values, guess, given, held, accuracy,
-        on_crossing == "straight", progress)
-    n, stop, asked = found.done, found.stop, values
-    if n < len(values):
-        values, speeds, accels = values[:n], speeds[:n], None if accels is None else accels[:n]
-    motion = _motion(mechanism, found, driver, values, speeds, type(speed) is float, accels,
-                     coordinate.unit if speed is None else "s", held, events)
-    motion = within_gap(motion, accuracy, on_limit)
-    if len(motion) < n:
+    given, held = ({}, (hold,)) if isinstance(hold, str) else _hold_values(hold)
+    requested, rates, good = values, (speeds, accels), None
+    for _ in range(CHOICES):
+        mechanism, result, still, events = _followed(
+            mechanism, driver, coordinate, requested, guess, given, held, accuracy,
+            on_crossing == "straight", progress)
+        n, stop, values = result.done, result.stop, requested
+        if n < len(values):
+            values, speeds = values[:n], rates[0][:n]
+            accels = None if rates[1] is None else rates[1][:n]
+        motion = _motion(mechanism, result, driver, values, speeds, type(speed) is float, accels,
+                         coordinate.unit if speed is None else "s", still, events)
+        if mechanism.whole is None or not n:
+            break
+        onward = (requested.item(n) if n < len(requested) else values.item(0)) - values.item(-1)
+        chosen, good = independent_on(motion, accuracy, math.copysign(1.0, onward) *
+                                      result.samples.t[n - 1], None if stop is None else stop.q)
+        if chosen is mechanism:
+            break
+        mechanism = chosen
+    motion = within_gap(motion, accuracy, on_limit, good)
+    if len(motion) < n or good is not None:
         return motion
     if passed := [*joint_limit_events(motion), *velocity_limit_events(motion)]:
         motion.events += passed
-    if found.is_cut:
+    if result.is_cut:
         raise Interrupted(motion)
     if stop is not None:
         motion.events.append(stop_event(stop, n, f"{driver} = {stop.value:.12g} {coordinate.unit}",
                                         "limit position"))
         ends = on_limit if stop.kind in ENDS else on_crossing
         if ends != "stop" or stop.kind == "lost":
-            raise _error(motion, stop, driver, coordinate, asked.item(n), on_crossing)
+            raise _error(motion, stop, driver, coordinate, requested.item(n), on_crossing)
     return motion
 
 
@@ -185,10 +200,10 @@ def _values(mechanism: Mechanism, driver: str, given: Any, speed: Any) -> Array:
     return values
 
 
-def _told_to_hold(
+def _hold_values(
     hold: Mapping[str, float] | Iterable[str] | None
 ) -> tuple[Mapping[str, float], tuple[str, ...]]:
-    """Return what is held at given values, and what by name: free bases beside values."""
+    """Return the coordinates held at given values, and the names that are held, bases included."""
     if isinstance(hold, Mapping):
         return hold, (BASE,)
     return {}, () if hold is None else tuple(names_of(hold, "hold"))
@@ -199,7 +214,7 @@ def _followed(
     given: Mapping[str, float], held: tuple[str, ...], accuracy: Accuracy, passes: bool,
     progress: bool,
 ) -> tuple[Mechanism, Followed, tuple[str, ...], list[Event]]:
-    """Return the samples of a sweep, as far as the branch goes.
+    """Return the samples of a sweep, up to the end of the branch.
 
     Returns:
         The mechanism, without the equations that a rounded file contradicts; the samples; what
@@ -212,16 +227,16 @@ def _followed(
         if not isinstance(guess, State) or held in ((), (BASE,)):
             first = held_values(mechanism, {**given, **first}) if given else first
             problem = pose(mechanism, first, guess, tolerance, gap_allowed(mechanism, accuracy))
-            begun = None if ways is not None or not problem.is_for_kernel() else (
+            started = None if ways is not None or not problem.is_for_kernel() else (
                 PathTracker.from_guess(problem, names, held, accuracy, workspaces,
                                        values[: chunk_of(mechanism)], n))
-            if begun is not None:
-                tracker, samples, done = begun
-                found = Followed(samples, n)
+            if started is not None:
+                tracker, samples, done = started
+                result = Followed(samples, n)
                 if done < n:
                     with progress_bar(n, f"{mechanism.name}: {driver}", progress) as bar:
-                        found = followed(tracker, values, samples, passes, bar, done)
-                return problem.mechanism, found, held, _events(tracker, found, driver, values)
+                        result = followed(tracker, values, samples, passes, bar, done)
+                return problem.mechanism, result, held, _events(tracker, result, driver, values)
         check_not_held(mechanism, [coordinate], held)
         state, gone = (solved(problem), list[str]()) if problem is not None else held_start(
             mechanism, {**given, **first}, guess, held, replace(accuracy, tolerance=tolerance))
@@ -230,33 +245,33 @@ def _followed(
         with progress_bar(n, f"{mechanism.name}: {driver}", progress) as bar:
             tracker = PathTracker.along(there, names, hold, accuracy, workspaces)
             both = None if ways is None else followed_both_ways(tracker, values, ways, bar)
-            found = followed(tracker, values, tracker.room_for(n), passes, bar) if (
+            result = followed(tracker, values, tracker.room_for(n), passes, bar) if (
                 both is None) else both
-    events = _events(tracker, found, driver, values, state.released, gone)
+    events = _events(tracker, result, driver, values, state.released, gone)
     if moved is not None:
-        found, held = found._replace(samples=moved.of_whole(found.samples)), moved.held
-    return state.mechanism, found, held, events
+        result, held = result._replace(samples=moved.of_whole(result.samples)), moved.held
+    return state.mechanism, result, held, events
 
 
 def _events(
-    tracker: PathTracker, found: Followed, driver: str, values: Array,
+    tracker: PathTracker, result: Followed, driver: str, values: Array,
     released: Mapping[str, float] = NOTHING, gone: Iterable[str] = (),
 ) -> list[Event]:
-    """Tell of the drivers that do not stand where the guess has them, nor at rest.
+    """Return events for drivers that are not at their guess, or move.
 
     A coordinate that moves the only freedoms there are moves the drivers: that is no event. And of
     branch points that were passed.
 
     Args:
         tracker: which has followed the branch.
-        found: what it has followed.
+        result: the samples of the path.
         driver: what is swept.
         values: of it.
         released: see `State.released`.
         gone: sentences on what is held, but not where the guess has it.
     """
     moving, texts = tracker.moving_drivers, [*gone]
-    if not (moving or released or texts or found.crossed):
+    if not (moving or released or texts or result.crossed):
         return []
     if moving or released:
         drivers = driver_coordinates(tracker.mechanism)
@@ -267,15 +282,15 @@ def _events(
             texts += [f"driver {name} is released: it moves, as the loops do not let it stand"
                       for name in sorted(moving)]
     events = [Event("released", values.item(0), 0, text) for text in texts]
-    if found.crossed:
+    if result.crossed:
         unit = tracker.mechanism.prescribed_coordinate(driver).unit
         events += [crossed_event(value, row, f"{driver} = {value:.12g} {unit}")
-                   for value, row in found.crossed]
+                   for value, row in result.crossed]
     return events
 
 
 def check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
-    """Refuse a word that is none of some.
+    """Refuse a word that is not in a list.
 
     Raises:
         ValueError: it is none.
@@ -284,7 +299,7 @@ def check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
         raise ValueError(f"{name} is {value!r}; it is one of {', '.join(map(repr, choices))}")
 
 
-def _rates_asked(speed: Any, acceleration: Any, values: Array) -> tuple[Array, Array | None]:
+def _requested_rates(speed: Any, acceleration: Any, values: Array) -> tuple[Array, Array | None]:
     """Return the driver's speeds and accelerations (N,); None where these are zero."""
     speeds = _per_sample(1.0 if speed is None else speed, values, "speed")
     if type(acceleration) is float and acceleration == 0.0:
@@ -308,10 +323,10 @@ def _per_sample(value: Any, values: Array, what: str) -> Array:
 
 
 def _motion(
-    mechanism: Mechanism, found: Followed, driver: str, values: Array, speeds: Array,
+    mechanism: Mechanism, result: Followed, driver: str, values: Array, speeds: Array,
     is_steady: bool, accels: Array | None, per: str, held: tuple[str, ...], events: list[Event],
 ) -> Motion:
-    samples, n = found.samples, found.done
+    samples, n = result.samples, result.done
     samples = samples if n == len(samples.q) else samples.between(0, n)
     v, a, time = samples.t, samples.c, None
     if per == "s":
@@ -334,7 +349,7 @@ def _motion(
 def _scaled(
     t: Array, c: Array, values: Array, speeds: Array, accels: Array | None
 ) -> tuple[Array, Array, Array | None]:
-    """Return rates, accelerations and, if the speed is the same all along, times."""
+    """Return rates, accelerations and, if the speed is constant, times."""
     speed = speeds[:, None]
     a = c * (speed * speed)
     if accels is not None:
@@ -369,7 +384,7 @@ def scaled_estimates(
 
 
 def _near_limit(motion: Motion, t: Array) -> list[Event]:
-    """Report samples near a limit position, where joints move so fast that digits are lost."""
+    """Report samples near a limit position, where joints are so fast that digits are lost."""
     if not len(t):
         return []
     of_driver, slow = _sizes(motion.mechanism, motion.driver_name)
@@ -399,7 +414,7 @@ def _sizes(mechanism: Mechanism, driver: str) -> tuple[float, float]:
 
 
 def _drift(motion: Motion) -> list[Event]:
-    """Report where a motion that is not corrected to tolerance has left its closed loops."""
+    """Report the first sample that a fixed number of corrections left visibly open."""
     errors = motion.closure_error
     if not (max(errors.tolist(), default=0.0) if len(errors) < FEW else errors.max()) > DRIFTED:
         return []
@@ -411,7 +426,7 @@ def _drift(motion: Motion) -> list[Event]:
 
 
 def _time(values: Array, speed: float) -> Array | None:
-    """Return (value - first)/speed where that rises from sample to sample, else None."""
+    """Return (value - first)/speed if it rises from sample to sample, else None."""
     if speed == 0.0:
         return None
     if len(values) == 1:
@@ -422,13 +437,13 @@ def _time(values: Array, speed: float) -> Array | None:
 
 
 def crossed_event(value: float, row: int, at: str) -> Event:
-    """Return the event of a branch point that was passed, in words where."""
+    """Return the event of a branch point that was crossed, with its location as text."""
     return Event("branch point", value, row, f"branch point at {at}: branches cross; followed the "
                  "one that goes straight on")
 
 
 def stop_event(stop: Arrival, row: int, at: str, limit: str) -> Event:
-    """Return the event of what ended a motion, in words where, and of what a limit is."""
+    """Return the event that ended a motion, with its location and the kind of limit as text."""
     words = {"limit": limit, "singular": "singular configuration", "branch point": "branch point",
              "lost": "end of the followed path",
              "half turn": "end of a rotation vector, half a turn,",
@@ -483,7 +498,7 @@ def _error(
 
 
 def _far_out(mechanism: Mechanism, q: Array) -> str:
-    """Tell of the slide that is farthest out at a configuration, if out of all proportion."""
+    """Report the slide that is farthest out at a configuration, if it is absurdly far."""
     slides = [c for c in mechanism.coordinate_table.values() if c.unit == "m"]
     far = max(slides, key=lambda c: abs(coordinate_value(mechanism, c, q)), default=None)
     value = 0.0 if far is None else coordinate_value(mechanism, far, q)

@@ -1,4 +1,4 @@
-"""The whole curve of closed configurations of one driver, by arc length, through its limits."""
+"""The whole curve of closed configurations of one driver, by arc length, through limits."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State
 from spatial_pin.continuation.branch_points import straight_on
 from spatial_pin.continuation.initial_tangent import (
-    body_places,
+    body_placements,
     direction_of,
     not_spinning,
     system_at,
@@ -33,8 +33,8 @@ from spatial_pin.rates.depending import Depending
 from spatial_pin.settings import Accuracy
 
 TURN = 2.0 * np.pi
-# Steps that the bodies may still be away by where a curve closes: one, if they moved as fast all
-# along the last step as in the first; two and a half, as they do not.
+# Distance, in steps, from which a curve is checked for having closed. It is one step if the joints
+# move at constant speed, and two and a half if they do not.
 STEPS_NEAR = 2.5
 
 
@@ -107,10 +107,10 @@ def trace(
 
 
 def _advance(path: ArcLengthPath, length: float, samples: _TracedSamples) -> bool:
-    """Go one sample further, noting limits on the way; False where branches cross before."""
-    left, longest = length, length
-    while left > TOLERANCES.tight * length:
-        step = path.ahead(min(longest, left))
+    """Move to the next sample and record limits; False if a branch point lies before it."""
+    rest, longest = length, length
+    while rest > TOLERANCES.tight * length:
+        step = path.ahead(min(longest, rest))
         if step.kind != "regular":
             return False
         turn = path.turning_point(step)
@@ -118,7 +118,7 @@ def _advance(path: ArcLengthPath, length: float, samples: _TracedSamples) -> boo
             samples.note("limit", path.curve.value(turn.x))
         if not path.take(step):
             return False
-        longest, left = step.length, left - step.length
+        longest, rest = step.length, rest - step.length
     return True
 
 
@@ -134,10 +134,10 @@ class _TracedSamples:
         self.errors: list[float] = []
         self.estimates: list[Array] = []
         self.events: list[Event] = []
-        self.near, self.has_left = np.inf, False  # how near to the first place counts as back there
+        self.near, self.has_gone = np.inf, False  # how near to the first place counts as back there
 
     def add(self, point: CurvePoint) -> None:
-        """Keep a point, with the second derivative of the curve there."""
+        """Add a point, with the second derivative of the curve there."""
         curve, evaluation, model = self.curve, self.curve.evaluation, self.curve.evaluation.model
         rows, scale = curve.equations(point.x), curve.unknowns.scale
         n, chosen = evaluation.constraints.n_closure, curve.selected
@@ -155,27 +155,27 @@ class _TracedSamples:
         if len(self.points) < 2:
             self.bodies = not_spinning(self.curve.system)
             self.own = np.isin(np.repeat(np.arange(model.njoints), model.nvs), self.bodies)
-            self.first_place = body_places(self.curve.evaluation, self.bodies)
+            self.first_placement = body_placements(self.curve.evaluation, self.bodies)
 
     def is_back(self, point: CurvePoint, step: float) -> bool:
-        """Whether all bodies are within a step of where they began, moving the same way.
+        """Whether all bodies are within a step of their start and move in the same direction.
 
         But for those that spin freely, whose joints have other axes then. Where many joints share
         a step of arc length, bodies move by a small part of it only.
         """
         self.curve.equations(point.x)
-        places = body_places(self.curve.evaluation, self.bodies)
-        gap = float(np.abs(places - self.first_place).max())
+        placements = body_placements(self.curve.evaluation, self.bodies)
+        gap = float(np.abs(placements - self.first_placement).max())
         if len(self.points) == 1:
             self.near = min(step, STEPS_NEAR * gap)
         if gap >= self.near:
-            self.has_left = True
+            self.has_gone = True
         now, first = (x.t[self.own] for x in (point, self.points[0]))
-        same_way = now @ first > 0.5 * np.sqrt((now @ now) * (first @ first))
-        return bool(self.has_left and gap < self.near and same_way)
+        is_forward = now @ first > 0.5 * np.sqrt((now @ now) * (first @ first))
+        return bool(self.has_gone and gap < self.near and is_forward)
 
     def add_first_again(self) -> None:
-        """End with the first configuration, angles counted on."""
+        """Add the first configuration as the last, with angles counted over turns."""
         first, last = self.points[0], self.points[-1]
         q = first.x.copy()
         for c in self.mechanism.coordinate_table.values():
@@ -187,7 +187,7 @@ class _TracedSamples:
         self.estimates.append(self.estimates[0])
 
     def note(self, kind: str, value: float) -> None:
-        """Keep a limit position, a branch point, or an early end as an event."""
+        """Record a limit position, a branch point, or an early end as an event."""
         unit = self.mechanism.coordinate(self.driver).unit
         words = {"limit": "limit position",
                  "branch point": "branch point, passed straight on,",
@@ -196,10 +196,10 @@ class _TracedSamples:
         self.events.append(Event(kind, value, len(self.points), text))
 
     def note_branch_points(self, point: CurvePoint, beyond: CurvePoint) -> None:
-        """Keep what lies between two points: as seen from both, there may be more than one."""
+        """Record the branch points between two points, seen from both: there may be several."""
         back = beyond._replace(t=-beyond.t, sign=-beyond.sign)
         seen = [located(self.curve, x) for x in (point, back)]
-        values = [found[1] for found in seen if found is not None]
+        values = [singular[1] for singular in seen if singular is not None]
         for k, value in enumerate(values):
             if not k or abs(value - values[0]) > TOLERANCES.half_precision:
                 self.note("branch point", value)
@@ -210,17 +210,17 @@ class _TracedSamples:
         q = np.array([p.x for p in self.points])
         v = np.array([scale * p.t for p in self.points])
         driver, moved = self.curve.system.driven[0], self._moved
-        found = PathSamples(q, v, np.array(self.accelerations), np.array(self.errors),
+        traced = PathSamples(q, v, np.array(self.accelerations), np.array(self.errors),
                         np.array(self.estimates), np.array([p.angles for p in self.points]))
         mechanism = self.mechanism
         if moved is not None:
-            found, mechanism = moved.of_whole(found), moved.whole.mechanism
+            traced, mechanism = moved.of_whole(traced), moved.whole.mechanism
         motion = Motion(
             mechanism=mechanism, driver=q[:, driver.q].copy(), driver_name=self.driver,
-            time=None, q=q, v=v, a=found.c, closure_error=found.error,
-            driver_speed=v[:, driver.v].copy(), events=self.events, angles=found.angles,
+            time=None, q=q, v=v, a=traced.c, closure_error=traced.error,
+            driver_speed=v[:, driver.v].copy(), events=self.events, angles=traced.angles,
             per="length")
-        motion.error_estimates = scaled_estimates(motion, found.estimate)
+        motion.error_estimates = scaled_estimates(motion, traced.estimate)
         if moved is not None:
             motion.held = moved.held
         return motion

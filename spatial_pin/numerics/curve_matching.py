@@ -1,4 +1,4 @@
-"""How well parts of closed curves go onto given points, wherever these are, and however large.
+"""Best fit of parts of closed curves to given points, up to translation, rotation and size.
 
 Curves are compared at points spaced evenly along them. For all places at which a part may begin the
 sums of products are correlations, found together by Fourier transforms; from these follow the best
@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from spatial_pin.numerics.linalg import Array
 
-EVEN = 48  # points along what is given
-FINE = 2001  # points by which a smooth curve through given ones is measured
-# How much longer a whole curve may be than its part that goes through points: of a longer one
-# hardly any part is found twice among some thousand curves.
+EVEN = 48  # points at equal distances on the given curve
+FINE = 2001  # points that measure the length of a smooth curve through the given points
+# Lengths of the whole curve that are tried, relative to its part through the points. Among some
+# thousand longer curves hardly any fits.
 TIMES_AS_LONG = (1.0, 1.25, 1.5, 2.0, 3.0, 4.0, 6.0)
 
-COARSE = 3  # of places at which a part may begin, one in so many where rotations are in space
+COARSE = 3  # with rotations in space, every third start of the part is tried first
 
 
 class Movable(NamedTuple):
@@ -38,7 +38,7 @@ class Movable(NamedTuple):
 
 
 class Matches(NamedTuple):
-    """How the best parts of m curves go onto given points.
+    """The best fits of parts of m curves to given points.
 
     Attributes:
         misfit: (m,) what is missed, relative to the size of what is given.
@@ -54,7 +54,7 @@ class Matches(NamedTuple):
 
 
 def matches(points: Array, curves: Array, is_closed: bool, movable: Movable) -> Matches:
-    """Return how closed curves go best onto points, or a part of each, whichever way round.
+    """Return the best fits of closed curves, or of a part of each, in both directions.
 
     Args:
         points: (k, 3) in their order.
@@ -69,10 +69,10 @@ def matches(points: Array, curves: Array, is_closed: bool, movable: Movable) -> 
     for times in TIMES_AS_LONG[:1] if is_closed else TIMES_AS_LONG:
         n = round(times * EVEN)
         forward = _even(curves, n)
-        for way in (1, -1):
-            along = forward if way > 0 else forward[:, (-np.arange(n)) % n]
-            misfit, first, size, rotation = _best_places(given, along, movable)
-            there = (way * (first[:, None] + part)) % n / n
+        for sense in (1, -1):
+            along = forward if sense > 0 else forward[:, (-np.arange(n)) % n]
+            misfit, first, size, rotation = _best_starts(given, along, movable)
+            there = (sense * (first[:, None] + part)) % n / n
             better = misfit < best.misfit
             best = Matches(*(np.where(better.reshape(-1, *[1] * (new.ndim - 1)), new, old)
                              for new, old in zip((misfit, size, rotation, there), best,
@@ -89,29 +89,30 @@ def _even_points(points: Array, is_closed: bool) -> tuple[Array, Array]:
     knots = np.concatenate([[0.0], np.cumsum(np.maximum(chords, 1e-9 * chords.max()))])
     spline = CubicSpline(knots, ends, bc_type="periodic" if is_closed else "not-a-knot")
     fine = np.linspace(0.0, knots[-1], FINE)
-    way = spline(fine)
-    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
+    fine_points = spline(fine)
+    steps = np.linalg.norm(np.diff(fine_points, axis=0), axis=1)
+    length = np.concatenate([[0.0], np.cumsum(steps)])
     even = np.linspace(0.0, length[-1], EVEN, endpoint=not is_closed)
-    found = np.column_stack([np.interp(even, length, x) for x in way.T])
-    return found, np.interp(knots[: len(points)], fine, length) / length[-1]
+    points_on = np.column_stack([np.interp(even, length, x) for x in fine_points.T])
+    return points_on, np.interp(knots[: len(points)], fine, length) / length[-1]
 
 
 def lengths_along(curves: Array) -> Array:
     """Return the parts (m, n + 1) of the length of closed curves (m, n, 3) at their samples."""
     steps = np.linalg.norm(np.diff(curves, axis=1, append=curves[:, :1]), axis=2)
-    found = np.concatenate([np.zeros((len(curves), 1)), np.cumsum(steps, axis=1)], axis=1)
-    return found / np.maximum(found[:, -1:], np.finfo(float).tiny)
+    sums = np.concatenate([np.zeros((len(curves), 1)), np.cumsum(steps, axis=1)], axis=1)
+    return sums / np.maximum(sums[:, -1:], np.finfo(float).tiny)
 
 
 def _even(curves: Array, n: int) -> Array:
     """Return points (m, n, 3) spaced evenly along closed curves."""
     closed = np.concatenate([curves, curves[:, :1]], axis=1)
-    places = np.arange(n) / n
-    return np.array([np.column_stack([np.interp(places, at, x) for x in curve.T])
+    fractions = np.arange(n) / n
+    return np.array([np.column_stack([np.interp(fractions, at, x) for x in curve.T])
                      for at, curve in zip(lengths_along(curves), closed, strict=True)])
 
 
-def _best_places(
+def _best_starts(
     given: Array, along: Array, movable: Movable
 ) -> tuple[Array, NDArray[np.intp], Array, Array]:
     """Return misfit, first point, size and rotation of the best part of each curve (m, n, 3)."""
@@ -131,11 +132,11 @@ def _best_places(
     whole = float(np.sum(z * z))
     tiny = np.finfo(float).tiny
     size = np.maximum(both, 0.0) / np.maximum(own, tiny) if movable.scale else np.ones_like(both)
-    left = np.maximum(whole - 2.0 * size * both + size**2 * own, 0.0)
-    first = np.argmin(left, axis=1)
+    misfit = np.maximum(whole - 2.0 * size * both + size**2 * own, 0.0)
+    first = np.argmin(misfit, axis=1)
     rows = np.arange(len(along))
     rotation = _rotations(products[rows, first], movable.turns)
-    return np.sqrt(left[rows, first] / whole), stride * first, size[rows, first], rotation
+    return np.sqrt(misfit[rows, first] / whole), stride * first, size[rows, first], rotation
 
 
 def _turned_products(products: Array, turns: NDArray[np.bool_]) -> Array:
@@ -153,7 +154,7 @@ def _turned_products(products: Array, turns: NDArray[np.bool_]) -> Array:
 
 def _rotations(products: Array, turns: NDArray[np.bool_]) -> Array:
     """Return the rotations (m, 3, 3) of the largest sums of products (m, 3, 3)."""
-    found = np.tile(np.eye(3), (len(products), 1, 1))
+    rotations = np.tile(np.eye(3), (len(products), 1, 1))
     if turns.all():
         u, _, vt = np.linalg.svd(products)
         u[:, :, 2] *= np.linalg.det(u @ vt)[:, None]
@@ -162,9 +163,9 @@ def _rotations(products: Array, turns: NDArray[np.bool_]) -> Array:
         i, j, _ = _plane(turns)
         angle = np.arctan2(products[:, j, i] - products[:, i, j],
                            products[:, i, i] + products[:, j, j])
-        found[:, i, i] = found[:, j, j] = np.cos(angle)
-        found[:, j, i], found[:, i, j] = np.sin(angle), -np.sin(angle)
-    return found
+        rotations[:, i, i] = rotations[:, j, j] = np.cos(angle)
+        rotations[:, j, i], rotations[:, i, j] = np.sin(angle), -np.sin(angle)
+    return rotations
 
 
 def _plane(turns: NDArray[np.bool_]) -> tuple[int, int, int]:

@@ -32,7 +32,6 @@ def _function(name: str, returns: Any, *takes: Any) -> Any:
 _lu = _function("dense_lu", _COUNT, _COUNT, _REALS, _COUNTS)
 _lu_solve = _function(
     "dense_lu_solve", None, _COUNT, _REALS, _COUNTS, _COUNT, _COUNT, _REALS)
-_upper_solve = _function("dense_upper_solve", None, _COUNT, _REALS, _COUNT, _COUNT, _REALS)
 _qr = _function("dense_qr", None, _COUNT, _COUNT, _REALS, _COUNTS, _REALS, _REALS)
 _qr_turn = _function("dense_qr_turn", None, _COUNT, _COUNT, _REALS, _REALS, _COUNT, _COUNT, _COUNT,
                      _REALS, _REALS)
@@ -68,10 +67,7 @@ def lu_solve(factors: Array, order: Order, b: Array, transposed: bool = False) -
 
 def upper_solve(upper: Array, b: Array, transposed: bool = False) -> Array:
     """Return R^-1 b, or R^-T b, for the upper triangle of (n, n), and b (n,) or (n, k)."""
-    x = _own(b)
-    if x.size:
-        _upper_solve(len(x), _reals(_own(upper)), transposed, x.size // len(x), _reals(x))
-    return x
+    return lu_solve(np.triu(upper), np.arange(len(upper)), b, transposed)
 
 
 class Independence(NamedTuple):
@@ -100,10 +96,10 @@ def independence(a: Array, most: int, part: float) -> Independence:
     chosen, facts = np.empty(len(a), dtype=np.int64), np.zeros(2)
     if not a.size:
         return Independence(chosen[:0].astype(np.intp), 0.0, 0.0)
-    found = _independent_rows(*a.shape, _reals(_own(a)), most, part, _counts(chosen), _reals(facts))
-    if found < 0:
+    rank = _independent_rows(*a.shape, _reals(_own(a)), most, part, _counts(chosen), _reals(facts))
+    if rank < 0:
         raise MemoryError
-    return Independence(chosen[:found].astype(np.intp, copy=False), *facts.tolist())
+    return Independence(chosen[:rank].astype(np.intp, copy=False), *facts.tolist())
 
 
 def qr(a: Array) -> tuple[Array, Order, Array]:

@@ -1,4 +1,4 @@
-"""Least squares on constraints and between bounds, by steps in the tangent space of both.
+"""Constrained least squares with bounds, by steps in the tangent space of both.
 
 Gauss's steps go quickly to what can be reached. Towards what cannot, they creep: they leave out how
 residuals and constraints bend, which counts in proportion to what stays off. There Newton's steps
@@ -22,31 +22,34 @@ from numpy.typing import NDArray
 from spatial_pin.numerics.linalg import Array, Triangular, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-SLOW_STEPS = 2  # that leave more than half, after which Newton's are made: Gauss's creep
-# Damping where the first step did not help, relative to the square of the largest singular value;
-# least where a later one did not; and that with which nothing moves any more.
+# After this many steps that leave more than half of the residual, Newton's method replaces
+# Gauss's, which converges slowly there.
+SLOW_STEPS = 2
+# Damping relative to the square of the largest singular value: after a first step that failed, the
+# least after a later one, and one with which nothing moves any more.
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-6, 1e6
-HARDENING = 4.0  # of damping after a step that did not help
-# Gains of a step, of what it was to gain to first order [NocedalWright2006, 4.1]: with less than
-# the first it is damped more, with more than the second less.
+HARDENING = 4.0  # factor of the damping after a step that failed
+# Gains of a step, relative to the predicted gain [NocedalWright2006, 4.1]. Below the first the
+# damping grows, above the second it falls.
 POOR_GAIN, GOOD_GAIN = 0.25, 0.75
-NO_LONGER = 1e-9  # of the unknowns: how far off a least sum may be
-# By how much of the square of a Gauss step constraints may be off on the way: such a step itself
-# misses by its square, and the last ones are so short that all digits are kept.
+NO_LONGER = 1e-9  # largest step at a minimum, relative to the unknowns
+# Largest constraint residual between steps, relative to the square of a Gauss step. Such a step
+# itself misses by its square. The last steps are so short that all digits are right.
 OFF_ON_THE_WAY = 1e-3
-# Residuals that a step leaves where it goes to a dead centre, a double root: about a quarter.
+# A step to a double root (a dead centre) leaves a quarter of the residual; this range counts as
+# one.
 DOUBLE_ROOT = 0.15, 0.35
-# Part of the step to the vertex that is made, so that residuals keep a slope: what is left of them
-# is a quarter of a millionth.
+# Part of the step to the vertex that is made. Residuals keep a slope, and a quarter of a millionth
+# of them remains.
 NEARLY_THERE = 0.9995
-CURVATURE_STEP = 1e-6  # of one-sided differences: half of their digits are good
-GRADIENT_STEP = 1e-4  # of central ones: they leave 1e-9 to 1e-11
+CURVATURE_STEP = 1e-6  # step of one-sided differences: half of their digits are right
+GRADIENT_STEP = 1e-4  # step of central differences: their error is 1e-9 to 1e-11
 SLACK = TOLERANCES.closed  # beyond a bound that is not called so: what is corrected is known to it
 Bounds = dict[int, int]  # active ones, by unknown: 0 the lower, 1 the upper one
 
 
 class LeastSquares(ABC):
-    """Half a sum of squares, of unknowns of order one, that is made least.
+    """Half a sum of squares to be minimised; its unknowns are of order one.
 
     To make something least: a class with `residual` and `jacobian`, and with
 
@@ -85,14 +88,14 @@ class LeastSquares(ABC):
         """Return their derivatives (k, n)."""
 
     def model(self, x: Array) -> tuple[Array, Array]:
-        """Return residuals and derivatives, (k,) and (k, n), that steps are made by.
+        """Return residuals and derivatives, (k,) and (k, n), that define the steps.
 
         Half the sum of their squares has the slope that the problem has, and bends as much or more.
         """
         return self.residual(x), self.jacobian(x)
 
     def displaced(self, x: Array, step: Array) -> Array:
-        """Return what is a step (n,) away."""
+        """Return the unknowns after a step (n,)."""
         moved = self.sizes * step
         there: Array = x + moved
         there[np.abs(there) <= TOLERANCES.last_digit * np.abs(moved)] = 0.0  # but for round-off
@@ -103,7 +106,7 @@ class LeastSquares(ABC):
         return np.empty((0, len(self.moves)))
 
     def corrected(self, x: Array, free: NDArray[np.bool_], off: float) -> Array | None:
-        """Return x with constraints met again by what is free; None if that takes too far.
+        """Return x with its free unknowns corrected to the constraints; None if x moves too far.
 
         Args:
             x: where it begins.
@@ -113,7 +116,7 @@ class LeastSquares(ABC):
         return x
 
     def room(self, x: Array) -> Array:
-        """Return how far unknowns are from their bounds (2, n), the lower ones first."""
+        """Return the distances of unknowns from their bounds (2, n), the lower ones first."""
         if self.ends is None:
             return np.full((2, len(self.moves)), np.inf)
         return np.stack([x - self.ends[0], self.ends[1] - x]) / self.sizes
@@ -127,8 +130,8 @@ class LeastSquares(ABC):
 
     def pulled(self, x: Array, multipliers: Array, forces: Array) -> Array:
         """Return the sum (n,) of multipliers and forces times derivatives of both."""
-        found: Array = multipliers @ self.constraints(x) + forces @ self.jacobian(x)
-        return found
+        gradient: Array = multipliers @ self.constraints(x) + forces @ self.jacobian(x)
+        return gradient
 
     def free(self, active: Bounds) -> NDArray[np.bool_]:
         """Return which unknowns may move (n,) between active bounds."""
@@ -156,7 +159,7 @@ def passed(room: Array, step: Array, active: Bounds) -> tuple[int, int] | None:
 
 
 def beyond(room: Array, allowed: Array | float, active: Bounds) -> Bounds:
-    """Return the bounds that unknowns are beyond, but for what is allowed and for active ones."""
+    """Return the bounds that unknowns exceed by more than a tolerance, without active ones."""
     if not room.size or room.min() >= -SLACK:
         return {}
     return {k: side for side, k in np.argwhere(
@@ -164,7 +167,7 @@ def beyond(room: Array, allowed: Array | float, active: Bounds) -> Bounds:
 
 
 class Iterate:
-    """Unknowns with all that is known of a problem there.
+    """Unknowns, and the values of a problem there.
 
     Attributes:
         x: the unknowns.
@@ -182,7 +185,7 @@ class Iterate:
 
     @cached_property
     def model(self) -> tuple[Array, Array]:
-        """Residuals and derivatives (k, n) that steps are made by."""
+        """Residuals and derivatives (k, n) that define the steps."""
         return self.problem.model(self.x)
 
     @property
@@ -192,7 +195,7 @@ class Iterate:
 
     @cached_property
     def room(self) -> Array:
-        """How far unknowns are from their bounds (2, n)."""
+        """Distances of unknowns from their bounds (2, n)."""
         return self.problem.room(self.x)
 
     @cached_property
@@ -201,7 +204,7 @@ class Iterate:
         return math.sqrt(self.residual.dot(self.residual))
 
     def tangents(self, free: NDArray[np.bool_]) -> Array:
-        """Return orthonormal rows (d, n) along which what is free keeps to the constraints."""
+        """Return orthonormal rows (d, n): directions of free unknowns along the constraints."""
         key = free.tobytes()
         if key not in self._tangents:
             basis = Triangular(self.problem.constraints(self.x)[:, free]).null_space
@@ -210,7 +213,7 @@ class Iterate:
         return self._tangents[key]
 
     def lagrangian(self, free: NDArray[np.bool_]) -> Lagrangian:
-        """Return the Lagrangian along what is free."""
+        """Return the Lagrangian of the free unknowns."""
         key = free.tobytes()
         if key not in self._lagrangians:
             self._lagrangians[key] = Lagrangian(self, free)
@@ -221,13 +224,13 @@ class Iterate:
         return self._lagrangians.get(free.tobytes())
 
     def predicted(self, step: Array) -> float:
-        """Return the part of the sum that a step (n,) gains to first order."""
+        """Return the predicted gain of a step (n,), as part of the sum."""
         residual, rows = self.model
-        left = residual + rows @ step
-        return float(residual @ residual - left @ left) / self.size**2
+        linear = residual + rows @ step
+        return float(residual @ residual - linear @ linear) / self.size**2
 
     def push(self, active: Bounds, k: int) -> float:
-        """Return how far a free step goes beyond the bound that an unknown stands at."""
+        """Return how far a free step exceeds the bound at which an unknown is."""
         tangents = self.tangents(self.problem.free({v: x for v, x in active.items() if v != k}))
         residual, rows = self.model
         step = -(residual @ rows @ tangents.T) @ tangents
@@ -259,7 +262,7 @@ class Lagrangian:
             self.gradient = np.zeros(len(self.tangents))
 
     def at(self, x: Array) -> Lagrangian:
-        """Return that of the same sum at other unknowns."""
+        """Return the Lagrangian of the same sum at other unknowns."""
         return Lagrangian(Iterate(self._at.problem, x), self._free)
 
     def _pulled(self, step: Array) -> Array:
@@ -276,13 +279,13 @@ class Lagrangian:
         """
         tangents, parts = self.tangents, self._at.rows @ self.tangents.T
         here = self._at.problem.pulled(self._at.x, self._multipliers, self._at.residual)
-        bent = [tangents @ (self._pulled(CURVATURE_STEP * way) - here) for way in tangents]
-        found = np.reshape(bent, 2 * tangents.shape[:1]) / CURVATURE_STEP
-        sizes, ways = np.linalg.eigh(parts.T @ parts + 0.5 * (found + found.T))
-        return sizes, ways
+        bent = [tangents @ (self._pulled(CURVATURE_STEP * tangent) - here) for tangent in tangents]
+        bends = np.reshape(bent, 2 * tangents.shape[:1]) / CURVATURE_STEP
+        sizes, directions = np.linalg.eigh(parts.T @ parts + 0.5 * (bends + bends.T))
+        return sizes, directions
 
     def newton_step(self, damping: float) -> Array:
-        """Return Newton's step (n,), which goes down where the curvature is negative too."""
+        """Return Newton's step (n,), which descends along negative curvature too."""
         if not len(self.gradient):
             return np.zeros(self.tangents.shape[1])
         sizes, ways = self.curvature
@@ -296,31 +299,32 @@ class Lagrangian:
         return -(ways @ parts) @ self.tangents
 
     def downward(self) -> Array | None:
-        """Return the direction (n,) that it bends down most along; None where it does not."""
-        sizes, ways = self.curvature
+        """Return the direction (n,) of most negative curvature; None if there is none."""
+        sizes, directions = self.curvature
         size = np.abs(sizes).max(initial=self.least)
         if not len(sizes) or sizes[0] >= -TOLERANCES.half_precision * size:
             return None
-        way: Array = ways[:, 0] @ self.tangents
-        return way if way[np.argmax(np.abs(way))] > 0.0 else -way
+        direction: Array = directions[:, 0] @ self.tangents
+        return direction if direction[np.argmax(np.abs(direction))] > 0.0 else -direction
 
     def is_single(self) -> bool:
-        """Whether it is clearly curved along all tangents, where the sum is least."""
+        """Whether all curvatures at the minimum are clearly positive."""
         parts = self._at.rows @ self.tangents.T
         sizes = np.abs(self.curvature[0])  # what residuals' bending cancels is known to 1e-6 of it
         return bool(np.all(sizes > TOLERANCES.regular * np.linalg.norm(parts) ** 2))
 
-    def changes(self, ways: Array) -> Array:
+    def changes(self, directions: Array) -> Array:
         """Return the second derivative (d, n), along the tangents, for directions (d, n).
 
         To 1e-9 and better.
         """
-        steps = [GRADIENT_STEP / max(float(np.linalg.norm(way)), TOLERANCES.zero) for way in ways]
-        bent = [(self._pulled(h * way) - self._pulled(-h * way)) / (2.0 * h)
-                for h, way in zip(steps, ways, strict=True)]
+        sizes = [float(np.linalg.norm(direction)) for direction in directions]
+        steps = [GRADIENT_STEP / max(size, TOLERANCES.zero) for size in sizes]
+        bent = [(self._pulled(h * direction) - self._pulled(-h * direction)) / (2.0 * h)
+                for h, direction in zip(steps, directions, strict=True)]
         rows = self._at.rows
-        return (ways @ rows.T @ rows + np.reshape(bent, ways.shape)) @ self.tangents.T @ (
-            self.tangents)
+        changed = directions @ rows.T @ rows + np.reshape(bent, directions.shape)
+        return changed @ self.tangents.T @ self.tangents
 
     def curved(self) -> tuple[Array, Array]:
         """Return sizes (k,) and directions (k, n) of the curvatures that are not zero."""
@@ -335,7 +339,7 @@ class Lagrangian:
 
 
 class Minimum(NamedTuple):
-    """Where a descent ends."""
+    """The end of a descent."""
 
     at: Iterate
     active: Bounds  # those that hold it back
@@ -344,18 +348,18 @@ class Minimum(NamedTuple):
 
 
 def minimised(problem: LeastSquares, x: Array, active: Bounds) -> Minimum:
-    """Go down from unknowns that meet the constraints, and the bounds that are active there."""
+    """Minimise from unknowns that meet the constraints and the active bounds."""
     for off in (OFF_ON_THE_WAY, 0.0):
-        found = Descent(problem, off).run(Iterate(problem, x), active)
-        end = found.at.x
-        met = problem.corrected(end, problem.free(found.active), 0.0)
+        result = Descent(problem, off).run(Iterate(problem, x), active)
+        end = result.at.x
+        met = problem.corrected(end, problem.free(result.active), 0.0)
         if met is not None:  # else it went where constraints cannot be met
-            return found if met is end else found._replace(at=Iterate(problem, met))
-    return found
+            return result if met is end else result._replace(at=Iterate(problem, met))
+    return result
 
 
 class Descent:
-    """The steps of `minimised`: with which damping they are made, and whether by Newton.
+    """The steps of `minimised`: their damping, and whether they are Newton's.
 
     Args:
         problem: what is made least.
@@ -371,7 +375,7 @@ class Descent:
         return self._problem.bends and self._slow >= SLOW_STEPS
 
     def run(self, here: Iterate, active: Bounds) -> Minimum:
-        """Return where it ends; constraints may be off there by a little."""
+        """Return the end of the descent; constraints hold nearly there."""
         problem, moved = self._problem, 0.0
         for _ in range(problem.most if here.size < np.inf else 0):
             # bounds that a free step, of some of them released, would not leave
@@ -413,7 +417,7 @@ class Descent:
         return Minimum(here, active, False, moved > 0.5 * problem.longest)
 
     def _step(self, here: Iterate, active: Bounds) -> tuple[Array, Bounds]:
-        """Return a step (n,), and the bounds that it stops at."""
+        """Return a step (n,), and the bounds that end it."""
         problem, active = self._problem, dict(active)
         jump = np.zeros(len(problem.moves))
         while True:
@@ -437,7 +441,7 @@ class Descent:
     def _landed(
         self, here: Iterate, step: Array, active: Bounds
     ) -> tuple[Iterate, Bounds] | None:
-        """Return where a step leads, constraints met again, within bounds; None if too far."""
+        """Return the unknowns after a step, corrected, within bounds; None if they move too far."""
         problem, off = self._problem, 0.0 if self._is_bent else self._off * float(step @ step)
         while True:
             x = problem.at_bounds(problem.displaced(here.x, step), active)
@@ -453,7 +457,7 @@ class Descent:
     def _is_as_good(
         self, there: tuple[Iterate, Bounds], here: Iterate, active: Bounds, moved: float
     ) -> bool:
-        """Whether a step is to be made: not one that only stands still, or goes up."""
+        """Whether a step is accepted: it moves and does not ascend."""
         size = there[0].size
         if size < here.size:
             return True
@@ -467,7 +471,7 @@ class Descent:
     def _to_vertex(
         self, here: Iterate, active: Bounds, step: Array, there: tuple[Iterate, Bounds]
     ) -> tuple[Iterate, Bounds]:
-        """Return where a Gauss step leads that goes as far as residuals go as a parabola along it.
+        """Return the end of a Gauss step to the vertex of the parabola of residuals along it.
 
         Towards a dead centre, a double root, every step is half as long as the one before. With r
         at its start and c where it ends, (1 - t) r + t² c is zero farther on, at a t up to 2.
@@ -484,7 +488,7 @@ class Descent:
     def _onward(
         self, here: Iterate, active: Bounds, before: Iterate
     ) -> tuple[Iterate, Bounds] | None:
-        """Return where to go on from a point, short of `before`; None if it is the least."""
+        """Return a lower point near a stationary one, below `before`; None at a minimum."""
         if here.size <= self._problem.tolerance or not self._problem.bends:
             return None
         self._damping, was_bent = 0.0, self._is_bent
@@ -495,12 +499,12 @@ class Descent:
         known = before.known_lagrangian(free)
         if known is not None and known.downward() is None:
             return None
-        way = here.lagrangian(free).downward()
-        if way is None:
+        direction = here.lagrangian(free).downward()
+        if direction is None:
             return None
         best = here, active
         for side in (1.0, -1.0):
-            there = self._landed(here, side * TOLERANCES.trial_step * way, active)
+            there = self._landed(here, side * TOLERANCES.trial_step * direction, active)
             if there is not None and there[0].size < best[0].size * (1.0 - TOLERANCES.round_off):
                 best = there
         return None if best[0] is here else best

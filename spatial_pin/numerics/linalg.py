@@ -197,13 +197,13 @@ def common_rows(a: Array, given: Array, count: int) -> list[int]:
         for i in range(a.shape[1]):
             if i in chosen or len(chosen) == count:
                 continue
-            left = a[:, i]
+            rest = a[:, i]
             for _ in range(2):  # once more for the digits that the first time has lost
-                left = left - np.einsum("mk,mkn->mn", np.einsum("mkn,mn->mk", basis, left), basis)
-            sizes = np.linalg.norm(left, axis=1)
+                rest = rest - np.einsum("mk,mkn->mn", np.einsum("mkn,mn->mk", basis, rest), basis)
+            sizes = np.linalg.norm(rest, axis=1)
             if sizes.min(initial=1.0) > least:
                 chosen.append(i)
-                basis = np.concatenate([basis, (left / sizes[:, None])[:, None]], axis=1)
+                basis = np.concatenate([basis, (rest / sizes[:, None])[:, None]], axis=1)
     return sorted(chosen)
 
 

@@ -12,7 +12,7 @@ from spatial_pin.numerics.taylor import Taylor
 
 @dataclass(frozen=True, eq=False)
 class Piecewise:
-    """A piecewise polynomial; beyond its ends the last pieces go on, or it repeats.
+    """A piecewise polynomial; its end pieces continue beyond its ends, or it repeats.
 
     Attributes:
         breaks: (n + 1,) where pieces begin and end, ascending.
@@ -35,7 +35,7 @@ class Piecewise:
         inner = self.breaks[1:-1]
         piece = np.searchsorted(inner, start - shift, side="right")
         local = x - (self.breaks[piece] + shift)
-        found = local * 0.0 + self.coefficients[piece, -1]
+        total = local * 0.0 + self.coefficients[piece, -1]
         for k in range(self.coefficients.shape[1] - 2, -1, -1):
-            found = found * local + self.coefficients[piece, k]
-        return found + self.rise * periods
+            total = total * local + self.coefficients[piece, k]
+        return total + self.rise * periods

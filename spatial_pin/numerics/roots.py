@@ -1,18 +1,18 @@
-"""Where a function changes its sign."""
+"""The root of a function between two signs."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 
-MOST_EVALUATIONS = 1000  # bisection alone takes sixty; Brent's method is worst where it jumps
+MOST_EVALUATIONS = 1000  # bisection needs sixty; Brent's method needs most at a jump
 
 
 def sign_change(
     function: Callable[[float], float], first: float, last: float, at_first: float, at_last: float,
     xtol: float = 1e-14, rtol: float = 1e-14,
 ) -> float:
-    """Return where a function changes its sign between two places.
+    """Return the point at which a function changes its sign between two others.
 
     What is computed from closed configurations is round-off near its zero, and may have another
     sign when it is computed again: the values at the ends are given, and never asked for again.
@@ -35,11 +35,11 @@ def sign_change(
         return first if abs(at_first) < abs(at_last) else last
     known = {first: at_first, last: at_last}
 
-    def value(place: float) -> float:
-        found = known[place] if place in known else float(function(place))
-        return at_last if math.isnan(found) else found
+    def value(x: float) -> float:
+        result = known[x] if x in known else float(function(x))
+        return at_last if math.isnan(result) else result
 
-    found, _ = brentq(value, first, last, xtol=xtol, rtol=rtol, maxiter=MOST_EVALUATIONS,
+    root, _ = brentq(value, first, last, xtol=xtol, rtol=rtol, maxiter=MOST_EVALUATIONS,
                       full_output=True, disp=False)
-    off = 2.0 * (xtol + rtol * abs(found))
-    return next((end for end in (first, last) if abs(found - end) <= off), float(found))
+    off = 2.0 * (xtol + rtol * abs(root))
+    return next((end for end in (first, last) if abs(root - end) <= off), float(root))

@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from spatial_pin.numerics.linalg import Array, weighty_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-# Random members that stand for all self-stresses. One would do but for a chance of 1e-8 that a
-# reaction it reaches is below what counts as none.
+# Random members that represent all self-stresses. One would do with a chance of 1 - 1e-8 per
+# reaction.
 MEMBERS = 3
 
 
@@ -57,8 +57,8 @@ class SparseSpaces:
             motions = np.linalg.qr(nearest(motions).T)[0].T
         self.null_space = motions
         motion = np.ones(len(motions)) @ motions
-        left, terms = np.abs(self.jacobian @ motion), abs(self.jacobian) @ np.abs(motion)
-        self.is_sure = bool(np.all(left <= TOLERANCES.nothing * terms.max(initial=1.0)))
+        residual, terms = np.abs(self.jacobian @ motion), abs(self.jacobian) @ np.abs(motion)
+        self.is_sure = bool(np.all(residual <= TOLERANCES.nothing * terms.max(initial=1.0)))
 
     @cached_property
     def _dependent(self) -> NDArray[np.intp]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-MOST_DAMPING = 1e6  # with which nothing moves any more
+MOST_DAMPING = 1e6  # with this damping nothing moves any more
 Tries = Callable[[NDArray[np.intp], Array], tuple[NDArray[np.bool_], NDArray[np.bool_]]]
 
 
@@ -18,7 +18,7 @@ def levenberg(
     tries: Tries, problems: NDArray[np.intp], *, first: float, easing: float, hardening: float,
     least: float, most: int,
 ) -> None:
-    """Make many sums of squares least by Levenberg's method, every one damped for itself.
+    """Minimise many sums of squares by Levenberg's method, each with its own damping.
 
     Beside `least_squares.minimised` for one problem: ten and more cost little more than one so.
 
@@ -66,18 +66,18 @@ def null_spaces(a: Array) -> Array:
     return vt * free[:, :, None]
 
 
-def projected(b: Array, a: Array, left: Array | None = None) -> Array:
-    """Return what of b (m, k, n) is normal to the columns of a (m, k, j).
+def projected(b: Array, a: Array, weights: Array | None = None) -> Array:
+    """Return the part of b (m, k, n) that is normal to the columns of a (m, k, j).
 
     Args:
-        b: derivatives of residuals for what is given.
-        a: those for what is fitted to make the residuals least.
-        left: (m, k) the residuals. Along the columns nothing is left of them but at the end of a
-            curve, where a column vanishes: what is left along it nothing makes up for.
+        b: derivatives of residuals by given parameters.
+        a: derivatives by fitted parameters, which minimise the residuals.
+        weights: (m, k) the residuals. They are normal to the columns, except at the end of a curve,
+            where a column vanishes: b keeps its part along that column.
     """
     u, s, _ = np.linalg.svd(a, full_matrices=False)
     part = (s > TOLERANCES.singular * np.maximum(s[:, :1], TOLERANCES.half_precision)).astype(float)
-    if left is not None:
+    if weights is not None:
         squares = np.maximum(s * s, np.finfo(float).tiny)
-        part *= squares / (squares + np.abs(np.einsum("mkj,mk->mj", u, left)))
+        part *= squares / (squares + np.abs(np.einsum("mkj,mk->mj", u, weights)))
     return b - (u * part[:, None]) @ (u.transpose(0, 2, 1) @ b)

@@ -23,7 +23,7 @@ EPS = float(np.finfo(float).eps)
 
 @dataclass(frozen=True)
 class Tolerances:
-    """What counts as round-off, as zero, as closed, as singular, as small.
+    """Bounds of round-off, of zero, of a closed loop, of singular and of small.
 
     Attributes:
         last_digit: what a few operations on numbers of order one leave, 4.5 epsilon: such as one

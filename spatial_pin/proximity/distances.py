@@ -129,7 +129,7 @@ class Distances:
 
     def place(self, q: Array) -> None:
         """Go to a configuration (nq,)."""
-        self._tree.place(q)
+        self._tree.update(q)
         placements = self._tree.placements[self._joints]
         self._rotations = placements[:, :3].transpose(0, 2, 1)
         self._origins = placements[:, 3]

@@ -112,7 +112,7 @@ class FrameDependence(NamedTuple):
     def rates(self, kernel: Kernel) -> RateSolver:
         """Return what solves for rates there, in a kernel of the state's mechanism."""
         rates = self.given.rates(kernel)
-        rates.place(self.state.q, self.state.angles, self.chosen)
+        rates.factor(self.state.q, self.state.angles, self.chosen)
         return rates
 
     def among_all(self, found: Array, n: int) -> Array:
@@ -127,7 +127,7 @@ class FrameDependence(NamedTuple):
 def all_determined(state: State, given: Prescription) -> FrameDependence | None:
     """Return what determines the velocity of all frames; None where that is not clear."""
     with kernel_of(state.mechanism) as kernel:
-        if given.rates(kernel).place(state.q, state.angles):
+        if given.rates(kernel).factor(state.q, state.angles):
             return FrameDependence(state, given, list(range(given.n_moving)), None)
     return None
 

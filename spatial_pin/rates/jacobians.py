@@ -110,7 +110,7 @@ def jacobian(
     given = _prescribed(mechanism, names, fixed(hold))
     with kernel_of(mechanism) as kernel:
         rates = given.rates(kernel)
-        if rates.place(state.q, state.angles):
+        if rates.factor(state.q, state.angles):
             return _columns(kernel, rates, frame)
     found = frame_determined(state, given, frame)
     with kernel_of(found.state.mechanism) as kernel:

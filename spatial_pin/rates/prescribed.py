@@ -146,8 +146,8 @@ def placed(kernel: Kernel, state: State, given: Prescription) -> RateSolver:
         SingularError: the rates are not determined there.
     """
     rates = given.rates(kernel)
-    if not rates.place(state.q, state.angles):
-        rates.place(state.q, state.angles, chosen_at(state, given))
+    if not rates.factor(state.q, state.angles):
+        rates.factor(state.q, state.angles, chosen_at(state, given))
     return rates
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from spatial_pin.assembly.holding import BASE
 from spatial_pin.assembly.state import State
-from spatial_pin.continuation.initial_tangent import body_places, not_spinning, system_at
+from spatial_pin.continuation.initial_tangent import body_placements, not_spinning, system_at
 from spatial_pin.continuation.solution_curve import SolutionCurve
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
@@ -141,7 +141,7 @@ class Circuit:
 
     def _at(self, evaluation: LoopEquations, q: Array) -> Array:
         evaluation.update(q)
-        return body_places(evaluation, self._bodies)
+        return body_placements(evaluation, self._bodies)
 
     def _branch_points(self) -> list[int]:
         return [event.row - k for event in self.borders if event.kind == "branch point"

@@ -47,10 +47,10 @@ OPTIONS = (
     "--remote-debugging-port=0",  # any that is free, on the loopback interface
 )
 ANSWERED_IN = 60.0  # longest that one thing may take [s]: large pages take many seconds
-GRACE = 5.0  # for a browser that was asked to end [s], before it is ended
+GRACE = 5.0  # time for a browser to end by itself [s]
 POLL = 0.01  # between two looks at something that is not ready yet [s]: short to who waits
 LARGEST_MESSAGE = 1 << 28  # [bytes]: a picture is one message, of 16384 x 16384 at most
-DOMAINS = ("Page", "Runtime", "Log", "Network")  # what events are wanted of
+DOMAINS = ("Page", "Runtime", "Log", "Network")  # whose events are wanted
 # its standard input is our pipe: it ends when we do; the browser's children take a moment longer,
 # and what they still write keeps the folder from being removed
 COMPANION = """folder=$1; shift; exec 3<&0
@@ -66,7 +66,7 @@ NEXT_PICTURE = "new Promise(done => requestAnimationFrame(() => done(true)))"
 
 def find_browser() -> str | None:
     """Return the program of a Chromium or Chrome on this machine, or None."""
-    return next((found for name in BROWSERS if (found := shutil.which(name))), None)
+    return next((path for name in BROWSERS if (path := shutil.which(name))), None)
 
 
 def start(command: Sequence[str], folder: str) -> subprocess.Popen[bytes]:
@@ -77,19 +77,19 @@ def start(command: Sequence[str], folder: str) -> subprocess.Popen[bytes]:
 
     Args:
         command: program and options.
-        folder: the browser's own; what it complains of is written to `stderr` there.
+        folder: the browser's own; its messages are written to `stderr` there.
     """
-    with (Path(folder) / "stderr").open("wb") as said:
+    with (Path(folder) / "stderr").open("wb") as errors:
         if os.name != "posix":
             return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
-                                    stderr=said)
+                                    stderr=errors)
         return subprocess.Popen(["/bin/sh", "-c", COMPANION, "sh", folder, *command],
-                                stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=said,
+                                stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=errors,
                                 start_new_session=True)
 
 
 def end(process: subprocess.Popen[bytes]) -> None:
-    """End a browser, and what is left of its group."""
+    """End a browser and its group of processes."""
     if hasattr(os, "killpg"):
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(process.pid, signal.SIGKILL)
@@ -129,7 +129,7 @@ class _Websocket:
             raise
 
     def send(self, text: str) -> None:
-        """Send a message; that the other end is gone is told by `receive`."""
+        """Send a message; if the other end is gone, `receive` raises."""
         from tornado.websocket import WebSocketClosedError
 
         async def write() -> None:
@@ -274,7 +274,7 @@ class Browser:
             SpatialPinError: it cannot be opened, or is not ready in time.
         """
         url = address.resolve().as_uri() if isinstance(address, Path) else address
-        self.call("Page.navigate", url="about:blank")  # a page asked for again begins anew
+        self.call("Page.navigate", url="about:blank")  # the same page again begins anew
         self.events.clear()
         failure = self.call("Page.navigate", url=url).get("errorText")
         if failure:
@@ -299,12 +299,12 @@ class Browser:
         """Wait until JavaScript in the page is true.
 
         Raises:
-            SpatialPinError: it is not true in time; the message holds what the page says of it.
+            SpatialPinError: it is not true in time; the message holds the messages of the page.
         """
         _patiently(lambda: self.evaluate(f"Boolean({condition})"), f"the page: {condition}")
 
     def screenshot(self) -> bytes:
-        """Return a picture of the page as it stands now, PNG."""
+        """Return a picture of the page, PNG."""
         self.evaluate(NEXT_PICTURE)
         shot = self.call("Page.captureScreenshot", format="png", optimizeForSpeed=True)
         return base64.b64decode(shot["data"])
@@ -341,8 +341,8 @@ class Browser:
 def _patiently(look: Callable[[], Any], what: str) -> Any:
     """Return the first true result of `look`."""
     end = time.monotonic() + ANSWERED_IN
-    while not (found := look()):
+    while not (result := look()):
         if time.monotonic() > end:
             raise SpatialPinError(f"waited {ANSWERED_IN:g} s in vain for {what}")
         time.sleep(POLL)
-    return found
+    return result

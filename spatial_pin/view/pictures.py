@@ -183,7 +183,7 @@ def movie(
     """Write a motion as a film; needs Chromium or Chrome, and for .mp4 the extra `movie`.
 
     It lasts as long as the page of `export_html` plays: the motion's own time, unless that is too
-    fast or too slow to watch. The picture then says so.
+    fast or too slow to watch. The picture then has a note.
 
     Args:
         motion: the motion; a design as in `export_html`.

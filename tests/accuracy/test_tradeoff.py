@@ -74,7 +74,7 @@ def test_what_a_sweep_holds_is_held_while_it_is_measured(tmp_path):
     assert np.ptp(own.coordinate("elbow2").value) < 1e-12 < np.ptp(own.coordinate("right").value)
     found = sp.tradeoff(mechanism, {**task, "hold": ["base", "elbow2"]}, repeats=1,
                         settings=[sp.Accuracy.named("engineering")])
-    assert "right is released" in found.rows[0].said and found.rows[0].error < 1e-12
+    assert "right is released" in found.rows[0].note and found.rows[0].error < 1e-12
 
 
 def test_a_motion_is_a_task_too():
@@ -100,14 +100,14 @@ def test_settings_that_fail_say_why_in_the_table():
                         settings=[bad, sp.Accuracy()], repeats=2)
     failed = found.rows[-1]
     assert failed.accuracy == bad and failed.errors is None and not failed.on_front
-    assert "needs a step" in failed.said and "failed: integrator 'RK4' needs a step" in str(found)
+    assert "needs a step" in failed.note and "failed: integrator 'RK4' needs a step" in str(found)
     assert len(failed.seconds) == 1 and np.isnan(failed.error) and failed.spread is None
 
 
 @pytest.mark.slow
 def test_a_setting_for_which_no_time_is_left_is_reported_as_untried():
     found = sp.tradeoff(sp.load("four_bar"), {"values": TURN}, settings=FEW, budget=1e-9)
-    assert not found.front and {row.said for row in found.rows} == {"not tried, the time was out"}
+    assert not found.front and {row.note for row in found.rows} == {"not tried, the time was out"}
     assert "not tried" in str(found) and found.as_dict()["rows"][0]["time_per_step"] is None
     assert not found.plot().axes[0].containers
     with pytest.raises(sp.SpatialPinError, match="no setting worked"):
@@ -238,7 +238,7 @@ def test_the_command_measures_simulations(run):
     assert code == 0
     content = json.loads(out)
     assert content["kind"] == "simulate" and content["task"] == "simulation of 0.2 s"
-    assert {row["steps"] for row in content["rows"] if row["said"] == ""} == {5}
+    assert {row["steps"] for row in content["rows"] if row["note"] == ""} == {5}
 
 
 @pytest.mark.parametrize(("words", "code", "message"), [

@@ -223,6 +223,34 @@ def test_sweeps_follow_the_exact_motion_without_a_jump(name, digits):
     assert {found.state(k).mechanism for k in range(len(found))} == {found.mechanism}
 
 
+@pytest.mark.parametrize(("seed", "end"), [(1, 1.0), (6, 0.75), (23, -1.0)])
+def test_no_limit_stands_where_equations_near_the_guess_depend_on_each_other(seed, end):
+    """Bricard's loops, in which no equations that may be left out serve all along a motion."""
+    exact, found = (rounded.line_symmetric(seed, r)
+                    for r in (rounded.exactly, rounded.to_digits(7)))
+    assembled(found)
+    meant, found = (sp.sweep(m, "h0", np.linspace(0.0, end, 76), speed=1.0) for m in (exact, found))
+    assert found.closure_error.max() < 1e-12
+    assert max(found.state(k).gap for k in range(76)) < 1e-5
+    for x, y in ((found.q, meant.q), (found.v, meant.v)):
+        assert np.abs(x - y).max() < 1e-4 * np.abs(y).max()
+
+
+def test_a_motion_on_which_no_equations_are_independent_ends_and_goes_on_from_there():
+    """Rounding decides no more than that: the limit of the exact loop is far away."""
+    exact, loop = (rounded.line_symmetric(13, r)
+                   for r in (rounded.exactly, rounded.to_digits(7)))
+    assembled(loop)
+    values = np.linspace(0.0, 1.0, 101)
+    first = sp.sweep(loop, "h0", values, on_limit="stop")
+    assert first.events[-1].kind == "gap" and 0.5 < first.driver[-1] < 1.0
+    with pytest.raises(sp.LimitError, match=r"no choice of its redundant equations .* guess="):
+        sp.sweep(loop, "h0", values)
+    rest = sp.sweep(loop, "h0", values[len(first):], guess=first.state(-1))
+    meant = sp.sweep(exact, "h0", values)
+    assert np.abs(np.vstack([first.q, rest.q]) - meant.q).max() < 1e-4
+
+
 @SOME_ROUNDED
 def test_rates_are_those_of_the_equations_that_hold(name, digits):
     exact, mechanism, size = both(name, digits)

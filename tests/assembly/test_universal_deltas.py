@@ -73,7 +73,7 @@ def test_a_delta_moves_however_its_numbers_are_rounded(digits):
     assert np.abs(turned).max() < 10.0 ** (2 - digits) + 1e-11
 
 
-@pytest.mark.parametrize("digits", [17, 9])
+@pytest.mark.parametrize("digits", [17, 9, 7, 6, 4])
 @pytest.mark.parametrize("exchanged", [(0, 1), (1, 2)])
 def test_all_verbs_say_that_a_delta_with_exchanged_pins_is_singular(exchanged, digits):
     """To the first order it moves three ways as a delta does, in earnest one way only."""

@@ -391,8 +391,8 @@ def test_durations_efforts_and_speeds_are_requested_in_their_units(words, messag
 
 
 @pytest.mark.parametrize(("option", "name", "says"), [
-    ("--plot", "turn.foo", "turn.foo: its suffix says how to write a figure: .png, .svg, .pdf"),
-    ("--plot", "turn", "turn: its suffix says how"),
+    ("--plot", "turn.foo", "turn.foo: its suffix is the format of a figure: .png, .svg, .pdf"),
+    ("--plot", "turn", "turn: its suffix is the format"),
     ("--csv", "gone/turn.csv", "there is no folder"),
     ("--html", ".", "this is a folder; give the name of a file"),
     ("--npz", "locked/turn.npz", "not allowed to write there"),

@@ -204,9 +204,9 @@ def test_names_are_checked_before_work_begins(run, words, says, monkeypatch):
 
 @pytest.mark.parametrize(("words", "says"), [
     (("sweeep", "rssr"), "no command 'sweeep'; did you mean 'sweep'?"),
-    (("rssr",), "no command 'rssr'; --help says which there are"),
+    (("rssr",), "no command 'rssr'; --help lists them"),
     (("sweep", "rssr", "crank", "0", "1", "--stopp"), "did you mean '--stop'?"),
-    (("sweep", "rssr", "crank", "0", "1", "--fortissimo"), "no option '--fortissimo'; --help says"),
+    (("sweep", "rssr", "crank", "0", "1", "--forte"), "no option '--forte'; --help lists"),
     (("limits", "rssr", "crank", "1"), "than was given before '1'"),
     (("limits", "rssr", "crank", "-1"), "than was given before '-1'"),
     (("list", "rssr"), "than was given before 'rssr'"),

@@ -155,7 +155,7 @@ MIMIC = '<mimic joint="{}" multiplier="2"/>'
 
 
 @pytest.mark.parametrize(("kind", "source", "says"), [
-    ("fixed", "elbow", "fixed, its <mimic> says nothing"),
+    ("fixed", "elbow", "fixed, its <mimic> has no effect"),
     ("revolute", "elbw", "does not exist, moves on its own"),
     ("revolute", "mount", "mimics a fixed joint"),
     ("revolute", "finger", "or itself"),

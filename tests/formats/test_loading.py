@@ -968,3 +968,14 @@ def test_a_library_mechanism_that_is_loaded_again_is_another_one_of_the_same_num
     assert changed.urdf != one.urdf and sp.load("delta").urdf == one.urdf
     with pytest.raises(sp.MechanismFileError, match="no parameter 'sb2'"):
         sp.load("delta", sb2=0.6)
+
+
+@pytest.mark.parametrize("name, text", [
+    ("arm.xml", '<mujoco><worldbody><body name="b"><joint type="hinge"/><geom size="0.1"/></body>'
+                "</worldbody></mujoco>"),
+    ("arm.urdf", '<robot name="arm"><link name="b"/></robot>'),
+    ("arm.sdf", '<sdf version="1.9"><model name="arm"><link name="b"/></model></sdf>')])
+def test_a_file_without_arguments_takes_no_parameters(name, text, tmp_path):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(sp.MechanismFileError, match=rf"{name}: parameters \['d'\] given, but only"):
+        sp.load(tmp_path / name, d=0.3)

@@ -111,9 +111,9 @@ def test_a_slide_between_frames_of_one_orientation_takes_the_parents_axis(tmp_pa
 # ---------------------------------------------------------------- Drake's world, missing limits
 
 
-def test_a_world_that_nothing_defines_is_what_stands_still(tmp_path):
+def test_a_world_that_nothing_defines_is_the_ground(tmp_path):
     path = written(tmp_path, "m.urdf", chain(constraint("revolute", AXIS), root="", base="world"))
-    with pytest.warns(sp.SpatialPinWarning, match="link 'world' is not defined: it is what stands"):
+    with pytest.warns(sp.SpatialPinWarning, match="link 'world' is not defined: it is the ground"):
         mech = sp.load(path)
     assert mech.links[0] == "world"
     closes_as_a_four_bar(mech)
@@ -532,7 +532,7 @@ def test_an_expression_in_a_plain_urdf_hints_at_xacro(text, tmp_path):
 
 def test_a_name_that_holds_an_expression_is_reported(tmp_path):
     text = chain().replace("rocker", "${side}_rocker")
-    with pytest.warns(sp.SpatialPinWarning, match=r"\$\{side\} stands in it as it is written"):
+    with pytest.warns(sp.SpatialPinWarning, match=r"\$\{side\} is in it as text"):
         assert "${side}_rocker" in sp.load(written(tmp_path, "m.urdf", text)).links
 
 

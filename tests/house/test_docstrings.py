@@ -28,12 +28,15 @@ LONG = {  # what designs, workspaces and searches give: the example of the verb 
     "Workspace", "Workspace.curves", "Workspace.plot"}
 INNER = {  # methods of public types that the library has for itself, or for who extends it
     "Closure": {"turned", "with_equations"},
+    "Coordinate": {"place"},  # an old name, as Measured.said and Mechanism.kept
     "Goal": {"check", "unit_of"},
     "JointLimit": {"closing"},
+    "Look": {"beside"},  # an old name
+    "Measured": {"said"},
     "Mechanism": {
         "centred_frame", "centred_model", "coordinate_table", "driven_coordinate", "extent",
-        "frame_ids", "frame_on_joint", "joint_id", "loading", "pair_of", "place_of", "placed",
-        "prescribed_coordinate", "start", "unplaced", "velocity_scale", "with_equations",
+        "frame_ids", "frame_on_joint", "index_of", "joint_id", "kept", "loading", "pair_of",
+        "placed", "prescribed_coordinate", "start", "unplaced", "velocity_scale", "with_equations",
         "with_fields"},
     "Reduced": {"extent", "placed", "start", "unplaced"},
     "Tabular": {"quantities"},  # those of each result say what they are

@@ -104,7 +104,7 @@ def test_a_large_tree_moves_in_the_kernel_as_in_pinocchio():
     assert isinstance(own, KernelTree)
     q, v, a = np.random.default_rng(2).uniform(-1.0, 1.0, (3, mechanism.model.nv))
     for tree in (own, whole):
-        tree.place(q)
+        tree.update(q)
         tree.move(q, v, a)
     for name in ("placements", "columns", "twists", "accelerations"):
         assert getattr(own, name) == pytest.approx(getattr(whole, name), rel=1e-14, abs=1e-14), name

@@ -46,7 +46,7 @@ from spatial_pin.view.scene.framing import ASPECT, FIELD_OF_VIEW, Framing, frame
 from spatial_pin.view.scene.layers import arrows
 from spatial_pin.view.scene.layers.arrows import TRACE_COLOURS
 from spatial_pin.view.scene.layers.glyphs import GLYPHS, glyphs
-from spatial_pin.view.scene.layers.places import places
+from spatial_pin.view.scene.layers.pair_axes import pairs_of
 from spatial_pin.view.scene.layers.visuals import (
     BODY_COLOURS,
     GROUND_COLOUR,
@@ -165,7 +165,7 @@ def test_sign_of_a_closure_stands_on_its_frames(tmp_path, kind):
     state = opened(tmp_path, kind, pin.SE3(np.eye(3), np.array([0.03, 0.04, 0.12])), **keys)
     stage = stage_of(state)
     items = [item for item in glyphs(stage, through=False).items if item.name.startswith(kind)]
-    (place,) = [place for place in places(state.mechanism) if place.name == "loop"]
+    (place,) = [place for place in pairs_of(state.mechanism) if place.name == "loop"]
     axes1, axes2 = (state.mechanism.closures[0].geometry.axes1,
                     state.mechanism.closures[0].geometry.axes2)
     for item in items:
@@ -259,7 +259,7 @@ def test_ghosts_are_where_they_stand_and_half_transparent():
 
 def test_assembly_modes_are_shown_side_by_side_with_their_names():
     first, *others = sp.assembly_modes(sp.load("watt_six_bar"), {"crank": 0.3})
-    drawn = scene(film(first), sp.Look(ghosts=tuple(others), beside=True))
+    drawn = scene(film(first), sp.Look(ghosts=tuple(others), side_by_side=True))
     labels = drawn.layer.labels
     assert [text.split(",")[0] for text, _ in labels] == [
         f"branch {s.branch}" for s in (first, *others)

@@ -275,7 +275,7 @@ def test_the_reference_to_a_number_is_read_as_that_number(value):
     assert text.startswith("-") == (math.copysign(1.0, value) < 0.0)
     number = tape.read(f" {text} ")
     assert tape.is_whole and number is not None and float.__eq__(number, value)
-    (found,), _ = tape.at(np.array([[1.0], [7.25]]), [number.place])
+    (found,), _ = tape.at(np.array([[1.0], [7.25]]), [number.row])
     assert found == 7.25
     assert depends([text]) and depends({"a": number}) and not depends(["0.5", 1.0, None])
 
@@ -306,7 +306,7 @@ def test_arithmetic_is_that_of_numbers():
     a, b = 0.7, -1.6
     expected = [a + b, 1 - a, a - 1, 2 * b, a / b, 3 / a, a**2, 2**a, -b, a, abs(b), b // a,
                 a % 0.5]
-    numbers, holds = tape.at(given, [z.place for z in found])
+    numbers, holds = tape.at(given, [z.row for z in found])
     assert all(isinstance(z, Traced) for z in found) and holds.all()
     assert numbers[:, 0].tolist() == expected
-    assert tape.at(np.array([[0.0], [1.0]]), [found[5].place])[1].tolist() == [False]
+    assert tape.at(np.array([[0.0], [1.0]]), [found[5].row])[1].tolist() == [False]

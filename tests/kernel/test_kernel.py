@@ -32,10 +32,18 @@ from loaded_library import library as from_library
 from variety import each, few
 
 import spatial_pin as sp
-from spatial_pin.kernel.closer import MeantPlaces, Reaching
-from spatial_pin.kernel.kernel import Kernel, address
+from spatial_pin.kernel.closer import ClosureTask, NamedStruct
+from spatial_pin.kernel.kernel import EvaluationStruct, Kernel, address
 from spatial_pin.kernel.library import CODES, library
-from spatial_pin.kernel.paths import PathRows, PathSamples, PathTask, _AccuracyStruct
+from spatial_pin.kernel.paths import (
+    Path as KernelPath,
+    PathSamples,
+    _AccuracyStruct,
+    _PathTask,
+    _RowsStruct,
+)
+from spatial_pin.kernel.rate_solver import _RateTask
+from spatial_pin.settings import Accuracy
 
 SCRIPTS = ROOT / "scripts"
 LIBRARY = sorted(p.stem for p in (Path(sp.__file__).parents[1] / "urdf").glob("*.toml"))
@@ -112,69 +120,75 @@ def integrated(kernel: Kernel, q: np.ndarray, step: np.ndarray) -> np.ndarray:
 
 
 def square_system(mechanism: sp.Mechanism, rng: np.random.Generator):
-    """A kernel, q, and equations, driven freedoms and filled rows that determine everything."""
+    """A kernel, q, and equations, driven freedoms and filled rows that determine everything.
+
+    Driven first is a coordinate that has a value of its own.
+    """
     kernel = Kernel(mechanism)
     q, v = asked_at(mechanism, rng)
     jacobian = evaluated(kernel, q, v, np.zeros(kernel.n_angles)).jacobian
     closures, idle = jacobian[: kernel.n_closure], jacobian[kernel.n_closure :]
-    kept = independent(closures, rng.permutation(kernel.n_closure), idle)
-    rows = np.vstack([closures[kept], idle])
+    unit = np.eye(kernel.nv)
+    single = [c.v for c in mechanism.coordinate_table.values() if c.q >= 0]
+    first = independent(unit, rng.permutation(single), idle)[:1]
+    kept = independent(closures, rng.permutation(kernel.n_closure), np.vstack([idle, unit[first]]))
+    rows = np.vstack([closures[kept], idle, unit[first]])
     missing = kernel.nv - len(rows)
-    driven = independent(np.eye(kernel.nv), rng.permutation(kernel.nv), rows)[: missing // 2]
-    rows = np.vstack([rows, np.eye(kernel.nv)[driven]])
-    fill = scipy.linalg.null_space(rows).T if len(rows) else np.eye(kernel.nv)
-    return kernel, q, kept, driven, np.ascontiguousarray(fill), np.vstack([rows, fill])
+    more = independent(unit, rng.permutation(kernel.nv), rows)[: missing // 2]
+    rows = np.vstack([rows, unit[more]])
+    fill = scipy.linalg.null_space(rows).T
+    return kernel, q, kept, np.append(first, more), fill, np.vstack([rows, fill])
 
 
 def independent(rows: np.ndarray, order: np.ndarray, beside: np.ndarray) -> np.ndarray:
     """Numbers of rows that are well independent of each other and of those beside them."""
     basis, kept = list(beside), []
     for i in order:
+        if len(basis) == rows.shape[1]:
+            break
         if np.linalg.svd(np.array([*basis, rows[i]]), compute_uv=False).min(initial=1.0) > 0.02:
             basis.append(rows[i])
             kept.append(i)
-        if len(basis) == rows.shape[1]:
-            break
     return np.sort(np.array(kept, np.int64))
 
 
-def solved(kernel: Kernel, q, kept, driven, fill, right) -> np.ndarray:
-    """Choose the square system anew and solve it."""
-    c, x, turns = library(), right.copy(), np.zeros(kernel.n_angles)
-    assert c.system_set(kernel.handle, address(kept), len(kept), address(driven), len(driven),
-                        address(fill), len(fill)) == 0
-    assert c.kernel_solve(kernel.handle, address(q), address(turns), address(x)) == 0
-    return x
+def rates_of_path(kernel: Kernel, q, kept, driven, fill) -> tuple[np.ndarray, np.ndarray]:
+    """First and second derivatives by what is driven first, scaled: solutions of the system."""
+    path = KernelPath(kernel, kept, driven.tolist(), fill, Accuracy())
+    assert path.start(q, np.zeros(kernel.n_angles))
+    _, sample = path.here
+    return sample.t[0], sample.c[0]
 
 
 @pytest.mark.parametrize("seed", range(8))
 def test_square_systems_are_solved_as_by_numpy(tmp_path, seed):
+    """They need not be closed for that: rates at a place depend on it alone."""
     rng = np.random.default_rng(seed)
     mechanism = everything(tmp_path, seed)
+    scale = mechanism.velocity_scale
     for _ in range(3):
         kernel, q, kept, driven, fill, matrix = square_system(mechanism, rng)
-        idle = kernel.n_passive
-        right = rng.normal(size=kernel.nv)
-        x = solved(kernel, q, kept, driven, fill, right)
-        # rows: chosen, idle, driven, filled; backward error, then the solution itself
-        order = np.arange(len(matrix))
-        assert np.array_equal(order[: len(kept) + idle], np.arange(len(kept) + idle))
-        condition = np.linalg.cond(matrix)
-        assert np.abs(matrix @ x - right).max() < 1e-13 * (1.0 + np.abs(matrix).sum(axis=1).max()
-                                                           * np.abs(x).max())
-        other = np.linalg.solve(matrix, right)
-        assert np.abs(x - other).max() < 1e-15 * condition * len(x) * np.abs(other).max()
+        first, second = rates_of_path(kernel, q, kept, driven, fill)
+        bias = evaluated(kernel, q, first, np.zeros(kernel.n_angles)).bias
+        n, idle = len(kept), kernel.n_passive  # rows: chosen, idle, driven, filled
+        right = np.zeros((2, kernel.nv))
+        right[0, n + idle] = 1.0 / scale[driven[0]]
+        right[1, :n], right[1, n : n + idle] = -bias[kept], -bias[kernel.n_closure :]
+        for x, b in zip((first / scale, second / scale), right, strict=True):
+            # backward error, then the solution itself
+            assert np.abs(matrix @ x - b).max() < 1e-13 * (
+                1.0 + np.abs(matrix).sum(axis=1).max() * np.abs(x).max())
+            other = np.linalg.solve(matrix, b)
+            condition = np.linalg.cond(matrix)
+            assert np.abs(x - other).max() <= 1e-15 * condition * len(x) * np.abs(other).max()
 
 
-def test_a_system_without_solution_is_singular(tmp_path):
+def test_a_system_without_solution_starts_no_path(tmp_path):
     mechanism = everything(tmp_path, 3)
     kernel, q, kept, driven, fill, _ = square_system(mechanism, np.random.default_rng(3))
     twice = np.array([kept[0], *kept[:-1]])
-    c, x, turns = library(), np.ones(kernel.nv), np.zeros(kernel.n_angles)
-    assert c.system_set(kernel.handle, address(twice), len(twice), address(driven), len(driven),
-                        address(fill), len(fill)) == 0
-    code = c.kernel_solve(kernel.handle, address(q), address(turns), address(x))
-    assert CODES[code] == "a singular system"
+    path = KernelPath(kernel, twice, driven.tolist(), fill, Accuracy())
+    assert not path.start(q, np.zeros(kernel.n_angles))
 
 
 # ---------------------------------------------------------------- arrays of nobody
@@ -206,24 +220,20 @@ def use(handle: ctypes.c_void_p, ints: np.ndarray, reals: np.ndarray, rng) -> se
     sizes = (9 * n, 3 * n, n_closure, n_angles, (n_closure + n_idle + n_angles) * nv,
              n_closure + n_idle)
     out = [np.empty(size) for size in sizes]
-    ends = {c.kernel_evaluate(handle, *map(address, (q, v, turns, *out)))}
+    task = EvaluationStruct(1, *map(address, (q, v, turns)), **dict(zip(
+        ("R", "p", "residual", "angle", "jacobian", "bias"), map(address, out), strict=True)))
+    ends = {c.kernel_evaluate(handle, ctypes.byref(task))}
     c.kernel_integrate(handle, 1, address(q), address(v))
-    chosen = rng.integers(-1, n_closure + 1, max(nv - n_idle, 0))
-    chosen, driven = np.split(chosen, [rng.integers(len(chosen) + 1)])
-    driven, fill = np.split(driven, [rng.integers(len(driven) + 1)])
-    if rng.random() < 0.7:
-        chosen, driven = np.unique(np.abs(chosen)), np.unique(np.abs(driven))
-    if rng.random() < 0.5:
-        driven = rng.integers(-1, 2 * nv + 1, len(driven))
-    fill = rng.choice(ODD, (max(nv - n_idle - len(chosen) - len(driven), 0), nv))
-    ends.add(c.system_set(handle, address(chosen), len(chosen), address(driven), len(driven),
-                          address(fill), len(fill)))
-    ends.add(c.kernel_solve(handle, address(q), address(turns), address(v)))
     ends |= use_rates(handle, ints, q, turns, rng) | use_closer(handle, ints, q, turns, rng)
     ends |= use_path(handle, ints, q, turns, rng)
     reals = mutated(reals, ODD, rng).astype(float)
     ends.add(c.kernel_set_numbers(handle, address(reals), len(reals)))
-    ends.add(c.kernel_solve(handle, address(q), address(turns), address(v)))
+    base, places = reals.copy(), wild_places(len(reals), rng, 3)
+    varied = rng.choice(ODD, 3)
+    task.base, task.n_reals, task.n_varied = address(base), len(base), 3
+    task.place, task.varied = address(places), address(varied)
+    ends.add(c.kernel_evaluate(handle, ctypes.byref(task)))
+    ends |= use_path(handle, ints, q, turns, rng)
     c.kernel_destroy(handle)
     return {CODES[end] for end in ends}
 
@@ -251,23 +261,25 @@ def use_rates(handle: ctypes.c_void_p, ints: np.ndarray, q, turns, rng) -> set[i
     closed, idle = int(ints[5]), int(ints[6])
     chosen = wild_places(closed, rng, int(rng.integers(0, max(closed, 0) + 1)))
     fill = rng.normal(size=(max(nv - idle - count - len(chosen), 0), nv))
-    given = ((None, 0, None, 0) if rng.random() < 0.5 else
-             (address(chosen), len(chosen), address(fill), len(fill)))
+    task = _RateTask(
+        address(q), address(turns), rng.choice([None, address(chosen)]), len(chosen),
+        address(fill), len(fill), moving, *map(address, (
+            speed[0], speed[1], columns, v[0], v[1], facts)))
     bias = np.ones(max(closed + idle, 0))
-    beside = np.empty(int(ints[1]))
+    there = np.empty(int(ints[1]))
     few = rng.normal(size=(max(nv - idle - len(chosen), 0), nv))
-    return {c.regular_beside(handle, address(q), address(turns), address(chosen), len(chosen),
-                             address(few), len(few), address(beside)),
-            c.rates_columns(rates, moving, address(columns)),
-            c.rates_solve(rates, address(q), address(turns), *given, moving, address(speed[0]),
-                          address(speed[1]), address(columns), address(v[0]), address(v[1]),
-                          address(facts)),
-            c.rates_place(rates, address(q), address(turns), *given, address(facts)),
-            c.rates_columns(rates, moving, address(columns)),
-            c.rates_acceleration(rates, address(v[0]), address(speed[0]), address(v[1])),
-            c.rates_answer(rates, address(bias), address(speed[0]), address(v[1])),
-            c.rates_jacobian(rates, moving, joint, address(local), address(columns),
-                             address(jacobian))}
+    ends = {c.tangent_step(handle, address(q), address(turns), address(chosen), len(chosen),
+                           address(few), len(few), address(there)),
+            c.rates_columns(rates, moving, address(columns), 0, None, None),
+            c.rates_solve(rates, ctypes.byref(task))}
+    task.speed = None
+    for given in ((v[0], None), (None, bias), (v[0], bias)):
+        ends.add(c.rates_solve(rates, ctypes.byref(task)))
+        ends.add(c.rates_answer(rates, *(None if x is None else address(x) for x in given),
+                                address(speed[0]), address(v[1])))
+    ends.add(c.rates_columns(rates, moving, address(columns), joint, address(local),
+                             address(jacobian)))
+    return ends
 
 
 def use_closer(handle: ctypes.c_void_p, ints: np.ndarray, q, turns, rng) -> set[int]:
@@ -281,86 +293,84 @@ def use_closer(handle: ctypes.c_void_p, ints: np.ndarray, q, turns, rng) -> set[
     assert (end == 0) == bool(closer)
     if not end:
         free, pinned = rng.integers(0, 2, nv), rng.choice(ODD, m)
-        first, angles = rng.integers(0, 2, nv), turns.copy()
-        two, error, mirrored = np.array([q, q]), np.empty(3), np.empty(2, np.int64)
-        distance = np.empty(2)
-        c.closer_close(closer, address(two), rng.choice([None, address(first)]),
-                       address(free), address(pinned), address(turns), 1e-2, 1e-3, 4, 1e-12,
-                       address(error), address(mirrored))
-        said, limits = rng.integers(0, 8, nq), rng.choice(ODD, (2, nq))
-        values = rng.choice(ODD, nq)
-        meant = MeantPlaces(*map(address, (values, said, *limits)))
-        c.closer_judge(closer, address(two), address(turns), ctypes.byref(meant), address(error),
-                       address(mirrored), address(distance))
-        end = c.closer_examine(closer, address(two[0]), address(turns), address(error),
-                               address(angles), address(mirrored))
-        c.closer_descend(closer, 2, address(two), address(free), 1e-3, 4, address(error))
-        end = reach_wildly(closer, nv, q, turns, pinned, rng)[0]
+        two, angles, facts, mirrored = (
+            np.array([q, q]), turns.copy(), np.empty(4), np.empty(1, np.int64))
+        kinds, values = rng.integers(0, 8, nq), rng.choice(ODD, nq)
+        limits = rng.choice(ODD, (2, nq))
+        named = NamedStruct(rng.choice([None, address(values)]), *map(address, (kinds, *limits)))
+        for out in (None, address(angles)):
+            end = c.closer_examine(closer, address(two[0]), address(turns), ctypes.byref(named),
+                                   address(facts), out, address(mirrored))
+        c.closer_descend(closer, 2, address(two), address(free), 1e-3, 4, address(facts))
+        end = close_wildly(handle, closer, nv, q, turns, pinned, rng)[0]
     return {end}
 
 
-def reach_wildly(closer, nv: int, q, turns, pinned, rng, path=None, values=()) -> tuple[int, int]:
+def close_wildly(kernel, closer, nv: int, q, turns, pinned, rng, path=None, values=()):
     """Close from one or two starts, and further ones; follow a path from there, if there is one."""
     nq, n = len(q), int(rng.integers(1, 3))
     rows = np.array([q] * (n + 3))
-    free, first, said = (rng.integers(0, k, size) for k, size in ((2, nv), (2, nv), (8, nq)))
-    limits, named, facts = rng.choice(ODD, (2, nq)), rng.choice([*ODD, *q], nq), np.empty(3)
-    shakes, angles = rng.normal(size=(3, nv)), turns.copy()
-    shaken, group = (rng.integers(-1, 3, size) for size in (3, nv))
+    free, first, kinds = (rng.integers(0, k, size) for k, size in ((2, nv), (2, nv), (8, nq)))
+    limits, named, facts = rng.choice(ODD, (2, nq)), rng.choice([*ODD, *q], nq), np.empty(4)
+    steps, angles = rng.normal(size=(3, nv)), turns.copy()
+    moved, group = (rng.integers(-1, 3, size) for size in (3, nv))
     found = [np.empty(n + 3), np.empty(n + 3, np.int64), np.empty(n + 3)]
-    task = Reaching(
+    task = ClosureTask(
         n, address(rows), rng.choice([None, address(first)]), address(free), 1e-2, 1e-6, 4,
-        address(pinned), address(turns), 1e-12, MeantPlaces(*map(address, (named, said, *limits))),
-        int(rng.integers(0, 4)), address(shakes), rng.choice([0.0, 1e-2, 1e3]), address(shaken),
-        address(group), address(found[0]), address(found[2]), address(found[1]), address(facts),
-        address(angles))
+        address(pinned), address(turns), 1e-12,
+        NamedStruct(rng.choice([None, address(named)]), *map(address, (kinds, *limits))),
+        int(rng.integers(0, 4)), address(steps), rng.choice([0.0, 1e-2, 1e3]), address(moved),
+        address(group), address(found[0]), address(found[2]), address(found[1]),
+        rng.choice([None, address(facts)]), address(angles))
     if path is None:
-        return library().closer_reach(closer, ctypes.byref(task)), 0
-    driven = wild_places(2 * nv, rng, int(rng.integers(0, 3)))
+        return library().closer_close(closer, ctypes.byref(task)), 0
+    task.m, task.facts = 1, address(facts)
     values, samples = np.array(values), PathSamples.empty(len(values), nq, nv, len(turns))
-    follow = PathTask(int(rng.integers(-1, nv + 1)), address(driven), len(driven), 1e-4,
-                   address(values), len(values), PathRows(*map(address, samples)))
-    task.m = 1
-    return 0, library().path_from_guess(path, closer, ctypes.byref(task), ctypes.byref(follow))
+    path_rows = _RowsStruct(*map(address, samples))
+    return 0, library().path_from_guess(
+        kernel, ctypes.byref(path), closer, ctypes.byref(task), address(values), len(values),
+        ctypes.byref(path_rows))
 
 
 def use_path(handle: ctypes.c_void_p, ints: np.ndarray, q, turns, rng) -> set[int]:
     """Follow a path a little, whatever the square system is."""
-    c, path, code = library(), ctypes.c_void_p(), ctypes.c_int()
-    asked = _AccuracyStruct(1e-13, 1e-13, 1e-12, 0.1, rng.choice([0.0, 1e-6]),
-                            int(rng.integers(0, 4)), int(rng.integers(-1, 3)))
-    assert c.path_create(handle, ctypes.byref(asked), ctypes.byref(path)) == 0
-    nv, ends = int(ints[2]), set()
-    if rng.random() < 0.3:
-        ends.add(prescribe(path, nv, rng))
-    end = c.path_start(path, address(q), address(turns), int(rng.integers(2)))
-    if not end:
-        samples = PathSamples.empty(4, len(q), nv, len(turns))
-        rows = PathRows(*map(address, samples))
-        s = c.path_stand(path, ctypes.byref(rows))
-        values = np.append(s + rng.normal(size=3), rng.choice([np.nan, np.inf, s]))
-        reached = c.path_follow(path, address(values), len(values), ctypes.byref(rows),
-                                ctypes.byref(code))
-        assert 0 <= reached <= len(values)
-        ends.add(c.path_go(path, rng.choice([s, s + 0.1, *ODD])))
-        closer = ctypes.c_void_p()
-        if not c.closer_create(handle, None, 0, None, 0, ctypes.byref(closer)):
-            done = reach_wildly(closer, nv, q, turns, np.empty(0), rng, path, values)[1]
-            assert -1 <= done <= len(values)
-    c.path_destroy(path)
-    return {end, code.value} | ends
-
-
-def prescribe(path: ctypes.c_void_p, nv: int, rng) -> int:
-    """Prescribe polynomials of any number, sound or not."""
+    c, nv, n_closure, n_idle = library(), *(int(ints[k]) for k in (2, 5, 6))
+    chosen = rng.integers(-1, n_closure + 1, max(nv - n_idle, 0))
+    chosen, driven = np.split(chosen, [rng.integers(len(chosen) + 1)])
+    driven, fill = np.split(driven, [rng.integers(len(driven) + 1)])
+    if rng.random() < 0.7:
+        chosen, driven = np.unique(np.abs(chosen)), np.unique(np.abs(driven))
+    if rng.random() < 0.5:
+        driven = rng.integers(-1, 2 * nv + 1, len(driven))
+    fill = rng.choice(ODD, (max(nv - n_idle - len(chosen) - len(driven), 0), nv))
+    here, s = PathSamples.empty(1, len(q), nv, len(turns)), np.empty(1)
+    task = _PathTask(
+        rng.choice([None, address(chosen)]), len(chosen), address(driven), len(driven),
+        address(fill), len(fill),
+        _AccuracyStruct(1e-13, 1e-13, 1e-12, 0.1, rng.choice([0.0, 1e-6]), int(rng.integers(0, 4)),
+                        int(rng.integers(-1, 3))),
+        s=address(s), here=_RowsStruct(*map(address, here)))
     pieces, degree = int(rng.integers(-1, 4)), int(rng.choice([-1, 0, 1, 3, 101]))
     breaks = np.sort(rng.normal(size=max(pieces, 0) + 1))
     numbers = rng.normal(size=(max(pieces, 0), nv, max(degree, 0) + 1))
-    if rng.random() < 0.3:
-        breaks[rng.integers(len(breaks))] = rng.choice(ODD)
-        numbers[rng.random(numbers.shape) < 0.2] = rng.choice(ODD)
-    return library().path_prescribe(path, rng.choice([0.0, 0.1, *ODD]), pieces, degree,
-                                    address(breaks), address(numbers))
+    if rng.random() < 0.3:  # polynomials of any number, sound or not
+        if rng.random() < 0.3:
+            breaks[rng.integers(len(breaks))] = rng.choice(ODD)
+            numbers[rng.random(numbers.shape) < 0.2] = rng.choice(ODD)
+        task.begin, task.n_pieces, task.degree = rng.choice([0.0, 0.1, *ODD]), pieces, degree
+        task.breaks, task.coefficients = address(breaks), address(numbers)
+    ends = {c.path_start(handle, ctypes.byref(task), address(q), address(turns))}
+    samples = PathSamples.empty(4, len(q), nv, len(turns))
+    rows = _RowsStruct(*map(address, samples))
+    start = s[0] if ends == {0} else 0.0
+    values = np.append(start + rng.normal(size=3), rng.choice([np.nan, np.inf, start, *ODD]))
+    reached = c.path_follow(handle, address(values), len(values), ctypes.byref(rows))
+    assert 0 <= reached <= len(values) * (ends == {0})
+    closer = ctypes.c_void_p()
+    if not c.closer_create(handle, None, 0, None, 0, ctypes.byref(closer)):
+        done = close_wildly(handle, closer, nv, q, turns, np.empty(0), rng, task, values)[1]
+        assert -1 <= done <= len(values)
+    return ends
 
 
 def mutated(array: np.ndarray, values: np.ndarray, rng) -> np.ndarray:
@@ -424,8 +434,8 @@ def answers(kernel: Kernel, mechanism: sp.Mechanism, seed: int) -> bytes:
         q, v = asked_at(mechanism, rng)
         said += evaluated(kernel, q, v, np.zeros(kernel.n_angles))
         said.append(integrated(kernel, q, v))
-    fresh, q, *system, _ = square_system(mechanism, rng)
-    said.append(solved(kernel, q, *system, np.ones(fresh.nv)))
+    _, q, *system, _ = square_system(mechanism, rng)
+    said += rates_of_path(kernel, q, *system)
     return b"".join(np.ascontiguousarray(x).tobytes() for x in said)
 
 
@@ -437,8 +447,8 @@ def test_answers_do_not_depend_on_earlier_calls(tmp_path):
     answers(used, mechanism, 2)
     bad = np.full(used.nq, np.nan)
     evaluated(used, bad, np.full(used.nv, np.inf), np.zeros(used.n_angles))
-    x, turns = np.ones(used.nv), np.full(used.n_angles, 1e300)
-    c.kernel_solve(used.handle, address(bad), address(turns), address(x))
+    path = KernelPath(used, None, [0], None, Accuracy())
+    assert not path.start(bad, np.full(used.n_angles, 1e300))
     own = used.packed.reals
     other = own * 3.0
     assert not c.kernel_set_numbers(used.handle, address(other), len(other))

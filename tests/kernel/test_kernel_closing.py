@@ -15,7 +15,14 @@ from variety import each
 import spatial_pin as sp
 from spatial_pin.assembly.close import close, pinned_rows
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.kernel.closer import NAMED, TURNS, Closer, ClosureSettings, Meant, Shakes
+from spatial_pin.kernel.closer import (
+    NAMED,
+    TURNS,
+    Closer,
+    ClosureSettings,
+    FurtherStarts,
+    NamedCoordinates,
+)
 from spatial_pin.numerics.linalg import decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
 
@@ -148,13 +155,13 @@ def test_further_starts_tried_in_one_go_are_those_tried_one_by_one(
     first = free.copy()
     if stays:  # named too, and held first
         first[mechanism.coordinate(stays).v] = False
-    said = np.zeros(model.nq, np.int64)
-    said[[c.q for c in mechanism.coordinate_table.values() if c.q >= 0]] = NAMED
+    kinds = np.zeros(model.nq, np.int64)
+    kinds[[c.q for c in mechanism.coordinate_table.values() if c.q >= 0]] = NAMED
     steps = np.random.default_rng(7).uniform(-2.0, 2.0, (8, model.nv)) * mechanism.velocity_scale
-    shakes = Shakes(steps[None], near, np.zeros(model.nv, np.int64))  # of one group of loops
-    asked = ClosureSettings(free, first if stays else None, 1e-13, 60, 1e-9, said, q, q, shakes)
+    further = FurtherStarts(steps[None], near, np.zeros(model.nv, np.int64))  # one group
+    asked = ClosureSettings(free, first if stays else None, 1e-13, 60, 1e-9, kinds, q, q, further)
     start = Closer(mechanism).reach([_near(mechanism, 3, 0.5)], asked, q)[0].q
-    told = Closer(mechanism).reach([start], asked, start + 0.1, shaken=True)
+    told = Closer(mechanism).reach([start], asked, start + 0.1, further=True)
     alone, wanted, nearest = Closer(mechanism), [], np.inf
     for step in (np.zeros(model.nv), *steps):
         (found,) = alone.reach([pin.integrate(model, start, step)], asked, start + 0.1)
@@ -181,11 +188,11 @@ def test_further_starts_tried_in_one_go_are_those_tried_one_by_one(
 def test_angles_are_unwrapped_to_their_reference(angle, named, limits, meant) -> None:
     mechanism = library("rssr")
     at = mechanism.coordinate("rocker_pin").q
-    q, said = mechanism.neutral.copy(), np.zeros(mechanism.model.nq, np.int64)
-    q[at], said[at] = angle, TURNS | (NAMED if named is not None else 0)
+    q, kinds = mechanism.neutral.copy(), np.zeros(mechanism.model.nq, np.int64)
+    q[at], kinds[at] = angle, TURNS | (NAMED if named is not None else 0)
     value, lower, upper = (np.zeros(mechanism.model.nq) for _ in range(3))
     value[at], lower[at], upper[at] = named or 0.0, *limits
-    found = Closer(mechanism).judge(q, 0.0, Meant(value, said, lower, upper))
+    found = Closer(mechanism).judge(q, 0.0, NamedCoordinates(value, kinds, lower, upper))
     assert abs(found.q[at] - meant) <= 1e-15
     assert found.distance == pytest.approx(0.0 if named is None else abs(meant - named))
 
@@ -193,10 +200,10 @@ def test_angles_are_unwrapped_to_their_reference(angle, named, limits, meant) ->
 def test_distance_from_a_named_orientation_is_its_angle() -> None:
     mechanism = library("rssr")
     ball = mechanism.model.idx_qs[mechanism.joint_id("ball_a")]
-    q, said = mechanism.neutral.copy(), np.zeros(mechanism.model.nq, np.int64)
-    said[ball] = NAMED
+    q, kinds = mechanism.neutral.copy(), np.zeros(mechanism.model.nq, np.int64)
+    kinds[ball] = NAMED
     goal, at_rest = q.copy(), np.zeros(mechanism.model.nq)
     goal[ball : ball + 4] = -np.array([0.0, np.sin(0.2), 0.0, np.cos(0.2)])  # turned by 0.4
-    found = Closer(mechanism).judge(q, 0.0, Meant(goal, said, at_rest, at_rest))
+    found = Closer(mechanism).judge(q, 0.0, NamedCoordinates(goal, kinds, at_rest, at_rest))
     assert found.distance == pytest.approx(0.4, abs=1e-15)
     assert np.array_equal(found.q, q)

@@ -88,6 +88,22 @@ def test_what_was_solved_before_does_not_matter(tmp_path):
             assert np.array_equal(x, y)
 
 
+@pytest.mark.parametrize("n", [2, 8, 20, 40])
+def test_the_error_is_that_of_the_condition_where_pivots_tell_nothing(n):
+    """All pivots of Wilkinson's triangle are 1, the entries of its inverse grow to 2^(n - 2)."""
+    bar = models.rod(1.0, models.AXES["x"])
+    tree = "".join(models.joint("continuous", f"pin_{i}", f"rod_{i - 1}" if i else "ground",
+                                f"rod_{i}", models.AXES["x"], mass=bar) for i in range(n))
+    mechanism = models.made("chain", tree, "", (0.0, 0.0, -9.81))
+    kkt, none = full(mechanism), np.zeros(n)
+    triangle = np.eye(n) - np.triu(np.ones((n, n)), 1)
+    kkt.mass[:] = triangle.ravel()
+    kkt.accelerations(mechanism.neutral, none, [], none + 1.0, none)
+    expected = n * 2.0**-52 * min(np.linalg.cond(triangle, np.inf), 2.0**52)
+    assert kkt.pivot == 1.0
+    assert expected / 3.0 <= kkt.error <= max(expected, 128 * 2.0**-52) * (1.0 + 1e-9)
+
+
 @pytest.mark.delicate
 def test_a_singular_matrix_says_so():
     mechanism = models.ladder(1)

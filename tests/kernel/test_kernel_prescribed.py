@@ -12,15 +12,18 @@ import spatial_pin as sp
 from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.loop_equations import loops_of
-from spatial_pin.kernel.paths import Path, PathSamples, prescribed_places
+from spatial_pin.kernel.paths import Path, PathSamples, Polynomials, prescribed_places
 from spatial_pin.rates.rates import prescribed_at
 from spatial_pin.settings import Accuracy
 
 ROWS = np.array([0.0, 0.3, 0.5, 1.1, 1.4, 2.0])  # of a table
 
 
-def path_of(mechanism, accuracy=None) -> tuple[Path, sp.State]:
-    """Return the path of all drivers of a mechanism, and the state it is to start at."""
+def path_of(mechanism, accuracy=None, law=None) -> tuple[Path, sp.State]:
+    """Return the path of all drivers of a mechanism, and the state it is to start at.
+
+    The drivers go by a law, which is made for the state.
+    """
     state = sp.assemble(mechanism)
     driven = prescribed_at(state, mechanism.drivers)
     with loops_of(mechanism) as evaluation:
@@ -28,7 +31,7 @@ def path_of(mechanism, accuracy=None) -> tuple[Path, sp.State]:
         system = SquareSystem(evaluation, driven, state.q)
     kernel = Kernel(mechanism)
     return Path(kernel, system.equations, prescribed_places(kernel.nv, driven), system.passive,
-                accuracy or Accuracy()), state
+                accuracy or Accuracy(), law and law(state)), state
 
 
 def table(mechanism, state, size=0.02) -> np.ndarray:
@@ -51,9 +54,14 @@ def pieces(values, kind: str) -> PPoly:
         ROWS, np.stack([values, slopes, bends], axis=1)))
 
 
-def prescribe(path: Path, spline: PPoly, begin: float = 0.0) -> None:
-    coefficients = np.moveaxis(spline.c[::-1], 0, 2)  # pieces, coordinates, rising powers
-    path.prescribe(begin, spline.x, coefficients)
+def polynomials(spline: PPoly, begin: float = 0.0) -> Polynomials:
+    # pieces, coordinates, rising powers
+    return Polynomials(begin, spline.x, np.moveaxis(spline.c[::-1], 0, 2))
+
+
+def by_table(mechanism, kind: str):
+    """The law of a mechanism's drivers through a table."""
+    return lambda state: polynomials(pieces(table(mechanism, state), kind))
 
 
 def room(path: Path, n: int) -> PathSamples:
@@ -71,9 +79,8 @@ def followed(path: Path, values) -> PathSamples:
 def test_drivers_go_by_a_table(name, kind):
     """Samples are those that are closed one by one, rates those of their drivers' there."""
     mechanism = library(name)
-    path, state = path_of(mechanism)
+    path, state = path_of(mechanism, law=by_table(mechanism, kind))
     spline = pieces(table(mechanism, state), kind)
-    prescribe(path, spline)
     assert path.start(state.q, state.angles)
     values = np.union1d(np.linspace(0.0, 2.0, 29), ROWS)
     samples = followed(path, values)
@@ -98,8 +105,7 @@ def test_drivers_go_by_a_table(name, kind):
 @pytest.mark.parametrize("kind", ["cubic", "quintic"])
 def test_rates_are_the_differences_of_samples(kind):
     mechanism = library("stewart")
-    path, state = path_of(mechanism)
-    prescribe(path, pieces(table(mechanism, state), kind))
+    path, state = path_of(mechanism, law=by_table(mechanism, kind))
     assert path.start(state.q, state.angles)
     h = 1e-4
     for middle in (0.2, 0.4, 0.75, 1.9):
@@ -120,8 +126,7 @@ def test_samples_of_a_table_do_not_hang_on_each_other(kind):
     found = []
     for part, tolerance in ((values, 1e-13), (values[::-1], 1e-13), (values[::50], 1e-13),
                             (values, 1e-5)):
-        path, state = path_of(mechanism, Accuracy(tolerance=tolerance))
-        prescribe(path, pieces(table(mechanism, state), kind))
+        path, state = path_of(mechanism, Accuracy(tolerance=tolerance), by_table(mechanism, kind))
         assert path.start(state.q, state.angles)
         found.append(followed(path, np.ascontiguousarray(part)))
     forth, back, few, loose = found
@@ -136,8 +141,8 @@ def test_samples_of_a_table_do_not_hang_on_each_other(kind):
 
 def test_one_driver_by_itself_is_a_sweep():
     mechanism = library("rssr")
-    path, state = path_of(mechanism)
-    path.prescribe(0.0, np.array([0.0, 7.0]), np.array([[[0.0, 1.0]]]))
+    path, state = path_of(mechanism, law=lambda _: Polynomials(
+        0.0, np.array([0.0, 7.0]), np.array([[[0.0, 1.0]]])))
     assert path.start(state.q, state.angles)
     values = np.linspace(0.0, 2.0 * np.pi, 50)
     motion, samples = sp.sweep(mechanism, "crank", values), followed(path, values)
@@ -176,6 +181,22 @@ def test_a_path_is_a_cursor():
     ([0.0, 0.0], [[[0.0, 1.0]]]), ([1.0, 0.0], [[[0.0, 1.0]]]), ([0.0, np.nan], [[[0.0, 1.0]]]),
     ([0.0, 1.0], [[[np.inf, 1.0]]])])
 def test_polynomials_that_are_none_are_refused(breaks, numbers):
-    path, _ = path_of(library("rssr"))
+    path, state = path_of(library("rssr"), law=lambda _: Polynomials(
+        0.0, np.array(breaks), np.array(numbers)))
     with pytest.raises(sp.SpatialPinError):
-        path.prescribe(0.0, np.array(breaks), np.array(numbers))
+        path.start(state.q, state.angles)
+
+
+def test_two_paths_of_a_kernel_each_go_on_where_they_are():
+    """Though the kernel follows one at a time."""
+    one, state = path_of(library("rssr"))
+    other = Path(one.kernel, None, prescribed_places(one.kernel.nv, prescribed_at(
+        state, ["rocker_pin"])), None, Accuracy())
+    assert one.start(state.q, state.angles) and one.go(one.here[0] + 0.4)
+    s, sample = one.here
+    assert other.start(sample.q[0], sample.angles[0]) and other.go(other.here[0] + 0.1)
+    assert one.go(s)
+    np.testing.assert_allclose(one.here[1].q, sample.q, rtol=0, atol=1e-14)
+    alone, _ = path_of(library("rssr"))
+    assert alone.start(state.q, state.angles) and alone.go(s + 0.3) and one.go(s + 0.3)
+    np.testing.assert_allclose(one.here[1].q, alone.here[1].q, rtol=0, atol=1e-13)

@@ -17,10 +17,9 @@ import spatial_pin as sp
 from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.kernel.kernel import Kernel
+from spatial_pin.kernel.kernel import Kernel, TangentStep, tangent_step
 from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.kernel.rate_solver import Chosen, RateSolver
-from spatial_pin.kernel.regular import Beside, step_beside
 from spatial_pin.mechanism.coordinates import coordinate_bias
 from spatial_pin.numerics.linalg import decompose, independent_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -176,14 +175,14 @@ def test_components_of_balls_and_floating_joints_are_driven_in_the_kernel(tmp_pa
     assert np.abs(found.a - a).max() <= AGREE * max(np.abs(a).max(), np.abs(v).max() ** 2)
 
 
-def _beside(mechanism: sp.Mechanism, state: State) -> Beside | None:
+def _beside(mechanism: sp.Mechanism, state: State) -> TangentStep | None:
     """Return the end of a step in the freedoms that independent closure equations leave."""
     with loops_of(mechanism, state.angles) as evaluation:
         evaluation.update(state.q)
         jacobian = evaluation.jacobian[: evaluation.constraints.n_closure].copy()
         chosen = independent_rows(jacobian)
         freedoms = decompose(jacobian[chosen]).vt[len(chosen) :]
-        return step_beside(mechanism, state.q, state.angles, chosen, freedoms)
+        return tangent_step(mechanism, state.q, state.angles, chosen, freedoms)
 
 
 @pytest.mark.delicate

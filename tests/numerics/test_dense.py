@@ -1,13 +1,10 @@
 """Compiled dense factorisations: what they give is what they factored, for all sizes and scales."""
 
-import ctypes
-
 import numpy as np
 import pytest
 from variety import few
 
 from spatial_pin.errors import SingularError
-from spatial_pin.kernel.library import library
 from spatial_pin.numerics import dense
 from spatial_pin.numerics.linalg import (
     Factors,
@@ -17,33 +14,12 @@ from spatial_pin.numerics.linalg import (
     pivots_of,
 )
 
-REALS, COUNTS = ctypes.POINTER(ctypes.c_double), ctypes.POINTER(ctypes.c_int64)
 EPS = np.finfo(float).eps
 SIZES = [1, 2, 3, 5, 12, 40]
 
 
 def random(*shape, seed=0):
     return np.random.default_rng(seed).normal(size=shape)
-
-
-def inverse_norm(a):
-    """The 1-norm of the inverse, or nearly so and never more, as the kernel tells it."""
-    function = library().dense_inverse_norm
-    function.restype, function.argtypes = ctypes.c_double, (ctypes.c_int64, REALS, COUNTS, REALS)
-    factors, order, _ = dense.lu(a)
-    scratch = np.empty(2 * len(a) + 1)
-    return function(len(a), factors.ctypes.data_as(REALS), order.ctypes.data_as(COUNTS),
-                    scratch.ctypes.data_as(REALS))
-
-
-def cholesky_solve(a, b):
-    """The factor L of `a`, a^-1 b, and whether `a` is positive definite, by the kernel."""
-    function = library().dense_cholesky_solve
-    function.restype = ctypes.c_int64
-    function.argtypes = ctypes.c_int64, REALS, REALS, ctypes.c_double
-    factor, x = a.copy(), b.copy()
-    failed = function(len(b), factor.ctypes.data_as(REALS), x.ctypes.data_as(REALS), 0.0)
-    return factor, x, not failed
 
 
 def graded(n):
@@ -91,26 +67,6 @@ def test_a_singular_matrix_is_reported():
     assert not dense.lu(np.zeros((3, 3)))[2]
     assert not dense.lu(np.full((3, 3), np.nan))[2]
     assert Factors(a).pivot == 0.0
-
-
-@pytest.mark.parametrize("n", SIZES)
-def test_norm_of_the_inverse(n):
-    for seed in range(20):
-        a = random(n, n, seed=seed)
-        exact = np.abs(np.linalg.inv(a)).sum(axis=0).max()
-        found = inverse_norm(a)
-        assert exact / 3.0 < found <= exact * (1.0 + 1e-9)
-
-
-@pytest.mark.parametrize("n", SIZES)
-def test_cholesky_solves(n):
-    root, b = random(n, n + 2), random(n, seed=1)
-    a = root @ root.T
-    factor, x, is_positive = cholesky_solve(a, b)
-    assert is_positive
-    assert np.tril(factor) @ np.tril(factor).T == pytest.approx(a, abs=1e-13)
-    assert a @ x == pytest.approx(b, abs=1e-9)
-    assert not cholesky_solve(a - 2.0 * np.trace(a) * np.eye(n), b)[2]
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (3, 5), (5, 3), (12, 12), (40, 7), (7, 40)])
@@ -181,7 +137,6 @@ def test_nothing_to_factor():
     assert dense.qr(np.empty((0, 3)))[1].tolist() == [0, 1, 2]
     assert independent_rows(np.empty((3, 0))).shape == (0,)
     assert independent_rows(np.empty((0, 3))).shape == (0,)
-    assert cholesky_solve(none, np.empty(0))[2]
 
 
 def test_entries_that_are_no_numbers_are_refused():

@@ -45,7 +45,7 @@ class Evaluation:
     def update(self, q: Array) -> None:
         """Evaluate `residual` and `jacobian` at the configuration q (nq,)."""
         c, p, self.q = self.constraints, self.constraints.n_products, q
-        self.tree.place(q)
+        self.tree.update(q)
         a, b, x = self.vectors(self.tree.placements)
         self.values = np.vecdot(a, b) - c.constants
         self.wrenches = np.hstack([b * c.factors, np.cross(x, b)])

@@ -113,7 +113,7 @@ def long_verbs(folder: Path) -> Iterator[tuple[str, Callable[..., Any], dict[str
     shown = {"motion_or_state": motion}
     drawn = {"title": None, "look": None}
     looks = {"pairs": None, "axes": False, "traces": (), "arrows": (), "centres": False,
-             "ghosts": (), "beside": False}
+             "ghosts": (), "side_by_side": False}
     yield "load", sp.load, {"source": "four_bar", "trusted": False, "r2": 0.1}
     yield "assembly_modes", sp.assembly_modes, {
         "mechanism": m, "drivers": {"crank": 0.4}, "free": (), "copies": False, "limits": False,

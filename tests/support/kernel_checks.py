@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import tomllib
 from pathlib import Path
 from typing import NamedTuple
@@ -15,7 +16,7 @@ from sameness import assert_same
 
 import spatial_pin as sp
 from spatial_pin.constraints.compiled_equations import Constraints
-from spatial_pin.kernel.kernel import Kernel, numbers
+from spatial_pin.kernel.kernel import EvaluationStruct, Kernel, numbers
 from spatial_pin.kernel.library import address
 from spatial_pin.kernel.loop_equations import loops_at
 
@@ -91,8 +92,11 @@ def evaluated(kernel: Kernel, q, v, reference) -> Evaluated:
     rotations, translations = np.empty((n, 3, 3)), np.empty((n, 3))
     residual, angles = np.empty(kernel.n_closure), np.empty(kernel.n_angles)
     jacobian, bias = np.empty((rows, kernel.nv)), np.empty(equations)
-    kernel.library.kernel_evaluate(kernel.handle, *map(address, (
-        q, v, reference, rotations, translations, residual, angles, jacobian, bias)))
+    task = EvaluationStruct(1, *map(address, (q, v, reference)), **{
+        name: address(x) for name, x in {
+            "R": rotations, "p": translations, "residual": residual, "angle": angles,
+            "jacobian": jacobian, "bias": bias}.items()})
+    kernel.library.kernel_evaluate(kernel.handle, ctypes.byref(task))
     carriers = kernel.packed.carriers
     in_pin = np.einsum("jki,jlk->jil", rotations, kernel.packed.frames)[carriers]
     return Evaluated(in_pin, translations[carriers], residual, angles, jacobian[:equations],

@@ -123,6 +123,15 @@ def bricard(rounding=exactly, **options):
     return loop(steps, [1.689, 1.4368, 1.689, 1.4368, 1.689], rounding, **options)
 
 
+def line_symmetric(seed, rounding=exactly):
+    """Return Bricard's loop of which three hinges are the others, half a turn about a line on."""
+    rng, half = np.random.default_rng(seed), pin.SE3(np.diag([-1.0, -1.0, 1.0]), np.zeros(3))
+    three = [pin.SE3(pin.exp3(rng.normal(size=3)), 0.3 * rng.normal(size=3)) for _ in range(3)]
+    hinges = [*three, *(half * x for x in three)]
+    steps = [x.actInv(y) for x, y in zip(hinges, [*hinges[1:], hinges[0]], strict=True)]
+    return loop(steps, [0.0] * 5, rounding, seed=seed)
+
+
 def sarrus(rounding=exactly, **options):
     """Return Sarrus' loop: three parallel hinges, then three others square to them."""
     turn = pin.SE3(pin.utils.rotate("y", 0.5 * np.pi), np.array([0.1, 0.0, 0.2]))

@@ -233,7 +233,7 @@ def test_what_was_requested_is_shown_beside_the_path(path):
     assert paths(text).count("path of coupler_b") == 1
     both = page(one.motion(), look=sp.Look(design=one, traces=("coupler_b",)))
     assert paths(both).count("path of coupler_b") == 1
-    assert "points asked of coupler_b</small>" in text
+    assert "target points of coupler_b</small>" in text
     still = page(one.states[0], look=sp.Look(design=one))
     assert not any(name.startswith("path") for name in paths(still))
 
@@ -265,10 +265,10 @@ def test_the_best_design_is_shown_with_what_was_requested(path, tmp_path):
     one = path[0]
     with sp.show(path, open_browser=False) as viewer:
         served = urllib.request.urlopen(viewer.url).read().decode()
-    assert "points asked of coupler_b" in served
+    assert "target points of coupler_b" in served
     text = sp.report(path, tmp_path / "r.html").read_text("utf-8")
-    assert "<h2>Design</h2>" in text and "path of coupler_b of four_bar, and what was asked" in text
-    assert "points asked of" in sp.export_html(one, tmp_path / "e.html").read_text("utf-8")
+    assert "<h2>Design</h2>" in text and "path of coupler_b of four_bar, with its targets" in text
+    assert "target points of" in sp.export_html(one, tmp_path / "e.html").read_text("utf-8")
     nothing = sp.Designs((), "four_bar", False, 3, 3, 12)
     with pytest.raises(sp.SpatialPinError, match="no design was found that could be shown"):
         sp.show(nothing, open_browser=False)
@@ -293,15 +293,15 @@ def test_several_drivers_go_from_sample_to_sample(of_several_drivers):
 def test_a_path_of_several_drivers_is_reported_too(of_several_drivers, tmp_path):
     motion, look = of_several_drivers.motion(), sp.Look(design=of_several_drivers)
     told = sp.report(motion, tmp_path / "r.html", look=look).read_text("utf-8")
-    assert "path of platform of delta, and what was asked" in told
+    assert "path of platform of delta, with its targets" in told
 
 
 def test_a_report_has_what_was_requested_and_what_was_found(function, tmp_path):
     one = function[0]
     text = sp.report(one.motion(), tmp_path / "r.html", look=sp.Look(design=one)).read_text("utf-8")
     assert "<h2>Design</h2>" in text and "function of rocker_pin" in text
-    assert "rocker_pin of four_bar, and what was asked of it" in text
+    assert "rocker_pin of four_bar, with its targets" in text
     assert all(name in text for name in one.dimensions)
     still = sp.report(one.states[0], tmp_path / "s.html", look=sp.Look(design=one))
-    assert "what was asked of it" not in still.read_text("utf-8")
+    assert "with its targets" not in still.read_text("utf-8")
     assert "<h2>Design</h2>" not in sp.report(one.motion(), tmp_path / "t.html").read_text("utf-8")

@@ -123,8 +123,8 @@ def test_pages_of_robots_say_what_their_files_have(page, monkeypatch):
     pytest.importorskip("mujoco")
     monkeypatch.syspath_prepend(ROOT / "scripts")
     robots = importlib.import_module("robots")
-    files = {robot.name: (robot, path) for robot, path in
-             robots.found([ROOT / "tests" / "data" / "mjcf", ROOT / "tests" / "data" / "gepetto"])}
+    folders = [ROOT / "tests" / "data" / "mjcf", ROOT / "tests" / "data" / "gepetto"]
+    files = {robot.name: (robot, path) for robot, path in robots.present(folders)}
     if page.stem not in files:
         pytest.skip("its file is not here")
     robot, path = files[page.stem]

@@ -25,7 +25,7 @@ from spatial_pin.assembly.search.guesses import (
 )
 from spatial_pin.assembly.search.loop_groups import LoopGroup, loop_groups, loose_entries, part_of
 from spatial_pin.assembly.search.release import least_motion
-from spatial_pin.assembly.search.whole_turns import periodic, said_of, turned_apart
+from spatial_pin.assembly.search.whole_turns import kinds_of, periodic, turned_apart
 from spatial_pin.assembly.state import all_angles
 from spatial_pin.constraints.workspaces import Workspaces
 from spatial_pin.kernel.closer import (
@@ -35,7 +35,7 @@ from spatial_pin.kernel.closer import (
     Closed,
     ClosureSettings,
     Examined,
-    Meant,
+    NamedCoordinates,
     Reached,
     closer_of,
 )
@@ -64,7 +64,7 @@ class FreeSet:
         free: (nv,) the velocities that may move.
         first: (nv,) those that may move first, while what the guess names is held too; None if
             these are none, or the same.
-        said: (nq,) of the entries of q, for `Meant`.
+        kinds: (nq,) of the entries of q, for `NamedCoordinates`.
         is_whole: whether all components are named of each joint of which some others are.
         further: starts other than the guess; None where all is held.
         groups: of loops that share nothing that may move.
@@ -76,7 +76,7 @@ class FreeSet:
     still: tuple[int, ...]
     free: NDArray[np.bool_]
     first: NDArray[np.bool_] | None
-    said: NDArray[np.int64]
+    kinds: NDArray[np.int64]
     is_whole: bool
     further: Further | None
     groups: tuple[LoopGroup, ...]
@@ -107,18 +107,18 @@ def free_set(
     first = free & free_but(mechanism, still, own)
     has_first = bool(first.any()) and not np.array_equal(first, free)
     loose = [c.name for c in table.values() if c.v in loose_entries(mechanism)]
-    said = said_of(mechanism, held, [*own, *loose])  # what is loose counts the guess's turns
+    kinds = kinds_of(mechanism, held, [*own, *loose])  # what is loose counts the guess's turns
     balls = dict.fromkeys(table[name].joint for name in own if table[name].q < 0)
     is_whole = all(mechanism.pair_of(joint) == "spherical"
                    and all(c.name in own for c in joints[joint]) for joint in balls)
     if is_whole:
-        said[[mechanism.model.idx_qs[mechanism.joint_id(joint)] for joint in balls]] = NAMED
+        kinds[[mechanism.model.idx_qs[mechanism.joint_id(joint)] for joint in balls]] = NAMED
     groups = loop_groups(mechanism, tuple(np.flatnonzero(~free).tolist()))
     further = further_starts(
         mechanism, held, own, (*still, *loose_entries(mechanism)), groups)
-    for array in (free, first, said):
+    for array in (free, first, kinds):
         array.flags.writeable = False
-    return FreeSet(pinned, still, free, first if has_first else None, said, is_whole, further,
+    return FreeSet(pinned, still, free, first if has_first else None, kinds, is_whole, further,
                    groups, [table[name].q for name in held],
                    float(mechanism.velocity_scale.min(initial=1.0)) / COORDINATE_ERROR)
 
@@ -127,9 +127,9 @@ def free_set(
 def closure_settings(mechanism: Mechanism, free: FreeSet, tolerance: float) -> ClosureSettings:
     """Return how loops are closed where so much may move; the same object every time."""
     lower, upper = position_limits(mechanism)
-    shakes = None if free.further is None else free.further.first
+    further = None if free.further is None else free.further.first
     return ClosureSettings(free.free, free.first, tolerance, DAMPED_STEPS, TOLERANCES.rank,
-                           free.said, lower, upper, shakes)
+                           free.kinds, lower, upper, further)
 
 
 class AssemblyProblem:
@@ -172,7 +172,7 @@ class AssemblyProblem:
         self.given, self.standing = held, standing
         self.held, self.let_go = {**held, **standing}, let_go
         self.tolerance, self.gap = tolerance, gap
-        self._cut = mechanism.kept.cut if mechanism.kept else 0.0
+        self._cut = mechanism.selection.cut if mechanism.selection else 0.0
         self.free_set = free_set(
             mechanism, tuple(self.held), tuple(self.let_go), guess.names, still)
         self.pinned = ({name: self.held[name] for name in self.free_set.pinned}
@@ -305,7 +305,7 @@ class AssemblyProblem:
             return None
         with closer_of(self.mechanism) as closer:
             found = self.known = closer.reach(
-                [self.goal], self.settings, self.goal, self.reference, shaken=True)
+                [self.goal], self.settings, self.goal, self.reference, further=True)
             best = found[0]
             for place in found:
                 if place.error <= ACCEPTED and not place.may_be_mirrored:
@@ -380,8 +380,8 @@ class AssemblyProblem:
     def seen(self, q: Array) -> Reached:
         """Return what q (nq,) is, whole turns taken off its angles."""
         with closer_of(self.mechanism) as closer:
-            return closer.judge(q, self.reference, Meant(
-                self.goal, self.free_set.said, *position_limits(self.mechanism)))
+            return closer.judge(q, self.reference, NamedCoordinates(
+                self.goal, self.free_set.kinds, *position_limits(self.mechanism)))
 
     def examined(self, q: Array) -> Examined:
         """Return what the equations, of the mechanism alone, are like at q (nq,)."""
@@ -429,11 +429,11 @@ def is_nearer(distance: float, best: float) -> bool:
     return distance < best * (1.0 - 1e-6) - 1e-9
 
 
-def gone_from(mechanism: Mechanism, q: Array, said: Mapping[str, float]) -> dict[str, float]:
+def gone_from(mechanism: Mechanism, q: Array, values: Mapping[str, float]) -> dict[str, float]:
     """Return how far coordinates are from values, those that are there left out [rad, m]."""
     gone: dict[str, float] = {}
     table = mechanism.coordinate_table
-    for name, value in said.items():
+    for name, value in values.items():
         by = coordinate_value(mechanism, table[name], q) - value
         if abs(by) > TOLERANCES.nothing * mechanism.velocity_scale[table[name].v]:
             gone[name] = by
@@ -446,7 +446,7 @@ def coordinate_sizes(mechanism: Mechanism) -> tuple[list[str], NDArray[np.intp],
     turning = {c.name for c in periodic(mechanism)}
     found = [(name, at, mechanism.velocity_scale[c.v])
              for name, c in mechanism.coordinate_table.items()
-             if (at := mechanism.place_of(c)) >= 0 and name not in turning]
+             if (at := mechanism.index_of(c)) >= 0 and name not in turning]
     return ([x[0] for x in found], np.array([x[1] for x in found], dtype=np.intp),
             np.array([x[2] for x in found], dtype=float))
 

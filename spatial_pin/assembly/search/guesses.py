@@ -14,7 +14,7 @@ from spatial_pin._support.lazy import cached_property, made_anew, made_once
 from spatial_pin.assembly.search.loop_groups import LoopGroup
 from spatial_pin.assembly.search.whole_turns import periodic
 from spatial_pin.assembly.state import State
-from spatial_pin.kernel.closer import AT_ONCE, MOST_GROUPS, Shakes
+from spatial_pin.kernel.closer import AT_ONCE, MOST_GROUPS, FurtherStarts
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.mechanism.coordinates import (
     by_joint,
@@ -155,7 +155,7 @@ class Further(NamedTuple):
 
     phase: NDArray[np.intp]
     size: Array
-    first: Shakes
+    first: FurtherStarts
     lengths: list[str]
 
 
@@ -194,7 +194,7 @@ def further_starts(
         by_group = np.array([steps * own.entries for own in groups])
         for k, own in enumerate(groups):
             group[own.entries] = k
-    return Further(phase, size, Shakes(by_group, NEAR_GUESS, group),
+    return Further(phase, size, FurtherStarts(by_group, NEAR_GUESS, group),
                    [name for name in named if table[name].unit == "m"])
 
 

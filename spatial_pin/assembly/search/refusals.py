@@ -154,7 +154,7 @@ def _too_large(mechanism: Mechanism, q: Array) -> str:
     """Say which coordinate of q is too large for its loops to be closed."""
     names, places, sizes = coordinate_sizes(mechanism)
     name = max(zip(np.abs(q[places] / sizes).tolist(), names, strict=True))[1]
-    value = float(q[mechanism.place_of(mechanism.coordinate_table[name])])
+    value = float(q[mechanism.index_of(mechanism.coordinate_table[name])])
     return (f"{name} = {value:.3g} {mechanism.coordinate_table[name].unit} is so large that its "
             "round-off alone opens the loops; give a value nearer to the mechanism's size of "
             f"{mechanism.characteristic_length:.3g} m (angles: fewer turns)")

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import made_once
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.kernel.closer import HELD, NAMED, TURNS, Meant, closer_of
+from spatial_pin.kernel.closer import FIXED, NAMED, TURNS, NamedCoordinates, closer_of
 from spatial_pin.mechanism.joint_limits import position_limits
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
@@ -45,15 +45,15 @@ def turned_apart(mechanism: Mechanism, q: Array, other: Array) -> Array:
     return way / mechanism.velocity_scale
 
 
-def said_of(
+def kinds_of(
     mechanism: Mechanism, held: Iterable[str], named: Iterable[str]
 ) -> NDArray[np.int64]:
-    """Return (nq,) what is said of the entries of q, for `Meant`; nothing of balls."""
-    said = np.zeros(mechanism.model.nq, np.int64)
-    said[[c.q for c in periodic(mechanism)]] = TURNS
-    for names, bit in ((held, HELD), (named, NAMED)):
-        said[[c.q for name in names if (c := mechanism.coordinate_table[name]).q >= 0]] |= bit
-    return said
+    """Return (nq,) the kinds of the entries of q, for `NamedCoordinates`; nothing of balls."""
+    kinds = np.zeros(mechanism.model.nq, np.int64)
+    kinds[[c.q for c in periodic(mechanism)]] = TURNS
+    for names, bit in ((held, FIXED), (named, NAMED)):
+        kinds[[c.q for name in names if (c := mechanism.coordinate_table[name]).q >= 0]] |= bit
+    return kinds
 
 
 def nearest_turn(
@@ -65,6 +65,7 @@ def nearest_turn(
     for name, x in {**named, **held}.items():
         if table[name].q >= 0:
             value[table[name].q] = x
-    meant = Meant(value, said_of(mechanism, held, named), *position_limits(mechanism))
+    coordinates = NamedCoordinates(
+        value, kinds_of(mechanism, held, named), *position_limits(mechanism))
     with closer_of(mechanism) as closer:
-        return closer.judge(q, 0.0, meant).q
+        return closer.judge(q, 0.0, coordinates).q

@@ -1,6 +1,6 @@
 """What the commands do: each calls one public verb and answers; they compute nothing.
 
-To add a command: what it does, and its options in the `COMMANDS` of the module of its subject.
+To add a command: its function, and an entry in the `COMMANDS` of the module of its subject.
 """
 
 from spatial_pin.cli.commands import (

@@ -10,11 +10,11 @@ import numpy as np
 import spatial_pin as sp
 from spatial_pin.cli.commands.rates_and_forces import ROWS, UNITS, external_forces
 from spatial_pin.cli.mechanism_arguments import (
-    as_far_as_found,
     check_held,
     fitting,
     in_units,
     loaded,
+    or_partial_result,
     state_at,
     unique,
     workers,
@@ -34,22 +34,22 @@ from spatial_pin.cli.printing import grid, print_result
 from spatial_pin.motion.summary import EFFORTS
 from spatial_pin.units import KINDS
 
-FORCES = {"m": "N", "rad": "N·m"}  # that move what is in these units
+FORCES = {"m": "N", "rad": "N·m"}  # unit of a coordinate: that of its force
 
 
 def _acting(options: argparse.Namespace, mechanism: sp.Mechanism) -> dict[str, Any]:
-    """Return what is held, what turns, and what acts."""
+    """Return the arguments for held coordinates, constant speeds and loads."""
     check_held(options, mechanism)
     efforts = unique(options, options.efforts)
     for name, x in efforts.items():
         unit = EFFORTS[mechanism.driven_coordinate(name).unit]
         in_units({f"the effort of {name}": x}, *KINDS[unit])
-    found: dict[str, Any] = {"hold": options.hold or None, "efforts": efforts or None,
+    given: dict[str, Any] = {"hold": options.hold or None, "efforts": efforts or None,
                              "external": external_forces(options, mechanism) or None}
     if "constant" in options:
-        found["speeds"] = fitting(
+        given["speeds"] = fitting(
             options, mechanism, unique(options, options.constant), "speed") or None
-    return found
+    return given
 
 
 def equilibrium(options: argparse.Namespace) -> None:
@@ -58,22 +58,22 @@ def equilibrium(options: argparse.Namespace) -> None:
     acting = _acting(options, mechanism)
     guess = state_at(options, mechanism)
     if not options.all:
-        found = sp.equilibrium(mechanism, guess, **acting,
+        result = sp.equilibrium(mechanism, guess, **acting,
                                stable=None if options.nearest else True)
-        quantities = _quantities(found)
+        quantities = _quantities(result)
         units = [unit for _, _, unit in quantities]
         rows = [[name, f"{x:.9g}", unit] for name, x, unit in quantities]
-        lines = [f"{mechanism.name}: {str(found).partition(' at rest')[0]} at rest, closed to "
-                 f"{found.state.closure_error:.1e}", grid(rows),
-                 *(f"  idle: {freedom}" for freedom in found.passive)]
-        if found.neutral:
-            lines.append(f"  no stiffness in {', '.join(found.neutral)}")
-        print_result(options, "\n".join(lines), _content(found), {
+        lines = [f"{mechanism.name}: {str(result).partition(' at rest')[0]} at rest, closed to "
+                 f"{result.state.closure_error:.1e}", grid(rows),
+                 *(f"  idle: {freedom}" for freedom in result.passive)]
+        if result.neutral:
+            lines.append(f"  no stiffness in {', '.join(result.neutral)}")
+        print_result(options, "\n".join(lines), _content(result), {
             "quantity": [name for name, _, _ in quantities],
             "value": [x for _, x, _ in quantities], "unit": units})
         return
     with workers(options.workers) as executor:
-        poses = as_far_as_found(lambda: sp.equilibria(
+        poses = or_partial_result(lambda: sp.equilibria(
             mechanism, guess, **acting, starts=options.starts, seed=options.seed,
             executor=executor))
     table = {name: x.tolist() for name, x in poses.columns().items()}
@@ -91,22 +91,22 @@ def equilibrium(options: argparse.Namespace) -> None:
     print_result(options, "\n".join(lines), content, table, is_whole=poses.is_whole)
 
 
-def _coordinates(found: sp.Equilibrium) -> list[tuple[str, float, str]]:
-    state = found.state
+def _coordinates(result: sp.Equilibrium) -> list[tuple[str, float, str]]:
+    state = result.state
     return [(name, float(state.coordinate(name).value), c.unit)
             for name, c in state.mechanism.coordinate_table.items()]
 
 
-def _quantities(found: sp.Equilibrium) -> list[tuple[str, float, str]]:
-    """Return names, values and units of what a pose at rest has: a number a row."""
-    mechanism, names = found.state.mechanism, found.coordinates
-    rows = [*_coordinates(found), ("potential energy", found.energy, "J")]
+def _quantities(result: sp.Equilibrium) -> list[tuple[str, float, str]]:
+    """Return names, values and units of the numbers of a pose at rest."""
+    mechanism, names = result.state.mechanism, result.coordinates
+    rows = [*_coordinates(result), ("potential energy", result.energy, "J")]
     rows += [(f"stiffness of {name}" + (f" by {other}" if other != name else ""), float(x),
               f"{FORCES[_unit(mechanism, name)]}/{_unit(mechanism, other)}")
-             for name, row in zip(names, found.stiffness, strict=True)
+             for name, row in zip(names, result.stiffness, strict=True)
              for other, x in zip(names, row, strict=True)]
     rows += [(f"{name} effort", x, FORCES[mechanism.driven_coordinate(name).unit])
-             for name, x in found.efforts.items()]
+             for name, x in result.efforts.items()]
     return rows
 
 
@@ -118,21 +118,21 @@ def _unit(mechanism: sp.Mechanism, name: str) -> str:
         mechanism.model.getJointId(name.rpartition(".")[0])].nv > 3 else "rad"
 
 
-def _content(found: sp.Equilibrium) -> dict[str, Any]:
+def _content(result: sp.Equilibrium) -> dict[str, Any]:
     """Return a pose at rest as JSON has it."""
-    mechanism = found.state.mechanism
+    mechanism = result.state.mechanism
     return {
-        "mechanism": mechanism.name, "stable": found.stable,
-        "coordinates": {name: x for name, x, _ in _coordinates(found)},
-        "units": {name: unit for name, _, unit in _coordinates(found)},
-        "energy": found.energy, "independent": list(found.coordinates),
-        "stiffness": found.stiffness.tolist(), "neutral": list(found.neutral),
-        "passive": [str(freedom) for freedom in found.passive], "efforts": found.efforts,
+        "mechanism": mechanism.name, "stable": result.stable,
+        "coordinates": {name: x for name, x, _ in _coordinates(result)},
+        "units": {name: unit for name, _, unit in _coordinates(result)},
+        "energy": result.energy, "independent": list(result.coordinates),
+        "stiffness": result.stiffness.tolist(), "neutral": list(result.neutral),
+        "passive": [str(freedom) for freedom in result.passive], "efforts": result.efforts,
         "reactions": {name: [*force.linear.tolist(), *force.angular.tolist()]
-                      for name, force in found.reactions.items()},
-        "unique": {name: each.tolist() for name, each in found.unique.items()},
-        "on_ground": [*found.on_ground.linear.tolist(), *found.on_ground.angular.tolist()],
-        "closure_error": found.state.closure_error}
+                      for name, force in result.reactions.items()},
+        "unique": {name: each.tolist() for name, each in result.unique.items()},
+        "on_ground": [*result.on_ground.linear.tolist(), *result.on_ground.angular.tolist()],
+        "closure_error": result.state.closure_error}
 
 
 def linearize(options: argparse.Namespace) -> None:
@@ -141,28 +141,28 @@ def linearize(options: argparse.Namespace) -> None:
     acting = _acting(options, mechanism)
     state = sp.equilibrium(mechanism, state_at(options, mechanism), **acting,
                            stable=None if options.nearest else True).state
-    found = sp.linearize(mechanism, state, **acting, inputs=options.inputs or None,
+    system = sp.linearize(mechanism, state, **acting, inputs=options.inputs or None,
                          outputs=options.outputs or None)
-    a, b, c, d = found.state_space()
+    a, b, c, d = system.state_space()
     content = {
-        "mechanism": mechanism.name, "coordinates": list(found.coordinates),
+        "mechanism": mechanism.name, "coordinates": list(system.coordinates),
         "at": {name: state.coordinate(name).value for name in mechanism.coordinate_table},
-        "frequencies": found.frequencies, "damping_ratios": found.damping_ratios,
-        "eigenvalues": [[x.real, x.imag] for x in found.eigenvalues.tolist()],
-        "stable": found.stable, "mass": found.mass, "damping": found.damping,
-        "stiffness": found.stiffness, "inputs": list(found.inputs),
-        "outputs": list(found.outputs), "a": a, "b": b, "c": c, "d": d,
+        "frequencies": system.frequencies, "damping_ratios": system.damping_ratios,
+        "eigenvalues": [[x.real, x.imag] for x in system.eigenvalues.tolist()],
+        "stable": system.stable, "mass": system.mass, "damping": system.damping,
+        "stiffness": system.stiffness, "inputs": list(system.inputs),
+        "outputs": list(system.outputs), "a": a, "b": b, "c": c, "d": d,
         "closure_error": state.closure_error}
-    pairs = enumerate(zip(found.frequencies, found.damping_ratios, strict=True))
+    pairs = enumerate(zip(system.frequencies, system.damping_ratios, strict=True))
     rows = [[str(k), f"{f:.9g}" if f else "none", f"{ratio:.6g}" if f else ""]
             for k, (f, ratio) in pairs]
     lines = [f"{mechanism.name}: small motions about {state}",
              grid(rows, ("", "frequency [Hz]", "damping ratio"))]
     files = []
     if options.html:
-        files.append(sp.export_html(found.shape(options.shape), options.html))
+        files.append(sp.export_html(system.shape(options.shape), options.html))
     print_result(options, "\n".join(lines), content,
-                 {name: x.tolist() for name, x in found.columns().items()}, files)
+                 {name: x.tolist() for name, x in system.columns().items()}, files)
 
 
 def compliance(options: argparse.Namespace) -> None:
@@ -171,29 +171,29 @@ def compliance(options: argparse.Namespace) -> None:
     mechanism.frame_id(options.frame)
     acting = _acting(options, mechanism)
     state = sp.equilibrium(mechanism, state_at(options, mechanism), **acting).state
-    found = sp.compliance(mechanism, state, options.frame, **acting)
+    result = sp.compliance(mechanism, state, options.frame, **acting)
     heads = [f"{'f' if row[0] == 'v' else 'm'}{row[1]}" for row in ROWS]
     names = [f"{'d' if row[0] == 'v' else 'r'}{row[1]}" for row in ROWS]
     units = [UNITS[row[0]] for row in ROWS]
-    small = 1e-12 * np.abs(found).max(initial=0.0)
+    small = 1e-12 * np.abs(result).max(initial=0.0)
     lines = [f"{mechanism.name}: how {options.frame} moves at its origin per force [N] and moment "
              "[N·m], world axes, loops closed",
              grid([[name, unit, *(f"{x if abs(x) > small else 0.0:.4g}" for x in row)]
-                   for name, unit, row in zip(names, units, found, strict=True)],
+                   for name, unit, row in zip(names, units, result, strict=True)],
                   ("", "of", *heads))]
     print_result(options, "\n".join(lines), {
         "mechanism": mechanism.name, "frame": options.frame, "rows": names, "by": heads,
-        "matrix": found.tolist(),
+        "matrix": result.tolist(),
         "coordinates": {name: state.coordinate(name).value for name in mechanism.coordinate_table},
         "closure_error": state.closure_error},
         {"component": names, "of": units,
-         **{f"{head} [{FORCES[unit]}]": found[:, k].tolist()
+         **{f"{head} [{FORCES[unit]}]": result[:, k].tolist()
             for k, (head, unit) in enumerate(zip(heads, units, strict=True))}})
 
 
 LOADS = (
     option("--hold", action="append", default=[], metavar="NAME",
-           help='a joint, coordinate or driver that stands still; "base": a free base (nothing)'),
+           help='a joint, coordinate or driver that is held; "base": a free base (nothing)'),
     option("--effort", dest="efforts", action="append", default=[], type=setting,
            metavar="JOINT=VALUE", help="a constant torque [N·m] or force [N] in it"),
     option("--load", dest="loads", action="append", default=[], type=numbers,

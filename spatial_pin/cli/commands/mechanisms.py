@@ -49,30 +49,30 @@ def info(options: argparse.Namespace) -> None:
         ("coordinate", report.coordinates), ("frame", report.frames), ("driver", report.drivers),
         ("spring", report.springs), ("resistance", report.resistances),
     ):
-        found: dict[str, Any] = dict(parts)
-        rows += [(kind, name, x if isinstance(x, str) else repr(x)) for name, x in found.items()]
+        content: dict[str, Any] = dict(parts)
+        rows += [(kind, name, x if isinstance(x, str) else repr(x)) for name, x in content.items()]
     columns = map(list, zip(*rows, strict=True))
     print_result(options, report, report.as_dict(),
                  dict(zip(("part", "name", "what"), columns, strict=True)))
 
 
 def check(options: argparse.Namespace) -> None:
-    """Read a mechanism file and say what is wrong with it."""
+    """Read a mechanism file and print its mistakes."""
     try:
         mechanism = loaded(options)
         notes = list(mechanism.notices)
         state = sp.assemble(mechanism)
-        found = sp.mobility(mechanism, state)
-        working = found.dof - len(found.passive)
+        result = sp.mobility(mechanism, state)
+        working = result.dof - len(result.passive)
         lines = [f"note: {notice}" for notice in notes]
         lines.append(f"{mechanism.path}: good: {counted(len(mechanism.links), 'link')}, "
                      f"{counted(len(mechanism.coordinates), 'coordinate')}, "
                      f"{counted(len(mechanism.closures), 'closure')}; "
                      f"the guess closes to {state.closure_error:.1e}")
-        note = driver_advice(state, found)
+        note = driver_advice(state, result)
         if note:
             notes.append(note)
-            lines.append(f"note: {note}:\n{found}")
+            lines.append(f"note: {note}:\n{result}")
         content = {"file": str(mechanism.path), "good": True, "mistakes": [], "notes": notes,
                    "links": len(mechanism.links), "coordinates": len(mechanism.coordinates),
                    "closures": len(mechanism.closures), "drivers": len(mechanism.drivers),
@@ -148,7 +148,7 @@ COMMANDS = {
         *data_options("it", "links, dimensions, joints and so on, one a line,"),
     )),
     "check": Command(check, (
-        *data_options("what was found, mistakes too,", "mistakes and notes, one a line,"),
+        *data_options("the result, with mistakes,", "mistakes and notes, one a line,"),
     )),
     "export": Command(export, (
         *data_options("the names of the files"),

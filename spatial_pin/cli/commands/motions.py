@@ -13,13 +13,13 @@ import numpy as np
 import spatial_pin as sp
 from spatial_pin.cli.mechanism_arguments import (
     RATES,
-    as_far_as_found,
     check_names,
     fitting,
     guess_of,
     held,
     in_units,
     loaded,
+    or_partial_result,
     unique,
 )
 from spatial_pin.cli.options import (
@@ -53,7 +53,7 @@ from spatial_pin.view.page.plots import default_outputs
 
 
 def look_of(options: argparse.Namespace, clearance: sp.Clearance | None = None) -> sp.Look:
-    """Return what a picture is to show."""
+    """Return the extras of a picture."""
     return sp.Look(pairs=options.pairs or None, axes=options.axes, traces=tuple(options.trace),
                    arrows=tuple(options.arrow), centres=options.centres, clearance=clearance)
 
@@ -62,7 +62,7 @@ def write_followed(
     options: argparse.Namespace, follow: Callable[[], sp.Motion],
     last: Callable[[Any], str] = lambda motion: "",
 ) -> None:
-    """Follow a motion and write it, `last` below; after Ctrl-C what was followed until then."""
+    """Follow a motion and write it, `last` below; after Ctrl-C the samples until then."""
     try:
         motion = follow()
         write_motion(options, motion, last(motion))
@@ -76,11 +76,11 @@ def write_followed(
 def write_motion(
     options: argparse.Namespace, motion: sp.Motion, last: str = "", is_whole: bool = True
 ) -> None:
-    """Say what a motion is, and write it as asked; `last` goes below."""
-    found = (as_far_as_found(lambda: sp.clearance(motion, progress=True)) if options.clearance
+    """Print a summary of a motion and write its files; `last` goes below."""
+    clearance = (or_partial_result(lambda: sp.clearance(motion, progress=True)) if options.clearance
              else None)
-    if found is not None:
-        motion = found.motion
+    if clearance is not None:
+        motion = clearance.motion
 
     def files() -> Iterator[Path | str]:
         if options.npz:
@@ -95,26 +95,26 @@ def write_motion(
                 motion.mechanism, motion)), options.plot)
             yield options.plot
         if options.html:
-            yield sp.export_html(motion, options.html, look=look_of(options, found))
+            yield sp.export_html(motion, options.html, look=look_of(options, clearance))
 
-    lines = [motion_summary(motion), *([str(found)] if found is not None else []),
+    lines = [motion_summary(motion), *([str(clearance)] if clearance is not None else []),
              *([last] if last else [])]
     columns = {name: column.tolist() for name, column in motion.columns().items()}
     content = {"mechanism": motion.mechanism.name, "is_whole": is_whole, "columns": columns,
                "events": [event._asdict() for event in motion.events]}
     if len(motion.error_estimates):
         content["error"] = motion.error._asdict()
-    if found is not None:
-        content["clearance"] = found.as_dict()
+    if clearance is not None:
+        content["clearance"] = clearance.as_dict()
     print_result(options, "\n".join(lines), content, motion.columns(),
-                 files(), found is None or found.is_whole)
+                 files(), clearance is None or clearance.is_whole)
 
 
 # ---------------------------------------------------------------- sweep
 
 
 def sweep_task(options: argparse.Namespace, mechanism: sp.Mechanism) -> dict[str, Any]:
-    """Return the arguments of the sweep that was asked for."""
+    """Return the arguments of the sweep of the options."""
     for end in (options.first, options.last):
         fitting(options, mechanism, {options.driver: end})
     for rate in RATES:
@@ -128,14 +128,23 @@ def sweep_task(options: argparse.Namespace, mechanism: sp.Mechanism) -> dict[str
 
 
 def run_sweep(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motion:
-    """Return the sweep that was asked for, up to the first joint limit if these are kept.
+    """Return the sweep of the options, up to the first joint limit if limits are kept.
 
     Raises:
         LimitError: it passes one, and is not to stop there.
     """
     task = sweep_task(options, mechanism)
     if getattr(options, "only", None):
-        mechanism, task["guess"] = _reduced(options, mechanism)
+        state = sp.assemble(mechanism, {options.driver: options.first}, task["guess"])
+        driven = mechanism.driven_coordinate(options.driver).name
+        others = [d for d in mechanism.drivers.values() if d.joint != driven]
+        outputs = [*options.only, *[driven] * (len(others) == len(mechanism.drivers))]
+        locked = {d.joint: state.coordinate(d.joint).value for d in others
+                  if not {d.joint, d.name} & set(options.only)}
+        reduced = sp.reduce(mechanism, outputs, lock=locked, guess=state)
+        if not on_screen(options):
+            say(reduced)
+        mechanism, task["guess"] = reduced, reduced.state(state)
     if getattr(options, "hold", None):
         task["hold"] = held(options)
     motion = sp.sweep(mechanism, progress=True, **task)
@@ -150,22 +159,6 @@ def run_sweep(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motion
     return replace(part, events=[*part.events, passed])
 
 
-def _reduced(
-    options: argparse.Namespace, mechanism: sp.Mechanism
-) -> tuple[sp.Reduced, sp.State]:
-    """The model that yields `--only`, the other drivers locked, and where the sweep begins."""
-    state = sp.assemble(mechanism, {options.driver: options.first}, guess_of(options, mechanism))
-    driven = mechanism.driven_coordinate(options.driver).name
-    others = {d.joint: state.coordinate(d.joint).value for d in mechanism.drivers.values()
-              if d.joint != driven and d.joint not in options.only and d.name not in options.only}
-    is_driver = driven in (d.joint for d in mechanism.drivers.values())
-    found = sp.reduce(mechanism, [*options.only, *[driven] * (not is_driver)], lock=others,
-                      guess=state)
-    if not on_screen(options):
-        say(found)
-    return found, found.state(state)
-
-
 def sweep(options: argparse.Namespace) -> None:
     """Follow one branch from one driver value to another."""
     mechanism = loaded(options)
@@ -175,15 +168,15 @@ def sweep(options: argparse.Namespace) -> None:
 
 
 def shown(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motion | sp.State:
-    """Return the sweep that was asked for, or what a mechanism is shown with when none was."""
+    """Return the sweep of the options; without one, the usual motion of the mechanism."""
     if options.driver is not None:
         mechanism.coordinate(options.driver)
     check_names(options, mechanism)
     if options.last is not None:
         return run_sweep(options, mechanism)
-    said = (options.first, options.speed, options.acceleration or None,
+    given = (options.first, options.speed, options.acceleration or None,
             options.guess or None, options.hold or None)
-    if any(x is not None for x in said):
+    if any(x is not None for x in given):
         options.usage_error("a sweep needs a driver, a first and a last value")
     return default_motion(mechanism, options.driver, options.steps)
 
@@ -237,7 +230,7 @@ def simulate(options: argparse.Namespace) -> None:
     write_followed(options, lambda: sp.simulate(
         mechanism, state, options.duration, efforts, times, sp.Accuracy.named(options.accuracy),
         on_joint_limit=options.on_joint_limit, progress=True), lambda motion: (
-            f"energy drift {motion.energy_drift:.1e} of what is exchanged; {motion.steps} steps "
+            f"energy drift {motion.energy_drift:.1e} of the exchanged energy; {motion.steps} steps "
             f"of the integrator in {', '.join(motion.coordinates)}"
             + "".join(f"\n{line.strip()}" for line in growth_lines(motion))))
 
@@ -258,20 +251,20 @@ def clearance(options: argparse.Namespace) -> None:
         subject: sp.Motion | sp.State = sp.assemble(mechanism, values, guess_of(options, mechanism))
     else:
         subject = shown(options, mechanism)
-    found = as_far_as_found(lambda: sp.clearance(
+    result = or_partial_result(lambda: sp.clearance(
         subject, [(a, b) for a, b in options.between] or None, tolerance=float(options.tolerance),
         progress=True))
-    motion = found.motion  # what the nearest places are values of, with the unit
+    motion = result.motion  # the abscissa of the nearest places
     over = "" if motion.time is None or len(motion) == 1 else "time [s]"
     if motion.driver is not None:
         over = f"{motion.driver_name} [{motion.driver_unit}]"
-    table = {"first": [p.links[0] for p in found.pairs],
-             "second": [p.links[1] for p in found.pairs],
-             "distance [m]": [float(p.distance) for p in found.pairs],
-             **({over: [float(p.value) for p in found.pairs]} if over else {}),
-             "touches": [bool(p.contacts) for p in found.pairs]}
-    content = {"mechanism": mechanism.name, "over": over, **found.as_dict()}
-    print_result(options, found, content, table, is_whole=found.is_whole)
+    table = {"first": [p.links[0] for p in result.pairs],
+             "second": [p.links[1] for p in result.pairs],
+             "distance [m]": [float(p.distance) for p in result.pairs],
+             **({over: [float(p.value) for p in result.pairs]} if over else {}),
+             "touches": [bool(p.contacts) for p in result.pairs]}
+    content = {"mechanism": mechanism.name, "over": over, **result.as_dict()}
+    print_result(options, result, content, table, is_whole=result.is_whole)
 
 
 # ---------------------------------------------------------------- show, report
@@ -314,7 +307,7 @@ COMMANDS = {
         *hold_option(SPRINGS_HELP),
         option("--only", action="append", default=[], metavar="NAME",
                help="sweep the smallest model that yields this coordinate, link or frame, "
-                    "and say what it leaves out"),
+                    "and name the parts that it leaves out"),
         *RESULT,
     )),
     "follow": Command(follow, (
@@ -322,7 +315,7 @@ COMMANDS = {
                "boom [deg], arm; then a line of numbers for every sample"),
         *hold_option(),
         option("--stop", action="store_true",
-               help="end before what cannot be reached instead of failing"),
+               help="end before an unreachable sample instead of failing"),
         *GUESS,
         *RESULT,
     )),
@@ -331,7 +324,7 @@ COMMANDS = {
         option("--rows", type=count, default=1001, help="number of rows (1001)"),
         *start_options("--speed"),
         option("--on-joint-limit", choices=("report", "stop", "ignore"), default="report",
-               help="where a joint passes a limit of the URDF (report)"),
+               help="action where a joint passes a limit of the URDF (report)"),
         option("--accuracy", choices=("draft", "engineering", "reference"),
                default="engineering", help="of the integrator (engineering)"),
         *GUESS,
@@ -345,7 +338,7 @@ COMMANDS = {
         option("--between", nargs=2, action="append", default=[], metavar=("LINK", "LINK"),
                help="only these two links, joined ones too"),
         option("--tolerance", type=value, default=0.0, metavar="DISTANCE",
-               help="links that are so near count as touching, as 2mm (0)"),
+               help="distance at which links count as touching, as 2mm (0)"),
         *data_options("the pairs of links", "the pairs of links"),
     )),
 }
@@ -358,9 +351,10 @@ PAGES = {
                help="move it by hand instead: a slider for every driver, or the one named"),
         option("--limits", action=argparse.BooleanOptionalAction,
                help="a joint limit of the URDF is a limit position too; --live keeps them "
-                    "at first unless it is told not to"),
+                    "at first, unless --no-limits is given"),
         option("--output", action="append", default=[], metavar="NAME",
-               help="what --live tells besides the drivers, as rocker_pin, coupler.position"),
+               help="outputs that --live shows besides the drivers, as rocker_pin, "
+                    "coupler.position"),
         *LOOK,
     )),
     "report": Command(report, (
@@ -368,7 +362,7 @@ PAGES = {
         *hold_option(SPRINGS_HELP),
         option("--html", metavar="F", required=True, help="the file to write"),
         option("--output", action="append", default=[], metavar="NAME",
-               help="what its figures show, as rocker_pin or coupler.com.position"),
+               help="outputs in its figures, as rocker_pin or coupler.com.position"),
         option("--title", help="heading (the mechanism's title)"),
         *data_options("the name of the file"),
     )),

@@ -9,12 +9,12 @@ from typing import Any
 import spatial_pin as sp
 from spatial_pin.cli.commands.motions import look_of, write_followed
 from spatial_pin.cli.mechanism_arguments import (
-    as_far_as_found,
     check_names,
     fitting,
     guess_of,
     held,
     loaded,
+    or_partial_result,
     unique,
 )
 from spatial_pin.cli.options import (
@@ -74,19 +74,19 @@ def limits(options: argparse.Namespace) -> None:
     """How far a driver can go on its branch."""
     mechanism = loaded(options)
     check_names(options, mechanism)
-    found = sp.limits(mechanism, options.driver, guess_of(options, mechanism),
+    result = sp.limits(mechanism, options.driver, guess_of(options, mechanism),
                       joints=options.joints, hold=held(options))
-    text, grashof = f"{mechanism.name}, {found}", None
+    text, grashof = f"{mechanism.name}, {result}", None
     with contextlib.suppress(sp.SpatialPinError):  # most mechanisms are no plane four-bar
         grashof = sp.grashof(mechanism)
         text += f"\n{grashof}"
-    ends = {"lower": found.lower, "upper": found.upper}
-    content = {"mechanism": mechanism.name, "driver": found.driver, "unit": found.unit,
+    ends = {"lower": result.lower, "upper": result.upper}
+    content = {"mechanism": mechanism.name, "driver": result.driver, "unit": result.unit,
                **{name: end._asdict() for name, end in ends.items()},
-               "full_turn": found.full_turn, "grashof": grashof and grashof._asdict()}
+               "full_turn": result.full_turn, "grashof": grashof and grashof._asdict()}
     print_result(options, text, content,
                  {"end": list(ends),
-                  f"value [{found.unit}]": [float(x.value) for x in ends.values()],
+                  f"value [{result.unit}]": [float(x.value) for x in ends.values()],
                   "kind": [x.kind for x in ends.values()]})
 
 
@@ -94,7 +94,7 @@ def modes(options: argparse.Namespace) -> None:
     """All closed configurations at given driver values."""
     mechanism = loaded(options)
     values = fitting(options, mechanism, unique(options, options.values))
-    modes = as_far_as_found(lambda: sp.assembly_modes(
+    modes = or_partial_result(lambda: sp.assembly_modes(
         mechanism, values, copies=options.copies, limits=options.limits,
         patience=options.patience, progress=True))
     lines = [f"{mechanism.name}: {modes}"]
@@ -108,7 +108,7 @@ def modes(options: argparse.Namespace) -> None:
              "closure error [-]": [float(m.closure_error) for m in modes]}
     files = []
     if options.html and modes:
-        look = sp.Look(ghosts=tuple(modes[1:]), beside=True)
+        look = sp.Look(ghosts=tuple(modes[1:]), side_by_side=True)
         files.append(sp.export_html(modes[0], options.html, look=look))
     print_result(options, "\n".join(lines), [
                 {"branch": mode.branch, "closure_error": mode.closure_error, "q": mode.q.tolist(),
@@ -129,7 +129,7 @@ def reach(options: argparse.Namespace) -> None:
     if not targets:
         options.usage_error("there is no target: name some, or give a table by --path")
     if any((options.npz, options.plot, options.clearance)) or options.csv not in (None, SCREEN):
-        options.usage_error("--csv, --npz, --plot and --clearance tell of a motion: they need "
+        options.usage_error("--csv, --npz, --plot and --clearance are for a motion: they need "
                             "--path (but --csv - for the coordinates)")
     check_names(options, mechanism)
     read_targets(mechanism, targets)
@@ -138,16 +138,16 @@ def reach(options: argparse.Namespace) -> None:
         if not isinstance(value, sp.Target):
             fitting(options, mechanism, {name: value})
     state = sp.assemble(mechanism, {}, guess_of(options, mechanism))
-    found = sp.reach(mechanism, targets, state, hold=held(options),
+    reached = sp.reach(mechanism, targets, state, hold=held(options),
                      limits=options.limits)
-    lines = [assembly_summary(found)]
+    lines = [assembly_summary(reached)]
     for name in mechanism.drivers:
         unit = mechanism.coordinate(name).unit
-        lines.append(f"  driver {name} = {shown_value(found, name):.15g} {unit}")
+        lines.append(f"  driver {name} = {shown_value(reached, name):.15g} {unit}")
     files = []
     if options.html:
-        files.append(sp.export_html(found, options.html, look=look_of(options)))
-    print_result(options, "\n".join(lines), _content(found), _table(found), files)
+        files.append(sp.export_html(reached, options.html, look=look_of(options)))
+    print_result(options, "\n".join(lines), _content(reached), _table(reached), files)
 
 
 def _targets(options: argparse.Namespace) -> dict[str, Any]:
@@ -165,11 +165,12 @@ def _targets(options: argparse.Namespace) -> dict[str, Any]:
 def _reach_path(
     options: argparse.Namespace, mechanism: sp.Mechanism, standing: dict[str, Any]
 ) -> None:
-    """Go along a table of targets; coordinates named beside it stand still."""
+    """Go along a table of targets; coordinates named with it are held."""
     if any(isinstance(one, list) for one in standing.values()):
         options.usage_error("beside --path only COORDINATE=value: frames are columns of the table")
     if not options.limits:
-        options.usage_error("--no-limits is of single targets: limits passed are told of a path")
+        options.usage_error("--no-limits is for single targets: a path reports the limits that it "
+                            "passes")
     columns, times = read_table(options.path, mechanism)
     targets = targets_of(options.path, mechanism, columns)
     state = sp.assemble(mechanism, {}, guess_of(options, mechanism))
@@ -193,7 +194,7 @@ COMMANDS = {
         option("values", nargs="*", default=[], type=setting, metavar="DRIVER=VALUE",
                help=AT_HELP),
         option("--patience", type=count, default=1000,
-               help="go on until so many starts have found nothing new (1000)"),
+               help="number of starts without a new mode that end the search (1000)"),
         option("--copies", action="store_true",
                help="every reading of the coordinates, not one for each mode"),
         option("--limits", action="store_true",

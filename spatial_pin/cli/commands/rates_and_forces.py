@@ -36,7 +36,7 @@ from spatial_pin.motion.summary import EFFORTS, tidy
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.rates.rates import check_not_held
 
-UNITS = {"v": "m", "w": "rad"}  # of what rows are rates of
+UNITS = {"v": "m", "w": "rad"}  # of the rows of velocity v and angular velocity w
 ROWS = ("vx", "vy", "vz", "wx", "wy", "wz")
 COMPONENTS = [(part, unit, axis) for part, unit in (("force", "N"), ("moment", "N·m"))
               for axis in "xyz"]
@@ -51,19 +51,19 @@ def jacobian(options: argparse.Namespace) -> None:
     names = _movers(options, mechanism)
     by = [mechanism.driven_coordinate(name) for name in names]
     state = state_at(options, mechanism)
-    found = sp.jacobian(mechanism, state, options.frame, options.by or None,
+    matrix = sp.jacobian(mechanism, state, options.frame, options.by or None,
                         hold=held(options))
     units = [[_per(UNITS[row[0]], c.unit) for c in by] for row in ROWS]
     heads = [f"{name} [{c.unit}]" for name, c in zip(names, by, strict=True)]
     lines = [f"{mechanism.name}: twist of {options.frame} at its origin, world axes, per unit "
              "speed of the drivers, loops closed",
-             grid([[row, UNITS[row[0]], *(tidy(x, found) for x in found[k])]
+             grid([[row, UNITS[row[0]], *(tidy(x, matrix) for x in matrix[k])]
                    for k, row in enumerate(ROWS)], ("", "of", *heads))]
     table = {"component": list(ROWS), "of": [UNITS[row[0]] for row in ROWS],
-             **{head: found[:, k].tolist() for k, head in enumerate(heads)}}
+             **{head: matrix[:, k].tolist() for k, head in enumerate(heads)}}
     print_result(options, "\n".join(lines), {
                 "mechanism": mechanism.name, "frame": options.frame, "rows": list(ROWS),
-                "drivers": names, "units": units, "matrix": found.tolist(),
+                "drivers": names, "units": units, "matrix": matrix.tolist(),
                 "closure_error": state.closure_error}, table)
 
 
@@ -72,7 +72,7 @@ def _movers(options: argparse.Namespace, mechanism: sp.Mechanism) -> list[str]:
 
     Raises:
         SpatialPinError: all drivers are held.
-        ValueError: what is to move it is held.
+        ValueError: a moving coordinate is held.
     """
     if options.by:
         check_not_held(mechanism, [mechanism.driven_coordinate(x) for x in options.by],
@@ -111,33 +111,34 @@ def transmission(options: argparse.Namespace) -> None:
         _tell_along(options, motion)
         return
     state = state_at(options, mechanism)
-    found = sp.transmission(mechanism, state, output.name, options.driver, options.pair,
+    result = sp.transmission(mechanism, state, output.name, options.driver, options.pair,
                             hold=held(options))
     driver = mechanism.driven_coordinate(options.driver or next(iter(mechanism.drivers)))
     units = _units(output.unit, driver.unit)
-    shown = {"speed ratio": (found.ratio, units["ratio"]),
-             "mechanical advantage": (found.mechanical_advantage, units["mechanical_advantage"]),
-             "transmission angle": (found.angle, f"rad ({np.degrees(found.angle):.6g}°)")}
+    shown = {"speed ratio": (result.ratio, units["ratio"]),
+             "mechanical advantage": (result.mechanical_advantage, units["mechanical_advantage"]),
+             "transmission angle": (result.angle, f"rad ({np.degrees(result.angle):.6g}°)")}
     rows = [[name, f"{x:.9g}", unit.removeprefix("1")] for name, (x, unit) in shown.items()]
-    head = f"{mechanism.name}: {driver.name} moves {output.name} at {found.at}"
+    head = f"{mechanism.name}: {driver.name} moves {output.name} at {result.at}"
     content = {"mechanism": mechanism.name, "output": output.name, "driver": driver.name,
-               **found._asdict(), "units": units, "closure_error": state.closure_error}
+               **result._asdict(), "units": units, "closure_error": state.closure_error}
     print_result(options, f"{head}\n{grid(rows)}", content,
-                 {"quantity": list(units), "value": [float(getattr(found, name)) for name in units],
+                 {"quantity": list(units),
+                  "value": [float(getattr(result, name)) for name in units],
                   "unit": list(units.values())})
 
 
 def _tell_along(options: argparse.Namespace, motion: sp.Motion) -> None:
     """Answer with the transmission along a sweep."""
     mechanism, driver = motion.mechanism, options.driver or motion.driver_name
-    found: list[sp.Transmission] = along(options, lambda: _each(options, motion, driver))
-    values, ratios, angles = (np.asarray(x)[: len(found)] for x in (
-        motion.driver, [x.ratio for x in found], [x.angle for x in found]))
+    results: list[sp.Transmission] = along(options, lambda: _each(options, motion, driver))
+    values, ratios, angles = (np.asarray(x)[: len(results)] for x in (
+        motion.driver, [x.ratio for x in results], [x.angle for x in results]))
     units = _units(*(mechanism.driven_coordinate(x).unit for x in (options.output, driver)))
     table = flat({
         motion.driver_name: Quantity(values, motion.driver_unit),
         "ratio": Quantity(ratios, units["ratio"].replace("1", "-")),
-        "mechanical advantage": Quantity(np.array([x.mechanical_advantage for x in found]),
+        "mechanical advantage": Quantity(np.array([x.mechanical_advantage for x in results]),
                                          units["mechanical_advantage"].replace("1", "-")),
         "transmission angle": Quantity(angles, "rad")})
     unit, rows = motion.driver_unit, []
@@ -146,10 +147,10 @@ def _tell_along(options: argparse.Namespace, motion: sp.Motion) -> None:
         for word, k in (("least", int(column.argmin())), ("most", int(column.argmax()))):
             rows.append([word, name, f"{column[k]:.6g}{mark}",
                          f"at {motion.driver_name} = {values[k]:.6g} {unit}"])
-    head = (f"{mechanism.name}: {driver} moves {options.output} at {found[0].at}, "
-            f"{len(found)} values")
+    head = (f"{mechanism.name}: {driver} moves {options.output} at {results[0].at}, "
+            f"{len(results)} values")
     content = {"mechanism": mechanism.name, "output": options.output, "driver": driver,
-               "at": found[0].at, "units": units,
+               "at": results[0].at, "units": units,
                "columns": {name: x.tolist() for name, x in table.items()}}
     print_result(options, f"{head}\n{grid(rows)}", content, table)
 
@@ -160,16 +161,16 @@ def _each(options: argparse.Namespace, motion: sp.Motion, driver: str) -> list[s
     Raises:
         Interrupted: Ctrl-C ended it; has those until then.
     """
-    found: list[sp.Transmission] = []
+    results: list[sp.Transmission] = []
     try:
         for state in map(motion.state, range(len(motion))):
-            found.append(sp.transmission(motion.mechanism, state, options.output, driver,
+            results.append(sp.transmission(motion.mechanism, state, options.output, driver,
                                          options.pair, hold=held(options)))
     except KeyboardInterrupt:
-        if not found:
+        if not results:
             raise
-        raise sp.Interrupted(first_samples(motion, len(found)), found) from None
-    return found
+        raise sp.Interrupted(first_samples(motion, len(results)), results) from None
+    return results
 
 
 # ---------------------------------------------------------------- statics
@@ -187,14 +188,14 @@ def statics(options: argparse.Namespace) -> None:
         _print_efforts(options, mechanism, sp.inverse_dynamics(
             mechanism, state_at(options, mechanism), actuated, external=external))
         return
-    found: sp.Kinetostatics = along(options, lambda: sp.kinetostatics(
+    loads: sp.Kinetostatics = along(options, lambda: sp.kinetostatics(
         mechanism, motion, actuated, external=external))
-    table = found.columns()
+    table = loads.columns()
     content = {"mechanism": mechanism.name,
                "columns": {name: x.tolist() for name, x in table.items()},
-               "reactions": {name: x.tolist() for name, x in found.reactions.items()},
-               "on_ground": found.on_ground.tolist()}
-    print_result(options, found, content, table)
+               "reactions": {name: x.tolist() for name, x in loads.reactions.items()},
+               "on_ground": loads.on_ground.tolist()}
+    print_result(options, loads, content, table)
 
 
 def external_forces(
@@ -203,7 +204,7 @@ def external_forces(
     """Return the loads by link or frame."""
     if len(dict(options.loads)) < len(options.loads):
         options.usage_error("a name is given two loads")
-    found = {}
+    forces = {}
     for name, given in options.loads:
         mechanism.frame_id(name)
         if len(given) not in (3, 6):
@@ -214,48 +215,48 @@ def external_forces(
             in_units({f"a force on {name}": x}, "N", "kN")
         for x in moment:
             in_units({f"a moment on {name}": x}, "Nm", "N·m")
-        found[name] = pin.Force(np.array(force, dtype=float), np.array(moment, dtype=float))
-    return found
+        forces[name] = pin.Force(np.array(force, dtype=float), np.array(moment, dtype=float))
+    return forces
 
 
 def _print_efforts(
-    options: argparse.Namespace, mechanism: sp.Mechanism, found: sp.Efforts
+    options: argparse.Namespace, mechanism: sp.Mechanism, result: sp.Efforts
 ) -> None:
     """Answer with efforts and reactions of one configuration."""
-    units = {name: EFFORTS[mechanism.coordinate(name).unit] for name in found.efforts}
-    alone = found.unique_efforts
+    units = {name: EFFORTS[mechanism.coordinate(name).unit] for name in result.efforts}
+    alone = result.unique_efforts
     efforts = [[name, f"{x:.9g}{'*' * (not alone[name])}", units[name]]
-               for name, x in found.efforts.items()]
-    whole = np.array([force.vector for force in found.reactions.values()])
-    pairs = [[name, *_marked(force.linear, found.unique[name][:3], whole),
-              *_marked(force.angular, found.unique[name][3:], whole)]
-             for name, force in found.reactions.items()]
-    lines = [f"{mechanism.name} at rest, closed to {found.state.closure_error:.1e}", "efforts:",
+               for name, x in result.efforts.items()]
+    whole = np.array([force.vector for force in result.reactions.values()])
+    pairs = [[name, *_marked(force.linear, result.unique[name][:3], whole),
+              *_marked(force.angular, result.unique[name][3:], whole)]
+             for name, force in result.reactions.items()]
+    lines = [f"{mechanism.name} at rest, closed to {result.state.closure_error:.1e}", "efforts:",
              grid(efforts), "reactions of pairs, world axes [N, N·m]:",
              grid(pairs, ("", "fx", "fy", "fz", "mx", "my", "mz"))]
     if not all(alone.values()):
         lines.append(EFFORTS_OF_MANY)
-    lines += found.why_not_unique()
+    lines += result.why_not_unique()
     content = {
-        "mechanism": mechanism.name, "closure_error": found.state.closure_error,
-        "coordinates": {name: found.state.coordinate(name).value
+        "mechanism": mechanism.name, "closure_error": result.state.closure_error,
+        "coordinates": {name: result.state.coordinate(name).value
                         for name in mechanism.coordinates},
-        "efforts": found.efforts, "units": units, "unique_efforts": alone,
+        "efforts": result.efforts, "units": units, "unique_efforts": alone,
         "reactions": {name: [*force.linear.tolist(), *force.angular.tolist()]
-                      for name, force in found.reactions.items()},
-        "unique": {name: each.tolist() for name, each in found.unique.items()},
-        "on_ground": [*found.on_ground.linear.tolist(), *found.on_ground.angular.tolist()],
+                      for name, force in result.reactions.items()},
+        "unique": {name: each.tolist() for name, each in result.unique.items()},
+        "on_ground": [*result.on_ground.linear.tolist(), *result.on_ground.angular.tolist()],
     }
-    print_result(options, "\n".join(lines), content, _table(found, units))
+    print_result(options, "\n".join(lines), content, _table(result, units))
 
 
-def _table(found: sp.Efforts, units: dict[str, str]) -> dict[str, list[Any]]:
+def _table(result: sp.Efforts, units: dict[str, str]) -> dict[str, list[Any]]:
     """Return efforts and reactions, a number a row; named as `Kinetostatics.columns` names them."""
-    rows = [(f"{name} effort", x, units[name], found.unique_efforts[name])
-            for name, x in found.efforts.items()]
-    ground = {"on ground": (found.on_ground, np.ones(6, dtype=bool))}
-    for name, (force, unique) in ({f"{name} reaction": (x, found.unique[name])
-                                  for name, x in found.reactions.items()} | ground).items():
+    rows = [(f"{name} effort", x, units[name], result.unique_efforts[name])
+            for name, x in result.efforts.items()]
+    ground = {"on ground": (result.on_ground, np.ones(6, dtype=bool))}
+    for name, (force, unique) in ({f"{name} reaction": (x, result.unique[name])
+                                  for name, x in result.reactions.items()} | ground).items():
         rows += [(f"{name} {part} {axis}", float(x), unit, bool(one)) for (part, unit, axis), x, one
                  in zip(COMPONENTS, force.vector, unique, strict=True)]
     return dict(zip(("quantity", "value", "unit", "unique"), map(list, zip(*rows, strict=True)),

@@ -11,13 +11,13 @@ import spatial_pin as sp
 from spatial_pin._support.output_files import write_columns
 from spatial_pin.cli.goal_files import check_bounds, read_goals
 from spatial_pin.cli.mechanism_arguments import (
-    as_far_as_found,
     check_held,
     fitting,
     guess_of,
     held,
     in_units,
     loaded,
+    or_partial_result,
     unique,
     workers,
 )
@@ -64,32 +64,32 @@ def workspace(options: argparse.Namespace) -> None:
 
     def files() -> Iterator[Path | str]:
         if options.curves:
-            yield write_columns(Path(options.curves), curve_columns(found, found.curves()))
+            yield write_columns(Path(options.curves), curve_columns(result, result.curves()))
         if options.picture:
-            found.plot(options.picture, plane=options.plane, at=options.at)
+            result.plot(options.picture, plane=options.plane, at=options.at)
             yield options.picture
         if options.html:
-            state = sp.assemble(found.mechanism, {}, guess_of(options, found.mechanism))
-            yield sp.export_html(state, options.html, look=sp.Look(workspace=found))
+            state = sp.assemble(result.mechanism, {}, guess_of(options, result.mechanism))
+            yield sp.export_html(state, options.html, look=sp.Look(workspace=result))
 
     with workers(options.workers) as executor:
-        found = as_far_as_found(lambda: sp.workspace(
+        result = or_partial_result(lambda: sp.workspace(
             mechanism, options.frame, ranges, points=options.points,
             guess=guess_of(options, mechanism), hold=held(options), task=options.task,
             limits=options.limits, on_crossing=options.on_crossing, clearance=options.clearance,
             sheets=options.sheets, executor=executor, progress=True))
-    table = found.columns()
+    table = result.columns()
     columns = {name: column.tolist() for name, column in table.items()}
-    print_result(options, found, {"mechanism": mechanism.name, "frame": found.frame,
+    print_result(options, result, {"mechanism": mechanism.name, "frame": result.frame,
                                          "columns": columns}, table, files(),
-                 found.is_whole)
+                 result.is_whole)
 
 
 # ---------------------------------------------------------------- design
 
 
 def design(options: argparse.Namespace) -> None:
-    """Find dimensions with which it does what is asked."""
+    """Find dimensions that meet the goals."""
     mechanism = loaded(options)
     goals, bounds = read_goals(options.goals, mechanism)
     bounds |= dict(options.dimensions)
@@ -100,24 +100,24 @@ def design(options: argparse.Namespace) -> None:
     check_bounds(bounds)
 
     def files() -> Iterator[Path | str]:
-        if found and options.save:
-            yield found[0].mechanism.save(options.save)
-        if found and options.html:
-            yield sp.export_html(found, options.html)
-        if found and options.report:
-            yield sp.report(found, options.report)
+        if designs and options.save:
+            yield designs[0].mechanism.save(options.save)
+        if designs and options.html:
+            yield sp.export_html(designs, options.html)
+        if designs and options.report:
+            yield sp.report(designs, options.report)
 
     with workers(options.workers) as executor:
-        found = as_far_as_found(lambda: sp.design(
+        designs = or_partial_result(lambda: sp.design(
             mechanism, goals, bounds, guess=guess_of(options, mechanism), starts=options.starts,
             method=options.method, seed=options.seed, executor=executor, progress=True,
             resume=options.resume, most=options.most))
-    names = list(found[0].dimensions) if found else []
-    print_result(options, found, found.as_dict(),
-                 {"design": list(range(1, len(found) + 1)),
-                  "error": [float(x.error) for x in found],
-                  **{name: [float(x.dimensions[name]) for x in found] for name in names}},
-                 files(), found.is_whole)
+    names = list(designs[0].dimensions) if designs else []
+    print_result(options, designs, designs.as_dict(),
+                 {"design": list(range(1, len(designs) + 1)),
+                  "error": [float(x.error) for x in designs],
+                  **{name: [float(x.dimensions[name]) for x in designs] for name in names}},
+                 files(), designs.is_whole)
 
 
 # ---------------------------------------------------------------- calibrate
@@ -131,15 +131,15 @@ def calibrate(options: argparse.Namespace) -> None:
         options.usage_error("a dimension is named twice")
     check_sigma(mechanism, sigma)
     measurements = read_measurements(options.table, mechanism, options.read)
-    found = as_far_as_found(lambda: sp.calibrate(
+    result = or_partial_result(lambda: sp.calibrate(
         mechanism, measurements, dimensions, offsets=options.offset, base=options.base,
         sigma=sigma or None, loss=options.loss, margin=options.margin,
         guess=guess_of(options, mechanism)))
-    content: dict[str, Any] = found.as_dict()
+    content: dict[str, Any] = result.as_dict()
     residuals = content["residuals"]
     table = {key: [row[key] for row in residuals] for key in residuals[0]} if residuals else {}
-    files = [found.mechanism.save(options.folder)] if options.folder else []
-    print_result(options, found, content, table, files, found.is_whole)
+    files = [result.mechanism.save(options.folder)] if options.folder else []
+    print_result(options, result, content, table, files, result.is_whole)
 
 
 COMMANDS = {
@@ -148,14 +148,14 @@ COMMANDS = {
         option("ranges", nargs="+", type=rising, metavar="NAME=LO..HI",
                help="drivers, as crank=0..90deg, or parts of the frame's pose: x, y, z, "
                     "turn_x, turn_y, turn_z, as x=-0.2..0.2"),
-        option("--points", type=count, help="how many values each of them has"),
+        option("--points", type=count, help="number of values of each range"),
         option("--task", choices=("position", "pose"),
-               help="what dexterity is of; of a grid of poses, whether the orientation is "
-                    "kept"),
+               help="motion that dexterity is computed for; of a grid of poses, whether the "
+                    "orientation is held"),
         option("--limits", action=argparse.BooleanOptionalAction, default=True,
                help="keep the joint limits"),
         option("--on-crossing", choices=("stop", "straight"), default="stop",
-               help="what to do where branches cross (stop)"),
+               help="action where branches cross (stop)"),
         option("--clearance", type=not_negative, metavar="DISTANCE",
                help="links that are not joined keep this distance; 0: they do not touch"),
         option("--sheets", action="store_true",
@@ -169,7 +169,7 @@ COMMANDS = {
         option("--picture", metavar="F", help="write a figure (.png, .svg, .pdf)"),
         option("--plane", choices=("xy", "xz", "yz"), help="that the figure shows"),
         option("--at", type=value, metavar="VALUE",
-               help="where the plane of a cross-section is"),
+               help="position of the plane of a cross-section"),
         option("--html", metavar="F", help="write a page with the mechanism and its points"),
     )),
     "design": Command(design, (
@@ -177,18 +177,18 @@ COMMANDS = {
                metavar="NAME=LO..HI", help="a dimension that may change, and its bounds; "
                "NAME alone has none, NAME=LO.. one; besides those of the file"),
         option("--goals", metavar="F", required=True,
-               help="what is asked for: a .toml file with [[goal]] tables and [dimensions], "
+               help="goals: a .toml file with [[goal]] tables and [dimensions], "
                     "or a .csv file with columns as tip.x [mm], tip.y, tip.z (a path), with "
                     "tip.rx, tip.ry, tip.rz (poses), or coordinates (a function), and "
                     "drivers"),
         option("--starts", type=count, default=20, help="local solutions to try (20)"),
         option("--method", choices=("multistart", "atlas", "evolution", "local"),
-               default="multistart", help="where they start (multistart)"),
+               default="multistart", help="choice of their starts (multistart)"),
         option("--seed", type=from_zero, default=0, help="of random numbers (0)"),
-        option("--most", type=count, default=10, help="designs to tell of (10)"),
+        option("--most", type=count, default=10, help="number of designs in the result (10)"),
         *WORKERS,
         option("--resume", metavar="F",
-               help="keep what is found in this file, and go on from what it has"),
+               help="store results in this file, and continue from those in it"),
         *GUESS,
         option("--save", metavar="FOLDER", help="write the best as a mechanism"),
         *data_options("all designs", "error and dimensions, a design in every row,"),
@@ -198,7 +198,7 @@ COMMANDS = {
     )),
     "calibrate": Command(calibrate, (
         option("table", metavar="TABLE", help="a .csv file: a line of names, then a line of "
-               "numbers for every pose; columns of drivers are what encoders read, measured "
+               "numbers for every pose; columns of drivers are readings of encoders, measured "
                "are tip.x [mm], tip.y, tip.z and tip.rx, tip.ry, tip.rz (rotation vector), "
                "coordinates, and NAME-OTHER, a distance; an empty field was not measured"),
         option("--dimension", action="append", default=[], type=bounded,
@@ -206,7 +206,7 @@ COMMANDS = {
         option("--offset", action="append", default=[], metavar="DRIVER",
                help="a driver whose encoder is off"),
         option("--base", action="store_true", help="points and placements were measured in "
-               "axes of their own: find where the mechanism stands in these"),
+               "axes of their own: find the pose of the mechanism in these"),
         option("--read", action="append", default=[], metavar="NAME",
                help="a coordinate that is read, besides the drivers"),
         option("--sigma", action="append", default=[], type=spread, metavar="NAME=VALUE",
@@ -215,9 +215,9 @@ COMMANDS = {
         option("--loss", choices=("linear", "soft_l1", "huber", "cauchy", "arctan"),
                default="linear", help="how much outliers count (linear: as the others)"),
         option("--margin", type=positive, default=1.5,
-               help="what is farther off is an outlier [sigma] (1.5)"),
+               help="distance of an outlier [sigma] (1.5)"),
         *GUESS,
-        *data_options("what was found", "the residuals, one a row,"),
+        *data_options("the result", "the residuals, one a row,"),
         option("--folder", metavar="F", help="write the calibrated mechanism into a folder"),
     )),
 }

@@ -13,11 +13,11 @@ from spatial_pin.accuracy.tradeoff_view import table
 from spatial_pin.cli.commands.motions import beginning, sweep_task
 from spatial_pin.cli.mechanism_arguments import (
     along,
-    as_far_as_found,
     held,
     in_units,
     loaded,
     motion_over,
+    or_partial_result,
     state_at,
     unique,
     workers,
@@ -51,7 +51,7 @@ OUTPUT_HELP = ("as rocker_pin, rocker_pin.rate, coupler.position, crank.effort, 
 WIDE_SPREAD = 0.1  # standard deviation relative to the dimension from which a unit may be missing
 XYZ = ("x", "y", "z")
 UNITS = {"time_per_step": "s", "spread": "s", **dict.fromkeys(  # of others "-", of texts none
-    ("setting", "steps", "solver_steps", "below_reference", "on_front", "said"), "")}
+    ("setting", "steps", "solver_steps", "below_reference", "on_front", "note"), "")}
 PARTS = "errors of positions, velocities and accelerations one by one: --csv, --json"
 COMPONENTS = {3: XYZ, 6: tuple(f"{part} {axis}" for part in ("force", "moment") for axis in XYZ)}
 
@@ -83,55 +83,55 @@ def sensitivity(options: argparse.Namespace) -> None:
         options.hints.append(f"{mechanism.name} has no dimensions: "
                              '<xacro:arg name="b" default="0.4"/> in a .xacro tree makes one')
     subject = motion_over(options, mechanism) or state_at(options, mechanism)
-    found = along(options, lambda: sp.sensitivity(
+    result = along(options, lambda: sp.sensitivity(
         mechanism, subject, options.output, options.to or None))
-    content = {"mechanism": mechanism.name, "output": found.output, "unit": found.unit,
-               "derivative_unit": unit_of_derivative(found.unit),
-               "value": np.asarray(found.value).tolist(),
-               "derivatives": {k: np.asarray(x).tolist() for k, x in found.derivatives.items()},
-               "errors": {k: np.asarray(x).tolist() for k, x in found.errors.items()},
-               "idle": found.idle}
+    content = {"mechanism": mechanism.name, "output": result.output, "unit": result.unit,
+               "derivative_unit": unit_of_derivative(result.unit),
+               "value": np.asarray(result.value).tolist(),
+               "derivatives": {k: np.asarray(x).tolist() for k, x in result.derivatives.items()},
+               "errors": {k: np.asarray(x).tolist() for k, x in result.errors.items()},
+               "idle": result.idle}
     if isinstance(subject, sp.Motion):
-        subject = first_samples(subject, len(found.value))
+        subject = first_samples(subject, len(result.value))
         content["driver"] = {"name": subject.driver_name, "unit": subject.driver_unit,
                              "values": np.asarray(subject.driver).tolist()}
-        print_result(options, _along(subject, found), content, _columns(subject, found))
+        print_result(options, _along(subject, result), content, _columns(subject, result))
         return
-    rows = [(name, *row) for name, x in found.derivatives.items() for row in zip(
-        _numbers(found.output, x), _numbers("", x).values(),
-        np.broadcast_to(found.errors[name], np.shape(x) or (1,)), strict=True)]
-    print_result(options, f"{mechanism.name}: {found}", content,
+    rows = [(name, *row) for name, x in result.derivatives.items() for row in zip(
+        _numbers(result.output, x), _numbers("", x).values(),
+        np.broadcast_to(result.errors[name], np.shape(x) or (1,)), strict=True)]
+    print_result(options, f"{mechanism.name}: {result}", content,
                  {"dimension": [row[0] for row in rows], "of": [row[1] for row in rows],
                   "derivative": [row[2] for row in rows], "error": [float(row[3]) for row in rows],
-                  "unit": [unit_of_derivative(found.unit)] * len(rows)})
+                  "unit": [unit_of_derivative(result.unit)] * len(rows)})
 
 
-def _columns(motion: sp.Motion, found: sp.Sensitivity) -> dict[str, Any]:
+def _columns(motion: sp.Motion, result: sp.Sensitivity) -> dict[str, Any]:
     """Return an output and its derivatives along a sweep, by name."""
     columns: dict[str, Any] = {heading(motion.driver_name, motion.driver_unit): motion.driver}
-    unit = "-" if found.unit in ("", "1") else found.unit
-    for name, of, x in [(label_of(found.output), unit, found.value),
-                        *((f"d/d {k}", "", x) for k, x in found.derivatives.items())]:
+    unit = "-" if result.unit in ("", "1") else result.unit
+    for name, of, x in [(label_of(result.output), unit, result.value),
+                        *((f"d/d {k}", "", x) for k, x in result.derivatives.items())]:
         x = np.asarray(x)
         columns |= {heading(name, of): x} if x.ndim == 1 else {
             heading(f"{name} {axis}", of): x[:, k] for k, axis in enumerate(COMPONENTS[x.shape[1]])}
     return columns
 
 
-def _along(motion: sp.Motion, found: sp.Sensitivity) -> str:
+def _along(motion: sp.Motion, result: sp.Sensitivity) -> str:
     """Return how large derivatives get along a sweep, and where."""
     values = np.asarray(motion.driver)
-    lines = [f"{motion.mechanism.name}: {found.output} over {motion.driver_name}, "
+    lines = [f"{motion.mechanism.name}: {result.output} over {motion.driver_name}, "
              f"{len(values)} values"]
-    lines += [f"  d/d {name} = 0: it changes nothing in the file" for name in found.idle]
-    for name, x in found.derivatives.items():
-        if name in found.idle:
+    lines += [f"  d/d {name} = 0: it changes nothing in the file" for name in result.idle]
+    for name, x in result.derivatives.items():
+        if name in result.idle:
             continue
         size = np.abs(x) if np.ndim(x) == 1 else np.linalg.norm(x, axis=1)
         k = int(size.argmax())
         lines.append(f"  d/d {name}: at most {size[k]:.9g}, at {motion.driver_name} = "
-                     f"{values[k]:.6g} {motion.driver_unit} (± {np.max(found.errors[name]):.0e}) "
-                     f"[{unit_of_derivative(found.unit)}]")
+                     f"{values[k]:.6g} {motion.driver_unit} (± {np.max(result.errors[name]):.0e}) "
+                     f"[{unit_of_derivative(result.unit)}]")
     return "\n".join(lines)
 
 
@@ -151,24 +151,24 @@ def tolerance(options: argparse.Namespace) -> None:
                                  f"{mechanism.dimensions[name]:.6g}: {x:g}mm?")
     state = state_at(options, mechanism)
     with workers(options.workers) as executor:
-        found = as_far_as_found(lambda: sp.tolerance(
+        result = or_partial_result(lambda: sp.tolerance(
             mechanism, [options.output, *options.also], spread, state, samples=options.samples,
             executor=executor, seed=options.seed, progress=True))
-    kinds = {"nominal": found.nominal, "linear": found.linear,
-             **({"mean": found.mean, "sampled": found.sampled} if found.sampled else {})}
-    content = {"mechanism": mechanism.name, "units": found.units, "deviations": spread,
-               "samples": len(found.is_closed), "failed": found.failed,
-               "is_whole": found.is_whole,
+    kinds = {"nominal": result.nominal, "linear": result.linear,
+             **({"mean": result.mean, "sampled": result.sampled} if result.sampled else {})}
+    content = {"mechanism": mechanism.name, "units": result.units, "deviations": spread,
+               "samples": len(result.is_closed), "failed": result.failed,
+               "is_whole": result.is_whole,
                **{kind: {k: np.asarray(x).tolist() for k, x in (of or {}).items()}
                   for kind, of in kinds.items()}}
     columns = {kind: [x for name, value in (of or {}).items()
                       for x in _numbers(name, value).values()] for kind, of in kinds.items()}
-    names = [(one, found.units[name]) for name, value in found.nominal.items()
+    names = [(one, result.units[name]) for name, value in result.nominal.items()
              for one in _numbers(name, value)]
-    print_result(options, f"{mechanism.name}: {found}", content,
+    print_result(options, f"{mechanism.name}: {result}", content,
                  {"output": [name for name, _ in names], "unit": [unit for _, unit in names],
                   **columns},
-                 is_whole=found.is_whole)
+                 is_whole=result.is_whole)
 
 
 # ---------------------------------------------------------------- tradeoff
@@ -178,21 +178,21 @@ def tradeoff(options: argparse.Namespace) -> None:
     """Measure what accuracy settings cost and lose on a motion of it."""
     mechanism = loaded(options)
     task = _task(options, mechanism)
-    found = as_far_as_found(lambda: sp.tradeoff(
+    result = or_partial_result(lambda: sp.tradeoff(
         mechanism, task, repeats=options.repeats, progress=True))
-    text, files = f"{table(found, is_narrow=True)}\n{PARTS}", []
-    if not found.is_whole:
+    text, files = f"{table(result, is_narrow=True)}\n{PARTS}", []
+    if not result.is_whole:
         text += "\ncut short"
     elif options.error is not None:
-        pick = sp.Accuracy.for_error(options.error, measured=found)
+        pick = sp.Accuracy.for_error(options.error, measured=result)
         text += f"\ncheapest for an error of {options.error:.3g}: {pick}"
     if options.plot:
-        found.plot(options.plot)
+        result.plot(options.plot)
         files.append(options.plot)
-    content = found.as_dict()
+    content = result.as_dict()
     keys = [key for key, x in content["rows"][0].items() if not isinstance(x, list | dict)]
     print_result(options, text, content, {heading(key, UNITS.get(key, "-")): [
-                row[key] for row in content["rows"]] for key in keys}, files, found.is_whole)
+                row[key] for row in content["rows"]] for key in keys}, files, result.is_whole)
 
 
 def _task(options: argparse.Namespace, mechanism: sp.Mechanism) -> str | dict[str, Any]:
@@ -212,10 +212,10 @@ def _task(options: argparse.Namespace, mechanism: sp.Mechanism) -> str | dict[st
         options.usage_error("--simulate takes no driver to sweep: its speeds are given by --begin")
     if options.hold:
         options.usage_error("--hold is of a sweep: in a simulation forces move all")
-    said = options.at or options.begin or options.effort or options.rows or options.guess
+    given = options.at or options.begin or options.effort or options.rows or options.guess
     if not options.simulate:
-        if said:
-            options.usage_error("--simulate needs a duration where more is said")
+        if given:
+            options.usage_error("--simulate needs a duration with these options")
         return "simulate"
     state, efforts = beginning(options, mechanism, options.begin, options.simulate)
     return {"state": state, "duration": options.simulate, "efforts": efforts,
@@ -241,7 +241,7 @@ COMMANDS = {
         option("--deviation", action="append", default=[], required=True, type=spread,
                metavar="NAME=VALUE", help="standard deviation of a dimension, as b=0.1mm"),
         option("--samples", type=from_zero, default=0,
-               help="draw so many mechanisms, besides the linear estimate (0)"),
+               help="number of mechanisms to draw, besides the linear estimate (0)"),
         option("--seed", type=from_zero, default=0, help="of random numbers (0)"),
         *WORKERS,
         *data_options("means and spreads", "means and spreads"),

@@ -179,8 +179,8 @@ def changes_of_forces(
         model, unit = p.mass.model, p.mass.unit
         pulls = pin.StdVec_Force([
             force * (1.0 / unit) for force in outside.on_joints(p, rows.products.placements)])
-        found = pin.computeRNEADerivatives(model, p.data, q[p.q], v[p.v], a[p.v], pulls)
-        for total, x in zip((by_q, by_v), found[:2], strict=True):
+        derivatives = pin.computeRNEADerivatives(model, p.data, q[p.q], v[p.v], a[p.v], pulls)
+        for total, x in zip((by_q, by_v), derivatives[:2], strict=True):
             total[np.ix_(p.v, p.v)] = unit * x
         pin.computeJointJacobians(model, p.data, q[p.q])
     spring_by_q, spring_by_v = springs.by_motion()

@@ -84,12 +84,12 @@ class ReactionChanges:
     def placements_by_q(self) -> Array:
         """(njoints, nv, 4, 3) of the placements."""
         products = self.rows.products
-        found = np.zeros((len(self.placements), self.nv, 4, 3))
+        changes = np.zeros((len(self.placements), self.nv, 4, 3))
         for body, placement in enumerate(self.placements):
             at = products.columns([body])
             whole = np.column_stack([placement, [0.0, 0.0, 0.0, 1.0]])
-            found[body, at] = whole @ products.twists[at, :3].swapaxes(1, 2)
-        return found
+            changes[body, at] = whole @ products.twists[at, :3].swapaxes(1, 2)
+        return changes
 
     def all(self) -> tuple[dict[str, Linear], Linear]:
         """Return the reactions by pair and the wrench on the fixed link."""
@@ -100,16 +100,16 @@ class ReactionChanges:
         bodies.move(*self.rows.motion)
         forces = pairs.carried(bodies.needed(self.a[:, 1:]) - on_bodies)
         efforts, columns = self._efforts(), bodies.axes()
-        found = {}
+        wrenches = {}
         for i in range(1, self.mechanism.model.njoints):
             force = _moved(forces[i], self.placements[i, 3], self.placements_by_q[i, :, 3])
-            found[pairs.names[i - 1]] = self._without_effort(pairs, i, force, columns, efforts)
+            wrenches[pairs.names[i - 1]] = self._without_effort(pairs, i, force, columns, efforts)
         for (name, _, (_, body), point), wrench in zip(pairs.closed, closed, strict=True):
-            found[name] = _moved(wrench, point @ self.placements[body],
+            wrenches[name] = _moved(wrench, point @ self.placements[body],
                                  point @ self.placements_by_q[body])
         unique = self.answer.of_loops
         borne = {name: self._linear(x if unique[name].all() else np.full_like(x, np.nan))
-                 for name, x in found.items()}
+                 for name, x in wrenches.items()}
         ground = on_bodies[0] - forces[pairs.grounded].sum(axis=0)
         ground[3:] += np.cross(pairs.centre, ground[:3], axisb=0, axisc=0)
         return borne, self._linear(ground)
@@ -144,17 +144,17 @@ class ReactionChanges:
             wrench[:, self.by_q] += np.tensordot(self.multipliers[own, 0], rows_by_q[at], 1)
             return wrench
 
-        found = []
+        on_second = []
         for _, own, (first, second), _ in pairs.closed:
             wrench = borne(own, own)
-            found.append(wrench)
+            on_second.append(wrench)
             total[first] -= wrench
             total[second] += wrench
         for at, (row, _, (first, second)) in enumerate(pairs.elsewhere, start=c.n_closure):
             wrench = borne(slice(row, row + 1), slice(at, at + 1))
             total[first] -= wrench
             total[second] += wrench
-        return found, total
+        return on_second, total
 
     def _add_given(self, on_bodies: Array) -> None:
         """Add the wrenches of springs between frames, and those from outside."""

@@ -256,9 +256,9 @@ class ProductDerivatives:
 
     def first_slopes(self, row: int) -> Array:
         """Return the q derivatives (c, 3) of the first vector of a product."""
-        found: Array = next(slopes[0][:, rows == row] for rows, *_, slopes in self._blocks
+        slopes_of: Array = next(slopes[0][:, rows == row] for rows, *_, slopes in self._blocks
                             if row in rows)
-        return found[:, 0]
+        return slopes_of[:, 0]
 
     def bending(self, weights: Array) -> Array:
         """Return q derivatives (nv, nv) of the q derivatives of the products' sum by weights."""
@@ -288,14 +288,14 @@ class ProductDerivatives:
         Args:
             joint_of: (nv,) the joint of every entry.
         """
-        model, found = self.model, np.zeros((self.nv, self.nv), dtype=bool)
+        model, is_before = self.model, np.zeros((self.nv, self.nv), dtype=bool)
         for joint in range(1, model.njoints):
             own = slice(model.idx_vs[joint], model.idx_vs[joint] + model.nvs[joint])
             parent = model.parents[joint]
             if parent:
-                found[:, own] = found[:, [model.idx_vs[parent]]]
-                found[joint_of == parent, own] = True
-        return found
+                is_before[:, own] = is_before[:, [model.idx_vs[parent]]]
+                is_before[joint_of == parent, own] = True
+        return is_before
 
 
 def _matrix(twist: Array) -> Array:

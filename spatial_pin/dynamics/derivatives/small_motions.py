@@ -189,8 +189,8 @@ class SmallMotions:
     def _carried(self, opened: Array, q: Array, entries: Sequence[int] | None) -> Array:
         """Return the joint rates (nv, n) that close what coordinates open (n_closure, n)."""
         rest = np.zeros((self._inverse.shape[1] - len(opened), opened.shape[1]))
-        found: Array = -self._scale[:, None] * (self._inverse @ np.vstack([opened, rest]))
-        return found if entries is None else found - q @ found[list(entries)]
+        columns: Array = -self._scale[:, None] * (self._inverse @ np.vstack([opened, rest]))
+        return columns if entries is None else columns - q @ columns[list(entries)]
 
     @cached_property
     def orthonormal(self) -> ReducedEquations:
@@ -222,5 +222,5 @@ class SmallMotions:
         rest = decompose(spins @ free.T).null_space @ free
         mass = scale[:, None] * self.mass * scale
         coupled = decompose(spins @ mass @ spins.T).minimum_norm(spins @ mass @ rest.T)
-        found: Array = rest - coupled.T @ spins
-        return found
+        motions: Array = rest - coupled.T @ spins
+        return motions

@@ -29,9 +29,9 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 Slopes = Callable[[float, float], tuple[float, float]]
-REACH = 0.1  # first step of a law's differences, relative to the size of its argument
-HALVINGS = 14  # how often that step is halved, at most
-CENTRAL, ONE_SIDED = 4.0, 2.0  # by what halving the step divides the error of a difference
+REACH = 0.1  # first step of the differences of a law, relative to its argument
+HALVINGS = 14  # halvings of that step at most: then round-off is larger than the truncation error
+CENTRAL, ONE_SIDED = 4.0, 2.0  # halving the step divides the error of a difference by these numbers
 
 
 class Pull(NamedTuple):

@@ -42,9 +42,9 @@ from spatial_pin.numerics.linalg import (
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 NONE = 1e-13  # derivative of an equation that is round-off: others are of order one
-PLAIN = 0.1  # speed of a plain coordinate, relative to the fastest component's, that will do
-FREE_SPIN = 1e-9  # closure equations, per unit of spin, that do not hold it
-SPIN_TRIALS = 3  # other configurations at which the spin must be free too
+PLAIN = 0.1  # a plain coordinate is chosen if its speed is this part of the fastest component's
+FREE_SPIN = 1e-9  # largest change of closure equations per unit of a free spin: round-off
+SPIN_TRIALS = 3  # other configurations at which a spin is checked to be free
 
 
 class Freedoms:
@@ -87,10 +87,10 @@ class Freedoms:
                 return False
             rates = rates_of(kernel, (0,), 1)
             rates.speeds[:], rates.accelerations[:] = 1.0, 0.0
-            found = rates.solve(state.q, state.angles)
-            if found is None:
+            solved = rates.solve(state.q, state.angles)
+            if solved is None:
                 return False
-            motion: Array = (found.v / mechanism.velocity_scale)[None]
+            motion: Array = (solved.v / mechanism.velocity_scale)[None]
         self._rows = rows
         self._spaces[np.zeros((0, nv)).tobytes()] = motion / np.linalg.norm(motion)
         return True

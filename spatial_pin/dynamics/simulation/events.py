@@ -35,15 +35,18 @@ from spatial_pin.numerics.roots import sign_change
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 StopFunction = Callable[[float, State], float]
-NEAR_LIMIT = 0.5  # of a limit, from which on it is looked for between the ends of a step too
-BETWEEN = (0.25, 0.5, 0.75)  # parts of a step
+NEAR_LIMIT = 0.5  # from this part of a limit on it is also checked between the ends of a step
+BETWEEN = (0.25, 0.5, 0.75)  # parts of a step at which it is checked
 AT_LIMITS = ("report", "stop", "ignore")
 SINGULAR = "singular"  # kind of the event where inertia vanishes
-NEGLIGIBLE = 1e-6  # inertia of a motion relative to that of its bodies: a step is a millionth then
-SMALL = 1e-2  # the same relative to the largest before, where a motion cannot be followed
-SHORTENED = 1e-4  # step relative to the longest so far, from which on the inertia is looked at
-DECREASED = 0.8  # inertia relative to that at the last look, from which on it is looked at again
-CLOSE_BY = 3.0  # way to where it vanishes, in ways that the last looks are apart
+# Inertia of a motion, relative to that of its bodies, at which the mechanism is singular: steps
+# are a millionth of the usual there.
+NEGLIGIBLE = 1e-6
+SMALL = 1e-2  # the same relative to the largest inertia before, where a motion cannot be continued
+SHORTENED = 1e-4  # the inertia is checked at steps below this part of the longest step
+DECREASED = 0.8  # the inertia is checked again after it fell by this factor
+# Distance to the point where the inertia vanishes, in distances between the last two checks.
+CLOSE_BY = 3.0
 
 
 class IntegrationStep:
@@ -120,7 +123,7 @@ class RatedLimits:
         limits = [*self.velocities, *self._given, *(limit for _, limit in self._driven)]
         if not limits:
             return []
-        found = []
+        crossings = []
         first, last = step.first, step.last
         between = [first + part * (last - first) for part in BETWEEN]
         ends = zip(self._excesses(step, first), self._excesses(step, last), strict=True)
@@ -136,8 +139,9 @@ class RatedLimits:
                 inside = ((t, excess(t)) for t in between)
                 end, after = next(((t, x) for t, x in inside if x > 0.0), (last, after))
             if after > 0.0:
-                found.append((sign_change(excess, first, end, float(before), float(after)), limit))
-        return sorted(found, key=lambda pair: pair[0])
+                t = sign_change(excess, first, end, float(before), float(after))
+                crossings.append((t, limit))
+        return sorted(crossings, key=lambda pair: pair[0])
 
     def _excesses(self, step: IntegrationStep, t: float) -> Array:
         """Return how far all are beyond their limits, relative to these."""
@@ -201,12 +205,12 @@ class VanishingInertia:
             v: velocity.
             shortened: the step relative to the longest so far.
         """
-        found = self.inertia(q, v) if shortened < SHORTENED else np.inf
-        if not found < NEGLIGIBLE or (self._looks and found > self._looks[-1][1]):
+        inertia = self.inertia(q, v) if shortened < SHORTENED else np.inf
+        if not inertia < NEGLIGIBLE or (self._looks and inertia > self._looks[-1][1]):
             self._looks.clear()
             return False
-        if not self._looks or found < DECREASED * self._looks[-1][1]:
-            self._looks = [*self._looks[-2:], (t, found)]
+        if not self._looks or inertia < DECREASED * self._looks[-1][1]:
+            self._looks = [*self._looks[-2:], (t, inertia)]
         return _has_zero_ahead(self._looks)
 
     def was_ahead(self, times: Array, q: Array, v: Array) -> bool:
@@ -214,10 +218,10 @@ class VanishingInertia:
 
         Of a motion that cannot be followed, with steps of whatever length.
         """
-        found = [self.inertia(*row) for row in zip(q, v, strict=True)]
-        most = max((x for x in found if np.isfinite(x)), default=0.0)
-        return bool(found and found[-1] < SMALL * most
-                    and _has_zero_ahead([*zip(times.tolist(), found, strict=True)][-3:]))
+        inertias = [self.inertia(*row) for row in zip(q, v, strict=True)]
+        most = max((x for x in inertias if np.isfinite(x)), default=0.0)
+        return bool(inertias and inertias[-1] < SMALL * most
+                    and _has_zero_ahead([*zip(times.tolist(), inertias, strict=True)][-3:]))
 
     def words(self, t: float, q: Array, v: Array) -> str:
         """Return a sentence for the event of a motion that ends at a time [s]."""
@@ -243,8 +247,8 @@ def _has_zero_ahead(looks: Sequence[tuple[float, float]]) -> bool:
     times, values = np.array(looks).T
     if not values[0] > values[1] > values[2]:
         return False
-    along, left = (times - times[2]) / (times[2] - times[0]), values / values[0]
-    zeros = np.roots(np.linalg.solve(np.vander(along, 3), left))
+    along, parts = (times - times[2]) / (times[2] - times[0]), values / values[0]
+    zeros = np.roots(np.linalg.solve(np.vander(along, 3), parts))
     return bool(np.any((zeros.imag == 0.0) & (zeros.real > 0.0) & (zeros.real < CLOSE_BY)))
 
 
@@ -334,25 +338,25 @@ class Watch:
             return []
         ends = step.place(step.first), step.place(step.last)
         noise = NOISE * float(np.abs(np.array([v for _, v in ends]) / self._scale).max())
-        found = [(first_passing(limit, step.place, (step.first, step.last), ends, noise), limit)
+        times = [(first_passing(limit, step.place, (step.first, step.last), ends, noise), limit)
                  for limit in self.limits]
-        return sorted(((t, limit) for t, limit in found if t is not None), key=lambda x: x[0])
+        return sorted(((t, limit) for t, limit in times if t is not None), key=lambda x: x[0])
 
     def _crossed(self, step: IntegrationStep, times: Array) -> float | None:
         """Return when `stop_when` has first crossed zero in a step, as its samples and end tell."""
         function = self.stop_when
         if function is None:
             return None
-        before, since, found = self._last, step.first, None
+        before, since, time = self._last, step.first, None
         for t in sorted({*times.tolist(), step.last}):
             value = _stop_value(function, t, step.state(t))
             if before != 0.0 and before * value <= 0.0:
-                found = sign_change(lambda t: _stop_value(function, t, step.state(t)),
+                time = sign_change(lambda t: _stop_value(function, t, step.state(t)),
                                     since, t, before, value)
                 break
             before, since = value, t
         self._last = value
-        return found
+        return time
 
     def forget(self) -> None:
         """Look at the next step whatever the kernel has seen: the last one is taken again."""

@@ -33,7 +33,8 @@ from spatial_pin.dynamics.solvers.independent_coordinates import (
     IndependentCoordinates,
 )
 from spatial_pin.errors import SingularError, SpatialPinError
-from spatial_pin.kernel.dynamics import Callbacks, KernelDynamics, SimulationSamples
+from spatial_pin.kernel.dynamics import Callbacks, KernelDynamics, Start
+from spatial_pin.kernel.integrating import SimulationSamples
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.kernel.packing import Ints
 from spatial_pin.numerics.linalg import Array
@@ -41,21 +42,22 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 
 GivenUp = Set[tuple[type, tuple[int, ...]]]  # formulations, and their independent coordinates
 
-# Speed of a joint relative to the independent coordinates' at which others are taken: it costs half
-# a digit of the joint.
+# A joint this much faster than the independent coordinates replaces one of them: it costs half a
+# digit of the joint.
 FASTER_THAN_CHOSEN = 4.0
-# Residual that points which samples lie between are closed to: second derivatives divide it by the
-# square of the way between them.
+# Closure residual of points between which samples are interpolated. Second derivatives divide it
+# by the square of their distance.
 ANCHOR_RESIDUAL = 1e-12
-# Residual that projected places are closed to: whether two are one is told to 1e-6 (SAME_PLACE in
+# Closure residual of projected points. Two points are one if they agree to 1e-6 (SAME_PLACE in
 # projected.c).
 PROJECTED_RESIDUAL = 1e-8
-# Rotation vector at which coordinates of joints that turn in space are begun anew [rad].
+# Rotation vector at which coordinates of joints that turn in space start again from a new
+# reference [rad].
 COORDINATES_END = 1.0
 TURNED_END = 0.5  # the same where all joint coordinates are unknowns [rad]
-LEFT_OPEN = 1e-6  # closure residual that a step may leave to be projected away, at tight tolerances
-LOOSE = 10.0  # the same relative to the tolerance of a step, at loose ones
-WIDE = 1e-2  # the same at any tolerance: from there Newton's method finds the same branch
+LEFT_OPEN = 1e-6  # closure residual after a step, before projection, at tight tolerances
+LOOSE = 10.0  # the same relative to the tolerance of a step, at loose tolerances
+WIDE = 1e-2  # the same at most: from there Newton's method converges to the same branch
 
 
 class Lost(Exception):
@@ -155,15 +157,15 @@ class ForceFunctions:
         columns = IndependentCoordinates(
             np.vstack([rows, held, self._spins.rows * problem.scale]), problem.scale,
             evaluation.closure_error, self._free()).columns
-        found = problem.least_constraint.solve(
+        least = problem.least_constraint.solve(
             q, v, Bounded(a, ROUNDING * np.abs(a)), columns,
             problem.given(t, q, v, evaluation))
-        if found.pulled:
-            moving = np.abs(found.still / problem.scale).max(axis=0)
+        if least.pulled:
+            moving = np.abs(least.still / problem.scale).max(axis=0)
             names = problem.mechanism.coordinates
             moved = np.flatnonzero(moving > TOLERANCES.half_precision * moving.max())
             raise no_inertia(problem.mechanism, [names[v] for v in moved.tolist()])
-        return None if found.lost else found.z
+        return None if least.lost else least.z
 
 
 class Independent:
@@ -201,17 +203,17 @@ class Independent:
         self._functions = ForceFunctions(problem, self.spins, lambda: self.kernel.free)
         arrays = forces_as_arrays(
             problem, self.n, self.spins, self.projects, max(wanted, TOLERANCES.round_off))
-        self.kernel = KernelDynamics(
-            mechanism, problem.packed, *arrays, self._functions.callbacks())
-        self.kernel_handle, self.asking = self.kernel.handle, self.kernel.asking
         held = self.n + len(self.problem.drives) + len(self.spins)
         if len(rows) + held != mechanism.model.nv:
             raise SingularError(
                 f"mechanism {mechanism.name!r}: {mechanism.model.nv - len(rows)} freedoms at "
                 f"{state.q}, but {held} independent coordinates")
-        sigmas = np.array(self.spins.rates(state.q, state.v))
-        has_begun = self.kernel.begin(state.q, state.angles, sigmas, self.free, rows)
-        if not has_begun or not self.kernel.keep() or self.kernel.pivot < TOLERANCES.singular:
+        self.kernel = KernelDynamics(
+            mechanism, problem.packed, *arrays, self._functions.callbacks(),
+            Start(state.q, state.angles, np.array(self.spins.rates(state.q, state.v)), self.free,
+                  rows))
+        self.kernel_handle, self.errors = self.kernel.handle, self.kernel.errors
+        if not self.kernel.save_position() or self.kernel.pivot < TOLERANCES.singular:
             raise SingularError(f"mechanism {mechanism.name!r}: singular configuration")
         if self.projects:
             self.free = list(range(mechanism.model.nv))
@@ -240,10 +242,10 @@ class Independent:
         Returns:
             The unknowns in them; None where no coordinates determine it.
         """
-        found = self.kernel.renew(t, y)
-        if found is None:
+        new = self.kernel.renew(t, y)
+        if new is None:
             return None
-        self.free, fresh, is_same = found
+        self.free, fresh, is_same = new
         if is_same:
             self.patience *= 2.0
         else:
@@ -268,10 +270,10 @@ class Independent:
         return State(self.problem.mechanism, q, v, closure_error=error, angles=angles)
 
     def _closed(self, t: float, y: Array) -> tuple[Array, Array, Array, float]:
-        found = self.kernel.place(t, y)
-        if found is None:
+        closed = self.kernel.motion_at(t, y)
+        if closed is None:
             raise Lost
-        return found
+        return closed
 
     def samples(self, times: Array, unknowns: Array) -> SimulationSamples:
         """Return everything at times (N,) and unknowns (N, n), loops closed.
@@ -279,10 +281,10 @@ class Independent:
         Raises:
             Lost: they cannot be at one of them.
         """
-        found = self.kernel.samples(times, unknowns)
-        if found is None:
+        rows = self.kernel.samples(times, unknowns)
+        if rows is None:
             raise Lost
-        return found
+        return rows
 
     def energies(self, t: float, y: Array) -> Energies:
         """Return the energies at y."""
@@ -293,9 +295,9 @@ class Independent:
         """Whether other independent coordinates, or these begun anew, would be better."""
         if not self._is_linear and np.abs(y[: self.n]).max(initial=0.0) > COORDINATES_END:
             return True
-        if self.kernel.place(t, y) is None:
+        if self.kernel.motion_at(t, y) is None:
             return True
-        return self.kernel.keep() > self.patience
+        return self.kernel.save_position() > self.patience
 
     def crossings(self, y: Array, to: Array) -> list[tuple[float, float]]:
         """Return where branches cross between unknowns: the coordinate, and the unknown there.
@@ -349,12 +351,12 @@ class Projected(Independent):
         """
         began = time.perf_counter()
         allowed = min(max(LEFT_OPEN, LOOSE * getattr(solver, "rtol", 0.0)), WIDE)
-        found = self.kernel.settle(np.array(solver.y), allowed)
-        if found is None:
+        settled = self.kernel.settle(np.array(solver.y), allowed)
+        if settled is None:
             return np.inf
-        solver.y, opened, corrections = found
+        solver.y, opened, corrections = settled
         solver.f = self(solver.t, solver.y)
-        self.kernel.keep()
+        self.kernel.save_position()
         steps, before, most, seconds, share = self.projection
         self.projection = Projection(
             steps + 1, before + corrections, max(most, opened),

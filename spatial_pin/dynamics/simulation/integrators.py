@@ -26,27 +26,30 @@ from spatial_pin.settings import INTEGRATORS, KERNEL, Accuracy
 
 Function = Callable[[float, Array], Array]
 
-FINEST = 100.0 * float(np.finfo(float).eps)  # tolerance that SciPy's methods can keep
-LONG = 15  # steps of an implicit method that an explicit one would take too
-SLOW = 1.0  # step times the fastest decay rate, at which an explicit method would do
+FINEST = 100.0 * float(np.finfo(float).eps)  # smallest tolerance of SciPy's methods
+LONG = 15  # an explicit method continues after this many steps in a row that it could have taken
+SLOW = 1.0  # step times fastest decay rate up to which an explicit method is stable
 SLOPE_STEP = 1e-7  # step of differences for implicit methods, relative to the unknowns' units
-HUGE = 1e100  # rate that stands for none, where loops cannot be closed
-FASTEST = 1e100  # rate whose square, divided by a tolerance, still has a square
-SLOWEST = 1e3  # durations that a natural time may last
+HUGE = 1e100  # rate in place of a missing one, where loops cannot be closed: the step is refused
+FASTEST = 1e100  # largest rate: its square divided by a tolerance is finite when squared
+SLOWEST = 1e3  # longest natural time in durations: a slower motion does not matter
 AUTOMATIC, IMPLICIT = "automatic", "Radau"
 # Tolerance from which on a method of fifth order reaches an error at fewer evaluations than one of
 # eighth: 20 falling mechanisms took 12 % fewer at 1e-6, as many at 1e-8
 LOW_ORDER, HIGH_ORDER, LOW_FROM = "RK45", "DOP853", 2e-8
-NEAR = 1e-3  # pivot, and step, relative to the largest so far, below which the motion creeps
-TRIED = 1000  # steps of a motion without damping, which go on as long as they are
-HOPELESS = 10.0  # steps needed relative to those allowed: beyond, the duration is a mistake
+NEAR = 1e-3  # pivot, and step, relative to the largest so far, below which the motion stagnates
+TRIED = 1000  # after each so many steps without damping, the progress is compared with the duration
+# The simulation is refused if this many times the allowed steps would not reach the end.
+HOPELESS = 10.0
 CREEPING = 60  # such steps in a row that show a singular configuration just ahead
-NOWHERE = 1e-2  # of the longest step: farther than all allowed steps would lead if as short
-STANDING = 200  # such steps in a row that lead nowhere: stiff motions soon take longer ones
+# A step is too short if all allowed steps of its length make less than this part of the longest
+# step.
+NOWHERE = 1e-2
+STANDING = 200  # such steps in a row that show stagnation: stiff motions soon take longer ones
 
 
 def natural_units(
-    system: Independent, t: float, y: Array, left: float
+    system: Independent, t: float, y: Array, duration: float
 ) -> tuple[float, Array]:
     """Return the natural time T [s] and units (n,) of the unknowns of a motion that is at y.
 
@@ -64,10 +67,10 @@ def natural_units(
         system: its equations.
         t: when [s].
         y: (n,) unknowns.
-        left: how long it goes on [s].
+        duration: time to the end of the simulation [s].
 
     Returns:
-        T, and what counts as one of every unknown: 1 of coordinates and quaternions, 1/T of rates,
+        T, and the unit of every unknown: 1 of coordinates and quaternions, 1/T of rates,
         and an energy of work.
 
     Raises:
@@ -84,12 +87,11 @@ def natural_units(
         raise SpatialPinError(
             f"mechanism {mechanism.name!r}: at {t:.6g} s it moves so fast, or forces are so large, "
             f"that it changes within {1.0 / pace:.1g} s: numbers cannot tell how")
-    rate = max(pace / (2.0 * math.pi), 1.0 / (SLOWEST * left))
+    rate = max(pace / (2.0 * math.pi), 1.0 / (SLOWEST * duration))
     units = np.ones(len(y))
     units[n : 2 * n] = rate
     if problem.works:
-        system.place(t, y)
-        units[-1] = system.kernel.heaviest * rate * rate or 1.0
+        units[-1] = system.kernel.heaviest(t, y) * rate * rate or 1.0
     return 1.0 / rate, units
 
 
@@ -107,7 +109,7 @@ class Differences:
 
     def __call__(self, t: float, y: Array) -> Array:
         """Return the (n, n) Jacobian at t, y."""
-        f, found = self._fun(t, y), self._last.copy()
+        f, slopes = self._fun(t, y), self._last.copy()
         steps = SLOPE_STEP * np.maximum(self._units, np.abs(y)) * np.isfinite(f).all()
         for j, h in enumerate(steps.tolist()):
             for step in (h, -h) if h else ():
@@ -115,10 +117,10 @@ class Differences:
                 moved[j] += step
                 column = (self._fun(t, moved) - f) / (moved[j] - y[j])
                 if np.isfinite(column).all():
-                    found[:, j] = column
+                    slopes[:, j] = column
                     break
-        self._last = found
-        return found.copy()
+        self._last = slopes
+        return slopes.copy()
 
 
 def first_step(

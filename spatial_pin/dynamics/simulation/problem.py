@@ -31,8 +31,8 @@ from spatial_pin.mechanism.mechanism_checks import refuse_negative_inertias
 from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.numerics.linalg import Array
 
-# Closure asked for, from which on the integrator tells accelerations of samples, and most of one
-# freedom are interpolated: below it hardly one is as closed as that.
+# Closure tolerance from which on the integrator gives accelerations of samples, and most samples
+# of one freedom are interpolated. Below it hardly one is closed well enough.
 BETWEEN_ANCHORS = 1e-11
 
 EffortLaw = Callable[[float, State], Mapping[str, float]]
@@ -46,19 +46,19 @@ def _law(name: str, law: Any) -> DriverLaw:
     if not callable(law):
         raise TypeError(f"drives: the law of {name!r} is {law!r}; {NO_LAW}")
 
-    def asked(t: float) -> tuple[float, float, float]:
-        found: tuple[float, float, float] = law(t)
+    def checked(t: float) -> tuple[float, float, float]:
+        values: tuple[float, float, float] = law(t)
         try:
-            value, rate, acceleration = map(math.isfinite, found)
+            value, rate, acceleration = map(math.isfinite, values)
         except (TypeError, ValueError):
-            raise TypeError(f"drives: the law of {name!r} returns {found!r} at {t:.9g} s; "
+            raise TypeError(f"drives: the law of {name!r} returns {values!r} at {t:.9g} s; "
                             f"{NO_LAW}") from None
         if not (value and rate and acceleration):
             raise ValueError(f"drives: the law of {name!r} has a value that is NaN or infinite at "
-                             f"{t:.9g} s: {found}")
-        return found
+                             f"{t:.9g} s: {values}")
+        return values
 
-    return asked
+    return checked
 
 
 class External(NamedTuple):

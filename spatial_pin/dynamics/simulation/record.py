@@ -16,15 +16,16 @@ from spatial_pin.dynamics.simulation.result import (
     energy_drift,
 )
 from spatial_pin.errors import EnergyError
-from spatial_pin.kernel.dynamics import SimulationSamples
+from spatial_pin.kernel.integrating import SimulationSamples
 from spatial_pin.motion.joint_limit_events import Passing
 from spatial_pin.motion.motion import Event
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import INTEGRATORS, Accuracy
 
-LOST_SHARE = 1e-2  # of what is exchanged: beyond any error of steps of usual tolerance
-WORST = 0.5  # the same where steps are fixed, or their tolerance is loose
-MOST_ERRORS = 1e6  # errors of steps, one way, that are allowed to add up to it
+# Part of the exchanged energy: larger than any error of steps at usual tolerances.
+LOST_SHARE = 1e-2
+WORST = 0.5  # the same for fixed steps and loose tolerances
+MOST_ERRORS = 1e6  # errors of steps, all of one sign, that add up to it
 
 
 class Record:

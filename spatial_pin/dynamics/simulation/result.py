@@ -20,8 +20,10 @@ from spatial_pin.motion.motion import Motion, Output, content_of, fields_of, rea
 from spatial_pin.motion.summary import effort_lines, first_of
 from spatial_pin.numerics.linalg import Array
 
-UNSTABLE = 3e4  # times the error of a step: falls of a few swings that are stable have 100 to 1000
-SMALL = 1e-2  # of the energy, or of that of a fall over its size, that counts as exchanged
+# Times the error of a step from which on a motion is called unstable: stable falls have up to 1000.
+UNSTABLE = 3e4
+# Part of the energy, or of the energy of a fall over its size, that counts as exchanged.
+SMALL = 1e-2
 EPS = float(np.finfo(float).eps)
 WITH_ENERGIES = frozenset(("energy", "work", "effort_names", "efforts", "told"))  # in a file
 TOLD = ("energy_drift", "coordinates", "evaluations", "steps", "by_drivers", "joint_limits",

@@ -39,15 +39,16 @@ from spatial_pin.dynamics.simulation.record import Record
 from spatial_pin.dynamics.simulation.result import Projection, Simulation
 from spatial_pin.dynamics.solvers.independent_coordinates import IndependentCoordinates
 from spatial_pin.errors import EnergyError, SingularError, SpatialPinError
-from spatial_pin.kernel.dynamics import (
+from spatial_pin.kernel.integrating import (
     AT_END,
     AT_FAILURE,
     MANY,
     NEW_COORDINATES,
     NO_SAMPLES,
+    RungeKutta,
     RunStruct,
+    SampleStruct,
 )
-from spatial_pin.kernel.integrating import RungeKutta
 from spatial_pin.kernel.library import address
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_at
 from spatial_pin.motion.motion import Event
@@ -55,9 +56,9 @@ from spatial_pin.numerics.linalg import Array, decompose, independent_rows
 from spatial_pin.settings import INTEGRATORS, Accuracy
 
 ROUTINE = (AT_END, MANY, NEW_COORDINATES, AT_FAILURE)  # pauses at which all samples are made
-LITTLE = 1e-3  # of the residual that a step may leave, below which the step may be longer
-SHORTEST = 1e-13  # step, relative to the time, that is not shortened any more
-FALLEN = 1e-3  # of what it was at the start: a singular value is on its way to zero
+LITTLE = 1e-3  # part of the largest residual of a step below which the next step may be longer
+SHORTEST = 1e-13  # shortest step relative to the time: it is not halved any more
+FALLEN = 1e-3  # a singular value that fell to this part of its first value goes to zero
 
 
 class Then(Enum):
@@ -100,7 +101,7 @@ class Run:
         self._solver: Any = None
         self._is_short = False
         self._kernel_run = RunStruct(
-            address(record.times), len(record.times), 0, *map(address, record.room),
+            address(record.times), len(record.times), 0, SampleStruct(*map(address, record.room)),
             allowed=float(accuracy.most_steps), looks=watch.always,
             n_limits=len(watch.bounds["limit_q"]), between=problem.between,
             **{name: address(x) for name, x in watch.bounds.items()})
@@ -394,9 +395,9 @@ def why_it_ends(problem: Problem, accuracy: Accuracy, first: State, t: float, la
     with np.errstate(all="ignore"):
         start, _, _ = _accelerations(problem, 0.0, first)
         a, error, given = _accelerations(problem, t, last)
-        found = (_forces(problem, start, last.q, a, given)
+        reason = (_forces(problem, start, last.q, a, given)
                  or _masses(problem, accuracy, start, a, error))
-    return found or (
+    return reason or (
         f"steps however short miss the time_tolerance of {accuracy.time_tolerance:.1e}, though "
         "loops, masses and the size of forces are well there: a force law that jumps or is "
         "not smooth does that; make it smooth, or take Accuracy(integrator='RK4', step=...)")
@@ -414,9 +415,9 @@ def _accelerations(problem: Problem, t: float, state: State) -> tuple[Array, flo
     bias = np.array([*evaluation.bias(q, v)[: len(loops)],
                      *(-law(t)[2] / problem.scale[c.v] for c, law in problem.drives)])
     given = problem.given(t, q, v, evaluation)
-    found = problem.least_constraint.solve(
+    least = problem.least_constraint.solve(
         q, v, motions.carried(bias[picked], v), motions.columns, given)
-    return found.a, 1.0 if found.lost else found.error, given
+    return least.a, 1.0 if least.lost else least.error, given
 
 
 def _rows(problem: Problem, state: State) -> tuple[LoopEquations, Array, Array]:

@@ -61,8 +61,9 @@ from spatial_pin.settings import INTEGRATORS, Accuracy, accuracy_of
 
 __all__ = ["Projection", "Simulation", "simulate"]
 
-DURATIONS = 1e-100, 1e100  # whose squares, divided by a tolerance, are finite [s]
-INTERVALS = 1000  # between the samples of a simulation whose times are not given
+# Least and greatest duration [s]: their squares divided by a tolerance are finite.
+DURATIONS = 1e-100, 1e100
+INTERVALS = 1000  # samples of a simulation without `times`, less one
 
 
 def floats(problem: Problem) -> bool:

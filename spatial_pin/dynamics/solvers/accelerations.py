@@ -34,9 +34,9 @@ from spatial_pin.numerics.tolerances import EPS, TOLERANCES
 # Estimated error from which on the second solver is used, at twenty times the cost: the KKT system
 # has ten digits then, and the error bound of the least constraint is less of an overestimate.
 DOUBTFUL = TOLERANCES.rank
-# Correction of a long tree's accelerations up to which what is left is small beside it.
+# Largest correction of a long tree's accelerations after which the rest is negligible.
 CORRECTED = 1e-6
-LEAST_ERROR = 16.0 * EPS  # of accelerations: of their forces, rounded some times
+LEAST_ERROR = 16.0 * EPS  # error of accelerations: their forces are rounded a few times
 
 
 class Limbs:
@@ -61,7 +61,7 @@ class Limbs:
         self._tree = KernelTree(model, mechanism.velocity_scale, is_core)
         self._open = np.flatnonzero(~self._tree.is_core)
         self.a, self._needed, self._force = np.zeros((3, model.nv))
-        self._scale, self.error = mechanism.velocity_scale, 0.0
+        self._scale, self.error, self._of_forces = mechanism.velocity_scale, 0.0, 0.0
         self._rounding = EPS * np.random.default_rng(0).choice([-1.0, 1.0], model.nv)
 
     @cached_property
@@ -79,10 +79,10 @@ class Limbs:
         n = len(self._entries[0])
         if not n:
             return None
-        rows, columns, places = both_halves(*self._entries)
+        rows, columns, indices = both_halves(*self._entries)
         others = np.arange(n, len(self._masses))
         at = (np.concatenate([rows, self._open]), np.concatenate([columns, self._open]),
-              np.concatenate([places, others]))
+              np.concatenate([indices, others]))
         return KKT(self._mechanism, at, len(self._masses))
 
     def solve(self, state: State, reference: Array, force: Array) -> bool:
@@ -107,7 +107,8 @@ class Limbs:
             given = np.where(self._tree.is_core, self._force, 0.0)
             self.a[:] = kkt.accelerations(state.q, state.v, reference, given, self._needed)
             self.error = kkt.error
-        largest, corrected, rounding = self._tree.complete(self._force, self.a)
+        largest, corrected, rounding, self._of_forces = self._tree.complete(
+            self._force, self._rounding * self._force, self.a)
         largest = largest or 1.0
         self.error = max(self.error, LEAST_ERROR, (corrected + rounding) / largest)
         return True
@@ -115,8 +116,7 @@ class Limbs:
     @property
     def is_of_forces(self) -> bool:
         """Whether round-off of the joint forces is most of `error`: no solver can know more."""
-        rounding = self._tree.response(self._rounding * self._force)
-        return self.error * float(np.abs(self.a / self._scale).max()) <= 10.0 * rounding
+        return self.error * float(np.abs(self.a / self._scale).max()) <= 10.0 * self._of_forces
 
 
 class Solution(NamedTuple):
@@ -174,13 +174,13 @@ class MotionEquations(Loops):
         chosen = independent_rows(scaled)
         gamma = self.evaluation.bias(state.q, state.v)[chosen]
         coordinates = IndependentCoordinates(scaled[chosen], self.scale, state.closure_error)
-        found = self.least_constraint.solve(
+        least = self.least_constraint.solve(
             state.q, state.v, coordinates.carried(gamma, state.v), coordinates.columns, given)
-        if not (kkt.pivot < TOLERANCES.zero or found.error < error):
+        if not (kkt.pivot < TOLERANCES.zero or least.error < error):
             return Solution(a, closures, error)
-        self._refuse(found)
-        self.undetermined = tuple(self.moving(self._still(found)))
-        return Solution(found.a, self.bodies.needed(state.q, state.v, found.a) - given, found.error)
+        self._refuse(least)
+        self.undetermined = tuple(self.moving(self._still(least)))
+        return Solution(least.a, self.bodies.needed(state.q, state.v, least.a) - given, least.error)
 
     def by_kkt(self, q: Array, v: Array, reference: Array, given: Array, needed: Array) -> Array:
         """Return accelerations (nv,) from the KKT system; the next call overwrites them.
@@ -242,24 +242,24 @@ class MotionEquations(Loops):
         """The solver that is accurate for any ratio of masses."""
         return LeastConstraint(self.mechanism)
 
-    def _refuse(self, found: Least) -> None:
+    def _refuse(self, least: Least) -> None:
         """Refuse accelerations that forces do not determine, or that round-off hides.
 
         Raises:
             SingularError: forces act on a motion without inertia, or no digit is left.
         """
-        if found.pulled:
-            raise self.no_inertia(self._still(found))
-        if found.lost:
-            worst = self.mechanism.coordinates[int(np.argmax(found.off / self.scale))]
+        if least.pulled:
+            raise self.no_inertia(self._still(least))
+        if least.lost:
+            worst = self.mechanism.coordinates[int(np.argmax(least.off / self.scale))]
             raise SingularError(
                 f"mechanism {self.mechanism.name!r}: the acceleration of {worst} is lost in "
                 "round-off beside bodies so much heavier: make the masses more alike, or the light "
                 "ones zero", state=self.state)
 
-    def _still(self, found: Least) -> Array:
+    def _still(self, least: Least) -> Array:
         """Return the motions (k, nv) without inertia, scaled so that something moves by one."""
-        still = found.still / self.scale
+        still = least.still / self.scale
         return still / np.abs(still).max(axis=1, keepdims=True, initial=1e-300)
 
     def no_inertia(self, motions: Array) -> SingularError:

@@ -83,9 +83,9 @@ class BodiesInKernel(WholeTree):
 
     def masses(self, q: Array) -> Array:
         """Return the numbers (n_masses,) of the mass matrix at q (nq,)."""
-        found = np.empty(self.n_masses)
-        self._tree.masses(q, found)
-        return found
+        entries = np.empty(self.n_masses)
+        self._tree.masses(q, entries)
+        return entries
 
     def matrix(self, q: Array) -> Array:
         """Return the mass matrix (nv, nv)."""
@@ -106,10 +106,11 @@ class BodiesInKernel(WholeTree):
 def both_halves(
     rows: NDArray[np.intp], columns: NDArray[np.intp]
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
-    """Return rows, columns and places of all entries of a symmetric matrix, given one half's."""
-    places, beside = np.arange(len(rows)), np.flatnonzero(rows != columns)
-    return (np.concatenate([rows, columns[beside]]), np.concatenate([columns, rows[beside]]),
-            np.concatenate([places, beside]))
+    """Return rows, columns and indices of all entries of a symmetric matrix, given one half."""
+    indices, off_diagonal = np.arange(len(rows)), np.flatnonzero(rows != columns)
+    return (np.concatenate([rows, columns[off_diagonal]]),
+            np.concatenate([columns, rows[off_diagonal]]),
+            np.concatenate([indices, off_diagonal]))
 
 
 def bodies_of(model: pin.Model) -> WholeTree:

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from spatial_pin.assembly.state import State, all_angles
-from spatial_pin.assembly.undetermined import Regular, lost_rank, rank_loss
+from spatial_pin.assembly.undetermined import Regular, is_sure, lost_rank, rank_loss
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.trees import is_large
 from spatial_pin.dynamics.solvers.bodies import bodies_of
@@ -23,11 +23,11 @@ from spatial_pin.numerics.linalg import Array, Decomposition, full_decomposition
 from spatial_pin.numerics.sparse_spaces import SparseSpaces
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-# Freedoms of a large tree up to which lost rank is found by closing loops nearby, with dense
-# factors whose cost grows with the third power. Beyond, the second-order analysis decides.
+# Freedoms of a large tree up to which lost rank is found by closing loops nearby. It uses dense
+# factors, whose cost grows with the third power. Above, the second-order analysis decides.
 PROBED = 128
-# Residual of a redundant equation for a motion of unit size, relative to its terms, up to which it
-# follows from the others: far above round-off, far below that of a loop that loses rank, about 1.
+# Largest residual of a redundant equation for a motion of unit size, relative to its terms. It is
+# far above round-off, and far below the 1 of a loop that loses rank.
 FOLLOWS = 1e-6
 
 
@@ -119,12 +119,12 @@ class Loops:
         and where it is uncertain which equations are independent.
         """
         if self._spaces is None and self.is_sparse:
-            self._stand_without_masses()
+            self._rest_without_masses()
             kkt, n = self.kkt, self.n_closure
 
             def nearest(motions: Array) -> Array:
-                found, _ = kkt.solve(motions / self.scale, np.zeros((len(motions), n)))
-                return found / self.scale
+                projected, _ = kkt.solve(motions / self.scale, np.zeros((len(motions), n)))
+                return projected / self.scale
 
             if kkt.pivot > TOLERANCES.rank:
                 sparse = SparseSpaces(*kkt.entries, (n, len(self.scale)), kkt.rank, nearest)
@@ -148,9 +148,9 @@ class Loops:
             tied = self.constraints.tied
             svd = full_decomposition(self.scaled[:, tied])
             rank = svd.rank if self._rank is None else self._rank
-            found = np.zeros((int(tied.sum()) - rank, len(tied)))
-            found[:, tied] = svd._replace(rank=rank).null_space
-            self._tied_freedoms = found, rank
+            freedoms = np.zeros((int(tied.sum()) - rank, len(tied)))
+            freedoms[:, tied] = svd._replace(rank=rank).null_space
+            self._tied_freedoms = freedoms, rank
         return self._tied_freedoms
 
     @property
@@ -190,7 +190,7 @@ class Loops:
             SingularError: they have; the motion is not determined by the forces.
         """
         known = self._regular
-        if rank in (self.n_closure, self.model.nv) or (
+        if is_sure(self.mechanism, self.n_closure, rank) or (
                 known is not None and known.holds(self.mechanism, self.state.q, rank)):
             return
         if self._is_large and self.model.nv > PROBED:
@@ -210,10 +210,10 @@ class Loops:
         They do if J a = -gamma(v) has no solution for a motion v that the loops allow
         [ConnellyWhiteley1996]; a random v is tried.
         """
-        any_way = np.random.default_rng(3).standard_normal(len(self.scale))
-        motion = self._stand_without_masses(force=any_way / self.scale).copy()
+        random = np.random.default_rng(3).standard_normal(len(self.scale))
+        motion = self._rest_without_masses(force=random / self.scale).copy()
         if self.kkt.pivot >= TOLERANCES.rank:
-            a = self._stand_without_masses(v=motion)
+            a = self._rest_without_masses(v=motion)
             rows, columns, values = self.kkt.entries
             gamma = self.evaluation.bias(self.state.q, motion)[: self.n_closure]
             terms, fastest = values * (a / self.scale)[columns], np.abs(motion / self.scale).max()
@@ -226,7 +226,7 @@ class Loops:
                     "the motion; start beside this configuration", state=self.state)
         self._regular = Regular(self.state.q.copy(), rank, 0.0)
 
-    def _stand_without_masses(self, v: Array | None = None, force: Array | None = None) -> Array:
+    def _rest_without_masses(self, v: Array | None = None, force: Array | None = None) -> Array:
         """Solve the KKT system with a unit mass matrix of the scaled velocities."""
         rows, columns, at = self.bodies.mass_at
         own = rows == columns

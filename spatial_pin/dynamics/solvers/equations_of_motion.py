@@ -144,8 +144,8 @@ class Equations(MotionEquations):
         Args:
             efforts: as for `unique_in_loops`.
         """
-        found = self.unique_in_loops(efforts)
-        return found | {name: found[name] & never for name, never in
+        result = self.unique_in_loops(efforts)
+        return result | {name: result[name] & never for name, never in
                         self.pairs.never_coupled(self.poses()).items()}
 
 

@@ -14,8 +14,7 @@ import numpy as np
 from spatial_pin.numerics.linalg import Array, Factors, independent_rows
 from spatial_pin.numerics.tolerances import EPS
 
-# Of an entry, with all that is added to it: sums of some hundred terms, each rounded once.
-ROUNDING = 128.0 * EPS
+ROUNDING = 128.0 * EPS  # round-off of an entry: a sum of some hundred terms, each rounded once
 
 
 class Bounded(NamedTuple):
@@ -31,8 +30,8 @@ class Bounded(NamedTuple):
 
     def plain(self) -> Bounded:
         """Return the numbers; those whose bound allows them to be zero are zero."""
-        kept = np.abs(self.value) > self.bound
-        return Bounded(np.where(kept, self.value, 0.0), np.where(kept, self.bound, 0.0))
+        is_sure = np.abs(self.value) > self.bound
+        return Bounded(np.where(is_sure, self.value, 0.0), np.where(is_sure, self.bound, 0.0))
 
 
 class IndependentCoordinates:

@@ -162,17 +162,17 @@ class BodyRows:
             gravity: (bodies, 3).
         """
         w, lever = motion[:, 3:], self._levers
-        found = np.empty_like(motion)
-        found[:, :3] = (change[:, :3] + cross(w, motion[:, :3]) + cross(change[:, 3:], lever)
+        rest = np.empty_like(motion)
+        rest[:, :3] = (change[:, :3] + cross(w, motion[:, :3]) + cross(change[:, 3:], lever)
                         + cross(w, cross(w, lever)) - gravity)
-        found[:, 3:] = (self._back @ change[:, 3:, None])[:, :, 0]
-        found = self._roots * found
+        rest[:, 3:] = (self._back @ change[:, 3:, None])[:, :, 0]
+        rest = self._roots * rest
         own, roots = (self._back @ w[:, :, None])[:, :, 0], self._roots[:, 3:]
         squares, i, j = roots * roots, [2, 0, 1], [1, 2, 0]
         moved = (squares[:, i] - squares[:, j]) * own[:, j] * own[:, i]
         held = roots > ROUNDING * roots.max(axis=1, keepdims=True, initial=0.0)
-        found[:, 3:] += np.divide(moved, roots, out=np.zeros_like(moved), where=held)
-        return found
+        rest[:, 3:] += np.divide(moved, roots, out=np.zeros_like(moved), where=held)
+        return rest
 
     def least(self, q: Array, v: Array, a: Array, twists: Array) -> Array:
         """Return the accelerations (k,) of motions without inertia, on top of a (nv,).
@@ -239,15 +239,15 @@ class LeastConstraint:
         wide = fit.error(z, rest_known[order], bound.T @ np.abs(given)
                          + ROUNDING * np.abs(moved).T @ np.abs(given))
         off = a.bound + np.abs(moved) @ wide + bound @ np.abs(z)
-        motions, found = moved @ still.T, a.value + moved @ z
+        motions, total = moved @ still.T, a.value + moved @ z
         if len(still):
             still_twists = self._bodies.twists(columns, a, v)[0] @ (unit[:, None] * still.T)
-            y = self._bodies.least(q, v, found, still_twists)
-            z, found = z + y @ still, found + motions @ y
-        worst, size = (float(np.abs(x / self._scale).max(initial=0.0)) for x in (off, found))
+            y = self._bodies.least(q, v, total, still_twists)
+            z, total = z + y @ still, total + motions @ y
+        worst, size = (float(np.abs(x / self._scale).max(initial=0.0)) for x in (off, total))
         speed = v / self._scale
         natural = max(size, self._falling, speed.dot(speed))
-        return Least(found, unit * z, motions.T, pulled, off,
+        return Least(total, unit * z, motions.T, pulled, off,
                      worst / (size or natural or 1.0), worst > natural)
 
 
@@ -319,11 +319,11 @@ class _Fit:
     def _following(self, rank: int) -> Array:
         """Return changes (n, n - rank): one of the last unknowns by 1, the first ones in return."""
         n = self._rows.shape[1]
-        found = np.zeros((n, n - rank))
-        found[self._order[rank:]] = np.eye(n - rank)
+        null = np.zeros((n, n - rank))
+        null[self._order[rank:]] = np.eye(n - rank)
         for k in range(rank, n):
-            found[self._order[:rank], k - rank] = -self._solve(rank, self._upper[:rank, k])
-        return found
+            null[self._order[:rank], k - rank] = -self._solve(rank, self._upper[:rank, k])
+        return null
 
     def _solve(self, rank: int, b: Array, transposed: bool = False) -> Array:
         """Return R^-1 b, or R^-T b, (rank,) of the first unknowns."""
@@ -363,7 +363,7 @@ class _Fit:
         if not r:
             return wide
         known, inverse = self._known[:m], np.abs(self._inverse(r))
-        left = np.abs(self._left[:m])
+        load = np.abs(self._left[:m])
         wide[first] = self._pseudo(r)[:, :m] @ (rest_known + known @ np.abs(z))
-        wide[first] += inverse @ (inverse.T @ ((known.T @ left)[first] + load_known[first]))
+        wide[first] += inverse @ (inverse.T @ ((known.T @ load)[first] + load_known[first]))
         return wide

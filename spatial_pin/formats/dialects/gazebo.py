@@ -10,20 +10,20 @@
 SDFormat's rules: the pose is that of the joint's frame when all joints of the tree are at zero, in
 the axes of the child link unless `relative_to` names another link (or joint, or `__model__`); the
 axis is in the joint's frame unless `expressed_in` names another. The joint is attached to both
-links where it stands then.
+links in that pose.
 
-The pose of a link is in the axes of the model, which are those of the root link, or of what
-`relative_to` names. The first joint between such a link and one of the tree becomes a joint of the
-tree, whose coordinate turns the joint's child against its parent; further joints are loops.
+The pose of a link is in the axes of the model, which are those of the root link, or of the frame
+that `relative_to` names. The first joint between such a link and one of the tree becomes a joint of
+the tree, whose coordinate turns the joint's child against its parent; further joints are loops.
 
 A plugin with `<joint>` and `<mimicJoint>` couples these two; where the joint has a `<mimic>` of
-its own, that says the same. The plugin DetachableJoint holds `<child_link>` on `<parent_link>`
-where both stand then, which is how loops are closed in today's Gazebo; where it takes hold of
-another model, as a gripper does, that model is not here.
+its own, that is the same coupling. The plugin DetachableJoint holds `<child_link>` on
+`<parent_link>` in the pose of zero coordinates: so loops are closed in today's Gazebo. A plugin
+that takes hold of another model, as a gripper does, is left out with a notice.
 
 Gazebo before SDFormat (PR2) has `<joint:hinge>`, `<joint:slider>` and `<joint:ball>` with `body1`,
 `body2`, `anchor` (the link in whose axes the point `anchorOffset` and `axis` are given). RViz
-needed `<mimic>` for the same loops, which says them twice, or wrongly: it gives way to the loops.
+needed `<mimic>` for the same loops: a second, or wrong, statement that gives way to the loops.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.formats.dialects.robot import RobotReading, said
+from spatial_pin.formats.dialects.robot import RobotReading, words
 from spatial_pin.formats.sdf.sdf_elements import MODEL, link_elements, pose
 from spatial_pin.formats.sdf.sdf_model import OWN, is_detachable
 from spatial_pin.formats.urdf.elements import joint_element, local, without_it
@@ -57,7 +57,7 @@ def read_gazebo(element: ET.Element, reading: RobotReading) -> None:
         links = [reading.root if name == WORLD and WORLD not in reading.links
                  else reading.link(name, joint) for name in names]
         if links[0] == links[1] and joint.get("type") == "fixed":
-            continue  # the base stands on the ground anyway
+            continue  # the base is fixed to the ground anyway
         kind, stands, axes, more = geometry(joint, links, reading)
         ends = [(link, reading.world[link].actInv(stands)) for link in links]
         reading.close(reading.name_of(joint), kind, "<gazebo><joint>", ends, (axes[0], axes[0]),
@@ -80,10 +80,10 @@ def read_gazebo(element: ET.Element, reading: RobotReading) -> None:
 
 def geometry(joint: ET.Element, links: list[str], reading: RobotReading
              ) -> tuple[str, pin.SE3, list[Array], dict[str, Any]]:
-    """Return a joint's pair, where its frame stands, its two axes there, and what else it needs."""
-    kind, place = reading.pair(joint), joint.find("pose")
-    base = (place.get("relative_to") if place is not None else None) or links[1]
-    stands = frame(base, joint, reading) * pose(place, reading.where(joint))
+    """Return a joint's pair, the placement of its frame, its two axes there, and its numbers."""
+    kind, stated = reading.pair(joint), joint.find("pose")
+    base = (stated.get("relative_to") if stated is not None else None) or links[1]
+    stands = frame(base, joint, reading) * pose(stated, reading.where(joint))
     axes = _axes(joint, kind, stands, reading)
     if kind == "universal":
         return kind, stands, axes, {"axis2": axes[1].tolist()}
@@ -100,7 +100,7 @@ def geometry(joint: ET.Element, links: list[str], reading: RobotReading
 
 
 def _read_detachable(plugin: ET.Element, reading: RobotReading) -> None:
-    """Read the plugin that holds a link on another where both stand."""
+    """Read the plugin that holds a link on another in the present pose."""
     parent, child, model = (plugin.findtext(tag, "").strip()
                             for tag in ("parent_link", "child_link", "child_model"))
     if model not in (*OWN, reading.robot.get("name", "")):
@@ -109,7 +109,7 @@ def _read_detachable(plugin: ET.Element, reading: RobotReading) -> None:
                                        f"robot, {reading.robot.get('name', '')!r}, has a link of "
                                        "that name: if it is the same, give it that name; if not, "
                                        f"{without_it(plugin)}")
-        reading.notices.append(f"{said(plugin)} takes hold of the model {model!r}, which is not "
+        reading.notices.append(f"{words(plugin)} takes hold of the model {model!r}, which is not "
                                "here: left out")
         return
     links = [reading.link(name, plugin) for name in (parent, child)]
@@ -132,7 +132,7 @@ def _read_old_joint(joint: ET.Element, reading: RobotReading) -> None:
     reading.close(reading.name_of(joint), OLD[local(joint)], "<gazebo><joint:" + local(joint) + ">",
                   ends, (axis, axis))
     moved = [name for chain in reading.between(links) for name in chain]
-    reading.drop_mimics(moved, f"{said(joint)} closes that loop itself")
+    reading.drop_mimics(moved, f"{words(joint)} closes that loop itself")
 
 
 def _axes(joint: ET.Element, kind: str, stands: pin.SE3, reading: RobotReading) -> list[Array]:
@@ -155,7 +155,7 @@ def _axes(joint: ET.Element, kind: str, stands: pin.SE3, reading: RobotReading) 
 
 
 def frame(name: str, joint: ET.Element, reading: RobotReading) -> pin.SE3:
-    """Return where a link, a joint of the tree, or the model stands when all joints are at zero."""
+    """Return the placement of a link, a joint or the model when all joints are at zero."""
     if name not in reading.links and name in reading.joints:
         name = end_of(reading.joints[name], "child")
     if name in reading.links:
@@ -167,8 +167,8 @@ def frame(name: str, joint: ET.Element, reading: RobotReading) -> pin.SE3:
 
 def linked(joint: ET.Element, tag: str) -> str:
     """Return the link of <parent> or <child>, which SDFormat writes as text."""
-    found = joint.find(tag)
-    return ((found.text or "").strip() or found.get("link", "")) if found is not None else ""
+    element = joint.find(tag)
+    return ((element.text or "").strip() or element.get("link", "")) if element is not None else ""
 
 
 def hang_links(reading: RobotReading) -> None:
@@ -193,10 +193,10 @@ def hang_links(reading: RobotReading) -> None:
 def _hang(link: ET.Element, joint: ET.Element, ends: list[str], reading: RobotReading) -> None:
     """Put a link, and the joint that carries it, into the tree."""
     name, where = link.get("name", ""), reading.where(link)
-    place = link.find("pose")
-    base = frame(place.get("relative_to") or MODEL, link, reading) \
-        if place is not None else pin.SE3.Identity()
-    stands = base * pose(place, where)
+    moved = link.find("pose")
+    base = frame(moved.get("relative_to") or MODEL, link, reading) \
+        if moved is not None else pin.SE3.Identity()
+    stands = base * pose(moved, where)
     reading.put_link(name, link_elements(link, lambda e, at: pose(e, at), where, reading.notices))
     reading.world[name] = stands
     kind, at, axes, more = geometry(joint, ends, reading)
@@ -213,7 +213,7 @@ def _hang(link: ET.Element, joint: ET.Element, ends: list[str], reading: RobotRe
         if PAIRS[kind].uses_axis:
             more["axis"] = (sense * axes[0]).tolist()
         for key in ("damping", "friction"):
-            found = joint.find(f"axis/dynamics/{key}")
-            if found is not None:
-                more[key] = reading.number(found, joint, 0.0)
+            stated = joint.find(f"axis/dynamics/{key}")
+            if stated is not None:
+                more[key] = reading.number(stated, joint, 0.0)
         reading.refine(tree_joint, type=kind, **more)

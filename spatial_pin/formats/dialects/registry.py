@@ -1,7 +1,7 @@
 """The dialects in which a URDF, or a file beside it, states loops.
 
 To add one: write a reader that takes the element and the `RobotReading`, and name it here by its
-element; what is recognised otherwise is a line in `read_dialects`.
+element; a dialect without such an element is a line in `read_dialects`.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from spatial_pin.formats.dialects import drake, gazebo, urdf_loops, yaml_loops
 from spatial_pin.formats.dialects.robot import RobotReading
 from spatial_pin.formats.urdf.elements import is_prefixed, local, without_it
 
-KNOWN = ("link", "joint", "material", "transmission", "ros2_control")  # what is read
+KNOWN = ("link", "joint", "material", "transmission", "ros2_control")  # elements that are read
 HARMLESS = (  # they name links, and join none: drawing, sensing, contact, planning
     "sensor", "camera", "mujoco_camera", "frame", "fixed_frame", "mujoco", "collision_filter_group",
     "collision_filter_groups", "disable_collisions", "enable_collisions",
     "disable_default_collisions", "link_sphere_approximation", "group", "chain", "group_state",
     "end_effector", "virtual_joint", "passive_joint", "joint_property", "self_collision_checking",
 )
-ROLES = (  # what the two ends of a joint are called
+ROLES = (  # names of the two ends of a joint
     ("parent", "child"), ("predecessor", "successor"), ("link1", "link2"), ("link_1", "link_2"),
     ("link_a", "link_b"), ("linka", "linkb"), ("body1", "body2"), ("body_1", "body_2"),
     ("body_a", "body_b"), ("bodya", "bodyb"), ("body0", "body1"), ("link0", "link1"),
@@ -47,10 +47,11 @@ LEFT: dict[str, Reader] = {  # they stay in the URDF
     "transmission": urdf_loops.read_transmission,
     "ros2_control": urdf_loops.read_ros2_control,
 }
+TRUE = ("true", "1")  # values of the attribute `independent`
 BESIDE: tuple[tuple[Callable[[Path], Path | None], Callable[[Path], bool],
                     Callable[[Path, RobotReading], None]], ...] = (  # where is it, is it, read
-    (yaml_loops.robot_beside, yaml_loops.is_robot, yaml_loops.read_robot),
-    (yaml_loops.closures_beside, yaml_loops.is_closures, yaml_loops.read_closures),
+    (yaml_loops.robot_file, yaml_loops.is_robot, yaml_loops.read_robot),
+    (yaml_loops.closures_file, yaml_loops.is_closures, yaml_loops.read_closures),
 )
 
 
@@ -87,7 +88,7 @@ def _refuse(element: ET.Element, ends: list[str], reading: RobotReading) -> None
 def _named(element: ET.Element, links: Collection[str]) -> Iterator[str]:
     """Yield the links that an element names, in its attributes or text, at any depth.
 
-    Joints may have the names of links: what is called a joint names a joint.
+    Joints may have the names of links: an attribute called "joint" names a joint.
     """
     for inner in element.iter():
         if not isinstance(inner.tag, str) or (inner is not element and "joint" in local(inner)):
@@ -113,35 +114,34 @@ def _ends(element: ET.Element, links: Collection[str]) -> list[str]:
     return []
 
 
-def read_dialects(reading: RobotReading, beside: Path | None = None) -> None:
+def read_dialects(reading: RobotReading, loops_file: Path | None = None) -> None:
     """Read all that states loops and motors in a robot and beside its file.
 
     Args:
         reading: the robot.
-        beside: a file beside it, if that is known; else it is looked for.
+        loops_file: a file beside it, if that is known; else it is looked for.
     """
     for element in reading.take(lambda e: local(e) == "joint" and is_prefixed(e)):
         drake.read_joint(element, reading)
-    gazebo.hang_links(reading)
+    if reading.robot.find("gazebo") is not None:
+        gazebo.hang_links(reading)
     for element in list(reading.robot):
         if isinstance(element.tag, str) and local(element) in LEFT:
             LEFT[local(element)](element, reading)
     for element in reading.take(lambda e: local(e) in ELEMENTS):
         ELEMENTS[local(element)](element, reading)
-    urdf_loops.read_independent(reading)
+    for name in [k for k, x in reading.joints.items() if x.get("independent", "").lower() in TRUE]:
+        reading.drive(name)
+        reading.all_driven = True
     urdf_loops.read_closing_frames(reading)
     for file_of, states, read in BESIDE:
-        path = beside if beside is not None and states(beside) else file_of(reading.path)
+        is_known = loops_file is not None and states(loops_file)
+        path = loops_file if is_known else file_of(reading.path)
         if path is not None:
             read(path, reading)
     refuse_unread(reading)
-    copies = [name for name in sorted(reading.in_loops())
-              if reading.joints[name].find("mimic") is not None]
-    if copies:  # which viewers need for the loop
-        reading.notices.append(f"{', '.join(copies)}: moved by a loop, with a <mimic> too; where "
-                               "that only copies the loop, and not to the last digit, nothing can "
-                               "move: take the <mimic> out then")
-    if not reading.content.get("closures"):  # all joints of a tree drive it, motors or not
-        reading.content.pop("drivers", None)
-    elif not reading.all_driven:
+    if reading.content.get("closures"):
+        urdf_loops.note_copies(reading)
         urdf_loops.drive_the_rest(reading)
+    else:  # all joints of a tree drive it, motors or not
+        reading.content.pop("drivers", None)

@@ -28,7 +28,7 @@ PAIR_OF = {  # what dialects call a joint -> our pair
 
 
 class RobotTree:
-    """A robot element; what is asked of it fails with the file and the element.
+    """A robot element; its errors name the file and the element.
 
     Attributes:
         robot: the URDF.
@@ -44,7 +44,7 @@ class RobotTree:
 
     def where(self, element: ET.Element | str) -> str:
         """Return file and element for errors."""
-        return f"{shown(self.path)}: {element if isinstance(element, str) else said(element)}"
+        return f"{shown(self.path)}: {element if isinstance(element, str) else words(element)}"
 
     @cached_property
     def links(self) -> dict[str, ET.Element]:
@@ -116,17 +116,17 @@ class RobotTree:
 
     @cached_property
     def world(self) -> dict[str, pin.SE3]:
-        """Where every link stands when every joint is at zero, in the root's axes."""
+        """The placement of every link when all joints are at zero, in the root's axes."""
         placed: dict[str, pin.SE3] = {}
         for link in self.links:
-            way: list[str] = []
+            chain: list[str] = []
             seen: set[str] = set()
             while link not in placed and link in self.above and link not in seen:
-                way.append(link)
+                chain.append(link)
                 seen.add(link)
                 link = end_of(self.above[link][1], "parent")
             at = placed.setdefault(link, pin.SE3.Identity())
-            for child in reversed(way):
+            for child in reversed(chain):
                 joint = self.above[child][1]
                 at = placed[child] = at * placement(joint.find("origin"), self.where(joint))
         return placed
@@ -135,25 +135,25 @@ class RobotTree:
         """Return the joints that move each of two links against the link that carries both."""
         ways: list[dict[str, ET.Element]] = []
         for link in links:
-            way: dict[str, ET.Element] = {}
-            while link in self.above and self.above[link][0] not in way:
+            chain: dict[str, ET.Element] = {}
+            while link in self.above and self.above[link][0] not in chain:
                 name, joint = self.above[link]
-                way[name] = joint
+                chain[name] = joint
                 link = end_of(joint, "parent")
-            ways.append(way)
+            ways.append(chain)
         common = ways[0].keys() & ways[1].keys()
-        return [[name for name, joint in way.items()
-                 if name not in common and joint.get("type") != "fixed"] for way in ways]
+        return [[name for name, joint in chain.items()
+                 if name not in common and joint.get("type") != "fixed"] for chain in ways]
 
 
-def said(element: ET.Element) -> str:
+def words(element: ET.Element) -> str:
     """Return how an element is named in messages."""
     name = element.get("name")
     return f"<{local(element)} name={name!r}>" if name else f"<{local(element)}>"
 
 
 class NumberedNames:
-    """Names of which no two may be the same."""
+    """Names that must differ."""
 
     def __init__(self) -> None:
         self.taken: set[str] = set()
@@ -161,12 +161,12 @@ class NumberedNames:
 
     def free(self, name: str) -> str:
         """Take a name, with a number behind it if another has it already."""
-        found = name
+        candidate = name
         if name in self.taken:
             self.last[name] = max(self.last[name], 1)
-            found = self.numbered(name)
-        self.taken.add(found)
-        return found
+            candidate = self.numbered(name)
+        self.taken.add(candidate)
+        return candidate
 
     def numbered(self, name: str) -> str:
         """Return the next name with a number behind it that is not taken."""
@@ -177,13 +177,13 @@ class NumberedNames:
 
 
 class RobotReading(RobotTree):
-    """A robot element, and what is found in it; the readers of the dialects write on it.
+    """A robot element and its loops; the readers of the dialects add to it.
 
     Attributes:
-        content: what a mechanism file would say beside it.
+        content: further tables of a mechanism file.
         names: those that are taken, of each list of the content, and of frames.
-        notices: what was changed or left out, a sentence each.
-        followers: joints that follow another, by what stands beside the tree.
+        notices: of changes and omissions, a sentence each.
+        followers: joints that follow another, by files beside the tree.
         leaders: joints that others followed, before loops took the place of <mimic>.
         all_driven: whether the drivers are all that there are, by whoever stated them.
     """
@@ -205,12 +205,12 @@ class RobotReading(RobotTree):
 
     def in_loops(self) -> set[str]:
         """Return the joints that the loops stated so far move."""
-        found: set[str] = set()
+        loops: set[str] = set()
         for closure in self.content.get("closures", ()):
             if "frames" in closure:
                 ends = [self.link_of(frame) for frame in closure["frames"]]
-                found.update(name for chain in self.between(ends) for name in chain)
-        return found
+                loops.update(name for chain in self.between(ends) for name in chain)
+        return loops
 
     def frame(self, link: str, placement: pin.SE3, name: str) -> str:
         """Put a frame on a link, under a name that nothing has yet; return the name."""
@@ -246,7 +246,7 @@ class RobotReading(RobotTree):
     def add(self, key: str, entry: dict[str, Any]) -> None:
         """Add an entry to a list of the content, under a name that no other there has.
 
-        A file that is meant for several simulators states one loop several times.
+        A file for several simulators states one loop several times.
         """
         name = self.names[key].free(entry["name"])
         self.content.setdefault(key, []).append({**entry, "name": name})
@@ -286,7 +286,7 @@ class RobotReading(RobotTree):
                     element.remove(child)
 
     def drop_mimics(self, joints: Iterable[str], why: str) -> None:
-        """Take the <mimic> out of joints, and tell of those that had one."""
+        """Remove the <mimic> of joints, with a notice."""
         dropped = {name: mimic for name in joints
                    if (mimic := self.joints[name].find("mimic")) is not None}
         for name, mimic in dropped.items():
@@ -302,7 +302,7 @@ class RobotReading(RobotTree):
         self.content.setdefault("drivers", {})[joint] = {"joint": joint}
 
     def name_of(self, element: ET.Element, among: str = "closures") -> str:
-        """Return an element's name, or one that says what and the how manieth it is."""
+        """Return an element's name, or one made of its tag and number."""
         tag = local(element)
         return element.get("name") or self.names[among].numbered(tag)
 

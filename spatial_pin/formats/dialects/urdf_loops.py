@@ -8,7 +8,7 @@ URDF+ (Chignoli et al., 2024):
       <axis xyz/>                           <ratio value/>
 
 An origin is the loop's frame in the axes of its link, the axis holds in both frames. A coupling
-says ratio * (angle of the predecessor) = angle of the successor, each counted from the nearest
+means ratio * (angle of the predecessor) = angle of the successor, each counted from the nearest
 link that carries both. Before 2024 both were `<constraint type="position">` (a common point) and
 `<constraint type="rolling">`. A joint with `independent="true"` is a driver.
 
@@ -37,7 +37,7 @@ onshape-to-robot makes the mate `closing_NAME` a link on either part, `closing_N
 `closing_NAME_2`, whose origins coincide. A revolute mate writes also `closing_NAME_1_z` and
 `closing_NAME_2_z`, 0.1 m along the mate's axis, which coincide too. The kinds of all other mates
 (ball, fastened, slider) are not written: they are balls. A closure of the same name in a mechanism
-file says otherwise.
+file states another.
 
 Motors: the joints of `<transmission>` and of `<ros2_control>` are drivers of their own names. A
 joint of `<ros2_control>` with `<param name="mimic">` follows another instead, as with `<mimic>`.
@@ -82,8 +82,8 @@ def read_coupling(element: ET.Element, reading: RobotReading) -> None:
     links = [link for link, _ in _ends(element, reading)]
     chains = reading.between(links)
     if [len(chain) for chain in chains] != [1, 1]:
-        found = " and ".join(f"{len(chain)} ({', '.join(chain) or 'none'})" for chain in chains)
-        raise reading.fail(element, f"couples {links[0]!r} and {links[1]!r}, with {found} joints "
+        joints = " and ".join(f"{len(chain)} ({', '.join(chain) or 'none'})" for chain in chains)
+        raise reading.fail(element, f"couples {links[0]!r} and {links[1]!r}, with {joints} joints "
                                     "between them and the link that carries both; only one and "
                                     "one can be coupled")
     reading.add("closures", {"name": reading.name_of(element), "type": "coupling", "ratio": value,
@@ -91,22 +91,14 @@ def read_coupling(element: ET.Element, reading: RobotReading) -> None:
                              "source": "URDF+ <coupling>"})
 
 
-def read_independent(reading: RobotReading) -> None:
-    """Make drivers of the joints that are said to be independent."""
-    for name, joint in reading.joints.items():
-        if joint.get("independent", "").lower() in ("true", "1"):
-            reading.drive(name)
-            reading.all_driven = True
-
-
 def _ends(element: ET.Element, reading: RobotReading) -> list[tuple[str, pin.SE3]]:
     ends = []
     for names in ENDS:
-        found = next((e for e in element if e.tag in names), None)
-        if found is None:
+        end = next((e for e in element if e.tag in names), None)
+        if end is None:
             raise reading.fail(element, f"has no <{names[0]} link=...>")
-        link = reading.link(found.get("link") or found.get("name"), element)
-        ends.append((link, placement(found.find("origin"), reading.where(element))))
+        link = reading.link(end.get("link") or end.get("name"), element)
+        ends.append((link, placement(end.find("origin"), reading.where(element))))
     return ends
 
 
@@ -125,10 +117,10 @@ def read_constraint(element: ET.Element, reading: RobotReading) -> None:
     kind = OTHERS[stated] if stated in OTHERS else reading.pair(element)
     ends, axes = [], list[Array]()
     for side in SIDES:
-        found = element.find(side)
-        if found is None:
+        named = element.find(side)
+        if named is None:
             raise reading.fail(element, f"has no <{side} link=...>")
-        link = reading.link(found.get("link"), element)
+        link = reading.link(named.get("link"), element)
         ends.append((link, placement(element.find(f"{side}_origin"), reading.where(element))))
         own = element.find(f"{side}_axis")
         own = own if own is not None else element.find("axis")
@@ -143,13 +135,13 @@ def read_constraint(element: ET.Element, reading: RobotReading) -> None:
 
 def read_loop_joint(element: ET.Element, reading: RobotReading) -> None:
     """Read a `<loop_joint>`."""
-    found = [e for e in element if e.tag in ("link1", "link2")]
-    if len(found) != 2:
-        raise reading.fail(element, f"joins {len(found)} links; it needs <link1> and <link2>")
-    found.sort(key=lambda e: str(e.tag))  # <link1> first, the order of two alike stays
+    links_named = [e for e in element if e.tag in ("link1", "link2")]
+    if len(links_named) != 2:
+        raise reading.fail(element, f"joins {len(links_named)} links; it needs <link1> and <link2>")
+    links_named.sort(key=lambda e: str(e.tag))  # <link1> first, the order of two alike stays
     axis = reading.axis(element.find("axis"), element)
     where = reading.where(element)
-    ends = [(reading.link(e.get("link"), element), placement(e, where)) for e in found]
+    ends = [(reading.link(e.get("link"), element), placement(e, where)) for e in links_named]
     reading.close(reading.name_of(element), reading.pair(element), "Isaac <loop_joint>", ends,
                   (axis, axis))
 
@@ -157,7 +149,7 @@ def read_loop_joint(element: ET.Element, reading: RobotReading) -> None:
 def read_closing_frames(reading: RobotReading) -> None:
     """Read the closing frames of a robot."""
     links = reading.links
-    names = dict.fromkeys(found["name"] for found in map(FRAME.fullmatch, links) if found)
+    names = dict.fromkeys(match["name"] for match in map(FRAME.fullmatch, links) if match)
     world = reading.world if names else {}
     for name in names:
         pair = [f"closing_{name}_{side}" for side in (1, 2)]
@@ -204,8 +196,20 @@ def read_ros2_control(element: ET.Element, reading: RobotReading) -> None:
             _drive(joint.get("name", ""), reading)
 
 
+def note_copies(reading: RobotReading) -> None:
+    """Note the <mimic> of joints in loops: viewers need it, the loop makes it redundant."""
+    copies = [name for name in sorted(reading.in_loops())
+              if reading.joints[name].find("mimic") is not None]
+    if copies:
+        reading.notices.append(f"{', '.join(copies)}: moved by a loop, with a <mimic> too; where "
+                               "that only copies the loop, and not to the last digit, nothing can "
+                               "move: take the <mimic> out then")
+
+
 def drive_the_rest(reading: RobotReading) -> None:
     """Make drivers of the joints that no loop moves, and of those that others follow."""
+    if reading.all_driven:
+        return
     coupled = {closure["joints"][1] for closure in reading.content["closures"]
                if "joints" in closure}
     in_loops = reading.in_loops() | coupled

@@ -9,15 +9,15 @@
     joint_type: [SPHERICAL, UJOINT_XY, FIXED, ...]
 
 A `UJOINT_AB` turns about axis A of the joint's frame and then about axis B that turns with it;
-FIXED stays at its zero. `urdf` may name the file that all this is said of. Joints that do not exist
-are told and passed over, as their authors' reader does: published files have such names.
+FIXED stays at its zero. `urdf` may name the file of the robot. Joints that do not exist are ignored
+with a notice, as in their authors' reader: published files have such names.
 
 `loop_closures.yaml`, which sw2robot and scikit-robot write beside the URDF of a cut linkage:
 
     closures:                            hinges that the tree had to drop
       - {link_a, link_b, point: [x, y, z], axis: [x, y, z]}
     independent: [JOINT, ...]            driven
-    dependent: [JOINT, ...]              solved for; a <mimic> of theirs says the loop a second time
+    dependent: [JOINT, ...]              solved for; a <mimic> of theirs is the loop a second time
 
 Point and axis are in the axes of the root link when all joints are at zero. RoboNex has another
 layout under the same name: `pin_loops` and `ball_loops` with the point in the axes of either link
@@ -78,7 +78,7 @@ def lists_of(table: dict[str, Any], keys: tuple[str, ...], names: tuple[str, ...
 
 
 def is_robot(path: Path) -> bool:
-    """Return whether a YAML file is one, or was meant to be: reading then says what is wrong."""
+    """Return whether a YAML file is one, or looks like one: reading then names its mistakes."""
     try:
         return SOURCE in table_of(path)
     except MechanismFileError:
@@ -107,14 +107,14 @@ def urdf_of(path: Path, trust: Trust | None = None) -> Path:
     own = path.with_suffix(".urdf")
     if is_file(own):
         return own
-    found = sorted(path.parent.glob("*.urdf"))
-    if len(found) != 1:
-        raise MechanismFileError(f"{shown(path)}: {len(found)} .urdf files beside it, none of its "
+    files = sorted(path.parent.glob("*.urdf"))
+    if len(files) != 1:
+        raise MechanismFileError(f"{shown(path)}: {len(files)} .urdf files beside it, none of its "
                                  f"name; write \"urdf: NAME.urdf\" into it")
-    return found[0]
+    return files[0]
 
 
-def robot_beside(urdf: Path) -> Path | None:
+def robot_file(urdf: Path) -> Path | None:
     """Return the YAML file beside a URDF that is about it."""
     own = [urdf.with_suffix(ending) for ending in ENDINGS]
     shared = [urdf.parent / f"robot{ending}" for ending in ENDINGS]
@@ -126,7 +126,7 @@ def robot_beside(urdf: Path) -> Path | None:
 
 
 def tell_unstated(reading: RobotReading) -> None:
-    """Tell of frames that are called as the ends of loops, where no file says that they are."""
+    """Note frames that are named as the ends of loops, where no file states these loops."""
     links = reading.links
     ends = [link for link in reading.links if UNSTATED.fullmatch(link)
             and UNSTATED.sub(r"\g<loop>_B\g<kind>", link) in links]
@@ -191,7 +191,7 @@ def _read_types(lists: dict[str, list[Any]], path: Path, reading: RobotReading) 
                                      "SPHERICAL, FIXED, UJOINT_XY and the like")
 
 
-def closures_beside(urdf: Path) -> Path | None:
+def closures_file(urdf: Path) -> Path | None:
     """Return the file that is about a URDF: beside it, or in the package of its `urdf` folder."""
     folders, home = [urdf.parent], urdf.parent
     if urdf.parent.name == "urdf":
@@ -202,7 +202,7 @@ def closures_beside(urdf: Path) -> Path | None:
 
 
 def is_closures(path: Path) -> bool:
-    """Return whether a file is one; its name says so."""
+    """Return whether a file is one, by its name."""
     return path.name == NAME
 
 
@@ -232,8 +232,8 @@ def read_closures(path: Path, reading: RobotReading) -> None:
         reading.drive(name)
     for name in lists["dependent"]:
         reading.joint(name, f"dependent of {path.name}")
-    reading.drop_mimics(lists["dependent"], f"{path.name} has the loop itself, of which it is a "
-                                            "copy or an approximation")
+    reading.drop_mimics(lists["dependent"], f"{path.name} has the loop itself; the <mimic> is "
+                                            "a copy or an approximation of it")
 
 
 class _LoopEntry:
@@ -259,14 +259,14 @@ class _LoopEntry:
         return np.array(value, dtype=float)
 
     def close_hinge(self, kind: str) -> None:
-        """Close a loop of which point and axis are as the root stands."""
+        """Close a loop whose point and axis are in the axes of the root."""
         links, world = [self.link("link_a"), self.link("link_b")], self.reading.world
         at = pin.SE3(np.eye(3), self.vector("point"))
         axis = self.reading.unit(self.vector("axis"), self.where)
         self.close(kind, [(link, world[link].actInv(at)) for link in links], (axis, axis))
 
     def close_pair(self, kind: str) -> None:
-        """Close a loop of which the point is given on either link."""
+        """Close a loop whose point is given on both links."""
         links, world = [self.link("parent"), self.link("child")], self.reading.world
         ends = [(link, pin.SE3(np.eye(3), self.vector(f"{side}_xyz")))
                 for link, side in zip(links, ("parent", "child"), strict=True)]

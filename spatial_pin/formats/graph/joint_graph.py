@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from spatial_pin.numerics.linalg import Array
 
-WORLD = ""  # what links are joined to that stands still
+WORLD = ""  # the ground, as a link
 TURN = 2.0 * math.pi - 1e-3  # rad; limits so far apart hold nothing back
 Y, Z = np.eye(3)[1:]
 
@@ -51,7 +51,7 @@ class GraphJoint:
         effort, velocity: largest ones [N·m, N; rad/s, m/s].
         damping, friction, armature: of each of its coordinates.
         stiffness, reference: of the spring on its one coordinate, and where that is at rest.
-        cut: whether the file says that it closes a loop.
+        cut: whether the file states that it closes a loop.
         element: its URDF element, where it has one.
     """
 
@@ -91,7 +91,7 @@ class GraphJoint:
 
     @property
     def is_bare(self) -> bool:
-        """Whether nothing is said of it but which links it joins and how."""
+        """Whether it has neither limits nor resistance nor a spring."""
         return not (self.cut or self.is_limited or self.resists or self.stiffness)
 
     def other(self, link: str) -> str:
@@ -116,12 +116,12 @@ class GraphJoint:
 
 @dataclass(frozen=True, eq=False)
 class JointGraph:
-    """What a file says of its links and joints.
+    """Links and joints of a file.
 
     Attributes:
         links, joints: in the order of the file.
-        loose: whether the graph has a world, in which what is not joined to it floats; otherwise
-            its roots, links that are no joint's child, stand on the ground, and joints are taken
+        loose: whether the graph has a world, in which links without a joint to it float; otherwise
+            its roots, links that are no joint's child, are on the ground, and joints are taken
             from parent to child where that is possible.
         held: whether that is fixed to the world instead.
         needed: names of joints whose coordinates something refers to.

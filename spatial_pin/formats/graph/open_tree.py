@@ -27,10 +27,10 @@ from spatial_pin.numerics.angles import whole_turns
 
 DRAWN = 100.0  # roundings of the file that links may be drawn away from their joints
 BASE = "root_joint"  # the joint that lets a base float, as Pinocchio names it
-GROUND = "world"  # the link that stands for the world
+GROUND = "world"  # the link for the world
 SYMMETRIC = ("spherical", "planar", "floating", "universal")  # their coordinates have a direction
 TWIN = 1e-9  # relative gap between two links that two fixed joints place
-PLACED = ("origin", "parent", "child", "axis")  # of a joint element, what it is placed by
+PLACED = ("origin", "parent", "child", "axis")  # children of a joint element that place it
 RESISTANCES = ("damping", "friction", "armature")
 
 
@@ -62,7 +62,7 @@ def drawn(tree: SpanningTree) -> tuple[dict[str, Any], list[str]]:
 
 
 def coordinates_at(joint: GraphJoint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
-    """Return a joint's coordinates nearest to a placement of its frames, and that they give."""
+    """Return a joint's coordinates nearest to a placement, and the placement that they give."""
     pair, shift = joint.type, relative.translation
     if pair in ("spherical", "floating"):
         vector = pin.log3(relative.rotation)
@@ -83,7 +83,7 @@ def coordinates_at(joint: GraphJoint, relative: pin.SE3) -> tuple[list[float], p
     if pair not in ("fixed", "prismatic"):
         angle = math.atan2(turned[1, 0] - turned[0, 1], turned[0, 0] + turned[1, 1])
     if pair == "screw":
-        if joint.lead:  # the slide tells how many turns
+        if joint.lead:  # whole turns follow from the slide
             angle += whole_turns(2.0 * math.pi * slide / joint.lead - angle)
         slide = angle / (2.0 * math.pi) * joint.lead
     coordinates = {"fixed": [], "revolute": [angle], "screw": [angle], "prismatic": [slide],
@@ -103,9 +103,9 @@ def open_tree(
     Args:
         graph: links and joints.
         where: the file, for errors.
-        content: what a mechanism file says beside it, and its name; it is added to.
-        notices: of what was read.
-        robot: the <robot> that it comes from; what is neither link nor joint is kept.
+        content: tables of a mechanism file, with its name; more are added.
+        notices: of the reader.
+        robot: the <robot> that it comes from; elements other than links and joints stay.
 
     Raises:
         MechanismFileError: two fixed joints hold a link in two places, or something refers to the
@@ -167,26 +167,26 @@ class _Writer:
         """Return the name of a link in the URDF."""
         return self.ground if link == WORLD else link
 
-    def frame(self, wanted: str, link: str, place: pin.SE3) -> str:
-        """Return the name of a link that stands at a place on another, that itself if it does."""
-        if place.isIdentity(0.0):
+    def frame(self, wanted: str, link: str, placement: pin.SE3) -> str:
+        """Return the name of a link at a placement on another, or of that link itself."""
+        if placement.isIdentity(0.0):
             return self.link_of(link)
         name = fresh(wanted, self.taken)
         ET.SubElement(self.robot, "link", name=name)
         mount = fresh(f"{name}_mount", self.taken)
-        joint_element(self.robot, mount, "fixed", self.link_of(link), name, place)
+        joint_element(self.robot, mount, "fixed", self.link_of(link), name, placement)
         return name
 
     def base(self, root: Link) -> None:
         """Let a root float in the world, or hold it, where the file draws it."""
         name = fresh(BASE if root.name == self.tree.roots[0] else f"{BASE}_{root.name}", self.taken)
-        place = root.placement if root.placement is not None else pin.SE3.Identity()
+        placement = root.placement if root.placement is not None else pin.SE3.Identity()
         if self.graph.held:
-            self.bodies[root.name] = WORLD, place
+            self.bodies[root.name] = WORLD, placement
         else:
             self.bases.append(f"link {root.name!r} (joint {name!r})")
         kind = "fixed" if self.graph.held else "floating"
-        joint_element(self.robot, name, kind, self.ground, root.name, place)
+        joint_element(self.robot, name, kind, self.ground, root.name, placement)
 
     def joint(self, joint: GraphJoint) -> None:
         """Write a joint of the tree, and what hangs on it."""
@@ -196,9 +196,9 @@ class _Writer:
                 f"joint {joint.name!r} is walked from {joint.parent!r} to {joint.child!r}, against "
                 f"the file: its coordinates are those of the inverse motion")
         if joint.type == "fixed":
-            body, place = self.bodies[joint.parent]
+            body, on_body = self.bodies[joint.parent]
             on_parent = joint.on_parent * joint.on_child.inverse()
-            self.bodies[joint.child] = body, place * on_parent
+            self.bodies[joint.child] = body, on_body * on_parent
         else:
             on_parent = joint.on_parent
             self.bodies[joint.child] = joint.child, pin.SE3.Identity()
@@ -239,9 +239,9 @@ class _Writer:
 
     def closure(self, joint: GraphJoint) -> None:
         """Write the closure that a cut joint becomes."""
-        (one, place1), (two, place2) = self.bodies[joint.parent], self.bodies[joint.child]
+        (one, on1), (two, on2) = self.bodies[joint.parent], self.bodies[joint.child]
         if one == two:
-            self.check_redundant(joint, place1 * joint.on_parent, place2 * joint.on_child)
+            self.check_redundant(joint, on1 * joint.on_parent, on2 * joint.on_child)
             self.notices.append(f"joint {joint.name!r} joins links that are fixed to each other "
                                 "already: it is left out")
             return
@@ -258,8 +258,9 @@ class _Writer:
                  if isinstance(table, dict)]
         table: dict[str, Any] = {
             "name": unique(joint.name, known), "frames": [
-                self.frame(f"{joint.name}_on_{self.link_of(link)}", link, place)
-                for link, place in ((joint.parent, joint.on_parent), (joint.child, joint.on_child))
+                self.frame(f"{joint.name}_on_{self.link_of(link)}", link, placement)
+                for link, placement in ((joint.parent, joint.on_parent),
+                                        (joint.child, joint.on_child))
             ], **_pair_table(joint)}
         self.closures.append(table)
         lost = [f"{key} {getattr(joint, key):g}" for key in (*RESISTANCES, "stiffness")
@@ -311,6 +312,6 @@ def _urdf_type(joint: GraphJoint) -> str:
 
 
 def _pair_table(joint: GraphJoint) -> dict[str, Any]:
-    """Return what a mechanism file says of a joint's pair."""
+    """Return the table of a joint's pair in a mechanism file."""
     return {"type": "weld" if joint.type == "fixed" else joint.type,
             **PAIRS[joint.type].told(joint.axis, joint.axis2, joint.lead, joint.length)}

@@ -2,7 +2,7 @@
 
 Of every loop one joint is cut, preferably one that
 
-1. the file itself says to cut,
+1. the file itself cuts,
 2. nothing refers to: no driver, coupling or mimic, which need a coordinate of the tree,
 3. has no limits and no spring, which a cut joint loses,
 4. leaves few equations to close: a ball, then a universal joint, then a revolute joint,
@@ -33,8 +33,8 @@ FREEDOMS = {"fixed": 0, "revolute": 2, "universal": 3, "spherical": 4, "floating
 def without_chains(graph: JointGraph) -> tuple[JointGraph, tuple[str, ...]]:
     """Put one pair in the place of revolute joints that meet in a point, between massless links.
 
-    Three are a ball, two a universal joint. Only joints of loops are replaced, and none of which
-    anything else is said.
+    Three are a ball, two a universal joint. Only joints of loops are replaced, and none with
+    limits, resistance or a spring.
     """
     notices: list[str] = []
     looped = in_loops(graph.joints)
@@ -77,7 +77,7 @@ def in_loops(joints: Sequence[GraphJoint]) -> set[str]:
                     depth[other] = depth[link] + 1
                     above[other] = joint.name, link
                     waiting.append(other)
-    top = {link: link for link in depth}  # the first link above with a joint not yet found
+    top = {link: link for link in depth}  # the first link above with a joint outside all loops
 
     def climb(link: str) -> str:
         while top[link] != link:
@@ -165,7 +165,7 @@ class SpanningTree:
         turned: names of the joints among them that the file has the other way round.
         roots: links that no joint of the tree leads to, the world apart.
         cut: the other joints.
-        notices: what was changed, a sentence each.
+        notices: of changes, a sentence each.
     """
 
     def __init__(self, graph: JointGraph) -> None:

@@ -9,11 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from spatial_pin.formats.faults import Faults
-from spatial_pin.formats.graph.joint_graph import WORLD, GraphJoint, JointGraph, Link
+from spatial_pin.formats.graph.joint_graph import GraphJoint, JointGraph, Link
 from spatial_pin.formats.graph.open_tree import open_tree
-from spatial_pin.formats.graph.spanning import in_loops
-from spatial_pin.formats.importers import Imported
+from spatial_pin.formats.importers import Faults, Imported
 from spatial_pin.formats.parsing import parse_urdf
 from spatial_pin.formats.urdf.urdf_model import (
     CONTAINED_PAIRS,
@@ -31,7 +29,7 @@ def without_loops(
     urdf: str, content: Mapping[str, Any], refinements: Mapping[str, JointRefinement], path: Path,
     faults: Faults,
 ) -> Imported | None:
-    """Return a URDF with its loops cut, and what a mechanism file then says beside it.
+    """Return a URDF with its loops cut, and the tables of a mechanism file for them.
 
     Returns:
         None where there is no loop, or where the URDF cannot be used for other reasons.
@@ -48,10 +46,16 @@ def without_loops(
     if robot.tag != "robot" or len(known) < len(names) or len(named) < len(elements) or any(
             parent == child or not {parent, child} <= known for parent, child in ends):
         return None  # other faults, which the reader of URDF refuses by name
-    if not in_loops([GraphJoint(element.get("name", ""), "fixed",
-                                WORLD if parent in roots else parent, child)  # on the same ground
-                     for element, (parent, child) in zip(elements, ends, strict=True)]):
-        return None
+    below: dict[str, list[str]] = {}
+    for parent, child in ends:
+        below.setdefault(parent, []).append(child)
+    reached = list(roots)
+    for link in reached:
+        reached += below.get(link, [])
+        if len(reached) > len(known):
+            break
+    if sorted(reached) == sorted(known):
+        return None  # one path from the ground to every link: a tree
     joints = []
     for element in elements:
         where = f"{path}: joint {element.get('name')!r}"
@@ -119,8 +123,8 @@ def _texts(value: Any) -> Iterator[str]:
     """Yield all texts in tables, lists and texts."""
     waiting = [value]
     while waiting:
-        found = waiting.pop()
-        if isinstance(found, str):
-            yield found
-        elif isinstance(found, dict | list | tuple):
-            waiting += found.values() if isinstance(found, dict) else found
+        element = waiting.pop()
+        if isinstance(element, str):
+            yield element
+        elif isinstance(element, dict | list | tuple):
+            waiting += element.values() if isinstance(element, dict) else element

@@ -26,7 +26,7 @@ from spatial_pin.formats.urdf.elements import notice_of
 from spatial_pin.numerics.linalg import Array
 
 OCTAHEDRON = [1, 0, 0, -1, 0, 0, 0, 1, 0, 0, -1, 0, 0, 0, 1, 0, 0, -1]
-MOST_COPIES = 100_000  # of an element by <replicate> and the like: no mechanism has so many links
+MOST_COPIES = 100_000  # of an element by <replicate> and the like: more than any mechanism has
 HEAD = 1 << 16  # bytes of a file in which its root element begins
 JOINING = ("equalities", "tendons", "actuators", "sensors", "flexes", "joints")  # of a spec
 TREES = ("include", "model")  # elements that name a file with further bodies
@@ -45,7 +45,7 @@ def compiled(
 
     Returns:
         `mujoco.MjModel`; the file of every mesh asset by its name; names of bodies whose inertia is
-        not known, for want of meshes; what was changed or left out.
+        not known, for want of meshes; notices of changes and omissions.
     """
     try:
         import mujoco
@@ -62,10 +62,10 @@ def compiled(
     try:
         with _listening(mujoco, heard):
             spec = mujoco.MjSpec.from_file(str(path))
-            left_out = _leave_out(mujoco, spec, without, shown(path))
+            notice = _leave_out(mujoco, spec, without, shown(path))
             meshes, massless, notices = _without_meshes(mujoco, spec, folders, trust)
             model = spec.compile()
-        return model, meshes, massless, [*left_out, *dict.fromkeys(heard), *notices]
+        return model, meshes, massless, [*notice, *dict.fromkeys(heard), *notices]
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
         reason = " ".join(str(error).split())
         raise MechanismFileError(f"{shown(path)}: MuJoCo cannot read it: {reason}") from error
@@ -133,7 +133,7 @@ def _opened_at_once(element: ET.Element, path: Path, main: Path, trust: Trust) -
     """Return the files that MuJoCo may open for an element as it reads, not when it compiles."""
     name = element.get("file", "") if element.tag in (*TREES, "flexcomp") else ""
     if element.tag == "config" and re.search(r"[/\\]|^\.\.$", element.get("value", "")):
-        name = element.get("value", "")  # of a plugin, which does with it what it likes
+        name = element.get("value", "")  # of a plugin, whose use of it is unknown
     files = list(dict.fromkeys(folder / name for folder in (main, path.parent))) if name else []
     for file in files:
         try:
@@ -206,7 +206,7 @@ def _without_meshes(
     for names, why in ((barred, f"lie {OUTSIDE}, or are too large"),
                        (missing - barred, "are not there")):
         if names:
-            notices.append(f"{len(names)} mesh files {why} ({some(names)}); what they show is left "
+            notices.append(f"{len(names)} mesh files {why} ({some(names)}); their shapes are left "
                            "out")
     if massless:
         notices.append(f"the inertia of bodies ({some(massless)}) comes from mesh files that are "
@@ -300,7 +300,7 @@ def _unknown_inertias(mujoco: Any, spec: Any, missing: set[str]) -> set[str]:
 
 
 def _placed(mesh: Any, file: Path | None) -> MeshFile:
-    """Return how the file of a mesh stands in a geom: x = scale * R' (file - refpos)."""
+    """Return the placement of a mesh file in a geom: x = scale * R' (file - refpos)."""
     w, x, y, z = mesh.refquat
     turn = pin.Quaternion(w, x, y, z).normalized().matrix().T
     scale, fault = np.array(mesh.scale), ""

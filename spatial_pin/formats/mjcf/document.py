@@ -28,7 +28,7 @@ class MjcfDocument:
     """An MJCF document that is being written.
 
     Attributes:
-        mechanism: what is written.
+        mechanism: to write.
         root: <mujoco>; parts: its children by tag.
         bodies: element of the body of every tree joint, the world's first.
         links: element of the body of every link.
@@ -102,12 +102,12 @@ class MjcfDocument:
     ) -> None:
         """Give a body as little mass and moments of inertia as MuJoCo asks for.
 
-        A body at an end gets so much that MuJoCo can work with it, which is told later.
+        A body at an end gets enough for MuJoCo; a warning names it later.
 
         Args:
             name: of the body.
             body: its element.
-            inertia: what it has, too little.
+            inertia: its own, too small.
             carries: whether it carries a body that has mass.
         """
         mech, own = self.mechanism, inertia or pin.Inertia.Zero()
@@ -230,26 +230,26 @@ def _resistances(mech: Mechanism, i: int, k: int, count: int) -> dict[str, str]:
             raise SpatialPinError(
                 f"mechanism {mech.name!r}: joint {model.names[i]!r} has {key} "
                 f"{values[own].tolist()}; a {mech.pairs[i - 1]} joint of MuJoCo has one number")
-    found = {key: float(x[own.start]) for key, x in table.items()}
+    each = {key: float(x[own.start]) for key, x in table.items()}
     if count == 1:  # springs of the coordinate damp it, too
         about = ((s, mech.coordinate(s.joint)) for s in mech.springs if s.joint is not None)
-        found["damping"] += sum(s.damping for s, c in about
-                                if (c.joint, c.place) == (model.names[i], k))
-    return {key: repr(x) for key, x in found.items() if x}
+        each["damping"] += sum(s.damping for s, c in about
+                               if (c.joint, c.component) == (model.names[i], k))
+    return {key: repr(x) for key, x in each.items() if x}
 
 
 def _limits(mech: Mechanism, at: int, v: int) -> dict[str, str]:
     model = mech.model
-    found: dict[str, str] = {}
+    words: dict[str, str] = {}
     lower, upper = model.lowerPositionLimit[at], model.upperPositionLimit[at]
     if max(lower, -UNBOUNDED) < min(upper, UNBOUNDED) and (lower > -UNSET or upper < UNSET):
         lower, upper = max(lower, -UNBOUNDED), min(upper, UNBOUNDED)
-        found |= {"limited": "true", "range": numbers_text(np.array([lower, upper]))}
+        words |= {"limited": "true", "range": numbers_text(np.array([lower, upper]))}
     least, most = model.lowerEffortLimit[v], model.upperEffortLimit[v]
     if least < 0.0 < most and max(-least, most) < UNSET:
-        found |= {"actuatorfrclimited": "true",
+        words |= {"actuatorfrclimited": "true",
                   "actuatorfrcrange": numbers_text(np.array([least, most]))}
-    return found
+    return words
 
 
 # ---------------------------------------------------------------- springs about a coordinate

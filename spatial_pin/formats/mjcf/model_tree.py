@@ -24,7 +24,7 @@ GREY = np.array([0.5, 0.5, 0.5, 1.0])  # of a geom that has no colour of its own
 
 
 class PlacedJoint(NamedTuple):
-    """Where a joint stands.
+    """A joint and its placement.
 
     Attributes:
         name: of the joint.
@@ -42,7 +42,7 @@ class PlacedJoint(NamedTuple):
 
 
 class MjcfReading:
-    """The bodies, joints, geoms and sites of a model, and what else is read of it.
+    """The bodies, joints, geoms and sites of a model.
 
     Attributes:
         mujoco: the module.
@@ -54,7 +54,7 @@ class MjcfReading:
         refined: what URDF cannot say of joints, by name.
         sites: name of the link of every site, by its number.
         tendons: numbers of the tendons that are read as springs.
-        notices: what was changed or left out.
+        notices: of changes and omissions.
     """
 
     def __init__(
@@ -69,7 +69,12 @@ class MjcfReading:
         self.tendons: set[int] = set()
         self.notices: list[str] = []
         bodies = [model.body(b).name for b in range(model.nbody)]
-        joints = _joint_names(mujoco, model)
+        joints = [model.joint(j).name for j in range(model.njnt)]
+        taken = set(joints)
+        for j in range(model.njnt):
+            if not joints[j]:  # named after body and kind
+                kind = mujoco.mjtJoint(model.jnt_type[j]).name.removeprefix("mjJNT_").lower()
+                joints[j] = fresh(f"{model.body(model.jnt_bodyid[j]).name}_{kind}", taken)
         self.urdf = UrdfText(name, WORLD, [*bodies, *joints])
         for body in range(1, model.nbody):
             self.links.append(_add_body(self, body, joints))
@@ -83,7 +88,7 @@ class MjcfReading:
             if wanted == bodies[body] and placement.isIdentity(0.0):
                 self.sites[site] = self.links[body]
             elif wanted:
-                known = {*self.links, *(place.name for place in self.joints)}
+                known = {*self.links, *(joint.name for joint in self.joints)}
                 wanted = wanted if wanted not in known else f"{wanted}_site"
                 self.sites[site] = self.urdf.frame(wanted, self.links[body], placement)
         for geom in range(model.ngeom):
@@ -108,17 +113,6 @@ def pose(position: Array, quaternion: Array) -> pin.SE3:
 def shift(position: Array) -> pin.SE3:
     """Return a translation."""
     return pin.SE3(np.eye(3), np.array(position))
-
-
-def _joint_names(mujoco: Any, model: Any) -> list[str]:
-    """Return the names of the joints; those without are named after body and kind."""
-    names = [model.joint(j).name for j in range(model.njnt)]
-    taken = set(names)
-    for j, name in enumerate(names):
-        if not name:
-            kind = mujoco.mjtJoint(model.jnt_type[j]).name.removeprefix("mjJNT_").lower()
-            names[j] = fresh(f"{model.body(model.jnt_bodyid[j]).name}_{kind}", taken)
-    return names
 
 
 # ---------------------------------------------------------------- bodies and joints
@@ -200,8 +194,8 @@ def _of_actuators(reading: MjcfReading, joint: int, key: str) -> float:
 
 def moves_joint(reading: MjcfReading) -> Array:
     """Return which actuators act on a joint and not through something else."""
-    kinds, found = reading.mujoco.mjtTrn, reading.model.actuator_trntype
-    return (found == int(kinds.mjTRN_JOINT)) | (found == int(kinds.mjTRN_JOINTINPARENT))
+    kinds, target = reading.mujoco.mjtTrn, reading.model.actuator_trntype
+    return (target == int(kinds.mjTRN_JOINT)) | (target == int(kinds.mjTRN_JOINTINPARENT))
 
 
 def _effort(reading: MjcfReading, joint: int) -> dict[str, float]:
@@ -247,7 +241,7 @@ def _add_geom(reading: MjcfReading, geom: int) -> None:
 
 
 def _colour(model: Any, geom: int) -> Array:
-    """Return the colour (4,) of a geom: its own where it says one, else its material's."""
+    """Return the colour (4,) of a geom: its own, else its material's."""
     own, material = np.array(model.geom_rgba[geom], dtype=float), model.geom_matid[geom]
     if material >= 0 and np.array_equal(own, GREY):
         return np.array(model.mat_rgba[material], dtype=float)
@@ -276,9 +270,9 @@ def _mesh(reading: MjcfReading, geom: int) -> tuple[str, dict[str, str], pin.SE3
     name = model.mesh(mesh).name
     file, scale, placement, fault = reading.meshes[name]
     if file is None:
-        told = f"mesh {name!r} is left out: {fault}"
-        if fault and told not in reading.notices:
-            reading.notices.append(told)
+        sentence = f"mesh {name!r} is left out: {fault}"
+        if fault and sentence not in reading.notices:
+            reading.notices.append(sentence)
         return None
     centred = pose(model.mesh_pos[mesh], model.mesh_quat[mesh])  # by MuJoCo
     sizes = {"filename": str(file), "scale": numbers_text(scale)}
@@ -291,13 +285,13 @@ def _mesh(reading: MjcfReading, geom: int) -> tuple[str, dict[str, str], pin.SE3
 def fixed_lengths(reading: MjcfReading, tendon: int) -> dict[int, float]:
     """Return what each joint adds to the length of a fixed tendon; none of a spatial one."""
     model = reading.model
-    found: dict[int, float] = {}
+    lengths: dict[int, float] = {}
     for k in range(model.tendon_adr[tendon], model.tendon_adr[tendon] + model.tendon_num[tendon]):
         if model.wrap_type[k] != int(reading.mujoco.mjtWrap.mjWRAP_JOINT):
             return {}
         joint = int(model.wrap_objid[k])
-        found[joint] = found.get(joint, 0.0) + float(model.wrap_prm[k])
-    return found
+        lengths[joint] = lengths.get(joint, 0.0) + float(model.wrap_prm[k])
+    return lengths
 
 
 def straight_sites(reading: MjcfReading, tendon: int) -> list[int]:
@@ -312,7 +306,7 @@ def straight_sites(reading: MjcfReading, tendon: int) -> list[int]:
 
 
 def site_frames(reading: MjcfReading, name: str, sites: list[int]) -> list[str]:
-    """Return the links that stand for sites; those of sites without a name are added."""
+    """Return the links of sites; those of sites without a name are added."""
     model = reading.model
     return [reading.sites.get(site) or reading.urdf.frame(
         f"{name}_{k}", reading.links[model.site_bodyid[site]],

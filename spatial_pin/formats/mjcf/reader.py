@@ -33,7 +33,7 @@ def read_drivers(reading: MjcfReading, closures: list[dict[str, Any]]) -> dict[s
     Of joints that are coupled the first has one.
     """
     model, drivers = reading.model, {}
-    joints = {place.name for place in reading.joints}
+    joints = {placed.name for placed in reading.joints}
     driven: set[str] = set()
     for actuator in range(len(model.actuator_trntype)):  # some have several controls
         name = model.actuator(actuator).name
@@ -74,12 +74,12 @@ def _driven_joint(
 
 def _coupled(joints: set[str], closures: list[dict[str, Any]]) -> set[str]:
     """Return the joints that move with one of the given ones."""
-    found, pairs = {min(joints)}, [set(c["joints"]) for c in closures if "joints" in c]
+    group, pairs = {min(joints)}, [set(c["joints"]) for c in closures if "joints" in c]
     while True:
-        more = {j for pair in pairs if pair & found for j in pair}
-        if more <= found:
-            return found
-        found |= more
+        more = {j for pair in pairs if pair & group for j in pair}
+        if more <= group:
+            return group
+        group |= more
 
 
 # ---------------------------------------------------------------- springs and guess
@@ -100,17 +100,17 @@ def read_springs(reading: MjcfReading) -> list[dict[str, Any]]:
             springs.append({"name": name, "frames": site_frames(reading, name, sites),
                             "stiffness": float(stiffness), "free_length": float(low),
                             "damping": 0.0 if reading.is_off("DAMPER") else float(damping)})
-    for joint, place in enumerate(reading.joints):
+    for joint, placed in enumerate(reading.joints):
         if not model.jnt_stiffness[joint]:
             continue
         if not reading.is_single(joint):
-            reading.notices.append(f"joint {place.name!r}: a stiffness of several coordinates is "
+            reading.notices.append(f"joint {placed.name!r}: a stiffness of several coordinates is "
                                    "left out")
             continue
         turns = model.jnt_type[joint] == reading.mujoco.mjtJoint.mjJNT_HINGE
         free = "free_angle" if turns else "free_length"
         at_rest = model.qpos_spring[model.jnt_qposadr[joint]]
-        springs.append({"name": f"{place.name}_spring", "joint": place.name, free: float(at_rest),
+        springs.append({"name": f"{placed.name}_spring", "joint": placed.name, free: float(at_rest),
                         "stiffness": float(model.jnt_stiffness[joint])})
     return springs
 
@@ -121,7 +121,7 @@ def read_guess(reading: MjcfReading) -> dict[str, Any]:
     names = [model.key(k).name for k in range(model.nkey)]
     key = names.index(HOME) if HOME in names else 0
     q = model.key_qpos[key] if names else model.qpos0
-    guess = {place.name: _value(reading, joint, q) for joint, place in enumerate(reading.joints)}
+    guess = {placed.name: _value(reading, joint, q) for joint, placed in enumerate(reading.joints)}
     return {name: x for name, x in guess.items() if names or np.any(x)}
 
 
@@ -141,14 +141,14 @@ def read(request: Request) -> Imported:
     import mujoco
 
     names = model.names
-    said = names[:names.index(b"\0")].decode()
-    name = said if said and said != UNNAMED else request.path.stem
+    text = names[:names.index(b"\0")].decode()
+    name = text if text and text != UNNAMED else request.path.stem
     reading = MjcfReading(mujoco, model, meshes, massless, name)
     closures = read_closures(reading, shown(request.path))
     content: dict[str, Any] = {
         "name": name,
         "gravity": [0.0] * 3 if reading.is_off("GRAVITY") else model.opt.gravity.tolist(),
-        "order": [place.name for place in reading.joints], "joints": reading.refined,
+        "order": [placed.name for placed in reading.joints], "joints": reading.refined,
         "closures": closures,
         "springs": read_springs(reading), "guess": read_guess(reading),
     }
@@ -183,17 +183,17 @@ def _unread_of(reading: MjcfReading) -> Iterator[str]:
         yield f"the gravity compensation of bodies ({some(floats)}) is left out"
     if model.opt.density or model.opt.viscosity:
         yield "the fluid around the bodies (density, viscosity) is left out"
-    for joint, place in enumerate(reading.joints):
+    for joint, placed in enumerate(reading.joints):
         of_dof = {"dof_dampingpoly": "damping of higher order"}
         of_joint = {"jnt_stiffnesspoly": "stiffness of higher order",
                     "jnt_springyield": "yielding spring"}
         words = [*_nonzero(reading, int(model.jnt_dofadr[joint]), of_dof),
                  *_nonzero(reading, joint, of_joint)]
         if words:
-            yield f"joint {place.name!r}: its {', '.join(words)} is left out"
+            yield f"joint {placed.name!r}: its {', '.join(words)} is left out"
 
 
-def _nonzero(reading: MjcfReading, place: int, words: dict[str, str]) -> list[str]:
-    """Return the words of the arrays of a model, some of which older MuJoCo has not."""
+def _nonzero(reading: MjcfReading, row: int, words: dict[str, str]) -> list[str]:
+    """Return the words of the arrays of a model; older MuJoCo lacks some."""
     arrays = {key: getattr(reading.model, key, None) for key in words}
-    return [words[key] for key, x in arrays.items() if x is not None and np.any(x[place])]
+    return [words[key] for key, x in arrays.items() if x is not None and np.any(x[row])]

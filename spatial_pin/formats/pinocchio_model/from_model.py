@@ -56,8 +56,8 @@ def mechanism_of(
     names.keep_frames()
     if frames is not None and not isinstance(frames, Mapping):
         raise TypeError(f"frames is a dict by name, not {type(frames).__name__}")
-    for key, place in (frames or {}).items():
-        names.add(key, place)
+    for key, frame in (frames or {}).items():
+        names.add(key, frame)
     closed = names.closures([*_several(closures, "closures"), *mimics])
     sprung = [replace(s, frames=names.named(s.frames, s.name))
               for s in _all(springs, Spring, "springs")]
@@ -107,12 +107,12 @@ def _several(values: Any, what: str) -> list[Any]:
 
 
 def _all(values: Any, kind: type, what: str) -> list[Any]:
-    found = _several(values, what)
-    for value in found:
+    entries = _several(values, what)
+    for value in entries:
         if not isinstance(value, kind):
             raise TypeError(f"{what} is a list of sp.{kind.__name__}, not of "
                             f"{type(value).__name__}")
-    return found
+    return entries
 
 
 def _drivers(given: Any) -> dict[str, Driver]:
@@ -140,14 +140,14 @@ def _shapes(given: pin.GeometryModel | None, model: pin.Model, what: str) -> pin
 def _inertias(model: pin.Model) -> dict[str, pin.Inertia]:
     """Return the own inertia of every link that has one.
 
-    Frames keep the inertia that they were added with; what a joint carries beyond that, as after
+    Frames keep the inertia that they were added with; the rest of a joint's inertia, as after
     `appendBodyToJoint`, belongs to its first link. What a joint carries is what counts.
     """
     links: list[list[pin.Frame]] = [[] for _ in range(model.njoints)]
     for frame in model.frames:
         if frame.type == pin.FrameType.BODY:
             links[frame.parentJoint].append(frame)
-    found = {}
+    inertias = {}
     for total, own in zip(model.inertias, links, strict=True):
         first = own[0]
         parts = {f.name: f.inertia for f in own if f.inertia.mass or np.any(f.inertia.inertia)}
@@ -158,8 +158,8 @@ def _inertias(model: pin.Model) -> dict[str, pin.Inertia]:
         if rest.mass or np.any(rest.inertia):
             mine = first.placement.actInv(rest) if not first.placement.isIdentity(0.0) else rest
             parts[first.name] = parts[first.name] + mine if first.name in parts else mine
-        found.update({k: pin.Inertia(x) for k, x in parts.items()})
-    return found
+        inertias.update({k: pin.Inertia(x) for k, x in parts.items()})
+    return inertias
 
 
 # ---------------------------------------------------------------- frames and closures
@@ -184,18 +184,18 @@ class _FrameNames:
             if (other.parentJoint, other.placement) != (frame.parentJoint, frame.placement) \
                     and frame.type not in (pin.FrameType.BODY, pin.FrameType.JOINT):
                 raise SpatialPinError(f"{self.where}: two frames are named {frame.name!r} and "
-                                      "stand in different places; rename one")
+                                      "have different placements; rename one")
             if not is_part:
                 self.frames[frame.name] = _frame(
                     frame.name, self.bodies.mains[frame.parentJoint], frame.placement)
 
-    def add(self, name: str, place: Any) -> None:
-        """Add a frame that is asked for by name."""
-        is_place = isinstance(place, tuple | list) and len(place) == 2
-        link, placement = place if is_place else (place, pin.SE3.Identity())
+    def add(self, name: str, frame: Any) -> None:
+        """Add a frame of the caller by its name."""
+        is_pair = isinstance(frame, tuple | list) and len(frame) == 2
+        link, placement = frame if is_pair else (frame, pin.SE3.Identity())
         if not (isinstance(name, str) and isinstance(link, str) and isinstance(placement, pin.SE3)):
             raise TypeError(f"frames: {name!r} is given as (link or joint, pin.SE3), not "
-                            f"{str(place)[:60]!r}")
+                            f"{str(frame)[:60]!r}")
         self.new[name] = _frame(name, self.link(link), placement)
         self.taken.add(name)
 
@@ -206,8 +206,8 @@ class _FrameNames:
     def named(self, places: Iterable[FramePlace], owner: str) -> tuple[str, ...]:
         """Return the names of frames; those that have none are called after their owner."""
         names = []
-        for k, place in enumerate(places, 1):
-            on, placement = (place, None) if isinstance(place, str) else place
+        for k, frame in enumerate(places, 1):
+            on, placement = (frame, None) if isinstance(frame, str) else frame
             names.append(self.link(on))
             if placement is not None and not placement.isIdentity(0.0):
                 names[-1] = fresh(f"{owner}_{k}", self.taken)
@@ -216,14 +216,14 @@ class _FrameNames:
 
     def closures(self, given: Iterable[Any]) -> tuple[Closure, ...]:
         """Return closures between frames that have names, each with a name of its own."""
-        taken, found = set(self.model.names), []
+        taken, named = set(self.model.names), []
         for one in given:
             closure = one if isinstance(one, Closure) else of_native(one, self.bodies.mains)
             name = fresh(closure.name or closure.type, taken)
             ends = self.named(closure.frames, name)
             between = self.named(closure.between, f"{name}_between")
-            found.append(replace(closure, name=name, frames=ends, between=between))
-        return tuple(found)
+            named.append(replace(closure, name=name, frames=ends, between=between))
+        return tuple(named)
 
     def put(self) -> None:
         """Put the new frames into the model."""

@@ -1,6 +1,6 @@
 """A Pinocchio model of any joints as one whose joints are pairs of this library.
 
-Joints that are a pair stay what they are. An angle that Pinocchio keeps as (cos, sin) becomes one
+Joints that are a pair stay. An angle that Pinocchio keeps as (cos, sin) becomes one
 coordinate, so that it counts turns; a mimicking joint gets its coordinate back, with a coupling.
 """
 
@@ -100,7 +100,7 @@ def check_placement(placement: pin.SE3, what: str) -> None:
 
 def own_configuration(given: pin.Model, new: pin.Model, q: Array) -> Array:
     """Return a configuration (nq,) of a model as one of its tree of pairs."""
-    found = np.zeros(new.nq)
+    new_q = np.zeros(new.nq)
     followed = dict(zip(map(int, given.mimicking_joints), map(int, given.mimicked_joints),
                         strict=True))
     for i in sorted(range(1, given.njoints), key=followed.__contains__):
@@ -108,11 +108,11 @@ def own_configuration(given: pin.Model, new: pin.Model, q: Array) -> Array:
         own = q[given.idx_qs[i] : given.idx_qs[i] + given.nqs[i]]
         if i in followed:
             joint = given.joints[i].extract()
-            own = joint.scaling * found[new.idx_qs[followed[i]], None] + joint.offset
+            own = joint.scaling * new_q[new.idx_qs[followed[i]], None] + joint.offset
         elif len(own) != here.stop - here.start:  # it ends with a cosine and a sine
             own = np.append(own[:-2], math.atan2(own[-1], own[-2]))
-        found[here] = own
-    return found
+        new_q[here] = own
+    return new_q
 
 
 def _check_names(model: pin.Model, where: str) -> None:
@@ -131,7 +131,7 @@ def _check_names(model: pin.Model, where: str) -> None:
 
 
 def _recognised(model: pin.Model, i: int, where: str) -> Recognised:
-    """Return the pair that joint i of a model is, and the joint that stands for it."""
+    """Return the pair of joint i of a model, and the joint of Pinocchio for it."""
     joint = model.joints[i].extract()
     made = None
     if joint.shortname() != "JointModelMimic":

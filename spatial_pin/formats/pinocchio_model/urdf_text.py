@@ -1,7 +1,7 @@
 """The URDF text of a mechanism that was made in code.
 
 Every joint hangs on the link of its parent joint, and every other link on the link of its joint,
-so that all numbers but angles of rotation stand in the text as they are in the model.
+so that all numbers but angles of rotation are in the text as in the model.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ from spatial_pin.formats.urdf.elements import (
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
 
-GROUND = "world"  # the link that stands for the world
+GROUND = "world"  # the link for the world
 
 
 class LinkTree:
-    """The links of a model, after what is missing was put into it.
+    """The links of a model; missing ones are added to it.
 
     Then every joint has its frame and a link, and every other link a fixed joint.
 
@@ -88,7 +88,7 @@ class LinkTree:
 def urdf_of(mechanism: Mechanism, bodies: LinkTree) -> str:
     """Return the open tree as URDF text.
 
-    Shapes that URDF does not have are left out, and a warning says so.
+    Shapes that URDF does not have are left out, with a warning.
     """
     model = mechanism.model
     robot = ET.Element("robot", name=mechanism.name)

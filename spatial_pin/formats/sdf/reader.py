@@ -2,7 +2,7 @@
 
 Models within a model are put into the outer one under names such as "inner::link". What an inner
 model places by its own frame, `__model__`, is placed by a frame of the outer model that has the
-inner model's name. Poses stay relative to what they were relative to.
+inner model's name. Poses stay relative to the same frames.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def with_nested(model: ET.Element, where: str, version: tuple[int, int]) -> ET.E
 
 
 def _parts(inner: ET.Element, where: str, version: tuple[int, int]) -> list[ET.Element]:
-    """Return what an inner model, itself without inner ones, brings into the outer one."""
+    """Return the elements of an inner model, itself without inner ones, for the outer one."""
     name = inner.get("name", "")
     where = f"{where}: nested model {name!r}"
     if not name:
@@ -82,18 +82,18 @@ def _scoped(element: ET.Element, scope: str) -> ET.Element:
             part.set("joint", _name(part.get("joint", ""), scope))
         if moved.tag != "plugin" and (local(part) in TEXTS or local(part).endswith(ENDS)):
             part.text = _name((part.text or "").strip(), scope)
-    _place(moved, scope)
+    _move_into(moved, scope)
     return moved
 
 
 def _name(name: str, scope: str) -> str:
-    """Return what the outer model calls a link, joint or frame of an inner one."""
+    """Return the outer model's name of a link, joint or frame of an inner one."""
     if name in WORLDS:
         return name
     return scope if name in ("", MODEL) else f"{scope}{SCOPE}{name}"
 
 
-def _place(moved: ET.Element, scope: str) -> None:
+def _move_into(moved: ET.Element, scope: str) -> None:
     """Put the inner model's frame where an element is placed or turned by it without a word."""
     if moved.tag == "frame" and not moved.get("attached_to"):
         moved.set("attached_to", scope)
@@ -116,9 +116,6 @@ def _place(moved: ET.Element, scope: str) -> None:
 def read(request: Request) -> Imported:
     """Read an SDFormat file."""
     path = request.path
-    if request.parameters:
-        raise MechanismFileError(f"{path}: parameters {sorted(request.parameters)} given, but only "
-                                 ".xacro files have any")
     root = parse_xml(_plain(read_text(path)), path)
     version = _version(root, path)
     without = leave_out(root, request.without, shown(path))
@@ -135,7 +132,7 @@ def read(request: Request) -> Imported:
 
 
 def _plain(text: str) -> str:
-    """Return XML text without comments and declaration: in SDFormat these may stand as they like.
+    """Return XML text without comments and declaration: in SDFormat these may be anywhere.
 
     Lines keep their numbers.
     """
@@ -145,8 +142,8 @@ def _plain(text: str) -> str:
 def _version(root: ET.Element, path: Path) -> tuple[int, int]:
     if root.tag != "sdf":
         raise MechanismFileError(f"{path}: the root element is <{root.tag}>, not <sdf>")
-    found = re.fullmatch(r"\s*(\d+)\.(\d+)(\.\d+)?\s*", root.get("version", ""))
-    version = (int(found[1]), int(found[2])) if found else (0, 0)
+    match = re.fullmatch(r"\s*(\d+)\.(\d+)(\.\d+)?\s*", root.get("version", ""))
+    version = (int(match[1]), int(match[2])) if match else (0, 0)
     if not OLDEST <= version <= NEWEST:
         raise MechanismFileError(
             f"{path}: SDFormat version {root.get('version', '')!r}; versions "
@@ -157,7 +154,7 @@ def _version(root: ET.Element, path: Path) -> tuple[int, int]:
 def _one_model(
     root: ET.Element, path: Path, name: str | None
 ) -> tuple[ET.Element, dict[str, Any], list[str]]:
-    """Return the one model of a file, or that of the name, what its world says, and notices."""
+    """Return the one model of a file, or that of the name, content of its world, and notices."""
     models, content, notices = root.findall("model"), {}, []
     for world in root.findall("world"):
         where = f"{path}: world {world.get('name', '')!r}"
@@ -204,6 +201,6 @@ def _named(models: list[ET.Element], name: str, path: Path) -> ET.Element:
     assert chosen is not None
     if SCOPE not in name:
         return chosen
-    alone = ET.Element(chosen.tag, chosen.attrib)  # it stands in no outer model here
+    alone = ET.Element(chosen.tag, chosen.attrib)  # without an outer model
     alone.extend(x for x in chosen if x.tag != "pose")
     return alone

@@ -117,17 +117,17 @@ def _points(model: SdfModel, element: ET.Element) -> tuple[str, str, pin.SE3, pi
 
 def couplings(model: SdfModel, joints: tuple[GraphJoint, ...]) -> list[dict[str, Any]]:
     """Return the gearboxes and mimicking axes as couplings of coordinates."""
-    found = []
+    entries = []
     for name, element in model.joints.items():
         if element.get("type") == GEARBOX:
-            found.append(_gearbox(model, name, element, joints))
+            entries.append(_gearbox(model, name, element, joints))
         for tag in AXES:
             mimic = element.find(f"{tag}/mimic")
             if mimic is not None:
-                found.append(_mimic(model, name, tag, mimic))
-        found += [_mimic(model, name, "axis", x) for x in element
+                entries.append(_mimic(model, name, tag, mimic))
+        entries += [_mimic(model, name, "axis", x) for x in element
                   if is_prefixed(x) and local(x) == "mimic"]
-    return found
+    return entries
 
 
 def _gearbox(

@@ -21,7 +21,7 @@ from spatial_pin.formats.urdf.elements import (
 from spatial_pin.numerics.linalg import Array
 
 MODEL = "__model__"  # a model's own frame
-SCOPE = "::"  # between the names of a model and of what is in it
+SCOPE = "::"  # between the names of a model and of its parts
 WORLDS = ("world",)
 NO_LIMIT = 1e16  # SDFormat's number for a limit that is none
 TRUE = ("1", "true")
@@ -71,7 +71,7 @@ def bound(parent: ET.Element | None, tag: str, none: float, where: str) -> float
 
 
 def is_true(parent: ET.Element, tag: str) -> bool:
-    """Return whether a child element says so."""
+    """Return whether a child element is true."""
     return (parent.findtext(tag) or "").strip().lower() in TRUE
 
 
@@ -127,54 +127,54 @@ class SdfFrames:
         return self.table[name]
 
     def in_world(self, name: str, asking: str) -> pin.SE3:
-        """Return where a frame stands in the world."""
-        way: dict[str, SdfFrame] = {}
+        """Return the placement of a frame in the world."""
+        chain: dict[str, SdfFrame] = {}
         while name not in self._known and name not in (MODEL, *WORLDS):
-            if name in way:
+            if name in chain:
                 raise MechanismFileError(
-                    f"{self.where}: the poses of {', '.join(way)} are relative to each other")
-            way[name] = self._named(name, asking)
-            asking, name = f"<pose> of {name!r}", way[name][0]
+                    f"{self.where}: the poses of {', '.join(chain)} are relative to each other")
+            chain[name] = self._named(name, asking)
+            asking, name = f"<pose> of {name!r}", chain[name][0]
         ground = {MODEL: self.of_model, **dict.fromkeys(WORLDS, pin.SE3.Identity())}
         at = ground[name] if name in ground else self._known[name]
-        for link, frame in reversed(way.items()):
+        for link, frame in reversed(chain.items()):
             at = self._known[link] = at * frame[1]
         return at
 
     def link(self, name: str, asking: str, canonical: str) -> str:
         """Return the link that a frame moves with, `WORLD` for the world's."""
-        way: dict[str, None] = {}
+        chain: dict[str, None] = {}
         while name not in WORLDS:
             if name == MODEL:
                 name = canonical
             _, _, attached = self._named(name, asking)
             if attached == name:
                 return name
-            if name in way:
+            if name in chain:
                 raise MechanismFileError(
-                    f"{self.where}: the frames {', '.join(way)} are attached to each other")
-            way[name] = None
+                    f"{self.where}: the frames {', '.join(chain)} are attached to each other")
+            chain[name] = None
             asking, name = f"attached_to of {name!r}", attached
         return WORLD
 
 
-PlaceOf = Callable[[ET.Element | None, str], pin.SE3]  # <pose>, where -> placement on the link
+PlacementOf = Callable[[ET.Element | None, str], pin.SE3]  # <pose>, where -> placement on the link
 
 
-def link_elements(link: ET.Element, place_of: PlaceOf, where: str, left_out: list[str]
+def link_elements(link: ET.Element, placement_of: PlacementOf, where: str, omitted: list[str]
                   ) -> tuple[ET.Element, ...]:
     """Return <inertial>, <visual> and <collision> of a link.
 
     Args:
         link: its element.
-        place_of: gives the placement that a <pose> states, on the link.
+        placement_of: gives the placement that a <pose> states, on the link.
         where: file and link, for errors.
-        left_out: is added to, what URDF has no shape for.
+        omitted: is added to, what URDF has no shape for.
     """
     inertial, inside = link.find("inertial"), f"{where}: <inertial>"
     if inertial is not None and inertial.get("auto", "").lower() in TRUE:
-        elements = [inertial_element(_of_shapes(link, inertial, place_of, where, left_out))]
-    else:  # a link that has none has one kilogram, as SDFormat says
+        elements = [inertial_element(_of_shapes(link, inertial, placement_of, where, omitted))]
+    else:  # a link that has none has one kilogram in SDFormat
         inertia = link.find("inertial/inertia")
         elements = [ET.Element("inertial")]
         elements[0].append(origin(pose(link.find("inertial/pose"), inside)))
@@ -189,10 +189,10 @@ def link_elements(link: ET.Element, place_of: PlaceOf, where: str, left_out: lis
             solid = _solid(stated, f"{where}: {name}")
             if solid is None:
                 kind_of = "no shape" if stated is None else f"{stated.tag}: URDF has no such shape"
-                left_out.append(f"{name} of link {link.get('name')!r} ({kind_of})")
+                omitted.append(f"{name} of link {link.get('name')!r} ({kind_of})")
                 continue
             element = ET.Element(kind, name=shape.get("name", ""))
-            element.append(origin(place_of(shape.find("pose"), f"{where}: {name}")))
+            element.append(origin(placement_of(shape.find("pose"), f"{where}: {name}")))
             ET.SubElement(element, "geometry").append(solid)
             colour = _colour(shape, f"{where}: {name}")
             if colour is not None and kind == "visual":
@@ -202,26 +202,27 @@ def link_elements(link: ET.Element, place_of: PlaceOf, where: str, left_out: lis
 
 
 def is_massless(link: ET.Element, where: str) -> bool:
-    """Return whether a link says that it has neither mass nor moments of inertia."""
+    """Return whether a link states that it has neither mass nor moments of inertia."""
     inertial, inertia = link.find("inertial"), link.find("inertial/inertia")
     moments = [number(inertia, key, default, where) for key, default in MOMENTS.items()]
     return number(inertial, "mass", 1.0, where) == 0.0 and not any(moments)
 
 
 def _of_shapes(
-    link: ET.Element, inertial: ET.Element, place_of: PlaceOf, where: str, left_out: list[str]
+    link: ET.Element, inertial: ET.Element, placement_of: PlacementOf, where: str,
+    omitted: list[str],
 ) -> pin.Inertia:
-    """Return the inertia of a link's collision shapes, of 1000 kg/m³ where nothing else is said."""
+    """Return the inertia of a link's collision shapes, of 1000 kg/m³ by default."""
     whole = pin.Inertia.Zero()
     if link.find("collision") is None:
-        left_out.append(f"the mass of link {link.get('name')!r} (it has no collision shape)")
+        omitted.append(f"the mass of link {link.get('name')!r} (it has no collision shape)")
     by_default = number(inertial, "density", WATER, where)
     for shape in link.findall("collision"):
         name = f"{where}: collision {shape.get('name', '')!r}"
         stated = shape.find("geometry/*")
         make = SOLIDS.get("" if stated is None else str(stated.tag))
         if make is None or stated is None:
-            left_out.append(f"the mass of collision {shape.get('name', '')!r} of link "
+            omitted.append(f"the mass of collision {shape.get('name', '')!r} of link "
                             f"{link.get('name')!r} (its volume is not known)")
             continue
         default = SIZES.get(str(stated.tag), ELLIPSOID)
@@ -230,7 +231,7 @@ def _of_shapes(
         volume, inertia = make(*size)
         density = number(shape, "density", by_default, name)
         part = pin.Inertia(density * volume, inertia.lever, density * volume * inertia.inertia)
-        whole += place_of(shape.find("pose"), name).act(part)
+        whole += placement_of(shape.find("pose"), name).act(part)
     return whole
 
 

@@ -37,7 +37,7 @@ OF_JOINT = ("parent", "child", "pose", "axis", "axis2", "physics", "sensor", "ge
 OF_DRAKE = ("weld_constraint", "ball_constraint", "distance_constraint")
 JOINERS = re.compile(r"mimic|detachable|attacher|grasp", re.I)  # plugins that join links
 DETACHABLE = "detachable"  # in the name or file of the one that holds two links together
-OWN = ("", MODEL)  # what it may call the model that it is in
+OWN = ("", MODEL)  # names of the model that it is in
 APART = re.compile(r"collision|filter|friction|gripper|sensor")  # elements that join none
 PAIR_OF = {
     "revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic", "screw": "screw",
@@ -63,23 +63,23 @@ def unread(model: ET.Element, where: str) -> list[str]:
     """Return the elements of a model that are not read and join nothing."""
     for include in model.findall("include"):
         refuse_include(where, (include.findtext("uri") or "").strip())
-    found = []
+    words = []
     for plugin in model.iter("plugin"):
         if is_detachable(plugin):
             continue
         name, file = plugin.get("name", ""), plugin.get("filename", "")
-        found.append(f"<plugin name={name!r} filename={file!r}>")
+        words.append(f"<plugin name={name!r} filename={file!r}>")
         if JOINERS.search(f"{name} {file}"):
-            raise MechanismFileError(f"{where}: {found[-1]} joins links or joints when it runs, "
+            raise MechanismFileError(f"{where}: {words[-1]} joins links or joints when it runs, "
                                      "which is not read here; write a <joint>, or <mimic>, in its "
                                      f"place, or {without_it(plugin)}")
     names = {x.get("name", "") for tag in ("link", "frame", "joint") for x in model.findall(tag)}
-    found += [_unknown(element, names, 2, where) for element in model
+    words += [_unknown(element, names, 2, where) for element in model
               if element.tag not in OF_MODEL and not _is_drakes(element, OF_DRAKE)]
-    found += [_unknown(element, names, 1, where) for joint in model.findall("joint")
+    words += [_unknown(element, names, 1, where) for joint in model.findall("joint")
               for element in joint
               if element.tag not in OF_JOINT and not _is_drakes(element, ("mimic",))]
-    return list(dict.fromkeys(found))
+    return list(dict.fromkeys(words))
 
 
 def _is_drakes(element: ET.Element, names: tuple[str, ...]) -> bool:
@@ -87,7 +87,7 @@ def _is_drakes(element: ET.Element, names: tuple[str, ...]) -> bool:
 
 
 def _unknown(element: ET.Element, names: set[str], joins: int, where: str) -> str:
-    """Refuse an element of another program that names so many links, frames or joints."""
+    """Refuse an element of another program that names several links, frames or joints."""
     tag = local(element)
     texts = {word for x in element.iter() for word in ((x.text or "").strip(), *x.attrib.values())}
     named = sorted(texts & names)
@@ -104,7 +104,7 @@ class SdfModel:
         model: its element.
         where: file and model, for errors.
         version: of SDFormat.
-        notices: what was changed or left out.
+        notices: of changes and omissions.
         links, joints, named: the elements of its links, joints and frames, by name.
         canonical: the link that its own frame moves with.
         frames: all frames.
@@ -114,9 +114,9 @@ class SdfModel:
     def __init__(self, model: ET.Element, where: str, version: tuple[int, int]) -> None:
         self.model, self.where, self.version = model, where, version
         self.notices: list[str] = []
-        left_out = unread(model, where)
-        if left_out:
-            self.notices.append(f"not read: {', '.join(left_out)}")
+        omitted = unread(model, where)
+        if omitted:
+            self.notices.append(f"not read: {', '.join(omitted)}")
         self.links = by_name(model.findall("link"), "link", where)
         self.joints = by_name(model.findall("joint"), "joint", where)
         self.named = by_name(model.findall("frame"), "frame", where)
@@ -169,9 +169,9 @@ class SdfModel:
 
     def graph(self) -> JointGraph:
         """Return links, frames and joints."""
-        left_out: list[str] = []
+        omitted: list[str] = []
         links, joints = [], []
-        links += [self._link(name, element, left_out) for name, element in self.links.items()]
+        links += [self._link(name, element, omitted) for name, element in self.links.items()]
         for name, element in self.joints.items():
             between, several = _joints_of(self, name, element)
             links += between
@@ -180,8 +180,8 @@ class SdfModel:
             links.append(Link(name, self.frames.in_world(name, "frame")))
             at = self.link_of(name, f"frame {name!r}")
             joints.append(GraphJoint(f"{name}_frame", "fixed", at, name, self.on_link(name, at)))
-        if left_out:
-            self.notices.append(f"not drawn or not weighed: {', '.join(left_out)}")
+        if omitted:
+            self.notices.append(f"not drawn or not weighed: {', '.join(omitted)}")
         bare = [name for name, link in self.links.items() if link.find("inertial") is None]
         if bare:
             self.notices.append(
@@ -189,22 +189,22 @@ class SdfModel:
         weightless = [name for name, link in self.links.items()
                       if (link.findtext("gravity") or "1").strip().lower() not in TRUE]
         if weightless:
-            self.notices.append(f"gravity acts on {', '.join(weightless)}, too; the file says it "
-                                "does not")
+            self.notices.append(f"gravity acts on {', '.join(weightless)}, too; the file "
+                                "excludes it")
         if is_true(self.model, "static"):
             self.notices.append("the model is static: it is fixed to the world; its joints can "
                                 "move all the same")
         return JointGraph(tuple(links), tuple(joints), held=is_true(self.model, "static"))
 
-    def _link(self, name: str, element: ET.Element, left_out: list[str]) -> Link:
+    def _link(self, name: str, element: ET.Element, omitted: list[str]) -> Link:
         where = f"{self.where}: link {name!r}"
 
-        def place_of(stated: ET.Element | None, asking: str) -> pin.SE3:
+        def placement_of(stated: ET.Element | None, asking: str) -> pin.SE3:
             relative = self.frames.relative_to(stated, name)
             at = pose(stated, asking)
             return at if relative == name else self.on_link(relative, name) * at
 
-        elements = link_elements(element, place_of, where, left_out)
+        elements = link_elements(element, placement_of, where, omitted)
         massless = is_massless(element, where)
         return Link(name, self.frames.in_world(name, "link"), elements[massless:], massless)
 
@@ -238,7 +238,7 @@ class SdfModel:
 def _joints_of(
     model: SdfModel, name: str, element: ET.Element
 ) -> tuple[list[Link], list[GraphJoint]]:
-    """Return a joint; one with two axes of which more is said as two, and a link between."""
+    """Return a joint; one with two axes that have limits as two, with a link between."""
     where = f"{model.where}: joint {name!r}"
     kind = element.get("type", "")
     if kind == GEARBOX:
@@ -255,7 +255,24 @@ def _joints_of(
     if kind == "fixed":
         return [], [joint]
     if joint.type == "universal":
-        return _two_axes(model, joint, element, where)
+        # a universal joint, or two revolute joints where these have limits or springs
+        cross = f"{joint.name}.cross"
+        first, second = (
+            _about(model, joint.but(name=f"{joint.name}.{AXES[tag]}", type="revolute"),
+                   joint.name, element.find(tag), where, tag) for tag in AXES)
+        square = abs(first.axis @ second.axis) < 1e-9
+        if kind == "universal" and not square:
+            raise MechanismFileError(f"{where}: the axes of a universal joint must be "
+                                     "perpendicular; \"revolute2\" need not have them so")
+        same = first.damping == second.damping and first.friction == second.friction
+        if square and same and not any(
+                x.is_limited or x.stiffness or math.isfinite(min(x.effort, x.velocity))
+                for x in (first, second)):
+            return [], [joint.but(axis=first.axis, axis2=second.axis, damping=first.damping,
+                                  friction=first.friction)]
+        between = Link(cross, model.frames.in_world(model.frame_of[joint.name], "joint"))
+        return [between], [first.but(child=cross, on_child=pin.SE3.Identity()),
+                           second.but(parent=cross, on_parent=pin.SE3.Identity())]
     joint = _about(model, joint, name, element.find("axis"), where, "axis")
     if joint.type == "screw":
         joint = joint.but(lead=_lead(element, where))
@@ -267,7 +284,7 @@ def _joints_of(
 def _about(
     model: SdfModel, joint: GraphJoint, name: str, axis: ET.Element | None, where: str, tag: str
 ) -> GraphJoint:
-    """Return a joint with what an <axis> of the file's joint of that name says."""
+    """Return a joint with the numbers of an <axis> of the file's joint of that name."""
     if joint.type == "spherical":
         dynamics = axis.find("dynamics") if axis is not None else None
         return joint.but(damping=number(dynamics, "damping", 0.0, where),
@@ -287,29 +304,6 @@ def _about(
         friction=number(dynamics, "friction", 0.0, where),
         stiffness=number(dynamics, "spring_stiffness", 0.0, where),
         reference=number(dynamics, "spring_reference", 0.0, where))
-
-
-def _two_axes(
-    model: SdfModel, joint: GraphJoint, element: ET.Element, where: str
-) -> tuple[list[Link], list[GraphJoint]]:
-    """Return a universal joint, or two revolute joints where these say more."""
-    kind, cross = element.get("type"), f"{joint.name}.cross"
-    first, second = (
-        _about(model, joint.but(name=f"{joint.name}.{AXES[tag]}", type="revolute"),
-                    joint.name, element.find(tag), where, tag) for tag in AXES)
-    square = abs(first.axis @ second.axis) < 1e-9
-    if kind == "universal" and not square:
-        raise MechanismFileError(f"{where}: the axes of a universal joint must be "
-                                 "perpendicular; \"revolute2\" need not have them so")
-    same = first.damping == second.damping and first.friction == second.friction
-    if square and same and not any(
-            x.is_limited or x.stiffness or math.isfinite(min(x.effort, x.velocity))
-            for x in (first, second)):
-        return [], [joint.but(axis=first.axis, axis2=second.axis, damping=first.damping,
-                            friction=first.friction)]
-    between = Link(cross, model.frames.in_world(model.frame_of[joint.name], "joint"))
-    return [between], [first.but(child=cross, on_child=pin.SE3.Identity()),
-                       second.but(parent=cross, on_parent=pin.SE3.Identity())]
 
 
 def _lead(element: ET.Element, where: str) -> float:

@@ -1,1 +1,1 @@
-"""URDF: what it must be, its elements and shapes, and the open tree as a Pinocchio model."""
+"""URDF: its validation, its elements and shapes, and the open tree as a Pinocchio model."""

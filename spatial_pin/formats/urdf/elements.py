@@ -1,4 +1,4 @@
-"""Elements of URDF: their numbers with all digits, their writing, and those that are left out."""
+"""Elements of URDF: reading, writing with all digits, leaving out."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def finite_numbers(text: str, count: int) -> Array:
     """Return the `count` finite numbers of a text.
 
     Raises:
-        ValueError: there are more or fewer, or no numbers; says what is wanted.
+        ValueError: there are more or fewer, or no numbers.
     """
     try:  # 1_0, and digits of other scripts, are numbers to Python only
         values = np.array([float(word) if word.isascii() and "_" not in word else math.nan
@@ -181,12 +181,12 @@ def fresh(wanted: str, taken: set[str]) -> str:
 
 
 def without_it(element: ET.Element) -> str:
-    """Return how one goes on without an element, for the message that it cannot be read."""
+    """Return the remedy of a message that an element cannot be read."""
     return go_on(element.get("name") or local(element))
 
 
 def go_on(name: str) -> str:
-    """Return how one goes on without what has a name, for the message that it cannot be read."""
+    """Return the remedy of a message that an element of a name cannot be read."""
     return f"load(..., without=[{name!r}]) goes on without it"
 
 
@@ -209,7 +209,7 @@ def leave_out(root: ET.Element, names: Iterable[str], where: str) -> list[str]:
 
 
 def notice_of(matches: dict[str, list[str]], known: Iterable[str], where: str) -> list[str]:
-    """Return a notice of what was left out; none where nothing was to be."""
+    """Return a notice of the elements that were left out; none without any."""
     for name, kinds in matches.items():
         if not kinds:
             raise MechanismFileError(f"{where}: without: there is no element or joint {name!r}; "

@@ -1,4 +1,4 @@
-"""Shapes of an open tree, visual and collision; meshes are read when shapes are asked for.
+"""Shapes of an open tree, visual and collision; meshes are read at the first use of shapes.
 
 They are made here and not by the URDF reader, which leaves out all shapes of a link that has one
 it does not know.
@@ -17,8 +17,8 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError, warn
-from spatial_pin.formats.faults import Faults
 from spatial_pin.formats.file_access import Trust, shown
+from spatial_pin.formats.importers import Faults
 from spatial_pin.formats.mesh_files import mesh_colours, mesh_file, package_of, read_meshes
 from spatial_pin.formats.urdf.validation import numbers, placement
 from spatial_pin.numerics.linalg import Array
@@ -41,11 +41,11 @@ class Shape:
         kind: "visual" or "collision".
         link: whose it is.
         name: of its geometry object.
-        place: in the link's frame.
+        placement: in the link's frame.
         solid: a name of SIZES.
         sizes: the numbers of SIZES [m], of a mesh its scale along x, y and z.
         file: of a mesh, as the URDF names it.
-        path: of a mesh, where it lies; None where it is not found.
+        path: of a mesh; None where there is no such file.
         is_barred: whether a mesh is there and may not be read.
         colour: red, green, blue, opacity; None where the URDF gives none.
         overrides: whether it goes before the colours of a mesh, as `override="true"` at its
@@ -55,7 +55,7 @@ class Shape:
     kind: str
     link: str
     name: str
-    place: pin.SE3
+    placement: pin.SE3
     solid: str
     sizes: tuple[float, ...]
     file: str = ""
@@ -87,12 +87,12 @@ def geometry_of(
             path = str(shape.path) if is_mesh else shape.solid.upper()
             painted = is_mesh and any(colour for _, colour in mesh_colours(path))
             geometry.addGeometryObject(pin.GeometryObject(
-                shape.name, frame.parentJoint, k, frame.placement * shape.place, solid, path,
+                shape.name, frame.parentJoint, k, frame.placement * shape.placement, solid, path,
                 np.array(shape.sizes) if is_mesh else np.ones(3),
                 shape.colour is not None and (shape.overrides or not painted),
                 np.array(shape.colour or NO_COLOUR), ""))
-    if faults.told():
-        warn(f"{where}: {faults.told()}")
+    if faults.summary():
+        warn(f"{where}: {faults.summary()}")
     return geometry
 
 
@@ -101,14 +101,14 @@ def _solid(
 ) -> pin.CollisionGeometry | None:
     if shape.solid != "mesh":
         return SOLIDS[shape.solid](*shape.sizes)
-    if shape.path is None:  # as was told when it was sought
+    if shape.path is None:  # a notice has named it
         return None
-    found = read[str(shape.path)]
-    if isinstance(found, str):
+    mesh = read[str(shape.path)]
+    if isinstance(mesh, str):
         faults.note("left out",
-                    f"link {shape.link!r}: mesh {shown(shape.file)!r} cannot be read ({found})")
+                    f"link {shape.link!r}: mesh {shown(shape.file)!r} cannot be read ({mesh})")
         return None
-    points, corners = found
+    points, corners = mesh
     solid = coal.BVHModelOBBRSS()
     solid.beginModel(len(corners), len(points))
     solid.addVertices(points * np.array(shape.sizes))
@@ -139,7 +139,7 @@ def take_shapes(
         for kind in KINDS:
             count = 0
             for element in link.findall(kind):
-                place = placement(element.find("origin"), where)
+                own = placement(element.find("origin"), where)
                 colour = materials.of(element, where) if kind == "visual" else None
                 solid = next((x for x in element.iterfind("geometry/*") if x.tag in SIZES), None)
                 if solid is None:
@@ -151,7 +151,7 @@ def take_shapes(
                         and element.get("name") in capsules:
                     tag = "capsule"  # as Pinocchio's users write it
                 overrides = element.find("material[@override='true']") is not None
-                shape = Shape(kind, name, f"{name}_{count}", place, tag, _sizes(solid, where),
+                shape = Shape(kind, name, f"{name}_{count}", own, tag, _sizes(solid, where),
                               colour=colour, overrides=overrides)
                 if solid.tag == "mesh":
                     shape = _sought(shape, solid, folder, trust, faults)
@@ -177,13 +177,13 @@ def _sizes(solid: ET.Element, where: str) -> tuple[float, ...]:
             return (1.0, 1.0, 1.0)
         given = numbers(solid, "scale", count if count > 3 or count == 1 else 3, where).tolist()
         return tuple((given * 3)[:3])
-    found: list[float] = []
+    sizes: list[float] = []
     for attribute, count in SIZES[solid.tag].items():
         values = numbers(solid, attribute, count, where)
         if np.any(values < 0.0):
             raise MechanismFileError(f"{where}: <{solid.tag}> has a negative {attribute}")
-        found += values.tolist()
-    return tuple(found)
+        sizes += values.tolist()
+    return tuple(sizes)
 
 
 def _sought(

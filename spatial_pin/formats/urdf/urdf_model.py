@@ -1,6 +1,6 @@
 """URDF and xacro to a Pinocchio model whose joints are the pairs that URDF cannot name.
 
-Pinocchio's own reader builds the model; what it accepts silently (mass below zero, NaN) is refused
+Pinocchio's own reader builds the model; bad numbers (mass below zero, NaN) are refused
 before, loops are cut by then, and afterwards the model is rebuilt joint by joint, same numbering,
 with the refined joints in place. Angles of `continuous` joints become one coordinate, so that they
 count turns.
@@ -21,8 +21,8 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError, Mistakes, suggestion
-from spatial_pin.formats.faults import Faults
 from spatial_pin.formats.file_access import Trust
+from spatial_pin.formats.importers import Faults
 from spatial_pin.formats.parsing import parse_urdf
 from spatial_pin.formats.urdf.elements import UNBOUNDED, URDF_AXIS, numbers_text
 from spatial_pin.formats.urdf.geometry import geometry_of, take_shapes
@@ -62,7 +62,7 @@ LIMITS = {  # of `[joints.X]`, with the limits of `pin.Model` that they set, and
 
 @dataclass(frozen=True, eq=False)
 class JointRefinement:
-    """What a mechanism file says of a URDF joint.
+    """The table of a URDF joint in a mechanism file.
 
     Attributes:
         type: a name of `PAIRS`; None for that of the URDF.
@@ -87,23 +87,23 @@ def tree_of(
     urdf: str, path: Path, refinements: Mapping[str, JointRefinement], faults: Faults,
     trust: Trust, order: Sequence[str] = (), order_of: str = "",
 ) -> tuple[dict[str, Any], tuple[Closure, ...]]:
-    """Return what a `Mechanism` has of the open tree of plain URDF text, and its mimics.
+    """Return the fields of a `Mechanism` for an open tree of URDF text, and its mimics.
 
     Args:
         urdf: the text.
         path: where it comes from, for relative paths and errors.
-        refinements: what a mechanism file says of joints.
-        faults: notes what is wrong in it and can be lived with.
+        refinements: tables of joints in a mechanism file.
+        faults: collects faults that do not stop the reading.
         trust: which meshes may be read.
         order: joints in the order of their coordinates; those not named go first. Default that of
             Pinocchio's reader: joint by joint upwards, alphabetically at each link.
-        order_of: the file that says so, for errors.
+        order_of: the file of this order, for errors.
 
     Raises:
         MechanismFileError: it is not a tree, or has impossible numbers.
     """
     robot = parse_urdf(urdf, path)
-    for parent in list(robot.iter()):  # what is no URDF: of other namespaces, left by xacro
+    for parent in list(robot.iter()):  # elements of other namespaces, from xacro
         for key in [key for key in parent.attrib if "}" in key]:
             del parent.attrib[key]
         for child in [child for child in parent if "}" in child.tag]:
@@ -118,7 +118,7 @@ def tree_of(
     for joint in robot.findall("joint"):
         with mistakes.each():
             check_joint(joint, path, faults)
-    mistakes.tell()
+    mistakes.raise_all()
     shapes = take_shapes(robot, path, trust, faults)
     whole = ET.tostring(robot, encoding="unicode")  # with absolute paths of meshes
     elements = {joint.get("name", ""): joint for joint in robot.findall("joint")}
@@ -149,30 +149,23 @@ def _plain(element: ET.Element) -> ET.Element:
         if part.tag in ("parent", "child"):
             joint.append(part)
         elif part.tag == "axis" and kind != "fixed":
-            joint.append(_normal(_scaled(part)))
+            values = np.array([float(word) for word in part.get("xyz", "").split()])
+            largest = float(np.abs(values).max(initial=0.0))
+            if largest >= LARGEST_AXIS:  # the URDF reader adds up squares
+                part = ET.Element("axis", xyz=numbers_text(values / largest))
+            joint.append(_normal(part))
         elif part.tag == "origin":
             joint.append(_normal(part))
     ET.SubElement(joint, "limit", lower="-1", upper="1", effort="1", velocity="1")
     return joint
 
 
-def _scaled(axis: ET.Element) -> ET.Element:
-    """Return an axis whose squares the URDF reader can add up."""
-    values = np.array([float(word) for word in axis.get("xyz", "").split()])
-    largest = float(np.abs(values).max(initial=0.0))
-    if largest < LARGEST_AXIS:
-        return axis
-    return ET.Element("axis", xyz=numbers_text(values / largest))
-
-
 def _normal(element: ET.Element) -> ET.Element:
-    """Return an element with its numbers as the URDF reader takes them: of no denormal size."""
-    def plain(word: str) -> str:
-        return "0" if abs(float(word)) < sys.float_info.min else word
-
+    """Return an element without denormal numbers, which the URDF reader refuses."""
+    least = sys.float_info.min
     return ET.Element(element.tag, {
-        key: " ".join(map(plain, text.split())) for key, text in element.items()
-        if key in NUMBERS})
+        key: " ".join(["0" if abs(float(word)) < least else word for word in text.split()])
+        for key, text in element.items() if key in NUMBERS})
 
 
 def _whole(inertial: ET.Element) -> ET.Element:
@@ -180,8 +173,8 @@ def _whole(inertial: ET.Element) -> ET.Element:
     whole = ET.Element("inertial")
     whole.extend(map(_normal, inertial.findall("origin")[:1]))
     for tag, key in INERTIAL:
-        found, stated = whole.find(tag), inertial.find(tag)
-        element = ET.SubElement(whole, tag) if found is None else found
+        own, stated = whole.find(tag), inertial.find(tag)
+        element = ET.SubElement(whole, tag) if own is None else own
         element.set(key, "0" if stated is None else _normal(stated).get(key, "0"))
     return whole
 
@@ -284,16 +277,16 @@ def urdf_order(robot: ET.Element) -> list[str]:
         above.setdefault(end_of(joint, "parent"), []).append(joint)
     children = {end_of(joint, "child") for joint in robot.findall("joint")}
     todo = [joint for link, joints in above.items() if link not in children for joint in joints]
-    found = []
+    names = []
     while todo:
         joint = todo.pop()
-        found.append(joint.get("name", ""))
+        names.append(joint.get("name", ""))
         todo += above.get(end_of(joint, "child"), [])
-    return found
+    return names
 
 
 def _ordered(model: pin.Model, order: Sequence[str], where: str) -> list[int]:
-    """Return the joints of a model in the order asked for."""
+    """Return the joints of a model in the given order."""
     names = list(model.names)
     wanted = {name: k for k, name in enumerate(order)}
     if len(wanted) < len(order):
@@ -302,14 +295,14 @@ def _ordered(model: pin.Model, order: Sequence[str], where: str) -> list[int]:
         if name not in names[1:]:
             raise MechanismFileError(f"{where}: order: no joint that moves is named {name!r}; "
                                      f"{suggestion(name, names[1:])}")
-    found = sorted(range(1, model.njoints), key=lambda i: wanted.get(names[i], -1))
-    places = {joint: k for k, joint in enumerate(found)}
-    for joint in found:
+    numbers = sorted(range(1, model.njoints), key=lambda i: wanted.get(names[i], -1))
+    places = {joint: k for k, joint in enumerate(numbers)}
+    for joint in numbers:
         parent = model.parents[joint]
         if parent and places[parent] > places[joint]:
             raise MechanismFileError(f"{where}: order: {names[joint]!r} comes before "
                                      f"{names[parent]!r}, on which it hangs")
-    return found
+    return numbers
 
 
 def joint_axes(
@@ -330,20 +323,20 @@ def joint_axes(
     axis2 = refined.axis2 if refined and refined.axis2 is not None else np.array([0.0, 1.0, 0.0])
     axis = unit(axis)
     kind = refined.type if refined is not None else None
-    said = refined.where if refined and refined.where else where
+    source = refined.where if refined and refined.where else where
     if element.get("type") == "planar" and kind not in (None, "planar"):
         normal = numbers(tag, "xyz", 3, where) if tag is not None else np.array(URDF_AXIS)
         cosine, turns = abs(float(axis @ unit(normal))), kind == "revolute"
         if abs(cosine - turns) > 1e-9:
             raise MechanismFileError(
-                f"{said} is planar in the URDF: a {kind} pair in it must have its axis "
+                f"{source} is planar in the URDF: a {kind} pair in it must have its axis "
                 f"{'about' if turns else 'square to'} the plane's normal; make it \"floating\" "
                 "there")
     if pair.uses_axis2:
         axis2 = unit(axis2)
         if abs(axis @ axis2) > 1e-9:
             raise MechanismFileError(
-                f"{said}: the pins {axis} and {axis2} of a universal joint must be perpendicular"
+                f"{source}: the pins {axis} and {axis2} of a universal joint must be perpendicular"
             )
     return axis, axis2
 
@@ -375,7 +368,7 @@ def stated_limits(element: ET.Element, nq: int, nv: int) -> tuple[Array, ...]:
 
 
 def own_entries(model: pin.Model, joint: int, array: str) -> slice:
-    """Return where the entries of a joint stand in one of the limits of a model."""
+    """Return the slice of a joint in one of the limits of a model."""
     of_q = "Position" in array
     at, count = ((model.idx_qs, model.nqs) if of_q else (model.idx_vs, model.nvs))
     return slice(at[joint], at[joint] + count[joint])
@@ -384,7 +377,7 @@ def own_entries(model: pin.Model, joint: int, array: str) -> slice:
 def _put_numbers(model: pin.Model, refinements: Mapping[str, JointRefinement]) -> Array:
     """Put limits, damping, friction and armature of a mechanism file into a model.
 
-    Those of the URDF stand in it already. Limits go in the order of `LIMITS`.
+    Those of the URDF are in it already. Limits go in the order of `LIMITS`.
 
     Returns:
         (nv,) slip speeds, NaN where there are none.
@@ -434,7 +427,7 @@ def _mimics(
         ratio = numbers(mimic, "multiplier", 1, where)[0] if "multiplier" in mimic.attrib else 1.0
         offset = numbers(mimic, "offset", 1, where)[0] if "offset" in mimic.attrib else 0.0
         if pairs[name] == "fixed":
-            faults.note("fixed, its <mimic> says nothing", f"joint {name!r}")
+            faults.note("fixed, its <mimic> has no effect", f"joint {name!r}")
         elif source not in pairs:
             faults.note("mimics a joint that does not exist, moves on its own",
                         f"joint {name!r} (of {source!r}, {suggestion(source, pairs)})")

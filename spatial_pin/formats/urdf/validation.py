@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError, suggestion
-from spatial_pin.formats.faults import Faults
+from spatial_pin.formats.importers import Faults
 from spatial_pin.formats.urdf.elements import UNBOUNDED, finite_numbers, joint_element, local
 from spatial_pin.mechanism.inertia import inertia_as_given
 from spatial_pin.numerics.linalg import Array
@@ -24,7 +24,7 @@ from spatial_pin.numerics.linalg import Array
 LIGHTEST = 1e-200  # kg
 DEEPEST_LINK = 1500  # joints above it: readers of URDF take 2.5 kB of the stack for each, and a
                      # stack of 8 MB ends them, and all of Python, before 4000
-ONCE = {  # what a link or joint, or an element in it, says once
+ONCE = {  # of a link or joint, or of an element in it, allowed once
     ".": ("inertial", "origin", "axis", "limit", "dynamics", "mimic"),
     "inertial": ("origin", "mass", "inertia"),
     "visual": ("origin", "geometry"), "collision": ("origin", "geometry"),
@@ -69,7 +69,7 @@ def check_structure(robot: ET.Element, path: Path, faults: Faults) -> None:
 
 
 def _note_doubled(robot: ET.Element, faults: Faults) -> None:
-    """Note what is stated again; readers of URDF take the first."""
+    """Note repeated elements; readers of URDF take the first."""
     elements = [(kind, x) for kind in ("link", "joint") for x in robot.findall(kind)]
     for below, tags in ONCE.items():
         for kind, element in elements:
@@ -102,7 +102,7 @@ def _check_names(links: Iterable[str], joints: Sequence[ET.Element], path: Path)
                                  "read")
     if any(joint.get("name") == UNIVERSE and joint.get("type") != "fixed" for joint in joints):
         raise MechanismFileError(f"{path}: a joint is named {UNIVERSE!r}, which is Pinocchio's "
-                                 "name of what stands still; rename it")
+                                 "name of the ground; rename it")
 
 
 def _check_depth(roots: Iterable[str], joints: Iterable[ET.Element], path: Path) -> None:
@@ -182,7 +182,7 @@ def check_links(robot: ET.Element, path: Path, faults: Faults) -> dict[str, pin.
 
 
 def _inertia(inertial: ET.Element, where: str, faults: Faults, name: str) -> pin.Inertia:
-    place = placement(inertial.find("origin"), where)
+    centre = placement(inertial.find("origin"), where)
     values, missing = [], []
     for tag, key in INERTIAL:
         element = inertial.find(tag)
@@ -200,11 +200,11 @@ def _inertia(inertial: ET.Element, where: str, faults: Faults, name: str) -> pin
             f"{1.0 / LIGHTEST:g} kg can be worked with")
     matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     with np.errstate(over="ignore", invalid="ignore"):
-        turned = place.rotation @ matrix @ place.rotation.T
+        turned = centre.rotation @ matrix @ centre.rotation.T
     if not np.all(np.abs(turned) <= 1.0 / LIGHTEST):
         raise MechanismFileError(f"{where}: its moments of inertia are above {1.0 / LIGHTEST:g} "
                                  "kg·m², more than can be worked with")
-    return inertia_as_given(mass, place.translation, turned)
+    return inertia_as_given(mass, centre.translation, turned)
 
 
 def check_joint(joint: ET.Element, path: Path, faults: Faults) -> None:

@@ -9,14 +9,10 @@ from spatial_pin.formats.importers import Imported, Request
 
 def read(request: Request) -> Imported:
     """Read a USD file."""
-    where = shown(request.path)
-    if request.parameters:
-        raise MechanismFileError(f"{where}: parameters {sorted(request.parameters)} given, but "
-                                 "only .xacro files have any")
     try:
         from pxr import UsdPhysics  # noqa: F401
     except ImportError as error:
-        raise MechanismFileError(f"{where}: reading USD needs OpenUSD: pip install "
+        raise MechanismFileError(f"{shown(request.path)}: reading USD needs OpenUSD: pip install "
                                  "'spatial_pin[usd]'") from error
     from spatial_pin.formats.usd.reader import read_stage
 

@@ -32,7 +32,7 @@ class Body:
         name: of its link.
         placement: in the world [m], without its scale.
         scale: (3,) of its prim.
-        held: whether it stands still in the world.
+        held: whether it is fixed in the world.
     """
 
     prim: Any
@@ -56,11 +56,11 @@ def read_bodies(stage: UsdStage) -> dict[str, Body]:
 
 
 def body_of(prim: Any, bodies: dict[str, Body]) -> Body | None:
-    """Return the body that a prim belongs to, None for what stands in the world."""
+    """Return the body of a prim; None for a prim of the world."""
     while prim and not prim.IsPseudoRoot():
-        found = bodies.get(str(prim.GetPath()))
-        if found is not None:
-            return found
+        body = bodies.get(str(prim.GetPath()))
+        if body is not None:
+            return body
         prim = prim.GetParent()
     return None
 
@@ -111,8 +111,8 @@ def _size(stage: UsdStage, prim: Any) -> tuple[str, dict[str, float]] | None:
 
 def link_elements(stage: UsdStage, body: Body, bodies: dict[str, Body]
                   ) -> tuple[tuple[ET.Element, ...], bool]:
-    """Return what the URDF link of a body holds, and whether it is massless."""
-    elements, left_out = [], 0
+    """Return the elements of the URDF link of a body, and whether it is massless."""
+    elements, omitted = [], 0
     for prim in stage.prims(body.prim):
         if not prim.IsA(UsdGeom.Gprim) or body_of(prim, bodies) is not body:
             continue
@@ -121,7 +121,7 @@ def link_elements(stage: UsdStage, body: Body, bodies: dict[str, Body]
         kinds = ["visual"] * drawn + ["collision"] * prim.HasAPI(UsdPhysics.CollisionAPI)
         solid = solid_of(stage, prim, body) if kinds else None
         if solid is None:
-            left_out += bool(kinds)
+            omitted += bool(kinds)
             continue
         for kind in kinds:
             element = ET.Element(kind, name=prim.GetName())
@@ -131,8 +131,8 @@ def link_elements(stage: UsdStage, body: Body, bodies: dict[str, Body]
             if colour is not None:
                 element.append(colour)
             elements.append(element)
-    if left_out:
-        stage.notices.append(f"{left_out} shape(s) of {body.name!r} are not drawn: meshes and "
+    if omitted:
+        stage.notices.append(f"{omitted} shape(s) of {body.name!r} are not drawn: meshes and "
                              "others that URDF has no shape for")
     inertia = inertia_of(stage, body, bodies)
     if inertia is not None:
@@ -169,9 +169,9 @@ def inertia_of(stage: UsdStage, body: Body, bodies: dict[str, Body]) -> pin.Iner
     known = bool(np.all(np.isfinite(centre)))
     at = stage.metre * body.scale * (centre if known else np.zeros(3))
     if not (mass > 0.0 and np.any(moments) and known):
-        found = _from_shapes(stage, body, bodies)
-        if found is not None:
-            mass, moments, at, turn = found
+        inertia = _from_shapes(stage, body, bodies)
+        if inertia is not None:
+            mass, moments, at, turn = inertia
         elif not np.any(moments) and mass > 0.0:
             stage.notices.append(f"{body.name!r} has a mass, but no moments of inertia and no "
                                  "shape whose volume is known: it is a point mass")
@@ -191,7 +191,7 @@ def inertia_of(stage: UsdStage, body: Body, bodies: dict[str, Body]) -> pin.Iner
 def _from_shapes(
     stage: UsdStage, body: Body, bodies: dict[str, Body]
 ) -> tuple[float, Array, Array, Array] | None:
-    """Return what USD itself works out from shapes, masses and densities.
+    """Return mass properties that USD computes from shapes, masses and densities.
 
     Returns:
         Mass, principal moments (3,) in the stage's units, centre (3,) [m], axes (3, 3); None where

@@ -32,7 +32,7 @@ def mimics(
     stage: UsdStage, prim: Any, name: str, of_path: Mapping[str, str]
 ) -> list[dict[str, Any]]:
     """Return the mimics that a joint states, as a mechanism file has couplings."""
-    found = []
+    entries = []
     for schema in applied(prim):
         kind, _, freedom = schema.partition(":")
         if kind == PHYSX:  # coordinate + gearing * other's + offset = 0
@@ -45,7 +45,7 @@ def mimics(
         elif kind == EQUALITY:  # the same, its offset in radians
             if any(stage.optional(prim, f"mjc:coef{k}", 0.0) for k in (2, 3, 4)):
                 stage.fail(prim, f"{schema}: a coupling of higher order than one is not read")
-            if NEWTON in applied(prim):  # which says the rest
+            if NEWTON in applied(prim):  # which has the rest
                 continue
             sign, words = 1.0, ("mjc:target", "mjc:coef1", "mjc:coef0")
         elif "Mimic" in kind:
@@ -56,12 +56,12 @@ def mimics(
         unit = 1.0 if kind == EQUALITY and unit == DEGREE else unit
         if str(other.GetPath()) not in of_path:
             stage.fail(prim, f"{schema}: {other.GetPath()} is no joint")
-        found.append({
+        entries.append({
             "name": f"mimic_{name}", "type": "coupling",
             "joints": [of_path[str(other.GetPath())], name],
             "ratio": sign * stage.optional(prim, words[1], 1.0),
             "offset": sign * stage.optional(prim, words[2], 0.0) * unit})
-    return found
+    return entries
 
 
 def _leader(stage: UsdStage, prim: Any, schema: str, relationship: str) -> tuple[Any, float]:
@@ -96,16 +96,16 @@ def with_resistance(stage: UsdStage, prim: Any, joint: GraphJoint) -> GraphJoint
 
 def actuated(stage: UsdStage, of_path: Mapping[str, str]) -> list[str]:
     """Return the joints that actuators move."""
-    found, others = [], []
+    driven, others = [], []
     for prim in stage.prims():
         if str(prim.GetTypeName()) == ACTUATOR:
             targets = prim.GetRelationship("mjc:target").GetTargets()
             names = [of_path[str(target)] for target in targets if str(target) in of_path]
-            found += names
+            driven += names
             others += [] if names else [prim.GetName()]
     if others:
         stage.notices.append(f"actuators of no joint are left out: {', '.join(others)}")
-    return list(dict.fromkeys(found))
+    return list(dict.fromkeys(driven))
 
 
 def in_series(
@@ -120,16 +120,16 @@ def in_series(
     for joint in joints:
         key = (joint.parent, joint.child) if joint.name in named else (joint.name, "")
         groups.setdefault(key, []).append(joint)
-    links, found = [], []
+    links, series = [], []
     for chain in groups.values():
         for k in range(len(chain) - 1):
             this, after = chain[k], chain[k + 1]
-            link = f"{this.name}/{after.name}"  # at zero it stands as the second body does
+            link = f"{this.name}/{after.name}"  # at zero it has the pose of the second body
             links.append(Link(link))
             chain[k] = this.but(child=link)
             chain[k + 1] = after.but(parent=link, on_parent=after.on_child)
-        found += chain
-    return links, found
+        series += chain
+    return links, series
 
 
 def read_joints(
@@ -333,12 +333,12 @@ def _generic(stage: UsdStage, prim: Any, joint: GraphJoint) -> GraphJoint | None
 
 def _drives(stage: UsdStage, prim: Any) -> dict[str, dict[str, float]]:
     """Return stiffness, damping and largest force of the drives of a joint."""
-    found = {}
+    drives = {}
     for schema in applied(prim):
         kind, _, freedom = schema.partition(":")
         if kind == "PhysicsDriveAPI":
             api = UsdPhysics.DriveAPI(prim, freedom)
-            found[freedom] = {"stiffness": stage.number(api.GetStiffnessAttr()),
+            drives[freedom] = {"stiffness": stage.number(api.GetStiffnessAttr()),
                               "damping": stage.number(api.GetDampingAttr()),
                               "most": stage.number(api.GetMaxForceAttr())}
-    return found
+    return drives

@@ -24,17 +24,17 @@ DEGREE = np.pi / 180.0
 # Braces within one another: USD's reader of text, who calls itself for each, ends the process
 # between 50,000 and 200,000 on a stack of 8 MB, before 20,000 on 1 MB.
 DEEPEST_PRIM = 1000
-EARTH = 9.81  # m/s², where a scene says that it has the earth's gravity
+EARTH = 9.81  # m/s², where a scene has the earth's gravity
 
 
 class UsdStage:
-    """A stage that is opened; `trust` says which files it may be composed of.
+    """An open stage; `trust` has the rule for the files that it may be composed of.
 
     Attributes:
         usd: the stage.
         where: the file, for errors.
         metre, kilogram: metres and kilograms in the stage's units.
-        notices: what was changed or left out.
+        notices: of changes and omissions.
     """
 
     def __init__(self, path: Path, trust: Trust) -> None:
@@ -51,7 +51,8 @@ class UsdStage:
             if not (np.isfinite(unit) and unit > 0.0):
                 raise MechanismFileError(f"{self.where}: {name} is {unit}; it must be positive")
         if not UsdGeom.StageHasAuthoredMetersPerUnit(usd):
-            self.notices.append("metersPerUnit is not stated: lengths are centimetres, as USD says")
+            self.notices.append("metersPerUnit is not stated: lengths are centimetres, the default "
+                                "of USD")
         missing = [str(error).split("\n")[0].strip() for error in usd.GetCompositionErrors()]
         if missing:
             self.notices.append(f"parts of the stage are missing: {'; '.join(missing)[:300]}")
@@ -67,7 +68,7 @@ class UsdStage:
 
         Args:
             prim: the prim.
-            mirrored: whether it may have left-handed axes, of which one is then turned round.
+            mirrored: whether it may have left-handed axes; one of them is then reversed.
         """
         self._check_turns(prim)
         matrix = np.array(self._cache.GetLocalToWorldTransform(prim)).T
@@ -107,15 +108,15 @@ class UsdStage:
         """Return the (count,) numbers of an attribute."""
         value = attribute.Get() if attribute else None
         try:
-            found = np.array(value, dtype=float).reshape(-1)
+            row = np.array(value, dtype=float).reshape(-1)
         except (TypeError, ValueError):
-            found = np.empty(0)
-        usable = ~np.isnan(found) if infinite else np.isfinite(found)
-        if found.size != count or not np.all(usable):
+            row = np.empty(0)
+        usable = ~np.isnan(row) if infinite else np.isfinite(row)
+        if row.size != count or not np.all(usable):
             raise MechanismFileError(
                 f"{self.where}: {attribute.GetPath()} is {str(value)[:80]}; it must be "
                 f"{'a number' if count == 1 else f'{count} numbers'}")
-        return found
+        return row
 
     def number(self, attribute: Any) -> float:
         """Return the number of an attribute, which may be infinite."""
@@ -194,7 +195,7 @@ def _check_depth(path: Path, where: str) -> None:
     try:
         text = np.fromfile(path, dtype=np.uint8)
     except OSError:
-        return  # USD says why
+        return  # USD has a message of its own
     if text[:5].tobytes() != b"#usda":
         return
     braces = text[(text == ord("{")) | (text == ord("}"))]
@@ -215,7 +216,7 @@ def _layers(path: Path, trust: Trust) -> list[Any]:
         try:
             resolved = trust.resolved(file) if layers else file
             if not os.path.exists(resolved):
-                continue  # USD tells of it
+                continue  # USD has a message of its own
             check_file(resolved)
         except MechanismFileError as error:
             raise MechanismFileError(f"{where}: it is composed of: {error}") from error
@@ -262,7 +263,7 @@ def leave_out(stage: UsdStage, names: Iterable[str]) -> list[str]:
 
 
 def _text(error: Exception) -> str:
-    """Return what an error of USD says; it may quote bytes of the file that are no UTF-8."""
+    """Return the text of an error of USD; it may quote bytes that are no UTF-8."""
     try:
         return str(error)
     except UnicodeDecodeError as odd:
@@ -276,8 +277,8 @@ def quietly(path: Path) -> Iterator[None]:
     try:
         yield
     except Tf.ErrorException as error:
-        said = re.findall(r" : '(.*?)'\s*(?:Error in|$)", " ".join(_text(error).split()))
-        reason = (said[0] if said else "it is no USD").replace(str(path), path.name)[:300]
+        reasons = re.findall(r" : '(.*?)'\s*(?:Error in|$)", " ".join(_text(error).split()))
+        reason = (reasons[0] if reasons else "it is no USD").replace(str(path), path.name)[:300]
         raise MechanismFileError(f"{shown(path)}: USD cannot read it: {reason}") from error
     finally:
         delegate.TakeUncoalescedDiagnostics()

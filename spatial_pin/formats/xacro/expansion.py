@@ -2,9 +2,9 @@
 
 The package `xacro` does the expanding, with three parts of it replaced: expressions are worked out
 by `expressions`, not by Python; files are read only from the file's own folder and from packages
-(unless the file is trusted); and what is made is paid for from one budget. It keeps its state in
+(unless the file is trusted); and all values are paid for from one budget. xacro keeps its state in
 globals of its module, so every expansion has a copy of that module of its own: threads do not
-meet, nothing is left behind, and whoever else uses xacro in the process has it as it was.
+meet, nothing stays behind, and other users of xacro in the process are not disturbed.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ from spatial_pin.formats.xacro.tracing import Tape
 
 MACRO = 50  # steps of calling a macro
 PLACE = 40  # steps of putting one thing in the place of another
-SIBLINGS = 500  # elements among which one is found in the time of one step
+SIBLINGS = 500  # elements that are searched in the time of one step
 _XACRO = re.compile(r"""\sxmlns:xacro\s*=\s*["']([^"']*)""")  # xacro goes by the prefix
 _IMPORTING = threading.Lock()
 _TOKEN = re.compile(
@@ -79,28 +79,23 @@ def expand(
     """Return the URDF text of a `.urdf` or `.xacro` file with its parameters put in.
 
     Raises:
-        MechanismFileError: it cannot be read or expanded, or asks for what is refused.
+        MechanismFileError: it cannot be read or expanded, or needs something that is refused.
         TypeError: a parameter is neither a number nor a text.
         ValueError: a parameter is NaN or infinite.
     """
     check_file(path)
     if path.suffix != ".xacro":
-        if parameters:
-            raise MechanismFileError(
-                f"{path}: parameters {sorted(parameters)} given, but only .xacro files have any"
-            )
         return read_text(path)
-    expansion = Expansion(path, trusted, packages)
-    mappings = _checked_parameters(expansion, parameters) if parameters else {}
+    mappings = _checked_parameters(path, parameters, trusted, packages) if parameters else {}
     if path.parent != library_folder():
-        return expansion.text(mappings)
+        return Expansion(path, trusted, packages).text(mappings)
     changed = max(file.stat().st_mtime_ns for file in path.parent.glob("*.xacro"))
     return _library_text(path, tuple(mappings.items()), changed)
 
 
 @lru_cache(maxsize=200)
 def _library_text(path: Path, mappings: tuple[tuple[str, str], ...], changed: int) -> str:
-    """Return what a file of the library expands to: four fifths of the time of loading it."""
+    """Return the expanded text of a library file: four fifths of the time of loading it."""
     return Expansion(path, False, NO_PACKAGES).text(dict(mappings))
 
 
@@ -123,16 +118,18 @@ def traced(
     """
     tape = Tape(arguments)
     mappings = {name: xacro_text(value) for name, value in parameters.items()}
-    mappings |= {name: tape.text(place) for place, name in enumerate(arguments)}
+    mappings |= {name: tape.text(row) for row, name in enumerate(arguments)}
     return Expansion(path, trusted, packages, tape).text(mappings), tape
 
 
-def _checked_parameters(expansion: Expansion, parameters: Mapping[str, float]) -> dict[str, str]:
-    valid = arguments_of(expansion)
+def _checked_parameters(
+    path: Path, parameters: Mapping[str, float], trusted: bool, packages: Mapping[str, Path]
+) -> dict[str, str]:
+    valid = arguments_of(Expansion(path, trusted, packages))
     for name, value in parameters.items():
         if name not in valid:
             raise MechanismFileError(
-                f"{expansion.path}: no parameter {name!r}; {suggestion(name, valid)}")
+                f"{path}: no parameter {name!r}; {suggestion(name, valid)}")
         if isinstance(value, str):
             continue
         try:
@@ -184,7 +181,7 @@ def arguments_of(expansion: Expansion) -> dict[str, str]:
 
 @lru_cache(maxsize=4096)
 def _tokens(text: str) -> tuple[tuple[str, str], ...]:
-    """Return the parts of a text, each with what it is: "text", "value" or "command"."""
+    """Return the parts of a text, each with its kind: "text", "value" or "command"."""
     parts, at = [], 0
     while at < len(text):
         match = _TOKEN.match(text, at)
@@ -202,7 +199,7 @@ def _tokens(text: str) -> tuple[tuple[str, str], ...]:
 
 
 class XacroFiles:
-    """What one run of xacro reads: files, found where they may lie, and the environment."""
+    """Files and environment variables of one run of xacro."""
 
     def __init__(
         self, path: Path, trusted: bool, packages: Mapping[str, Path], tape: Tape | None = None
@@ -221,13 +218,13 @@ class XacroFiles:
     def package(self, name: str) -> str:
         """Return the folder of a package."""
         folder = Path(self.file).parent.resolve()
-        found = next((p for p in package_folders(name, folder, self.packages)
+        root = next((p for p in package_folders(name, folder, self.packages)
                       if os.path.isdir(p)), None)
-        if found is None:
+        if root is None:
             raise RefusedError(f"no package {name!r}: neither round this file nor below the "
                                "folders of ROS_PACKAGE_PATH or AMENT_PREFIX_PATH; say where it "
                                f"lies: load(..., packages={{{name!r}: FOLDER}})")
-        return str(found.resolve())
+        return str(root.resolve())
 
     def absolute(self, name: str, file: str | None = None) -> str:
         """Return the path of a file that is named in the file being read."""
@@ -253,7 +250,7 @@ class XacroFiles:
             return []  # for xacro to complain about, if it comes to it
 
     def matching(self, name: str) -> list[str]:
-        """Return the files that a name with or without wildcards stands for, sorted."""
+        """Return the files that match a name with or without wildcards, sorted."""
         if not re.search(r"[*[?]", name):
             return [name]
         folder = os.path.dirname(re.split(r"[*[?]", name)[0])
@@ -289,13 +286,13 @@ class XacroFiles:
         return document
 
     def load_yaml(self, name: str) -> Any:
-        """Return what a YAML file says."""
+        """Return the content of a YAML file."""
         from spatial_pin.formats.xacro.yaml_files import read_yaml
 
         path = self.confined(self.absolute(name))
-        found = read_yaml(path, lambda text: evaluate(text, GLOBALS, self.budget))
-        measure(found, self.budget)
-        return self.xacro.YamlListWrapper.wrap(found)
+        content = read_yaml(path, lambda text: evaluate(text, GLOBALS, self.budget))
+        measure(content, self.budget)
+        return self.xacro.YamlListWrapper.wrap(content)
 
     def environment(self, name: str) -> str:
         """Return an environment variable; a file that is not trusted learns of none."""
@@ -327,7 +324,7 @@ class Expansion(XacroFiles):
     """One run of xacro over a file and what it includes."""
 
     def guarded(self, run: Callable[[Any], Any]) -> Any:
-        """Return what `run` makes of the module xacro."""
+        """Return the result of `run` with a copy of the module xacro; its errors name the file."""
         self.xacro = _own_xacro(self)
         try:
             return run(self.xacro)
@@ -341,7 +338,7 @@ class Expansion(XacroFiles):
                 f"{shown(self.file)}: xacro cannot expand it: {reason}") from error
 
     def text(self, mappings: Mapping[str, str]) -> str:
-        """Return what the file expands to with these values of its arguments."""
+        """Return the expanded text with these values of the arguments."""
         return self.guarded(
             lambda xacro: xacro.process_file(str(self.path), mappings=mappings).toxml())
 
@@ -439,7 +436,7 @@ class Expansion(XacroFiles):
         return self.xacro.resolve_macro_of_xacro(name, macros, symbols)
 
     def replace_node(self, node: Any, by: Any, content_only: bool = False) -> None:
-        """Put nodes, or what they hold, in the place of another, paid for.
+        """Replace a node by others, or by their children, paid for.
 
         In one go: minidom looks for the place among all siblings for every node anew.
         """
@@ -452,17 +449,17 @@ class Expansion(XacroFiles):
             stack += children
         siblings = parent.childNodes
         self.budget.spend(PLACE + len(siblings) // SIBLINGS)
-        place = siblings.index(node)
+        index = siblings.index(node)
         for one in several if content_only else ():
             one.childNodes = type(siblings)()
-        siblings[place:place + 1] = new
+        siblings[index:index + 1] = new
         _link([node.previousSibling, *new, node.nextSibling])
         for one in new:
             one.parentNode = parent
         node.parentNode = node.previousSibling = node.nextSibling = None
 
 
-COMMANDS: dict[str, tuple[int, int, Callable[..., Any]]] = {  # fewest words, most, what it does
+COMMANDS: dict[str, tuple[int, int, Callable[..., Any]]] = {  # fewest words, most, function
     "arg": (1, 1, Expansion.argument),
     "find": (1, 1, Expansion.package),
     "env": (1, 1, Expansion.environment),
@@ -473,7 +470,7 @@ COMMANDS: dict[str, tuple[int, int, Callable[..., Any]]] = {  # fewest words, mo
 
 
 def _link(siblings: list[Any]) -> None:
-    """Let nodes know who stands before and behind them; None at the ends."""
+    """Link neighbours; None at the ends."""
     for before, after in pairwise(siblings):
         if before is not None:
             before.nextSibling = after
@@ -486,7 +483,7 @@ def _link(siblings: list[Any]) -> None:
 
 @lru_cache(maxsize=1)
 def _xacro_code() -> tuple[ModuleSpec, CodeType]:
-    """Return what a copy of the module xacro is made of."""
+    """Return spec and code of the module xacro, for a copy of it."""
     spec = importlib.util.find_spec("xacro")
     loader: Any = spec.loader if spec is not None else None
     if spec is None or loader is None:
@@ -536,7 +533,7 @@ def _own_xacro(expansion: Expansion) -> ModuleType:
 def _functions(expansion: Expansion, module: Any) -> dict[str, Any]:
     """Return the functions of the namespace `xacro`, some also by themselves, as of old."""
 
-    def told(budget: Budget, *words: Any, **_: Any) -> str:
+    def message(budget: Budget, *words: Any, **_: Any) -> str:
         text = " ".join(expansion.text_of(word) for word in words)
         warn(f"{shown(expansion.file)}: {text}")
         return ""
@@ -555,8 +552,8 @@ def _functions(expansion: Expansion, module: Any) -> dict[str, Any]:
         "abs_filename": lambda budget, name: expansion.absolute(name),
         "dotify": lambda budget, entries: module.YamlDictWrapper(entries),
         "arg": lambda budget, name: expansion.argument(name),
-        "message": told, "warning": told, "error": told, "fatal": fatal, "tokenize": tokenize,
-        "print_location": lambda budget: "",
+        "message": message, "warning": message, "error": message, "fatal": fatal,
+        "tokenize": tokenize, "print_location": lambda budget: "",
     }
     offered = {name: Offered(f"xacro.{name}", run) for name, run in runs.items()}
     old = {name: offered[name] for name in ("load_yaml", "abs_filename", "dotify")}

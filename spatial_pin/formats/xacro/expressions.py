@@ -1,13 +1,12 @@
-"""What may stand in `${...}` of a xacro file: sums and lists, not programs.
+"""The value of an expression `${...}` of a xacro file: arithmetic and lists, not programs.
 
-An expression has Python's grammar, but it is not run as Python. NODES lists the syntax that is
-known, FUNCTIONS and METHODS what may be called; everything else is refused by name. No attribute
-of an object is ever read: a dot means an entry of a dictionary or of a namespace, or a listed
-method. Every value that is made is paid for from a `Budget`, before it is made where it can be
-large, so that an expression can neither run without end nor fill the memory.
+An expression has Python's grammar, but it is not run as Python. `_Evaluation` has a method for each
+piece of syntax that is offered, GLOBALS and METHODS list the functions; everything else is refused
+by name. No attribute of an object is ever read: a dot means an entry of a dictionary or of a
+namespace, or a listed method. Every new value is paid for from a `Budget`, and a large one is paid
+for before it is made. So an expression can neither run without end nor fill the memory.
 
-To offer a function: its line in FUNCTIONS. To offer a piece of syntax: a function from its node
-to a function of the scope, and its line in NODES.
+To offer a function: its line in GLOBALS. To offer a piece of syntax: a `visit_` method.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from typing import Any
 
 from spatial_pin.formats.xacro.tracing import Tape, depends
 
-STEPS = 2_000_000  # of all expressions of a file: large robots need 1e5; so many take seconds
+STEPS = 2_000_000  # of all expressions of a file: large robots need 1e5; 2e6 take seconds
 BITS = 1024  # of a whole number: those beyond are beyond the range of floating-point numbers too
 SHARE = 16  # characters of a text, or elements of a list, that are copied in the time of one step
 VISITS = 2  # elements that are looked at, one by one, in the time of one step
@@ -31,33 +30,33 @@ LARGEST_FACTORIAL = 1000  # argument of a factorial or binomial; 171! leaves the
 
 
 class RefusedError(Exception):
-    """An expression asks for what is not offered, or for too much."""
+    """An expression uses something that is not offered, or too many steps."""
 
 
 class Budget:
-    """The steps that are left to the expressions of one file.
+    """The steps that remain for the expressions of one file.
 
     Attributes:
-        left: how many.
+        remaining: number of steps.
         tape: where operations on traced numbers are written; None if there are none.
     """
 
     def __init__(self, tape: Tape | None = None) -> None:
-        self.left, self.tape = STEPS, tape
+        self.remaining, self.tape = STEPS, tape
 
     def spend(self, steps: int) -> None:
-        """Take so many steps.
+        """Take steps.
 
         Raises:
-            RefusedError: there are none left.
+            RefusedError: too few remain.
         """
-        self.left -= steps
-        if self.left < 0:
+        self.remaining -= steps
+        if self.remaining < 0:
             raise RefusedError(f"its expressions and macros take more than {STEPS:,} steps or "
                                "values; write fewer or smaller ones")
 
     def untraced(self, *values: Any) -> None:
-        """Note that what is made of values is not written on the tape."""
+        """Note that a result of these values is not on the tape."""
         if self.tape is not None and depends(values):
             self.tape.give_up()
 
@@ -81,19 +80,6 @@ class Library(dict[str, Any]):
     """A namespace of offered functions: its entries are read with a dot and cannot be changed."""
 
 
-class Scope:
-    """The names in reach of an expression, its variables of comprehensions, and its budget."""
-
-    __slots__ = ("budget", "names", "own")
-
-    def __init__(self, names: Mapping[str, Any], budget: Budget, own: Mapping[str, Any]) -> None:
-        self.names, self.budget, self.own = names, budget, own
-
-
-Value = Callable[[Scope], Any]
-NOTHING: dict[str, Any] = {}
-
-
 def evaluate(text: str, names: Mapping[str, Any], budget: Budget) -> Any:
     """Return the value of an expression.
 
@@ -103,36 +89,59 @@ def evaluate(text: str, names: Mapping[str, Any], budget: Budget) -> Any:
         budget: what it may spend.
 
     Raises:
-        RefusedError: it asks for what is not offered, or for too much.
+        RefusedError: it uses syntax or names that are not offered, or needs too many steps.
         Exception: as Python's own operators, on values that they cannot work with.
     """
     budget.spend(1)
+    own: Mapping[str, Any] = {}
     if budget.tape is not None:
         text, own = budget.tape.named(text)
-        return _compiled(text)(Scope(names, budget, own))
-    return _compiled(text)(Scope(names, budget, NOTHING))
+    return _Evaluation(names, budget, own).visit(_tree(text))
 
 
 @lru_cache(maxsize=4096)
-def _compiled(text: str) -> Value:
+def _tree(text: str) -> ast.expr:
+    """Return the syntax tree of an expression; all of its syntax is offered."""
     try:
-        return _value(ast.parse(text.strip(), mode="eval").body)
+        tree = ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError) as error:
         raise RefusedError(f"not an expression: {getattr(error, 'msg', error)}") from None
     except (RecursionError, MemoryError):
         raise RefusedError("too deeply nested") from None
+    for node in ast.walk(tree):
+        if isinstance(node, ast.comprehension):
+            if not all(isinstance(x, TARGETS) for x in ast.walk(node.target)):
+                raise RefusedError("only names can be the variables of a comprehension")
+        elif isinstance(node, ast.Constant):
+            if not isinstance(node.value, str | int | float | None):
+                raise RefusedError(f"{str(node.value)[:20]} is not offered here: only numbers and "
+                                   "texts are")
+            _paid(node.value, Budget())
+        elif (reason := _refusal(node)) is not None:
+            raise RefusedError(f"{reason} is not offered here")
+    return tree
 
 
-def _value(node: ast.AST) -> Value:
-    make = NODES.get(type(node))
-    if make is None:
-        known = type(node).__name__
-        raise RefusedError(f"{WORDS.get(known, known)} is not offered here")
-    return make(node)
+def _refusal(node: ast.AST) -> str | None:
+    """Return the syntax or name of a node that is not offered; None if it is offered."""
+    kind = type(node).__name__
+    if isinstance(node, ast.Name) and node.id.startswith("__"):
+        return f"the name {node.id}"
+    if isinstance(node, ast.Attribute) and node.attr.startswith("__"):
+        return f"the attribute {node.attr}"
+    if (isinstance(node, ast.keyword) and node.arg is None) or (
+            isinstance(node, ast.Dict) and None in node.keys):
+        return "**"
+    if isinstance(node, ast.MatMult):
+        return "the operator @"
+    is_offered = not isinstance(node, ast.expr) or isinstance(node, ast.Starred) or hasattr(
+        _Evaluation, f"visit_{kind}")
+    return None if is_offered else WORDS.get(kind, kind)
 
 
+TARGETS = (ast.Name, ast.Tuple, ast.List, ast.expr_context)  # of a comprehension's variables
 WORDS = {"Lambda": "lambda", "NamedExpr": "an assignment (:=)", "JoinedStr": "an f-string",
-         "Await": "await", "Yield": "yield", "YieldFrom": "yield", "Starred": "a star (*)",
+         "Await": "await", "Yield": "yield", "YieldFrom": "yield",
          "DictComp": "a dictionary comprehension"}
 
 
@@ -164,7 +173,7 @@ def measure(value: Any, budget: Budget) -> None:
         return
     if not isinstance(value, HOLDERS):
         return
-    size, most = 0, budget.left * VISITS
+    size, most = 0, budget.remaining * VISITS
     stack = [value]
     while stack:
         item = stack.pop()
@@ -247,171 +256,150 @@ COMPARISONS: dict[type[ast.AST], Callable[[Any, Any], Any]] = {
 }
 
 
-def _binary(node: ast.BinOp) -> Value:
-    if type(node.op) not in OPERATORS:
-        raise RefusedError("the operator @ is not offered here")
-    left, right, apply = _value(node.left), _value(node.right), OPERATORS[type(node.op)]
-
-    def value(scope: Scope) -> Any:
-        return _paid(apply(left(scope), right(scope), scope.budget), scope.budget)
-
-    return value
+# ---------------------------------------------------------------- syntax
 
 
-def _unary(node: ast.UnaryOp) -> Value:
-    operand, apply = _value(node.operand), SIGNS[type(node.op)]
-    return lambda scope: apply(operand(scope))
+class _Evaluation(ast.NodeVisitor):
+    """The evaluation of one syntax tree: a method for each kind of node.
 
+    Attributes:
+        names: the value of every name.
+        budget: pays for values.
+        own: the values of variables of comprehensions, and of traced numbers.
+    """
 
-def _boolean(node: ast.BoolOp) -> Value:
-    operands, stops_at = [_value(x) for x in node.values], isinstance(node.op, ast.Or)
+    def __init__(self, names: Mapping[str, Any], budget: Budget, own: Mapping[str, Any]) -> None:
+        self.names, self.budget, self.own = names, budget, own
 
-    def value(scope: Scope) -> Any:
-        for operand in operands:
-            result = operand(scope)
-            if bool(result) is stops_at:
-                break
-        return result
+    def visit_Constant(self, node: ast.Constant) -> Any:
+        return node.value
 
-    return value
-
-
-def _comparison(node: ast.Compare) -> Value:
-    first = _value(node.left)
-    rest = [(COMPARISONS[type(op)], _value(x)) for op, x in
-            zip(node.ops, node.comparators, strict=True)]
-
-    def value(scope: Scope) -> Any:
-        left, result = first(scope), True
-        for compare, right in rest:
-            other = right(scope)
-            _compared(left, other, scope.budget)
-            result = compare(left, other)
-            if not result:
-                break
-            left = other
-        return result
-
-    return value
-
-
-def _compared(left: Any, right: Any, budget: Budget) -> None:
-    """Pay for a comparison."""
-    if not isinstance(left, float | int) or not isinstance(right, float | int):
-        budget.untraced(left, right)
-    measure(left, budget)
-    if isinstance(right, range) and isinstance(left, int):
-        return  # a number is sought in it without going through it
-    if not isinstance(right, dict) or isinstance(left, dict):  # a key is sought in the same way
-        measure(right, budget)
-
-
-def _conditional(node: ast.IfExp) -> Value:
-    test, yes, no = _value(node.test), _value(node.body), _value(node.orelse)
-    return lambda scope: yes(scope) if test(scope) else no(scope)
-
-
-# ---------------------------------------------------------------- literals, names, entries
-
-
-def _constant(node: ast.Constant) -> Value:
-    constant = node.value
-    if not isinstance(constant, str | int | float | None):
-        raise RefusedError(f"{str(constant)[:20]} is not offered here: only numbers and texts are")
-    _paid(constant, Budget())
-    return lambda scope: constant
-
-
-def _name(node: ast.Name) -> Value:
-    name = node.id
-    if name.startswith("__"):
-        raise RefusedError(f"the name {name} is not offered here")
-
-    def value(scope: Scope) -> Any:
-        if name in scope.own:
-            return scope.own[name]
+    def visit_Name(self, node: ast.Name) -> Any:
+        if node.id in self.own:
+            return self.own[node.id]
         try:
-            return scope.names[name]
+            return self.names[node.id]
         except KeyError as error:
-            hint = f"; write python.{name}" if name in _PYTHON else ""
+            hint = f"; write python.{node.id}" if node.id in _PYTHON else ""
             raise RefusedError(f"name {str(error.args[0])!r} is not defined{hint}") from None
 
-    return value
+    def visit_BinOp(self, node: ast.BinOp) -> Any:
+        left, right = self.visit(node.left), self.visit(node.right)
+        return _paid(OPERATORS[type(node.op)](left, right, self.budget), self.budget)
 
+    def visit_UnaryOp(self, node: ast.UnaryOp) -> Any:
+        return SIGNS[type(node.op)](self.visit(node.operand))
 
-def _sequence(node: ast.List | ast.Tuple | ast.Set) -> Value:
-    elements = _elements(node.elts)
-    if isinstance(node, ast.List):
-        return elements
-    kind = tuple if isinstance(node, ast.Tuple) else set
+    def visit_BoolOp(self, node: ast.BoolOp) -> Any:
+        for operand in node.values:
+            result = self.visit(operand)
+            if bool(result) is isinstance(node.op, ast.Or):
+                break
+        return result
 
-    def value(scope: Scope) -> Any:
-        found = elements(scope)
-        if kind is set:
-            measure(found, scope.budget)
-        return kind(found)
+    def visit_Compare(self, node: ast.Compare) -> Any:
+        left, result = self.visit(node.left), True
+        for operator_, operand in zip(node.ops, node.comparators, strict=True):
+            right = self.visit(operand)
+            if not isinstance(left, float | int) or not isinstance(right, float | int):
+                self.budget.untraced(left, right)
+            measure(left, self.budget)
+            is_looked_up = (isinstance(right, range) and isinstance(left, int)) or (
+                isinstance(right, dict) and not isinstance(left, dict))
+            if not is_looked_up:  # else `in` does not go through it
+                measure(right, self.budget)
+            result = COMPARISONS[type(operator_)](left, right)
+            if not result:
+                break
+            left = right
+        return result
 
-    return value
+    def visit_IfExp(self, node: ast.IfExp) -> Any:
+        return self.visit(node.body if self.visit(node.test) else node.orelse)
 
+    def elements(self, nodes: list[ast.expr]) -> list[Any]:
+        """Return the values of a list; `*values` stands for several."""
+        self.budget.spend(len(nodes))
+        values: list[Any] = []
+        for node in nodes:
+            values += (_items(self.visit(node.value), self.budget)
+                       if isinstance(node, ast.Starred) else [self.visit(node)])
+        return values
 
-def _elements(nodes: list[ast.expr]) -> Callable[[Scope], list[Any]]:
-    """Return what gives the list of some values, of which `*values` are several."""
-    parts = [(isinstance(x, ast.Starred), _value(x.value if isinstance(x, ast.Starred) else x))
-             for x in nodes]
+    def visit_List(self, node: ast.List) -> Any:
+        return self.elements(node.elts)
 
-    def values(scope: Scope) -> list[Any]:
-        scope.budget.spend(len(parts))
-        found: list[Any] = []
-        for starred, part in parts:
-            found += _items(part(scope), scope.budget) if starred else [part(scope)]
-        return found
+    def visit_Tuple(self, node: ast.Tuple) -> Any:
+        return tuple(self.elements(node.elts))
 
-    return values
+    def visit_Set(self, node: ast.Set) -> Any:
+        values = self.elements(node.elts)
+        measure(values, self.budget)
+        return set(values)
 
+    def visit_Dict(self, node: ast.Dict) -> Any:
+        entries = [(self.visit(k), self.visit(v))
+                   for k, v in zip(node.keys, node.values, strict=True) if k is not None]
+        measure(entries, self.budget)
+        return dict(entries)
 
-def _dictionary(node: ast.Dict) -> Value:
-    if None in node.keys:
-        raise RefusedError("** is not offered here")
-    pairs = [(_value(k), _value(v)) for k, v in zip(node.keys, node.values, strict=True) if k]
-
-    def value(scope: Scope) -> Any:
-        found = [(k(scope), v(scope)) for k, v in pairs]
-        measure(found, scope.budget)
-        return dict(found)
-
-    return value
-
-
-def _subscript(node: ast.Subscript) -> Value:
-    holder, index = _value(node.value), _value(node.slice)
-
-    def value(scope: Scope) -> Any:
-        held, place = holder(scope), index(scope)
-        measure(place, scope.budget)
-        if isinstance(held, str):
-            scope.budget.untraced(held)
+    def visit_Subscript(self, node: ast.Subscript) -> Any:
+        holder, key = self.visit(node.value), self.visit(node.slice)
+        measure(key, self.budget)
+        if isinstance(holder, str):
+            self.budget.untraced(holder)
         try:
-            return _paid(held[place], scope.budget)
+            return _paid(holder[key], self.budget)
         except (KeyError, AttributeError):  # as xacro's own dictionaries raise it
-            raise RefusedError(f"there is no {place!r} in it") from None
+            raise RefusedError(f"there is no {key!r} in it") from None
 
-    return value
+    def visit_Slice(self, node: ast.Slice) -> Any:
+        return slice(*(self.visit(x) if x else None for x in (node.lower, node.upper, node.step)))
 
+    def visit_Attribute(self, node: ast.Attribute) -> Any:
+        return _entry_of(self.visit(node.value), node.attr)
 
-def _slice(node: ast.Slice) -> Value:
-    ends = [_value(x) if x else None for x in (node.lower, node.upper, node.step)]
-    return lambda scope: slice(*(end(scope) if end else None for end in ends))
+    def visit_ListComp(self, node: ast.ListComp | ast.GeneratorExp) -> Any:
+        return list(self.comprehension(node, 0))
 
+    visit_GeneratorExp = visit_ListComp
 
-def _entry(node: ast.Attribute) -> Value:
-    holder, name = _value(node.value), _checked(node.attr)
-    return lambda scope: _entry_of(holder(scope), name)
+    def visit_SetComp(self, node: ast.SetComp) -> Any:
+        return set(self.comprehension(node, 0))
 
+    def comprehension(
+        self, node: ast.ListComp | ast.GeneratorExp | ast.SetComp, depth: int
+    ) -> Iterable[Any]:
+        """Yield the elements of a comprehension, of its loops from `depth` on."""
+        if depth == len(node.generators):
+            self.budget.spend(1)
+            yield self.visit(node.elt)
+            return
+        loop = node.generators[depth]
+        for item in _items(self.visit(loop.iter), self.budget):
+            own = {**self.own, **_variables(loop.target, item)}
+            inner = _Evaluation(self.names, self.budget, own)
+            if all(inner.visit(test) for test in loop.ifs):
+                yield from inner.comprehension(node, depth + 1)
 
-def _checked(name: str) -> str:
-    if name.startswith("__"):
-        raise RefusedError(f"the attribute {name} is not offered here")
-    return name
+    def visit_Call(self, node: ast.Call) -> Any:
+        function = self.function(node.func)
+        given = self.elements(node.args)
+        named = {key.arg: self.visit(key.value) for key in node.keywords if key.arg}
+        self.budget.spend(1)
+        return _paid(function(self.budget, *given, **named), self.budget)
+
+    def function(self, node: ast.expr) -> Callable[..., Any]:
+        """Return the function of a call: it takes the budget, then the arguments."""
+        if not isinstance(node, ast.Attribute):
+            return _runnable(self.visit(node), ast.unparse(node)[:60])
+        owner, name = self.visit(node.value), node.attr
+        kind = next((k for k in METHODS if isinstance(owner, k)), None)
+        if kind is not None and not isinstance(owner, Library) and name in METHODS[kind]:
+            return lambda budget, *a, **k: _method(kind, name, budget, owner, *a, **k)
+        if isinstance(owner, dict):
+            return _runnable(_entry_of(owner, name), ast.unparse(node)[:60])
+        raise RefusedError(f"the method {name} of a {_kind(owner)} is not offered here")
 
 
 def _entry_of(holder: Any, name: str) -> Any:
@@ -423,90 +411,29 @@ def _entry_of(holder: Any, name: str) -> Any:
         raise RefusedError(f"there is no {name!r} in it") from None
 
 
+def _variables(target: ast.expr, item: Any) -> dict[str, Any]:
+    """Return the variables of a comprehension at one item."""
+    if isinstance(target, ast.Name):
+        return {target.id: item}
+    assert isinstance(target, ast.Tuple | ast.List)
+    pieces, parts = list(item), target.elts
+    if len(pieces) != len(parts):
+        raise RefusedError(f"{len(pieces)} values for {len(parts)} names")
+    return {k: v for part, x in zip(parts, pieces, strict=True)
+            for k, v in _variables(part, x).items()}
+
+
 def _kind(value: Any) -> str:
     return "function" if isinstance(value, Offered) else type(value).__name__
-
-
-def _comprehension(node: ast.ListComp | ast.GeneratorExp | ast.SetComp) -> Value:
-    element, kind = _value(node.elt), set if isinstance(node, ast.SetComp) else list
-    loops = [(_target(g.target), _value(g.iter), [_value(x) for x in g.ifs])
-             for g in node.generators]
-
-    def turns(scope: Scope, depth: int) -> Iterable[Any]:
-        if depth == len(loops):
-            scope.budget.spend(1)
-            yield element(scope)
-            return
-        target, values, tests = loops[depth]
-        for item in _items(values(scope), scope.budget):
-            inner = Scope(scope.names, scope.budget, {**scope.own, **target(item)})
-            if all(test(inner) for test in tests):
-                yield from turns(inner, depth + 1)
-
-    return lambda scope: kind(turns(scope, 0))
-
-
-def _target(node: ast.expr) -> Callable[[Any], dict[str, Any]]:
-    """Return what gives the variables of a comprehension their values."""
-    if isinstance(node, ast.Name):
-        name = _checked(node.id)
-        return lambda item: {name: item}
-    if not isinstance(node, ast.Tuple | ast.List):
-        raise RefusedError("only names can be the variables of a comprehension")
-    parts = [_target(x) for x in node.elts]
-
-    def values(item: Any) -> dict[str, Any]:
-        pieces = list(item)
-        if len(pieces) != len(parts):
-            raise RefusedError(f"{len(pieces)} values for {len(parts)} names")
-        return {k: v for part, x in zip(parts, pieces, strict=True) for k, v in part(x).items()}
-
-    return values
-
-
-# ---------------------------------------------------------------- calls
-
-
-def _call(node: ast.Call) -> Value:
-    if any(k.arg is None for k in node.keywords):
-        raise RefusedError("** is not offered here")
-    arguments = _elements(node.args)
-    keywords = {k.arg: _value(k.value) for k in node.keywords if k.arg}
-    function = _callee(node.func)
-
-    def value(scope: Scope) -> Any:
-        run = function(scope)
-        given = arguments(scope)
-        named = {key: argument(scope) for key, argument in keywords.items()}
-        scope.budget.spend(1)
-        return _paid(run(scope.budget, *given, **named), scope.budget)
-
-    return value
-
-
-def _callee(node: ast.expr) -> Callable[[Scope], Callable[..., Any]]:
-    written = ast.unparse(node)[:60]
-    if not isinstance(node, ast.Attribute):
-        found = _value(node)
-        return lambda scope: _runnable(found(scope), written)
-    holder, name = _value(node.value), _checked(node.attr)
-
-    def method(scope: Scope) -> Callable[..., Any]:
-        owner = holder(scope)
-        kind = next((k for k in METHODS if isinstance(owner, k)), None)
-        if kind is None or isinstance(owner, Library) or name not in METHODS[kind]:
-            if not isinstance(owner, dict):
-                raise RefusedError(f"the method {name} of a {_kind(owner)} is not offered here")
-            return _runnable(_entry_of(owner, name), written)
-        return lambda budget, *a, **k: _method(kind, name, budget, owner, *a, **k)
-
-    return method
 
 
 def _runnable(function: Any, written: str) -> Callable[..., Any]:
     if not isinstance(function, Offered):
         raise RefusedError(f"{written} is not a function that is offered here")
     return function.run
+
+
+# ---------------------------------------------------------------- functions
 
 
 METHODS: dict[type, tuple[str, ...]] = {
@@ -653,24 +580,3 @@ _MATH.update(
 )
 _MATH.pop("sumprod", None)
 GLOBALS: dict[str, Any] = {**_MATH, **_OLD, "python": _PYTHON, "math": _MATH}
-
-NODES: dict[type[ast.AST], Callable[[Any], Value]] = {
-    ast.Constant: _constant,
-    ast.Name: _name,
-    ast.List: _sequence,
-    ast.Tuple: _sequence,
-    ast.Set: _sequence,
-    ast.Dict: _dictionary,
-    ast.BinOp: _binary,
-    ast.UnaryOp: _unary,
-    ast.BoolOp: _boolean,
-    ast.Compare: _comparison,
-    ast.IfExp: _conditional,
-    ast.Subscript: _subscript,
-    ast.Slice: _slice,
-    ast.Attribute: _entry,
-    ast.Call: _call,
-    ast.ListComp: _comprehension,
-    ast.SetComp: _comprehension,
-    ast.GeneratorExp: _comprehension,
-}

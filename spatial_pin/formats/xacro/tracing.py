@@ -4,12 +4,12 @@ While a file is expanded, arguments may be `Traced` numbers. Arithmetic on them 
 `Tape`, which then gives every number of the expanded text at other values of the arguments: the
 same operations once more, for many values together [GriewankWalther2008, 2]. Where the file
 decides by such a number (an `if`, a `max`), the decision is written too; the tape holds for
-arguments that lead to the same decisions. What it cannot follow, such as rounded texts, ends it:
-`is_whole`.
+arguments that lead to the same decisions. Where it cannot follow, as in rounded texts, it ends:
+`is_whole` is false.
 
 On its way a number often becomes text. The text of a traced number is no number but a reference:
-its place on the tape between two characters of Unicode's private use, behind its sign. What reads
-the expanded text asks the tape for the number.
+its row on the tape between two characters of Unicode's private use, after its sign. The reader of
+the expanded text gets the number from the tape.
 """
 
 from __future__ import annotations
@@ -69,20 +69,20 @@ class Tape:
         self._operations: list[Operation | None] = [None] * len(arguments)
         self._values = list(arguments.values())
         self._decisions: list[tuple[Operation, Any]] = []
-        self._ordered: dict[Any, list[int]] = {}  # by what `_needed` was asked for
+        self._ordered: dict[Any, list[int]] = {}  # results of `_needed`
 
     def give_up(self) -> None:
         """Note that something cannot be followed."""
         self.is_whole = False
 
-    def number(self, place: int) -> Traced:
+    def number(self, row: int) -> Traced:
         """Return the number at a place."""
-        found = Traced(self._values[place])
-        found.tape, found.place = self, place
-        return found
+        number = Traced(self._values[row])
+        number.tape, number.row = self, row
+        return number
 
     def write(self, value: float, function: Callable[..., Any], *arguments: Any) -> Traced:
-        """Return a number that a function has given, of arguments some of which are traced."""
+        """Return the traced result of a function with traced arguments."""
         self._operations.append((function, arguments))
         self._values.append(value)
         if not math.isfinite(value):
@@ -90,7 +90,7 @@ class Tape:
         return self.number(len(self._values) - 1)
 
     def decide(self, value: Any, function: Callable[..., Any], *arguments: Any) -> Any:
-        """Return what a function has given that must be the same for other arguments."""
+        """Return the result of a function that must be the same for other arguments."""
         self._decisions.append(((function, arguments), value))
         return value
 
@@ -113,27 +113,27 @@ class Tape:
             self.give_up()
         return value
 
-    def text(self, place: int) -> str:
+    def text(self, row: int) -> str:
         """Return the reference to a number, and its sign."""
-        sign = "-" if math.copysign(1.0, self._values[place]) < 0.0 else ""
-        return f"{sign}\ue000{place}\ue001"
+        sign = "-" if math.copysign(1.0, self._values[row]) < 0.0 else ""
+        return f"{sign}\ue000{row}\ue001"
 
     def read(self, text: Any) -> Traced | None:
         """Return the traced number that a text refers to; None if it is no reference."""
         word = text.strip() if isinstance(text, str) else ""
-        found = _REFERENCE.fullmatch(word.lstrip("+-"))
-        if found is None or len(word) - len(found[0]) > 1:
+        match = _REFERENCE.fullmatch(word.lstrip("+-"))
+        if match is None or len(word) - len(match[0]) > 1:
             return None
-        size = self._size(found)
+        size = self._size(match)
         return -size if word[0] == "-" else size
 
     def named(self, text: str) -> tuple[str, dict[str, Traced]]:
         """Return an expression with names in place of references to traced numbers."""
         names: dict[str, Traced] = {}
 
-        def name(found: re.Match[str]) -> str:
-            key = f"traced_{found[1]}"
-            names[key] = self._size(found)
+        def name(match: re.Match[str]) -> str:
+            key = f"traced_{match[1]}"
+            names[key] = self._size(match)
             return key
 
         return _REFERENCE.sub(name, text), names
@@ -142,14 +142,14 @@ class Tape:
         """Take the traced numbers out of the text of a file.
 
         Returns:
-            (k + 1,) what is between them, and (k,) their places; None where one is no word of its
+            (k + 1,) texts between them, and (k,) their rows; None where one is no word of its
             own.
         """
         between, places = list[list[str]]([[]]), list[int]()
         for word in _BETWEEN_WORDS.split(text):
             number = self.read(word) if depends(word) else None
             if number is not None:
-                places.append(number.place)
+                places.append(number.row)
                 between.append([])
             elif depends(word):
                 return None
@@ -157,13 +157,13 @@ class Tape:
                 between[-1].append(word)
         return ["".join(words) for words in between], places
 
-    def _size(self, found: re.Match[str]) -> Traced:
-        """Return the size of the number that is referred to: its sign stands before it."""
-        place = int(found[1])
-        if place >= len(self._values):
+    def _size(self, match: re.Match[str]) -> Traced:
+        """Return the size of the number of a reference: its sign is before the reference."""
+        row = int(match[1])
+        if row >= len(self._values):
             self.give_up()
             return self.number(0)
-        number = self.number(place)
+        number = self.number(row)
         return -number if math.copysign(1.0, number) < 0.0 else number
 
     def at(self, arguments: Array, places: Iterable[int]) -> tuple[Array, NDArray[np.bool_]]:
@@ -180,13 +180,13 @@ class Tape:
         values: list[Any] = list(arguments) + [None] * (len(self._operations) - len(arguments))
         needed = self._needed(tuple(wanted))
         holds = np.full(m, self.is_whole)
-        with np.errstate(all="ignore"):  # where a number is none, the arguments are left out
-            for place in needed:
-                values[place] = _worked_out(self._operations[place], values)
+        with np.errstate(all="ignore"):  # arguments that give NaN are excluded below
+            for row in needed:
+                values[row] = _worked_out(self._operations[row], values)
             for operation, value in self._decisions:
                 holds &= np.equal(_worked_out(operation, values), value)
-        found = np.array([np.broadcast_to(values[p], m) for p in wanted]).reshape(len(wanted), m)
-        return found, holds & np.isfinite(found).all(axis=0)
+        numbers = np.array([np.broadcast_to(values[p], m) for p in wanted]).reshape(len(wanted), m)
+        return numbers, holds & np.isfinite(numbers).all(axis=0)
 
     def _needed(self, wanted: tuple[int, ...]) -> list[int]:
         """Return the places, in order, of the operations that numbers and decisions are made of."""
@@ -194,23 +194,23 @@ class Tape:
         if key not in self._ordered:
             todo, seen = [*wanted, *(p for o, _ in self._decisions for p in _places(o))], set()
             while todo:
-                place = todo.pop()
-                operation = self._operations[place]
-                if operation is not None and place not in seen:
-                    seen.add(place)
+                row = todo.pop()
+                operation = self._operations[row]
+                if operation is not None and row not in seen:
+                    seen.add(row)
                     todo += _places(operation)
             self._ordered[key] = sorted(seen)
         return self._ordered[key]
 
 
 def _places(operation: Operation) -> list[int]:
-    return [x.place for x in operation[1] if isinstance(x, Traced)]
+    return [x.row for x in operation[1] if isinstance(x, Traced)]
 
 
 def _worked_out(operation: Operation | None, values: list[Any]) -> Any:
     assert operation is not None
     function, arguments = operation
-    return function(*(values[x.place] if isinstance(x, Traced) else x for x in arguments))
+    return function(*(values[x.row] if isinstance(x, Traced) else x for x in arguments))
 
 
 def depends(value: Any) -> bool:
@@ -257,16 +257,16 @@ def _deciding(name: str, function: Callable[..., Any]) -> Any:
 class Traced(float):
     """A number that depends on arguments of the file, in the place of a plain one."""
 
-    __slots__ = ("place", "tape")
+    __slots__ = ("row", "tape")
     tape: Tape
-    place: int
+    row: int
     __neg__ = _writing("__neg__", operator.neg)
 
     def __bool__(self) -> bool:
         return bool(self.tape.decide(float.__bool__(self), lambda x: np.not_equal(x, 0.0), self))
 
     def __str__(self) -> str:
-        return self.tape.text(self.place)
+        return self.tape.text(self.row)
 
     __repr__ = __str__
 

@@ -1,4 +1,4 @@
-"""Dimensions: the arguments of a mechanism's xacro file, and numbers that are written with them."""
+"""Dimensions: arguments of a mechanism's xacro file, and numbers in terms of them."""
 
 from __future__ import annotations
 
@@ -64,8 +64,8 @@ def _evaluated(
         xacro.process_doc(document, mappings=dict(given))
 
     expansion.guarded(process)
-    found = document.getElementsByTagName("dimension")
-    return {e.getAttribute("name"): e.getAttribute("value") for e in found}
+    elements = document.getElementsByTagName("dimension")
+    return {e.getAttribute("name"): e.getAttribute("value") for e in elements}
 
 
 # ---------------------------------------------------------------- numbers written with them
@@ -86,7 +86,7 @@ class Values(dict[str, Any]):
         Args:
             table: as the file has it.
             where: the file.
-            table_name: what the table is called, for errors.
+            table_name: name of the table, for errors.
             tree: the file of the tree, whose arguments are the names in the texts.
             parameters: what both were loaded with [SI, rad].
             trusted: likewise.

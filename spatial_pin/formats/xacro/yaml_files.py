@@ -21,7 +21,7 @@ MOST_DIGITS = 400  # letters of a whole number, beyond which it is beyond the ra
 
 
 class _PlainLoader(yaml.SafeLoader):
-    """YAML's safe types, with bounds on what a short text can grow to."""
+    """YAML's safe types, with bounds on their size."""
 
     def flatten_mapping(self, node: Any) -> None:
         super().flatten_mapping(node)
@@ -38,7 +38,7 @@ _PlainLoader.add_constructor("tag:yaml.org,2002:int", _PlainLoader.construct_yam
 
 
 def read_yaml(path: Path, evaluate: Callable[[str], Any]) -> Any:
-    """Return what a YAML file says.
+    """Return the content of a YAML file.
 
     Args:
         path: the file.

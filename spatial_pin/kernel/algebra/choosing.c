@@ -12,11 +12,11 @@
  * each other nothing. */
 typedef struct {
     Int n, width;
-    Int *place, n_places; /* of columns, -1 of those that no row has had */
+    Int *index, n_indices; /* of columns, -1 of those that no row has had */
     Real *row;            /* (n, width) */
     Real *square;         /* of its length; negative once it is chosen */
     Int *first, *end;
-    Int *left, n_left;    /* rows that may yet be chosen, ascending */
+    Int *remaining, n_remaining;    /* rows that may yet be chosen, ascending */
 } Choice;
 
 static void forget(Choice *c)
@@ -39,10 +39,10 @@ static int begin(Choice *c, Int n, Int width)
         return NO_MEMORY;
     }
     c->end = c->first + rows;
-    c->left = c->end + rows;
-    c->place = c->left + rows;
+    c->remaining = c->end + rows;
+    c->index = c->remaining + rows;
     for (Int v = 0; v < width; v++)
-        c->place[v] = -1;
+        c->index[v] = -1;
     return DONE;
 }
 
@@ -53,16 +53,16 @@ static void measure(Choice *c, Int i)
 }
 
 /* The place of a column, from which on rows may have it. */
-static Int place_of(Choice *c, Int column)
+static Int index_of(Choice *c, Int column)
 {
-    if (c->place[column] < 0)
-        c->place[column] = c->n_places++;
-    return c->place[column];
+    if (c->index[column] < 0)
+        c->index[column] = c->n_indices++;
+    return c->index[column];
 }
 
 static void put(Choice *c, Int i, Int column, Real value)
 {
-    const Int at = place_of(c, column);
+    const Int at = index_of(c, column);
     c->first[i] = c->first[i] == c->end[i] || at < c->first[i] ? at : c->first[i];
     c->end[i] = at >= c->end[i] ? at + 1 : c->end[i];
     c->row[i * c->width + at] = value;
@@ -87,18 +87,18 @@ static void trim(Choice *c, Int i)
    equally long, and round-off is to have no say. */
 static Int longest_row(Choice *c)
 {
-    Int kept = 0, at = 0;
+    Int n = 0, at = 0;
     Real most = 0.0;
-    for (at = 0; at < c->n_left; at++) {
-        const Int i = c->left[at];
+    for (at = 0; at < c->n_remaining; at++) {
+        const Int i = c->remaining[at];
         if (c->square[i] > TOLERANCE_ZERO * TOLERANCE_ZERO)
-            c->left[kept++] = i;
+            c->remaining[n++] = i;
         most = fmax(most, c->square[i]);
     }
-    c->n_left = kept;
-    for (at = 0; at < kept; at++)
-        if (c->square[c->left[at]] >= most * (1.0 - 2.0 * sqrt(DBL_EPSILON)))
-            return c->left[at];
+    c->n_remaining = n;
+    for (at = 0; at < n; at++)
+        if (c->square[c->remaining[at]] >= most * (1.0 - 2.0 * sqrt(DBL_EPSILON)))
+            return c->remaining[at];
     return -1;
 }
 
@@ -125,22 +125,22 @@ static void take(Choice *c, Int chosen)
 {
     const Real square = c->square[chosen];
     c->square[chosen] = -1.0;
-    for (Int at = 0; at < c->n_left; at++) {
-        const Int i = c->left[at];
+    for (Int at = 0; at < c->n_remaining; at++) {
+        const Int i = c->remaining[at];
         if (c->square[i] >= 0.0 && c->first[i] < c->end[chosen] && c->end[i] > c->first[chosen])
             straighten(c, i, chosen, square);
     }
 }
 
 /* Choose rows, `most` of them at most, as long as one is left whose length is more than a part of
-   the first one's. Returns how many; `chosen`, ascending, may be `left`. facts: (2), or NULL. */
+   the first one's. Returns how many; `chosen`, ascending, may be `remaining`. facts: (2), or NULL. */
 static Int choose(Choice *c, Int most, Real part, Int *chosen, Real *facts)
 {
     Int picked = 0, count = 0, next;
     Real longest = 0.0, least = 0.0;
-    for (c->n_left = 0; c->n_left < c->n; c->n_left++) {
-        c->left[c->n_left] = c->n_left;
-        measure(c, c->n_left);
+    for (c->n_remaining = 0; c->n_remaining < c->n; c->n_remaining++) {
+        c->remaining[c->n_remaining] = c->n_remaining;
+        measure(c, c->n_remaining);
     }
     for (;; picked++) {
         next = longest_row(c);
@@ -185,9 +185,9 @@ Int independent_equations(const Kernel *k, const Int *among, Int n, Int most, Re
         for (Int e = k->entry_start[equation]; e < k->entry_start[equation + 1]; e++)
             put(&c, i, k->entry_v[e], k->entry[e]);
     }
-    const Int count = choose(&c, most, part, c.left, facts);
+    const Int count = choose(&c, most, part, c.remaining, facts);
     for (Int i = 0; i < count; i++)
-        chosen[i] = among ? among[c.left[i]] : c.left[i]; /* both ascend */
+        chosen[i] = among ? among[c.remaining[i]] : c.remaining[i]; /* both ascend */
     forget(&c);
     return count;
 }

@@ -53,9 +53,9 @@ static inline void spread_row(Int count, const Real *factors, Int first, Int col
 static void swap_rows(Int n, Real *x, Real *y)
 {
     for (Int j = 0; j < n; j++) {
-        const Real kept = x[j];
+        const Real other = x[j];
         x[j] = y[j];
-        y[j] = kept;
+        y[j] = other;
     }
 }
 
@@ -93,6 +93,25 @@ Int dense_lu(Int n, Real *a, Int *order)
     return singular;
 }
 
+static void divide_row(Int columns, Real pivot, Real *x)
+{
+    for (Int c = 0; c < columns; c++)
+        x[c] /= pivot;
+}
+
+/* x := U⁻¹ x, or U⁻ᵀ x, for the upper triangle of a (n, n) and x (n, columns). */
+static void solve_upper(Int n, const Real *a, Int transposed, Int columns, Real *x)
+{
+    for (Int i = n - 1; !transposed && i >= 0; i--) {
+        subtract_rows(n - 1 - i, a + i * n + i + 1, i + 1, columns, x, i);
+        divide_row(columns, a[i * n + i], x + i * columns);
+    }
+    for (Int i = 0; transposed && i < n; i++) {
+        divide_row(columns, a[i * n + i], x + i * columns);
+        spread_row(n - 1 - i, a + i * n + i + 1, i + 1, columns, x, i);
+    }
+}
+
 /* x := U⁻¹ L⁻¹ P x, for x (n, columns). */
 static void solve_plain(Int n, const Real *lu, const Int *order, Int columns, Real *x)
 {
@@ -101,13 +120,13 @@ static void solve_plain(Int n, const Real *lu, const Int *order, Int columns, Re
             swap_rows(columns, x + k * columns, x + order[k] * columns);
     for (Int i = 1; i < n; i++)
         subtract_rows(i, lu + i * n, 0, columns, x, i);
-    dense_upper_solve(n, lu, 0, columns, x);
+    solve_upper(n, lu, 0, columns, x);
 }
 
 /* x := Pᵀ L⁻ᵀ U⁻ᵀ x, for x (n, columns). */
 static void solve_transposed(Int n, const Real *lu, const Int *order, Int columns, Real *x)
 {
-    dense_upper_solve(n, lu, 1, columns, x);
+    solve_upper(n, lu, 1, columns, x);
     for (Int i = n - 1; i > 0; i--)
         spread_row(i, lu + i * n, 0, columns, x, i);
     for (Int k = n - 1; k >= 0; k--)
@@ -122,25 +141,6 @@ void dense_lu_solve(Int n, const Real *lu, const Int *order, Int transposed, Int
         solve_transposed(n, lu, order, columns, x);
     else
         solve_plain(n, lu, order, columns, x);
-}
-
-static void divide_row(Int columns, Real pivot, Real *x)
-{
-    for (Int c = 0; c < columns; c++)
-        x[c] /= pivot;
-}
-
-/* x := U⁻¹ x, or U⁻ᵀ x, for the upper triangle of a (n, n) and x (n, columns). */
-void dense_upper_solve(Int n, const Real *a, Int transposed, Int columns, Real *x)
-{
-    for (Int i = n - 1; !transposed && i >= 0; i--) {
-        subtract_rows(n - 1 - i, a + i * n + i + 1, i + 1, columns, x, i);
-        divide_row(columns, a[i * n + i], x + i * columns);
-    }
-    for (Int i = 0; transposed && i < n; i++) {
-        divide_row(columns, a[i * n + i], x + i * columns);
-        spread_row(n - 1 - i, a + i * n + i + 1, i + 1, columns, x, i);
-    }
 }
 
 /* x := signs of x; return whether any differs from those in `signs`, which are kept there. */
@@ -163,7 +163,7 @@ static Real sum_of_sizes(Int n, const Real *x)
     return sum;
 }
 
-static Int place_of_largest(Int n, const Real *x)
+static Int index_of_largest(Int n, const Real *x)
 {
     Int best = 0;
     for (Int i = 1; i < n; i++)
@@ -177,11 +177,11 @@ static Int place_of_largest(Int n, const Real *x)
 Real dense_inverse_norm(Int n, const Real *lu, const Int *order, Real *scratch)
 {
     Real *x = scratch, *signs = scratch + n, best = 0.0;
-    Int place = -1;
+    Int largest = -1;
     memset(signs, 0, (size_t)n * sizeof(Real));
     for (int turn = 0; turn < 5; turn++) { /* it rarely takes more than two */
         for (Int i = 0; i < n; i++)
-            x[i] = place < 0 ? 1.0 / (Real)n : i == place ? 1.0 : 0.0;
+            x[i] = largest < 0 ? 1.0 / (Real)n : i == largest ? 1.0 : 0.0;
         solve_plain(n, lu, order, 1, x);
         const Real size = sum_of_sizes(n, x);
         if (turn && !(size > best))
@@ -190,10 +190,10 @@ Real dense_inverse_norm(Int n, const Real *lu, const Int *order, Real *scratch)
         if (!take_signs(n, x, signs))
             break;
         solve_transposed(n, lu, order, 1, x);
-        const Int next = place_of_largest(n, x);
-        if (place >= 0 && fabs(x[next]) <= fabs(x[place]))
+        const Int next = index_of_largest(n, x);
+        if (largest >= 0 && fabs(x[next]) <= fabs(x[largest]))
             break;
-        place = next;
+        largest = next;
     }
     for (Int i = 0; i < n; i++) /* a guess that cancellation does not fool */
         x[i] = (i % 2 ? -1.0 : 1.0) * (1.0 + (n > 1 ? (Real)i / (Real)(n - 1) : 0.0));
@@ -248,9 +248,9 @@ static Real column_length(Int m, Int n, const Real *a, Int first, Int j)
 static void swap_columns(Int m, Int n, Real *a, Int j, Int k)
 {
     for (Int i = 0; i < m; i++) {
-        const Real kept = a[i * n + j];
+        const Real other = a[i * n + j];
         a[i * n + j] = a[i * n + k];
-        a[i * n + k] = kept;
+        a[i * n + k] = other;
     }
 }
 
@@ -289,12 +289,12 @@ static void shorten(Int m, Int n, const Real *a, Int k, Real *length, Real *meas
     for (Int j = k + 1; j < n; j++) {
         if (!(length[j] > 0.0))
             continue;
-        const Real part = a[k * n + j] / length[j], left = fmax(0.0, 1.0 - part * part);
+        const Real part = a[k * n + j] / length[j], part_left = fmax(0.0, 1.0 - part * part);
         const Real since = length[j] / measured[j];
-        if (left * since * since <= sqrt(DBL_EPSILON))
+        if (part_left * since * since <= sqrt(DBL_EPSILON))
             length[j] = measured[j] = column_length(m, n, a, k + 1, j);
         else
-            length[j] *= sqrt(left);
+            length[j] *= sqrt(part_left);
     }
 }
 
@@ -302,7 +302,7 @@ static void shorten(Int m, Int n, const Real *a, Int k, Real *length, Real *meas
    may be off: in symmetric mechanisms columns are equally long, and round-off is to have no say. */
 static Int next_column(Int n, const Real *length, Int k)
 {
-    const Real longest = length[k + place_of_largest(n - k, length + k)];
+    const Real longest = length[k + index_of_largest(n - k, length + k)];
     Int j = k;
     while (length[j] < longest * (1.0 - sqrt(DBL_EPSILON)))
         j++;
@@ -321,10 +321,10 @@ void dense_qr(Int m, Int n, Real *a, Int *order, Real *tau, Real *scratch)
     for (Int k = 0; k < n && k < m; k++) {
         const Int p = next_column(n, length, k);
         if (p != k) {
-            const Int kept = order[p];
+            const Int other = order[p];
             swap_columns(m, n, a, p, k);
             order[p] = order[k];
-            order[k] = kept;
+            order[k] = other;
             length[p] = length[k];
             measured[p] = measured[k];
         }

@@ -7,9 +7,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "kernel.h"
+#include "memory.h"
 
-#define NOT_SMALL 0.1    /* of the largest entry of its row that a pivot must have [DuffErismanReid1986, 5.4] */
+/* Of the largest entry of its row that a pivot must have [DuffErismanReid1986, 5.4] */
+#define NOT_SMALL 0.1
 #define SEARCHED 4       /* rows of the smallest counts looked at for a pivot [Zlatev1980] */
 #define GROWN 100.0      /* of a pivot, that an entry of its row may be: 2 digits lost at most in a
                             step; 1 / NOT_SMALL = 10 when the order was chosen */
@@ -25,7 +26,7 @@ typedef struct {
 
 struct SparseLU {
     Int n, n_entries, n_values, chosen;
-    Int *place;                         /* of each entry among the values */
+    Int *position;                         /* of each entry among the values */
     Int *pivot_row, *pivot_column, *pivot_at;
     Int *lower_start, *lower_row, *lower_at; /* multipliers below each pivot */
     Int *upper_start, *upper_column, *upper_at;
@@ -39,6 +40,38 @@ struct SparseLU {
     Int exponent;
     void *order, *memory;               /* of the pivots, and of all else */
 };
+
+/* ---- entries ---- */
+
+int entries_begin(Entries *e, Int room)
+{
+    e->n = 0;
+    if (room > e->room || !e->row) {
+        if (!widen((void **)&e->row, room, sizeof(Int)) ||
+            !widen((void **)&e->column, room, sizeof(Int)) ||
+            !widen((void **)&e->value, room, sizeof(Real)))
+            return 0;
+        e->room = room;
+    }
+    return 1;
+}
+
+void entries_put(Entries *e, Int row, Int column, Real value)
+{
+    const Int at = e->n++;
+    e->row[at] = row;
+    e->column[at] = column;
+    e->value[at] = value;
+}
+
+void entries_free(Entries *e)
+{
+    free(e->row);
+    free(e->column);
+    free(e->value);
+}
+
+/* ---- what is known of the factors ---- */
 
 SparseLU *lu_new(void) { return calloc(1, sizeof(SparseLU)); }
 
@@ -310,7 +343,7 @@ static int search(Search *s, Int *pivot_row, Int *pivot_column)
 
 /* ---- the list of multiply-adds ---- */
 
-static Int place_of(const Search *s, const Int *offset, Int row, Int column)
+static Int position_of(const Search *s, const Int *offset, Int row, Int column)
 {
     Int e = 0;
     while (s->row[row].at[e] != column)
@@ -333,7 +366,7 @@ static int allocate(SparseLU *lu, Int n_lower, Int n_upper, Int n_targets)
         {&lu->pivot_at, n},      {&lu->lower_start, n},           {&lu->upper_start, n},
         {&lu->lower_row, (size_t)n_lower + 1},   {&lu->lower_at, (size_t)n_lower + 1},
         {&lu->upper_column, (size_t)n_upper + 1}, {&lu->upper_at, (size_t)n_upper + 1},
-        {&lu->target, (size_t)n_targets + 1}, {&lu->place, (size_t)lu->n_entries + 1},
+        {&lu->target, (size_t)n_targets + 1}, {&lu->position, (size_t)lu->n_entries + 1},
     };
     size_t n_reals = 0, n_ints = 0;
     for (size_t i = 0; i < sizeof reals / sizeof *reals; i++)
@@ -392,7 +425,7 @@ static void write_steps(SparseLU *lu, const Search *s, const Int *when, const In
     for (Int step = 0; step < lu->n; step++) {
         const Int r = lu->pivot_row[step], c = lu->pivot_column[step];
         const List *row = s->row + r, *below = s->below + step;
-        lu->pivot_at[step] = place_of(s, offset, r, c);
+        lu->pivot_at[step] = position_of(s, offset, r, c);
         lu->lower_start[step] = lower;
         lu->upper_start[step] = upper;
         for (Int e = 0; e < row->n; e++)
@@ -402,9 +435,9 @@ static void write_steps(SparseLU *lu, const Search *s, const Int *when, const In
             }
         for (Int l = 0; l < below->n; l++) {
             lu->lower_row[lower] = below->at[l];
-            lu->lower_at[lower++] = place_of(s, offset, below->at[l], c);
+            lu->lower_at[lower++] = position_of(s, offset, below->at[l], c);
             for (Int u = lu->upper_start[step]; u < upper; u++)
-                lu->target[target++] = place_of(s, offset, below->at[l], lu->upper_column[u]);
+                lu->target[target++] = position_of(s, offset, below->at[l], lu->upper_column[u]);
         }
     }
     lu->lower_start[lu->n] = lower;
@@ -428,7 +461,7 @@ static int record(SparseLU *lu, const Search *s, const Entries *of)
         if (good) {
             write_steps(lu, s, when, offset);
             for (Int e = 0; e < of->n; e++)
-                lu->place[e] = place_of(s, offset, of->row[e], of->column[e]);
+                lu->position[e] = position_of(s, offset, of->row[e], of->column[e]);
             lu->parity = parity_of(lu, to, when);
         }
     }
@@ -446,10 +479,10 @@ int lu_analyse(SparseLU *lu, Int n, const Entries *of)
     int code = NO_MEMORY;
     if (lu->order && search_begin(&s, n, of)) {
         lu->pivot_column = lu->pivot_row + n;
-        const int found = search(&s, lu->pivot_row, lu->pivot_column);
-        if (found == 0)
+        const int outcome = search(&s, lu->pivot_row, lu->pivot_column);
+        if (outcome == 0)
             code = SINGULAR;
-        else if (found > 0 && record(lu, &s, of))
+        else if (outcome > 0 && record(lu, &s, of))
             code = DONE;
     }
     search_free(&s);
@@ -501,7 +534,7 @@ int lu_factor(SparseLU *lu, const Real *entry)
     const Int *target = lu->target;
     memset(value, 0, (size_t)lu->n_values * sizeof *value);
     for (Int e = 0; e < lu->n_entries; e++)
-        value[lu->place[e]] = entry[e];
+        value[lu->position[e]] = entry[e];
     lu->sign = lu->parity;
     lu->mantissa = 1.0;
     lu->exponent = 0;

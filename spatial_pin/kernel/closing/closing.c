@@ -3,8 +3,8 @@
  * Levenberg and Marquardt's method on the configuration manifold, with damping proportional to the
  * residual: quadratic near a solution even where equations are redundant [YamashitaFukushima2001].
  * Then undamped steps down to round-off. A step is -Jᵀ (J Jᵀ + damping)⁻¹ r: the shortest that does
- * what it does (least_motion.c), of many equations by the sparse squares (envelope.c). Where frames are turned far against each other, the logarithms of their rotations
- * lead first (far_rotations.c).
+ * what it does (least_motion.c), of many equations by the sparse squares (envelope.c). Where frames
+ * are turned far against each other, the logarithms of their rotations lead first (far_rotations.c).
  *
  * Components of balls and floating joints can be pinned (pins.c): after each step they are given
  * their values, and each has an equation, zero there, that keeps steps from moving it. */
@@ -16,7 +16,7 @@
 #include "envelope.h"
 #include "far_rotations.h"
 #include "least_motion.h"
-#include "meant.h"
+#include "memory.h"
 #include "pins.h"
 
 /* Residual from which products lead where the logarithms do: of angles of a hundredth radian
@@ -76,10 +76,10 @@ struct Closer {
     LeastMotion whole;           /* of few equations */
     Real *dense, *few;           /* (n, nv), (nv) of free velocities */
     Int *moves;                  /* (nv) whether an equation depends on each velocity */
-    Int *place, n_free;          /* (nv) of each of these among the free ones; how many */
+    Int *free_index, n_free;          /* (nv) of each of these among the free ones; how many */
     Real *q, *trial, *step;
     Real size, rest;     /* of the step tried last, of what is left to go, by entries of v / scale */
-    Real *begin;         /* (nq) what further starts are shaken from */
+    Real *begin;         /* (nq) where the first start was */
     Int *order;          /* (n) scratch */
     /* ---- of the call ---- */
     const Int *free;     /* (nv) velocities that may move */
@@ -127,8 +127,8 @@ static void let_move(Closer *c, const Int *free)
 {
     c->free = free;
     c->n_free = 0;
-    for (Int v = 0; v < c->k->nv && c->place; v++)
-        c->place[v] = free[v] && c->moves[v] ? c->n_free++ : -1;
+    for (Int v = 0; v < c->k->nv && c->free_index; v++)
+        c->free_index[v] = free[v] && c->moves[v] ? c->n_free++ : -1;
 }
 
 /* The derivatives with respect to free velocities as a matrix. What is held takes no part, nor what
@@ -139,8 +139,8 @@ static void fill_dense(Closer *c)
     for (Int r = 0; r < c->n; r++) {
         Real *row = c->dense + r * c->n_free;
         for (Int i = c->start[r]; i < c->start[r + 1]; i++)
-            if (c->place[c->column[i]] >= 0)
-                row[c->place[c->column[i]]] = c->value[i];
+            if (c->free_index[c->column[i]] >= 0)
+                row[c->free_index[c->column[i]]] = c->value[i];
     }
 }
 
@@ -148,7 +148,7 @@ static void fill_dense(Closer *c)
 static void linearise(Closer *c, int far)
 {
     const Kernel *k = c->k;
-    equations_jacobian(c->k, &c->k->all);
+    equations_jacobian(c->k, &c->k->equations.all);
     if (far)
         rotations_put_entries(c->k, &c->rotations);
     memcpy(c->residual, k->residual, (size_t)k->n_closure * sizeof(Real));
@@ -184,7 +184,7 @@ static int step_of_few(Closer *c, Real damping)
 {
     least_motion_solve(&c->whole, damping, c->residual, c->few);
     for (Int v = 0; v < c->k->nv; v++)
-        c->step[v] = c->place[v] >= 0 ? c->few[c->place[v]] : 0.0;
+        c->step[v] = c->free_index[v] >= 0 ? c->few[c->free_index[v]] : 0.0;
     return 1;
 }
 
@@ -219,15 +219,15 @@ static int damped_step(Closer *c, const Descent *d, Real *error, Real *damping)
 {
     for (int trial = 0; trial < DAMPINGS; trial++) {
         if (try_step(c, *damping * *error, TOLERANCE_DAMPED_STEP)) {
-            const Real there = residual_at(c, c->trial, d->far);
-            if (there < *error) {
+            const Real trial_error = residual_at(c, c->trial, d->far);
+            if (trial_error < *error) {
                 const int is_whole = c->size < TOLERANCE_DAMPED_STEP;
-                const int worthwhile = there < (is_whole ? d->worthwhile : WORTHWHILE) * *error;
+                const int worthwhile = trial_error < (is_whole ? d->worthwhile : WORTHWHILE) * *error;
                 accept(c);
-                c->rest = sqrt((Real)c->k->nv) * c->size * there / (*error - there);
+                c->rest = sqrt((Real)c->k->nv) * c->size * trial_error / (*error - trial_error);
                 if (d->counts)
                     memcpy(c->k->angle_reference, c->k->angle, (size_t)c->k->n_angles * sizeof(Real));
-                *error = there;
+                *error = trial_error;
                 *damping = *damping * SOFTER > SOFTEST ? *damping * SOFTER : SOFTEST;
                 return worthwhile;
             }
@@ -266,12 +266,12 @@ static Real polish(Closer *c)
         if (!try_step(c, 0.0, INFINITY))
             break;
         residual_at(c, c->trial, 0);
-        const Real there = equations_error(k), before = error;
-        if (there < before) {
+        const Real trial_error = equations_error(k), before = error;
+        if (trial_error < before) {
             accept(c);
-            error = there;
+            error = trial_error;
         }
-        if (!(there < 0.5 * before))
+        if (!(trial_error < 0.5 * before))
             break;
     }
     return error;
@@ -360,18 +360,14 @@ static int make_room(Closer *c)
     c->dense = kernel_memory(k, c->n * k->nv, sizeof(Real));
     c->few = kernel_memory(k, k->nv, sizeof(Real));
     c->moves = kernel_memory(k, k->nv, sizeof(Int));
-    c->place = kernel_memory(k, k->nv, sizeof(Int));
-    if (!c->dense || !c->few || !c->moves || !c->place)
+    c->free_index = kernel_memory(k, k->nv, sizeof(Int));
+    if (!c->dense || !c->few || !c->moves || !c->free_index)
         return NO_MEMORY;
     for (Int i = 0; i < c->start[c->n]; i++)
         c->moves[c->column[i]] = 1;
     return least_motion_create(k, c->n, k->nv, &c->whole);
 }
 
-/* Memory to close the loops of a kernel, freed with it.
-
-   rotations: (n_rotations) first equations of closures, then whether 1 or 3 of their axes agree;
-   pins: (n_pins, 4) see Pin, those of one joint side by side. */
 EXPORT int closer_create(Kernel *k, const Int *rotations, Int n_rotations, const Int *pins,
                          Int n_pins, Closer **out)
 {
@@ -404,35 +400,29 @@ static void begin(Closer *c, const Real *pinned, const Real *reference, Real cut
     memcpy(c->k->angle_reference, reference, (size_t)c->k->n_angles * sizeof(Real));
 }
 
-/* Close the loops from a configuration q (nq).
-
-   free: (nv) the velocities that may move; first: those that may move before, to a looser tolerance,
-   or NULL; pinned: values of pinned coordinates; reference: (n_angles) from which the angles of
-   screws count; cut: size of the equations, by the largest, below which they move nothing; error: the
-   closure error; mirrored: whether axes point opposite ways. */
-EXPORT void closer_close(Closer *c, Real *q, const Int *first, const Int *free,
-                         const Real *pinned, const Real *reference, Real loose, Real tolerance,
-                         Int iterations, Real cut, Real *error, Int *mirrored)
+Real closer_close_one(Closer *c, Real *q, const Closing *how, const Real *reference, Real cut)
 {
-    const Closing how = {first, free, loose, tolerance, iterations};
-    begin(c, pinned, reference, cut);
-    *error = begin_from(c, &how, q, WORTHWHILE) ? close_one(c, &how) : INFINITY;
+    begin(c, NULL, reference, cut);
+    const Real error = begin_from(c, how, q, WORTHWHILE) ? close_one(c, how) : INFINITY;
     equations_values(c->k, c->q);
-    *mirrored = rotations_are_mirrored(c->k, &c->rotations);
     memcpy(q, c->q, (size_t)c->k->nq * sizeof(Real));
+    return error;
 }
 
-/* Take whole turns off the angles of a configuration q (nq), see meant.c. error: its closure error;
-   mirrored: whether axes point opposite ways; distance: from what is named. */
-EXPORT void closer_judge(Closer *c, Real *q, const Real *reference, const Meant *meant, Real *error,
-                         Int *mirrored, Real *distance)
+/* Take whole turns off the angles of a configuration q (nq), where some are named. error: its closure
+   error; mirrored: whether axes point opposite ways; distance: from what is named. */
+static void judge(Closer *c, Real *q, const Real *reference, const Named *named, Real *error,
+                  Int *mirrored, Real *distance)
 {
     Kernel *k = c->k;
-    meant_put_turns(k, meant, q);
+    *distance = 0.0;
+    if (named->value)
+        unwrap_angles(k, named, q);
     equations_values_near(k, q, reference);
     *error = equations_error(k);
     *mirrored = rotations_are_mirrored(k, &c->rotations);
-    *distance = meant_distance(k, meant, q);
+    if (named->value)
+        *distance = named_distance(k, named, q);
 }
 
 /* Make the columns of the closure equations' derivatives alike: short levers are none then. What is
@@ -455,58 +445,58 @@ static int judge_independence(Closer *c, Real *least, Real *left_out)
 {
     Kernel *k = c->k;
     Real facts[2];
-    equations_jacobian(k, &k->all);
+    equations_jacobian(k, &k->equations.all);
     make_even(k, c->step);
-    const Int found = independent_equations(k, NULL, k->n_closure, k->n_closure, TOLERANCE_RANK,
+    const Int rank = independent_equations(k, NULL, k->n_closure, k->n_closure, TOLERANCE_RANK,
                                             c->order, facts);
-    if (found < 0)
+    if (rank < 0)
         return NO_MEMORY;
     *least = k->n_closure ? facts[0] : 1.0;
-    *left_out = found < k->n_closure ? fmax(facts[1], DBL_MIN) : 0.0;
+    *left_out = rank < k->n_closure ? fmax(facts[1], DBL_MIN) : 0.0;
     return DONE;
 }
 
-/* What a configuration q (nq) is like. facts: (3) closure error, and `least` and `left_out` of its
-   equations, see above; angle: (n_angles) of screws; mirrored: whether axes point opposite ways. */
-EXPORT int closer_examine(Closer *c, const Real *q, const Real *reference, Real *facts, Real *angle,
-                          Int *mirrored)
+EXPORT int closer_examine(Closer *c, Real *q, const Real *reference, const Named *named, Real *facts,
+                          Real *angle, Int *mirrored)
 {
-    Kernel *k = c->k;
-    equations_values_near(k, q, reference);
-    facts[0] = equations_error(k);
-    memcpy(angle, k->angle, (size_t)k->n_angles * sizeof(Real));
-    *mirrored = rotations_are_mirrored(k, &c->rotations);
-    return judge_independence(c, facts + 1, facts + 2);
+    judge(c, q, reference, named, facts, mirrored, facts + 1);
+    if (!angle)
+        return DONE;
+    memcpy(angle, c->k->angle, (size_t)c->k->n_angles * sizeof(Real));
+    return judge_independence(c, facts + 2, facts + 3);
 }
 
 /* Where c->q is, turns taken off: row i. */
-static void judge_one(Closer *c, Reaching *r, Int i)
+static void judge_one(Closer *c, ClosureTask *r, Int i)
 {
     Real *q = r->q + i * c->k->nq;
     memcpy(q, c->q, (size_t)c->k->nq * sizeof(Real));
-    closer_judge(c, q, r->reference, &r->meant, r->error + i, r->mirrored + i, r->distance + i);
+    judge(c, q, r->reference, &r->named, r->error + i, r->mirrored + i, r->distance + i);
 }
 
-static void reach_one(Closer *c, Reaching *r, Int i)
+static void reach_one(Closer *c, ClosureTask *r, Int i)
 {
-    if (begin_from(c, &r->how, r->q + i * c->k->nq, WORTHWHILE))
+    const int is_number = begin_from(c, &r->how, r->q + i * c->k->nq, WORTHWHILE);
+    if (is_number)
         close_one(c, &r->how);
     judge_one(c, r, i);
+    if (!is_number)
+        r->error[i] = INFINITY;
 }
 
-static int is_sound(const Reaching *r, Int i)
+static int is_sound(const ClosureTask *r, Int i)
 {
     return r->error[i] <= TOLERANCE_CLOSED && !r->mirrored[i];
 }
 
 /* Whether the last row, from where not much is left to go, leads no nearer than another: that is less
    than the difference, or both are at the same place, of all that is named. */
-static int leads_no_nearer(const Closer *c, const Reaching *r, Int nearest)
+static int leads_no_nearer(const Closer *c, const ClosureTask *r, Int nearest)
 {
-    Meant there = r->meant;
-    there.value = r->q + nearest * c->k->nq;
+    Named closest = r->named;
+    closest.value = r->q + nearest * c->k->nq;
     return r->distance[r->m] - c->rest >= r->distance[nearest] * (1.0 - AS_NEAR) ||
-           meant_distance(c->k, &there, r->q + r->m * c->k->nq) <= c->rest;
+           named_distance(c->k, &closest, r->q + r->m * c->k->nq) <= c->rest;
 }
 
 /* The distance below which a place is nearer than another one. */
@@ -514,7 +504,7 @@ static Real nearer_than(Real distance) { return distance * (1.0 - NEARER_PART) -
 
 /* Close from the start in the last row; 0 where that leads no nearer than another row, which is seen
    before the last steps. */
-static int reaches_nearer(Closer *c, Reaching *r, Int nearest)
+static int reaches_nearer(Closer *c, ClosureTask *r, Int nearest)
 {
     const Closing *how = &r->how;
     if (begin_from(c, how, r->q + r->m * c->k->nq, WORTHWHILE_FURTHER)) {
@@ -530,26 +520,26 @@ static int reaches_nearer(Closer *c, Reaching *r, Int nearest)
     return !is_sound(r, r->m) || r->distance[r->m] < nearer_than(r->distance[nearest]);
 }
 
-/* Put a further start into q: the nearest place so far, a group of loops shaken from where the first
-   start was. */
-static void put_start(const Closer *c, const Reaching *r, Int shake, Int nearest, Real *q)
+/* Put a further start into q: the nearest place so far, a group of loops displaced from where the
+   first start was. */
+static void put_start(const Closer *c, const ClosureTask *r, Int step, Int nearest, Real *q)
 {
     const Kernel *k = c->k;
     memcpy(q, r->q + nearest * k->nq, (size_t)k->nq * sizeof(Real));
     for (Int j = 1; j < k->n_joints; j++) {
         const Int at = k->iq[j], end = j + 1 < k->n_joints ? k->iq[j + 1] : k->nq;
-        if (r->group[k->iv[j]] == r->shaken[shake])
+        if (r->group[k->iv[j]] == r->moved[step])
             memcpy(q + at, c->begin + at, (size_t)(end - at) * sizeof(Real));
     }
-    tree_integrate(k, q, r->shakes + shake * k->nv);
+    tree_integrate(k, q, r->steps + step * k->nv);
 }
 
 /* Close from further starts, until one leads near to what is named. Of places where nothing is at
    fault only those nearer than all before them are kept. */
-static void reach_nearer(Closer *c, Reaching *r)
+static void reach_nearer(Closer *c, ClosureTask *r)
 {
     Int nearest = 0;
-    for (Int i = 0; i < r->n_shakes && !(r->distance[nearest] < r->near); i++) {
+    for (Int i = 0; i < r->n_steps && !(r->distance[nearest] < r->near); i++) {
         put_start(c, r, i, nearest, r->q + r->m * c->k->nq);
         if (!reaches_nearer(c, r, nearest))
             continue;
@@ -559,39 +549,45 @@ static void reach_nearer(Closer *c, Reaching *r)
     }
 }
 
-EXPORT int closer_reach(Closer *c, Reaching *r)
+EXPORT int closer_close(Closer *c, ClosureTask *r)
 {
     const Int starts = r->m;
     begin(c, r->pinned, r->reference, r->cut);
     memcpy(c->begin, r->q, (size_t)c->k->nq * sizeof(Real));
     for (Int i = 0; i < starts; i++)
         reach_one(c, r, i);
+    if (!r->facts)
+        return DONE;
     r->facts[0] = INFINITY;
     if (starts != 1 || !(r->error[0] <= TOLERANCE_CLOSED))
         return DONE;
+    const Named nothing = {0};
     Int mirrored;
-    const int code = closer_examine(c, r->q, r->reference, r->facts, r->angle, &mirrored);
+    const int code = closer_examine(c, r->q, r->reference, &nothing, r->facts, r->angle, &mirrored);
     if (code == DONE && is_sound(r, 0))
         reach_nearer(c, r);
     return code;
 }
 
-int reached_straight(const Reaching *r, Real open)
+int closed_straight(const ClosureTask *r, Real open)
 {
     const Real nearer = nearer_than(r->distance[0]);
-    if (!r->n_shakes && r->distance[0] > r->near)
+    if (!r->n_steps && r->distance[0] > r->near)
         return 0;
     for (Int i = 0; i < r->m; i++)
-        if (is_sound(r, i) ? r->distance[i] < nearer : !i || !(r->error[i] > open) || !isfinite(r->error[i]))
+        if (is_sound(r, i) ? r->distance[i] < nearer
+                           : !i || !(r->error[i] > open) || !isfinite(r->error[i]))
             return 0;
     return isfinite(r->facts[0]);
 }
 
 /* Descend from configurations q (m, nq) to residuals of a length, by products alone, the angles of
-   screws counting from zero; error: (m) these lengths. */
-EXPORT void closer_descend(Closer *c, Int m, Real *q, const Int *free, Real tolerance,
-                           Int iterations, Real *error)
+   screws counting from zero; error: (m) these lengths. Nothing is pinned. */
+EXPORT int closer_descend(Closer *c, Int m, Real *q, const Int *free, Real tolerance,
+                          Int iterations, Real *error)
 {
+    if (c->n_pins)
+        return BAD_ARRAYS;
     const size_t nq = (size_t)c->k->nq;
     const Descent d = {tolerance, iterations, 0, 1, PATIENT, WORTHWHILE};
     let_move(c, free);
@@ -603,4 +599,5 @@ EXPORT void closer_descend(Closer *c, Int m, Real *q, const Int *free, Real tole
         error[i] = descend(c, &d);
         memcpy(q + (size_t)i * nq, c->q, nq * sizeof(Real));
     }
+    return DONE;
 }

@@ -2,7 +2,7 @@
 #ifndef SPATIAL_PIN_CLOSING_H
 #define SPATIAL_PIN_CLOSING_H
 
-#include "meant.h"
+#include "unwrapping.h"
 
 typedef struct Closer Closer;
 
@@ -13,38 +13,47 @@ typedef struct {
     Int iterations;           /* damped steps at most */
 } Closing;
 
-/* What closer_reach closes with, and what it finds: as `Reaching` in closer.py. */
+/* What closer_close closes with, and what it finds: as `ClosureTask` in closer.py. */
 typedef struct {
     Int m;                        /* starts, then rows found */
     Real *q;                      /* (m, nq) */
     Closing how;
-    const Real *pinned, *reference; /* as closer_close has them */
-    Real cut;
-    Meant meant;
-    Int n_shakes;
-    const Real *shakes;           /* (n_shakes, nv) of further starts: of a group, from the first one */
+    const Real *pinned;           /* values of pinned coordinates */
+    const Real *reference;        /* (n_angles) from which the angles of screws count */
+    Real cut;                     /* size of equations, by the largest, below which they move nothing */
+    Named named;
+    Int n_steps;
+    const Real *steps;            /* (n_steps, nv) of further starts: of a group, from the first one */
     Real near;                    /* distance from what is named that is not questioned */
-    const Int *shaken, *group;    /* (n_shakes) the group of loops that each is of; (nv) of velocities */
-    Real *error, *distance;       /* (m) */
-    Int *mirrored;                /* (m) */
-    Real *facts, *angle;          /* as closer_examine has them */
-} Reaching;
+    const Int *moved, *group;     /* (n_steps) the group of loops that each moves; (nv) of velocities */
+    Real *error, *distance;       /* (m) closure error; distance from what is named */
+    Int *mirrored;                /* (m) whether axes point opposite ways */
+    Real *facts, *angle;          /* as closer_examine has them; facts NULL: not wanted */
+} ClosureTask;
 
+/* Memory to close the loops of a kernel, freed with it. rotations: (n_rotations) first equations of
+   closures, then whether 1 or 3 of their axes agree; pins: (n_pins, 4) see Pin, those of one joint
+   side by side. */
 EXPORT int closer_create(Kernel *k, const Int *rotations, Int n_rotations, const Int *pins,
                          Int n_pins, Closer **out);
-EXPORT void closer_close(Closer *c, Real *q, const Int *first, const Int *free,
-                         const Real *pinned, const Real *reference, Real loose, Real tolerance,
-                         Int iterations, Real cut, Real *error, Int *mirrored);
-EXPORT int closer_examine(Closer *c, const Real *q, const Real *reference, Real *facts, Real *angle,
-                          Int *mirrored);
 
-/* Close the loops as closer_close does, and judge where that leads. Of a single start, what is closed
-   is examined too, else facts[0] is infinite; and where nothing is at fault there, further starts
-   are tried: q, error, distance and mirrored have room for 1 + n_shakes rows. */
-EXPORT int closer_reach(Closer *c, Reaching *r);
-/* Whether nothing is at fault in the first place that was reached, and it is the nearest, or near
-   where there was no other start. Others may be open by more than `open`: their starts have led
-   nowhere. */
-int reached_straight(const Reaching *r, Real open);
+/* Close the loops from each start by itself, and judge where that leads. Of a single start, what is
+   closed is examined too, else facts[0] is infinite; and where nothing is at fault there, further
+   starts are tried: q, error, distance and mirrored have room for 1 + n_steps rows. */
+EXPORT int closer_close(Closer *c, ClosureTask *r);
+/* Whether nothing is at fault in the first row, and it is the nearest, or near where there was no
+   other start. Others may be open by more than `open`: their starts have led nowhere. */
+int closed_straight(const ClosureTask *r, Real open);
+
+/* What a configuration q (nq) is like, whole turns taken off its angles where some are named. facts:
+   (4) closure error, distance from what is named, and, where `angle` is wanted, how clearly equations
+   are independent: `least` and `left_out`, see judge_independence. angle: (n_angles) of screws;
+   mirrored: whether axes point opposite ways. */
+EXPORT int closer_examine(Closer *c, Real *q, const Real *reference, const Named *named, Real *facts,
+                          Real *angle, Int *mirrored);
+
+/* Close from q (nq), nothing pinned or named; returns the closure error. The kernel is evaluated
+   there. */
+Real closer_close_one(Closer *c, Real *q, const Closing *how, const Real *reference, Real cut);
 
 #endif

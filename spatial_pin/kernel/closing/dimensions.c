@@ -19,8 +19,11 @@ typedef struct {
     Real opened;          /* part of the rates by which equations left out would open */
 } Facts;
 
-/* Samples and what becomes of them: m of each. */
+/* Samples and what becomes of them, m of each: as `_DimensionStruct` in dimensions.py. */
 typedef struct {
+    const Int *chosen;  /* (n_chosen) equations of the square system, as system_set has them */
+    const Int *driven;  /* (n_driven) */
+    const Real *fill;   /* (n_fill, nv) */
     const Real *base;   /* (n_reals + 3 n_points) numbers, then points in the axes of their joints */
     const Int *place;   /* (n_varied) which of them differ from sample to sample */
     const Real *varied; /* (m, n_varied) */
@@ -32,7 +35,7 @@ typedef struct {
     Real *v, *a;        /* (m, nv) */
     Real *point;        /* (m, n_points, 5, 3) position, velocity, acceleration, w, w' */
     Facts *fact;        /* (m) */
-    Int n_reals, n_varied, n_points, iterations;
+    Int n_chosen, n_driven, n_fill, n_reals, n_varied, n_points, iterations;
     Real tolerance, cut;
 } Samples;
 
@@ -40,7 +43,7 @@ typedef struct {
     Kernel *k;
     Closer *closer;
     const Samples *s;
-    Real *numbers;        /* (n_reals + 3 n_points) of the sample */
+    Real *points;         /* (n_points, 3) of the sample, in the axes of their joints */
     Real *q, *way, *open; /* (nq) start; (nv) scaled way from there; (n_closure) residual there */
     Real *idle;           /* (n_fill, nv) orthonormal motions that nothing prescribes */
 } Work;
@@ -61,8 +64,8 @@ static Real bend(Work *w)
     const Kernel *k = w->k;
     Real *x = k->right;
     memset(x, 0, (size_t)k->nv * sizeof *x);
-    for (Int i = 0; i < k->n_chosen; i++)
-        x[i] = w->open[k->chosen[i]] + entry_times(k, k->chosen[i], w->way);
+    for (Int i = 0; i < k->system.n_chosen; i++)
+        x[i] = w->open[k->system.chosen[i]] + entry_times(k, k->system.chosen[i], w->way);
     system_solve(k, x);
     return largest(x, k->nv);
 }
@@ -89,10 +92,10 @@ static void solve_least(const Work *w, Int n_idle, Real *x)
 static void find_idle(Work *w)
 {
     const Kernel *k = w->k;
-    for (Int i = 0; i < k->n_fill; i++) {
+    for (Int i = 0; i < k->system.n_fill; i++) {
         Real *x = w->idle + i * k->nv;
         memset(x, 0, (size_t)k->nv * sizeof *x);
-        x[k->nv - k->n_fill + i] = 1.0;
+        x[k->nv - k->system.n_fill + i] = 1.0;
         solve_least(w, i, x);
         const Real size = norm(x, k->nv);
         for (Int v = 0; v < k->nv; v++)
@@ -104,8 +107,8 @@ static void scale_out(const Kernel *k, const Real *x, const Real *rate, Real *ou
 {
     for (Int v = 0; v < k->nv; v++)
         out[v] = k->scale[v] * x[v];
-    for (Int i = 0; i < k->n_driven; i++)
-        out[k->driven[i]] = rate[i]; /* as asked for, to the last digit */
+    for (Int i = 0; i < k->system.n_driven; i++)
+        out[k->system.driven[i]] = rate[i]; /* as asked for, to the last digit */
 }
 
 /* Velocities and accelerations at the factored configuration; by how much the fastest joint would
@@ -116,13 +119,13 @@ static Real solve_rates(Work *w, Real *v, Real *a)
     Real *x = k->right, opened = 0.0;
     find_idle(w);
     system_put_rates(k, w->s->speed);
-    solve_least(w, k->n_fill, x);
+    solve_least(w, k->system.n_fill, x);
     for (Int i = 0; i < k->n_closure; i++)
         opened = fmax(opened, fabs(entry_times(k, i, x)));
     const Real fastest = largest(x, k->nv);
     scale_out(k, x, w->s->speed, v);
     system_put_accelerations(k, v, w->s->acceleration);
-    solve_least(w, k->n_fill, x);
+    solve_least(w, k->system.n_fill, x);
     scale_out(k, x, w->s->acceleration, a);
     return fastest > 0.0 ? opened / fastest : 0.0;
 }
@@ -136,7 +139,7 @@ static void write_points(Work *w, const Real *v, const Real *a, Real *out)
     for (Int i = 0; i < w->s->n_points; i++, out += 15) {
         const Int at = 3 * w->s->joint[i];
         Real arm[3], swing[3], more[3];
-        rotate3(k->R + 3 * at, w->numbers + w->s->n_reals + 3 * i, arm);
+        rotate3(k->R + 3 * at, w->points + 3 * i, arm);
         cross3(k->omega + at, arm, swing);
         copy3(k->p + at, out);
         add3(1.0, arm, out);
@@ -154,12 +157,16 @@ static void write_points(Work *w, const Real *v, const Real *a, Real *out)
 
 /* ---------------------------------------------------------------- one sample after the other */
 
-static void take_numbers(Work *w, Int i)
+/* Let the kernel, and the points, have the numbers of sample i. */
+static int take_numbers(Work *w, Int i)
 {
     const Samples *s = w->s;
-    memcpy(w->numbers, s->base, (size_t)(s->n_reals + 3 * s->n_points) * sizeof(Real));
+    const Real *varied = s->varied + i * s->n_varied;
+    memcpy(w->points, s->base + s->n_reals, (size_t)(3 * s->n_points) * sizeof(Real));
     for (Int n = 0; n < s->n_varied; n++)
-        w->numbers[s->place[n]] = s->varied[i * s->n_varied + n];
+        if (s->place[n] >= s->n_reals)
+            w->points[s->place[n] - s->n_reals] = varied[n];
+    return kernel_vary_numbers(w->k, s->base, s->n_reals, s->place, varied, s->n_varied);
 }
 
 /* Close sample i, whose numbers the kernel has, from its start; it is evaluated there. */
@@ -168,14 +175,12 @@ static void close_from_start(Work *w, Int i)
     const Samples *s = w->s;
     Kernel *k = w->k;
     Real *q = s->q + i * k->nq, *angle = s->angle + i * k->n_angles;
-    Int mirrored;
+    const Closing how = {NULL, s->free, 0.0, s->tolerance, s->iterations};
     memcpy(w->q, q, (size_t)k->nq * sizeof *q);
     equations_values_near(k, q, angle);
     memcpy(w->open, k->residual, (size_t)k->n_closure * sizeof(Real));
-    closer_close(w->closer, q, NULL, s->free, NULL, angle, 0.0, s->tolerance, s->iterations,
-                 s->cut, &s->fact[i].error, &mirrored);
-    equations_values(k, q);
-    equations_jacobian(k, &k->all);
+    s->fact[i].error = closer_close_one(w->closer, q, &how, angle, s->cut);
+    equations_jacobian(k, &k->equations.all);
     memcpy(angle, k->angle, (size_t)k->n_angles * sizeof(Real));
 }
 
@@ -190,8 +195,8 @@ static int judge(Work *w, const Real *q, Facts *fact)
     for (Int v = 0; v < k->nv; v++)
         fact->way += fabs(w->way[v]);
     const int code = system_factor(k);
-    fact->sign = code == DONE ? k->sign : 0.0;
-    fact->magnitude = log(k->mantissa) + (Real)k->exponent * log(2.0);
+    fact->sign = code == DONE ? k->system.sign : 0.0;
+    fact->magnitude = log(k->system.mantissa) + (Real)k->system.exponent * log(2.0);
     fact->bend = code == DONE ? bend(w) : INFINITY;
     return code;
 }
@@ -201,8 +206,7 @@ static int close_sample(Work *w, Int i)
     const Samples *s = w->s;
     Kernel *k = w->k;
     Real *v = s->v + i * k->nv, *a = s->a + i * k->nv;
-    take_numbers(w, i);
-    int code = kernel_set_numbers(k, w->numbers, s->n_reals);
+    int code = take_numbers(w, i);
     if (code != DONE)
         return code;
     close_from_start(w, i);
@@ -225,50 +229,20 @@ static int is_sound(const Kernel *k, const Samples *s)
     return 1;
 }
 
-/* Close m samples with the square system of the kernel, whose numbers are the last sample's then.
+/* Close m samples. The numbers of the kernel are the last sample's then.
 
-   work: (n_reals + 3 n_points + nq + nv + n_closure + n_fill nv). */
+   work: (3 n_points + nq + nv + n_closure + n_fill nv). */
 EXPORT int dimensions_close(Kernel *k, Closer *closer, const Samples *s, Int m, Real *work)
 {
-    if (!is_sound(k, s) || k->n_chosen + k->n_idle + k->n_driven + k->n_fill != k->nv)
+    if (!is_sound(k, s))
         return BAD_ARRAYS;
-    Work w = {.k = k, .closer = closer, .s = s, .numbers = work};
-    w.q = w.numbers + s->n_reals + 3 * s->n_points;
+    int code = system_set(k, s->chosen, s->n_chosen, s->driven, s->n_driven, s->fill, s->n_fill);
+    Work w = {.k = k, .closer = closer, .s = s, .points = work};
+    w.q = w.points + 3 * s->n_points;
     w.way = w.q + k->nq;
     w.open = w.way + k->nv;
     w.idle = w.open + k->n_closure;
-    int code = DONE;
     for (Int i = 0; i < m && code == DONE; i++)
         code = close_sample(&w, i);
     return code;
-}
-
-/* What m samples give at the configurations where they stand: nothing is closed.
-
-   Of each: closure equations (n_closure), placements R (9, by columns) and p (3) of all joints, the
-   dense Jacobian (n_equations, nv) with respect to v / scale, and the columns (nv, 3) of the joint
-   Jacobian about the world origin. Jacobian and columns may be NULL. Angles of screws are taken
-   and given in `angle`. work: (n_reals). */
-EXPORT int dimensions_evaluate(Kernel *k, const Samples *s, Int m, Real *residual, Real *R, Real *p,
-                               Real *jacobian, Real *linear, Real *angular, Real *work)
-{
-    if (s->n_points || !is_sound(k, s))
-        return BAD_ARRAYS;
-    Work w = {.k = k, .s = s, .numbers = work};
-    const Int size = k->n_equations * k->nv;
-    for (Int i = 0; i < m; i++) {
-        Real *angle = s->angle + i * k->n_angles;
-        take_numbers(&w, i);
-        const int code = kernel_set_numbers(k, w.numbers, s->n_reals);
-        if (code != DONE)
-            return code;
-        kernel_evaluate(k, s->q + i * k->nq, NULL, angle, R + 9 * i * k->n_joints,
-                        p + 3 * i * k->n_joints, residual + i * k->n_closure, angle,
-                        jacobian ? jacobian + i * size : NULL, NULL);
-        if (!jacobian)
-            continue;
-        memcpy(linear + 3 * i * k->nv, k->linear, (size_t)(3 * k->nv) * sizeof(Real));
-        memcpy(angular + 3 * i * k->nv, k->angular, (size_t)(3 * k->nv) * sizeof(Real));
-    }
-    return DONE;
 }

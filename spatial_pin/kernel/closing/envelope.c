@@ -3,6 +3,7 @@
  * a chain of loops the envelope is a band, and the work grows with the number of loops; a few
  * loops have a full envelope, and this is Cholesky's method. */
 #include "envelope.h"
+#include "memory.h"
 
 /* Which rows of J have an entry in each column. */
 typedef struct {

@@ -25,7 +25,7 @@
 
 static Int equations_of(Int axes) { return axes == 3 ? 3 : 2; }
 
-static Int product_of(const Kernel *k, Int equation) { return k->equation_product[equation]; }
+static Int product_of(const Kernel *k, Int equation) { return k->equations.product[equation]; }
 
 int rotations_are_sound(const Kernel *k, const Rotations *rotations)
 {
@@ -36,8 +36,8 @@ int rotations_are_sound(const Kernel *k, const Rotations *rotations)
             return 0;
         for (Int e = first; e < first + equations_of(axes); e++) {
             const Int p = product_of(k, e), entries = k->entry_start[e + 1] - k->entry_start[e];
-            if (k->equation_kind[e] != PRODUCT ||
-                k->support_start[p + 1] - k->support_start[p] != entries)
+            if (k->equations.kind[e] != PRODUCT ||
+                k->products.support_start[p + 1] - k->products.support_start[p] != entries)
                 return 0;
         }
     }
@@ -84,8 +84,8 @@ static void relative_axes(const Kernel *k, Int first, Int axes, Real *r)
     const Real *one[3], *two[3];
     Real z1[3];
     for (Int i = 0; i < equations_of(axes); i++) {
-        one[i] = k->B + 3 * product_of(k, first + i);
-        two[(i + 1) % 3] = k->A + 3 * product_of(k, first + i);
+        one[i] = k->products.B + 3 * product_of(k, first + i);
+        two[(i + 1) % 3] = k->products.A + 3 * product_of(k, first + i);
     }
     if (axes == 1) {
         cross3(one[0], one[1], z1);
@@ -157,12 +157,12 @@ void rotations_put_entries(Kernel *k, const Rotations *rotations)
         const Int axes = rotations->axes[i], first = rotations->first[i];
         for (Int r = 0; r < equations_of(axes); r++) {
             /* the B of equation x1, y1, z1 is that axis of frame 1 */
-            const Real *axis = k->B + 3 * product_of(k, first + axis_of(axes, r));
+            const Real *axis = k->products.B + 3 * product_of(k, first + axis_of(axes, r));
             const Int p = product_of(k, first + r), to = k->entry_start[first + r];
-            for (Int s = k->support_start[p]; s < k->support_start[p + 1]; s++)
-                k->entry[to + s - k->support_start[p]] =
-                    sign_of(axes, r) * k->support_sign[s] *
-                    dot3(axis, k->angular + 3 * k->support_v[s]);
+            for (Int s = k->products.support_start[p]; s < k->products.support_start[p + 1]; s++)
+                k->entry[to + s - k->products.support_start[p]] =
+                    sign_of(axes, r) * k->products.support_sign[s] *
+                    dot3(axis, k->angular + 3 * k->products.support_v[s]);
         }
     }
 }

@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "least_motion.h"
+#include "memory.h"
 
 static Int smaller(Int a, Int b) { return a < b ? a : b; }
 
@@ -21,7 +22,7 @@ int least_motion_create(Kernel *k, Int n, Int most, LeastMotion *e)
     e->R = kernel_reals(k, r * n);
     e->tall = kernel_reals(k, r * (n + r));
     e->right = kernel_reals(k, n + most);
-    e->left = kernel_reals(k, n);
+    e->square_lengths = kernel_reals(k, n);
     return kernel_had_memory(k) ? DONE : NO_MEMORY;
 }
 
@@ -50,8 +51,8 @@ static Int longest(LeastMotion *e, Int step)
     Int best = step;
     for (Int j = step; j < e->n; j++) {
         const Real *column = e->vectors + j * e->m + step;
-        e->left[j] = dot(column, column, e->m - step);
-        if (e->left[j] > e->left[best])
+        e->square_lengths[j] = dot(column, column, e->m - step);
+        if (e->square_lengths[j] > e->square_lengths[best])
             best = j;
     }
     return best;

@@ -13,7 +13,7 @@ typedef struct {
     Real *R;        /* (min(n, m), n), rows; those below `rank` are taken as zero */
     Real *tall;     /* (min(n, m), n + min(n, m)) columns of Rᵀ over damping, then its own vectors */
     Real *right;    /* (n + m) */
-    Real *left;     /* (n) squared lengths of columns that are left */
+    Real *square_lengths;     /* (n) squared lengths of columns that are left */
 } LeastMotion;
 
 /* For n equations of `most` unknowns or fewer; DONE or NO_MEMORY. */

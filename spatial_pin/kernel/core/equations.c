@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "kernel.h"
+#include "memory.h"
 
 /* ---- products ---- */
 
@@ -23,21 +24,21 @@ static inline void sum_of_terms(const Real *vectors, const Int *term, const Real
 /* Force and moment about the world origin that a product exerts on its second body. */
 static void product_wrench(const Kernel *k, Int i, Real *force, Real *moment)
 {
-    const Real *B = k->B + 3 * i;
+    const Real *B = k->products.B + 3 * i;
     Real X[3] = {0.0, 0.0, 0.0};
-    if (k->x_term[i] >= 0)
-        add3(k->x_factor[i], k->vector + 3 * k->x_term[i], X);
+    if (k->products.x_term[i] >= 0)
+        add3(k->products.x_factor[i], k->vectors.value + 3 * k->products.x_term[i], X);
     cross3(X, B, moment);
     zero3(force);
-    add3(k->force[i], B, force);
+    add3(k->products.force[i], B, force);
 }
 
 /* Derivatives of product i for the freedoms of its support, in their order. */
 static void product_row(const Kernel *k, Int i, const Real *force, const Real *moment, Real *out)
 {
-    for (Int t = k->support_start[i]; t < k->support_start[i + 1]; t++) {
-        const Int v = k->support_v[t];
-        *out++ = k->support_sign[t] *
+    for (Int t = k->products.support_start[i]; t < k->products.support_start[i + 1]; t++) {
+        const Int v = k->products.support_v[t];
+        *out++ = k->products.support_sign[t] *
                  (dot3(force, k->linear + 3 * v) + dot3(moment, k->angular + 3 * v));
     }
 }
@@ -47,9 +48,9 @@ static void add_product_row(Kernel *k, Int i, Real factor)
 {
     Real force[3], moment[3];
     product_wrench(k, i, force, moment);
-    for (Int t = k->support_start[i]; t < k->support_start[i + 1]; t++) {
-        const Int v = k->support_v[t];
-        k->row[v] += factor * k->support_sign[t] *
+    for (Int t = k->products.support_start[i]; t < k->products.support_start[i + 1]; t++) {
+        const Int v = k->products.support_v[t];
+        k->equations.row[v] += factor * k->products.support_sign[t] *
                      (dot3(force, k->linear + 3 * v) + dot3(moment, k->angular + 3 * v));
     }
 }
@@ -58,8 +59,8 @@ static void add_product_row(Kernel *k, Int i, Real factor)
 static void store_row(Kernel *k, Int equation)
 {
     for (Int e = k->entry_start[equation]; e < k->entry_start[equation + 1]; e++) {
-        k->entry[e] = k->row[k->entry_v[e]];
-        k->row[k->entry_v[e]] = 0.0;
+        k->entry[e] = k->equations.row[k->entry_v[e]];
+        k->equations.row[k->entry_v[e]] = 0.0;
     }
 }
 
@@ -68,10 +69,10 @@ static void store_row(Kernel *k, Int equation)
 /* What an angle is nearest to: coordinates tell how often it has turned, or else the reference does. */
 static Real near_angle(const Kernel *k, Int angle)
 {
-    const Int begin = k->spin_start[angle], end = k->spin_start[angle + 1];
-    Real near = begin < end ? k->spin_offset[angle] : k->angle_reference[angle];
+    const Int begin = k->angles.spin_start[angle], end = k->angles.spin_start[angle + 1];
+    Real near = begin < end ? k->angles.spin_offset[angle] : k->angle_reference[angle];
     for (Int i = begin; i < end; i++)
-        near += k->spin_sign[i] * k->q[k->spin_q[i]];
+        near += k->angles.spin_sign[i] * k->q[k->angles.spin_q[i]];
     return near;
 }
 
@@ -79,8 +80,8 @@ static void place_angles(Kernel *k)
 {
     const Real around = 2.0 * PI;
     for (Int i = 0; i < k->n_angles; i++) {
-        const Int *of = k->angle_product + 2 * i;
-        const Real angle = atan2(k->value[of[0]], k->value[of[1]]);
+        const Int *of = k->angles.product + 2 * i;
+        const Real angle = atan2(k->products.value[of[0]], k->products.value[of[1]]);
         k->angle[i] = angle + around * nearbyint((near_angle(k, i) - angle) / around);
     }
 }
@@ -88,46 +89,49 @@ static void place_angles(Kernel *k)
 static void angle_rates(Kernel *k)
 {
     for (Int i = 0; i < k->n_angles; i++) {
-        const Int sine = k->angle_product[2 * i], cosine = k->angle_product[2 * i + 1];
-        const Real s = k->value[sine], c = k->value[cosine], n = s * s + c * c;
-        const Real ds = k->product_rate[sine], dc = k->product_rate[cosine];
-        const Real dds = k->product_bias[sine], ddc = k->product_bias[cosine];
+        const Int sine = k->angles.product[2 * i], cosine = k->angles.product[2 * i + 1];
+        const Real s = k->products.value[sine], c = k->products.value[cosine], n = s * s + c * c;
+        const Real ds = k->products.rate[sine], dc = k->products.rate[cosine];
+        const Real dds = k->products.bias[sine], ddc = k->products.bias[cosine];
         const Real rate = (c * ds - s * dc) / n;
-        k->angle_rate[i] = rate;
-        k->angle_bias[i] = (c * dds - s * ddc) / n - 2.0 * rate * (c * dc + s * ds) / n;
+        k->angles.rate[i] = rate;
+        k->angles.bias[i] = (c * dds - s * ddc) / n - 2.0 * rate * (c * dc + s * ds) / n;
     }
 }
 
 static void place_quantity(Kernel *k, Int i)
 {
-    const Int kind = k->quantity_kind[i], at = k->quantity_at[2 * i], f = k->quantity_function[i];
-    const Real x = kind == OF_PRODUCT ? k->value[at] : kind == ANGLE ? k->angle[at] : k->q[at];
-    k->quantity[i] = x;
+    const Quantities *all = &k->quantities;
+    const Int kind = all->kind[i], at = all->at[2 * i], f = all->function[i];
+    const Real x = kind == COORDINATE ? k->q[at] : kind == ANGLE ? k->angle[at]
+                                                                 : k->products.value[at];
+    all->value[i] = x;
     if (f >= 0)
-        piecewise_at(k->function_shape + SHAPE * f, k->function_number, x, k->quantity + i,
-                     k->quantity_slope + i, k->quantity_bend + i);
+        piecewise_at(all->shape + SHAPE * f, all->number, x, all->value + i, all->slope + i,
+                     all->bend + i);
 }
 
 static void rate_quantity(Kernel *k, Int i, const Real *v)
 {
-    const Int kind = k->quantity_kind[i], *at = k->quantity_at + 2 * i;
+    const Quantities *all = &k->quantities;
+    const Int kind = all->kind[i], *at = all->at + 2 * i;
     Real rate = v[at[1]], bias = 0.0;
     if (kind != COORDINATE) {
-        rate = kind == ANGLE ? k->angle_rate[at[0]] : k->product_rate[at[0]];
-        bias = kind == ANGLE ? k->angle_bias[at[0]] : k->product_bias[at[0]];
+        rate = kind == ANGLE ? k->angles.rate[at[0]] : k->products.rate[at[0]];
+        bias = kind == ANGLE ? k->angles.bias[at[0]] : k->products.bias[at[0]];
     }
-    if (k->quantity_function[i] >= 0) {
-        bias = k->quantity_slope[i] * bias + k->quantity_bend[i] * rate * rate;
-        rate *= k->quantity_slope[i];
+    if (all->function[i] >= 0) {
+        bias = all->slope[i] * bias + all->bend[i] * rate * rate;
+        rate *= all->slope[i];
     }
-    k->quantity_rate[i] = rate;
-    k->quantity_bias[i] = bias;
+    all->rate[i] = rate;
+    all->bias[i] = bias;
 }
 
 static void add_angle_row(Kernel *k, Int angle, Real factor)
 {
-    const Int *of = k->angle_product + 2 * angle;
-    const Real s = k->value[of[0]], c = k->value[of[1]], square = s * s + c * c;
+    const Int *of = k->angles.product + 2 * angle;
+    const Real s = k->products.value[of[0]], c = k->products.value[of[1]], square = s * s + c * c;
     add_product_row(k, of[0], factor * c / square);
     add_product_row(k, of[1], -factor * s / square);
 }
@@ -135,11 +139,11 @@ static void add_angle_row(Kernel *k, Int angle, Real factor)
 /* Add factor times the derivatives of a quantity to the scratch row over all freedoms. */
 static void add_quantity_row(Kernel *k, Int i, Real factor)
 {
-    const Int kind = k->quantity_kind[i], *at = k->quantity_at + 2 * i;
-    if (k->quantity_function[i] >= 0)
-        factor *= k->quantity_slope[i];
+    const Int kind = k->quantities.kind[i], *at = k->quantities.at + 2 * i;
+    if (k->quantities.function[i] >= 0)
+        factor *= k->quantities.slope[i];
     if (kind == COORDINATE) {
-        k->row[at[1]] += factor * k->scale[at[1]];
+        k->equations.row[at[1]] += factor * k->scale[at[1]];
     } else if (kind == OF_PRODUCT) {
         add_product_row(k, at[0], factor);
     } else {
@@ -152,18 +156,20 @@ static void add_quantity_row(Kernel *k, Int i, Real factor)
 /* A term's number times its quantities but two of them (-1: none). */
 static Real product_without(const Kernel *k, Int term, Int one, Int other)
 {
-    Real product = k->term_number[term];
-    for (Int i = k->factor_start[term]; i < k->factor_start[term + 1]; i++)
+    const Int *start = k->equations.factor_start + term;
+    Real product = k->equations.term_number[term];
+    for (Int i = start[0]; i < start[1]; i++)
         if (i != one && i != other)
-            product *= k->quantity[i];
+            product *= k->quantities.value[i];
     return product;
 }
 
 static void value_of_sum(Kernel *k, Int equation)
 {
+    const Int *term = k->equations.term_start + equation, *factor = k->equations.factor_start;
     Real sum = 0.0;
-    for (Int t = k->term_start[equation]; t < k->term_start[equation + 1]; t++) {
-        for (Int i = k->factor_start[t]; i < k->factor_start[t + 1]; i++)
+    for (Int t = term[0]; t < term[1]; t++) {
+        for (Int i = factor[t]; i < factor[t + 1]; i++)
             place_quantity(k, i);
         sum += product_without(k, t, -1, -1);
     }
@@ -172,42 +178,45 @@ static void value_of_sum(Kernel *k, Int equation)
 
 static void jacobian_of_sum(Kernel *k, Int equation)
 {
-    for (Int t = k->term_start[equation]; t < k->term_start[equation + 1]; t++)
-        for (Int i = k->factor_start[t]; i < k->factor_start[t + 1]; i++)
+    const Int *term = k->equations.term_start + equation, *factor = k->equations.factor_start;
+    for (Int t = term[0]; t < term[1]; t++)
+        for (Int i = factor[t]; i < factor[t + 1]; i++)
             add_quantity_row(k, i, product_without(k, t, i, -1));
     store_row(k, equation);
 }
 
 static void bias_of_sum(Kernel *k, Int equation, const Real *v)
 {
+    const Int *term = k->equations.term_start + equation, *factor = k->equations.factor_start;
+    const Real *rate = k->quantities.rate, *bias = k->quantities.bias;
     Real sum = 0.0;
-    for (Int t = k->term_start[equation]; t < k->term_start[equation + 1]; t++) {
-        const Int begin = k->factor_start[t], end = k->factor_start[t + 1];
+    for (Int t = term[0]; t < term[1]; t++) {
+        const Int begin = factor[t], end = factor[t + 1];
         for (Int i = begin; i < end; i++)
             rate_quantity(k, i, v);
         for (Int i = begin; i < end; i++) {
-            sum += product_without(k, t, i, -1) * k->quantity_bias[i];
+            sum += product_without(k, t, i, -1) * bias[i];
             for (Int j = begin; j < end; j++)
                 if (j != i)
-                    sum += product_without(k, t, i, j) * k->quantity_rate[i] * k->quantity_rate[j];
+                    sum += product_without(k, t, i, j) * rate[i] * rate[j];
         }
     }
-    k->bias[equation] = sum;
+    k->equations.bias[equation] = sum;
 }
 
 /* ---- the kinds ---- */
 
 static void value_of(Kernel *k, Int equation)
 {
-    if (k->equation_kind[equation] == PRODUCT)
-        k->residual[equation] = k->value[k->equation_product[equation]];
-    else if (k->equation_kind[equation] == SUM)
+    if (k->equations.kind[equation] == PRODUCT)
+        k->residual[equation] = k->products.value[k->equations.product[equation]];
+    else if (k->equations.kind[equation] == SUM)
         value_of_sum(k, equation); /* an idle rotation has no value, only a rate */
 }
 
 static void jacobian_of(Kernel *k, Int equation)
 {
-    const Int kind = k->equation_kind[equation], product = k->equation_product[equation];
+    const Int kind = k->equations.kind[equation], product = k->equations.product[equation];
     Real force[3] = {0.0, 0.0, 0.0}, moment[3];
     if (kind == SUM) {
         jacobian_of_sum(k, equation);
@@ -215,20 +224,20 @@ static void jacobian_of(Kernel *k, Int equation)
     }
     if (kind == PRODUCT)
         product_wrench(k, product, force, moment);
-    product_row(k, product, force, kind == PRODUCT ? moment : k->B + 3 * product,
+    product_row(k, product, force, kind == PRODUCT ? moment : k->products.B + 3 * product,
                 k->entry + k->entry_start[equation]);
 }
 
 static void bias_of(Kernel *k, Int equation, const Real *v)
 {
-    const Int kind = k->equation_kind[equation], product = k->equation_product[equation];
+    const Int kind = k->equations.kind[equation], product = k->equations.product[equation];
     if (kind == SUM) {
         bias_of_sum(k, equation, v);
     } else if (kind == PRODUCT) {
-        k->bias[equation] = k->product_bias[product];
+        k->equations.bias[equation] = k->products.bias[product];
     } else {
-        const Int body = k->vector_body[k->b_term[2 * product]];
-        k->bias[equation] = dot3(k->B + 3 * product, k->alpha + 3 * body);
+        const Int body = k->vectors.body[k->products.b_term[2 * product]];
+        k->equations.bias[equation] = dot3(k->products.B + 3 * product, k->alpha + 3 * body);
     }
 }
 
@@ -247,10 +256,10 @@ static int covers(const Kernel *k, Int equation, Int product)
 {
     Int e = k->entry_start[equation];
     const Int end = k->entry_start[equation + 1];
-    for (Int t = k->support_start[product]; t < k->support_start[product + 1]; t++) {
-        while (e < end && k->entry_v[e] < k->support_v[t])
+    for (Int t = k->products.support_start[product]; t < k->products.support_start[product + 1]; t++) {
+        while (e < end && k->entry_v[e] < k->products.support_v[t])
             e++;
-        if (e == end || k->entry_v[e] != k->support_v[t])
+        if (e == end || k->entry_v[e] != k->products.support_v[t])
             return 0;
     }
     return 1;
@@ -258,27 +267,27 @@ static int covers(const Kernel *k, Int equation, Int product)
 
 static int angle_is_sound(const Kernel *k, Int equation, Int angle)
 {
-    return within(angle, k->n_angles) && covers(k, equation, k->angle_product[2 * angle]) &&
-           covers(k, equation, k->angle_product[2 * angle + 1]);
+    return within(angle, k->n_angles) && covers(k, equation, k->angles.product[2 * angle]) &&
+           covers(k, equation, k->angles.product[2 * angle + 1]);
 }
 
 static int quantity_is_sound(const Kernel *k, Int equation, Int i)
 {
-    const Int kind = k->quantity_kind[i], *at = k->quantity_at + 2 * i;
-    if (k->quantity_function[i] < -1 || k->quantity_function[i] >= k->n_functions ||
+    const Int kind = k->quantities.kind[i], *at = k->quantities.at + 2 * i;
+    if (k->quantities.function[i] < -1 || k->quantities.function[i] >= k->quantities.n_functions ||
         !within(at[1], k->nv)) /* zero but of coordinates */
         return 0;
     if (kind == COORDINATE)
         return within(at[0], k->nq) && holds(k, equation, at[1]);
     if (kind == OF_PRODUCT)
-        return within(at[0], k->n_products) && covers(k, equation, at[0]);
+        return within(at[0], k->products.n) && covers(k, equation, at[0]);
     return kind == ANGLE && angle_is_sound(k, equation, at[0]);
 }
 
 static int sum_is_sound(const Kernel *k, Int equation)
 {
-    for (Int t = k->term_start[equation]; t < k->term_start[equation + 1]; t++)
-        for (Int i = k->factor_start[t]; i < k->factor_start[t + 1]; i++)
+    for (Int t = k->equations.term_start[equation]; t < k->equations.term_start[equation + 1]; t++)
+        for (Int i = k->equations.factor_start[t]; i < k->equations.factor_start[t + 1]; i++)
             if (!quantity_is_sound(k, equation, i))
                 return 0;
     return 1;
@@ -286,18 +295,18 @@ static int sum_is_sound(const Kernel *k, Int equation)
 
 static int equation_is_sound(const Kernel *k, Int i)
 {
-    const Int kind = k->equation_kind[i], product = k->equation_product[i];
+    const Int kind = k->equations.kind[i], product = k->equations.product[i];
     if (!within(kind, IDLE + 1) || (kind == IDLE) != (i >= k->n_closure))
         return 0;
     if (kind == SUM)
         return sum_is_sound(k, i);
-    if (!within(product, k->n_products) || !covers(k, i, product))
+    if (!within(product, k->products.n) || !covers(k, i, product))
         return 0;
     /* their entries are written in the support's order */
-    const Int n = k->support_start[product + 1] - k->support_start[product];
+    const Int n = k->products.support_start[product + 1] - k->products.support_start[product];
     if (k->entry_start[i + 1] - k->entry_start[i] != n)
         return 0;
-    return kind != IDLE || k->b_term[2 * product] >= 0;
+    return kind != IDLE || k->products.b_term[2 * product] >= 0;
 }
 
 /* Whether places that parts of arrays begin at do not descend, from 0. */
@@ -312,11 +321,12 @@ static int ascends(const Int *start, Int n)
 int equations_are_sound(const Kernel *k)
 {
     const Int ne = k->n_equations;
-    if (piecewise_size(k->function_shape, k->n_functions) < 0 || !ascends(k->term_start, ne) ||
-        !ascends(k->factor_start, k->term_start[ne]))
+    if (piecewise_size(k->quantities.shape, k->quantities.n_functions) < 0 ||
+        !ascends(k->equations.term_start, ne) ||
+        !ascends(k->equations.factor_start, k->equations.term_start[ne]))
         return 0;
     for (Int i = 0; i < 2 * k->n_angles; i++)
-        if (!within(k->angle_product[i], k->n_products))
+        if (!within(k->angles.product[i], k->products.n))
             return 0;
     for (Int i = 0; i < ne; i++)
         if (!equation_is_sound(k, i))
@@ -331,40 +341,40 @@ enum { OUTSIDE = 0, INSIDE = 1, STANDING = 2 };
 
 static void unmark(Kernel *k)
 {
-    memset(k->is_equation, OUTSIDE, (size_t)k->n_equations);
-    memset(k->is_product, OUTSIDE, (size_t)k->n_products);
-    for (Int i = 0; i < k->n_vectors; i++)
-        k->is_vector[i] = k->vector_body[i] ? OUTSIDE : STANDING;
+    memset(k->equations.is_equation, OUTSIDE, (size_t)k->n_equations);
+    memset(k->equations.is_product, OUTSIDE, (size_t)k->products.n);
+    for (Int i = 0; i < k->vectors.n; i++)
+        k->equations.is_vector[i] = k->vectors.body[i] ? OUTSIDE : STANDING;
 }
 
 static void mark_vector(Kernel *k, Int i)
 {
-    if (i >= 0 && k->vector_body[i])
-        k->is_vector[i] = INSIDE;
+    if (i >= 0 && k->vectors.body[i])
+        k->equations.is_vector[i] = INSIDE;
 }
 
 static void mark_product(Kernel *k, Int product)
 {
-    k->is_product[product] = INSIDE;
-    mark_vector(k, k->x_term[product]);
+    k->equations.is_product[product] = INSIDE;
+    mark_vector(k, k->products.x_term[product]);
     for (int t = 0; t < 2; t++) {
-        mark_vector(k, k->a_term[2 * product + t]);
-        mark_vector(k, k->b_term[2 * product + t]);
+        mark_vector(k, k->products.a_term[2 * product + t]);
+        mark_vector(k, k->products.b_term[2 * product + t]);
     }
 }
 
 /* Mark what an equation of the system is made of; products of angles are marked anyway. */
 static void mark_equation(Kernel *k, Int i)
 {
-    k->is_equation[i] = INSIDE;
-    if (k->equation_kind[i] != SUM) {
-        mark_product(k, k->equation_product[i]);
+    k->equations.is_equation[i] = INSIDE;
+    if (k->equations.kind[i] != SUM) {
+        mark_product(k, k->equations.product[i]);
         return;
     }
-    const Int end = k->factor_start[k->term_start[i + 1]];
-    for (Int x = k->factor_start[k->term_start[i]]; x < end; x++)
-        if (k->quantity_kind[x] == OF_PRODUCT)
-            mark_product(k, k->quantity_at[2 * x]);
+    const Int end = k->equations.factor_start[k->equations.term_start[i + 1]];
+    for (Int x = k->equations.factor_start[k->equations.term_start[i]]; x < end; x++)
+        if (k->quantities.kind[x] == OF_PRODUCT)
+            mark_product(k, k->quantities.at[2 * x]);
 }
 
 static Int list(const char *mark, char wanted, Int n, Int *places)
@@ -379,42 +389,42 @@ static Int list(const char *mark, char wanted, Int n, Int *places)
 /* List what is marked so. */
 static void list_parts(const Kernel *k, char mark, Parts *of)
 {
-    of->n_equations = list(k->is_equation, mark, k->n_equations, of->equation);
-    of->n_products = list(k->is_product, mark, k->n_products, of->product);
-    of->n_vectors = list(k->is_vector, mark, k->n_vectors, of->vector);
+    of->n_equations = list(k->equations.is_equation, mark, k->n_equations, of->equation);
+    of->n_products = list(k->equations.is_product, mark, k->products.n, of->product);
+    of->n_vectors = list(k->equations.is_vector, mark, k->vectors.n, of->vector);
 }
 
 void equations_of_system(Kernel *k)
 {
     unmark(k);
-    for (Int i = 0; i < k->n_chosen; i++)
-        mark_equation(k, k->chosen[i]);
+    for (Int i = 0; i < k->system.n_chosen; i++)
+        mark_equation(k, k->system.chosen[i]);
     for (Int i = 0; i < k->n_equations; i++)
         if (i >= k->n_closure)
             mark_equation(k, i);
     for (Int i = 0; i < 2 * k->n_angles; i++)
-        mark_product(k, k->angle_product[i]);
-    list_parts(k, INSIDE, &k->system);
-    list_parts(k, OUTSIDE, &k->rest);
+        mark_product(k, k->angles.product[i]);
+    list_parts(k, INSIDE, &k->equations.system);
+    list_parts(k, OUTSIDE, &k->equations.rest);
 }
 
 void equations_make_room(Kernel *k)
 {
-    Parts *const parts[] = {&k->all, &k->system, &k->rest};
+    Parts *const parts[] = {&k->equations.all, &k->equations.system, &k->equations.rest};
     for (int i = 0; i < 3; i++) {
         parts[i]->equation = kernel_ints(k, k->n_equations);
-        parts[i]->product = kernel_ints(k, k->n_products);
-        parts[i]->vector = kernel_ints(k, k->n_vectors);
+        parts[i]->product = kernel_ints(k, k->products.n);
+        parts[i]->vector = kernel_ints(k, k->vectors.n);
     }
-    k->is_equation = kernel_memory(k, k->n_equations, 1);
-    k->is_product = kernel_memory(k, k->n_products, 1);
-    k->is_vector = kernel_memory(k, k->n_vectors, 1);
+    k->equations.is_equation = kernel_memory(k, k->n_equations, 1);
+    k->equations.is_product = kernel_memory(k, k->products.n, 1);
+    k->equations.is_vector = kernel_memory(k, k->vectors.n, 1);
 }
 
 void equations_begin(Kernel *k)
 {
     unmark(k);
-    list_parts(k, OUTSIDE, &k->all);
+    list_parts(k, OUTSIDE, &k->equations.all);
     equations_place_ground(k);
 }
 
@@ -422,18 +432,18 @@ void equations_begin(Kernel *k)
 
 static inline void place_vector(Kernel *k, Int i)
 {
-    const Int body = k->vector_body[i];
+    const Int body = k->vectors.body[i];
     Real turned[3];
-    rotate3(k->R + 9 * body, k->vector_local + 3 * i, turned);
-    if (k->vector_flag[i])
+    rotate3(k->R + 9 * body, k->vectors.local + 3 * i, turned);
+    if (k->vectors.flag[i])
         add3(1.0, k->p + 3 * body, turned);
-    copy3(turned, k->vector + 3 * i);
+    copy3(turned, k->vectors.value + 3 * i);
 }
 
 void equations_place_ground(Kernel *k)
 {
-    for (Int i = 0; i < k->n_vectors; i++)
-        if (!k->vector_body[i])
+    for (Int i = 0; i < k->vectors.n; i++)
+        if (!k->vectors.body[i])
             place_vector(k, i);
 }
 
@@ -441,13 +451,15 @@ void equations_residuals(Kernel *k, const Parts *of)
 {
     for (Int i = 0; i < of->n_vectors; i++)
         place_vector(k, of->vector[i]);
+    const Products *all = &k->products;
     for (Int p = 0; p < of->n_products; p++) {
         const Int i = of->product[p];
-        sum_of_terms(k->vector, k->a_term + 2 * i, k->a_factor + 2 * i, k->A + 3 * i);
-        sum_of_terms(k->vector, k->b_term + 2 * i, k->b_factor + 2 * i, k->B + 3 * i);
-        k->value[i] = dot3(k->A + 3 * i, k->B + 3 * i) - k->constant[i];
+        Real *A = all->A + 3 * i, *B = all->B + 3 * i;
+        sum_of_terms(k->vectors.value, all->a_term + 2 * i, all->a_factor + 2 * i, A);
+        sum_of_terms(k->vectors.value, all->b_term + 2 * i, all->b_factor + 2 * i, B);
+        all->value[i] = dot3(A, B) - all->constant[i];
     }
-    if (of != &k->rest)
+    if (of != &k->equations.rest)
         place_angles(k);
     for (Int e = 0; e < of->n_equations; e++)
         value_of(k, of->equation[e]);
@@ -456,7 +468,7 @@ void equations_residuals(Kernel *k, const Parts *of)
 void equations_values(Kernel *k, const Real *q)
 {
     tree_place(k, q);
-    equations_residuals(k, &k->all);
+    equations_residuals(k, &k->equations.all);
 }
 
 void equations_values_near(Kernel *k, const Real *q, const Real *reference)
@@ -470,8 +482,8 @@ void equations_angle_row(Kernel *k, Int angle, Real *row)
 {
     add_angle_row(k, angle, 1.0);
     for (Int v = 0; v < k->nv; v++) {
-        row[v] = k->row[v];
-        k->row[v] = 0.0;
+        row[v] = k->equations.row[v];
+        k->equations.row[v] = 0.0;
     }
 }
 
@@ -482,13 +494,13 @@ void equations_close_turns(Kernel *k, const Real *q)
         return;
     memcpy(k->angle_reference, k->angle, (size_t)k->n_angles * sizeof *k->angle);
     for (Int e = 0; e < k->n_closure; e++) {
-        const Int end = k->term_start[e + 1];
-        for (Int t = k->term_start[e]; t < end; t++) {
-            const Int i = k->factor_start[t];
-            if (i < k->factor_start[t + 1] && k->quantity_kind[i] == ANGLE &&
-                k->quantity_function[i] < 0) {
+        const Int end = k->equations.term_start[e + 1];
+        for (Int t = k->equations.term_start[e]; t < end; t++) {
+            const Int i = k->equations.factor_start[t];
+            if (i < k->equations.factor_start[t + 1] && k->quantities.kind[i] == ANGLE &&
+                k->quantities.function[i] < 0) {
                 const Real slope = product_without(k, t, i, -1);
-                k->angle_reference[k->quantity_at[2 * i]] -=
+                k->angle_reference[k->quantities.at[2 * i]] -=
                     slope != 0.0 ? k->residual[e] / slope : 0.0;
                 break; /* one angle of an equation closes it */
             }
@@ -509,19 +521,19 @@ static void vector_rates(Kernel *k, const Parts *of)
 {
     for (Int at = 0; at < of->n_vectors; at++) {
         const Int i = of->vector[at];
-        const Int body = 3 * k->vector_body[i];
+        const Int body = 3 * k->vectors.body[i];
         Real arm[3], more[3], rate[3], bias[3];
-        rotate3(k->R + 3 * body, k->vector_local + 3 * i, arm);
+        rotate3(k->R + 3 * body, k->vectors.local + 3 * i, arm);
         cross3(k->omega + body, arm, rate);
         cross3(k->omega + body, rate, bias);
         cross3(k->alpha + body, arm, more);
         add3(1.0, more, bias);
-        if (k->vector_flag[i]) {
+        if (k->vectors.flag[i]) {
             add3(1.0, k->velocity + body, rate);
             add3(1.0, k->acceleration + body, bias);
         }
-        copy3(rate, k->vector_rate + 3 * i);
-        copy3(bias, k->vector_bias + 3 * i);
+        copy3(rate, k->vectors.rate + 3 * i);
+        copy3(bias, k->vectors.bias + 3 * i);
     }
 }
 
@@ -529,18 +541,21 @@ void equations_bias(Kernel *k, const Parts *of, const Real *v)
 {
     tree_rates(k, v);
     vector_rates(k, of);
+    const Products *all = &k->products;
+    const Real *rate = k->vectors.rate, *bias = k->vectors.bias;
     for (Int p = 0; p < of->n_products; p++) {
-        const Int i = of->product[p];
-        const Real *A = k->A + 3 * i, *B = k->B + 3 * i;
+        const Int i = of->product[p], *a = all->a_term + 2 * i, *b = all->b_term + 2 * i;
+        const Real *A = all->A + 3 * i, *B = all->B + 3 * i;
+        const Real *fa = all->a_factor + 2 * i, *fb = all->b_factor + 2 * i;
         Real dA[3], dB[3], ddA[3], ddB[3];
-        sum_of_terms(k->vector_rate, k->a_term + 2 * i, k->a_factor + 2 * i, dA);
-        sum_of_terms(k->vector_rate, k->b_term + 2 * i, k->b_factor + 2 * i, dB);
-        sum_of_terms(k->vector_bias, k->a_term + 2 * i, k->a_factor + 2 * i, ddA);
-        sum_of_terms(k->vector_bias, k->b_term + 2 * i, k->b_factor + 2 * i, ddB);
-        k->product_rate[i] = dot3(dA, B) + dot3(A, dB);
-        k->product_bias[i] = dot3(ddA, B) + 2.0 * dot3(dA, dB) + dot3(A, ddB);
+        sum_of_terms(rate, a, fa, dA);
+        sum_of_terms(rate, b, fb, dB);
+        sum_of_terms(bias, a, fa, ddA);
+        sum_of_terms(bias, b, fb, ddB);
+        all->rate[i] = dot3(dA, B) + dot3(A, dB);
+        all->bias[i] = dot3(ddA, B) + 2.0 * dot3(dA, dB) + dot3(A, ddB);
     }
-    if (of != &k->rest)
+    if (of != &k->equations.rest)
         angle_rates(k);
     for (Int e = 0; e < of->n_equations; e++)
         bias_of(k, of->equation[e], v);

@@ -1,54 +1,62 @@
-/* What one configuration gives, copied out: the kernel held against Pinocchio, and its Jacobians. */
+/* What configurations give, copied out. */
 #include <string.h>
 
 #include "kernel.h"
 
-static void copy_out(Real *out, const Real *from, Int n)
+static void copy_out(Real *out, const Real *from, Int row, Int n)
 {
     if (out)
-        memcpy(out, from, (size_t)n * sizeof *out);
+        memcpy(out + row * n, from, (size_t)n * sizeof *out);
 }
 
-/* Any of the outputs may be NULL. R (9, by columns) and p (3) are of each joint; the dense
- * Jacobians of equations and angles (n_equations + n_angles, nv) are with respect to v / scale; the
- * bias (n_equations) wants v. */
-EXPORT int kernel_evaluate(Kernel *k, const Real *q, const Real *v, const Real *reference, Real *R,
-                           Real *p, Real *residual, Real *angle, Real *jacobian, Real *bias)
+/* The dense Jacobians of equations and angles, where they are evaluated. */
+static void put_jacobian(Kernel *k, Real *jacobian)
 {
-    equations_values_near(k, q, reference);
-    copy_out(R, k->R, 9 * k->n_joints);
-    copy_out(p, k->p, 3 * k->n_joints);
-    copy_out(residual, k->residual, k->n_closure);
-    copy_out(angle, k->angle, k->n_angles);
-    if (jacobian || bias)
-        equations_jacobian(k, &k->all);
-    if (jacobian) {
-        memset(jacobian, 0, (size_t)((k->n_equations + k->n_angles) * k->nv) * sizeof *jacobian);
-        for (Int i = 0; i < k->n_equations; i++)
-            for (Int e = k->entry_start[i]; e < k->entry_start[i + 1]; e++)
-                jacobian[i * k->nv + k->entry_v[e]] = k->entry[e];
-        for (Int i = 0; i < k->n_angles; i++)
-            equations_angle_row(k, i, jacobian + (k->n_equations + i) * k->nv);
-    }
-    if (bias && v) {
-        equations_bias(k, &k->all, v);
-        copy_out(bias, k->bias, k->n_equations);
-    }
-    return isfinite(equations_error(k)) ? DONE : NOT_FINITE;
+    memset(jacobian, 0, (size_t)((k->n_equations + k->n_angles) * k->nv) * sizeof *jacobian);
+    for (Int i = 0; i < k->n_equations; i++)
+        for (Int e = k->entry_start[i]; e < k->entry_start[i + 1]; e++)
+            jacobian[i * k->nv + k->entry_v[e]] = k->entry[e];
+    for (Int i = 0; i < k->n_angles; i++)
+        equations_angle_row(k, i, jacobian + (k->n_equations + i) * k->nv);
 }
 
-/* Placements and dense Jacobians, as above, of m configurations one after the other; angles of
- * screws count from zero. */
-EXPORT void kernel_evaluate_all(Kernel *k, Int m, const Real *q, Real *R, Real *p, Real *jacobian)
+static int numbers_are_sound(const Evaluation *e)
 {
-    if (k->n_angles)
-        memset(k->angle_reference, 0, (size_t)k->n_angles * sizeof *k->angle_reference);
-    for (Int i = 0; i < m; i++, q += k->nq) {
-        kernel_evaluate(k, q, NULL, k->angle_reference, R, p, NULL, NULL, jacobian, NULL);
-        R += R ? 9 * k->n_joints : 0;
-        p += p ? 3 * k->n_joints : 0;
-        jacobian += jacobian ? (k->n_equations + k->n_angles) * k->nv : 0;
+    for (Int i = 0; i < e->n_varied; i++)
+        if (!within(e->place[i], e->n_reals))
+            return 0;
+    return 1;
+}
+
+EXPORT int kernel_evaluate(Kernel *k, const Evaluation *e)
+{
+    const Int size = (k->n_equations + k->n_angles) * k->nv;
+    int finite = 1;
+    if (e->base && !numbers_are_sound(e))
+        return BAD_ARRAYS;
+    for (Int i = 0; i < e->m; i++) {
+        const int code = e->base ? kernel_vary_numbers(k, e->base, e->n_reals, e->place,
+                                                       e->varied + i * e->n_varied, e->n_varied)
+                                 : DONE;
+        if (code != DONE)
+            return code;
+        equations_values_near(k, e->q + i * k->nq, e->reference + i * k->n_angles);
+        finite = finite && isfinite(equations_error(k));
+        copy_out(e->R, k->R, i, 9 * k->n_joints);
+        copy_out(e->p, k->p, i, 3 * k->n_joints);
+        copy_out(e->residual, k->residual, i, k->n_closure);
+        copy_out(e->angle, k->angle, i, k->n_angles);
+        if (e->jacobian || e->bias)
+            equations_jacobian(k, &k->equations.all);
+        if (e->jacobian)
+            put_jacobian(k, e->jacobian + i * size);
+        copy_out(e->linear, k->linear, i, 3 * k->nv);
+        copy_out(e->angular, k->angular, i, 3 * k->nv);
+        if (e->bias)
+            equations_bias(k, &k->equations.all, e->v + i * k->nv);
+        copy_out(e->bias, k->equations.bias, i, k->n_equations);
     }
+    return finite ? DONE : NOT_FINITE;
 }
 
 /* Move configurations q (m, nq) by joint displacements (m, nv), as `pin.integrate`. */
@@ -56,16 +64,4 @@ EXPORT void kernel_integrate(const Kernel *k, Int m, Real *q, const Real *step)
 {
     for (Int i = 0; i < m; i++)
         tree_integrate(k, q + i * k->nq, step + i * k->nv);
-}
-
-/* Solve the square system of `system_set` at q: right sides of chosen equations, idle rotations,
- * driven freedoms and filled rows -> v / scale, in place. */
-EXPORT int kernel_solve(Kernel *k, const Real *q, const Real *reference, Real *x)
-{
-    equations_values_near(k, q, reference);
-    equations_jacobian(k, &k->all);
-    const int code = system_factor(k);
-    if (code == DONE)
-        system_solve(k, x);
-    return code;
 }

@@ -8,6 +8,7 @@
 
 #include "dense.h"
 #include "factors.h"
+#include "memory.h"
 
 /* Unknowns up to which a full matrix is factored faster than a sparse one is put in order, and of
  * how many entries one is not zero where it is factored as a full one anyway. */
@@ -21,7 +22,7 @@ static int is_full(const Factors *f)
 
 Factors *factors_new(Kernel *k)
 {
-    if (!widen((void **)&k->factors, k->n_factors + 1, sizeof *k->factors))
+    if (!widen((void **)&k->memory.factors, k->memory.n_factors + 1, sizeof *k->memory.factors))
         return NULL;
     Factors *f = calloc(1, sizeof *f);
     if (f && !(f->lu = lu_new())) {
@@ -29,7 +30,7 @@ Factors *factors_new(Kernel *k)
         f = NULL;
     }
     if (f)
-        k->factors[k->n_factors++] = f;
+        k->memory.factors[k->memory.n_factors++] = f;
     return f;
 }
 
@@ -38,7 +39,7 @@ void factors_free(Factors *f)
     entries_free(&f->entries);
     free(f->matrix);
     free(f->order);
-    free(f->left);
+    free(f->residual);
     free(f->scratch);
     lu_free(f->lu);
     free(f);
@@ -53,8 +54,8 @@ static int make_room(Factors *f)
             return 0;
         f->full_room = full;
     }
-    if (n > f->room || !f->left) {
-        if (!widen((void **)&f->left, n, sizeof(Real)) ||
+    if (n > f->room || !f->residual) {
+        if (!widen((void **)&f->residual, n, sizeof(Real)) ||
             !widen((void **)&f->scratch, 2 * n, sizeof(Real)))
             return 0;
         f->room = n;
@@ -104,13 +105,13 @@ int factors_make(Factors *f, Int n)
 static void solve_sparse(const Factors *f, Real *x)
 {
     const Entries *of = &f->entries;
-    memcpy(f->left, x, (size_t)f->n * sizeof(Real));
+    memcpy(f->residual, x, (size_t)f->n * sizeof(Real));
     lu_solve(f->lu, x);
     for (Int e = 0; e < of->n; e++)
-        f->left[of->row[e]] -= of->value[e] * x[of->column[e]];
-    lu_solve(f->lu, f->left);
+        f->residual[of->row[e]] -= of->value[e] * x[of->column[e]];
+    lu_solve(f->lu, f->residual);
     for (Int i = 0; i < f->n; i++)
-        x[i] += f->left[i];
+        x[i] += f->residual[i];
 }
 
 void factors_solve(const Factors *f, Real *x)
@@ -127,12 +128,12 @@ Real factors_even_ratio(Factors *f)
 {
     if (is_full(f) || !(f->pivot > 0.0))
         return f->pivot;
-    memset(f->left, 0, (size_t)f->n * sizeof(Real));
+    memset(f->residual, 0, (size_t)f->n * sizeof(Real));
     for (Int e = 0; e < f->entries.n; e++)
-        f->left[f->entries.row[e]] += f->entries.value[e] * f->entries.value[e];
+        f->residual[f->entries.row[e]] += f->entries.value[e] * f->entries.value[e];
     for (Int i = 0; i < f->n; i++)
-        f->left[i] = sqrt(f->left[i]);
-    return lu_even_ratio(f->lu, f->left);
+        f->residual[i] = sqrt(f->residual[i]);
+    return lu_even_ratio(f->lu, f->residual);
 }
 
 Real factors_inverse_norm(const Factors *f)

@@ -11,7 +11,7 @@ struct Factors {
     Real *matrix;                 /* (n, n), of a few unknowns or many entries */
     Int *order;
     SparseLU *lu;                 /* of many */
-    Real *left, *scratch;         /* (n), (2 n) */
+    Real *residual, *scratch;         /* (n), (2 n) */
     Int room, full_room;
 };
 

@@ -13,8 +13,8 @@
 
 #include <stddef.h>
 
-#include "entries.h"
 #include "piecewise.h"
+#include "sparse_lu.h"
 #include "tolerances.h"
 #include "vectors.h"
 
@@ -53,20 +53,111 @@ enum QuantityKind {
     ANGLE = 2       /* an angle that counts turns */
 };
 
-/* A square matrix with a fixed pattern, factored as L U with an order of pivots chosen once. */
-typedef struct SparseLU SparseLU;
-
 /* A component of a ball or floating joint, see pins.h. */
 typedef struct Pin Pin;
 
 /* A square matrix and its factors, see factors.h. */
 typedef struct Factors Factors;
 
+/* A path of closed configurations, see following.h. */
+struct Path;
+
 /* Some of the equations, and what they are made of: products, and vectors that move. */
 typedef struct {
     Int n_equations, n_products, n_vectors;
     Int *equation, *product, *vector;
 } Parts;
+
+/* Inertia of the bodies. */
+typedef struct {
+    const Real *mass, *com, *inertia; /* (n_joints) 1, 3, 9: the inertia about the centre of mass */
+    const Real *gravity;              /* (3) */
+} Bodies;
+
+/* Vectors fixed in bodies: in the world R local + flag * p. */
+typedef struct {
+    Int n;
+    const Int *body, *flag;
+    const Real *local;           /* (3) */
+    Real *value, *rate, *bias;   /* (3) in the world, points relative to its origin; derivatives */
+} Vectors;
+
+/* Products A . B - constant of vectors. A and B are sums of terms; derivatives follow from X and the
+   sign of each freedom that moves one body relative to the other. */
+typedef struct {
+    Int n;
+    const Int *a_term, *b_term;      /* (2) vectors, -1: none */
+    const Int *x_term;               /* (1) */
+    const Real *a_factor, *b_factor; /* (2) */
+    const Real *x_factor;            /* (1) */
+    const Real *constant, *force;    /* force: factor of B in the force of the product */
+    const Int *support_start;        /* (n + 1) into the two below */
+    const Int *support_v;
+    const Real *support_sign;        /* times scale */
+    Real *A, *B;                     /* (3) of each */
+    Real *value, *rate, *bias;       /* of each; bias: second derivative */
+} Products;
+
+/* Angles that count turns, between half turns by the products that are their sine and cosine. */
+typedef struct {
+    const Int *product;      /* (2) */
+    const Int *spin_start;   /* (n_angles + 1) into the two below: what tells the turns of an angle */
+    const Int *spin_q;       /* entries of q that turn it; where there are none, the reference does */
+    const Real *spin_offset; /* (n_angles) angle where these are zero */
+    const Real *spin_sign;
+    Real *rate, *bias;       /* of each; bias: second derivative */
+} Angles;
+
+/* Products, joint coordinates and angles, or functions of them, that terms of equations have. */
+typedef struct {
+    Int n, n_functions;
+    const Int *kind;             /* QuantityKind */
+    const Int *at;               /* (2) number of product or angle; entries of q and v */
+    const Int *function;         /* of it, or -1 */
+    const Int *shape;            /* (n_functions, 4) see piecewise.h */
+    const Real *number;
+    Real *value, *rate, *bias;   /* of each; bias: second derivative */
+    Real *slope, *bend;          /* derivatives of the functions */
+} Quantities;
+
+/* Equations: a product each, or a sum of terms, which are numbers times quantities. */
+typedef struct {
+    const Int *kind, *product;   /* (n_equations) EquationKind; the product of those that are one */
+    const Int *term_start;       /* (n_equations + 1) terms of a sum */
+    const Int *factor_start;     /* (n_terms + 1) quantities that a term's number is times */
+    const Real *term_number;
+    Parts all, system, rest;     /* of the mechanism; of the square system; and all others */
+    char *is_equation, *is_product, *is_vector; /* whether the system has it */
+    Real *bias;                  /* (n_equations) second derivatives at zero joint acceleration */
+    Real *row;                   /* (nv) scratch, zero between uses */
+} Equations;
+
+/* The square system: rows of chosen equations, idle rotations, what is driven, and filled rows. */
+typedef struct {
+    Int n_chosen, n_driven, n_fill;
+    Int *chosen, *driven; /* equations; freedoms in v, or nv + v for the component that v is of */
+    Int *candidate;       /* (nv) equations that may be chosen instead */
+    Pin *pin;             /* (n_pins) the components among what is driven, */
+    Int n_pins, *pin_row, *pin_entry; /* their rows of the matrix, and first of three entries */
+    Real *fill;           /* (n_fill, nv) rows with respect to v / scale */
+    SparseLU *lu;
+    Entries matrix;       /* its rows in this order */
+    Real sign;            /* of the determinant of the last factorisation */
+    Real pivot_ratio;     /* smallest over largest pivot of it */
+    Real left_out;        /* largest part of an equation left out, by the longest one chosen, that
+                             was independent of the chosen ones when these were chosen */
+    Real mantissa;        /* size of the determinant is mantissa * 2^exponent */
+    Int exponent;
+    Int factorisations;   /* counted since creation */
+} SquareSystem;
+
+/* What is freed with a kernel. */
+typedef struct {
+    void **blocks;
+    Int n_blocks, room, was_short; /* was_short: of memory, since that was asked last */
+    Factors **factors;
+    Int n_factors;
+} Memory;
 
 typedef struct Kernel {
     /* ---- the tree: joint 0 is the ground, parents come before children ---- */
@@ -76,112 +167,49 @@ typedef struct Kernel {
     const Real *rotation;               /* (9) placement in the parent at q = 0 */
     const Real *translation;            /* (3) */
     const Real *pitch;                  /* travel per radian of a screw; 1 of a slide */
-    const Real *mass, *com, *inertia;   /* inertia (9) about the centre of mass */
-    const Real *gravity;                /* (3) */
     const Real *scale;                  /* (nv) size of each velocity; solved-for ones are v / scale */
+    Bodies bodies;
 
-    /* ---- vectors fixed in bodies: world value R local + flag * p ---- */
-    Int n_vectors;
-    const Int *vector_body, *vector_flag;
-    const Real *vector_local;
-
-    /* ---- products A . B - constant, A = sum of terms; derivative from X and the sign of
-       each freedom that moves one body relative to the other ---- */
-    Int n_products;
-    const Int *a_term, *b_term;      /* (2) vectors, -1: none */
-    const Int *x_term;               /* (1) */
-    const Real *a_factor, *b_factor; /* (2) */
-    const Real *x_factor;            /* (1) */
-    const Real *constant, *force;    /* force: factor of B in the force of the product */
-    const Int *support_start;        /* (n_products + 1) into the two below */
-    const Int *support_v;
-    const Real *support_sign;        /* times scale */
-
-    /* ---- equations: kind and what it is made of ---- */
-    Int n_closure, n_idle, n_equations; /* n_equations = n_closure + n_idle */
-    Int n_angles;
-    const Int *spin_start;   /* (n_angles + 1) into the two below: what tells the turns of an angle */
-    const Int *spin_q;       /* entries of q that turn it; where there are none, the reference tells */
-    const Real *spin_offset; /* (n_angles) angle where these are zero */
-    const Real *spin_sign;
-    Parts all, system, rest; /* of the mechanism; of the square system; and what that is without */
-    char *is_equation, *is_product, *is_vector; /* whether the system has it */
-    const Int *angle_product; /* (2) products of sine and cosine of an angle */
-    const Int *equation_kind;
-    const Int *equation_product; /* of those that are one */
-    const Int *term_start;       /* (n_equations + 1) terms of a sum */
-    const Int *factor_start;     /* (n_terms + 1) quantities that a term's number is multiplied by */
-    const Real *term_number;
-    Int n_quantities;
-    const Int *quantity_kind;
-    const Int *quantity_at;   /* (2) number of product or angle; entries of q and v */
-    const Int *quantity_function; /* of it, or -1 */
-    Int n_functions;
-    const Int *function_shape; /* (4) see piecewise.h */
-    const Real *function_number;
-    const Int *entry_start;    /* (n_equations + 1) pattern of the Jacobian, rows */
-    const Int *entry_v;        /* ascending within a row */
-
-    /* ---- the last evaluation ---- */
-    Real *q;                        /* (nq) where it was */
+    /* ---- where it was evaluated last, and the motion of its bodies there ---- */
+    Real *q;                        /* (nq) */
     Int *moves, is_placed;          /* whether each joint was placed anew, and all were ever */
     Real *R, *p;                    /* (9), (3) placement of each joint in the world */
     Real *linear, *angular;         /* (3) columns of the joint Jacobian about the world origin */
-    Real *vector;                   /* (3) of each vector; points relative to the world origin */
-    Real *A, *B;                    /* (3) of each product */
-    Real *value;                    /* of each product */
-    Real *residual;                 /* (n_closure) */
-    Real *angle, *angle_reference;  /* (n_angles) angles count turns from the reference */
-    Real *entry;                    /* Jacobian with respect to v / scale, in the pattern's order */
     Real *omega, *velocity;         /* (3) of each joint's body and origin, world axes */
     Real *alpha, *acceleration;     /* (3) classical accelerations */
     Real *added;                    /* (6) what joint accelerations add to these two, in turn */
-    Real *bias;                     /* (n_equations) second derivatives at zero joint acceleration */
-    Real *product_rate, *product_bias, *angle_rate; /* angle_rate: (n_angles) */
-    Real *angle_bias;
-    Real *quantity, *quantity_slope, *quantity_bend; /* values; of functions, derivatives by what
-                                                        they are of */
-    Real *quantity_rate, *quantity_bias;
-    Real *vector_rate, *vector_bias;
-    Real *row;                      /* (nv) scratch, zero between uses */
 
-    /* ---- the square system: chosen equations, idle rotations, what is driven, filled rows ---- */
-    Int n_chosen, n_driven, n_fill;
-    Int *chosen, *driven; /* equations; freedoms in v, or nv + v for the component that v is of */
-    Int *candidate;       /* (nv) equations that may be chosen instead */
-    Pin *pin;             /* (n_pins) the components among what is driven, */
-    Int n_pins, *pin_row, *pin_entry; /* their rows of the matrix, and first of three entries */
-    Real *fill;           /* (n_fill, nv) rows with respect to v / scale */
-    SparseLU *lu;
-    Entries matrix;       /* of chosen equations, idle rotations, what is driven, filled rows, in
-                             this order */
-    Real sign;            /* of the determinant of the last factorisation */
-    Real pivot_ratio;     /* smallest over largest pivot of it */
-    Real left_out;        /* largest part of an equation left out, by the longest one chosen, that
-                             was independent of the chosen ones when these were chosen */
-    Real mantissa;        /* size of the determinant is mantissa * 2^exponent */
-    Int exponent;
-    Real *right;
+    /* ---- closure equations, then idle rotations ---- */
+    Int n_closure, n_idle, n_equations; /* n_equations = n_closure + n_idle */
+    Int n_angles;
+    const Int *entry_start;         /* (n_equations + 1) pattern of the Jacobian, rows */
+    const Int *entry_v;             /* ascending within a row */
+    Real *entry;                    /* Jacobian with respect to v / scale, in the pattern's order */
+    Real *residual;                 /* (n_closure) */
+    Real *angle, *angle_reference;  /* (n_angles) angles count turns from the reference */
+    Vectors vectors;
+    Products products;
+    Angles angles;
+    Quantities quantities;
+    Equations equations;
 
-    Int factorisations; /* counted since creation */
-    void **owned; /* memory to be freed */
-    Int n_owned, owned_room, lacked_memory; /* lacked: since that was asked last */
-    Factors **factors; /* (n_factors) to be freed too */
-    Int n_factors;
+    SquareSystem system;
+    Real *right;                    /* (nv) right sides, then solutions */
+    struct Path *path;              /* the one that is followed; NULL: none ever was */
+    Memory memory;
 } Kernel;
 
 /* ---- model.c ---- */
+/* Make a kernel of two arrays, in the order in which read_structure and read_numbers read them. DONE,
+   BAD_ARRAYS, NO_MEMORY. */
 EXPORT int kernel_create(const Int *ints, Int n_ints, const Real *reals, Int n_reals, Kernel **out);
+/* Take the numbers of other dimensions; the kernel is as if it had been made of them. */
 EXPORT int kernel_set_numbers(Kernel *k, const Real *reals, Int n_reals);
+/* The same numbers but for some, at places below n_reals; other places are not looked at. */
+int kernel_vary_numbers(Kernel *k, const Real *base, Int n_reals, const Int *place,
+                        const Real *varied, Int n_varied);
+/* Free a kernel, and all that was made in its memory; NULL: nothing. */
 EXPORT void kernel_destroy(Kernel *k);
-/* Memory that is freed with k, zeroed; NULL if there is none left. */
-void *kernel_memory(Kernel *k, Int count, size_t size);
-Real *kernel_reals(Kernel *k, Int count);
-Int *kernel_ints(Kernel *k, Int count);
-/* Whether there was all the memory that was asked for since this was asked last. */
-int kernel_had_memory(Kernel *k);
-/* Give an array room for n things, to be freed by its owner; 0 if there is no memory. */
-int widen(void **array, Int n, size_t size);
 
 /* ---- tree.c ---- */
 void tree_place(Kernel *k, const Real *q);   /* R, p; q is kept */
@@ -223,15 +251,34 @@ Real equations_error(const Kernel *k);           /* largest absolute residual; N
 int equations_are_sound(const Kernel *k);        /* whether their indices fit */
 
 /* ---- evaluating.c ---- */
-EXPORT int kernel_evaluate(Kernel *k, const Real *q, const Real *v, const Real *reference, Real *R,
-                           Real *p, Real *residual, Real *angle, Real *jacobian, Real *bias);
+/* Configurations, and where goes what they give: as `_EvaluationStruct` in kernel.py. Of the outputs
+   those that are NULL are not wanted. */
+typedef struct {
+    Int m;
+    const Real *q, *v;       /* (m, nq), (m, nv); v for the bias alone */
+    const Real *reference;   /* (m, n_angles) that angles are nearest to */
+    const Real *base;        /* (n_reals) numbers of other dimensions; NULL: the kernel's own */
+    Int n_reals, n_varied;
+    const Int *place;        /* (n_varied) those that differ from one configuration to the next */
+    const Real *varied;      /* (m, n_varied) */
+    Real *R, *p;             /* (m, n_joints, 9) by columns, (m, n_joints, 3) */
+    Real *residual, *angle;  /* (m, n_closure), (m, n_angles) */
+    Real *jacobian;          /* (m, n_equations + n_angles, nv) with respect to v / scale */
+    Real *linear, *angular;  /* (m, nv, 3) columns of the joint Jacobian about the world origin,
+                                where `jacobian` is wanted too */
+    Real *bias;              /* (m, n_equations) second derivatives at zero joint acceleration */
+} Evaluation;
+
+/* Evaluate configurations. NOT_FINITE where an equation is no number, after all are evaluated. The
+   numbers of the last configuration stay the kernel's. */
+EXPORT int kernel_evaluate(Kernel *k, const Evaluation *e);
 
 /* ---- system.c ---- */
 /* Equations to be solved (NULL: the first ones), what is driven, and rows that fill the system up;
    n_chosen + n_idle + n_driven + n_fill must be nv. Driven is a freedom v, or, as nv + v, the
    component of a ball or floating joint (pins.h) that stands at v. */
-EXPORT int system_set(Kernel *k, const Int *chosen, Int n_chosen, const Int *driven, Int n_driven,
-                      const Real *fill, Int n_fill);
+int system_set(Kernel *k, const Int *chosen, Int n_chosen, const Int *driven, Int n_driven,
+               const Real *fill, Int n_fill);
 /* Rows of a square matrix: of equations and of all idle rotations, at the evaluated point, with room
    for so many entries more; 0 if there is no memory. Then those of what is driven, at that point,
    `pin` being its component if it is one; and rows (n, nv) that fill it up. */
@@ -240,7 +287,10 @@ void system_put_driven(const Kernel *k, Int row, Int driven, const Pin *pin, Ent
 void system_put_fill(const Kernel *k, Int row, const Real *fill, Int n, Entries *to);
 int system_factor(Kernel *k);            /* DONE or SINGULAR or NO_MEMORY, after equations_jacobian */
 /* Size of the determinant of the last factorisation: its binary logarithm. */
-static inline Real determinant_size(const Kernel *k) { return log2(k->mantissa) + (Real)k->exponent; }
+static inline Real determinant_size(const Kernel *k)
+{
+    return log2(k->system.mantissa) + (Real)k->system.exponent;
+}
 /* right sides of chosen, idle, driven, fill -> v / scale; those of what is driven by its scale */
 void system_solve(const Kernel *k, Real *x);
 /* Other independent equations at the point that was evaluated, as many; SINGULAR, and those there
@@ -256,23 +306,5 @@ void system_put_accelerations(Kernel *k, const Real *v, const Real *acceleration
    `rate` and `bend` (n_driven) by s */
 void system_path_rates(Kernel *k, const Real *rate, const Real *bend, Real *first, Real *second);
 Int driven_at(const Kernel *k, Int i); /* the velocity entry at which what is driven stands */
-
-/* ---- sparse_lu.c ---- */
-SparseLU *lu_new(void);
-void lu_free(SparseLU *lu);
-void lu_forget(SparseLU *lu);    /* the order is chosen anew at the next factorisation */
-int lu_has_order(const SparseLU *lu);
-void lu_determinant(const SparseLU *lu, Real *sign, Real *mantissa, Int *exponent);
-Real lu_pivot_ratio(const SparseLU *lu); /* smallest over largest */
-void lu_mark(SparseLU *lu); /* changes of the pivots are told from those of now on */
-/* Bounds of their changes, relative to what they are now; infinite where they are not known. Where
-   another order was chosen since, they are those by the former one. */
-void lu_changes(const SparseLU *lu, Real *least, Real *most);
-/* Smallest over largest pivot, each relative to the length (n) of its row. */
-Real lu_even_ratio(const SparseLU *lu, const Real *length);
-/* Choose the order for the entries of an n x n matrix, by their values. */
-int lu_analyse(SparseLU *lu, Int n, const Entries *of);
-int lu_factor(SparseLU *lu, const Real *value);  /* 1 good, 0 singular, -1 wants another order */
-void lu_solve(const SparseLU *lu, Real *x); /* x: right sides, then the solution */
 
 #endif

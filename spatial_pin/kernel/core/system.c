@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "choosing.h"
+#include "memory.h"
 #include "pins.h"
 
 static int indices_are_sound(const Int *index, Int n, Int below)
@@ -54,27 +55,27 @@ void system_put_fill(const Kernel *k, Int row, const Real *fill, Int n, Entries 
                 entries_put(to, row + i, v, fill[i * k->nv + v]);
 }
 
-Int driven_at(const Kernel *k, Int i) { return k->driven[i] % k->nv; }
+Int driven_at(const Kernel *k, Int i) { return k->system.driven[i] % k->nv; }
 
 /* The matrix, whose values of equations and components are those of some point. */
 static int lay_out(Kernel *k)
 {
-    Int row = k->n_chosen + k->n_idle;
-    if (!system_put_equations(k, k->chosen, k->n_chosen, 3 * k->n_driven + k->n_fill * k->nv,
-                              &k->matrix))
+    Int row = k->system.n_chosen + k->n_idle;
+    if (!system_put_equations(k, k->system.chosen, k->system.n_chosen,
+                              3 * k->system.n_driven + k->system.n_fill * k->nv, &k->system.matrix))
         return NO_MEMORY;
-    k->n_pins = 0;
-    for (Int i = 0; i < k->n_driven; i++, row++) {
-        Pin *pin = k->pin + k->n_pins;
-        if (k->driven[i] >= k->nv && pin_of(k, driven_at(k, i), pin)) {
-            k->pin_row[k->n_pins] = row;
-            k->pin_entry[k->n_pins++] = k->matrix.n;
+    k->system.n_pins = 0;
+    for (Int i = 0; i < k->system.n_driven; i++, row++) {
+        Pin *pin = k->system.pin + k->system.n_pins;
+        if (k->system.driven[i] >= k->nv && pin_of(k, driven_at(k, i), pin)) {
+            k->system.pin_row[k->system.n_pins] = row;
+            k->system.pin_entry[k->system.n_pins++] = k->system.matrix.n;
         }
-        system_put_driven(k, row, k->driven[i], pin, &k->matrix);
+        system_put_driven(k, row, k->system.driven[i], pin, &k->system.matrix);
     }
-    system_put_fill(k, row, k->fill, k->n_fill, &k->matrix);
+    system_put_fill(k, row, k->system.fill, k->system.n_fill, &k->system.matrix);
     equations_of_system(k);
-    lu_forget(k->lu);
+    lu_forget(k->system.lu);
     return DONE;
 }
 
@@ -88,8 +89,8 @@ static int driven_is_sound(const Kernel *k, const Int *driven, Int n)
     return 1;
 }
 
-EXPORT int system_set(Kernel *k, const Int *chosen, Int n_chosen, const Int *driven, Int n_driven,
-                      const Real *fill, Int n_fill)
+int system_set(Kernel *k, const Int *chosen, Int n_chosen, const Int *driven, Int n_driven,
+               const Real *fill, Int n_fill)
 {
     if (n_chosen < 0 || n_driven < 0 || n_fill < 0 || n_chosen > k->nv || n_driven > k->nv ||
         n_fill > k->nv || n_chosen + k->n_idle + n_driven + n_fill != k->nv)
@@ -98,18 +99,18 @@ EXPORT int system_set(Kernel *k, const Int *chosen, Int n_chosen, const Int *dri
         return BAD_ARRAYS;
     if (!driven_is_sound(k, driven, n_driven))
         return BAD_ARRAYS;
-    if (n_fill > 0 && fill != k->fill) {
-        if (!widen((void **)&k->fill, n_fill * k->nv, sizeof *k->fill))
+    if (n_fill > 0 && fill != k->system.fill) {
+        if (!widen((void **)&k->system.fill, n_fill * k->nv, sizeof *k->system.fill))
             return NO_MEMORY;
-        memcpy(k->fill, fill, (size_t)(n_fill * k->nv) * sizeof *k->fill);
+        memcpy(k->system.fill, fill, (size_t)(n_fill * k->nv) * sizeof *k->system.fill);
     }
     for (Int i = 0; i < n_chosen; i++)
-        k->chosen[i] = chosen ? chosen[i] : i;
+        k->system.chosen[i] = chosen ? chosen[i] : i;
     if (n_driven > 0) /* else there may be no array */
-        memmove(k->driven, driven, (size_t)n_driven * sizeof *driven);
-    k->n_chosen = n_chosen;
-    k->n_driven = n_driven;
-    k->n_fill = n_fill;
+        memmove(k->system.driven, driven, (size_t)n_driven * sizeof *driven);
+    k->system.n_chosen = n_chosen;
+    k->system.n_driven = n_driven;
+    k->system.n_fill = n_fill;
     return lay_out(k);
 }
 
@@ -123,31 +124,31 @@ static Real *take_equation(const Kernel *k, Int equation, Real *to)
 /* Take the values at the evaluated point. */
 static void evaluate(Kernel *k)
 {
-    Real *to = k->matrix.value;
-    if (!k->matrix.n) /* there is no system yet */
+    Real *to = k->system.matrix.value;
+    if (!k->system.matrix.n) /* there is no system yet */
         return;
-    for (Int i = 0; i < k->n_chosen; i++)
-        to = take_equation(k, k->chosen[i], to);
+    for (Int i = 0; i < k->system.n_chosen; i++)
+        to = take_equation(k, k->system.chosen[i], to);
     for (Int i = k->n_closure; i < k->n_equations; i++)
         to = take_equation(k, i, to);
-    for (Int i = 0; i < k->n_pins; i++)
-        pin_scaled_row(k, k->pin + i, k->matrix.value + k->pin_entry[i]);
+    for (Int i = 0; i < k->system.n_pins; i++)
+        pin_scaled_row(k, k->system.pin + i, k->system.matrix.value + k->system.pin_entry[i]);
 }
 
 /* Factor with the order there is; choose another where it has become a bad one. */
 int system_factor(Kernel *k)
 {
-    k->factorisations++;
+    k->system.factorisations++;
     evaluate(k);
     for (int attempt = 0; attempt < 2; attempt++) {
         int code = DONE;
-        if (attempt || !lu_has_order(k->lu))
-            code = lu_analyse(k->lu, k->nv, &k->matrix);
+        if (attempt || !lu_has_order(k->system.lu))
+            code = lu_analyse(k->system.lu, k->nv, &k->system.matrix);
         if (code != DONE)
             return code;
-        const int factored = lu_factor(k->lu, k->matrix.value);
-        lu_determinant(k->lu, &k->sign, &k->mantissa, &k->exponent);
-        k->pivot_ratio = lu_pivot_ratio(k->lu);
+        const int factored = lu_factor(k->system.lu, k->system.matrix.value);
+        lu_determinant(k->system.lu, &k->system.sign, &k->system.mantissa, &k->system.exponent);
+        k->system.pivot_ratio = lu_pivot_ratio(k->system.lu);
         if (factored > 0 || (factored < 0 && attempt))
             return DONE;
     }
@@ -156,46 +157,46 @@ int system_factor(Kernel *k)
 
 void system_solve(const Kernel *k, Real *x)
 {
-    lu_solve(k->lu, x);
+    lu_solve(k->system.lu, x);
 }
 
 int system_choose(Kernel *k, const Int *chosen)
 {
-    memcpy(k->chosen, chosen, (size_t)k->n_chosen * sizeof *chosen);
+    memcpy(k->system.chosen, chosen, (size_t)k->system.n_chosen * sizeof *chosen);
     return lay_out(k);
 }
 
 int system_reselect(Kernel *k)
 {
     Real facts[2];
-    equations_jacobian(k, &k->all);
-    const Int found =
-        independent_equations(k, NULL, k->n_closure, k->n_chosen, 0.0, k->candidate, facts);
-    if (found < 0)
+    equations_jacobian(k, &k->equations.all);
+    const Int rank = independent_equations(k, NULL, k->n_closure, k->system.n_chosen, 0.0,
+                                            k->system.candidate, facts);
+    if (rank < 0)
         return NO_MEMORY;
-    k->left_out = facts[1];
-    return found == k->n_chosen ? system_choose(k, k->candidate) : SINGULAR;
+    k->system.left_out = facts[1];
+    return rank == k->system.n_chosen ? system_choose(k, k->system.candidate) : SINGULAR;
 }
 
 void system_put_rates(Kernel *k, const Real *rate)
 {
-    Real *x = k->right + k->n_chosen + k->n_idle;
+    Real *x = k->right + k->system.n_chosen + k->n_idle;
     memset(k->right, 0, (size_t)k->nv * sizeof *x);
-    for (Int i = 0; i < k->n_driven; i++)
+    for (Int i = 0; i < k->system.n_driven; i++)
         x[i] = rate[i] / k->scale[driven_at(k, i)];
 }
 
 void system_put_accelerations(Kernel *k, const Real *v, const Real *acceleration)
 {
-    equations_bias(k, &k->system, v);
+    equations_bias(k, &k->equations.system, v);
     system_put_rates(k, acceleration);
-    for (Int i = 0; i < k->n_chosen; i++)
-        k->right[i] = -k->bias[k->chosen[i]];
+    for (Int i = 0; i < k->system.n_chosen; i++)
+        k->right[i] = -k->equations.bias[k->system.chosen[i]];
     for (Int i = 0; i < k->n_idle; i++)
-        k->right[k->n_chosen + i] = -k->bias[k->n_closure + i];
-    for (Int i = 0; i < k->n_pins; i++) {
-        const Pin *pin = k->pin + i;
-        k->right[k->pin_row[i]] -= pin_bias(pin, k->q, v) / k->scale[pin->v + pin->component];
+        k->right[k->system.n_chosen + i] = -k->equations.bias[k->n_closure + i];
+    for (Int i = 0; i < k->system.n_pins; i++) {
+        const Pin *pin = k->system.pin + i;
+        k->right[k->system.pin_row[i]] -= pin_bias(pin, k->q, v) / k->scale[pin->v + pin->component];
     }
 }
 

@@ -5,6 +5,8 @@
  * a correction from a jump to something else: the first is small beside the prediction, and every
  * other is much smaller than the one before. Held coordinates of a rotation have rows of no
  * K: a `Held` tells how far they are, and what brings them there. */
+#include <string.h>
+
 #include "correcting.h"
 
 #define WEAK 0.1           /* smallest over largest pivot, below which residuals are to be smaller */
@@ -15,8 +17,8 @@ Real residual_part(Real pivot_ratio) { return smaller_of(1.0, pivot_ratio / WEAK
 Real chosen_residual(const Kernel *k)
 {
     Real largest = 0.0;
-    for (Int i = 0; i < k->n_chosen; i++) {
-        const Real size = fabs(k->residual[k->chosen[i]]);
+    for (Int i = 0; i < k->system.n_chosen; i++) {
+        const Real size = fabs(k->residual[k->system.chosen[i]]);
         if (size > largest || isnan(size))
             largest = size; /* which NaN stays */
     }
@@ -26,9 +28,9 @@ Real chosen_residual(const Kernel *k)
 Real solve_correction(Kernel *k, const Held *held)
 {
     Real *x = k->right, square = 0.0;
-    for (Int i = 0; i < k->n_chosen; i++)
-        x[i] = -k->residual[k->chosen[i]];
-    for (Int i = k->n_chosen; i < k->nv; i++)
+    for (Int i = 0; i < k->system.n_chosen; i++)
+        x[i] = -k->residual[k->system.chosen[i]];
+    for (Int i = k->system.n_chosen; i < k->nv; i++)
         x[i] = 0.0;
     system_solve(k, x);
     if (held)
@@ -44,7 +46,7 @@ static int factor_here(Kernel *k, const Held *held)
 {
     if (held)
         return held->factor(held->owner);
-    equations_jacobian(k, &k->system);
+    equations_jacobian(k, &k->equations.system);
     return system_factor(k);
 }
 
@@ -61,7 +63,7 @@ static int is_closed(const Correction *c, Real residual, Real size)
 /* What the system is without is evaluated where that ends. */
 static int closed(Kernel *k)
 {
-    equations_residuals(k, &k->rest);
+    equations_residuals(k, &k->equations.rest);
     return DONE;
 }
 
@@ -83,7 +85,7 @@ int correct(Kernel *k, Real *q, Correction *c)
     for (c->count = 0;; c->count++) {
         const Real gap = c->held ? c->held->put(c->held->owner, q) : 0.0;
         tree_place(k, q);
-        equations_residuals(k, &k->system);
+        equations_residuals(k, &k->equations.system);
         const Real residual = chosen_residual(k) + gap;
         if (!isfinite(residual))
             return NOT_FINITE;
@@ -115,4 +117,42 @@ int correct(Kernel *k, Real *q, Correction *c)
         if (c->prescribed)
             prescribed_put(c->prescribed, q);
     }
+}
+
+/* ---- whether a place is regular ---- */
+
+int stays_closed(Kernel *k, const Real *q, Real error, Real *there)
+{
+    Real *x = k->right;
+    memset(x, 0, (size_t)k->nv * sizeof *x);
+    for (Int i = 0; i < k->system.n_driven + k->system.n_fill; i++)
+        x[k->system.n_chosen + k->n_idle + i] = cos(1.0 + (Real)i); /* none of them alone */
+    system_solve(k, x);
+    const Real size = norm(x, k->nv);
+    for (Int v = 0; v < k->nv; v++)
+        x[v] *= TOLERANCE_TRIAL_STEP / size * k->scale[v];
+    memcpy(there, q, (size_t)k->nq * sizeof *q);
+    tree_integrate(k, there, x);
+    /* Closed more tightly than the others are judged by: of many loops these are sums of many chosen
+       equations, and open by a multiple of what those are left open by. */
+    Correction c = {.enough = 0.0, .tolerance = TOLERANCE_ZERO, .left = TOLERANCE_CLOSED,
+                    .allowed = TOLERANCE_TRIAL_STEP, .fixed = -1};
+    const int code = correct(k, there, &c);
+    if (code != DONE)
+        return code == UNSAFE ? NOT_CONVERGED : code;
+    return equations_error(k) > fmax(TOLERANCE_CLOSED, 2.0 * error) ? UNSAFE : DONE;
+}
+
+/* The same at q with chosen equations and rows (n_fill, nv), with respect to v / scale, of the
+   freedoms that they leave. */
+EXPORT int tangent_step(Kernel *k, const Real *q, const Real *reference, const Int *chosen, Int n,
+                          const Real *freedom, Int n_freedom, Real *there)
+{
+    equations_values_near(k, q, reference);
+    equations_jacobian(k, &k->equations.all);
+    const Real error = equations_error(k);
+    int code = system_set(k, chosen, n, NULL, 0, freedom, n_freedom);
+    if (code == DONE)
+        code = system_factor(k);
+    return code == DONE ? stays_closed(k, q, error, there) : code;
 }

@@ -52,4 +52,10 @@ Real residual_part(Real pivot_ratio);
 /* Largest absolute residual of the chosen equations; NaN if one is. */
 Real chosen_residual(const Kernel *k);
 
+/* Whether the equations left out hold a step from q too, in all freedoms: where branches
+ * cross, or a freedom is instantaneous only, they open by its square [ConnellyWhiteley1996]. DONE,
+ * UNSAFE if they open, or what kept from telling. The system is factored at q, where the closure
+ * error is `error`; the kernel is left at `there` (nq), the end of the step. */
+int stays_closed(Kernel *k, const Real *q, Real error, Real *there);
+
 #endif

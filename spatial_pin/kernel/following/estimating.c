@@ -42,11 +42,11 @@ static Real response(Path *path, const Real *t, const Real *u)
     for (int sign = 1; sign >= -1; sign -= 2) {
         for (Int v = 0; v < k->nv; v++)
             sum[v] = k->scale[v] * (t[v] + sign * u[v]);
-        equations_bias(k, &k->system, sum);
-        for (Int i = 0; i < k->n_chosen; i++)
-            half[i] -= 0.25 * sign * k->bias[k->chosen[i]];
+        equations_bias(k, &k->equations.system, sum);
+        for (Int i = 0; i < k->system.n_chosen; i++)
+            half[i] -= 0.25 * sign * k->equations.bias[k->system.chosen[i]];
         for (Int i = 0; i < k->n_idle; i++)
-            half[k->n_chosen + i] -= 0.25 * sign * k->bias[k->n_closure + i];
+            half[k->system.n_chosen + i] -= 0.25 * sign * k->equations.bias[k->n_closure + i];
     }
     memcpy(k->right, half, (size_t)k->nv * sizeof *half);
     system_solve(k, k->right);
@@ -62,11 +62,11 @@ void probe_errors(Path *path)
     Probe *p = &path->probe;
     Real *t = p->t, *u = p->along, *change = p->change;
     memset(k->right, 0, (size_t)k->nv * sizeof *k->right);
-    for (Int i = 0; i < k->n_chosen; i++)
+    for (Int i = 0; i < k->system.n_chosen; i++)
         k->right[i] = cos((Real)((i + 1) * (i + 1))) < 0.0 ? -1.0 : 1.0;
     system_solve(k, k->right);
     p->gain = norm(k->right, k->nv);
-    p->pace = here->pace, p->bend = here->bend, p->pivot = k->pivot_ratio, p->rows = 0;
+    p->pace = here->pace, p->bend = here->bend, p->pivot = k->system.pivot_ratio, p->rows = 0;
     p->first = p->second = 0.0;
     if (!(p->gain > 0.0))
         return;
@@ -88,7 +88,7 @@ static int has_changed(const Path *path)
     const Probe *p = &path->probe;
     const Point *here = path->here;
     return p->rows >= PROBED || here->pace > MUCH * p->pace || here->bend > MUCH * p->bend ||
-           MUCH * path->k->pivot_ratio < p->pivot;
+           MUCH * path->k->system.pivot_ratio < p->pivot;
 }
 
 /* Returns what of q is not idle rotation. */

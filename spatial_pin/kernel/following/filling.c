@@ -5,7 +5,7 @@
  * [orthogonal Procrustes problem; Golub, Van Loan, 6.4.1]. */
 #include <stdlib.h>
 
-#include "filling.h"
+#include "path.h"
 
 #define PASSES 8     /* of Newton-Schulz: errors square, from a half to round-off in six */
 #define WIDEST_SQUARE 3.0 /* square of the size of a column above which it does not converge */
@@ -45,9 +45,12 @@ static int make_orthonormal(Real *x, Int n, Int nv, Real *gram, Real *row)
     return 1;
 }
 
-int fill_again(Kernel *k)
+/* Turn the filled rows to the passive freedoms of the present, factored point that are nearest to
+ * them, and factor again. DONE, NO_MEMORY, SINGULAR, or NOT_CONVERGED where these have turned by
+ * half a right angle or more. */
+static int fill_again(Kernel *k)
 {
-    const Int n = k->n_fill, nv = k->nv;
+    const Int n = k->system.n_fill, nv = k->nv;
     Real *x = calloc((size_t)(n * nv + n * n + n), sizeof *x);
     if (!x)
         return NO_MEMORY;
@@ -57,7 +60,15 @@ int fill_again(Kernel *k)
     }
     int code = make_orthonormal(x, n, nv, x + n * nv, x + n * nv + n * n) ? DONE : NOT_CONVERGED;
     if (code == DONE)
-        code = system_set(k, k->chosen, k->n_chosen, k->driven, k->n_driven, x, n);
+        code = system_set(k, k->system.chosen, k->system.n_chosen, k->system.driven,
+                          k->system.n_driven, x, n);
     free(x);
     return code == DONE ? system_factor(k) : code;
+}
+
+int factor_at_path_point(Kernel *k)
+{
+    equations_jacobian(k, &k->equations.system);
+    const int code = system_factor(k);
+    return code == DONE && k->system.n_fill ? fill_again(k) : code;
 }

@@ -5,25 +5,23 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "memory.h"
 #include "path.h"
-#include "regular.h"
 
 #define OPENED 2.0       /* times the rounding of a file by which equations left out may be open
                             before others are chosen: ill-conditioned choices show there first */
 
-EXPORT int path_create(Kernel *k, const PathAccuracy *accuracy, Path **out)
+/* The path of a kernel, made once; NULL if there is no memory. */
+static Path *path_of(Kernel *k)
 {
-    Path *path = *out = calloc(1, sizeof *path);
-    if (!path)
-        return NO_MEMORY;
-    path->memory = calloc((size_t)(4 * point_numbers(k) + 3 * k->nv + k->nq * (BETWEEN_DEGREE + 1)) + 1, sizeof(Real));
-    path->chosen = calloc((size_t)k->nv + 1, sizeof(Int));
-    if (!path->memory || !path->chosen || prescribed_create(k, &path->prescribed) != DONE) {
-        path_destroy(path);
-        *out = NULL;
-        return NO_MEMORY;
-    }
-    Real *from = path->memory;
+    Path *path = k->path;
+    if (path)
+        return path;
+    path = kernel_memory(k, 1, sizeof *path);
+    Real *from = kernel_reals(k, 4 * point_numbers(k) + 3 * k->nv + k->nq * (BETWEEN_DEGREE + 1));
+    Int *chosen = kernel_ints(k, k->nv);
+    if (!kernel_had_memory(k) || prescribed_create(k, &path->prescribed) != DONE)
+        return NULL;
     for (int i = 0; i < 3; i++)
         point_carve(k, &from, path->points + i);
     point_carve(k, &from, &path->middle);
@@ -32,21 +30,11 @@ EXPORT int path_create(Kernel *k, const PathAccuracy *accuracy, Path **out)
     path->probe.change = from + 2 * k->nv;
     path->between.coefficient = from + 3 * k->nv;
     path->k = k;
-    path->accuracy = *accuracy;
+    path->chosen = chosen;
     path->here = path->points;
     path->before = path->points + 1;
     path->next = path->points + 2;
-    return DONE;
-}
-
-EXPORT void path_destroy(Path *path)
-{
-    if (!path)
-        return;
-    free(path->memory);
-    free(path->chosen);
-    prescribed_free(&path->prescribed);
-    free(path);
+    return k->path = path;
 }
 
 /* Choose independent equations, as many as the system wants, at an evaluated point: SINGULAR where
@@ -54,7 +42,7 @@ EXPORT void path_destroy(Path *path)
 static int choose_first(Kernel *k)
 {
     const int code = system_reselect(k);
-    return code == DONE && k->left_out > TOLERANCE_RANK ? UNSAFE : code;
+    return code == DONE && k->system.left_out > TOLERANCE_RANK ? UNSAFE : code;
 }
 
 /* Whether the path begins where the loops are regular. */
@@ -64,26 +52,18 @@ static int is_regular(Path *path)
     return stays_closed(path->k, path->here->q, path->here->error, path->next->q);
 }
 
-EXPORT int path_prescribe(Path *path, Real begin, Int n_pieces, Int degree, const Real *breaks,
-                          const Real *coefficients)
-{
-    const int code = prescribed_read(path->k, &path->prescribed);
-    path->begin = begin;
-    if (!isfinite(begin) || code != DONE)
-        return BAD_ARRAYS;
-    return prescribed_take(&path->prescribed, n_pieces, degree, breaks, coefficients);
-}
-
-/* Stand at q, with what is prescribed as it is there or, by polynomials, where the path begins. */
-static int stand_at(Path *path, const Real *q)
+/* Move to q, with what is prescribed as it is there or, by polynomials, where the path begins. */
+static int move_to(Path *path, const Real *q)
 {
     Prescribed *p = &path->prescribed;
+    const PathTask *task = &path->task;
     Point *here = path->here;
-    const int code = prescribed_read(path->k, p);
-    if (code != DONE)
-        return code;
+    const int code = prescribed_read(path->k, p, task->n_pieces, task->degree, task->breaks,
+                                     task->coefficients);
+    if (code != DONE || !isfinite(task->begin))
+        return code != DONE ? code : BAD_ARRAYS;
     memcpy(here->q, q, (size_t)path->k->nq * sizeof *q);
-    here->s = path->begin;
+    here->s = task->begin;
     if (!p->n_pieces) {
         here->s = prescribed_from(p, q);
         return DONE;
@@ -107,55 +87,72 @@ static void forget(Path *path)
     path->idle_left = path->missed = 0.0;
 }
 
-EXPORT int path_start(Path *path, const Real *q, const Real *angles, Int choose)
+/* Choose equations, if there are more than are wanted, and find the rates where the path starts. */
+static int start(Path *path, const Real *angles)
 {
     Kernel *k = path->k;
     Point *here = path->here;
-    int code = stand_at(path, q);
-    if (code != DONE)
-        return code;
     equations_values_near(k, here->q, angles);
     if (!isfinite(equations_error(k)))
         return NOT_FINITE;
-    const int is_chosen = choose && has_redundant(k);
-    if (is_chosen)
-        code = choose_first(k);
+    const int is_chosen = !path->task.chosen && has_redundant(k);
+    int code = is_chosen ? choose_first(k) : DONE;
     if (code == DONE)
-        code = factor_here(k);
-    if (code == DONE && k->pivot_ratio < TOLERANCE_NEAR_SINGULAR)
+        code = factor_at_path_point(k);
+    if (code == DONE && k->system.pivot_ratio < TOLERANCE_NEAR_SINGULAR)
         code = UNSAFE;
     if (code == DONE)
         code = point_rates(k, &path->prescribed, here);
     if (code == DONE)
         probe_errors(path);
     keep_choice(path);
-    path->sign = k->sign;
+    path->sign = k->system.sign;
     path->selected = here->size;
-    path->selected_ratio = k->pivot_ratio;
+    path->selected_ratio = k->system.pivot_ratio;
     forget(path);
     return code == DONE && is_chosen ? is_regular(path) : code;
 }
 
-EXPORT Int path_from_guess(Path *path, Closer *c, Reaching *r, const PathTask *task)
+static void write_here(Path *path)
 {
-    int code;
-    if (closer_reach(c, r) != DONE)
+    *path->task.s = path->here->s;
+    write_row(path, &path->task.here, 0);
+}
+
+EXPORT int path_start(Kernel *k, const PathTask *task, const Real *q, const Real *angles)
+{
+    Path *path = path_of(k);
+    if (!path)
+        return NO_MEMORY;
+    path->task = *task;
+    path->accuracy = task->accuracy;
+    int code = system_set(k, task->chosen, task->n_chosen, task->driven, task->n_driven, task->fill,
+                          task->n_fill);
+    if (code == DONE)
+        code = move_to(path, q);
+    if (code == DONE)
+        code = start(path, angles);
+    if (code == DONE)
+        write_here(path);
+    path->has_started = code == DONE;
+    return code;
+}
+
+EXPORT Int path_follow(Kernel *k, const Real *values, Int n, const PathRows *rows)
+{
+    if (!k->path || !k->path->has_started)
+        return 0;
+    const Int reached = follow_values(k->path, values, n, rows);
+    write_here(k->path);
+    return reached;
+}
+
+EXPORT Int path_from_guess(Kernel *k, const PathTask *task, Closer *c, ClosureTask *guess,
+                           const Real *values, Int n, const PathRows *rows)
+{
+    if (closer_close(c, guess) != DONE)
         return -2;
-    if (!reached_straight(r, task->open) ||
-        system_set(path->k, NULL, task->n_chosen, task->driven, task->n_driven, NULL, 0) != DONE ||
-        path_start(path, r->q, r->angle, 1) != DONE)
+    if (!closed_straight(guess, task->open) || path_start(k, task, guess->q, guess->angle) != DONE)
         return -1;
-    return path_follow(path, task->value, task->n, &task->rows, &code);
-}
-
-EXPORT int path_go(Path *path, Real target)
-{
-    const int code = reach(path, target);
-    return code == DONE ? turn_into(path, 1.0) : code;
-}
-
-EXPORT Real path_stand(Path *path, const PathRows *row)
-{
-    write_row(path, row, 0);
-    return path->here->s;
+    return path_follow(k, values, n, rows);
 }

@@ -21,58 +21,50 @@ typedef struct {
                        of them goes with Taylor's predictor, of order 3 too */
 } PathAccuracy;
 
-typedef struct Path Path;
-
-/* A path on the kernel's square system. */
-EXPORT int path_create(Kernel *k, const PathAccuracy *accuracy, Path **out);
-EXPORT void path_destroy(Path *path);
-
-/* Let values of what is driven, from the first on, be piecewise polynomials of s (prescribing.h),
- * of which a path starts at `begin` from now on. DONE, BAD_ARRAYS, NO_MEMORY. */
-EXPORT int path_prescribe(Path *path, Real begin, Int n_pieces, Int degree, const Real *breaks,
-                          const Real *coefficients);
-
-/* Stand at a closed configuration q (nq), whose screw angles are near `angles`. The equations are
- * those of the system, or with `choose` as many independent ones, if the loops are regular there.
- * DONE, or SINGULAR, NOT_FINITE, NO_MEMORY; UNSAFE: so near to a singular one that it is in doubt;
- * BAD_ARRAYS: nothing that has a value is driven first. */
-EXPORT int path_start(Path *path, const Real *q, const Real *angles, Int choose);
-
-/* Where the values (n) of a path go: a row of each array belongs to one value. */
+/* The samples of a path: a row of each array belongs to one value. */
 typedef struct {
     Real *q;      /* (n, nq) */
     Real *t, *c;  /* (n, nv) first and second derivative by s, joint rates */
     Real *error;  /* (n) largest residual of all closure equations */
     Real *estimate; /* (n, 3) error estimates of q, t and c, scaled */
-    Real *angle;  /* (n, n_angles) of screws, counting turns */
+    Real *angles; /* (n, n_angles) of screws, counting turns */
 } PathRows;
 
-/* Follow the path through values of s. Returns how many were reached; then `code` says why no
- * more, as `path_go`. The path then stands at the last safe point. */
-EXPORT Int path_follow(Path *path, const Real *values, Int n, const PathRows *rows, int *code);
-
-/* Where a path begins, and where its values go: what `path_from_guess` takes. */
+/* A path, and where its current point is written: as `_PathTask` in paths.py. What it points to lives
+ * as long as the path is followed. */
 typedef struct {
-    Int n_chosen;        /* equations to choose */
+    const Int *chosen;   /* (n_chosen) equations; NULL: as many independent ones are chosen where the
+                            path starts, if the loops are regular there */
+    Int n_chosen;
     const Int *driven;   /* (n_driven) as system_set has them */
     Int n_driven;
-    Real open;           /* see `reached_straight` */
-    const Real *value;   /* (n) */
-    Int n;
-    PathRows rows;
+    const Real *fill;    /* (n_fill, nv) likewise */
+    Int n_fill;
+    PathAccuracy accuracy;
+    Real begin;          /* s at the start, where values of what is driven, from the first on, are */
+    Int n_pieces, degree; /* piecewise polynomials of s (prescribing.h); no pieces: they are not */
+    const Real *breaks, *coefficients;
+    Real open;           /* of path_from_guess, see `closed_straight` */
+    Real *s;             /* the current point: its parameter, and one row */
+    PathRows here;
 } PathTask;
 
-/* Close the loops from a guess, begin the path there and follow it, in one call. Returns as
+/* Start a path at a closed configuration q (nq), whose screw angles are near `angles`; the kernel
+ * has one path at a time. DONE, or SINGULAR, NOT_FINITE, NO_MEMORY; UNSAFE: so near to a singular
+ * configuration that it is in doubt; BAD_ARRAYS: nothing that has a value is driven first, or
+ * sizes and polynomials are not sound. */
+EXPORT int path_start(Kernel *k, const PathTask *task, const Real *q, const Real *angles);
+
+/* Follow the kernel's path through values (n) of s, whose samples are written. Returns how many
+ * were reached. There are no more where the next one lies beyond where equations seem to become
+ * dependent, where steps become too small, where the path bends or ends, or where it is out of all
+ * proportion; the current point is the last safe one. */
+EXPORT Int path_follow(Kernel *k, const Real *values, Int n, const PathRows *rows);
+
+/* Close the loops from a guess, start a path there and follow it, in one call. Returns as
  * `path_follow`; -1 where closing leaves something to choose, or the loops are not regular, -2
- * where closing has failed, as `closer_reach` does. */
-EXPORT Int path_from_guess(Path *path, Closer *c, Reaching *r, const PathTask *task);
-
-/* Go to a value of s: DONE, or SINGULAR: it lies beyond where equations seem to become dependent,
- * UNSAFE, NOT_CONVERGED: steps become too small, the path bends or ends, or it is out of all
- * proportion to where the path stands, NOT_FINITE, NO_MEMORY. The path then stands at the last safe point. */
-EXPORT int path_go(Path *path, Real target);
-
-/* Where the path stands, in one row; returns s. */
-EXPORT Real path_stand(Path *path, const PathRows *row);
+ * where closing has failed, as `closer_close` does. */
+EXPORT Int path_from_guess(Kernel *k, const PathTask *task, Closer *c, ClosureTask *guess,
+                           const Real *values, Int n, const PathRows *rows);
 
 #endif

@@ -14,13 +14,15 @@ typedef struct {
     Real *t, *along, *change; /* (nv) */
 } Probe;
 
-struct Path {
+typedef struct Path {
     Kernel *k;
-    PathAccuracy accuracy;
+    PathTask task;
+    PathAccuracy accuracy; /* of the task */
     Prescribed prescribed;
     Point points[3], *here, *before, *next; /* `next` is the trial */
     Between between; /* polynomials of the last interpolated step */
     Point middle;   /* of that */
+    int has_started; /* whether there is a point `here` */
     int has_before; /* whether there is a point before `here`, on the same stretch */
     Int *chosen;    /* equations in use at `here` */
     Real sign;      /* of the determinant with these equations */
@@ -36,9 +38,7 @@ struct Path {
                        grows with; of polynomials of that degree */
     Int degree;
     Real open;      /* residual of equations left out that no other choice makes smaller */
-    Real begin;     /* s at the start, where polynomials are prescribed */
-    Real *memory;
-};
+} Path;
 
 /* ---- stepping.c ---- */
 /* Step to a value of s in the piece in use: DONE, or why not; then nothing has changed, but for what
@@ -51,13 +51,15 @@ int turn_into(Path *path, Real sense);
 /* Learn where the determinant vanishes, if that is not known, from a small part of a step h. */
 int look_ahead(Path *path, Real h);
 Real round_off_of(const Kernel *k, const Real *q); /* closure error that it may leave at q */
-int factor_here(Kernel *k); /* at an evaluated point, with passive freedoms as they are there */
 void keep_choice(Path *path); /* the equations in use are those at `here` */
 int has_redundant(const Kernel *k);
 Real distance_ahead(const Path *path, Real h); /* way of s to where the determinant vanishes, or inf */
 /* The change of s in which the joints go a way; the longest step that is worth an attempt. */
 Real step_of(const Path *path, Real way);
 Real longest_step(const Path *path);
+
+/* ---- filling.c ---- */
+int factor_at_path_point(Kernel *k); /* where it is evaluated, passive freedoms as they are there */
 
 /* ---- turning_back.c ---- */
 /* Turn links about their own axes to where no idle rotation leaves them in a step to `next`. */
@@ -77,6 +79,9 @@ Real estimate_between(Path *path, const Point *third, const Point *from, Real *e
 /* Go to a value of s by as many steps as the path needs, of equal length where they may be. */
 int reach(Path *path, Real target);
 void write_row(Path *path, const PathRows *rows, Int i); /* of where the path stands */
+void write_row(Path *path, const PathRows *rows, Int i); /* of the current point */
+/* Write samples at values (n) of s; returns how many were reached. */
+Int follow_values(Path *path, const Real *values, Int n, const PathRows *rows);
 
 #define IDLE_FIRST 0.05  /* first way with idle rotations, whose error is not known yet: of 4e-12
                             rad at a way of 0.3, as measured, (1/6)^6 is round-off */

@@ -19,7 +19,7 @@
 static int reach_within(Path *path, Real target)
 {
     const Real first = smaller_of(fabs(target - path->here->s), longest_step(path));
-    const Real least = first * exp2(path->k->n_pins ? -PIN_HALVINGS : -MOST_HALVINGS);
+    const Real least = first * exp2(path->k->system.n_pins ? -PIN_HALVINGS : -MOST_HALVINGS);
     Real length = first;
     Int failed = 0;
     if (!(fabs(target - path->here->s) <= FARTHEST_VALUE * longest_step(path)))
@@ -58,7 +58,7 @@ void write_row(Path *path, const PathRows *rows, Int i)
     memcpy(rows->q + i * k->nq, here->q, (size_t)k->nq * sizeof *here->q);
     memcpy(rows->t + i * k->nv, here->t, (size_t)k->nv * sizeof *here->t);
     memcpy(rows->c + i * k->nv, here->c, (size_t)k->nv * sizeof *here->c);
-    memcpy(rows->angle + i * k->n_angles, here->angle, (size_t)k->n_angles * sizeof *here->angle);
+    memcpy(rows->angles + i * k->n_angles, here->angle, (size_t)k->n_angles * sizeof *here->angle);
     rows->error[i] = here->error;
     estimate_here(path, rows->estimate + 3 * i);
 }
@@ -103,7 +103,7 @@ static void put_between(Path *path, const Point *from, Real value, const Real *e
     Kernel *k = path->k;
     const Point *to = path->here;
     const Real part = (value - from->s) / (to->s - from->s);
-    Real *q = rows->q + i * k->nq, *angle = rows->angle + i * k->n_angles;
+    Real *q = rows->q + i * k->nq, *angle = rows->angles + i * k->n_angles;
     between_at(k, &path->between, value, q, rows->t + i * k->nv, rows->c + i * k->nv);
     prescribe(&path->prescribed, value);
     prescribed_put(&path->prescribed, q);
@@ -148,20 +148,17 @@ static Int follow_between(Path *path, const Real *values, Int i, Int last, const
     return last - i + (put_row(path, rows, last) == DONE);
 }
 
-EXPORT Int path_follow(Path *path, const Real *values, Int n, const PathRows *rows, int *code)
+Int follow_values(Path *path, const Real *values, Int n, const PathRows *rows)
 {
-    *code = DONE;
     for (Int i = 0; i < n;) {
         const Int last = path->accuracy.between > 0.0 ? last_within(path, values, i, n) : i;
         const Int done = last > i ? follow_between(path, values, i, last, rows) : 0;
         i += done;
         if (done)
             continue;
-        *code = reach(path, values[i]);
+        const int code = reach(path, values[i]);
         path->between_way *= REGROWTH;
-        if (*code == DONE)
-            *code = put_row(path, rows, i);
-        if (*code != DONE)
+        if (code != DONE || put_row(path, rows, i) != DONE)
             return i;
         i++;
     }

@@ -4,7 +4,6 @@
 #include <float.h>
 #include <string.h>
 
-#include "filling.h"
 #include "path.h"
 
 #define CURVED_WAY 1.05  /* room for the way's curvature where steps of that length are counted */
@@ -53,7 +52,7 @@ int look_ahead(Path *path, Real h)
     predict_taylor(k, path->here, NULL, LOOK * h, 2, path->next->q);
     path->stale = 1;
     equations_values(k, path->next->q);
-    equations_jacobian(k, &k->system);
+    equations_jacobian(k, &k->equations.system);
     const int code = system_factor(k);
     const Real size = code == DONE ? determinant_size(k) : -INFINITY;
     note_zero(path, path->here->size, size, path->here->s + LOOK * h, LOOK * h);
@@ -66,15 +65,17 @@ int look_ahead(Path *path, Real h)
 static int is_new_choice(const Path *path)
 {
     const Kernel *k = path->k;
-    return memcmp(path->chosen, k->chosen, (size_t)k->n_chosen * sizeof *path->chosen) != 0;
+    return memcmp(path->chosen, k->system.chosen,
+                  (size_t)k->system.n_chosen * sizeof *path->chosen) != 0;
 }
 
 void keep_choice(Path *path)
 {
-    memcpy(path->chosen, path->k->chosen, (size_t)path->k->n_chosen * sizeof *path->chosen);
+    memcpy(path->chosen, path->k->system.chosen,
+           (size_t)path->k->system.n_chosen * sizeof *path->chosen);
 }
 
-int has_redundant(const Kernel *k) { return k->n_chosen < k->n_closure; }
+int has_redundant(const Kernel *k) { return k->system.n_chosen < k->n_closure; }
 
 /* Predict `next` at a value of s, by points that are closed or, corrected a fixed number of times,
  * not quite: those no polynomial is put through, that would make the more of it. Nor through points
@@ -85,7 +86,7 @@ static void predict(Path *path, Real target)
     const Point *here = path->here, *before = path->has_before ? path->before : NULL;
     const Real h = target - here->s;
     const Int order = path->accuracy.order;
-    const int is_closed = path->accuracy.corrections < 0, is_determined = !path->k->n_fill;
+    const int is_closed = path->accuracy.corrections < 0, is_determined = !path->k->system.n_fill;
     if (order == 3 && is_closed && is_determined && before && hermite_reaches(before, here, h))
         predict_hermite(path->k, before, here, h, path->next->q);
     else if (order == 3 && !is_closed && before &&
@@ -102,7 +103,7 @@ static int follow_prescribed(Path *path, Real *way)
 {
     Kernel *k = path->k;
     Real most = 0.0, square = 0.0;
-    for (Int i = 0; i < k->n_driven; i++) {
+    for (Int i = 0; i < k->system.n_driven; i++) {
         const Real gap = prescribed_gap(&path->prescribed, path->next->q, i);
         most = fmax(most, fabs(gap) / k->scale[driven_at(k, i)]);
     }
@@ -112,8 +113,8 @@ static int follow_prescribed(Path *path, Real *way)
     if (code != DONE)
         return code;
     memset(k->right, 0, (size_t)k->nv * sizeof *k->right);
-    for (Int i = 0; i < k->n_driven; i++)
-        k->right[k->n_chosen + k->n_idle + i] =
+    for (Int i = 0; i < k->system.n_driven; i++)
+        k->right[k->system.n_chosen + k->n_idle + i] =
             prescribed_gap(&path->prescribed, path->next->q, i) / k->scale[driven_at(k, i)];
     system_solve(k, k->right);
     for (Int v = 0; v < k->nv; v++) {
@@ -129,8 +130,8 @@ static int follow_prescribed(Path *path, Real *way)
 
 static int is_driven(const Kernel *k, Int v)
 {
-    for (Int i = 0; i < k->n_driven; i++)
-        if (k->driven[i] == v)
+    for (Int i = 0; i < k->system.n_driven; i++)
+        if (k->system.driven[i] == v)
             return 1;
     return 0;
 }
@@ -153,7 +154,7 @@ static int close_prediction(Path *path, Real way)
     Kernel *k = path->k;
     const PathAccuracy *wanted = &path->accuracy;
     const Real least = round_off_of(k, path->here->q);
-    const Real part = residual_part(k->pivot_ratio); /* 1, or factors near by are off as well */
+    const Real part = residual_part(k->system.pivot_ratio); /* 1, or factors near by are off as well */
     Correction c = {.enough = larger_of(part * wanted->enough, 0.1 * least),
                     .tolerance = larger_of(part * wanted->tolerance, 0.3 * least),
                     .left = larger_of(wanted->left, least), .fixed = wanted->corrections,
@@ -175,19 +176,12 @@ static int close_prediction(Path *path, Real way)
     return code == DONE && equations_error(k) > c.left ? UNSAFE : code;
 }
 
-int factor_here(Kernel *k)
-{
-    equations_jacobian(k, &k->system);
-    const int code = system_factor(k);
-    return code == DONE && k->n_fill ? fill_again(k) : code;
-}
-
 /* Choose the independent equations anew at a factored point where redundant ones have become weak;
  * the sign starts anew with them. */
 static int choose_again(Path *path)
 {
     Kernel *k = path->k;
-    if (!has_redundant(k) || !(k->pivot_ratio < RESELECT_PIVOT * path->selected_ratio))
+    if (!has_redundant(k) || !(k->system.pivot_ratio < RESELECT_PIVOT * path->selected_ratio))
         return DONE;
     const Real size = determinant_size(k);
     if (!(size < path->selected - RESELECT_ORDERS))
@@ -196,7 +190,7 @@ static int choose_again(Path *path)
     if (code == DONE)
         code = system_factor(k);
     if (!is_new_choice(path))
-        path->selected = size, path->selected_ratio = k->pivot_ratio;
+        path->selected = size, path->selected_ratio = k->system.pivot_ratio;
     return code;
 }
 
@@ -248,10 +242,10 @@ static int arrive(Path *path, Real way)
     Kernel *k = path->k;
     Point *here = path->here, *next = path->next;
     int is_new = is_new_choice(path);
-    int code = prescribed_holds(&path->prescribed, next->q) ? factor_here(k) : UNSAFE;
+    int code = prescribed_holds(&path->prescribed, next->q) ? factor_at_path_point(k) : UNSAFE;
     if (code != DONE)
         return code;
-    if (k->pivot_ratio < TOLERANCE_NEAR_SINGULAR || (!is_new && k->sign != path->sign))
+    if (k->system.pivot_ratio < TOLERANCE_NEAR_SINGULAR || (!is_new && k->system.sign != path->sign))
         return SINGULAR;
     if (!is_new) {
         code = choose_again(path);
@@ -267,9 +261,9 @@ static int arrive(Path *path, Real way)
         return code;
     if (is_new) {
         keep_choice(path);
-        path->sign = k->sign;
+        path->sign = k->system.sign;
         path->selected = next->size;
-        path->selected_ratio = k->pivot_ratio;
+        path->selected_ratio = k->system.pivot_ratio;
         path->zero = INFINITY;
         path->zero_known = 0;
     } else
@@ -320,7 +314,7 @@ int stand_again(Path *path)
 {
     Kernel *k = path->k;
     equations_values_near(k, path->here->q, path->here->angle);
-    const int code = factor_here(k);
+    const int code = factor_at_path_point(k);
     path->stale = code != DONE;
     return code;
 }
@@ -348,7 +342,8 @@ int step(Path *path, Real target)
     const int code = try_step(path, target);
     if (code != DONE) {
         if (is_new_choice(path))
-            system_set(k, path->chosen, k->n_chosen, k->driven, k->n_driven, k->fill, k->n_fill);
+            system_set(k, path->chosen, k->system.n_chosen, k->system.driven, k->system.n_driven,
+                       k->system.fill, k->system.n_fill);
         path->stale = 1;
         return code;
     }

@@ -7,7 +7,6 @@
  *
  * Gauss's method of two stages is implicit, of fourth order and symmetric: a reversible motion keeps
  * its energy for ever to the order of the step [HairerLubichWanner2006, II.1]. */
-#include <stdlib.h>
 #include <string.h>
 
 #include "dynamics.h"
@@ -316,7 +315,7 @@ static void adaptive_step(Integrator *g)
         const Real t_new = g->t + h < g->t_end ? g->t + h : g->t_end;
         const Real span = t_new - g->t;
         const int code = try_step(g, t_new, span);
-        if (code == ASK_FAILED) {
+        if (code == CALLBACK_FAILED) {
             g->status = FAILED;
             return;
         }
@@ -332,14 +331,14 @@ static void adaptive_step(Integrator *g)
     }
 }
 
-EXPORT int integrator_step(Integrator *g)
+int integrator_step(Integrator *g)
 {
     g->code = DONE;
     if (method_of(g)->order == 0.0)
         fixed_step(g);
     else
         adaptive_step(g);
-    return g->code == ASK_FAILED ? ASK_FAILED : DONE;
+    return g->code == CALLBACK_FAILED ? CALLBACK_FAILED : DONE;
 }
 
 EXPORT int integrator_between(Integrator *g, const Real *times, Int count, Real *y)
@@ -364,47 +363,26 @@ void integrator_slopes(const Integrator *g, Real t, Real *slopes)
     method_of(g)->slopes(g, (t - g->t_old) / (g->t - g->t_old), slopes);
 }
 
-/* ---- making one ---- */
+/* ---- beginning ---- */
 
-EXPORT void integrator_destroy(Integrator *g)
+EXPORT int integrator_begin(Integrator *g, const Real *y, const Real *atol, Real *room, Int n_room)
 {
-    if (!g)
-        return;
-    free(g->y);
-    free(g);
-}
-
-/* From y at time t to t_end; `step` is the first of an adaptive method, the fixed one's number of
- * steps else. `rates` NULL: those of a Dynamics, which `context` is. Asks for the first slope. */
-EXPORT int integrator_create(Int method, Int n, Rates rates, void *context, Real t, const Real *y,
-                             Real t_end, Real step, Real longest, Real rtol, const Real *atol,
-                             Integrator **out)
-{
-    *out = NULL;
-    if (method < 0 || method >= N_METHODS || n < 1)
+    const Int n = g->n;
+    if (g->method < 0 || g->method >= N_METHODS || n < 1 || n_room < n * (MOST_STAGES + 14))
         return BAD_ARRAYS;
-    Integrator *g = calloc(1, sizeof *g);
-    Real *room = calloc((size_t)(n * (MOST_STAGES + 1 + 13)), sizeof *room);
-    if (!g || !room) {
-        free(g);
-        free(room);
-        return NO_MEMORY;
-    }
     Real **parts[] = {&g->y, &g->y_old, &g->f, &g->atol, &g->trial, &g->ended};
     for (size_t i = 0; i < sizeof parts / sizeof *parts; i++, room += n)
         *parts[i] = room;
     g->dense = room;
     g->slope = room + 7 * n;
-    g->n = n, g->method = method, g->t = g->t_old = g->t_begin = t, g->t_end = t_end;
-    g->next = step, g->count = (Int)step, g->longest = longest, g->rtol = rtol;
-    g->rates = rates ? rates : dynamics_rates;
-    g->context = context;
+    g->t_old = g->t_begin = g->t;
+    g->count = (Int)g->next;
+    g->rates = g->rates ? g->rates : dynamics_rates;
     memcpy(g->y, y, (size_t)n * sizeof *y);
     memcpy(g->y_old, y, (size_t)n * sizeof *y);
     memcpy(g->atol, atol, (size_t)n * sizeof *atol);
-    const int code = ask(g, t, y, g->f);
+    const int code = ask(g, g->t, y, g->f);
     if (code != DONE)
         g->status = FAILED;
-    *out = g;
-    return code == ASK_FAILED ? ASK_FAILED : DONE;
+    return code == CALLBACK_FAILED ? CALLBACK_FAILED : DONE;
 }

@@ -38,7 +38,7 @@ static int meets_limit(const Dynamics *d, const Run *run)
 
 static int creeps(Integrator *g, const Dynamics *d, Run *run)
 {
-    const Real h = g->t - g->t_old, pivot = dynamics_pivot(d);
+    const Real h = g->t - g->t_old, pivot = d->crosses ? 1.0 : d->pivot;
     run->largest_step = fmax(run->largest_step, h);
     run->largest_pivot = fmax(run->largest_pivot, pivot);
     return (h < CREEPS_BELOW * run->largest_step && pivot < CREEPS_BELOW * run->largest_pivot) ||
@@ -49,7 +49,7 @@ static int creeps(Integrator *g, const Dynamics *d, Run *run)
 static void note_branch_points(const Integrator *g, const Dynamics *d, Run *run, Int first)
 {
     const Int room = MOST_CROSSED - run->n_crossed, q = d->held_q[0];
-    const Int n = passing_crossed(d, g->y_old[0], g->y[0], run->crossed + run->n_crossed, room);
+    const Int n = crossing_points(d, g->y_old[0], g->y[0], run->crossed + run->n_crossed, room);
     const Real sense = g->y[0] >= g->y_old[0] ? 1.0 : -1.0, scale = d->k->scale[d->held[0]];
     for (Int i = run->n_crossed; i < run->n_crossed + n; i++) {
         Int row = first;
@@ -68,10 +68,11 @@ static int needs_new_coordinates(const Integrator *g, Dynamics *d, const Run *ru
     for (Int i = 0; !d->is_linear && i < d->n_free; i++)
         if (fabs(g->y[i]) > COORDINATES_END)
             return 1;
-    return dynamics_keep(d) > run->patience;
+    return dynamics_save(d) > run->patience;
 }
 
-/* Steps with their samples, until something wants to be looked at; why it paused. */
+/* Steps, until something wants to be looked at; why it paused. Those of a mechanism have samples; d
+ * NULL: they are of another function. */
 EXPORT int integrator_run(Integrator *g, Dynamics *d, Run *run)
 {
     for (Int step = 0; step < run->most; step++) {
@@ -80,6 +81,10 @@ EXPORT int integrator_run(Integrator *g, Dynamics *d, Run *run)
             return RAISED;
         if (g->status == FAILED)
             return AT_FAILURE;
+        if (!d && g->status == FINISHED)
+            return AT_END;
+        if (!d)
+            continue;
         if (creeps(g, d, run))
             return CREEPING;
         if (meets_limit(d, run))
@@ -91,9 +96,9 @@ EXPORT int integrator_run(Integrator *g, Dynamics *d, Run *run)
         const int code = samples_of_step(g, d, run);
         if (code != DONE) {
             run->row = first;
-            return code == ASK_FAILED ? RAISED : NO_SAMPLES;
+            return code == CALLBACK_FAILED ? RAISED : NO_SAMPLES;
         }
-        if (d->passes)
+        if (d->crosses)
             note_branch_points(g, d, run, first);
         if (needs_new_coordinates(g, d, run))
             return NEW_COORDINATES;

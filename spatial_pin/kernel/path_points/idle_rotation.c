@@ -22,15 +22,15 @@ static void normal_to(const Real *axis, Real *normal)
 /* The vector B of the product of equation `idle` is the axis. */
 static Int vector_of(const Kernel *k, Int idle)
 {
-    const Int product = k->equation_product[k->n_closure + idle];
-    return k->b_term[2 * product];
+    const Int product = k->equations.product[k->n_closure + idle];
+    return k->products.b_term[2 * product];
 }
 
 /* e' = w x e, e'' = alpha x e + w x e' */
 void idle_axis(const Kernel *k, Int idle, IdleAxis *axis)
 {
-    const Int vector = vector_of(k, idle), body = k->vector_body[vector];
-    const Real *local = k->vector_local + 3 * vector, *R = k->R + 9 * body;
+    const Int vector = vector_of(k, idle), body = k->vectors.body[vector];
+    const Real *local = k->vectors.local + 3 * vector, *R = k->R + 9 * body;
     Real normal[3], turning[3];
     rotate3(R, local, axis->e);
     cross3(k->omega + 3 * body, axis->e, axis->first);

@@ -41,15 +41,15 @@ int point_rates(Kernel *k, const Prescribed *prescribed, Point *point)
     point->size = determinant_size(k);
     point->error = equations_error(k);
     system_path_rates(k, prescribed->rate, prescribed->bend, point->t, point->c);
-    for (Int i = 0; i < k->n_driven; i++) { /* as asked for, to the last digit */
-        if (k->driven[i] >= k->nv)
+    for (Int i = 0; i < k->system.n_driven; i++) { /* as asked for, to the last digit */
+        if (k->system.driven[i] >= k->nv)
             continue;
-        point->t[k->driven[i]] = prescribed->rate[i];
-        point->c[k->driven[i]] = prescribed->bend[i];
+        point->t[k->system.driven[i]] = prescribed->rate[i];
+        point->c[k->system.driven[i]] = prescribed->bend[i];
     }
     for (Int i = 0; i < k->n_angles; i++) {
         point->angle[i] = k->angle[i];
-        point->angle_rate[i] = k->angle_rate[i]; /* at the rates t */
+        point->angle_rate[i] = k->angles.rate[i]; /* at the rates t */
     }
     if (k->n_idle)
         tree_accelerate(k, point->c); /* after the rates t, see system_path_rates */

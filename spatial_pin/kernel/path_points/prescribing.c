@@ -1,7 +1,5 @@
 /* Values of what is driven along a path, see prescribing.h. */
-#include <stdlib.h>
-#include <string.h>
-
+#include "memory.h"
 #include "prescribing.h"
 
 #define MOST_DEGREE 100 /* of a polynomial: beyond, its terms cancel all digits */
@@ -26,27 +24,16 @@ static void take_pin(Prescribed *p, const Pin *pin, Int which)
     p->pinned[at] = which;
 }
 
-int prescribed_create(const Kernel *k, Prescribed *p)
+int prescribed_create(Kernel *k, Prescribed *p)
 {
-    const size_t n = (size_t)k->nv + 1;
-    char *from = p->memory = calloc(n, 4 * sizeof(Real) + 2 * sizeof(Int) + sizeof(Pin));
-    if (!from)
-        return NO_MEMORY;
-    p->pin = (Pin *)from;
-    p->place = (Int *)(p->pin + n);
-    p->pinned = p->place + n;
-    p->value = (Real *)(p->pinned + n);
-    p->rate = p->value + n;
-    p->bend = p->rate + n;
-    p->pin_value = p->bend + n;
-    return DONE;
-}
-
-void prescribed_free(Prescribed *p)
-{
-    free(p->memory);
-    free(p->breaks);
-    free(p->coefficient);
+    p->pin = kernel_memory(k, k->nv, sizeof *p->pin);
+    p->place = kernel_ints(k, k->nv);
+    p->pinned = kernel_ints(k, k->nv);
+    p->value = kernel_reals(k, k->nv);
+    p->rate = kernel_reals(k, k->nv);
+    p->bend = kernel_reals(k, k->nv);
+    p->pin_value = kernel_reals(k, k->nv);
+    return kernel_had_memory(k) ? DONE : NO_MEMORY;
 }
 
 static int has_value(const Prescribed *p, Int i)
@@ -57,58 +44,39 @@ static int has_value(const Prescribed *p, Int i)
     return p->place[i] >= 0;
 }
 
-int prescribed_read(const Kernel *k, Prescribed *p)
+static int polynomials_are_sound(const Prescribed *p)
 {
-    if (p->n_pieces && p->n != k->n_driven)
-        return BAD_ARRAYS;
-    p->n = k->n_driven;
-    p->n_pins = 0;
-    for (Int i = 0; i < p->n; i++) {
-        Pin pin;
-        p->place[i] = -1;
-        if (k->driven[i] < k->nv)
-            find_single(k, k->driven[i], p->place + i);
-        else if (pin_of(k, driven_at(k, i), &pin))
-            take_pin(p, &pin, i);
-    }
-    return p->n_pieces || (p->n && has_value(p, 0)) ? DONE : BAD_ARRAYS;
-}
-
-static int polynomials_are_sound(const Prescribed *p, Int n_pieces, Int degree, const Real *breaks,
-                                 const Real *coefficient)
-{
-    for (Int piece = 0; piece <= n_pieces; piece++)
-        if (!isfinite(breaks[piece]) || (piece && !(breaks[piece] > breaks[piece - 1])))
+    const Real *coefficient = p->coefficient;
+    if (p->n_pieces > MOST_PIECES || !within(p->degree, MOST_DEGREE + 1))
+        return 0;
+    for (Int piece = 0; piece <= p->n_pieces; piece++)
+        if (!isfinite(p->breaks[piece]) || (piece && !(p->breaks[piece] > p->breaks[piece - 1])))
             return 0;
-    for (Int piece = 0; piece < n_pieces; piece++)
+    for (Int piece = 0; piece < p->n_pieces; piece++)
         for (Int i = 0; i < p->n; i++)
-            for (Int d = 0; d <= degree; d++, coefficient++)
+            for (Int d = 0; d <= p->degree; d++, coefficient++)
                 if (!isfinite(*coefficient) || (*coefficient != 0.0 && !has_value(p, i)))
                     return 0;
     return 1;
 }
 
-int prescribed_take(Prescribed *p, Int n_pieces, Int degree, const Real *breaks,
-                    const Real *coefficients)
+int prescribed_read(const Kernel *k, Prescribed *p, Int n_pieces, Int degree, const Real *breaks,
+                    const Real *coefficient)
 {
-    if (n_pieces < 1 || n_pieces > MOST_PIECES || !within(degree, MOST_DEGREE + 1) ||
-        !polynomials_are_sound(p, n_pieces, degree, breaks, coefficients))
-        return BAD_ARRAYS;
-    const size_t n = (size_t)(n_pieces * p->n * (degree + 1));
-    Real *own = malloc((size_t)(n_pieces + 1) * sizeof *own);
-    Real *numbers = malloc((n + 1) * sizeof *own);
-    if (!own || !numbers) {
-        free(own);
-        free(numbers);
-        return NO_MEMORY;
+    p->n = k->system.n_driven, p->n_pins = p->piece = 0;
+    p->n_pieces = n_pieces, p->degree = degree;
+    p->breaks = breaks, p->coefficient = coefficient;
+    for (Int i = 0; i < p->n; i++) {
+        Pin pin;
+        p->place[i] = -1;
+        if (k->system.driven[i] < k->nv)
+            find_single(k, k->system.driven[i], p->place + i);
+        else if (pin_of(k, driven_at(k, i), &pin))
+            take_pin(p, &pin, i);
     }
-    memcpy(own, breaks, (size_t)(n_pieces + 1) * sizeof *own);
-    memcpy(numbers, coefficients, n * sizeof *numbers);
-    free(p->breaks);
-    free(p->coefficient);
-    p->breaks = own, p->coefficient = numbers;
-    p->n_pieces = n_pieces, p->degree = degree, p->piece = 0;
-    return DONE;
+    if (n_pieces)
+        return n_pieces > 0 && polynomials_are_sound(p) ? DONE : BAD_ARRAYS;
+    return p->n && has_value(p, 0) ? DONE : BAD_ARRAYS;
 }
 
 static Real value_at(const Prescribed *p, const Real *q, Int i, Real wanted)

@@ -13,25 +13,20 @@ typedef struct {
     Int n_pins, *pinned;        /* components, those of one rotation side by side: which they are */
     Pin *pin;
     Int n_pieces, degree;       /* of the polynomials; no pieces: see above */
-    Real *breaks, *coefficient; /* (n_pieces + 1); (n_pieces, n, degree + 1) of s less the break
+    const Real *breaks, *coefficient; /* (n_pieces + 1); (n_pieces, n, degree + 1) of s less the break
                                    before, from the constant one on */
     Int piece;                  /* the one in use */
     Real *value, *rate, *bend;  /* (n) at the last `prescribe`, with derivatives by s */
     Real *pin_value;
-    void *memory;
 } Prescribed;
 
-int prescribed_create(const Kernel *k, Prescribed *p); /* DONE, NO_MEMORY */
-void prescribed_free(Prescribed *p);
+int prescribed_create(Kernel *k, Prescribed *p); /* DONE, NO_MEMORY */
 
-/* Let it be what the system drives. DONE; BAD_ARRAYS where nothing with a value is driven first,
- * or where the polynomials are of another number. */
-int prescribed_read(const Kernel *k, Prescribed *p);
-
-/* Take polynomials. DONE; BAD_ARRAYS where breaks do not rise, numbers are none, or what has no
- * value is to move; NO_MEMORY. */
-int prescribed_take(Prescribed *p, Int n_pieces, Int degree, const Real *breaks,
-                    const Real *coefficients);
+/* Let it be what the system drives, by polynomials if there are pieces. DONE; BAD_ARRAYS where nothing
+ * with a value is driven first, where breaks do not rise, numbers are none, or what has no value is
+ * to move. */
+int prescribed_read(const Kernel *k, Prescribed *p, Int n_pieces, Int degree, const Real *breaks,
+                    const Real *coefficient);
 
 /* Values that are held, and the parameter, are those at q. */
 Real prescribed_from(Prescribed *p, const Real *q);

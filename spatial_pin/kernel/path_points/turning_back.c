@@ -63,7 +63,7 @@ static Real idle_displacement(Path *path, Real way, Real *error)
         const Real turned = idle_turned(three ? before->axis + i : NULL, here->axis + i,
                                         path->next->axis + i, here->s - before->s,
                                         path->next->s - here->s, &own);
-        k->right[k->n_chosen + i] = -turned;
+        k->right[k->system.n_chosen + i] = -turned;
         idle_turn(path->next->axis + i, -turned);
         *error = fmax(*error, own);
         if (!(fabs(turned) <= most))
@@ -104,7 +104,7 @@ int take_idle_back(Path *path, Real way)
             return DONE;
         }
         equations_values(k, path->next->q);
-        int code = factor_here(k);
+        int code = factor_at_path_point(k);
         if (code == DONE)
             code = point_rates(k, &path->prescribed, path->next);
         if (code != DONE || most <= IDLE_SMALL)

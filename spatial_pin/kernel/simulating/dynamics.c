@@ -27,12 +27,12 @@ static void velocities(Dynamics *d, const Real *held)
 /* Let bodies spin about their lines: in their own axes, which turn with them. */
 static void add_spins(Dynamics *d)
 {
-    for (Int s = 0; s < d->n_spins; s++) {
-        const Int at = d->k->iv[d->spin_joint[s]];
+    for (Int s = 0; s < d->spins.n; s++) {
+        const Int at = d->k->iv[d->spins.joint[s]];
         Real turned[3];
-        cross3(d->spin_axis + 3 * s, d->v + at, turned);
-        add3(-d->sigma[s], turned, d->a0 + at);
-        add3(d->sigma[s], d->spin_axis + 3 * s, d->v + at);
+        cross3(d->spins.axis + 3 * s, d->v + at, turned);
+        add3(-d->spins.rate[s], turned, d->a0 + at);
+        add3(d->spins.rate[s], d->spins.axis + 3 * s, d->v + at);
     }
 }
 
@@ -41,27 +41,27 @@ static int place(Dynamics *d, Real t, const Real *y)
 {
     Kernel *k = d->k;
     const Int n = d->n_free;
-    Real *x = d->asking, *held = x + d->n_held, *acceleration = held + d->n_held;
+    Real *x = d->work.asking, *held = x + d->n_held, *acceleration = held + d->n_held;
     if (d->projects)
-        return projected_place(d, y);
+        return projected_evaluate(d, y);
     memcpy(x, y, (size_t)n * sizeof *x);
     memcpy(held, y + n, (size_t)n * sizeof *held);
-    if (d->n_drives && d->asked.drives(t, d->laws) != DONE)
-        return ASK_FAILED;
+    if (d->n_drives && d->callbacks.drives(t, d->work.laws) != DONE)
+        return CALLBACK_FAILED;
     for (Int i = 0; i < d->n_held; i++) {
-        const Real *law = d->laws + 3 * (i - n), scale = k->scale[d->held[i]];
+        const Real *law = d->work.laws + 3 * (i - n), scale = k->scale[d->held[i]];
         acceleration[i] = i < n ? 0.0 : law[2] / scale;
         if (i >= n) {
             x[i] = (law[0] - d->start[d->held_q[i]]) / scale;
             held[i] = law[1] / scale;
         }
     }
-    if (passing_travel(d, x) != DONE)
+    if (crossing_travel(d, x) != DONE)
         return LOST;
     velocities(d, held);
-    if (d->passage >= 0)
+    if (d->bridge >= 0)
         for (Int v = 0; v < k->nv; v++)
-            d->a0[v] = d->passage_c[v] * held[0] * held[0];
+            d->a0[v] = d->branches.c[v] * held[0] * held[0];
     else
         independent_bias(d, d->v, d->n_drives ? acceleration : NULL, d->a0);
     add_spins(d);
@@ -101,11 +101,11 @@ static void change_axes(const Real *from, const Real *to, Real *vector)
 static void show_spins(const Dynamics *d, const Real *y, Real *q, Real *v, Real *a)
 {
     const Kernel *k = d->k;
-    for (Int s = 0; s < d->n_spins; s++) {
-        const Int iq = k->iq[d->spin_joint[s]], iv = k->iv[d->spin_joint[s]];
+    for (Int s = 0; s < d->spins.n; s++) {
+        const Int iq = k->iq[d->spins.joint[s]], iv = k->iv[d->spins.joint[s]];
         Real S[9], R[9];
         quaternion_rotation(q + iq, S);
-        turn_to_line(y + 2 * d->n_free + 4 * s, d->spin_axis + 3 * s, S, q + iq);
+        turn_to_line(y + 2 * d->n_free + 4 * s, d->spins.axis + 3 * s, S, q + iq);
         quaternion_rotation(q + iq, R);
         change_axes(S, R, v + iv);
         if (a)
@@ -119,26 +119,26 @@ static int accelerate(Dynamics *d, Real t, const Real *y)
     Kernel *k = d->k;
     const Int n = d->n_free;
     const Real *q = d->q;
-    d->power = 0.0;
-    if (d->n_spins || d->passage >= 0) /* else independent_bias has worked them out */
+    d->forces.power = 0.0;
+    if (d->spins.n || d->bridge >= 0) /* else independent_bias has worked them out */
         tree_rates(k, d->v);
     tree_accelerate(k, d->a0);
-    if (d->n_spins && d->asked.efforts) { /* a law sees the bodies as they are turned */
-        memcpy(d->trial, d->q, (size_t)k->nq * sizeof *d->q);
-        memcpy(d->step, d->v, (size_t)k->nv * sizeof *d->v);
-        show_spins(d, y, d->trial, d->step, NULL);
-        q = d->trial;
+    if (d->spins.n && d->callbacks.efforts) { /* a law sees the bodies as they are turned */
+        memcpy(d->work.trial, d->q, (size_t)k->nq * sizeof *d->q);
+        memcpy(d->work.step, d->v, (size_t)k->nv * sizeof *d->v);
+        show_spins(d, y, d->work.trial, d->work.step, NULL);
+        q = d->work.trial;
     }
     if (forces_on_bodies(d) != DONE || forces_at_joints(d, t, q) != DONE)
-        return ASK_FAILED;
+        return CALLBACK_FAILED;
     forces_missing(d, d->a0);
     for (Int i = 0; i < n; i++) {
         d->z[i] = 0.0;
         for (Int v = 0; v < k->nv; v++)
-            d->z[i] -= k->scale[v] * d->columns[i * k->nv + v] * d->tau[v];
+            d->z[i] -= k->scale[v] * d->columns[i * k->nv + v] * d->forces.tau[v];
     }
     if (n && !masses_solve(d))
-        return d->asked.least(t, d->q, d->v, d->a0, d->turns, d->z);
+        return d->callbacks.least(t, d->q, d->v, d->a0, d->turns, d->z);
     return DONE;
 }
 
@@ -148,18 +148,18 @@ static int drive_efforts(Dynamics *d)
     Kernel *k = d->k;
     tree_rates(k, d->v);
     tree_accelerate(k, d->a);
-    const Real power = d->power; /* that of springs is counted already */
+    const Real power = d->forces.power; /* that of springs is counted already */
     if (forces_on_bodies(d) != DONE)
-        return ASK_FAILED;
-    d->power = power;
+        return CALLBACK_FAILED;
+    d->forces.power = power;
     forces_missing(d, d->a);
     for (Int i = 0; i < d->n_drives; i++) {
         const Real *column = d->columns + (d->n_free + i) * k->nv;
         Real sum = 0.0;
         for (Int v = 0; v < k->nv; v++)
-            sum += k->scale[v] * column[v] * d->tau[v];
-        d->drive_effort[i] = sum / k->scale[d->held[d->n_free + i]];
-        d->power += d->drive_effort[i] * d->v[d->held[d->n_free + i]];
+            sum += k->scale[v] * column[v] * d->forces.tau[v];
+        d->forces.drive_effort[i] = sum / k->scale[d->held[d->n_free + i]];
+        d->forces.power += d->forces.drive_effort[i] * d->v[d->held[d->n_free + i]];
     }
     return DONE;
 }
@@ -199,7 +199,7 @@ int dynamics_rates(void *from, Real t, const Real *y, Real *rates)
     if (d->n_drives) {
         whole_accelerations(d);
         if (drive_efforts(d) != DONE)
-            return ASK_FAILED;
+            return CALLBACK_FAILED;
     }
     if (d->projects) {
         whole_accelerations(d);
@@ -208,14 +208,14 @@ int dynamics_rates(void *from, Real t, const Real *y, Real *rates)
         independent_rates(d, d->v, rates);
         memcpy(rates + n, d->z, (size_t)n * sizeof *rates);
     }
-    for (Int s = 0; s < d->n_spins; s++) {
+    for (Int s = 0; s < d->spins.n; s++) {
         Real S[9], w[3];
-        quaternion_rotation(d->q + k->iq[d->spin_joint[s]], S);
-        rotate3(S, d->v + k->iv[d->spin_joint[s]], w);
+        quaternion_rotation(d->q + k->iq[d->spins.joint[s]], S);
+        rotate3(S, d->v + k->iv[d->spins.joint[s]], w);
         quaternion_rate(y + 2 * n + 4 * s, w, rates + 2 * n + 4 * s);
     }
     if (d->works)
-        rates[d->n_unknowns - 1] = d->power;
+        rates[d->n_unknowns - 1] = d->forces.power;
     return are_finite(rates, d->n_unknowns) ? DONE : LOST;
 }
 
@@ -234,7 +234,7 @@ static SampleRows row_of(const Dynamics *d, const SampleRows *rows, Int i)
     const Kernel *k = d->k;
     return (SampleRows){rows->q + i * k->nq, rows->v + i * k->nv, rows->a + i * k->nv,
                         rows->numbers + 4 * i, rows->efforts + i * d->n_drives,
-                        rows->angles + i * k->n_angles};
+                        rows->angles + i * k->n_angles, NULL};
 }
 
 int dynamics_sample(Dynamics *d, Real t, const Real *y, const Real *z, const SampleRows *rows,
@@ -254,11 +254,11 @@ int dynamics_sample(Dynamics *d, Real t, const Real *y, const Real *z, const Sam
     whole_accelerations(d);
     put_numbers(d, y, row.numbers);
     if (d->n_drives && drive_efforts(d) != DONE)
-        return ASK_FAILED;
+        return CALLBACK_FAILED;
     memcpy(row.q, d->q, (size_t)k->nq * sizeof(Real));
     memcpy(row.v, d->v, (size_t)k->nv * sizeof(Real));
     memcpy(row.a, d->a, (size_t)k->nv * sizeof(Real));
-    memcpy(row.efforts, d->drive_effort, (size_t)d->n_drives * sizeof(Real));
+    memcpy(row.efforts, d->forces.drive_effort, (size_t)d->n_drives * sizeof(Real));
     memcpy(row.angles, d->turns, (size_t)k->n_angles * sizeof(Real));
     show_spins(d, y, row.q, row.v, row.a);
     return DONE;
@@ -293,54 +293,55 @@ int dynamics_sample_between(Dynamics *d, const Point *from, const Point *to, con
 }
 
 /* Configuration, velocity, screw angles and closure error at unknowns. */
-EXPORT int dynamics_place(Dynamics *d, Real t, const Real *y, Real *q, Real *v, Real *angles,
-                          Real *error)
+static int sample_motion(Dynamics *d, Real t, const Real *y, const SampleRows *row)
 {
     const int code = place(d, t, y);
     if (code != DONE)
         return code;
-    memcpy(q, d->q, (size_t)d->k->nq * sizeof *q);
-    memcpy(v, d->v, (size_t)d->k->nv * sizeof *v);
-    memcpy(angles, d->turns, (size_t)d->k->n_angles * sizeof *angles);
-    *error = equations_error(d->k);
-    show_spins(d, y, q, v, NULL);
+    memcpy(row->q, d->q, (size_t)d->k->nq * sizeof(Real));
+    memcpy(row->v, d->v, (size_t)d->k->nv * sizeof(Real));
+    memcpy(row->angles, d->turns, (size_t)d->k->n_angles * sizeof(Real));
+    row->numbers[0] = equations_error(d->k);
+    if (row->heaviest)
+        *row->heaviest = largest_inertia(d);
+    show_spins(d, y, row->q, row->v, NULL);
     return DONE;
 }
 
-/* Samples at times (n,) and unknowns (n, n_unknowns). */
+/* Samples at times (n,) and unknowns (n, n_unknowns); LOST where loops cannot be closed. */
 EXPORT int dynamics_samples(Dynamics *d, Int n, const Real *t, const Real *y,
                             const SampleRows *rows)
 {
     int code = DONE;
+    if (!rows->a)
+        return n == 1 ? sample_motion(d, *t, y, rows) : BAD_ARRAYS;
     for (Int i = 0; i < n && code == DONE; i++)
         code = dynamics_sample(d, t[i], y + i * d->n_unknowns, NULL, rows, i);
     return code;
 }
 
+/* Change the unknowns y to the best coordinates where they are; `same` tells whether these are the
+ * old ones, and nothing has been done as nothing would be better. SINGULAR where there are none. */
+EXPORT int dynamics_renew(Dynamics *d, Real t, Real *y, Int *free_ones, Int *same)
+{
+    Real numbers[4];
+    const SampleRows row = {.q = d->work.trial, .v = d->a, .numbers = numbers, .angles = d->k->angle};
+    const int code = sample_motion(d, t, y, &row);
+    return code == DONE ? partitioning_renew(d, row.q, row.v, y, free_ones, same) : code;
+}
+
+/* Branch points between two values of the independent coordinate, in the order in which they are met;
+ * returns how many. */
 EXPORT Int dynamics_crossed(const Dynamics *d, Real from, Real to, Real *x, Int room)
 {
-    return d->passes ? passing_crossed(d, from, to, x, room) : 0;
+    return d->crosses ? crossing_points(d, from, to, x, room) : 0;
 }
 
-/* Take the present place for one to begin anew from where the way from another is lost; returns
- * how many times faster than the coordinates another moves. */
-EXPORT Real dynamics_keep(Dynamics *d)
+EXPORT Real dynamics_save(Dynamics *d)
 {
-    independent_remember(d, &d->kept);
-    if (d->passage >= 0)
+    independent_save(d, &d->restart);
+    if (d->bridge >= 0)
         return 1.0;
-    d->n_points = d->n_points ? 1 : 0; /* as where it returns to */
+    d->curve.n_points = d->curve.n_points ? 1 : 0; /* as where it returns to */
     return independent_pace(d);
 }
-
-/* Velocity entries (n_free) of the coordinates that it solves for. */
-EXPORT void dynamics_free(const Dynamics *d, Int *free_ones)
-{
-    memcpy(free_ones, d->held, (size_t)d->n_free * sizeof *free_ones);
-}
-
-EXPORT Int dynamics_evaluations(const Dynamics *d) { return d->evaluations; }
-
-EXPORT Int dynamics_factorisations(const Dynamics *d) { return d->k->factorisations; }
-
-EXPORT Real dynamics_pivot(const Dynamics *d) { return d->passes ? 1.0 : d->pivot; }

@@ -12,13 +12,13 @@ static void needed(const Kernel *k, Int j, Real *force, Real *moment)
 {
     const Real *R = k->R + 9 * j, *w = k->omega + 3 * j, *alpha = k->alpha + 3 * j;
     Real centre[3], point[3], swing[3], once[3], turning[3], w_own[3], alpha_own[3], own[3], spun[3];
-    rotate3(R, k->com + 3 * j, centre);
+    rotate3(R, k->bodies.com + 3 * j, centre);
     cross3(w, centre, once);
     cross3(w, once, swing);
     cross3(alpha, centre, turning);
     for (int i = 0; i < 3; i++)
-        force[i] = k->mass[j] *
-                   (k->acceleration[3 * j + i] + turning[i] + swing[i] - k->gravity[i]);
+        force[i] = k->bodies.mass[j] *
+                   (k->acceleration[3 * j + i] + turning[i] + swing[i] - k->bodies.gravity[i]);
     rotate_back3(R, w, w_own);
     rotate_back3(R, alpha, alpha_own);
     inertia_times(k, j, w_own, spun);
@@ -51,8 +51,8 @@ static Line line_between(const Dynamics *d, Int i)
 {
     Line line;
     Real first[3], v1[3], v2[3];
-    body_point(d->k, d->line_body[2 * i], d->line_point + 6 * i, first, v1);
-    body_point(d->k, d->line_body[2 * i + 1], d->line_point + 6 * i + 3, line.end, v2);
+    body_point(d->k, d->forces.line_body[2 * i], d->forces.line_point + 6 * i, first, v1);
+    body_point(d->k, d->forces.line_body[2 * i + 1], d->forces.line_point + 6 * i + 3, line.end, v2);
     copy3(line.end, line.along);
     add3(-1.0, first, line.along);
     line.length = sqrt(dot3(line.along, line.along));
@@ -68,7 +68,7 @@ static int pull(const Dynamics *d, Int which, Int has_law, const Real *spring, R
                 Real rate, Real *force, Real *storing)
 {
     if (has_law)
-        return d->asked.spring(which, length, rate, force);
+        return d->callbacks.spring(which, length, rate, force);
     *force = spring[0] * (length - spring[2]) + spring[1] * rate;
     *storing += spring[0] * (length - spring[2]) * rate;
     return DONE;
@@ -79,29 +79,29 @@ static void bodies_need(Dynamics *d)
 {
     Kernel *k = d->k;
     for (Int j = 0; j < k->n_joints; j++) {
-        zero3(d->force + 3 * j);
-        zero3(d->moment + 3 * j);
+        zero3(d->forces.force + 3 * j);
+        zero3(d->forces.moment + 3 * j);
         if (j > 0 && moves_mass(k, j))
-            needed(k, j, d->force + 3 * j, d->moment + 3 * j);
+            needed(k, j, d->forces.force + 3 * j, d->forces.moment + 3 * j);
     }
 }
 
 /* Take the forces of springs between points from what bodies need; adds their power. */
 static int springs_on_bodies(Dynamics *d)
 {
-    for (Int i = 0; i < d->n_lines; i++) {
+    for (Int i = 0; i < d->forces.n_lines; i++) {
         const Line line = line_between(d, i);
         Real force = 0.0, moment[3];
-        if (pull(d, i, d->line_law[i], d->line_spring + 3 * i, line.length, line.rate, &force,
-                 &d->power) != DONE)
-            return ASK_FAILED;
-        d->power -= force * line.rate;
+        if (pull(d, i, d->forces.line_law[i], d->forces.line_spring + 3 * i, line.length, line.rate,
+                 &force, &d->forces.power) != DONE)
+            return CALLBACK_FAILED;
+        d->forces.power -= force * line.rate;
         cross3(line.end, line.along, moment);
         for (int side = 0; side < 2; side++) {
-            const Int at = 3 * d->line_body[2 * i + side];
+            const Int at = 3 * d->forces.line_body[2 * i + side];
             const Real sign = side ? 1.0 : -1.0; /* pulled back towards the first */
-            add3(sign * force, line.along, d->force + at);
-            add3(sign * force, moment, d->moment + at);
+            add3(sign * force, line.along, d->forces.force + at);
+            add3(sign * force, moment, d->forces.moment + at);
         }
     }
     return DONE;
@@ -119,25 +119,25 @@ int forces_at_joints(Dynamics *d, Real t, const Real *q)
 {
     Kernel *k = d->k;
     const Real *v = d->v;
-    memcpy(d->given, d->constant, (size_t)k->nv * sizeof *d->given);
-    if (d->asked.efforts && d->asked.efforts(t, q, v, d->turns, d->given) != DONE)
-        return ASK_FAILED;
-    for (Int i = 0; d->resists && i < k->nv; i++) {
-        if (d->damping[i] != 0.0)
-            d->given[i] -= d->damping[i] * v[i];
-        if (d->friction[i] != 0.0)
-            d->given[i] -= d->friction[i] * tanh(v[i] / d->slip[i]);
+    memcpy(d->forces.given, d->forces.constant, (size_t)k->nv * sizeof *d->forces.given);
+    if (d->callbacks.efforts && d->callbacks.efforts(t, q, v, d->turns, d->forces.given) != DONE)
+        return CALLBACK_FAILED;
+    for (Int i = 0; d->forces.resists && i < k->nv; i++) {
+        if (d->forces.damping[i] != 0.0)
+            d->forces.given[i] -= d->forces.damping[i] * v[i];
+        if (d->forces.friction[i] != 0.0)
+            d->forces.given[i] -= d->forces.friction[i] * tanh(v[i] / d->forces.slip[i]);
     }
-    for (Int i = 0; i < d->n_turns; i++) {
+    for (Int i = 0; i < d->forces.n_turns; i++) {
         Real force = 0.0;
-        const Int at = d->turn_v[i];
-        if (pull(d, d->n_lines + i, d->turn_law[i], d->turn_spring + 3 * i, d->q[d->turn_q[i]],
-                 v[at], &force, &d->power) != DONE)
-            return ASK_FAILED;
-        d->given[at] -= force;
+        const Int at = d->forces.turn_v[i];
+        if (pull(d, d->forces.n_lines + i, d->forces.turn_law[i], d->forces.turn_spring + 3 * i,
+                 d->q[d->forces.turn_q[i]], v[at], &force, &d->forces.power) != DONE)
+            return CALLBACK_FAILED;
+        d->forces.given[at] -= force;
     }
     for (Int i = 0; i < k->nv; i++)
-        d->power += d->given[i] * v[i];
+        d->forces.power += d->forces.given[i] * v[i];
     return DONE;
 }
 
@@ -147,11 +147,11 @@ void forces_missing(Dynamics *d, const Real *a)
     for (Int j = k->n_joints - 1; j > 0; j--) {
         const Int up = 3 * k->parent[j];
         for (Int v = k->iv[j]; v < k->iv[j] + joint_nv(k->kind[j]); v++)
-            d->tau[v] = dot3(d->force + 3 * j, k->linear + 3 * v) +
-                        dot3(d->moment + 3 * j, k->angular + 3 * v) + d->armature[v] * a[v] -
-                        d->given[v];
-        add3(1.0, d->force + 3 * j, d->force + up);
-        add3(1.0, d->moment + 3 * j, d->moment + up);
+            d->forces.tau[v] = dot3(d->forces.force + 3 * j, k->linear + 3 * v) +
+                               dot3(d->forces.moment + 3 * j, k->angular + 3 * v) +
+                               d->forces.armature[v] * a[v] - d->forces.given[v];
+        add3(1.0, d->forces.force + 3 * j, d->forces.force + up);
+        add3(1.0, d->forces.moment + 3 * j, d->forces.moment + up);
     }
 }
 
@@ -165,21 +165,21 @@ Real forces_energy(Dynamics *d, Real *kinetic)
         if (!moves_mass(k, j))
             continue;
         Real at[3], velocity[3], w[3], moment[3];
-        body_point(k, j, k->com + 3 * j, at, velocity);
+        body_point(k, j, k->bodies.com + 3 * j, at, velocity);
         rotate_back3(k->R + 9 * j, k->omega + 3 * j, w);
         inertia_times(k, j, w, moment);
-        moving += 0.5 * (k->mass[j] * dot3(velocity, velocity) + dot3(w, moment));
-        stored -= k->mass[j] * dot3(k->gravity, at);
+        moving += 0.5 * (k->bodies.mass[j] * dot3(velocity, velocity) + dot3(w, moment));
+        stored -= k->bodies.mass[j] * dot3(k->bodies.gravity, at);
     }
     for (Int v = 0; v < k->nv; v++)
-        moving += 0.5 * d->armature[v] * d->v[v] * d->v[v];
-    for (Int i = 0; i < d->n_lines + d->n_turns; i++) {
-        const int line = i < d->n_lines;
-        const Int at = line ? i : i - d->n_lines;
-        const Real *spring = (line ? d->line_spring : d->turn_spring) + 3 * at;
-        if (line ? d->line_law[at] : d->turn_law[at])
+        moving += 0.5 * d->forces.armature[v] * d->v[v] * d->v[v];
+    for (Int i = 0; i < d->forces.n_lines + d->forces.n_turns; i++) {
+        const int line = i < d->forces.n_lines;
+        const Int at = line ? i : i - d->forces.n_lines;
+        const Real *spring = (line ? d->forces.line_spring : d->forces.turn_spring) + 3 * at;
+        if (line ? d->forces.line_law[at] : d->forces.turn_law[at])
             continue;
-        const Real x = (line ? line_between(d, at).length : d->q[d->turn_q[at]]) - spring[2];
+        const Real x = (line ? line_between(d, at).length : d->q[d->forces.turn_q[at]]) - spring[2];
         stored += 0.5 * spring[0] * x * x;
     }
     *kinetic = moving;

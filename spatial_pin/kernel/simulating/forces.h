@@ -6,12 +6,12 @@
 
 /* Forces and moments about the world origin that bodies need to move as the tree's rates and
  * accelerations say, less those that springs between points exert; adds the power of these to
- * d->power. DONE or ASK_FAILED. */
+ * d->forces.power. DONE or CALLBACK_FAILED. */
 int forces_on_bodies(Dynamics *d);
-/* Efforts, and what resists and turns back at joints: joint forces d->given; adds their power. They
- * see the configuration q. DONE or ASK_FAILED. */
+/* Efforts, and what resists and turns back at joints: joint forces d->forces.given; adds their power.
+ * They see the configuration q. DONE or CALLBACK_FAILED. */
 int forces_at_joints(Dynamics *d, Real t, const Real *q);
-/* Joint forces d->tau that are missing, after both, at joint accelerations a. */
+/* Joint forces d->forces.tau that are missing, after both, at joint accelerations a. */
 void forces_missing(Dynamics *d, const Real *a);
 /* The energy, and what of it is kinetic; needs the rates of the tree. */
 Real forces_energy(Dynamics *d, Real *kinetic);
@@ -21,15 +21,15 @@ int masses_solve(Dynamics *d);
 
 static inline int moves_mass(const Kernel *k, Int j)
 {
-    const Real *I = k->inertia + 9 * j;
-    return k->mass[j] != 0.0 || I[0] != 0.0 || I[4] != 0.0 || I[8] != 0.0;
+    const Real *I = k->bodies.inertia + 9 * j;
+    return k->bodies.mass[j] != 0.0 || I[0] != 0.0 || I[4] != 0.0 || I[8] != 0.0;
 }
 
 /* out = I w, of a body in its own axes. */
 static inline void inertia_times(const Kernel *k, Int j, const Real *w, Real *out)
 {
     for (int i = 0; i < 3; i++)
-        out[i] = dot3(k->inertia + 9 * j + 3 * i, w);
+        out[i] = dot3(k->bodies.inertia + 9 * j + 3 * i, w);
 }
 
 #endif

@@ -48,9 +48,9 @@ static Real held_rate(const Dynamics *d, Int i, const Real *v)
 void independent_rates(Dynamics *d, const Real *v, Real *rates)
 {
     for (Int i = 0; i < d->k->nv; i++)
-        d->step[i] = v[i] / d->k->scale[i];
+        d->work.step[i] = v[i] / d->k->scale[i];
     for (Int i = 0; i < d->n_free; i++)
-        rates[i] = held_rate(d, i, d->step);
+        rates[i] = held_rate(d, i, d->work.step);
 }
 
 /* ---- solving ---- */
@@ -59,19 +59,19 @@ void independent_rates(Dynamics *d, const Real *v, Real *rates)
 static void put_spin_rows(Dynamics *d)
 {
     Kernel *k = d->k;
-    const Int first = k->nv - d->n_spins;
-    for (Int e = k->matrix.n - 1; e >= 0 && k->matrix.row[e] >= first; e--) {
-        const Int s = k->matrix.row[e] - first, v = k->matrix.column[e];
+    const Int first = k->nv - d->spins.n;
+    for (Int e = k->system.matrix.n - 1; e >= 0 && k->system.matrix.row[e] >= first; e--) {
+        const Int s = k->system.matrix.row[e] - first, v = k->system.matrix.column[e];
         Real line[3];
-        rotate3(k->R + 9 * d->spin_joint[s], d->spin_axis + 3 * s, line);
-        k->matrix.value[e] = k->scale[v] * dot3(line, k->angular + 3 * v);
+        rotate3(k->R + 9 * d->spins.joint[s], d->spins.axis + 3 * s, line);
+        k->system.matrix.value[e] = k->scale[v] * dot3(line, k->angular + 3 * v);
     }
 }
 
 static int factor_system(Dynamics *d)
 {
-    equations_jacobian(d->k, &d->k->system);
-    if (d->n_spins)
+    equations_jacobian(d->k, &d->k->equations.system);
+    if (d->spins.n)
         put_spin_rows(d);
     return system_factor(d->k);
 }
@@ -83,19 +83,19 @@ void independent_columns(Dynamics *d)
     for (Int i = 0; i < n; i++) {
         Real *column = d->columns + i * nv;
         memset(column, 0, (size_t)nv * sizeof *column);
-        column[k->n_chosen + k->n_idle + i] = 1.0;
+        column[k->system.n_chosen + k->n_idle + i] = 1.0;
         system_solve(k, column);
     }
     if (d->is_linear)
         return;
     for (Int i = 0; i < n; i++)
         for (Int j = 0; j < n; j++)
-            d->by_rates[i * n + j] = held_rate(d, i, d->columns + j * nv);
+            d->work.by_rates[i * n + j] = held_rate(d, i, d->columns + j * nv);
     memset(d->inverse, 0, (size_t)(n * n) * sizeof *d->inverse);
     for (Int i = 0; i < n; i++)
         d->inverse[i * n + i] = 1.0;
-    dense_lu(n, d->by_rates, d->order);
-    dense_lu_solve(n, d->by_rates, d->order, 0, n, d->inverse);
+    dense_lu(n, d->work.by_rates, d->work.order);
+    dense_lu_solve(n, d->work.by_rates, d->work.order, 0, n, d->inverse);
 }
 
 /* Add the motion of held coordinates that changes x by dx. */
@@ -118,14 +118,14 @@ static void add_motion(const Dynamics *d, const Real *dx, Real *step)
 static void predict(Dynamics *d, const Real *x)
 {
     Real way = 0.0;
-    memset(d->step, 0, (size_t)d->k->nv * sizeof *d->step);
+    memset(d->work.step, 0, (size_t)d->k->nv * sizeof *d->work.step);
     for (Int i = 0; i < d->n_held; i++) {
-        d->off[i] = x[i] - d->x[i];
-        way += d->has_bend ? d->off[i] * d->bend_rate[i] : 0.0;
+        d->work.off[i] = x[i] - d->x[i];
+        way += d->has_bend ? d->work.off[i] * d->bend_rate[i] : 0.0;
     }
-    add_motion(d, d->off, d->step);
+    add_motion(d, d->work.off, d->work.step);
     for (Int v = 0; way != 0.0 && v < d->k->nv; v++)
-        d->step[v] += 0.5 * way * way * d->bend[v];
+        d->work.step[v] += 0.5 * way * way * d->bend[v];
 }
 
 /* One held coordinate moves along a curve: note the point of it where it stands, with the
@@ -133,15 +133,15 @@ static void predict(Dynamics *d, const Real *x)
 static void note_point(Dynamics *d)
 {
     Kernel *k = d->k;
-    if (!d->is_curve || !d->has_bend)
+    if (!d->curve.is_curve || !d->has_bend)
         return;
-    if (!(d->n_points && d->point->s == d->x[0])) {
-        Point *oldest = d->point_before;
-        d->point_before = d->point;
-        d->point = oldest;
-        d->n_points = d->n_points ? 2 : 1;
+    if (!(d->curve.n_points && d->curve.point->s == d->x[0])) {
+        Point *oldest = d->curve.before;
+        d->curve.before = d->curve.point;
+        d->curve.point = oldest;
+        d->curve.n_points = d->curve.n_points ? 2 : 1;
     }
-    Point *here = d->point;
+    Point *here = d->curve.point;
     here->s = d->x[0];
     memcpy(here->q, d->q, (size_t)k->nq * sizeof *here->q);
     for (Int v = 0; v < k->nv; v++) {
@@ -163,13 +163,13 @@ static void move(const Dynamics *d, Real *q, const Real *step)
 static void move_trial(Dynamics *d, const Real *x)
 {
     const Real h = x[0] - d->x[0];
-    if (d->is_curve && d->has_bend && d->n_points == 2 &&
-        hermite_reaches(d->point_before, d->point, h)) {
-        predict_hermite(d->k, d->point_before, d->point, h, d->trial);
+    if (d->curve.is_curve && d->has_bend && d->curve.n_points == 2 &&
+        hermite_reaches(d->curve.before, d->curve.point, h)) {
+        predict_hermite(d->k, d->curve.before, d->curve.point, h, d->work.trial);
         return;
     }
-    memcpy(d->trial, d->q, (size_t)d->k->nq * sizeof *d->q);
-    move(d, d->trial, d->step);
+    memcpy(d->work.trial, d->q, (size_t)d->k->nq * sizeof *d->q);
+    move(d, d->work.trial, d->work.step);
 }
 
 /* Held entries of q become what they are at x; returns how far the other held coordinates are. */
@@ -178,11 +178,11 @@ static Real put_held(void *owner, Real *q)
     Dynamics *d = owner;
     Real square = 0.0;
     for (Int i = 0; d->is_linear && i < d->n_held; i++)
-        q[d->held_q[i]] = d->start[d->held_q[i]] + d->k->scale[d->held[i]] * d->wanted[i];
+        q[d->held_q[i]] = d->start[d->held_q[i]] + d->k->scale[d->held[i]] * d->work.wanted[i];
     for (Int i = 0; !d->is_linear && i < d->n_held; i++) {
-        d->off[i] = d->wanted[i] - relative_coordinate(d->k, d->held_joint[i],
+        d->work.off[i] = d->work.wanted[i] - relative_coordinate(d->k, d->held_joint[i],
                                                        d->held_component[i], d->start, q);
-        square += d->off[i] * d->off[i];
+        square += d->work.off[i] * d->work.off[i];
     }
     return sqrt(square);
 }
@@ -194,7 +194,7 @@ static int factor_held(void *owner)
     if (code == DONE && !d->is_linear) {
         for (Int i = 0; i < d->n_held; i++)
             if (!is_plain(d, i))
-                relative_row(d->k, d->held_joint[i], d->held_component[i], d->start, d->trial,
+                relative_row(d->k, d->held_joint[i], d->held_component[i], d->start, d->work.trial,
                              d->by_velocity + 3 * i);
         independent_columns(d);
     }
@@ -208,8 +208,8 @@ static void close_held(void *owner, Real *step)
     if (d->is_linear)
         return;
     for (Int i = 0; i < d->n_held; i++)
-        d->off[i] -= held_rate(d, i, step);
-    add_motion(d, d->off, step);
+        d->work.off[i] -= held_rate(d, i, step);
+    add_motion(d, d->work.off, step);
 }
 
 /* Newton's method from trial, `predicted` away from the factors at hand; factored where it ends. */
@@ -221,8 +221,8 @@ static int newton(Dynamics *d, const Real *x, Real predicted)
     Correction c = {.enough = ENOUGH * tolerance, .tolerance = tolerance,
                     .left = TOLERANCE_CLOSED, .allowed = PREDICTED_TO * predicted, .fixed = -1,
                     .held = &held, .away = predicted};
-    d->wanted = x;
-    const int code = correct(d->k, d->trial, &c);
+    d->work.wanted = x;
+    const int code = correct(d->k, d->work.trial, &c);
     return code == DONE ? factor_held(d) : UNSAFE;
 }
 
@@ -230,10 +230,10 @@ static int newton(Dynamics *d, const Real *x, Real predicted)
 static int is_ill_conditioned(const Dynamics *d)
 {
     const Kernel *k = d->k;
-    if (k->n_chosen == k->n_closure)
+    if (k->system.n_chosen == k->n_closure)
         return 0;
-    return k->pivot_ratio < RESELECT_PIVOTS * d->first_pivot ||
-           equations_error(k) > 10.0 * d->spare + TOLERANCE_ZERO + d->tolerance;
+    return k->system.pivot_ratio < RESELECT_PIVOTS * d->determinant.first_pivot ||
+           equations_error(k) > 10.0 * d->determinant.spare + TOLERANCE_ZERO + d->tolerance;
 }
 
 /* Note the determinant where it is evaluated, and how it has changed since the last place. With one
@@ -244,13 +244,14 @@ static int is_ill_conditioned(const Dynamics *d)
 static void note_determinant(Dynamics *d)
 {
     const Kernel *k = d->k;
-    const Real change = 1.0 - ldexp(d->mantissa / k->mantissa, (int)(d->exponent - k->exponent));
+    const Real change = 1.0 - ldexp(d->determinant.mantissa / k->system.mantissa,
+                                    (int)(d->determinant.exponent - k->system.exponent));
     Real least, most;
-    lu_changes(k->lu, &least, &most);
-    d->since = d->passes ? fmin(fmax(change, least), most) : change;
-    d->mantissa = k->mantissa;
-    d->exponent = k->exponent;
-    lu_mark(k->lu);
+    lu_changes(k->system.lu, &least, &most);
+    d->determinant.since = d->crosses ? fmin(fmax(change, least), most) : change;
+    d->determinant.mantissa = k->system.mantissa;
+    d->determinant.exponent = k->system.exponent;
+    lu_mark(k->system.lu);
 }
 
 /* Note what the change of the determinant on the way from one x to another tells. */
@@ -261,10 +262,10 @@ static void note_change(Dynamics *d, const Real *from, const Real *x)
         square += (x[i] - from[i]) * (x[i] - from[i]);
     if (!(square > SHORTEST_TOLD * SHORTEST_TOLD))
         return;
-    if (d->passes)
-        d->distance = (from[0] - x[0]) / d->since;
+    if (d->crosses)
+        d->determinant.distance = (from[0] - x[0]) / d->determinant.since;
     for (Int i = 0; i < d->n_held; i++)
-        d->change[i] = d->since * (x[i] - from[i]) / square;
+        d->determinant.change[i] = d->determinant.since * (x[i] - from[i]) / square;
 }
 
 /* Whether the determinant, as it has changed, would nearly vanish on the way to x. Where it has a
@@ -273,8 +274,8 @@ static void note_change(Dynamics *d, const Real *from, const Real *x)
 static int may_cross(const Dynamics *d, const Real *x)
 {
     Real left = 1.0;
-    for (Int i = 0; !d->passes && i < d->n_held; i++)
-        left += d->change[i] * (x[i] - d->x[i]);
+    for (Int i = 0; !d->crosses && i < d->n_held; i++)
+        left += d->determinant.change[i] * (x[i] - d->x[i]);
     return left < REMAINS;
 }
 
@@ -283,67 +284,67 @@ static void accept(Dynamics *d, const Real *x)
     const Kernel *k = d->k;
     note_determinant(d);
     note_change(d, d->x, x);
-    memcpy(d->q, d->trial, (size_t)k->nq * sizeof *d->q);
+    memcpy(d->q, d->work.trial, (size_t)k->nq * sizeof *d->q);
     memmove(d->x, x, (size_t)d->n_held * sizeof *x);
     memcpy(d->turns, k->angle, (size_t)k->n_angles * sizeof *d->turns);
     memcpy(k->angle_reference, k->angle, (size_t)k->n_angles * sizeof *d->turns);
-    d->pivot = k->pivot_ratio;
+    d->pivot = k->system.pivot_ratio;
     d->has_bend = 0;
-    d->passage = -1;
+    d->bridge = -1;
     if (d->is_linear)
         independent_columns(d);
 }
 
 /* How the determinant of other equations, or with other held coordinates, has changed on the way
  * from the place that was kept: what was known of the former ones does not hold for it. */
-int independent_learn_change(Dynamics *d)
+int independent_measure_change(Dynamics *d)
 {
-    const size_t size = (size_t)d->n_held * sizeof *d->change;
-    memset(d->change, 0, size);
-    memset(d->kept.change, 0, size);
-    independent_remember(d, &d->aside);
-    const int is_known = independent_return(d, &d->kept) == DONE;
-    independent_note(d);
-    memcpy(d->kept.x, d->x, size);
-    if (independent_return(d, &d->aside) != DONE)
+    const size_t size = (size_t)d->n_held * sizeof *d->determinant.change;
+    memset(d->determinant.change, 0, size);
+    memset(d->restart.change, 0, size);
+    independent_save(d, &d->work.saved);
+    const int is_known = independent_restore(d, &d->restart) == DONE;
+    independent_read(d);
+    memcpy(d->restart.x, d->x, size);
+    if (independent_restore(d, &d->work.saved) != DONE)
         return UNSAFE;
     if (!is_known)
         return DONE;
-    note_change(d, d->kept.x, d->x);
+    note_change(d, d->restart.x, d->x);
     for (Int i = 0; i < d->n_held; i++)
-        d->kept.change[i] = d->change[i] / (1.0 - d->since);
+        d->restart.change[i] = d->determinant.change[i] / (1.0 - d->determinant.since);
     return DONE;
 }
 
 int independent_choose_anew(Dynamics *d)
 {
-    if (system_reselect(d->k) != DONE || independent_stand(d) != DONE)
+    if (system_reselect(d->k) != DONE || independent_evaluate(d) != DONE)
         return UNSAFE;
-    d->first_pivot = d->pivot;
-    d->distance = 0.0;
-    memcpy(d->trial, d->q, (size_t)d->k->nq * sizeof *d->q);
+    d->determinant.first_pivot = d->pivot;
+    d->determinant.distance = 0.0;
+    memcpy(d->work.trial, d->q, (size_t)d->k->nq * sizeof *d->q);
     if (newton(d, d->x, 1e-3) != DONE)
         return UNSAFE;
     accept(d, d->x);
-    const Real allowed = 10.0 * d->spare + TOLERANCE_NOTHING + d->tolerance;
+    const Real allowed = 10.0 * d->determinant.spare + TOLERANCE_NOTHING + d->tolerance;
     if (equations_error(d->k) > allowed)
         return UNSAFE;
-    return d->passes ? DONE : independent_learn_change(d);
+    return d->crosses ? DONE : independent_measure_change(d);
 }
 
 /* One step from where the loops are closed well enough for its prediction. */
 static int step_from_here(Dynamics *d, const Real *x)
 {
     predict(d, x);
-    const Real size = norm(d->step, d->k->nv);
-    d->flipped = 0;
+    const Real size = norm(d->work.step, d->k->nv);
+    d->determinant.flipped = 0;
     if (!(size <= LONGEST_GO))
         return UNSAFE;
     move_trial(d, x);
     if (newton(d, x, size) != DONE)
         return UNSAFE;
-    if (d->k->sign != d->sign || !(d->k->pivot_ratio > LEAST_SOLVED)) {
-        d->flipped = d->k->sign != d->sign;
+    if (d->k->system.sign != d->determinant.sign || !(d->k->system.pivot_ratio > LEAST_SOLVED)) {
+        d->determinant.flipped = d->k->system.sign != d->determinant.sign;
         return UNSAFE;
     }
     accept(d, x);
@@ -355,14 +356,14 @@ static int step_from_here(Dynamics *d, const Real *x)
 static int tighten(Dynamics *d)
 {
     const Real asked = d->tolerance;
-    if (!(asked > TOLERANCE_CLOSED) || independent_stand(d) != DONE ||
+    if (!(asked > TOLERANCE_CLOSED) || independent_evaluate(d) != DONE ||
         chosen_residual(d->k) <= TOLERANCE_CLOSED)
         return UNSAFE;
-    memcpy(d->trial, d->q, (size_t)d->k->nq * sizeof *d->q);
+    memcpy(d->work.trial, d->q, (size_t)d->k->nq * sizeof *d->q);
     d->tolerance = TOLERANCE_TIGHT;
     const int code = newton(d, d->x, fmin(TIGHTENED_BY, sqrt(asked)) / PREDICTED_TO);
     d->tolerance = asked;
-    if (code != DONE || d->k->sign != d->sign)
+    if (code != DONE || d->k->system.sign != d->determinant.sign)
         return UNSAFE;
     accept(d, d->x);
     return DONE;
@@ -373,7 +374,7 @@ static int tighten(Dynamics *d)
 int independent_step(Dynamics *d, const Real *x)
 {
     const int code = step_from_here(d, x);
-    if (code == DONE || d->flipped || tighten(d) != DONE)
+    if (code == DONE || d->determinant.flipped || tighten(d) != DONE)
         return code;
     return step_from_here(d, x);
 }
@@ -381,10 +382,10 @@ int independent_step(Dynamics *d, const Real *x)
 /* Newton's method from where it stands to x, moving by no more than allowed; on any branch. */
 int independent_settle(Dynamics *d, const Real *x, Real allowed)
 {
-    memcpy(d->trial, d->q, (size_t)d->k->nq * sizeof *d->q);
+    memcpy(d->work.trial, d->q, (size_t)d->k->nq * sizeof *d->q);
     if (newton(d, x, allowed / PREDICTED_TO) != DONE)
         return UNSAFE;
-    d->sign = d->k->sign;
+    d->determinant.sign = d->k->system.sign;
     accept(d, x);
     return DONE;
 }
@@ -392,23 +393,23 @@ int independent_settle(Dynamics *d, const Real *x, Real allowed)
 int independent_factor(Dynamics *d)
 {
     Kernel *k = d->k;
-    memcpy(d->trial, d->q, (size_t)k->nq * sizeof *d->q);
+    memcpy(d->work.trial, d->q, (size_t)k->nq * sizeof *d->q);
     memcpy(k->angle_reference, k->angle, (size_t)k->n_angles * sizeof *d->turns);
     d->has_bend = 0;
-    d->n_points = 0;
-    d->passage = -1;
+    d->curve.n_points = 0;
+    d->bridge = -1;
     const int code = factor_held(d);
     if (code != DONE)
         return LOST;
     if (d->is_linear)
         independent_columns(d);
-    d->sign = k->sign;
-    d->pivot = k->pivot_ratio;
+    d->determinant.sign = k->system.sign;
+    d->pivot = k->system.pivot_ratio;
     note_determinant(d);
     return DONE;
 }
 
-int independent_stand(Dynamics *d)
+int independent_evaluate(Dynamics *d)
 {
     Kernel *k = d->k;
     memcpy(k->angle_reference, d->turns, (size_t)k->n_angles * sizeof *d->turns);
@@ -416,7 +417,7 @@ int independent_stand(Dynamics *d)
     return independent_factor(d);
 }
 
-void independent_note(Dynamics *d)
+void independent_read(Dynamics *d)
 {
     for (Int i = 0; i < d->n_held; i++)
         d->x[i] = relative_coordinate(d->k, d->held_joint[i], d->held_component[i], d->start, d->q);
@@ -425,7 +426,7 @@ void independent_note(Dynamics *d)
 /* Move to x in as many steps as it takes; where it cannot it stands where it came to. */
 int independent_follow(Dynamics *d, const Real *x)
 {
-    Real *from = d->before, *goal = d->halfway, part = 1.0, done = 0.0;
+    Real *from = d->work.before, *goal = d->work.halfway, part = 1.0, done = 0.0;
     memcpy(from, d->x, (size_t)d->n_held * sizeof *from);
     while (done < 1.0) {
         const Real fraction = done + part < 1.0 ? done + part : 1.0;
@@ -442,8 +443,8 @@ int independent_follow(Dynamics *d, const Real *x)
             part *= 2.0;
             continue;
         }
-        const Real size = norm(d->step, d->k->nv);
-        if (independent_stand(d) != DONE)
+        const Real size = norm(d->work.step, d->k->nv);
+        if (independent_evaluate(d) != DONE)
             return LOST;
         part *= 0.5;
         if (part < 1.0 / (1 << GO_HALVINGS) || (done == 0.0 && part == 0.5 && size > WILD_WAY))
@@ -452,31 +453,31 @@ int independent_follow(Dynamics *d, const Real *x)
     return DONE;
 }
 
-void independent_remember(const Dynamics *d, Place *place)
+void independent_save(const Dynamics *d, SavedPosition *position)
 {
-    memcpy(place->q, d->q, (size_t)d->k->nq * sizeof *d->q);
-    memcpy(place->x, d->x, (size_t)d->n_held * sizeof *d->x);
-    memcpy(place->turns, d->turns, (size_t)d->k->n_angles * sizeof *d->turns);
-    place->passage = d->passage;
-    place->turn = d->turn;
-    place->has_bend = d->has_bend;
-    memcpy(place->bend, d->bend, (size_t)d->k->nv * sizeof *d->bend);
-    memcpy(place->bend_rate, d->bend_rate, (size_t)d->n_held * sizeof *d->bend_rate);
-    memcpy(place->change, d->change, (size_t)d->n_held * sizeof *d->change);
-    place->distance = d->distance;
+    memcpy(position->q, d->q, (size_t)d->k->nq * sizeof *d->q);
+    memcpy(position->x, d->x, (size_t)d->n_held * sizeof *d->x);
+    memcpy(position->turns, d->turns, (size_t)d->k->n_angles * sizeof *d->turns);
+    position->bridge = d->bridge;
+    position->turn = d->turn;
+    position->has_bend = d->has_bend;
+    memcpy(position->bend, d->bend, (size_t)d->k->nv * sizeof *d->bend);
+    memcpy(position->bend_rate, d->bend_rate, (size_t)d->n_held * sizeof *d->bend_rate);
+    memcpy(position->change, d->determinant.change, (size_t)d->n_held * sizeof *d->determinant.change);
+    position->distance = d->determinant.distance;
 }
 
-int independent_return(Dynamics *d, const Place *place)
+int independent_restore(Dynamics *d, const SavedPosition *position)
 {
-    memcpy(d->q, place->q, (size_t)d->k->nq * sizeof *d->q);
-    memcpy(d->x, place->x, (size_t)d->n_held * sizeof *d->x);
-    memcpy(d->turns, place->turns, (size_t)d->k->n_angles * sizeof *d->turns);
-    const int code = independent_stand(d);
-    d->has_bend = place->has_bend && code == DONE;
-    memcpy(d->bend, place->bend, (size_t)d->k->nv * sizeof *d->bend);
-    memcpy(d->bend_rate, place->bend_rate, (size_t)d->n_held * sizeof *d->bend_rate);
-    memcpy(d->change, place->change, (size_t)d->n_held * sizeof *d->change);
-    d->distance = place->distance;
+    memcpy(d->q, position->q, (size_t)d->k->nq * sizeof *d->q);
+    memcpy(d->x, position->x, (size_t)d->n_held * sizeof *d->x);
+    memcpy(d->turns, position->turns, (size_t)d->k->n_angles * sizeof *d->turns);
+    const int code = independent_evaluate(d);
+    d->has_bend = position->has_bend && code == DONE;
+    memcpy(d->bend, position->bend, (size_t)d->k->nv * sizeof *d->bend);
+    memcpy(d->bend_rate, position->bend_rate, (size_t)d->n_held * sizeof *d->bend_rate);
+    memcpy(d->determinant.change, position->change, (size_t)d->n_held * sizeof *d->determinant.change);
+    d->determinant.distance = position->distance;
     note_point(d);
     return code;
 }
@@ -484,12 +485,12 @@ int independent_return(Dynamics *d, const Place *place)
 int independent_begin(Dynamics *d)
 {
     memset(d->x, 0, (size_t)d->n_held * sizeof *d->x);
-    if (independent_stand(d) != DONE)
+    if (independent_evaluate(d) != DONE)
         return SINGULAR;
-    d->first_pivot = d->pivot;
-    d->spare = equations_error(d->k);
+    d->determinant.first_pivot = d->pivot;
+    d->determinant.spare = equations_error(d->k);
     memcpy(d->turns, d->k->angle, (size_t)d->k->n_angles * sizeof *d->turns);
-    independent_remember(d, &d->kept);
+    independent_save(d, &d->restart);
     return DONE;
 }
 
@@ -512,22 +513,22 @@ Real independent_pace(const Dynamics *d)
 void independent_bias(Dynamics *d, const Real *v, const Real *held_acceleration, Real *a)
 {
     Kernel *k = d->k;
-    equations_bias(k, &k->system, v);
-    Real *x = d->solved;
+    equations_bias(k, &k->equations.system, v);
+    Real *x = d->work.solved;
     memset(x, 0, (size_t)k->nv * sizeof *x);
-    for (Int i = 0; i < k->n_chosen; i++)
-        x[i] = -k->bias[k->chosen[i]];
-    for (Int s = 0; s < d->n_spins; s++) {
+    for (Int i = 0; i < k->system.n_chosen; i++)
+        x[i] = -k->equations.bias[k->system.chosen[i]];
+    for (Int s = 0; s < d->spins.n; s++) {
         Real line[3];
-        rotate3(k->R + 9 * d->spin_joint[s], d->spin_axis + 3 * s, line);
-        x[k->nv - d->n_spins + s] = -dot3(line, k->alpha + 3 * d->spin_joint[s]);
+        rotate3(k->R + 9 * d->spins.joint[s], d->spins.axis + 3 * s, line);
+        x[k->nv - d->spins.n + s] = -dot3(line, k->alpha + 3 * d->spins.joint[s]);
     }
     system_solve(k, x);
     Real square = 0.0;
     for (Int j = 0; j < k->nv; j++)
-        d->step[j] = v[j] / k->scale[j];
+        d->work.step[j] = v[j] / k->scale[j];
     for (Int i = 0; i < d->n_held; i++) {
-        d->bend_rate[i] = held_rate(d, i, d->step);
+        d->bend_rate[i] = held_rate(d, i, d->work.step);
         square += d->bend_rate[i] * d->bend_rate[i];
     }
     d->has_bend = square > 0.0;

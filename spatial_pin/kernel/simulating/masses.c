@@ -16,7 +16,7 @@
 static void twists(Dynamics *d, Int i)
 {
     Kernel *k = d->k;
-    Real *twist = d->twist + 6 * k->n_joints * i;
+    Real *twist = d->work.twist + 6 * k->n_joints * i;
     const Real *column = d->columns + i * k->nv;
     memset(twist, 0, 6 * sizeof *twist);
     for (Int j = 1; j < k->n_joints; j++) {
@@ -33,7 +33,7 @@ static void twists(Dynamics *d, Int i)
 static void see_from_centre(const Kernel *k, Int j, Real *twist)
 {
     Real centre[3], velocity[3], turn[3];
-    rotate3(k->R + 9 * j, k->com + 3 * j, centre);
+    rotate3(k->R + 9 * j, k->bodies.com + 3 * j, centre);
     add3(1.0, k->p + 3 * j, centre);
     cross3(twist + 3, centre, velocity);
     add3(1.0, velocity, twist);
@@ -46,27 +46,28 @@ static void reduced_mass(Dynamics *d)
 {
     Kernel *k = d->k;
     const Int n = d->n_free, apart = 6 * k->n_joints;
-    memset(d->mass, 0, (size_t)(n * n) * sizeof *d->mass);
+    memset(d->work.mass, 0, (size_t)(n * n) * sizeof *d->work.mass);
     for (Int i = 0; i < n; i++)
         twists(d, i);
     for (Int j = 1; j < k->n_joints; j++) {
         if (!moves_mass(k, j))
             continue;
         for (Int a = 0; a < n; a++) {
-            Real *own = d->twist + apart * a + 6 * j, moment[3];
+            Real *own = d->work.twist + apart * a + 6 * j, moment[3];
             see_from_centre(k, j, own);
             inertia_times(k, j, own + 3, moment);
             for (Int b = 0; b <= a; b++) {
-                const Real *other = d->twist + apart * b + 6 * j;
-                d->mass[a * n + b] += k->mass[j] * dot3(own, other) + dot3(moment, other + 3);
+                const Real *other = d->work.twist + apart * b + 6 * j;
+                d->work.mass[a * n + b] += k->bodies.mass[j] * dot3(own, other) +
+                                           dot3(moment, other + 3);
             }
         }
     }
     for (Int a = 0; a < n; a++)
         for (Int b = 0; b <= a; b++)
             for (Int v = 0; v < k->nv; v++)
-                if (d->armature[v] != 0.0)
-                    d->mass[a * n + b] += d->armature[v] * k->scale[v] * k->scale[v] *
+                if (d->forces.armature[v] != 0.0)
+                    d->work.mass[a * n + b] += d->forces.armature[v] * k->scale[v] * k->scale[v] *
                                           d->columns[a * k->nv + v] * d->columns[b * k->nv + v];
 }
 
@@ -78,15 +79,14 @@ static Real inertia_about(const Kernel *k, Int j, const Real *linear, const Real
     copy3(angular, twist + 3);
     see_from_centre(k, j, twist);
     inertia_times(k, j, twist + 3, moment);
-    return k->mass[j] * dot3(twist, twist) + dot3(moment, twist + 3);
+    return k->bodies.mass[j] * dot3(twist, twist) + dot3(moment, twist + 3);
 }
 
-/* The largest inertia of a joint, scaled, the others held: that of all that it carries. */
-EXPORT Real dynamics_heaviest(Dynamics *d)
+Real largest_inertia(Dynamics *d)
 {
     const Kernel *k = d->k;
-    Real *own = d->tau, most = 0.0;
-    memcpy(own, d->armature, (size_t)k->nv * sizeof *own);
+    Real *own = d->forces.tau, most = 0.0;
+    memcpy(own, d->forces.armature, (size_t)k->nv * sizeof *own);
     for (Int j = 1; j < k->n_joints; j++)
         for (Int up = moves_mass(k, j) ? j : 0; up > 0; up = k->parent[up])
             for (Int v = k->iv[up]; v < k->iv[up] + joint_nv(k->kind[up]); v++)
@@ -108,13 +108,15 @@ static int tree_solve(Dynamics *d)
 {
     const Kernel *k = d->k;
     const Int nv = k->nv;
-    Real *force = d->tree_room, *needed = force + nv, *a = needed + nv, *scratch = a + nv, facts[3];
-    tree_forces(d->tree, d->q, d->v, NULL, d->armature, force, NULL);
+    Real *force = d->work.tree_room, *needed = force + nv, *a = needed + nv, *scratch = a + nv,
+         facts[4];
+    tree_evaluate(d->work.tree,
+                  &(TreeTask){.q = d->q, .v = d->v, .armature = d->forces.armature, .tau = force});
     for (Int v = 0; v < nv; v++)
-        force[v] -= d->tau[v];
-    if (tree_eliminate(d->tree, d->q, d->v, force, d->armature, d->mass, needed) != DONE)
+        force[v] -= d->forces.tau[v];
+    if (tree_masses(d->work.tree, d->q, d->v, force, d->forces.armature, d->work.mass, needed) != DONE)
         return 0;
-    tree_accelerations(d->tree, force, a, scratch, facts);
+    tree_accelerations(d->work.tree, force, NULL, a, scratch, facts);
     for (Int i = 0; i < d->n_free; i++)
         d->z[i] = a[d->held[i]] / k->scale[d->held[i]];
     return facts[1] + facts[2] <= DOUBTFUL * facts[0];
@@ -124,8 +126,8 @@ static int tree_solve(Dynamics *d)
 int masses_solve(Dynamics *d)
 {
     const Int n = d->n_free;
-    Real *m = d->mass, *z = d->z, *unit = d->unit;
-    if (d->tree && n > LONG_TREE)
+    Real *m = d->work.mass, *z = d->z, *unit = d->work.unit;
+    if (d->work.tree && n > LONG_TREE)
         return tree_solve(d);
     reduced_mass(d);
     for (Int i = 0; i < n; i++) {

@@ -1,7 +1,7 @@
 /* Coordinate partitioning: which coordinates are independent, and how others are chosen.
  *
  * The coordinates that determine a motion best are those of the joints that move most: independent
- * rows of an orthonormal basis of the freedoms' motions [Wehage1982]. One freedom that passes branch
+ * rows of an orthonormal basis of the freedoms' motions [Wehage1982]. One freedom that crosses branch
  * points is told by a joint with one entry of q, the fastest. */
 #include <stdlib.h>
 #include <string.h>
@@ -45,11 +45,11 @@ static int hold_all(Dynamics *d, const Int *free_ones)
         if (i >= d->n_free && d->held_q[i] < 0)
             return 0;
     }
-    d->passes = d->n_free == 1 && d->n_drives == 0 && d->is_linear && k->n_closure > 0 &&
+    d->crosses = d->n_free == 1 && d->n_drives == 0 && d->is_linear && k->n_closure > 0 &&
                 !d->projects;
-    d->is_curve = d->n_held == 1 && d->is_linear;
-    const int turns = d->passes && k->kind[d->held_joint[0]] != SLIDE;
-    d->period = turns ? 2.0 * PI / k->scale[d->held[0]] : 0.0;
+    d->curve.is_curve = d->n_held == 1 && d->is_linear;
+    const int turns = d->crosses && k->kind[d->held_joint[0]] != SLIDE;
+    d->branches.period = turns ? 2.0 * PI / k->scale[d->held[0]] : 0.0;
     return 1;
 }
 
@@ -57,9 +57,9 @@ static int hold_all(Dynamics *d, const Int *free_ones)
 static Real *spin_pattern(const Dynamics *d)
 {
     const Kernel *k = d->k;
-    Real *rows = calloc((size_t)(d->n_spins * k->nv) + 1, sizeof *rows);
-    for (Int s = 0; rows && s < d->n_spins; s++)
-        for (Int j = d->spin_joint[s]; j > 0; j = k->parent[j])
+    Real *rows = calloc((size_t)(d->spins.n * k->nv) + 1, sizeof *rows);
+    for (Int s = 0; rows && s < d->spins.n; s++)
+        for (Int j = d->spins.joint[s]; j > 0; j = k->parent[j])
             for (Int v = k->iv[j]; v < k->iv[j] + joint_nv(k->kind[j]); v++)
                 rows[s * k->nv + v] = 1.0;
     return rows;
@@ -73,7 +73,7 @@ static int set_system(Dynamics *d, const Int *free_ones, const Int *chosen, Int 
     Real *rows = spin_pattern(d);
     if (!rows)
         return NO_MEMORY;
-    const int code = system_set(d->k, chosen, n_chosen, d->held, d->n_held, rows, d->n_spins);
+    const int code = system_set(d->k, chosen, n_chosen, d->held, d->n_held, rows, d->spins.n);
     free(rows);
     return code;
 }
@@ -86,22 +86,21 @@ static int begin(Dynamics *d, const Int *free_ones, const Int *chosen, Int n_cho
     if (code != DONE)
         return code;
     memcpy(d->start, d->q, (size_t)k->nq * sizeof *d->q);
-    d->n_passages = d->n_built = d->n_refused = d->n_renewed = d->period_is_known = 0;
-    d->distance = 0.0;
-    memset(d->change, 0, (size_t)d->n_held * sizeof *d->change);
+    Branches *b = &d->branches;
+    b->n = b->n_built = b->n_refused = b->n_renewed = b->period_is_known = 0;
+    d->determinant.distance = 0.0;
+    memset(d->determinant.change, 0, (size_t)d->n_held * sizeof *d->determinant.change);
     return independent_begin(d);
 }
 
-/* Begin at a closed configuration, with independent coordinates and closure equations. */
-EXPORT int dynamics_begin(Dynamics *d, const Real *q, const Real *turns, const Real *sigma,
-                          const Int *free_ones, const Int *chosen, Int n_chosen)
+int partitioning_begin(Dynamics *d, const StartingPoint *start)
 {
-    memcpy(d->q, q, (size_t)d->k->nq * sizeof *q);
-    memcpy(d->turns, turns, (size_t)d->k->n_angles * sizeof *turns);
-    memcpy(d->sigma, sigma, (size_t)d->n_spins * sizeof *sigma);
-    const int code = begin(d, free_ones, chosen, n_chosen);
+    memcpy(d->q, start->q, (size_t)d->k->nq * sizeof *d->q);
+    memcpy(d->turns, start->angles, (size_t)d->k->n_angles * sizeof *d->turns);
+    memcpy(d->spins.rate, start->spins, (size_t)d->spins.n * sizeof *d->spins.rate);
+    const int code = begin(d, start->free, start->chosen, start->n_chosen);
     if (code == DONE)
-        d->heaviest = dynamics_heaviest(d);
+        d->heaviest = largest_inertia(d);
     return code;
 }
 
@@ -119,7 +118,7 @@ static Real product(const Real *basis, Int n, Int nv, Int i, Int j)
 void partitioning_orthonormal_freedoms(Dynamics *d)
 {
     const Int n = d->n_free, nv = d->k->nv;
-    Real *basis = d->freedoms;
+    Real *basis = d->work.freedoms;
     for (Int i = 0; i < n; i++) {
         for (Int v = 0; v < nv; v++)
             basis[v * n + i] = d->columns[i * nv + v];
@@ -140,7 +139,7 @@ static int leave_plain_ones(Dynamics *d)
     const Kernel *k = d->k;
     Real most = 0.0, most_plain = 0.0;
     for (Int v = 0; v < k->nv; v++) {
-        const Real speed = fabs(d->freedoms[v]);
+        const Real speed = fabs(d->work.freedoms[v]);
         most = fmax(most, speed);
         if (joint_nv(k->kind[joint_of(k, v)]) == 1)
             most_plain = fmax(most_plain, speed);
@@ -149,26 +148,26 @@ static int leave_plain_ones(Dynamics *d)
         return 0;
     for (Int v = 0; v < k->nv; v++)
         if (joint_nv(k->kind[joint_of(k, v)]) != 1)
-            d->freedoms[v] = 0.0;
+            d->work.freedoms[v] = 0.0;
     return 1;
 }
 
-/* The best coordinates at the present place, ascending, in d->best; 0 where there are none: joints
+/* The best coordinates at the present place, ascending, in d->work.best; 0 where there are none: joints
  * of bodies that spin tell nothing. */
 static int choose(Dynamics *d)
 {
     partitioning_orthonormal_freedoms(d);
-    if (d->n_free == 1 && !d->n_drives && !leave_plain_ones(d) && d->n_spins)
+    if (d->n_free == 1 && !d->n_drives && !leave_plain_ones(d) && d->spins.n)
         return 0;
-    return independent_rows(d->k->nv, d->n_free, d->freedoms, d->n_free, 0.0, d->best, NULL) ==
-           d->n_free;
+    return independent_rows(d->k->nv, d->n_free, d->work.freedoms, d->n_free, 0.0, d->work.best,
+                            NULL) == d->n_free;
 }
 
 static int are_held(const Dynamics *d)
 {
     for (Int i = 0; i < d->n_free; i++) {
         Int at = 0;
-        while (at < d->n_free && d->held[at] != d->best[i])
+        while (at < d->n_free && d->held[at] != d->work.best[i])
             at++;
         if (at == d->n_free)
             return 0;
@@ -181,14 +180,14 @@ int partitioning_hold_better(Dynamics *d)
     Kernel *k = d->k;
     if (!choose(d) || are_held(d))
         return DONE;
-    int code = set_system(d, d->best, k->chosen, k->n_chosen);
+    int code = set_system(d, d->work.best, k->system.chosen, k->system.n_chosen);
     if (code == DONE)
-        code = independent_stand(d);
+        code = independent_evaluate(d);
     if (code != DONE)
         return code;
-    independent_note(d);
-    d->first_pivot = d->pivot;
-    return independent_learn_change(d);
+    independent_read(d);
+    d->determinant.first_pivot = d->pivot;
+    return independent_measure_change(d);
 }
 
 /* Begin with these coordinates where it stands, with other equations if there are more: the former
@@ -196,8 +195,8 @@ int partitioning_hold_better(Dynamics *d)
 static int begin_anew(Dynamics *d, const Int *free_ones)
 {
     Kernel *k = d->k;
-    int code = begin(d, free_ones, k->chosen, k->n_chosen);
-    if (k->n_chosen < k->n_closure && (code == DONE || code == SINGULAR))
+    int code = begin(d, free_ones, k->system.chosen, k->system.n_chosen);
+    if (k->system.n_chosen < k->n_closure && (code == DONE || code == SINGULAR))
         code = system_reselect(k) == DONE ? independent_begin(d) : SINGULAR;
     return code == DONE && d->pivot > TOLERANCE_SINGULAR ? DONE : SINGULAR;
 }
@@ -212,28 +211,22 @@ static void put_unknowns(const Dynamics *d, const Real *v, Real *y)
         y[i] = 0.0;
         y[n + i] = v[at] / k->scale[at];
     }
-    for (Int s = 0; s < d->n_spins; s++)
-        memcpy(y + 2 * n + 4 * s, d->q + k->iq[d->spin_joint[s]], 4 * sizeof *y);
+    for (Int s = 0; s < d->spins.n; s++)
+        memcpy(y + 2 * n + 4 * s, d->q + k->iq[d->spins.joint[s]], 4 * sizeof *y);
 }
 
-/* Change the unknowns y to the best coordinates where they are; `same` tells whether these are the
- * old ones, and nothing has been done as nothing would be better. SINGULAR where there are none. */
-EXPORT int dynamics_renew(Dynamics *d, Real t, Real *y, Int *free_ones, Int *same)
+int partitioning_renew(Dynamics *d, const Real *q, const Real *v, Real *y, Int *free_ones, Int *same)
 {
-    Real error;
-    const int code = dynamics_place(d, t, y, d->trial, d->a, d->k->angle, &error);
-    if (code != DONE)
-        return code;
     if (!choose(d))
         return SINGULAR;
     const int keeps = are_held(d);
     *same = keeps && d->is_linear && !d->projects;
-    memcpy(free_ones, keeps ? d->held : d->best, (size_t)d->n_free * sizeof *free_ones);
+    memcpy(free_ones, keeps ? d->held : d->work.best, (size_t)d->n_free * sizeof *free_ones);
     if (*same)
         return DONE;
-    memcpy(d->q, d->trial, (size_t)d->k->nq * sizeof *d->q);
+    memcpy(d->q, q, (size_t)d->k->nq * sizeof *d->q);
     if (begin_anew(d, free_ones) != DONE)
         return SINGULAR;
-    put_unknowns(d, d->a, y);
+    put_unknowns(d, v, y);
     return DONE;
 }

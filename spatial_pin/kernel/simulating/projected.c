@@ -42,13 +42,13 @@ static void split(Dynamics *d, Real *motion, int along)
     for (Int i = 0; i < n; i++) {
         Real sum = 0.0;
         for (Int v = 0; v < nv; v++)
-            sum += d->freedoms[v * n + i] * motion[v];
+            sum += d->work.freedoms[v * n + i] * motion[v];
         d->z[i] = sum;
     }
     for (Int v = 0; v < nv; v++) {
         Real sum = 0.0;
         for (Int i = 0; i < n; i++)
-            sum += d->freedoms[v * n + i] * d->z[i];
+            sum += d->work.freedoms[v * n + i] * d->z[i];
         motion[v] = along ? sum : motion[v] - sum;
     }
 }
@@ -69,16 +69,16 @@ static int project(Dynamics *d, Real allowed)
 {
     Kernel *k = d->k;
     Real last = allowed;
-    for (d->corrections = 0;; d->corrections++) {
+    for (d->work.corrections = 0;; d->work.corrections++) {
         evaluate(d);
         const Real residual = chosen_residual(k);
-        if (d->corrections == 0)
-            d->opened = equations_error(k);
+        if (d->work.corrections == 0)
+            d->work.opened = equations_error(k);
         const int stalls = !(residual < last);
-        if (!isfinite(residual) || d->corrections == MOST_CORRECTIONS ||
-            (stalls && (d->corrections == 0 || residual > TOLERANCE_NOTHING)))
+        if (!isfinite(residual) || d->work.corrections == MOST_CORRECTIONS ||
+            (stalls && (d->work.corrections == 0 || residual > TOLERANCE_NOTHING)))
             return LOST;
-        if (independent_factor(d) != DONE || !(k->pivot_ratio > LEAST_SOLVED))
+        if (independent_factor(d) != DONE || !(k->system.pivot_ratio > LEAST_SOLVED))
             return LOST;
         partitioning_orthonormal_freedoms(d);
         if (stalls || residual <= d->tolerance)
@@ -102,11 +102,11 @@ static int project_unknowns(Dynamics *d, const Real *y, Real allowed)
         d->v[v] = k->scale[v] * y[k->nv + v];
     const int code = project(d, allowed);
     if (code == DONE)
-        independent_note(d);
+        independent_read(d);
     return code;
 }
 
-int projected_place(Dynamics *d, const Real *y)
+int projected_evaluate(Dynamics *d, const Real *y)
 {
     const int code = are_finite(y, d->n_unknowns) ? project_unknowns(d, y, INFINITY) : LOST;
     if (code == DONE)
@@ -127,9 +127,9 @@ void projected_rates(Dynamics *d, Real *rates)
 static Real distance(Dynamics *d, const Real *q)
 {
     Real most = 0.0;
-    relative_coordinates(d->k, d->q, q, d->step);
+    relative_coordinates(d->k, d->q, q, d->work.step);
     for (Int v = 0; v < d->k->nv; v++)
-        most = fmax(most, fabs(d->step[v]));
+        most = fmax(most, fabs(d->work.step[v]));
     return most;
 }
 
@@ -138,19 +138,20 @@ static int leads_there(Dynamics *d)
 {
     Real way = 0.0;
     for (Int i = 0; i < d->n_held; i++)
-        way = fmax(way, fabs(d->x[i] - d->kept.x[i]));
+        way = fmax(way, fabs(d->x[i] - d->restart.x[i]));
     if (way > NEVER_LOST)
         return 1;
-    independent_remember(d, &d->ended);
-    if (independent_return(d, &d->kept) != DONE)
+    independent_save(d, &d->work.ended);
+    if (independent_restore(d, &d->restart) != DONE)
         return 0;
-    memcpy(d->asking, d->ended.x, (size_t)d->n_held * sizeof *d->asking);
-    return independent_follow(d, d->asking) == DONE && distance(d, d->ended.q) < SAME_PLACE;
+    memcpy(d->work.asking, d->work.ended.x, (size_t)d->n_held * sizeof *d->work.asking);
+    return independent_follow(d, d->work.asking) == DONE && distance(d, d->work.ended.q) < SAME_PLACE;
 }
 
 static int has_better_equations(const Dynamics *d)
 {
-    return d->k->n_chosen < d->k->n_closure && d->pivot < RESELECT_PROJECTED * d->first_pivot;
+    return d->k->system.n_chosen < d->k->n_closure &&
+           d->pivot < RESELECT_PROJECTED * d->determinant.first_pivot;
 }
 
 /* Take unknowns y (n_unknowns) at the end of a step to closed loops; tells how far these were open
@@ -161,7 +162,7 @@ EXPORT int dynamics_settle(Dynamics *d, Real allowed, Real *y, Real *opened, Int
     Kernel *k = d->k;
     if (project_unknowns(d, y, allowed) != DONE || !(d->pivot > TOLERANCE_SINGULAR))
         return LOST;
-    *opened = d->opened, *corrections = d->corrections;
+    *opened = d->work.opened, *corrections = d->work.corrections;
     if (!leads_there(d))
         return LOST;
     if (has_better_equations(d) &&

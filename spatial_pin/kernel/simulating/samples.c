@@ -41,20 +41,20 @@ static int close(Integrator *g, Dynamics *d, const Run *run, Int i)
 
 static void swap(Point *a, Point *b)
 {
-    const Point kept = *a;
+    const Point first = *a;
     *a = *b;
-    *b = kept;
+    *b = first;
 }
 
-/* Take the point of the curve where the mechanism stands for an anchor; none on a passage. */
+/* Take the point of the curve where the mechanism stands for an anchor; none on a bridge. */
 static void note_anchor(const Dynamics *d, Point *anchor)
 {
     const Kernel *k = d->k;
     anchor->s = NAN;
-    if (d->passage >= 0 || !d->n_points || d->point->s != d->x[0])
+    if (d->bridge >= 0 || !d->curve.n_points || d->curve.point->s != d->x[0])
         return;
-    anchor->s = d->point->s;
-    memcpy(anchor->q, d->point->q, (size_t)(3 * k->nq + 2 * k->nv) * sizeof *anchor->q);
+    anchor->s = d->curve.point->s;
+    memcpy(anchor->q, d->curve.point->q, (size_t)(3 * k->nq + 2 * k->nv) * sizeof *anchor->q);
     memcpy(anchor->angle, d->turns, (size_t)k->n_angles * sizeof *d->turns);
 }
 
@@ -87,20 +87,20 @@ static int between(Integrator *g, Dynamics *d, Run *run, Point *from, const Poin
 {
     Real most = 0.0;
     if (run->row == end)
-        d->stride *= RETRIED;
+        d->curve.stride *= RETRIED;
     for (; run->row < end; run->row++) {
         const Real open = write_between(g, d, run, from, to, run->row);
         most = fmax(most, open);
         if (open <= 1.0)
             continue;
         if (isfinite(open))
-            d->stride = 0.5 * fabs(to->s - from->s);
+            d->curve.stride = 0.5 * fabs(to->s - from->s);
         const int code = anchor_at(g, d, run, run->row, from);
         if (code != DONE)
             return code;
     }
     if (most < EASILY)
-        d->stride = fmax(d->stride, 2.0 * fabs(to->s - from->s));
+        d->curve.stride = fmax(d->curve.stride, 2.0 * fabs(to->s - from->s));
     return DONE;
 }
 
@@ -113,17 +113,19 @@ static Real coordinate_at(Integrator *g, Real t)
 /* The samples before `end`, with anchors a stride apart; the last one is where the step ends. */
 static int between_anchors(Integrator *g, Dynamics *d, Run *run, Int end)
 {
-    Point *const from = d->anchor, *const to = d->anchor + 1, *const ended = d->anchor + 2;
+    Point *const from = d->curve.anchor, *const to = d->curve.anchor + 1,
+                 *const ended = d->curve.anchor + 2;
     int code = DONE;
     if (from->s != g->y_old[0]) { /* or there is none */
         code = anchor_at(g, d, run, run->row, from);
         run->row += code == DONE;
     }
     while (code == DONE && run->row < end) {
-        if (fabs(ended->s - from->s) <= d->stride)
+        if (fabs(ended->s - from->s) <= d->curve.stride)
             return between(g, d, run, from, ended, end);
         Int next = run->row;
-        while (next + 1 < end && fabs(coordinate_at(g, run->times[next + 1]) - from->s) <= d->stride)
+        while (next + 1 < end &&
+               fabs(coordinate_at(g, run->times[next + 1]) - from->s) <= d->curve.stride)
             next++;
         code = anchor_at(g, d, run, next, to);
         if (code == DONE)
@@ -152,20 +154,20 @@ int samples_of_step(Integrator *g, Dynamics *d, Run *run)
     if (end == run->row)
         return DONE;
     /* the curve of bodies that spin freely depends on its steps, which turn them */
-    const int interpolates = tells(g, d, run) && d->is_curve && !d->n_spins;
+    const int interpolates = tells(g, d, run) && d->curve.is_curve && !d->spins.n;
     if (interpolates) {
-        swap(d->anchor, d->anchor + 2);
-        note_anchor(d, d->anchor + 2);
+        swap(d->curve.anchor, d->curve.anchor + 2);
+        note_anchor(d, d->curve.anchor + 2);
     }
-    independent_remember(d, &d->ended);
+    independent_save(d, &d->work.ended);
     const int is_dense = g->is_dense;
-    int code = passing_return(d, &d->kept);
+    int code = crossing_restore(d, &d->restart);
     if (code == DONE && !is_dense) {
         code = integrator_between(g, NULL, 0, NULL);
         if (code == DONE)
-            code = passing_return(d, &d->kept);
+            code = crossing_restore(d, &d->restart);
     }
     if (code == DONE)
         code = (interpolates ? between_anchors : one_by_one)(g, d, run, end);
-    return code != DONE ? code : passing_return(d, &d->ended);
+    return code != DONE ? code : crossing_restore(d, &d->work.ended);
 }

@@ -14,6 +14,7 @@
 #include <string.h>
 
 #include "articulated.h"
+#include "memory.h"
 
 /* Of the inertia about all axes, what a freedom must have to be told from round-off. */
 #define LEAST_INERTIA TOLERANCE_ZERO
@@ -48,7 +49,6 @@ static int make_room(Tree *s)
     return kernel_had_memory(k) ? DONE : NO_MEMORY;
 }
 
-/* Memory for the motions and forces of a kernel's tree, freed with the kernel. */
 EXPORT int tree_create(Kernel *k, const Int *is_core, Tree **out)
 {
     *out = NULL;
@@ -166,11 +166,11 @@ static void accelerate_bodies(Tree *s, const Real *a)
 static void put_body(Tree *s, Int j)
 {
     const Kernel *k = s->k;
-    const Real *R = k->R + 9 * j, *I = k->inertia + 9 * j, *w = s->velocity + 6 * j + 3;
-    const Real m = k->mass[j];
+    const Real *R = k->R + 9 * j, *I = k->bodies.inertia + 9 * j, *w = s->velocity + 6 * j + 3;
+    const Real m = k->bodies.mass[j];
     Real *A = s->inertia + 27 * j, *B = A + 9, *C = A + 18, *p = s->wrench + 6 * j;
     Real c[3], turned[9], spin[3], moment[3];
-    rotate3(R, k->com + 3 * j, c);
+    rotate3(R, k->bodies.com + 3 * j, c);
     memset(A, 0, 27 * sizeof *A);
     A[0] = A[4] = A[8] = m;
     B[1] = m * c[2], B[2] = -m * c[1], B[5] = m * c[0];
@@ -192,7 +192,7 @@ static void put_body(Tree *s, Int j)
     cross3(w, c, spin);
     cross3(w, spin, p);
     for (int i = 0; i < 3; i++)
-        p[i] = m * (p[i] - k->gravity[i]);
+        p[i] = m * (p[i] - k->bodies.gravity[i]);
     cross3(c, p, p + 3);
     add3(1.0, moment, p + 3);
 }
@@ -279,50 +279,45 @@ static void gather_wrenches(Tree *s, Real *tau, const Real *a)
     }
 }
 
-/* Joint forces (nv) that a motion needs, as `pin.rnea`, and the wrenches (6) that joints hand on,
- * world axes, about their origins (NULL: not wanted); a NULL: no accelerations. */
-EXPORT void tree_forces(Tree *s, const Real *q, const Real *v, const Real *a, const Real *armature,
-                        Real *tau, Real *handed_on)
-{
-    const Kernel *k = s->k;
-    memcpy(s->armature, armature, (size_t)k->nv * sizeof *armature);
-    move_bodies(s, q, v);
-    accelerate_bodies(s, a);
-    put_needed(s);
-    gather_wrenches(s, tau, a);
-    if (handed_on)
-        memcpy(handed_on, s->needed, (size_t)(6 * k->n_joints) * sizeof *handed_on);
-}
-
-/* Places of all joints, R (9, by columns) and p (3), and, where v is given, velocities and
- * accelerations (6) of their bodies at their origins, world axes. */
-EXPORT void tree_motion(Tree *s, const Real *q, const Real *v, const Real *a, Real *R, Real *p,
-                        Real *velocity, Real *acceleration)
-{
-    const Kernel *k = s->k;
-    const size_t n = (size_t)k->n_joints * sizeof(Real);
-    if (v) {
-        move_bodies(s, q, v);
-        accelerate_bodies(s, a);
-        memcpy(velocity, s->velocity, 6 * n);
-        memcpy(acceleration, s->motion, 6 * n);
-    } else {
-        tree_place(s->k, q);
-    }
-    memcpy(R, k->R, 9 * n);
-    memcpy(p, k->p, 3 * n);
-}
-
 /* World joint Jacobian (6, nv), where the tree was placed last. */
-EXPORT void tree_jacobian(Tree *s, Real *out)
+static void put_jacobian(Kernel *k, Real *out)
 {
-    Kernel *k = s->k;
     tree_columns(k);
     for (Int v = 0; v < k->nv; v++)
         for (int i = 0; i < 3; i++) {
             out[i * k->nv + v] = k->linear[3 * v + i];
             out[(3 + i) * k->nv + v] = k->angular[3 * v + i];
         }
+}
+
+static void copy_out(Real *out, const Real *from, Int n)
+{
+    if (out)
+        memcpy(out, from, (size_t)n * sizeof *out);
+}
+
+EXPORT void tree_evaluate(Tree *s, const TreeTask *task)
+{
+    Kernel *k = s->k;
+    const Int n = k->n_joints;
+    if (task->v) {
+        move_bodies(s, task->q, task->v);
+        accelerate_bodies(s, task->a);
+        copy_out(task->velocity, s->velocity, 6 * n);
+        copy_out(task->acceleration, s->motion, 6 * n);
+    } else {
+        tree_place(k, task->q);
+    }
+    if (task->tau) {
+        memcpy(s->armature, task->armature, (size_t)k->nv * sizeof(Real));
+        put_needed(s);
+        gather_wrenches(s, task->tau, task->a);
+        copy_out(task->wrench, s->needed, 6 * n);
+    }
+    if (task->jacobian)
+        put_jacobian(k, task->jacobian);
+    copy_out(task->R, k->R, 9 * n);
+    copy_out(task->p, k->p, 3 * n);
 }
 
 /* Entries of the mass matrix of some joints, whose inertias are those of all that they carry: for
@@ -351,19 +346,14 @@ static void put_masses(const Tree *s, int all, Real *out)
     }
 }
 
-/* All of them at q. */
-EXPORT void tree_masses(Tree *s, const Real *q, const Real *armature, Real *out)
+/* Add the inertias of bodies, from the tips inwards, to those that carry them: of all joints, or of the
+ * core's. */
+static void gather_inertias(Tree *s, int all)
 {
     const Kernel *k = s->k;
-    memcpy(s->armature, armature, (size_t)k->nv * sizeof *armature);
-    memset(s->missing, 0, (size_t)k->nv * sizeof *armature);
-    move_bodies(s, q, s->missing);
-    for (Int j = 1; j < k->n_joints; j++)
-        put_body(s, j);
     for (Int j = k->n_joints - 1; j > 0; j--)
-        if (k->parent[j])
+        if ((all || s->is_core[j]) && k->parent[j])
             add_inertia(s->inertia + 27 * j, s->arm + 3 * j, s->inertia + 27 * k->parent[j]);
-    put_masses(s, 1, out);
 }
 
 /* ---------------------------------------------------------------- accelerations */
@@ -409,16 +399,10 @@ static void restore(const Tree *s, Int j, Real *motion, Real *a)
     }
 }
 
-/* Masses (as put_masses) and joint forces (nv) of the core, where the rest moves under joint forces
- * `force` (nv); SINGULAR where a freedom of the rest has no inertia. */
-EXPORT int tree_eliminate(Tree *s, const Real *q, const Real *v, const Real *force,
-                          const Real *armature, Real *masses, Real *needed)
+/* Take all joints but the core's out of the inertias; SINGULAR where a freedom has no inertia. */
+static int eliminate_limbs(Tree *s, const Real *force)
 {
     const Kernel *k = s->k;
-    memcpy(s->armature, armature, (size_t)k->nv * sizeof *armature);
-    move_bodies(s, q, v);
-    for (Int j = 1; j < k->n_joints; j++)
-        put_body(s, j);
     for (Int j = k->n_joints - 1; j > 0; j--) {
         if (s->is_core[j])
             continue;
@@ -430,6 +414,13 @@ EXPORT int tree_eliminate(Tree *s, const Real *q, const Real *v, const Real *for
             add_inertia(s->inertia + 27 * j, s->arm + 3 * j, s->inertia + 27 * k->parent[j]);
         }
     }
+    return DONE;
+}
+
+/* Joint forces (nv) that the core needs without acceleration, where the rest is eliminated. */
+static void put_core_forces(Tree *s, Real *needed)
+{
+    const Kernel *k = s->k;
     memset(s->needed, 0, (size_t)(6 * k->n_joints) * sizeof *needed);
     accelerate_bodies(s, NULL);
     for (Int j = 1; j < k->n_joints; j++)
@@ -437,11 +428,24 @@ EXPORT int tree_eliminate(Tree *s, const Real *q, const Real *v, const Real *for
             memcpy(s->needed + 6 * j, s->wrench + 6 * j, 6 * sizeof(Real));
             add_inertia_times(s->inertia + 27 * j, s->motion + 6 * j, s->needed + 6 * j);
         }
-    for (Int j = k->n_joints - 1; j > 0; j--)
-        if (s->is_core[j] && k->parent[j])
-            add_inertia(s->inertia + 27 * j, s->arm + 3 * j, s->inertia + 27 * k->parent[j]);
     gather_wrenches(s, needed, NULL);
-    put_masses(s, 0, masses);
+}
+
+EXPORT int tree_masses(Tree *s, const Real *q, const Real *v, const Real *force,
+                       const Real *armature, Real *masses, Real *needed)
+{
+    const Kernel *k = s->k;
+    memcpy(s->armature, armature, (size_t)k->nv * sizeof *armature);
+    memset(s->missing, 0, (size_t)k->nv * sizeof *armature);
+    move_bodies(s, q, v ? v : s->missing);
+    for (Int j = 1; j < k->n_joints; j++)
+        put_body(s, j);
+    if (force && eliminate_limbs(s, force) != DONE)
+        return SINGULAR;
+    if (force)
+        put_core_forces(s, needed);
+    gather_inertias(s, !force);
+    put_masses(s, !force, masses);
     return DONE;
 }
 
@@ -489,9 +493,9 @@ static Real largest_of(const Kernel *k, const Real *a)
     return found;
 }
 
-/* Accelerations (nv) of eliminated freedoms under joint forces (nv) alone, after `tree_eliminate`,
- * by scale the largest; the core rests. */
-EXPORT Real tree_respond(Tree *s, const Real *force, Real *a)
+/* Accelerations (nv) of eliminated freedoms under joint forces (nv) alone, by scale the largest; the
+ * core rests. */
+static Real respond(Tree *s, const Real *force, Real *a)
 {
     const Kernel *k = s->k;
     memset(s->wrench, 0, (size_t)(6 * k->n_joints) * sizeof *s->wrench);
@@ -520,11 +524,8 @@ EXPORT Real tree_respond(Tree *s, const Real *force, Real *a)
     return largest_of(k, a);
 }
 
-/* Accelerations (nv) of the eliminated freedoms, those of the core given, after `tree_eliminate`
- * with these forces; corrected once by what is missing in the forces. Facts (3), by scale: the
- * largest, the largest correction, and the largest that round-off of wrenches makes of itself.
- * `scratch` (3 nv), for the core zeros. */
-EXPORT void tree_accelerations(Tree *s, const Real *force, Real *a, Real *scratch, Real *facts)
+EXPORT void tree_accelerations(Tree *s, const Real *force, const Real *off, Real *a, Real *scratch,
+                               Real *facts)
 {
     const Kernel *k = s->k;
     Real *missing = scratch, *rounding = missing + k->nv, *more = rounding + k->nv;
@@ -540,8 +541,9 @@ EXPORT void tree_accelerations(Tree *s, const Real *force, Real *a, Real *scratc
     }
     find_missing(s, a, force, missing);
     find_rounding(s, rounding);
-    facts[2] = tree_respond(s, rounding, more);
-    facts[1] = tree_respond(s, missing, more);
+    facts[2] = respond(s, rounding, more);
+    facts[3] = off ? respond(s, off, more) : 0.0;
+    facts[1] = respond(s, missing, more);
     for (Int v = 0; v < k->nv; v++)
         a[v] += more[v];
     facts[0] = largest_of(k, a);

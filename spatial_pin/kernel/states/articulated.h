@@ -6,12 +6,35 @@
 
 typedef struct Tree Tree;
 
-/* See articulated.c. */
+/* A motion of a tree, and what it gives: as `_TreeTask` in kernel_tree.py. Outputs that are NULL are
+   not wanted. */
+typedef struct {
+    const Real *q, *v, *a;   /* (nq), (nv), (nv); v NULL: placements and Jacobian alone; a NULL: none */
+    const Real *armature;    /* (nv) */
+    Real *R, *p, *jacobian;  /* (n_joints, 9) by columns, (n_joints, 3); (6, nv) of the world */
+    Real *velocity, *acceleration; /* (n_joints, 6) of the bodies at their origins, world axes */
+    Real *tau;               /* (nv) joint forces that the motion needs, as `pin.rnea` */
+    Real *wrench;            /* (n_joints, 6) that joints hand on, world axes, about their origins;
+                                where `tau` is wanted too */
+} TreeTask;
+
+/* Memory for the motions and forces of a kernel's tree, freed with the kernel. is_core: (n_joints)
+   whether loops are built on each joint. */
 EXPORT int tree_create(Kernel *k, const Int *is_core, Tree **out);
-EXPORT void tree_forces(Tree *s, const Real *q, const Real *v, const Real *a, const Real *armature,
-                        Real *tau, Real *handed_on);
-EXPORT int tree_eliminate(Tree *s, const Real *q, const Real *v, const Real *force,
-                          const Real *armature, Real *masses, Real *needed);
-EXPORT void tree_accelerations(Tree *s, const Real *force, Real *a, Real *scratch, Real *facts);
+/* Evaluate a motion. */
+EXPORT void tree_evaluate(Tree *s, const TreeTask *task);
+
+/* Masses of all joints at q, in the order of put_masses. Where joint forces `force` (nv) are given,
+   those of the core, the rest being eliminated as it moves under them; and the joint forces `needed`
+   (nv) of the core. SINGULAR where a freedom of the rest has no inertia. */
+EXPORT int tree_masses(Tree *s, const Real *q, const Real *v, const Real *force,
+                       const Real *armature, Real *masses, Real *needed);
+
+/* Accelerations (nv) of the eliminated freedoms, those of the core given, after `tree_masses` with
+   these forces; corrected once by what is missing in the forces. facts (4), by scale: the largest,
+   the largest correction, and the largest that round-off of wrenches, and joint forces `off` (nv; may
+   be NULL), make by themselves. `scratch` (3 nv), for the core zeros. */
+EXPORT void tree_accelerations(Tree *s, const Real *force, const Real *off, Real *a, Real *scratch,
+                               Real *facts);
 
 #endif

@@ -15,7 +15,7 @@
 
 #include "choosing.h"
 #include "factors.h"
-#include "reading.h"
+#include "memory.h"
 
 #define ROUNDING (128.0 * DBL_EPSILON) /* of an entry, with all that is added to it */
 #define PLACED (8.0 * DBL_EPSILON) /* of a place, by its distance: some joints, each rounded once */
@@ -37,7 +37,7 @@ typedef struct {
     Real shortest;    /* largest entry of the chosen equation whose own is the smallest */
     Real *x;          /* (nv + n_chosen) */
     Real *block;      /* to choose among the equations of a closure */
-    Int *place;       /* the same: columns of it */
+    Int *column;       /* the same: columns of it */
 } Kkt;
 
 static Int most_in_a_group(const Kkt *s)
@@ -59,12 +59,12 @@ static int make_room(Kkt *s)
     s->size = kernel_reals(k, nc);
     s->x = kernel_reals(k, n);
     s->block = kernel_reals(k, most_in_a_group(s) * nv);
-    s->place = kernel_ints(k, nv);
+    s->column = kernel_ints(k, nv);
     s->matrix = factors_new(k);
     if (!kernel_had_memory(k) || !s->matrix)
         return NO_MEMORY;
     for (Int v = 0; v < nv; v++)
-        s->place[v] = -1;
+        s->column[v] = -1;
     return DONE;
 }
 
@@ -123,15 +123,15 @@ static int choose_in_closure(Kkt *s, Int first, Int end, Real least)
     const Int n = end - first, from = k->entry_start[first], to = k->entry_start[end];
     Int m = 0;
     for (Int e = from; e < to; e++)
-        if (s->place[k->entry_v[e]] < 0)
-            s->place[k->entry_v[e]] = m++;
+        if (s->column[k->entry_v[e]] < 0)
+            s->column[k->entry_v[e]] = m++;
     memset(s->block, 0, (size_t)(m * n) * sizeof(Real));
     for (Int i = first; i < end; i++)
         if (equation_length(k, i) > least)
             for (Int e = k->entry_start[i]; e < k->entry_start[i + 1]; e++)
-                s->block[(i - first) * m + s->place[k->entry_v[e]]] = k->entry[e];
+                s->block[(i - first) * m + s->column[k->entry_v[e]]] = k->entry[e];
     for (Int e = from; e < to; e++)
-        s->place[k->entry_v[e]] = -1;
+        s->column[k->entry_v[e]] = -1;
     const Int rank = independent_rows(n, m, s->block, n, TOLERANCE_RANK,
                                       s->chosen + s->n_chosen, NULL);
     if (rank < 0)
@@ -174,11 +174,11 @@ static int choose_in_closures(Kkt *s)
 /* Independent equations among the chosen ones. */
 static int choose_among_all(Kkt *s)
 {
-    const Int found = independent_equations(s->k, s->chosen, s->n_chosen, s->n_chosen,
+    const Int rank = independent_equations(s->k, s->chosen, s->n_chosen, s->n_chosen,
                                             TOLERANCE_RANK, s->chosen, NULL);
-    if (found < 0)
+    if (rank < 0)
         return NO_MEMORY;
-    s->n_chosen = found;
+    s->n_chosen = rank;
     return DONE;
 }
 
@@ -339,27 +339,35 @@ static void forces_of(const Kernel *k, const Real *multipliers, Real *force)
         force[v] /= k->scale[v];
 }
 
-/* Evaluate at q, choose equations, factor and solve.
- *
- * mass: entries of M; force (nv): f - b. Returns accelerations (nv), joint forces (nv) and
- * multipliers (n_closure) of the closures, and facts (3): smallest over largest pivot, estimated
- * error of the accelerations, how many equations are chosen. */
-EXPORT int kkt_accelerations(Kkt *s, const Real *q, const Real *v, const Real *reference,
-                             const Real *mass, const Real *force, Real *a, Real *closures,
-                             Real *multipliers, Real *facts)
+/* Accelerations under joint forces at q, and what they follow from: as `_KktTask` in kkt.py. */
+typedef struct {
+    const Real *q, *v, *reference; /* (nq), (nv), (n_angles) from which angles of screws count */
+    const Real *mass, *force;      /* entries of M; (nv) f - b */
+    Real *a, *closures;            /* (nv) accelerations; joint forces of the closures */
+    Real *multipliers;             /* (n_closure) */
+    Real *entry;                   /* entries of J of all equations, for v / scale, row by row */
+    Int *chosen;                   /* (n_chosen) room for n_closure */
+    Real *facts;                   /* (3) smallest over largest pivot, estimated error of the
+                                      accelerations, how many equations are chosen */
+} KktTask;
+
+/* Evaluate at q, choose equations, factor and solve. */
+EXPORT int kkt_accelerations(Kkt *s, const KktTask *task)
 {
     Kernel *k = s->k;
-    equations_values_near(k, q, reference);
-    equations_jacobian(k, &k->all);
-    const int code = choose_and_factor(s, mass);
+    equations_values_near(k, task->q, task->reference);
+    equations_jacobian(k, &k->equations.all);
+    const int code = choose_and_factor(s, task->mass);
     if (code != DONE)
         return code;
-    equations_bias(k, &k->all, v);
-    solve(s, force, k->bias, a, multipliers);
-    forces_of(k, multipliers, closures);
-    facts[0] = s->matrix->pivot;
-    facts[1] = estimated_error(s);
-    facts[2] = (Real)s->n_chosen;
+    equations_bias(k, &k->equations.all, task->v);
+    solve(s, task->force, k->equations.bias, task->a, task->multipliers);
+    forces_of(k, task->multipliers, task->closures);
+    memcpy(task->entry, k->entry, (size_t)k->entry_start[k->n_closure] * sizeof(Real));
+    memcpy(task->chosen, s->chosen, (size_t)s->n_chosen * sizeof(Int));
+    task->facts[0] = s->matrix->pivot;
+    task->facts[1] = estimated_error(s);
+    task->facts[2] = (Real)s->n_chosen;
     return DONE;
 }
 
@@ -371,27 +379,4 @@ EXPORT void kkt_solve(Kkt *s, Int n, const Real *force, const Real *gamma, Real 
     const Int nv = s->k->nv, nc = s->k->n_closure;
     for (Int i = 0; i < n; i++)
         solve(s, force + i * nv, gamma + i * nc, a + i * nv, multipliers + i * nc);
-}
-
-/* Rows, columns and values of the entries of J of all equations, for v / scale, at the last place;
- * returns how many there are. Nothing is written where `row` is NULL. */
-EXPORT Int kkt_entries(const Kkt *s, Int *row, Int *column, Real *value)
-{
-    const Kernel *k = s->k;
-    const Int n = k->entry_start[k->n_closure];
-    for (Int i = 0; row && i < k->n_closure; i++)
-        for (Int e = k->entry_start[i]; e < k->entry_start[i + 1]; e++)
-            row[e] = i;
-    if (row) {
-        memcpy(column, k->entry_v, (size_t)n * sizeof *column);
-        memcpy(value, k->entry, (size_t)n * sizeof *value);
-    }
-    return n;
-}
-
-/* The chosen equations; returns how many. */
-EXPORT Int kkt_chosen(const Kkt *s, Int *out)
-{
-    memcpy(out, s->chosen, (size_t)s->n_chosen * sizeof *out);
-    return s->n_chosen;
 }

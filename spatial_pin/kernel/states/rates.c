@@ -8,24 +8,38 @@
  * why, or chooses them. Equations and pivots are chosen anew at every configuration, so that answers
  * depend on nothing else. Where equations are left out, a step of the driven freedoms tells whether
  * they follow from the others beside the configuration too: if not, branches cross there. */
+#include <float.h>
 #include <string.h>
 
 #include "choosing.h"
+#include "factors.h"
+#include "memory.h"
+#include "pins.h"
 #include "rates.h"
-#include "regular.h"
+#include "correcting.h"
 
 /* Part of the longest equation that is left of each that is chosen, and smallest over largest pivot
    relative to the lengths of their rows, where it is clear what is independent. */
 #define WELL TOLERANCE_WELL_CONDITIONED
+/* Of a solution, relative to its size, before pivots magnify it */
+#define SOLUTION_ERROR (8.0 * DBL_EPSILON)
+/* Of a closure equation at a configuration closed to round-off: half of the most that 160 random
+   mechanisms had */
+#define CLOSURE_ROUND_OFF (2.0 * DBL_EPSILON)
+#define PATTERNS 2 /* of their signs: what one of them hides by chance, the other shows */
 
-/* Equations that the caller has chosen, and rows (n_fill, nv) with respect to v / scale that fill
-   the system up; `equations` is NULL where they are to be chosen here. */
-typedef struct {
-    const Int *equations;
-    Int n;
-    const Real *fill;
-    Int n_fill;
-} Given;
+struct Rates {
+    Kernel *k;
+    Int n_driven, n_chosen, wanted; /* wanted: closure equations that there have to be */
+    const Int *driven; /* freedoms v, or nv + v for the component that v is of, see pins.h */
+    Pin *pin;         /* (n_driven) of those that are components */
+    Int *chosen;      /* closure equations, ascending */
+    Factors *matrix;  /* K */
+    Real *x;          /* (nv) */
+    Real *away, *along, *change, *sum; /* (nv) to tell what round-off leaves */
+    Real *q;          /* (nq) */
+    int is_placed;    /* whether K is that of a configuration */
+};
 
 static int make_room(Rates *r)
 {
@@ -41,7 +55,6 @@ static int make_room(Rates *r)
     return kernel_had_memory(k) && r->matrix ? DONE : NO_MEMORY;
 }
 
-/* Memory for rates of a kernel, freed with it. */
 EXPORT int rates_create(Kernel *k, const Int *driven, Int n_driven, Rates **out)
 {
     *out = NULL;
@@ -81,12 +94,12 @@ static void choose_those_that_are(Rates *r)
 static int choose_independent(Rates *r)
 {
     Real facts[2];
-    const Int found = independent_equations(r->k, r->chosen, r->n_chosen, r->wanted, WELL,
+    const Int rank = independent_equations(r->k, r->chosen, r->n_chosen, r->wanted, WELL,
                                             r->chosen, facts);
-    if (found < 0)
+    if (rank < 0)
         return NO_MEMORY;
-    r->n_chosen = found;
-    return found == r->wanted && facts[1] <= TOLERANCE_CLOSED ? DONE : UNSAFE;
+    r->n_chosen = rank;
+    return rank == r->wanted && facts[1] <= TOLERANCE_CLOSED ? DONE : UNSAFE;
 }
 
 static int choose(Rates *r)
@@ -155,11 +168,13 @@ static void add_equations(const Rates *r, const Real *derivative, Real factor, R
         x[r->n_chosen + i] += factor * derivative[r->k->n_closure + i];
 }
 
-void rates_add_bias(Rates *r, const Real *v, Real factor, Real *x)
+/* x += factor times the second derivatives of the equations, and of driven components, at joint
+   velocities v. */
+static void add_bias(Rates *r, const Real *v, Real factor, Real *x)
 {
     Kernel *k = r->k;
-    equations_bias(k, &k->all, v);
-    add_equations(r, k->bias, factor, x);
+    equations_bias(k, &k->equations.all, v);
+    add_equations(r, k->equations.bias, factor, x);
     for (Int i = 0; i < r->n_driven; i++)
         if (is_pin(r, i))
             x[first_driven(r) + i] += factor * pin_bias(r->pin + i, k->q, v) / driven_scale(r, i);
@@ -180,11 +195,101 @@ static void answer(Rates *r, const Real *drive, Real *out)
             out[r->driven[i]] = drive[i]; /* as asked for, to the last digit */
 }
 
-static void solve_acceleration(Rates *r, const Real *v, const Real *acceleration, Real *a)
+/* ---------------------------------------------------------------- round-off
+
+   What round-off leaves of velocities and accelerations, at a configuration that is itself known to
+   round-off only. */
+
+/* How far off the configuration may be, relative to what closure equations are off by: where this is
+   one, some this way, some that way. Returns its size, `away` (nv) its direction. */
+static Real direction_off(Rates *r, int pattern, Real *away)
 {
-    memset(r->x, 0, (size_t)r->k->nv * sizeof(Real));
-    rates_add_bias(r, v, -1.0, r->x);
-    answer(r, acceleration, a);
+    const Int nv = r->k->nv;
+    memset(r->x, 0, (size_t)nv * sizeof(Real));
+    for (Int i = 0; i < r->n_chosen; i++)
+        r->x[i] = cos((Real)(pattern * (i + 1) * (i + 1))) < 0.0 ? -1.0 : 1.0;
+    factors_solve(r->matrix, r->x);
+    const Real size = largest(r->x, nv);
+    for (Int v = 0; v < nv; v++)
+        away[v] = size > 0.0 ? r->x[v] / size : 0.0;
+    return size;
+}
+
+/* Change of the velocities t where the configuration changes along u, both relative to the scale:
+   the polar form (a(t + u) - a(t - u)) / 4 of the accelerations, which are quadratic. Into r->x;
+   returns its size. */
+static Real response(Rates *r, const Real *t, const Real *u)
+{
+    const Kernel *k = r->k;
+    memset(r->x, 0, (size_t)k->nv * sizeof(Real));
+    for (int sign = 1; sign >= -1; sign -= 2) {
+        for (Int v = 0; v < k->nv; v++)
+            r->sum[v] = k->scale[v] * (t[v] + sign * u[v]);
+        add_bias(r, r->sum, -0.25 * sign, r->x);
+    }
+    factors_solve(r->matrix, r->x);
+    return largest(r->x, k->nv);
+}
+
+/* How far velocities and accelerations, relative to their size, follow a configuration that is off
+   by so much along `away`. Where branches cross, joints move no faster than the driver, and rates
+   are uncertain all the same: velocities by the square of what a pivot magnifies, accelerations by
+   its third power. */
+static Real lost_along(Rates *r, Real off, const Real *away, const Real *velocity)
+{
+    const Kernel *k = r->k;
+    Real size = 0.0, *t = r->along, *change = r->change;
+    for (Int v = 0; v < k->nv; v++)
+        size = fmax(size, fabs(velocity[v]) / k->scale[v]);
+    if (!(size > 0.0))
+        return 0.0;
+    for (Int v = 0; v < k->nv; v++)
+        t[v] = velocity[v] / k->scale[v] / size;
+    const Real first = response(r, t, away);
+    if (!(first > 0.0))
+        return 0.0;
+    for (Int v = 0; v < k->nv; v++)
+        change[v] = r->x[v] / first;
+    const Real second = 2.0 * first * response(r, t, change);
+    response(r, t, t); /* a(2 t) / 4: the acceleration at constant speed of the driver */
+    const Real bend = largest(r->x, k->nv);
+    memcpy(change, r->x, (size_t)k->nv * sizeof(Real));
+    const Real third = response(r, change, away);
+    return off * fmax(first, (second + third) / fmax(bend, 1.0));
+}
+
+/* Whether what is closed to round-off loses no more than is known without the velocities. */
+static int is_known_anyway(Rates *r, Real known)
+{
+    Real grown = 0.0;
+    for (int pattern = 1; pattern <= PATTERNS; pattern++)
+        grown = fmax(grown, direction_off(r, pattern, r->away));
+    return !(2.0 * CLOSURE_ROUND_OFF * grown * grown * grown > known);
+}
+
+/* Round-off of the velocities v and of accelerations, relative to their size. Next to a limit
+   position at a small distance e of the driver, joints move 1/sqrt(e) times as fast as the driver
+   (`pace`); a configuration known to round-off times that gives rates to that squared. A short link
+   leaves as much of it as its pivot: that is known without the velocities. A configuration that is
+   not closed to round-off, as those of motions, is off by what is open. */
+static Real round_off(Rates *r, const Real *v, Real known)
+{
+    const Real open = fmax(CLOSURE_ROUND_OFF, equations_error(r->k));
+    if (open == CLOSURE_ROUND_OFF && is_known_anyway(r, known))
+        return known; /* which is more than what could be found out */
+    Real lost = 0.0;
+    for (int pattern = 1; pattern <= PATTERNS; pattern++) {
+        const Real off = open * direction_off(r, pattern, r->away);
+        lost = fmax(lost, lost_along(r, off, r->away, v));
+    }
+    return fmin(1.0, known + lost);
+}
+
+/* What is known of it without the velocities, where the fastest joint moves `pace` times as fast as
+   what is driven. */
+static Real known_round_off(const Rates *r, Real pace)
+{
+    return fmin(1.0, SOLUTION_ERROR * pace * fmax(pace, 1.0 / fmax(r->matrix->pivot, 1e-300)));
 }
 
 /* ---------------------------------------------------------------- what Python calls */
@@ -201,7 +306,7 @@ static int follow_beside(Rates *r, const Real *q)
     if (code == DONE)
         code = stays_closed(k, q, equations_error(k), r->q);
     equations_values(k, q);
-    equations_jacobian(k, &k->all);
+    equations_jacobian(k, &k->equations.all);
     return code == DONE;
 }
 
@@ -219,94 +324,65 @@ static int choose_and_factor(Rates *r, const Real *q)
 }
 
 /* Factor the equations that the caller has chosen. */
-static int take_and_factor(Rates *r, const Given *given)
+static int take_and_factor(Rates *r, const RateTask *task)
 {
     const Kernel *k = r->k;
-    if (given->n < 0 || given->n > k->n_closure || given->n_fill < 0 ||
-        given->n + given->n_fill != r->wanted)
+    if (task->n_equations < 0 || task->n_equations > k->n_closure || task->n_fill < 0 ||
+        task->n_equations + task->n_fill != r->wanted)
         return BAD_ARRAYS;
-    for (Int i = 0; i < given->n; i++)
-        if (!within(given->equations[i], k->n_closure))
+    for (Int i = 0; i < task->n_equations; i++)
+        if (!within(task->equations[i], k->n_closure))
             return BAD_ARRAYS;
-    r->n_chosen = given->n;
-    memcpy(r->chosen, given->equations, (size_t)given->n * sizeof(Int));
-    const int code = factor(r, given->fill, given->n_fill);
+    r->n_chosen = task->n_equations;
+    memcpy(r->chosen, task->equations, (size_t)r->n_chosen * sizeof(Int));
+    const int code = factor(r, task->fill, task->n_fill);
     return code == DONE && !(r->matrix->pivot > 0.0) ? SINGULAR : code;
 }
 
-/* Evaluate and factor at q, for what is asked afterwards: DONE; UNSAFE or SINGULAR where there are no
-   rates. The n `equations` and n_fill rows that fill the system up are the caller's, or chosen here
-   where `equations` is NULL. pivot: smallest over largest. */
-EXPORT int rates_place(Rates *r, const Real *q, const Real *reference, const Int *equations, Int n,
-                       const Real *fill, Int n_fill, Real *pivot)
+/* Velocities and accelerations at the factored configuration, and what round-off leaves of them. */
+static int solve(Rates *r, const RateTask *task)
+{
+    const Int nv = r->k->nv;
+    const Real pace = solve_columns(r, task->n_moving, task->columns);
+    memset(task->v, 0, (size_t)nv * sizeof(Real));
+    for (Int c = 0; c < task->n_moving; c++)
+        for (Int i = 0; i < nv; i++)
+            task->v[i] += task->columns[c * nv + i] * task->speed[c];
+    for (Int i = 0; i < r->n_driven; i++)
+        if (!is_pin(r, i))
+            task->v[r->driven[i]] = task->speed[i];
+    memset(r->x, 0, (size_t)nv * sizeof(Real));
+    add_bias(r, task->v, -1.0, r->x);
+    answer(r, task->acceleration, task->a);
+    task->facts[2] = known_round_off(r, pace);
+    task->facts[1] = round_off(r, task->v, task->facts[2]);
+    return are_finite(task->v, nv) && are_finite(task->a, nv) ? DONE : NOT_FINITE;
+}
+
+EXPORT int rates_solve(Rates *r, const RateTask *task)
 {
     Kernel *k = r->k;
-    const Given given = {equations, n, fill, n_fill};
-    equations_values_near(k, q, reference);
-    equations_jacobian(k, &k->all);
-    const int code = equations ? take_and_factor(r, &given) : choose_and_factor(r, q);
+    if (task->n_moving < 0 || task->n_moving > r->n_driven)
+        return BAD_ARRAYS;
+    equations_values_near(k, task->q, task->reference);
+    equations_jacobian(k, &k->equations.all);
+    const int code = task->equations ? take_and_factor(r, task) : choose_and_factor(r, task->q);
     r->is_placed = code == DONE;
-    *pivot = r->matrix->pivot;
-    return code;
+    task->facts[0] = r->matrix->pivot;
+    return code == DONE && task->speed ? solve(r, task) : code;
 }
 
-/* Joint velocities (n, nv) at that place for a unit speed of each of the first n driven freedoms. */
-EXPORT int rates_columns(Rates *r, Int n, Real *columns)
-{
-    if (!r->is_placed || n < 0 || n > r->n_driven)
-        return BAD_ARRAYS;
-    solve_columns(r, n, columns);
-    return DONE;
-}
-
-/* Accelerations (nv) there at joint velocities (nv), for those (n_driven) of what is driven. */
-EXPORT int rates_acceleration(Rates *r, const Real *v, const Real *drive, Real *a)
-{
-    if (!r->is_placed)
-        return BAD_ARRAYS;
-    solve_acceleration(r, v, drive, a);
-    return are_finite(a, r->k->nv) ? DONE : NOT_FINITE;
-}
-
-/* Joint rates (nv) there, of any order, of which the equations have these derivatives (n_equations)
-   where joints have none, and what is driven has rates (n_driven): no component. */
-EXPORT int rates_answer(Rates *r, const Real *derivative, const Real *drive, Real *out)
+EXPORT int rates_answer(Rates *r, const Real *v, const Real *derivative, const Real *drive, Real *out)
 {
     if (!r->is_placed)
         return BAD_ARRAYS;
     memset(r->x, 0, (size_t)r->k->nv * sizeof(Real));
-    add_equations(r, derivative, -1.0, r->x);
+    if (v)
+        add_bias(r, v, -1.0, r->x);
+    if (derivative)
+        add_equations(r, derivative, -1.0, r->x);
     answer(r, drive, out);
     return are_finite(out, r->k->nv) ? DONE : NOT_FINITE;
-}
-
-/* Rates at q, by `rates_place`, with speeds and accelerations (n_driven) of the driven freedoms.
-
-   n_moving: the first driven freedoms, of which columns (n_moving, nv) are wanted: the others stand
-   still; v, a: (nv); facts: (3) smallest over largest pivot, round-off of the rates by their size, and
-   what of it is known without the velocities. */
-EXPORT int rates_solve(Rates *r, const Real *q, const Real *reference, const Int *equations, Int n,
-                       const Real *fill, Int n_fill, Int n_moving, const Real *speed,
-                       const Real *acceleration, Real *columns, Real *v, Real *a, Real *facts)
-{
-    const Int nv = r->k->nv;
-    if (n_moving < 0 || n_moving > r->n_driven)
-        return BAD_ARRAYS;
-    const int code = rates_place(r, q, reference, equations, n, fill, n_fill, facts);
-    if (code != DONE)
-        return code;
-    const Real pace = solve_columns(r, n_moving, columns);
-    memset(v, 0, (size_t)nv * sizeof(Real));
-    for (Int c = 0; c < n_moving; c++)
-        for (Int i = 0; i < nv; i++)
-            v[i] += columns[c * nv + i] * speed[c];
-    for (Int i = 0; i < r->n_driven; i++)
-        if (!is_pin(r, i))
-            v[r->driven[i]] = speed[i];
-    solve_acceleration(r, v, acceleration, a);
-    facts[2] = rates_known_round_off(r, pace);
-    facts[1] = rates_round_off(r, v, facts[2]);
-    return are_finite(v, nv) && are_finite(a, nv) ? DONE : NOT_FINITE;
 }
 
 /* Twist of a point of a joint's body, at the evaluated configuration, for joint velocities (nv). */
@@ -325,15 +401,14 @@ static void twist(const Kernel *k, Int joint, const Real *point, const Real *v, 
     add3(1.0, around, linear);
 }
 
-/* The closed-loop Jacobian (6, n) there of a point fixed in a joint's body, for the first n driven
-   freedoms: linear above angular, world axes. `local` (3) in the joint's axes; columns as above. */
-EXPORT int rates_jacobian(Rates *r, Int n, Int joint, const Real *local, Real *columns,
-                          Real *jacobian)
+EXPORT int rates_columns(Rates *r, Int n, Real *columns, Int joint, const Real *local, Real *jacobian)
 {
     const Kernel *k = r->k;
-    if (!r->is_placed || n < 0 || n > r->n_driven || joint < 0 || joint >= k->n_joints)
+    if (!r->is_placed || n < 0 || n > r->n_driven || !within(joint, k->n_joints))
         return BAD_ARRAYS;
     solve_columns(r, n, columns);
+    if (!jacobian)
+        return DONE;
     Real point[3];
     rotate3(k->R + 9 * joint, local, point);
     add3(1.0, k->p + 3 * joint, point);

@@ -1,4 +1,4 @@
-"""What a notebook shows: results as a few lines and a small table, pages as frames that hold them.
+"""Results in a notebook: a few lines and a small table, and pages in frames.
 
 All names come from files of others: `markup` escapes them. An exported notebook, or one on another
 machine, has no server to ask: it stores and exports whole pages.
@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import html
 import os
-import re
 import sys
 from collections.abc import Iterable, Sequence
-from importlib.resources import files
 from pathlib import PosixPath, WindowsPath
 from typing import TYPE_CHECKING
 
@@ -19,7 +17,7 @@ import numpy as np
 
 from spatial_pin.motion.summary import EFFORTS, heading, tidy, where
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.view.page.markup import paragraph, table
+from spatial_pin.view.page.markup import filled, paragraph, table
 
 if TYPE_CHECKING:
     from spatial_pin.accuracy.tradeoff import Tradeoff
@@ -152,17 +150,15 @@ def framed(page: str) -> str:
 def watched(url: str, still: str) -> str:
     """Return a frame of a served page, and of a still one where the server does not answer.
 
-    That is another frame: what the first was to load may fail later, and show an error.
+    That is another frame: the first one may still fail to load, and show an error.
     """
     name = f"spatial_pin_{html.escape(url.rpartition(':')[2].strip('/'))}"
-    parts = {"URL": html.escape(url), "NAME": name, "STILL": _quoted(still), "STYLE": STYLE,
-             "HIDDEN": HIDDEN}
-    template = files("spatial_pin.view.page").joinpath("watched.html").read_text("utf-8").rstrip()
-    return re.sub("@([A-Z]+)@", lambda found: parts[found[1]], template)
+    return filled("watched.html", {"URL": html.escape(url), "NAME": name, "STILL": _quoted(still),
+                                   "STYLE": STYLE, "HIDDEN": HIDDEN}).rstrip()
 
 
 def _quoted(page: str) -> str:
-    """Return a page as an attribute has it; only two characters end or change what is quoted."""
+    """Return a page as the text of an attribute: two characters are escaped."""
     return page.replace("&", "&amp;").replace('"', "&quot;")
 
 

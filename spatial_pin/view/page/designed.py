@@ -1,4 +1,4 @@
-"""What a report says of a design: its dimensions, the error of every goal, defects, curves."""
+"""The part of a report about a design: dimensions, errors of goals, defects, curves."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from spatial_pin.synthesis.ranked_designs import Design, Met
 from spatial_pin.view.page.markup import number, paragraph, table, tiny
 from spatial_pin.view.page.plots import COLOURS, abscissa, plot, style, svg
 
-ASKED = "#141419"  # the colour of what is asked for, in the picture too
+TARGET = "#141419"  # the colour of targets, in the picture too
 FIGURE_WIDTH, FIGURE_HEIGHT = 7.5, 2.8  # of a figure [in]
 ALONG_AXIS = 0.999  # part of a direction along a world axis from which on it is called by that
 LEAST_HEIGHT, MOST_HEIGHT = 2.4, 6.0  # height of the figure of a path [in]
 
 
-def goals_told(design: Design, motion: Motion | None) -> str:
+def goals_page(design: Design, motion: Motion | None) -> str:
     """Return dimensions, errors and defects as tables, and functions as curves."""
     on = design.at_bounds
     dimensions = [(name, f"its {on[name]}" if name in on else "", number(x), number(low),
@@ -41,7 +41,7 @@ def goals_told(design: Design, motion: Motion | None) -> str:
 
 
 def _curve(met: Met, motion: Motion) -> str:
-    """Return the curve of an output with the values that were asked for."""
+    """Return the curve of an output with its target values."""
     assert isinstance(met.goal, FunctionGoal) and met.driver is not None
     output = met.goal.output
     figure = plot(motion, output, title="")
@@ -55,25 +55,25 @@ def _curve(met: Met, motion: Motion) -> str:
         if motion.mechanism.prescribed_coordinate(output).unit == "rad":
             line = np.asarray(axes.lines[0].get_ydata(), dtype=float)
             targets = _about(np.rad2deg(targets), line)
-        asked = axes.plot(values, targets, "o", color=ASKED, markersize=5,
-                          label=literal(f"asked of {output}"))
-        axes.legend(handles=asked, loc="lower right", bbox_to_anchor=(1.0, 0.99), fontsize=9,
+        points = axes.plot(values, targets, "o", color=TARGET, markersize=5,
+                          label=literal(f"targets of {output}"))
+        axes.legend(handles=points, loc="lower right", bbox_to_anchor=(1.0, 0.99), fontsize=9,
                     frameon=False)
-    drawing = svg(figure, f"{output} of {motion.mechanism.name}, and what was asked of it")
+    drawing = svg(figure, f"{output} of {motion.mechanism.name}, with its targets")
     return f"<figure>{drawing}</figure>"
 
 
 def _path(met: Met, motion: Motion) -> str:
-    """Return the path of a frame with the points that were asked for, as seen across it."""
+    """Return the path of a frame with its target points, as seen across it."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     assert isinstance(met.goal, PathGoal | PosesGoal)
     frame = met.goal.frame
-    asked = met.targets if isinstance(met.goal, PathGoal) else met.targets[:, :3, 3]
+    points = met.targets if isinstance(met.goal, PathGoal) else met.targets[:, :3, 3]
     there = np.array([state.placement(frame).translation for state in met.states])
     path = motion.frame(frame).position
-    every = np.concatenate([path, asked])
+    every = np.concatenate([path, points])
     middle, (across, up) = every.mean(axis=0), _view(every)
     x, y = (every - middle) @ across, (every - middle) @ up
     height = float(np.clip(FIGURE_WIDTH * np.ptp(y) / max(float(np.ptp(x)), 1e-12),
@@ -82,17 +82,17 @@ def _path(met: Met, motion: Motion) -> str:
     FigureCanvasAgg(figure)
     axes = figure.subplots()
     axes.plot(x[: len(path)], y[: len(path)], color=COLOURS[0], label=literal(f"path of {frame}"))
-    for target, point in zip(asked, there, strict=True):
+    for target, point in zip(points, there, strict=True):
         ends = np.array([target, point]) - middle
         axes.plot(ends @ across, ends @ up, color=COLOURS[1], linewidth=1.0)
-    axes.plot(x[len(path):], y[len(path):], "o", color=ASKED, markersize=5, label="asked for")
+    axes.plot(x[len(path):], y[len(path):], "o", color=TARGET, markersize=5, label="targets")
     axes.set_xlabel(_direction(across))
     axes.set_ylabel(_direction(up))
     style(axes)
     axes.margins(0.05)
     axes.set_aspect("equal", adjustable="datalim")
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.99), ncols=2, fontsize=9, frameon=False)
-    drawing = svg(figure, f"path of {frame} of {motion.mechanism.name}, and what was asked of it")
+    drawing = svg(figure, f"path of {frame} of {motion.mechanism.name}, with its targets")
     return (f"<figure>{drawing}<figcaption>Lengths are in metres, from the middle of the path."
             "</figcaption></figure>")
 
@@ -114,7 +114,7 @@ def _view(points: Array) -> tuple[Array, Array]:
 
 
 def _direction(axis: Array) -> str:
-    """Return what a direction of the world is called."""
+    """Return the name of a direction of the world."""
     k = int(np.argmax(np.abs(axis)))
     if abs(axis[k]) > ALONG_AXIS:
         return f"{'xyz'[k]} [m]"

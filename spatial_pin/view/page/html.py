@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import html
 import json
-import re
 import zlib
 from collections.abc import Sequence
 from functools import cache
@@ -17,6 +16,7 @@ import numpy as np
 
 from spatial_pin._support.checks import checked, plain_text
 from spatial_pin._support.output_files import named_path, write_text
+from spatial_pin.view.page.markup import filled, template
 from spatial_pin.view.page.plots import curves_of
 from spatial_pin.view.scene.film import Film, Readout, film, length_words
 from spatial_pin.view.scene.framing import ASPECT
@@ -31,8 +31,7 @@ if TYPE_CHECKING:
     from spatial_pin.view.scene.look import Look
     from spatial_pin.view.scene.meshcat_commands import MeshcatScene
 
-# What the page runs once it is unpacked, in this order: each may use what stands before it, and
-# functions of all.
+# Scripts of the page, in this order: each may use values of earlier ones, and functions of all.
 SCRIPTS = (
     "software", "film", "play", "views", "triad", "parts", "theme", "smooth", "shadow",
     "point", "ruler", "section", "xray", "chase", "inspect", "curves", "zoom", "signals",
@@ -59,7 +58,7 @@ def packed_viewer() -> str:
 
 @cache
 def packed_script(more: tuple[str, ...] = ()) -> str:
-    """Return what a page runs, and more scripts after it, as JSON."""
+    """Return the scripts of a page, and more scripts after them, as JSON."""
     return json.dumps(packed([script_of((*SCRIPTS, *more)).encode()]))
 
 
@@ -68,9 +67,9 @@ def _rows(readings: tuple[Readout, ...]) -> list[dict[str, Any]]:
 
 
 def _data(
-    shown: Film, drawn: MeshcatScene, curves: dict[str, Any] | None, found: Sequence[Signal]
+    shown: Film, drawn: MeshcatScene, curves: dict[str, Any] | None, signals: Sequence[Signal]
 ) -> str:
-    """Return what the page's script reads, as JSON that is safe inside a script element."""
+    """Return the data of the page's script, as JSON that is safe inside a script element."""
     from spatial_pin.view.scene.anatomy import anatomy
     from spatial_pin.view.scene.meshcat_commands import GRID, joint_paths
     from spatial_pin.view.scene.stage import upright
@@ -87,15 +86,15 @@ def _data(
         "world": upright(mechanism.model).T.tolist(),
         "joints": joint_paths(mechanism.model),
         **anatomy(mechanism),
-        "signals": {"told": [{**signal._asdict(), "values": None} for signal in found],
+        "signals": {"told": [{**signal._asdict(), "values": None} for signal in signals],
                     "held": packed([np.asarray(signal.values, "<f4").tobytes()
-                                    for signal in found])},
+                                    for signal in signals])},
         "extent": np.round(framing.scaled(drawn.extent), 4).tolist(),
         "curves": curves,
         "seconds": np.round(shown.seconds, 6).tolist(),
         "readings": _rows(shown.readings),
         "alarms": _rows(drawn.layer.alarms),
-        "marks": [mark._asdict() for mark in shown.marks],
+        "marks": shown.marks,
         "labels": [{"text": text, "at": framing.scaled(point).tolist()}
                    for text, point in drawn.layer.labels],
         "aspect": ASPECT,
@@ -105,14 +104,13 @@ def _data(
 
 def parts_of(
     shown: Film, drawn: MeshcatScene, title: str | None, curves: dict[str, Any] | None,
-    found: Sequence[Signal] = (),
+    signals: Sequence[Signal] = (),
 ) -> dict[str, str]:
-    """Return what stands at the marks of page.html, for a page that needs nobody."""
-    folder = files("spatial_pin.view.page")
+    """Return the texts for the marks of page.html, for a page that needs no server."""
     title = plain_text(title or shown.mechanism.title or shown.mechanism.name, "title")
     error = f"closure error {'≤ ' if len(shown.q) > 1 else ''}{shown.closure_error:.1e}"
     notes = (*shown.notes, error, f"ground grid {length_words(drawn.framing.cell)}")
-    legend = []  # what the colours mean
+    legend = []
     for colour, text in drawn.layer.legend:
         rgb = ", ".join(str(round(255 * x)) for x in colour[:3])
         swatch = f'<i style="background: rgb({rgb})"></i>'
@@ -122,10 +120,10 @@ def parts_of(
         "NOTES": "".join(f"<small>{html.escape(line)}</small>" for line in notes),
         "LEGEND": "".join(legend),
         "MESHCAT": packed_viewer(),
-        "STYLE": folder.joinpath("page.css").read_text("utf-8"),
+        "STYLE": template("page.css"),
         "SCRIPT": packed_script(),
         "UNPACK": script_of(["unpack"]),
-        "FILM": _data(shown, drawn, curves, found),
+        "FILM": _data(shown, drawn, curves, signals),
         "CONNECT": "'none'",
         "EXTRA": "",
     }
@@ -133,14 +131,7 @@ def parts_of(
 
 def script_of(names: Sequence[str]) -> str:
     """Return scripts of the page as one."""
-    folder = files("spatial_pin.view.page").joinpath("script")
-    return "\n".join(folder.joinpath(f"{name}.js").read_text("utf-8") for name in names)
-
-
-def filled(parts: dict[str, str]) -> str:
-    """Return page.html with its marks replaced."""
-    template = files("spatial_pin.view.page").joinpath("page.html").read_text("utf-8")
-    return re.sub("@([A-Z]+)@", lambda found: parts[found[1]], template)
+    return "\n".join(template(f"script/{name}.js") for name in names)
 
 
 def page(
@@ -154,8 +145,8 @@ def page(
     Args:
         motion_or_state: what to show.
         title: heading.
-        look: what is shown besides the bodies.
-        loads: forces of the motion, which the page can tell then.
+        look: extras of the picture besides the bodies.
+        loads: forces of the motion, for the inspector of the page.
     """
     from spatial_pin.view.scene.anatomy import signals
     from spatial_pin.view.scene.meshcat_commands import scene
@@ -163,7 +154,8 @@ def page(
     motion_or_state, look = overlaid(motion_or_state, look)
     shown = film(motion_or_state)
     curves = curves_of(shown, *((look.curves, look.ghosts) if look else ((), ())))
-    return filled(parts_of(shown, scene(shown, look), title, curves, signals(shown, loads)))
+    parts = parts_of(shown, scene(shown, look), title, curves, signals(shown, loads))
+    return filled("page.html", parts)
 
 
 @checked

@@ -61,20 +61,6 @@ class JogStop(NamedTuple):
     of: str = ""
 
 
-class Reach(NamedTuple):
-    """How far a driver can be moved, the others held.
-
-    Attributes:
-        ends: least and greatest driver value [rad or m].
-        stops: what is there; None where it goes on.
-        q: configurations from one end to the other, shape (N, nq).
-    """
-
-    ends: tuple[float, float]
-    stops: tuple[JogStop | None, JogStop | None]
-    q: Array
-
-
 class Jog:
     """A closed configuration that follows its drivers, never leaving its branch.
 
@@ -108,9 +94,9 @@ class Jog:
         self._driven = [self.mechanism.driven_coordinate(c.name)
                         for c in driven_coordinates(self.mechanism, self.names)]
         self._coordinates = {n: self.mechanism.driven_coordinate(n) for n in self.names}
-        self.place(state)
+        self.move_to(state)
 
-    def place(self, state: State) -> None:
+    def move_to(self, state: State) -> None:
         """Go to another closed configuration, of this branch or any other.
 
         Raises:
@@ -146,7 +132,7 @@ class Jog:
         """Move a driver to a value [rad or m], or as far as it goes; the others are held.
 
         Returns:
-            What is in the way, if anything is: the mechanism then stands there.
+            The obstacle at which the mechanism stopped; None without one.
 
         Raises:
             ValueError: the value is not finite, or too far away to be followed at once.
@@ -175,7 +161,7 @@ class Jog:
         return stop or limit
 
     def _followed(self, name: str, values: Array) -> Motion | None:
-        """Return the motion from where the mechanism stands through values of a driver."""
+        """Return the motion from the present pose through values of a driver."""
         others = {c.name: float(self._regular.q[c.q]) for c in self._driven
                   if c.name != self._coordinates[name].name}
         try:
@@ -185,7 +171,7 @@ class Jog:
             return getattr(error, "motion", None)
 
     def _joint_limit(self, name: str, values: Array, motion: Motion | None) -> JogStop | None:
-        """Return the first joint limit on the way through values of a driver, if they are kept.
+        """Return the first joint limit among values of a driver, if limits are kept.
 
         A joint that is beyond its limit from the start may come back, but go no further.
         """
@@ -223,8 +209,8 @@ class Jog:
                 tracker.reach(value)
             except Stopped as stopped:
                 self._keep(tracker)
-                found = passage(tracker, stopped.arrival)
-                if found is None:
+                track = passage(tracker, stopped.arrival)
+                if track is None:
                     arrival = stopped.arrival
                     self.state = tracker.here.state(tracker.mechanism)
                     if not arrival.runs_away and arrival.kind != "lost":
@@ -235,35 +221,45 @@ class Jog:
                                            closure_error=evaluation.closure_error)
                     kind = "limit" if arrival.runs_away else arrival.kind
                     return JogStop(kind, float(arrival.value))
-                tracker.move_to(found.place(value))
+                tracker.move_to(track.point_at(value))
             if tracker.here.s == value:
                 break
         self.state = self._keep(tracker)
         return None
 
     def _keep(self, tracker: PathTracker) -> State:
-        """Return where a point stands; the next move begins there if the motion is determined."""
+        """Return the tracker's state; the next move begins there if the motion is determined."""
         state = tracker.here.state(tracker.mechanism)
         with contextlib.suppress(SingularError):
             if tracker.checked_system(state).pivot >= FIRM:
                 self._regular = state
         return state
 
-    def reach(self, name: str, rows: int) -> Reach:
-        """Return how far a driver can be moved, in as many samples either way.
+    def reach(
+        self, name: str, rows: int
+    ) -> tuple[tuple[float, float], tuple[JogStop | None, JogStop | None], Array]:
+        """Return how far a driver can be moved while the others are held.
 
-        One without limits goes a turn, or half a characteristic length, either way of where the
-        mechanism was placed.
+        A driver without limits goes a turn, or half a characteristic length, to either side of its
+        home.
+
+        Args:
+            name: of the driver.
+            rows: samples to either side.
+
+        Returns:
+            Least and greatest value [rad or m]; the stop at each, None without one; and the
+            configurations from one end to the other, shape (N, nq).
         """
         home, span, now = self._home[name], self.span(name), self.value(name)
         if abs(now - home) > span:
             home = self._home[name] = now
-        lower, upper = (self._way(name, home + sense * span, rows) for sense in (-1.0, 1.0))
+        lower, upper = (self._path(name, home + sense * span, rows) for sense in (-1.0, 1.0))
         q = np.concatenate([lower[2][::-1], self.state.q[None], upper[2]])
-        return Reach((lower[0], upper[0]), (lower[1], upper[1]), q)
+        return (lower[0], upper[0]), (lower[1], upper[1]), q
 
-    def _way(self, name: str, end: float, rows: int) -> tuple[float, JogStop | None, Array]:
-        """Return how far a driver comes on the way to a value, what stops it, and the samples."""
+    def _path(self, name: str, end: float, rows: int) -> tuple[float, JogStop | None, Array]:
+        """Return the value that a driver reaches towards `end`, its stop, and the samples."""
         start = float(self._regular.q[self._coordinates[name].q])
         values = np.linspace(start, end, rows)
         motion = self._followed(name, values)
@@ -321,19 +317,19 @@ def pulled(jog: Jog, grip: Grip) -> dict[str, float]:
     """Return the driver values [rad or m] at which a point is nearest to the pointer.
 
     Drivers without a slider, and all else that is held, stay where they are. Nothing is returned
-    where nothing better is found.
+    where no pose is better.
     """
-    nearest = found = _reached(jog, jog.state, {"grip": grip})
-    is_stuck = found is not None and len(jog.names) == 1 and (  # its link is at a dead centre
-        abs(jog.values(found)[jog.names[0]] - jog.value(jog.names[0])) < STILL) and (
-        grip.distance(found) > OFF_POINTER * jog.mechanism.characteristic_length)
+    nearest = grasped = _reached(jog, jog.state, {"grip": grip})
+    is_stuck = grasped is not None and len(jog.names) == 1 and (  # its link is at a dead centre
+        abs(jog.values(grasped)[jog.names[0]] - jog.value(jog.names[0])) < STILL) and (
+        grip.distance(grasped) > OFF_POINTER * jog.mechanism.characteristic_length)
     for nudge in (NUDGE, -NUDGE) if is_stuck else ():
         name, = jog.names
         size = jog.mechanism.velocity_scale[jog.mechanism.driven_coordinate(name).v]
-        beside = _reached(jog, jog.state, {name: jog.value(name) + nudge * size})
-        found = beside and _reached(jog, beside, {"grip": grip})
-        if found and (nearest is None or grip.distance(found) < 0.9 * grip.distance(nearest)):
-            nearest = found
+        nudged = _reached(jog, jog.state, {name: jog.value(name) + nudge * size})
+        grasped = nudged and _reached(jog, nudged, {"grip": grip})
+        if grasped and (nearest is None or grip.distance(grasped) < 0.9 * grip.distance(nearest)):
+            nearest = grasped
     return {} if nearest is None else jog.values(nearest)
 
 

@@ -1,6 +1,6 @@
 """A page whose sliders move the drivers of a mechanism, which follows its branch.
 
-The page asks this process where everything is; see `ANSWERS` at the end for what it may ask.
+The page asks this process for the poses of all joints; `ANSWERS` at the end lists its questions.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ import secrets
 import threading
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
-from importlib.resources import files
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -27,8 +26,9 @@ from spatial_pin.mobility.assembly_modes import assembly_modes
 from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.outputs import is_force
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.view.page.html import filled, packed_script, page, parts_of
-from spatial_pin.view.page.jog import STOPS, Grip, Jog, JogStop, Reach, pulled
+from spatial_pin.view.page.html import packed_script, page, parts_of
+from spatial_pin.view.page.jog import STOPS, Grip, Jog, JogStop, pulled
+from spatial_pin.view.page.markup import filled, template
 from spatial_pin.view.page.plots import NO_RATES, growing_curves, points_now
 from spatial_pin.view.page.server import Service, Viewer, open_in_browser
 from spatial_pin.view.scene.film import Film, as_motion, film, length_words, reading, unit_of_length
@@ -71,13 +71,13 @@ class Dial(NamedTuple):
         return f"{self.name} = {number}{self.unit}"
 
     def stop(self, stop: JogStop) -> str:
-        """Return what is in the way, and where."""
+        """Return the obstacle in words, with its value."""
         of = f" of {stop.of}" if stop.of else ""
         return f"{STOPS[stop.kind]}{of}: {self.words(stop.value)}"
 
 
 class Desk:
-    """A mechanism with a slider for every driver, and what the page of the sliders is told.
+    """A mechanism with a slider for every driver, and the answers to its page.
 
     Questions are answered one at a time.
 
@@ -98,15 +98,15 @@ class Desk:
         self._modes: tuple[dict[str, float], list[State]] | None = None
         self._lock = threading.Lock()
         self.rows = max(FEWEST_SAMPLES, LIVE_SAMPLES // len(jog.names))
-        reaches = self.reaches()
+        reaches = {name: jog.reach(name, self.rows) for name in jog.names}
         self.dials = {}
-        for name, reach in reaches.items():
+        for name, (ends, _, _) in reaches.items():
             size, unit = math.pi / 180, "°"
             if jog.mechanism.coordinate(name).unit != "rad":
-                size, word = unit_of_length(max(map(abs, reach.ends)))
+                size, word = unit_of_length(max(map(abs, ends)))
                 unit = f" {word}"
             self.dials[name] = Dial(name, unit, size, 2)
-        q = np.concatenate([reach.q for reach in reaches.values()])
+        q = np.concatenate([samples for _, _, samples in reaches.values()])
         n, nv = len(q), jog.mechanism.model.nv  # all ways as a film: the picture has room for them
         still, zeros = np.zeros(n), np.zeros((n, nv))
         angles = np.repeat(jog.state.angles[None], n, axis=0)
@@ -116,26 +116,22 @@ class Desk:
         self.paths = {path: joint for joint, path in paths if joint}
         self.says()
 
-    def reaches(self) -> dict[str, Reach]:
-        """Return how far every driver can be moved from here."""
-        return {name: self.jog.reach(name, self.rows) for name in self.jog.names}
-
     def answer(self, question: Any) -> Answer:
         """Return the answer to a question of the page.
 
         Raises:
             ValueError: it is no question.
-            SpatialPinError: the mechanism does not do what is asked.
+            SpatialPinError: the mechanism cannot do it.
         """
         kind = question.get("ask") if isinstance(question, dict) else None
         if kind not in ANSWERS:
             raise ValueError(f"a question asks for one of {', '.join(ANSWERS)}, not {kind!r}")
         with self._lock:
-            said = ANSWERS[kind](self, question)
+            answer = ANSWERS[kind](self, question)
             return {"poses": self.poses(), "values": self.values(), "says": self.says(),
-                    "points": self.points(), "signals": self.signals(), **said}
+                    "points": self.points(), "signals": self.signals(), **answer}
 
-    # ------------------------------------------------------------ what is told with every answer
+    # ------------------------------------------------------------ parts of every answer
 
     def poses(self) -> list[tuple[str, list[float]]]:
         """Return the meshcat path and pose of everything that moves: x y z, x y z w, scales."""
@@ -146,7 +142,7 @@ class Desk:
 
         model = self.jog.mechanism.model
         joints = joint_poses(model, self.jog.state.q[None])
-        found = list(zip(joint_paths(model)[1:], joints[0, 1:].tolist(), strict=True))
+        values = list(zip(joint_paths(model)[1:], joints[0, 1:].tolist(), strict=True))
         stage = Stage(self.film, (), joints, upright(model), 1.0)
         rods = springs(stage).items
         if any(closure.type == "distance" for closure in self.jog.mechanism.closures):
@@ -154,8 +150,8 @@ class Desk:
         for item in rods:
             if item.track is not None:
                 scales = [] if item.track.scales is None else item.track.scales[0].tolist()
-                found.append((item_path(item, model), [*item.track.poses[0].tolist(), *scales]))
-        return found
+                values.append((item_path(item, model), [*item.track.poses[0].tolist(), *scales]))
+        return values
 
     def values(self) -> dict[str, float]:
         """Return the driver values, each in its dial's unit."""
@@ -168,26 +164,26 @@ class Desk:
             UnknownNameError: an output does not exist.
             SpatialPinError: an output is neither an angle nor a length.
         """
-        said = [dial.words(self.jog.value(name)) for name, dial in self.dials.items()]
+        texts = [dial.words(self.jog.value(name)) for name, dial in self.dials.items()]
         if self.outputs:
-            told = Told(_now(self.jog), in_time=False)
-            said += [_words(told, name) for name in self.outputs]
+            motion = Told(_now(self.jog), in_time=False)
+            texts += [_words(motion, name) for name in self.outputs]
         beyond = self.jog.state.beyond_limits
-        said += [f"beyond limits: {', '.join(beyond)}"] if beyond else []
-        return [*said, f"closure error {self.jog.state.closure_error:.1e}"]
+        texts += [f"beyond limits: {', '.join(beyond)}"] if beyond else []
+        return [*texts, f"closure error {self.jog.state.closure_error:.1e}"]
 
     def points(self) -> list[list[float | None]]:
-        """Return what the place adds to the curves; nothing without any."""
+        """Return the points that the pose adds to the curves; nothing without any."""
         return points_now(_now(self.jog), self.curves) if self.curves else []
 
     def signals(self) -> list[float]:
-        """Return the coordinates, as the inspector of the page tells them."""
+        """Return the coordinates, as the inspector of the page shows them."""
         return [float(signal.values[0]) for signal in _signals(self.jog)]
 
-    # ------------------------------------------------------------ what is asked for
+    # ------------------------------------------------------------ answers
 
     def move(self, question: Mapping[str, Any]) -> Answer:
-        """Move a driver; tell what is in the way."""
+        """Move a driver; return the obstacle, if there is one."""
         name, value = question.get("driver"), question.get("value")
         dial = self.dials.get(name) if isinstance(name, str) else None
         if dial is None:
@@ -197,16 +193,16 @@ class Desk:
         return _stopped(dial, self.jog.move(dial.name, value * dial.size))
 
     def ranges(self, question: Mapping[str, Any]) -> Answer:
-        """Tell how far every slider goes."""
+        """Return the range of every slider."""
         ranges = {}
-        for name, reach in self.reaches().items():  # beyond its limits, and the marks of these
-            dial = self.dials[name]
-            lower, upper = (end / dial.size for end in reach.ends)
+        for name, dial in self.dials.items():  # beyond its limits, and the marks of these
+            ends, stops, _ = self.jog.reach(name, self.rows)
+            lower, upper = (end / dial.size for end in ends)
             room = BEYOND_LIMIT * max(upper - lower, 1e-9)
             marks = [{"at": s.value / dial.size, "text": dial.stop(s), "kind": s.kind}
-                     for s in reach.stops if s]
-            ranges[name] = {"ends": (lower - room * (reach.stops[0] is not None),
-                                     upper + room * (reach.stops[1] is not None)), "marks": marks}
+                     for s in stops if s]
+            ranges[name] = {"ends": (lower - room * (stops[0] is not None),
+                                     upper + room * (stops[1] is not None)), "marks": marks}
         return {"ranges": ranges}
 
     def limits(self, question: Mapping[str, Any]) -> Answer:
@@ -219,7 +215,7 @@ class Desk:
 
     def home(self, question: Mapping[str, Any]) -> Answer:
         """Go back to where the page began."""
-        self.jog.place(self._start)
+        self.jog.move_to(self._start)
         return self.ranges(question)
 
     def mode(self, question: Mapping[str, Any]) -> Answer:
@@ -242,7 +238,7 @@ class Desk:
         for step in range(1, len(modes)):
             k = (here + step) % len(modes)
             try:
-                self.jog.place(modes[k])
+                self.jog.move_to(modes[k])
             except SingularError:
                 continue
             return {"note": f"assembly mode {k + 1} of {len(modes)} found", **self.ranges(question)}
@@ -250,23 +246,23 @@ class Desk:
 
 
 def _now(jog: Jog) -> Motion:
-    """Return where a mechanism stands as a motion of one sample."""
+    """Return the pose of a mechanism as a motion of one sample."""
     return replace(as_motion(jog.state), driver_name=jog.names[0])
 
 
 def _signals(jog: Jog) -> list[Signal]:
-    """Return the coordinates where a mechanism stands."""
+    """Return the coordinates of the pose of a mechanism."""
     from spatial_pin.view.scene.anatomy import signals
 
     return signals(film(jog.state))
 
 
 def _stopped(dial: Dial, stop: JogStop | None) -> Answer:
-    """Return what is told of what is in the way."""
+    """Return the obstacle as plain data."""
     if stop is None:
         return {}
-    said = {"kind": stop.kind, "value": stop.value / dial.size, "text": dial.stop(stop)}
-    return {"stop": said}
+    answer = {"kind": stop.kind, "value": stop.value / dial.size, "text": dial.stop(stop)}
+    return {"stop": answer}
 
 
 def drag(desk: Desk, question: Mapping[str, Any]) -> Answer:
@@ -285,20 +281,20 @@ def drag(desk: Desk, question: Mapping[str, Any]) -> Answer:
     point, origin, direction = vectors[0], vectors[1], vectors[2] / length
     grip = Grip(name="grip", weight=1.0, joint=joint, point=point, origin=origin,
                 direction=direction)
-    said: Answer = {}
+    answer: Answer = {}
     for name, value in pulled(desk.jog, grip).items():
         if value != desk.jog.value(name):
-            said = _stopped(desk.dials[name], desk.jog.move(name, value)) or said
-    return said
+            answer = _stopped(desk.dials[name], desk.jog.move(name, value)) or answer
+    return answer
 
 
-def _words(told: Told, name: str) -> str:
+def _words(now: Told, name: str) -> str:
     """Return an output of a motion of one sample; a force is that at rest."""
     if is_force(name):
         if name.endswith(".power"):
             raise SpatialPinError(NO_RATES.format(name))
         try:
-            parts = told.output(name).parts()
+            parts = now.output(name).parts()
         except SingularError:
             return f"{name}: not determined here"
         words = []
@@ -306,7 +302,7 @@ def _words(told: Told, name: str) -> str:
             numbers = ", ".join(f"{x:z.4g}" for x in np.atleast_1d(values[0])).replace("-", "−")
             words.append(f"{label} = {f'({numbers})' if values.ndim > 1 else numbers} {unit}")
         return "; ".join(words)
-    value, label, unit = told.output(name)
+    value, label, unit = now.output(name)
     if unit not in ("rad", "m", "kg"):
         raise SpatialPinError(NO_RATES.format(name))
     if np.ndim(value) == 1:
@@ -314,36 +310,6 @@ def _words(told: Told, name: str) -> str:
     size, word = unit_of_length(float(np.abs(value).max()))
     numbers = ", ".join(f"{x / size:z.2f}" for x in value[0]).replace("-", "−")
     return f"{label} = ({numbers}) {word}"
-
-
-def _page(desk: Desk, token: str, title: str | None, look: Look | None) -> str:
-    """Return the page with its sliders."""
-    from spatial_pin.view.scene.meshcat_commands import scene
-
-    drawn = scene(desk.film, look)
-    over = desk.jog.names[0] if len(desk.jog.names) == 1 else ""  # what curves are drawn over
-    abscissa = f"{over} [{desk.dials[over].unit.strip()}]" if over else "movements"
-    curves = growing_curves(_now(desk.jog), desk.curves, abscissa)
-    parts = parts_of(desk.film, drawn, title, curves, _signals(desk.jog))
-    told = {
-        "token": token,
-        "dials": [dial._asdict() for dial in desk.dials.values()],
-        "modes": bool(desk.jog.mechanism.closures),
-        "limits": bool(joint_limits(desk.jog.mechanism)),
-        "keeps": desk.jog.keeps_limits,
-        "joints": list(desk.paths),
-        "over": over,
-    }
-    data = json.dumps(told, ensure_ascii=False).replace("<", "\\u003c")
-    panel = files("spatial_pin.view.page").joinpath("live.html").read_text("utf-8")
-    grid = html.escape(f"ground grid {length_words(drawn.framing.cell)}")
-    return filled({
-        **parts,
-        "NOTES": f"<small>{grid}</small>",
-        "CONNECT": "'self'",
-        "SCRIPT": packed_script(("live", "drag", "grow")),
-        "EXTRA": panel.replace("@LIVE@", data),
-    })
 
 
 @checked
@@ -399,6 +365,8 @@ def live(
         True
         >>> viewer.stop()  # a script that is to go on showing waits: viewer.wait()
     """
+    from spatial_pin.view.scene.meshcat_commands import scene
+
     state = starting_state(mechanism, guess, state)
     names = tuple(mechanism.drivers if drivers is None else dict.fromkeys(
         names_of(drivers, "drivers")))
@@ -416,8 +384,30 @@ def live(
     desk = Desk(jog, tuple(names_of(outputs, "outputs")), () if look is None else look.curves)
     still = None if look is None else replace(look, curves=())
     service = Service(desk.answer, secrets.token_urlsafe(24))
-    viewer = Viewer(_page(desk, service.token, title, look), port, service,
-                    still=lambda: page(state, title, still))
+    drawn = scene(desk.film, look)
+    over = desk.jog.names[0] if len(desk.jog.names) == 1 else ""  # the abscissa of curves
+    abscissa = f"{over} [{desk.dials[over].unit.strip()}]" if over else "movements"
+    curves = growing_curves(_now(desk.jog), desk.curves, abscissa)
+    parts = parts_of(desk.film, drawn, title, curves, _signals(desk.jog))
+    content = {
+        "token": service.token,
+        "dials": [dial._asdict() for dial in desk.dials.values()],
+        "modes": bool(desk.jog.mechanism.closures),
+        "limits": bool(joint_limits(desk.jog.mechanism)),
+        "keeps": desk.jog.keeps_limits,
+        "joints": list(desk.paths),
+        "over": over,
+    }
+    data = json.dumps(content, ensure_ascii=False).replace("<", "\\u003c")
+    grid = html.escape(f"ground grid {length_words(drawn.framing.cell)}")
+    text = filled("page.html", {
+        **parts,
+        "NOTES": f"<small>{grid}</small>",
+        "CONNECT": "'self'",
+        "SCRIPT": packed_script(("live", "drag", "grow")),
+        "EXTRA": template("live.html").replace("@LIVE@", data),
+    })
+    viewer = Viewer(text, port, service, still=lambda: page(state, title, still))
     if open_browser:
         open_in_browser(viewer, "live")
     return viewer

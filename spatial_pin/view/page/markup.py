@@ -4,9 +4,21 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from importlib.resources import files
 
 from spatial_pin.numerics.tolerances import TOLERANCES
+
+
+def template(name: str) -> str:
+    """Return the text of a file beside this module."""
+    return files("spatial_pin.view.page").joinpath(name).read_text("utf-8")
+
+
+def filled(name: str, parts: Mapping[str, str]) -> str:
+    """Return a template in which parts replace their marks, such as @TITLE@."""
+    return re.sub("@([A-Z]+)@", lambda match: parts[match[1]], template(name))
 
 
 def number(x: float, unit: str = "", digits: int = 6) -> str:

@@ -18,7 +18,7 @@ from spatial_pin.assembly.state import State
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.motion.motion import Motion, Output, motion_needed
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.view.scene.film import Film, film, moments, one_way
+from spatial_pin.view.scene.film import Film, film, is_monotonic, moments
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -48,10 +48,10 @@ def _in_degrees(values: Array, unit: str) -> tuple[Array, str]:
 
 
 def abscissa(motion: Motion) -> tuple[Array, str, str]:
-    """Return values, name and unit of what outputs are drawn over: driver, time, or samples."""
+    """Return values, name and unit of the abscissa: driver, time, or samples."""
     if motion.time is None and motion.driver is None:
         return np.arange(len(motion), dtype=float), "sample", ""
-    if motion.time is not None and (motion.driver is None or not one_way(motion.driver)):
+    if motion.time is not None and (motion.driver is None or not is_monotonic(motion.driver)):
         return np.asarray(motion.time, float), "time", "s"
     values, unit = _in_degrees(np.asarray(motion.driver, float), motion.driver_unit)
     return values, motion.driver_name, unit
@@ -103,7 +103,7 @@ def _dash_unstable(axes: Axes, stable: NDArray[np.bool_] | None) -> None:
 
 
 def _mark_events(figure: Figure, motion: Motion, name: str, unit: str) -> None:
-    """Draw a line at every event of the abscissa in all panels, and below them what they mean."""
+    """Draw a line at every event of the abscissa in all panels, and a legend below."""
     events = [] if name != motion.driver_name else motion.events
     if hasattr(motion, "load_factor") and motion.driver is not None:  # whose values are factors
         events = [event._replace(value=float(motion.driver[max(event.row - 1, 0) : event.row + 1]
@@ -159,7 +159,7 @@ def svg(figure: Figure, name: str) -> str:
 
     Args:
         figure: the figure.
-        name: what it shows, for those who cannot see it; its identifiers follow from it.
+        name: a description for readers who cannot see it; its identifiers follow from it.
     """
     from matplotlib import rc_context
 
@@ -172,7 +172,7 @@ def svg(figure: Figure, name: str) -> str:
 
 
 def drawn_parts(motion: Motion, output: Output) -> Sequence[Output]:
-    """Return what is drawn of an output: a reaction's force and moment, anything else itself.
+    """Return the curves of an output: a reaction's force and moment, any other output itself.
 
     One of the two that is round-off of the other, as a ball's moment, is drawn as zero.
     """
@@ -214,10 +214,10 @@ def plot(
     figure belongs to no window and leaves pyplot alone; in a notebook it shows itself.
 
     Args:
-        motion: the motion, or what `kinetostatics` found of it.
+        motion: the motion, or the result of `kinetostatics`.
         outputs: names of outputs, as its `output` takes them, or quantities of one's own with a
             row for each sample of the motion.
-        path: file to write as well; its suffix says how: .png, .svg, .pdf.
+        path: file to write as well, in the format of its suffix: .png, .svg, .pdf.
         title: heading, "" for none; the mechanism's title if not given.
         columns: of panels, which stand row by row; one up to four panels, two up to ten, else
             three if not given.
@@ -228,7 +228,7 @@ def plot(
     Raises:
         TypeError: it is no Motion.
         UnknownNameError: there is no such output.
-        SpatialPinError: an output is a force, and `motion` is not what `kinetostatics` found.
+        SpatialPinError: an output is a force, and `motion` is not a result of `kinetostatics`.
         ValueError: no outputs, no columns, or a suffix that no figure has.
 
     Example:
@@ -245,22 +245,22 @@ def plot(
 
     if not hasattr(motion, "output"):  # as a Mechanism or a State
         motion_needed(motion)
-    asked = [outputs] if isinstance(outputs, str | Output) else list(outputs)
-    if not asked:
+    several = [outputs] if isinstance(outputs, str | Output) else list(outputs)
+    if not several:
         raise ValueError("no outputs to plot: give at least one name")
-    found = [x if isinstance(x, Output) else motion.output(x) for x in asked]
+    curves = [x if isinstance(x, Output) else motion.output(x) for x in several]
     moved = motion.motion if isinstance(motion, Kinetostatics) else motion
-    found = [part for output in found for part in drawn_parts(moved, output)]
+    curves = [part for output in curves for part in drawn_parts(moved, output)]
     x, driver, unit = abscissa(moved)
     title = moved.mechanism.title or moved.mechanism.name if title is None else plain_text(
         title, "title")
     if columns is not None and columns < 1:
         raise ValueError(f"columns is {columns}; it is a whole number from 1 up")
-    columns = min(len(found), columns or 1 + sum(len(found) > most for most in MOST_PANELS))
-    height = (1.0 if title else 0.6) + 2.1 * math.ceil(len(found) / columns)
+    columns = min(len(curves), columns or 1 + sum(len(curves) > most for most in MOST_PANELS))
+    height = (1.0 if title else 0.6) + 2.1 * math.ceil(len(curves) / columns)
     figure = ShownFigure(figsize=(7.5 if columns == 1 else 5.0 * columns, height))
-    panels = _panels(figure, len(found), columns)
-    for axes, output in zip(panels, found, strict=True):
+    panels = _panels(figure, len(curves), columns)
+    for axes, output in zip(panels, curves, strict=True):
         _draw(axes, x, output)
         _dash_unstable(axes, getattr(moved, "stable", None))
     _mark_events(figure, moved, driver, unit)
@@ -299,7 +299,7 @@ def curves_of(
     if not isinstance(shown.source, Motion) or not shown.seconds[-1] > 0:
         if names:
             raise SpatialPinError("curves belong to a motion: leave `curves` out of the look of "
-                                  "what stands still")
+                                  "a state")
         return None
     motion = shown.motion
     x, name, unit = abscissa(motion)
@@ -315,9 +315,9 @@ def growing_curves(now: Motion, names: Sequence[str], over: str) -> dict[str, An
     """Return curves without points, for a page that adds them while a mechanism is moved by hand.
 
     Args:
-        now: where it stands, one sample.
+        now: its pose, one sample.
         names: of outputs; None without any.
-        over: what they are drawn over, with its unit.
+        over: the abscissa, with its unit.
 
     Raises:
         UnknownNameError: there is no such output.
@@ -335,7 +335,7 @@ def growing_curves(now: Motion, names: Sequence[str], over: str) -> dict[str, An
 
 
 def points_now(now: Motion, names: Sequence[str]) -> list[list[float | None]]:
-    """Return what a sample adds to growing curves: of every panel a value for each line."""
+    """Return the values of a sample for growing curves: for every line of every panel."""
     return [[line["values"][0] for line in panel["lines"]] for panel in _curve_panels(now, names)]
 
 
@@ -348,12 +348,12 @@ def _add_other(
     for name in names:
         own = drawn_parts(shown.motion, shown.motion.output(name))
         try:
-            found = drawn_parts(other.motion, other.motion.output(name))
+            drawn = drawn_parts(other.motion, other.motion.output(name))
         except UnknownNameError:
-            found = ()
+            drawn = ()
         for k, _ in enumerate(own):
             there = next(panel)
-            for line in _curve_panel(found[k])["lines"] if k < len(found) else ():
+            for line in _curve_panel(drawn[k])["lines"] if k < len(drawn) else ():
                 given = np.array(line["values"], float)[rows]
                 values = np.interp(shown.seconds, seconds, given, left=np.nan, right=np.nan)
                 both = f"{line['name']} {called}".strip()
@@ -380,5 +380,5 @@ def _curve_panel(output: Output) -> dict[str, Any]:
 
 
 def _rounded(values: Array) -> list[float | None]:
-    """Return values with the digits that a curve can show; None for what is none."""
+    """Return values with the digits that a curve can show; None for NaN and infinity."""
     return [float(f"{x:.6g}") if math.isfinite(x) else None for x in values]

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import html
 import platform
-import re
 from collections.abc import Sequence
 from datetime import date
-from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +19,7 @@ from spatial_pin.motion.motion import Motion
 from spatial_pin.synthesis.ranked_designs import Design, Designs
 from spatial_pin.view.page.cards import PagePath
 from spatial_pin.view.page.html import script_of
-from spatial_pin.view.page.markup import paragraph
+from spatial_pin.view.page.markup import filled, paragraph
 from spatial_pin.view.page.plots import default_outputs
 from spatial_pin.view.page.sections import SECTIONS, Subject
 from spatial_pin.view.scene.film import not_shown
@@ -99,5 +97,4 @@ def report(
                             "their rates in radians."),
         "SCRIPT": script_of(["report", "narrow"]),
     }
-    template = files("spatial_pin.view.page").joinpath("report.html").read_text("utf-8")
-    return PagePath(write_text(path, re.sub("@([A-Z]+)@", lambda found: parts[found[1]], template)))
+    return PagePath(write_text(path, filled("report.html", parts)))

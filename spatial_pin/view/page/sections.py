@@ -1,4 +1,4 @@
-"""What a report says, one section after the other.
+"""The sections of a report.
 
 To add a section: a function from a `Subject` to HTML, or to None where it has nothing to say, and
 its line in SECTIONS. All text that comes from a mechanism goes through `html.escape`.
@@ -12,7 +12,6 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from importlib.resources import files
 
 import numpy as np
 
@@ -29,9 +28,9 @@ from spatial_pin.motion.motion import Motion, Output
 from spatial_pin.motion.report import info
 from spatial_pin.motion.summary import EFFORTS
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.view.page.designed import goals_told
+from spatial_pin.view.page.designed import goals_page
 from spatial_pin.view.page.html import page
-from spatial_pin.view.page.markup import number, paragraph, section, table, tiny
+from spatial_pin.view.page.markup import number, paragraph, section, table, template, tiny
 from spatial_pin.view.page.plots import abscissa, plot, svg
 from spatial_pin.view.scene.film import loads
 from spatial_pin.view.scene.look import Look
@@ -41,15 +40,15 @@ FIGURE_WIDTH, PANEL, LOWEST = 7.5, 1.4, 2.4  # of a figure, of each panel of it;
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """What a report is about.
+    """The subject of a report.
 
     Attributes:
         shown: the motion or state.
         motion: the motion; None for a state.
         state: the state, or a sample of the motion that is no special position.
-        outputs: names of what is drawn, as `Motion.output` takes them.
+        outputs: names of the drawn outputs, as `Motion.output` takes them.
         title: heading.
-        look: what is drawn besides the links; None for the usual.
+        look: extras of the picture; None for the usual.
     """
 
     shown: Motion | State
@@ -84,10 +83,10 @@ def _drawn(
         return None
     figure = plot(subject.motion, outputs, title="", columns=1)
     figure.set_size_inches(FIGURE_WIDTH, max(LOWEST, 0.5 + PANEL * len(outputs)))
-    found = [x if isinstance(x, Output) else subject.motion.output(x) for x in outputs]
+    drawn = [x if isinstance(x, Output) else subject.motion.output(x) for x in outputs]
     names = ", ".join(x if isinstance(x, str) else x.label for x in outputs)
     drawing = svg(figure, f"{title} of {subject.mechanism.name}: {names}")
-    vectors = any(output.values.ndim > 1 for output in found)
+    vectors = any(output.values.ndim > 1 for output in drawn)
     caption = "<figcaption>x, y and z are world axes.</figcaption>" * vectors
     words = paragraph(note) if note else ""
     panels = []  # for the cursors of the page: parts of the figure, and the ends of the abscissa
@@ -100,27 +99,27 @@ def _drawn(
 
 
 def _derived(subject: Subject, of_coordinate: str = "", of_position: str = "") -> list[str]:
-    """Return what follows from the outputs, where there is such a thing.
+    """Return ratios, velocities or accelerations of the outputs that have them.
 
     Args:
-        subject: what the report is about.
+        subject: of the report.
         of_coordinate: "ratio" or "acceleration" of outputs that are coordinates; "" for none.
         of_position: "velocity" or "acceleration" of outputs that are positions; "" for none.
     """
-    found: list[str] = []
+    sentences: list[str] = []
     if subject.motion is None:
-        return found
+        return sentences
     for name in subject.outputs:
         stem = name.removesuffix(".position")
         suffix = of_coordinate if stem == name else of_position
         with contextlib.suppress(SpatialPinError):  # there is no such thing of this output
             subject.motion.output(f"{stem}.{suffix}")
-            found.append(f"{stem}.{suffix}")
-    return found
+            sentences.append(f"{stem}.{suffix}")
+    return sentences
 
 
 def _key(subject: Subject) -> str:
-    """Say the most important numbers."""
+    """Write the most important numbers."""
     mechanism, motion = subject.mechanism, subject.motion
     error = float(np.max(subject.shown.closure_error))
     facts = [("Characteristic length", number(mechanism.characteristic_length, "m"))]
@@ -149,9 +148,8 @@ def _key(subject: Subject) -> str:
 def _view(subject: Subject) -> str:
     """Show the mechanism in three dimensions."""
     text = page(subject.shown, subject.title, subject.look, subject.loads)
-    # paper has no 3-D: what is seen when printing begins is printed as a picture
-    freeze = files("spatial_pin.view.page").joinpath("freeze.html").read_text("utf-8").rstrip()
-    text = text.replace("</body>", freeze)
+    # paper has no 3-D: the view is printed as a picture
+    text = text.replace("</body>", template("freeze.html").rstrip())
     frame = f'<iframe title="3-D view" srcdoc="{html.escape(text)}"></iframe>'
     hint = "Drag to turn, scroll to come nearer, drag with the right button to move. "
     if subject.motion is not None:
@@ -161,10 +159,10 @@ def _view(subject: Subject) -> str:
 
 
 def _design(subject: Subject) -> str | None:
-    """Tell what was asked of a design, and how far it does that."""
+    """Write the goals of a design, and its errors."""
     if subject.look is None or subject.look.design is None:
         return None
-    return section("Design", goals_told(subject.look.design, subject.motion))
+    return section("Design", goals_page(subject.look.design, subject.motion))
 
 
 def _outputs(subject: Subject) -> str | None:
@@ -194,7 +192,7 @@ def _accelerations(subject: Subject) -> str | None:
 
 
 def _ranges(subject: Subject) -> str | None:
-    """Tell between which values every coordinate moves, and where."""
+    """Write the range of every coordinate, and where its ends are."""
     motion = subject.motion
     if motion is None:
         return None
@@ -217,7 +215,7 @@ def _ranges(subject: Subject) -> str | None:
 
 
 def _coordinates(subject: Subject) -> str | None:
-    """Tell the coordinates of a state."""
+    """Write the coordinates of a state."""
     if subject.motion is not None:
         return None
     rows = []
@@ -230,7 +228,7 @@ def _coordinates(subject: Subject) -> str | None:
 
 
 def _events(subject: Subject) -> str | None:
-    """Tell the limits, dead centres and singular positions that were met."""
+    """Write limits, dead centres and singular positions of the motion."""
     motion = subject.motion
     if motion is None:
         return None
@@ -246,7 +244,7 @@ def _events(subject: Subject) -> str | None:
 
 
 def _efforts(subject: Subject) -> str | None:
-    """Draw what the drivers have to do."""
+    """Draw the efforts of the drivers."""
     if subject.loads is None:
         return None
     curves = [Output(values, f"{name} effort", EFFORTS[subject.mechanism.coordinate(name).unit])
@@ -260,7 +258,7 @@ def _efforts(subject: Subject) -> str | None:
 
 
 def _reactions(subject: Subject) -> str | None:
-    """Tell the largest reactions of all pairs, and the largest shaking wrench."""
+    """Write the largest reactions of all pairs, and the largest shaking wrench."""
     loads = subject.loads
     if loads is None:
         return None
@@ -275,7 +273,7 @@ def _reactions(subject: Subject) -> str | None:
 
 
 def _mobility(subject: Subject) -> str:
-    """Tell the freedoms, by formula, by rank and by finite motion."""
+    """Write the freedoms, by formula, by rank and by finite motion."""
     try:
         text = str(mobility(subject.mechanism, subject.state))
     except SpatialPinError as error:
@@ -289,11 +287,11 @@ def _mobility(subject: Subject) -> str:
 
 
 def _dimensions(subject: Subject) -> str | None:
-    """Tell the named dimensions."""
-    found = subject.mechanism.dimensions
-    if not found:
+    """Write the named dimensions."""
+    dimensions = subject.mechanism.dimensions
+    if not dimensions:
         return None
-    rows = [(name, number(x, "", 10)) for name, x in found.items()]
+    rows = [(name, number(x, "", 10)) for name, x in dimensions.items()]
     half = -(-len(rows) // 2)
     heads = ("dimension", "value [m or rad]")
     tables = "".join(f"<div>{table(heads, part, numbers=1)}</div>"
@@ -302,24 +300,24 @@ def _dimensions(subject: Subject) -> str | None:
 
 
 def _structure(subject: Subject) -> str:
-    """Tell joints, closures and drivers."""
+    """Write joints, closures and drivers."""
     mechanism = subject.mechanism
-    found = info(mechanism)
+    facts = info(mechanism)
     joints = [(joint, pair, ", ".join(f"{c.name} [{c.unit}]"
                                       for c in coordinates_of(mechanism, joint)))
-              for joint, pair in found.joints.items()]
+              for joint, pair in facts.joints.items()]
     parts = [f"<h3>Joints of the open tree</h3>{table(('joint', 'pair', 'coordinates'), joints)}"]
-    for title, items in (("Closures of the loops", found.closures), ("Drivers", found.drivers),
-                         ("Frames", found.frames)):
+    for title, items in (("Closures of the loops", facts.closures), ("Drivers", facts.drivers),
+                         ("Frames", facts.frames)):
         if items:
             rows = list(items.items())
             parts.append(f"<h3>{title}</h3>{table(('name', 'what it does'), rows)}")
-    links = paragraph(f"{len(found.links)} links: {', '.join(found.links)}.")
+    links = paragraph(f"{len(facts.links)} links: {', '.join(facts.links)}.")
     return section("Structure", links + "".join(parts))
 
 
 def _accuracy(subject: Subject) -> str:
-    """Tell how exactly the loops are closed, and what that means in lengths."""
+    """Write the closure error, relative and in lengths."""
     error = np.atleast_1d(subject.shown.closure_error)
     worst, size = float(np.max(error)), subject.mechanism.characteristic_length
     where = ""
@@ -338,8 +336,8 @@ def _accuracy(subject: Subject) -> str:
     if subject.motion is not None and len(subject.motion.error_estimates):
         text += f" The motion itself is known to this error: {subject.motion.error}."
     if isinstance(subject.shown, Simulation):
-        text += (f" Energy and work balance to {tiny(subject.shown.energy_drift)} of what is "
-                 f"exchanged, over {subject.shown.steps} steps of the integrator.")
+        text += (f" Energy and work balance to {tiny(subject.shown.energy_drift)} of the "
+                 f"exchanged energy, over {subject.shown.steps} steps of the integrator.")
     settings = getattr(subject.shown, "accuracy", None)
     words = "" if settings is None else paragraph("Settings: " + ", ".join(
         f"{f.name} {getattr(settings, f.name)}" for f in fields(settings)))

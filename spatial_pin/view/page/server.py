@@ -34,9 +34,9 @@ TOKEN = "X-Token"  # header that a question carries its token in
 
 
 class Service(NamedTuple):
-    """What a page may ask its server: `answer` maps questions to answers, both plain data.
+    """Answers of a server to its page: `answer` maps questions to answers, both plain data.
 
-    What it raises is told the page; `token` is a secret that the page sends with every question.
+    Its errors go to the page; `token` is a secret that the page sends with every question.
     """
 
     answer: Callable[[Any], Any]
@@ -47,7 +47,7 @@ class _Handler(BaseHTTPRequestHandler):
     """Answers with the server's one page, and its page's questions; nothing else, nobody else."""
 
     server: _Server
-    timeout = 10  # a connection that says nothing is closed [s]
+    timeout = 10  # a silent connection is closed [s]
 
     def do_GET(self) -> None:
         """Send the page to who calls us by our name: another site may have its own lead here.
@@ -75,7 +75,7 @@ class _Handler(BaseHTTPRequestHandler):
         else:
             given = self.headers.get("Content-Length", "")
             length = int(given) if given.isascii() and given.isdigit() and len(given) < 10 else -1
-            if not 0 <= length <= LONGEST_QUESTION:  # or it is not told
+            if not 0 <= length <= LONGEST_QUESTION:  # also when it is missing
                 self.send_error(413)
                 return
             answer = _answer(service, self.rfile.read(length))
@@ -159,7 +159,7 @@ class Viewer:
         Args:
             text: the page.
             port: port on the loopback interface, 0 for any that is free.
-            service: what the page may ask.
+            service: answers to the page.
             still: makes a page that a notebook shows where that of a service is not served.
 
         Raises:
@@ -261,7 +261,7 @@ def open_in_browser(viewer: Viewer, verb: str) -> None:
 
     Args:
         viewer: the page; it is stopped if anything goes wrong.
-        verb: what the user has called.
+        verb: the function that the user called.
     """
     named = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"))
     # without one only browsers that write text are left, and they would take the terminal

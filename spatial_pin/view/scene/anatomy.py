@@ -1,4 +1,4 @@
-"""What a page can tell of links and pairs: places, masses, and numbers sample by sample."""
+"""Links and pairs for the inspector of a page: poses, masses, and numbers at each sample."""
 
 from __future__ import annotations
 
@@ -13,18 +13,17 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.view.scene.film import Film
-from spatial_pin.view.scene.layers.axes import AXIAL
-from spatial_pin.view.scene.layers.places import places
+from spatial_pin.view.scene.layers.pair_axes import AXIAL, pairs_of
 
 FORCES = (("force", "N", slice(0, 3)), ("moment", "N·m", slice(3, 6)))  # of a reaction
 
 
 class Signal(NamedTuple):
-    """A number of a film that its page can tell and draw.
+    """A number of a film that its page can show and draw.
 
     Attributes:
         name: of the quantity, as outputs are named.
-        unit: it is told in.
+        unit: of the values.
         pair: joint or closure that it belongs to.
         what: "value", "rate", "force" or "moment".
         values: in every sample, shape (N,).
@@ -53,18 +52,18 @@ def anatomy(mechanism: Mechanism) -> dict[str, Any]:
         inertia = mechanism.inertias.get(name)
         if inertia is not None and inertia.mass > 0.0:
             frames[-1] |= {"mass": inertia.mass, "com": _short(inertia.lever)}
-    for place in places(mechanism):
-        coordinates = [c.name for c in coordinates_of(mechanism, place.name)]
-        pairs.append({"name": place.name, "kind": place.kind, "joints": place.joints,
-                      "at": [_short(frame[:3, 3]) for frame in place.frames],
+    for pair in pairs_of(mechanism):
+        coordinates = [c.name for c in coordinates_of(mechanism, pair.name)]
+        pairs.append({"name": pair.name, "kind": pair.kind, "joints": pair.joints,
+                      "at": [_short(frame[:3, 3]) for frame in pair.frames],
                       "coordinates": coordinates})
-        if place.kind in AXIAL:
-            pairs[-1]["along"] = _short(place.frames[1][:3, 2])
+        if pair.kind in AXIAL:
+            pairs[-1]["along"] = _short(pair.frames[1][:3, 2])
     return {"frames": frames, "pairs": pairs}
 
 
 def _short(values: Array) -> list[float]:
-    """Return values with the digits that a page tells, and two more."""
+    """Return values with the digits that a page shows, and two more."""
     return [float(f"{x:.8g}") for x in values]
 
 
@@ -75,18 +74,18 @@ def signals(film: Film, loads: Kinetostatics | None = None) -> list[Signal]:
         film: the film; one of a state has no rates.
         loads: forces of its whole motion, if they are known.
     """
-    found, source = list[Signal](), film.source
+    result, source = list[Signal](), film.source
     for name, c in film.mechanism.coordinate_table.items():
         value, rate, _ = (np.atleast_1d(x)[film.rows] for x in source.coordinate(name))
         values, unit = (np.rad2deg(value), "°") if c.unit == "rad" else (value, c.unit)
-        found.append(Signal(name, unit, c.joint, "value", values))
+        result.append(Signal(name, unit, c.joint, "value", values))
         if isinstance(source, Motion):
-            found.append(Signal(f"{name}.rate", source.rate_unit(c.unit), c.joint, "rate", rate))
+            result.append(Signal(f"{name}.rate", source.rate_unit(c.unit), c.joint, "rate", rate))
     if loads is None:
-        return found
+        return result
     for name, wrench in loads.reactions.items():
         for (what, unit, part), mark in zip(FORCES, loads.marks(name), strict=True):
             one = f"{name}.reaction {what}{', one of many' if mark else ''}"
             size = np.linalg.norm(wrench[film.rows, part], axis=1)
-            found.append(Signal(one, unit, name, what, size))
-    return found
+            result.append(Signal(one, unit, name, what, size))
+    return result

@@ -1,4 +1,4 @@
-"""What is shown when: the configurations of a motion or state, and the pace they are shown at."""
+"""A film: the configurations of a motion or state, each with its moment."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ class Readout(NamedTuple):
     """A number shown beside the picture.
 
     Attributes:
-        name: what it is.
+        name: of the number.
         values: its value in every sample, shape (N,), in `unit`.
         unit: "°", " mm", " m" or " s", as it follows the number.
         digits: decimals shown.
-        says: what stands between name and number.
+        says: text between name and number.
     """
 
     name: str
@@ -48,20 +48,6 @@ class Readout(NamedTuple):
         """Return it in words, at one sample."""
         value = f"{self.values[row]:.{self.digits}f}".replace("-", "−")
         return f"{self.name}{self.says}{value}{self.unit}"
-
-
-class SliderMark(NamedTuple):
-    """Something that happens at one moment of a film.
-
-    Attributes:
-        seconds: when [s].
-        kind: "limit", "singular", "branch point", ...
-        text: the same as a sentence.
-    """
-
-    seconds: float
-    kind: str
-    text: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +63,8 @@ class Film:
         notes: how the film differs from the motion ("shown 20x slower").
         source: the Motion or State.
         rows: which of its samples are shown, shape (N,).
-        marks: limits, singular configurations and branch points that are passed.
+        marks: limits, singular configurations and branch points that are passed: each its moment
+            `seconds`, its `kind`, and a sentence, `text`.
     """
 
     mechanism: Mechanism
@@ -88,7 +75,7 @@ class Film:
     notes: tuple[str, ...]
     source: Motion | State
     rows: NDArray[np.intp]
-    marks: tuple[SliderMark, ...] = ()
+    marks: tuple[dict[str, Any], ...] = ()
 
     @cached_property
     def open_rows(self) -> NDArray[np.intp]:
@@ -120,7 +107,7 @@ def loads(shown: Motion | State, motion: Motion) -> Kinetostatics:
     """Return efforts and reactions with which the drivers bring a motion about.
 
     Args:
-        shown: what the motion was taken from.
+        shown: the source of the motion.
         motion: the samples in question.
 
     Raises:
@@ -177,7 +164,7 @@ def nice(x: float) -> float:
 
 
 def _pace(motion: Motion) -> tuple[Array, str]:
-    """Return when each sample is shown [s], and what is to be said about it."""
+    """Return the moment of each sample [s], and a note about the pace."""
     n = len(motion.q)
     if n == 1:
         return np.zeros(1), ""
@@ -188,8 +175,8 @@ def _pace(motion: Motion) -> tuple[Array, str]:
             factor = nice(USUAL_FILM / elapsed[-1])
         if factor == 1.0:
             return elapsed, ""
-        much, way = (factor, "slower") if factor > 1 else (1 / factor, "faster")
-        return elapsed * factor, f"shown {much:g}x {way}"
+        much, word = (factor, "slower") if factor > 1 else (1 / factor, "faster")
+        return elapsed * factor, f"shown {much:g}x {word}"
     if motion.driver is not None and np.ptp(motion.driver) > 0:
         steps = np.abs(np.diff(np.asarray(motion.driver, float)))
         travel, unit = np.concatenate(([0.0], np.cumsum(steps))), motion.driver_unit
@@ -221,29 +208,15 @@ def driver_readings(state: State) -> tuple[Readout, ...]:
     )
 
 
-def _marks(motion: Motion, seconds: Array) -> tuple[SliderMark, ...]:
-    """Return when the events of a motion are shown: between samples, as far as the driver is."""
-    marks = []
-    for event in motion.events:
-        after = min(event.row, len(seconds) - 1)
-        before = max(after - 1, 0)
-        part = 1.0
-        if motion.driver is not None and (way := motion.driver[after] - motion.driver[before]):
-            part = np.clip((event.value - motion.driver[before]) / way, 0.0, 1.0)
-        moment = seconds[before] + part * (seconds[after] - seconds[before])
-        marks.append(SliderMark(float(moment), event.kind, event.text))
-    return tuple(marks)
-
-
 def not_shown(given: object) -> str:
-    """Return what is wrong with something that is neither a Motion nor a State."""
+    """Return the message about an object that is neither a Motion nor a State."""
     kind = type(given).__name__
     remedy = "sp.assemble(mechanism) or sp.sweep(mechanism, driver, values)"
     return f"a {kind} cannot be shown; give a State or a Motion: {remedy}"
 
 
-def one_way(values: Array) -> bool:
-    """Return whether values never turn back nor stand still."""
+def is_monotonic(values: Array) -> bool:
+    """Return whether values rise, or fall, all the time."""
     steps = np.diff(values)
     return bool(np.all(steps > 0) or np.all(steps < 0))
 
@@ -261,10 +234,10 @@ def moments(shown: Film, other: Film) -> tuple[Array, NDArray[np.intp], str]:
     one, two = shown.motion, other.motion
     x, y, words = _ends(one, two)
     if one.time is not None and two.time is not None:
-        if one_way(one.time) and one_way(two.time):
+        if is_monotonic(one.time) and is_monotonic(two.time):
             x, y, words = one.time, two.time, "at the same times"
-    elif one.driver_name == two.driver_name and one.driver is not None and one_way(
-            one.driver) and two.driver is not None and one_way(two.driver):
+    elif one.driver_name == two.driver_name and one.driver is not None and is_monotonic(
+            one.driver) and two.driver is not None and is_monotonic(two.driver):
         x, y, words = one.driver, two.driver, f"at the same {one.driver_name}"
     rising = np.argsort(x)
     inside = np.flatnonzero((y >= x.min()) & (y <= x.max()))
@@ -282,11 +255,11 @@ def _ends(one: Motion, other: Motion) -> tuple[Array, Array, str]:
 
 
 def film(motion_or_state: Motion | State) -> Film:
-    """Return what to show of a Motion or State, and when.
+    """Return the film of a Motion or State.
 
     A motion with times that lasts 2 to 20 s is shown at true time, otherwise slower or faster by a
     round factor. One without times is shown at one second a radian of its driver, or at another
-    round driver speed when that would not last 2 to 20 s. `Film.notes` says which.
+    round driver speed when that would not last 2 to 20 s. `Film.notes` names it.
 
     Raises:
         SpatialPinError: it is neither a Motion nor a State.
@@ -312,10 +285,19 @@ def film(motion_or_state: Motion | State) -> Film:
         readings = (reading(motion.driver_name, driver, motion.driver_unit),)
     if motion.time is not None:
         readings = (*readings, reading("time", np.asarray(motion.time, float), "s"))
-    marks = _marks(motion, seconds)
-    if n > MAX_ROWS:  # first and last among those that are left
+    marks = list[dict[str, Any]]()
+    for event in motion.events:  # between samples, in proportion to the driver
+        after = min(event.row, len(seconds) - 1)
+        before = max(after - 1, 0)
+        part = 1.0
+        if motion.driver is not None and (step := motion.driver[after] - motion.driver[before]):
+            part = np.clip((event.value - motion.driver[before]) / step, 0.0, 1.0)
+        moment = seconds[before] + part * (seconds[after] - seconds[before])
+        marks.append({"seconds": float(moment), "kind": event.kind, "text": event.text})
+    if n > MAX_ROWS:  # first and last included
         rows = np.unique(np.round(np.linspace(0, n - 1, MAX_ROWS)).astype(int))
         readings = tuple(r._replace(values=r.values[rows]) for r in readings)
         notes = (*notes, f"{len(rows)} of {n} rows")
         q, seconds = q[rows], seconds[rows]
-    return Film(motion.mechanism, q, seconds, readings, error, notes, motion, rows, marks)
+    return Film(motion.mechanism, q, seconds, readings, error, notes, motion, rows,
+                tuple(marks))

@@ -1,4 +1,4 @@
-"""Where the camera stands: what a film takes up of the space, and from where it is seen best."""
+"""The camera: the space that a film takes up, and the best view of it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from spatial_pin.view.scene.film import nice
 
 FIELD_OF_VIEW = 35.0  # vertical [deg]: parallels stay nearly so, as in an engineer's drawing
 ASPECT = 4 / 3  # width by height that the picture is made to fit
-PICTURE_MARGIN = 1.15  # room round the picture, for what is written over it
+PICTURE_MARGIN = 1.15  # room round the picture, for the text over it
 FLATTEST = 0.4  # least weight of an axis in the viewing direction: no other is seen as a point
 ROWS_LOOKED_AT = 121  # samples that must all be in the picture: 3 degrees apart over a turn
 
@@ -22,7 +22,7 @@ class Framing(NamedTuple):
     """A view that holds a whole motion.
 
     Attributes:
-        centre: of what is seen, shape (3,) [m].
+        centre: of the view, shape (3,) [m].
         radius: of the sphere about it that holds all [m].
         floor: height of the lowest point [m].
         camera: position from the centre relative to the radius, shape (3,) [-].
@@ -36,7 +36,7 @@ class Framing(NamedTuple):
     cell: float
 
     def scaled(self, points: Array) -> Array:
-        """Return where points (..., 3) [m] stand in the scene, whose radius is 1."""
+        """Return points (..., 3) [m] in the scene, whose radius is 1."""
         return (points - self.centre) / self.radius
 
 
@@ -87,7 +87,7 @@ def axes_of_view(v: Array) -> Array:
 def _step_back(points: Array, v: Array) -> tuple[float, Array]:
     """Return from how far along v a camera sees all points (3, K), and the picture's middle (3,).
 
-    The middle is that of what the picture holds, in the plane through the origin normal to v.
+    The middle is that of the picture, in the plane through the origin normal to v.
     """
     axes = axes_of_view(v)
     picture, depth = axes @ points, v @ points
@@ -101,7 +101,7 @@ def frame(points: Array, v: Array | None = None) -> Framing:
     """Return the view that holds the points (K, 3) [m], in the middle of the picture.
 
     Args:
-        points: what is to be seen.
+        points: that the view must hold.
         v: unit vector from the centre to the camera, shape (3,); the best one if not given.
     """
     columns = np.ascontiguousarray(points.T)  # NumPy is ten times faster along long rows

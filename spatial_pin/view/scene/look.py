@@ -1,4 +1,4 @@
-"""What a picture shows besides the bodies."""
+"""Extras of a picture besides the bodies."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from spatial_pin._support.checks import check_kind, names_of
+from spatial_pin._support.lazy import with_former_field
 from spatial_pin.errors import SpatialPinError
 
 if TYPE_CHECKING:
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from spatial_pin.workspace_map.workspace_result import Workspace
 
 
+@with_former_field("beside", "side_by_side")
 @dataclass(frozen=True)
 class Look:
     """Extras of a picture besides the bodies; open closures and springs are always shown.
@@ -26,9 +28,9 @@ class Look:
             picture of their own.
         shadow: whether there is a shadow on the ground; None: where it is drawn fast enough.
         curves: outputs drawn under the picture, as `spatial_pin.plot` takes them; without any, a
-            page has the usual ones behind a button; they grow in a page of `live`, and what
-            stands still has none.
-        pairs: whether a sign stands at every joint and closure that tells its kind; None: where
+            page has the usual ones behind a button; they grow in a page of `live`; a state has
+            none.
+        pairs: whether every joint and closure has a sign of its kind; None: where
             the model brings no picture of its own.
         axes: whether the axes of joints and closures are drawn.
         traces: points whose paths are drawn: links, frames, joints; `NAME.com` is a link's centre
@@ -44,7 +46,8 @@ class Look:
             values, else from beginning to end; its outputs are dashed curves.
         clearance: a Clearance of the shown motion: links are red where they touch, and a line joins
             the nearest points of the nearest links.
-        beside: whether ghosts are solid and side by side with the first, not half transparent.
+        side_by_side: whether ghosts are solid, in rows and columns with the first, not half
+            transparent.
         workspace: a Workspace: reached points, coloured by dexterity, and the ends of the branch.
         design: a Design, whose mechanism is shown: the points and placements of its goals, and the
             paths of their frames; a report also has the values of coordinates in its goals.
@@ -64,7 +67,7 @@ class Look:
     centres: bool = False
     ghosts: tuple[State | Motion, ...] = ()
     clearance: Clearance | None = None
-    beside: bool = False
+    side_by_side: bool = False
     workspace: Workspace | None = None
     design: Design | None = None
     skeleton: bool | None = None
@@ -72,7 +75,7 @@ class Look:
     curves: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        for name in ("axes", "centres", "beside"):
+        for name in ("axes", "centres", "side_by_side"):
             check_kind(f"Look: {name}", "bool", getattr(self, name))
         for name in ("pairs", "skeleton", "shadow"):
             check_kind(f"Look: {name}", "bool | None", getattr(self, name))
@@ -96,13 +99,13 @@ class Look:
 def overlaid(
     given: Motion | State | Design | Designs, look: Look | None
 ) -> tuple[Motion | State, Look | None]:
-    """Return what is shown, and how; a motion or a state as they are.
+    """Return the motion or state to show, and its look; a motion or a state as they are.
 
     Of designs the best is shown, and of it the motion through the samples of its first goal.
     Samples that no motion joins are shown beside each other.
 
     Raises:
-        SpatialPinError: nothing was found.
+        SpatialPinError: there is no design.
     """
     from spatial_pin.synthesis.ranked_designs import (  # on use: a picture needs no search
         Design,
@@ -119,6 +122,6 @@ def overlaid(
     look = replace(look or Look(), design=given)
     try:
         return given.motion(), look
-    except SpatialPinError:  # its defects tell why
+    except SpatialPinError:  # for a reason among its defects
         first, *others = given.states
         return first, replace(look, ghosts=(*look.ghosts, *others))

@@ -1,4 +1,4 @@
-"""A film as meshcat commands: bodies, what is shown besides them, ground grid, camera, tracks."""
+"""A film as meshcat commands: bodies, extras, ground grid, camera, tracks."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.view.scene.film import Film
 from spatial_pin.view.scene.framing import FIELD_OF_VIEW, Framing, direction, frame, occupied
 from spatial_pin.view.scene.layers.arrows import arrows, traces
-from spatial_pin.view.scene.layers.axes import axes
 from spatial_pin.view.scene.layers.gaps import gaps
-from spatial_pin.view.scene.layers.ghosts import beside, ghosts
+from spatial_pin.view.scene.layers.ghosts import ghosts, side_by_side
 from spatial_pin.view.scene.layers.glyphs import glyphs
 from spatial_pin.view.scene.layers.overlays import clearances, designs, workspaces
+from spatial_pin.view.scene.layers.pair_axes import axes
 from spatial_pin.view.scene.layers.visuals import bodies, centres, colour, springs, with_skeleton
 from spatial_pin.view.scene.look import Look
 from spatial_pin.view.scene.shapes import meshcat, mg
@@ -48,7 +48,7 @@ GRID = f"{GROUP}/ground grid"
 GRID_COLOUR = 0xDFE3E8  # a light grey, on white
 LIGHTS = {  # intensities of meshcat's; white is as white as the paper only where they fall straight
     "AmbientLight": 0.52,
-    "PointLightPositiveX": 0.5,  # from the front left, near which the camera stands at first
+    "PointLightPositiveX": 0.5,  # from the front left, near the first position of the camera
     "PointLightNegativeX": 0.3,
     "FillLight": 0.12,
 }
@@ -62,12 +62,12 @@ class MeshcatScene(NamedTuple):
 
     Attributes:
         commands: meshcat's, packed.
-        framing: where the camera stands.
-        layer: what else the page says; `labels` are in the scaled scene.
-        extras: commands of what the page can show besides, hidden at first.
-        parts: what can be pointed at, shown and hidden.
+        framing: the camera.
+        layer: legend, alarms and labels; `labels` are in the scaled scene.
+        extras: commands of further layers, hidden at first.
+        parts: that can be pointed at, shown and hidden.
         extent: points that the picture holds, those farthest out, shape (K, 3) [m].
-        hidden: groups of what is hidden at first.
+        hidden: groups that are hidden at first.
         shadow: as `Look` has it.
     """
 
@@ -86,8 +86,8 @@ class ScenePart(NamedTuple):
 
     Attributes:
         path: meshcat's.
-        group: what it is shown and hidden with: "links", "pairs", "axes", ...
-        name: of the link or pair, or what it is.
+        group: its layer: "links", "pairs", "axes", ...
+        name: of the link or pair, or of the part itself.
         at: middle of the sign of a pair in its joint's frame [m].
         along: axis of the pair there, a unit vector.
     """
@@ -214,7 +214,7 @@ def _add_surroundings(viewer: Any, framing: Framing) -> None:
 
 
 def _layers(stage: Stage, look: Look, bare: bool, towards: Array) -> dict[str, list[Layer]]:
-    """Return all that is shown, by groups; `bare` where the model brings no picture of its own."""
+    """Return all layers by groups; `bare` where the model has no visuals."""
     layers = {"links": [bodies(stage)], "springs": [springs(stage)], "gaps": [gaps(stage)]}
     if bare if look.pairs is None else look.pairs:
         layers["pairs"] = [glyphs(stage, through=not bare)]
@@ -230,17 +230,17 @@ def _layers(stage: Stage, look: Look, bare: bool, towards: Array) -> dict[str, l
         layers["design"] = [designs(stage, look.design, look.traces)]
     layers |= {"traces": [traces(stage, look.traces)], "arrows": arrows(stage, look.arrows)}
     if look.ghosts:
-        one = beside(stage, look.ghosts, towards) if look.beside else ghosts(stage, look.ghosts)
-        layers["ghosts"] = [one]
+        layers["ghosts"] = [side_by_side(stage, look.ghosts, towards) if look.side_by_side
+                            else ghosts(stage, look.ghosts)]
     return layers
 
 
 def _in_groups(layers: dict[str, list[Layer]]) -> Layer:
-    return joined([grouped(group, layer) for group, found in layers.items() for layer in found])
+    return joined([grouped(group, layer) for group, items in layers.items() for layer in items])
 
 
 def scene(film: Film, look: Look | None = None) -> MeshcatScene:
-    """Return what shows a film.
+    """Return the scene of a film.
 
     The scene is centred and scaled to a radius of 1, so that the viewer's lights and clipping
     planes fit a watch and a crane alike. Links without visuals are shown as a skeleton.

@@ -1,6 +1,6 @@
 """Collision-library shapes as three.js objects.
 
-To add a shape: a function from the coal shape, and the size [m] of the scene it stands in, to a
+To add a shape: a function from the coal shape, and the size [m] of its scene, to a
 `Solid`, and its line in SOLIDS. Meshcat turns shapes of revolution about y, coal about z.
 """
 
@@ -29,7 +29,7 @@ Y_TO_Z = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 
 
 class Solid(NamedTuple):
-    """A three.js geometry and where it stands.
+    """A three.js geometry and its placement.
 
     Attributes:
         geometry: a meshcat geometry.
@@ -114,7 +114,7 @@ SOLIDS: dict[type, Callable[[Any, float], Solid | None]] = {
 
 
 def moved(p: Array) -> Array:
-    """Return the placement (4, 4) of what is moved by p (3,) [m] and not turned."""
+    """Return the placement (4, 4) of a translation p (3,) [m]."""
     M = np.eye(4)
     M[:3, 3] = p
     return M
@@ -139,7 +139,7 @@ def ball(radius: float) -> Solid:
 
 
 def turned(*corners: tuple[float, float], segments: int = 48) -> Solid:
-    """Return what a polygon of (radius, z) sweeps about z, with sharp edges.
+    """Return the solid that a polygon of (radius, z) sweeps about z, with sharp edges.
 
     Args:
         corners: of the profile, outside to the right of the way along them [m].
@@ -199,12 +199,12 @@ def coloured(visual: pin.GeometryObject) -> list[tuple[Solid, tuple[float, ...] 
     pieces: dict[tuple[float, ...] | None, list[Array]] = {}
     for (_, colour), piece in zip(runs, np.split(faces, ends), strict=True):
         pieces.setdefault(colour, []).append(piece)
-    found = []
+    parts = []
     for colour, own in pieces.items():
         used, corners = np.unique(np.concatenate(own), return_inverse=True)
         mesh = mg.TriangularMeshGeometry(shape.vertices()[used], corners.reshape(-1, 3))
-        found.append((Solid(mesh, faceted=True), colour))
-    return found
+        parts.append((Solid(mesh, faceted=True), colour))
+    return parts
 
 
 def solid(visual: pin.GeometryObject, size: float) -> Solid | None:

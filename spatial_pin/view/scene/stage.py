@@ -1,6 +1,6 @@
-"""What the layers of a picture are made of, and what they are made from.
+"""The parts of a picture: stage, layers, items, tracks.
 
-A layer is a function from a `Stage` (and what it is asked for) to a `Layer`; `scene` lists them.
+A layer is a function from a `Stage` and its options to a `Layer`; `scene` lists them.
 It knows nothing of meshcat's tree, of the camera, or of the other layers. All lengths of signs,
 arrows and markers are fractions of `Stage.size`, so that a watch and a crane look alike.
 """
@@ -47,12 +47,12 @@ class Item:
         name: unique in the picture.
         solid: its shape.
         colour: red, green, blue, opacity, 0 to 1 each.
-        joint: it is fixed to; None: it stands in the view, or moves as its track says.
+        joint: it is fixed to; None: it is fixed in the view, or moves along its track.
         placement: in the joint's frame or the view, shape (4, 4).
         track: of what moves on its own.
-        through: whether it is seen through what stands before it.
-        called: what it is called when it is pointed at; its name if empty.
-        group: what it is shown and hidden with.
+        through: whether it is seen through other solids.
+        called: its title when it is pointed at; its name if empty.
+        group: of the parts that are shown and hidden together.
         axial: whether z of its placement is the axis of a pair.
     """
 
@@ -81,10 +81,10 @@ class Layer:
 
     Attributes:
         items: the solids.
-        points: what the picture must hold besides the bodies, shape (K, 3) [m].
-        legend: what it means.
-        alarms: what is wrong, sample by sample; a value of 0 says nothing.
-        labels: words in the picture, and the point where they stand, shape (3,) [m].
+        points: that the picture must hold besides the bodies, shape (K, 3) [m].
+        legend: meaning of its colours.
+        alarms: a number for each sample; 0 is no alarm.
+        labels: words in the picture, and their points, shape (3,) [m].
     """
 
     items: tuple[Item, ...] = ()
@@ -99,7 +99,7 @@ class Stage:
     """A film with its bodies in place; the view is the world, turned so that gravity points down.
 
     Attributes:
-        film: what is shown.
+        film: the film.
         visuals: the geometry of the bodies.
         poses: of the joints in the view, shape (N, n_joints, 7), x y z and quaternion x y z w.
         upright: rotation from the world to the view, shape (3, 3).
@@ -129,7 +129,7 @@ class Stage:
 def joint_poses(model: pin.Model, q: Array) -> Array:
     """Return the placements of all joints, shape (N, n_joints, 7), x y z and quaternion x y z w.
 
-    The scene stands upright: it is turned so that gravity points down the z axis of the view.
+    The scene is upright: gravity points down the z axis of the view.
     """
     data = model.createData()
     view = placements(data)

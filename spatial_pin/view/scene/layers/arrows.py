@@ -126,14 +126,14 @@ def load(loads: Kinetostatics, pair: str, kind: str) -> Vectors:
     Raises:
         UnknownNameError: there is no such pair.
     """
-    motion, found = loads.motion, loads.reactions
+    motion, reactions = loads.motion, loads.reactions
     mechanism = motion.mechanism
-    if pair not in found:
-        raise UnknownNameError("pair", pair, list(found), f"mechanism {mechanism.name!r}: ")
+    if pair not in reactions:
+        raise UnknownNameError("pair", pair, list(reactions), f"mechanism {mechanism.name!r}: ")
     closure = next((c for c in mechanism.closures if c.name == pair), None)
-    place = motion.frame(closure.frames[1] if closure else pair).position
+    point = motion.frame(closure.frames[1] if closure else pair).position
     quantity, unit, part = LOADS[kind]
-    return Vectors(pair, place, found[pair][:, part], quantity, unit)
+    return Vectors(pair, point, reactions[pair][:, part], quantity, unit)
 
 
 def rates(motion: Motion, spec: str) -> Vectors:

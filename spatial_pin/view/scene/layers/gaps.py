@@ -1,4 +1,4 @@
-"""Closures that are open: where, when, by how much."""
+"""Open closures: their gaps, sample by sample."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from spatial_pin.view.scene.stage import Entry, Item, Layer, Stage, ball_at, rod
 COLOUR = (1.0, 0.0, 0.62, 1.0)
 GAP_BALL, GAP_ROD = 0.02, 0.009  # radius relative to the size of the scene
 POINTER = 0.16  # length of the directions that should agree relative to the size of the scene
-GAP_DIGITS = 3  # that a gap is told with: its size matters, not its value
+GAP_DIGITS = 3  # of a gap: its size matters, not its value
 
 
 class ClosureGap(NamedTuple):
@@ -39,10 +39,10 @@ class ClosureGap(NamedTuple):
 
 
 def _pair_gap(stage: Stage, closure: Closure, residual: Array) -> ClosureGap:
-    """Return by how much the frames of a closure are off.
+    """Return the gap between the frames of a closure.
 
-    The offset is the sum of the directions that a length row is measured along, each times what
-    it is off by: that takes frame 2 to the nearest place where the closure holds.
+    The offset is the sum of the directions of the length rows, each times its residual. It takes
+    frame 2 to the nearest pose in which the closure holds.
     """
     mechanism = stage.film.mechanism
     (i1, m1), (i2, m2) = (mechanism.frame_on_joint(name) for name in closure.frames[:2])
@@ -54,7 +54,7 @@ def _pair_gap(stage: Stage, closure: Closure, residual: Array) -> ClosureGap:
         first = row.first
         if isinstance(first, Square):  # along the line between the frames
             far, length = np.linalg.norm(apart, axis=1), closure.geometry.length
-            if closure.between:  # other frames tell how long it is to be
+            if closure.between:  # the length is that between other frames
                 ends = (stage.points(i, m.translation) for i, m in map(
                     mechanism.frame_on_joint, closure.between))
                 length = np.linalg.norm(np.subtract(*ends), axis=1)
@@ -80,18 +80,18 @@ def gaps_of(stage: Stage) -> list[ClosureGap]:
         residuals[k] = evaluation.residual
     residuals[np.abs(residuals) <= TOLERANCES.half_precision] = 0.0
     labels = np.array([label.closure for label in constraints_of(mechanism).labels])
-    found = []
+    gaps = []
     for closure in mechanism.closures:
         own = residuals[:, labels == closure.name]
         if np.any(own):
             if closure.frames:
-                found.append(_pair_gap(stage, closure, own))
+                gaps.append(_pair_gap(stage, closure, own))
                 continue
             error, none = np.abs(own[:, 0]), np.zeros((len(own), 3))  # of the last coordinate
             is_angle = mechanism.coordinate(closure.joints[-1]).unit == "rad"
             lengths = 0 * error if is_angle else error * mechanism.characteristic_length
-            found.append(ClosureGap(closure, lengths, error if is_angle else 0 * error, none))
-    return found
+            gaps.append(ClosureGap(closure, lengths, error if is_angle else 0 * error, none))
+    return gaps
 
 
 def _length_items(stage: Stage, gap: ClosureGap) -> tuple[list[Item], Array]:
@@ -132,7 +132,7 @@ def _angle_items(stage: Stage, gap: ClosureGap) -> tuple[list[Item], Array]:
 
 
 def gaps(stage: Stage) -> Layer:
-    """Return a marker at every closure that is open in any sample, and what to say of it.
+    """Return a marker and an alarm of every closure that is open in any sample.
 
     Costs nothing where all are closed.
     """

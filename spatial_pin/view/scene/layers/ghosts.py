@@ -25,7 +25,7 @@ LABEL_COLOUR = (0.75, 0.78, 0.81, 1.0)
 
 
 def words(state: State) -> str:
-    """Return what tells a state from the others: its branch, and the values of its drivers."""
+    """Return the branch of a state, and the values of its drivers, in words."""
     branch = [f"branch {state.branch}"] if state.branch else []
     values = [reading.text(0) for reading in driver_readings(state)]
     return ", ".join(branch + values) or "another configuration"
@@ -34,7 +34,7 @@ def words(state: State) -> str:
 def others_of(
     stage: Stage, shown: Iterable[State | Motion], name: str
 ) -> list[tuple[list[Item], Array, str]]:
-    """Return of other states and motions the solids, corners (K, 3) [m], and what tells them apart.
+    """Return solids, corners (K, 3) [m] and names of other states and motions.
 
     Raises:
         SpatialPinError: one is a state of another mechanism.
@@ -79,12 +79,12 @@ def ghosts(stage: Stage, shown: tuple[State | Motion, ...]) -> Layer:
     return Layer(tuple(items), points, legend)
 
 
-def beside(stage: Stage, shown: tuple[State | Motion, ...], direction: Array) -> Layer:
+def side_by_side(stage: Stage, shown: tuple[State | Motion, ...], direction: Array) -> Layer:
     """Return other states and motions side by side with the first, which is the film itself.
 
     Args:
         stage: the film.
-        shown: what stands beside it.
+        shown: the other states and motions.
         direction: unit vector from the middle to the camera, shape (3,).
 
     Raises:
@@ -92,7 +92,7 @@ def beside(stage: Stage, shown: tuple[State | Motion, ...], direction: Array) ->
     """
     others = others_of(stage, shown, "beside")
     corners = [occupied(list(stage.visuals), stage.poses), *(points for _, points, _ in others)]
-    axes, n = axes_of_view(direction), len(corners)  # they stand in rows and columns
+    axes, n = axes_of_view(direction), len(corners)  # in rows and columns
     wide, high = SPACING * np.ptp(np.concatenate(corners) @ axes.T, axis=0)
     columns = min(range(1, n + 1), key=lambda c: max(c * wide / 4, math.ceil(n / c) * high / 3))
     row, column = np.divmod(np.arange(n), columns)

@@ -1,4 +1,4 @@
-"""A sign at every joint and closure that tells its kind.
+"""Signs of joints and closures, one for each kind.
 
 To add the sign of a pair: a function from `Site` to `Piece`s, and its line in GLYPHS. Pieces are
 drawn in the pair's own axes, z along its axis, of frame 1 (`first`, the body that carries) or of
@@ -14,22 +14,21 @@ from typing import NamedTuple
 import numpy as np
 
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.view.scene.layers.axes import AXIAL
-from spatial_pin.view.scene.layers.places import PairPlace, places
+from spatial_pin.view.scene.layers.pair_axes import AXIAL, PairAxes, pairs_of
 from spatial_pin.view.scene.shapes import Solid, ball, bar, moved, rod, tube, turned
 from spatial_pin.view.scene.stage import Item, Layer, Stage, rod_between
 
 UNIT, LEAST = 0.05, 0.012  # largest and least size of a sign relative to the size of the scene
 NEIGHBOUR = 0.35  # largest relative to the distance from the next pair of the same body
-SAME_PLACE = 1e-3  # by the size of the scene: pairs that are nearer stand at the same place
-CARRIES = (0.17, 0.19, 0.22, 1.0)  # colour of what is fixed to frame 1
+SAME_PLACE = 1e-3  # by the size of the scene: pairs that are nearer count as one
+CARRIES = (0.17, 0.19, 0.22, 1.0)  # colour of the parts on frame 1
 MOVES = (0.50, 0.53, 0.57, 1.0)  # and to frame 2
 THROUGH = 0.72  # opacity of signs that are seen through bodies
 MOST_THREAD_TURNS = 60.0  # of a thread that is drawn: more are a grey bar
 
 
 class Site(NamedTuple):
-    """Where a sign stands.
+    """The placement of a sign.
 
     Attributes:
         unit: its size [m].
@@ -54,7 +53,7 @@ class Piece(NamedTuple):
     """One solid of a sign.
 
     Attributes:
-        on: what it is fixed to: "first", "second" or "between".
+        on: the frame that carries it: "first", "second" or "between".
         solid: its shape.
         span: least and greatest z, and radius of it [m], where that is more than the sign's size.
         middle: x and y of where that is [m].
@@ -174,17 +173,17 @@ GLYPHS: dict[str, Callable[[Site], list[Piece]]] = {
 }
 
 
-def _origins(stage: Stage, place: PairPlace) -> tuple[Array, Array]:
+def _origins(stage: Stage, pair: PairAxes) -> tuple[Array, Array]:
     """Return the origins of both frames in the view, shape (N, 3) each [m]."""
-    pairs = zip(place.joints, place.frames, strict=True)
+    pairs = zip(pair.joints, pair.frames, strict=True)
     first, second = (stage.points(joint, M[:3, 3]) for joint, M in pairs)
     return first, second
 
 
-def _units(stage: Stage, found: Sequence[PairPlace]) -> list[float]:
+def _units(stage: Stage, pairs: Sequence[PairAxes]) -> list[float]:
     """Return the sizes of signs [m]: smaller where pairs of a body are close to each other."""
-    sides = [(joint, frame[:3, 3]) for place in found
-             for joint, frame in zip(place.joints, place.frames, strict=True)]
+    sides = [(joint, frame[:3, 3]) for pair in pairs
+             for joint, frame in zip(pair.joints, pair.frames, strict=True)]
     bodies = np.array([joint for joint, _ in sides])
     points = np.array([point for _, point in sides])
     units = []
@@ -195,10 +194,10 @@ def _units(stage: Stage, found: Sequence[PairPlace]) -> list[float]:
     return [float(min(pair)) for pair in zip(units[::2], units[1::2], strict=True)]
 
 
-def _site(stage: Stage, place: PairPlace, unit: float) -> Site:
+def _site(stage: Stage, pair: PairAxes, unit: float) -> Site:
     """Return how far the second frame goes, as seen from the first."""
-    o1, o2 = _origins(stage, place)
-    axes = stage.rotations(place.joints[0], place.frames[0][:3, :3])
+    o1, o2 = _origins(stage, pair)
+    axes = stage.rotations(pair.joints[0], pair.frames[0][:3, :3])
     x, y, z = np.einsum("nij,ni->jn", axes, o2 - o1)
     middle = 0.5 * float(x.min() + x.max()), 0.5 * float(y.min() + y.max())
     away = np.hypot(x - middle[0], y - middle[1])
@@ -206,40 +205,40 @@ def _site(stage: Stage, place: PairPlace, unit: float) -> Site:
                 (float(away.min()), float(away.max())))
 
 
-def _item(stage: Stage, place: PairPlace, k: int, piece: Piece, through: bool) -> Item:
-    name, said = f"{place.kind} {place.name} {k}", f"{place.name}: {place.kind}"
+def _item(stage: Stage, pair: PairAxes, k: int, piece: Piece, through: bool) -> Item:
+    name, title = f"{pair.kind} {pair.name} {k}", f"{pair.name}: {pair.kind}"
     *rgb, opacity = MOVES if piece.on == "second" else CARRIES
     colour = (*rgb, THROUGH if through else opacity)
     if piece.on == "between":
-        o1, o2 = _origins(stage, place)
+        o1, o2 = _origins(stage, pair)
         return Item(name, piece.solid, colour, track=rod_between(o1, o2), through=through,
-                    called=said)
+                    called=title)
     side = 0 if piece.on == "first" else 1
-    joint, frame = place.joints[side], place.frames[side]
-    return Item(name, piece.solid, colour, joint, frame, through=through, called=said,
-                axial=place.kind in AXIAL)
+    joint, frame = pair.joints[side], pair.frames[side]
+    return Item(name, piece.solid, colour, joint, frame, through=through, called=title,
+                axial=pair.kind in AXIAL)
 
 
-def _held(stage: Stage, place: PairPlace, piece: Piece) -> Array:
-    """Return what a picture must hold of a piece, shape (K, 3) [m]."""
+def _held(stage: Stage, pair: PairAxes, piece: Piece) -> Array:
+    """Return the points of a piece that a picture must hold, shape (K, 3) [m]."""
     (low, high, r), (x, y) = piece.span, piece.middle
     if piece.on == "between" or low == high == r == 0.0:
         return np.zeros((0, 3))
     side = 0 if piece.on == "first" else 1
     corners = [(x + r, y, low), (x - r, y, low), (x, y + r, high), (x, y - r, high)]
-    frame = place.frames[side]
+    frame = pair.frames[side]
     points = [frame[:3, :3] @ p + frame[:3, 3] for p in corners]
-    return np.concatenate([stage.points(place.joints[side], p) for p in points])
+    return np.concatenate([stage.points(pair.joints[side], p) for p in points])
 
 
 def glyphs(stage: Stage, through: bool) -> Layer:
     """Return a sign for every joint and closure, seen through the bodies or not."""
     items: list[Item] = []
     points: list[Array] = [np.zeros((0, 3))]
-    found = places(stage.film.mechanism)
-    for place, unit in zip(found, _units(stage, found), strict=True):
-        make = GLYPHS.get(place.kind)
-        for k, piece in enumerate(make(_site(stage, place, unit)) if make else ()):
-            items.append(_item(stage, place, k, piece, through))
-            points.append(_held(stage, place, piece))
+    pairs = pairs_of(stage.film.mechanism)
+    for pair, unit in zip(pairs, _units(stage, pairs), strict=True):
+        make = GLYPHS.get(pair.kind)
+        for k, piece in enumerate(make(_site(stage, pair, unit)) if make else ()):
+            items.append(_item(stage, pair, k, piece, through))
+            points.append(_held(stage, pair, piece))
     return Layer(tuple(items), np.concatenate(points))

@@ -1,4 +1,4 @@
-"""What verbs have found of a motion, drawn over it: clearance, workspace, goals of a design."""
+"""Results of verbs drawn over a motion: clearance, workspace, goals of a design."""
 
 from __future__ import annotations
 
@@ -50,21 +50,21 @@ TURNS = (np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]], dtype=float),
          np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]], dtype=float), np.eye(3))
 
 
-def clearances(stage: Stage, found: Clearance) -> Layer:
-    """Return links that touch in red, lines between nearest points, and what is to be said.
+def clearances(stage: Stage, clearance: Clearance) -> Layer:
+    """Return links that touch in red, lines between nearest points, and alarms.
 
     Raises:
-        SpatialPinError: it was found over another motion.
+        SpatialPinError: it belongs to another motion.
     """
     film = stage.film
-    if len(found.motion) <= int(film.rows[-1]) or not np.array_equal(
-            found.motion.q[film.rows], film.q):
+    if len(clearance.motion) <= int(film.rows[-1]) or not np.array_equal(
+            clearance.motion.q[film.rows], film.q):
         raise SpatialPinError(
             f"mechanism {film.mechanism.name!r}: the clearance is that of another motion than the "
             "one shown; ask sp.clearance of this one")
-    touching = [pair for pair in found.pairs if pair.contacts]
-    nearest = [pair for pair in found.pairs if not pair.contacts][:LINES]
-    items = [*_red_links(stage, found, touching)]
+    touching = [pair for pair in clearance.pairs if pair.contacts]
+    nearest = [pair for pair in clearance.pairs if not pair.contacts][:LINES]
+    items = [*_red_links(stage, clearance, touching)]
     for pair in (*touching, *nearest):
         items += _line(stage, pair, TOUCHING if pair.contacts else LINE)
     legend = [Entry(TOUCHING, "links that touch")] * bool(touching)
@@ -73,7 +73,7 @@ def clearances(stage: Stage, found: Clearance) -> Layer:
     alarms = []
     for pair in touching:  # how deep they overlap
         distances = pair.distances[film.rows]
-        depth = np.where(distances <= found.tolerance, -distances, 0.0)
+        depth = np.where(distances <= clearance.tolerance, -distances, 0.0)
         size, unit = unit_of_length(float(np.abs(depth).max()) or 1.0)
         alarms.append(Readout(_names(pair), depth / size, f" {unit}", 2, says=" overlap by "))
     return Layer(tuple(items), np.zeros((0, 3)), tuple(legend), tuple(alarms))
@@ -83,14 +83,14 @@ def _names(pair: PairClearance) -> str:
     return " and ".join(pair.links)
 
 
-def _red_links(stage: Stage, found: Clearance, pairs: list[PairClearance]) -> list[Item]:
+def _red_links(stage: Stage, clearance: Clearance, pairs: list[PairClearance]) -> list[Item]:
     """Return copies in red of links that touch, seen only as long as they do."""
     frames = stage.film.mechanism.model.frames
     rows = stage.film.rows
     is_red = {link: np.zeros(len(rows), dtype=bool) for pair in pairs for link in pair.links}
     for pair in pairs:
         for link in pair.links:
-            is_red[link] |= pair.distances[rows] <= found.tolerance
+            is_red[link] |= pair.distances[rows] <= clearance.tolerance
     items = []
     for link, when in is_red.items():
         own = [v for v in stage.visuals if frames[v.parentFrame].name == link]
@@ -119,33 +119,33 @@ def _line(stage: Stage, pair: PairClearance, colour: tuple[float, ...]) -> list[
 # ---------------------------------------------------------------- workspace
 
 
-def workspaces(stage: Stage, found: Workspace) -> Layer:
+def workspaces(stage: Stage, workspace: Workspace) -> Layer:
     """Return the points of a workspace in colours, and where the branch ends.
 
     Raises:
         SpatialPinError: it is that of another mechanism.
     """
-    shown_one, own = stage.film.mechanism.name, found.mechanism.name
+    shown_one, own = stage.film.mechanism.name, workspace.mechanism.name
     if shown_one != own:
         raise SpatialPinError(f"mechanism {shown_one!r}: the workspace is that of another one, "
                               f"{own!r}; ask sp.workspace of this one")
-    groups = []  # name, points, colour and words of what is drawn alike
-    rows = np.flatnonzero(found.reached & ~np.isnan(found.dexterity))
+    groups = []  # name, points, colour and words of each group
+    rows = np.flatnonzero(workspace.reached & ~np.isnan(workspace.dexterity))
     rows = rows[:: -(-len(rows) // MOST_BALLS) or 1]
-    values = found.dexterity[rows]
+    values = workspace.dexterity[rows]
     top = float(values.max(initial=0.0)) or 1.0
     n = len(DEXTERITY_COLOURS)
     level = np.minimum((values / top * n).astype(int), n - 1)
     for k, colour in enumerate(DEXTERITY_COLOURS):
         if (level == k).any():
             low, high = (top * x / n for x in (k, k + 1))
-            groups.append((f"workspace {k}", found.points[rows[level == k]], colour,
-                           f"{found.frame}: dexterity {low:.2g} to {high:.2g}"))
-    ends = found.boundary.points
+            groups.append((f"workspace {k}", workspace.points[rows[level == k]], colour,
+                           f"{workspace.frame}: dexterity {low:.2g} to {high:.2g}"))
+    ends = workspace.boundary.points
     ends = ends[~np.isnan(ends).any(axis=1)]
     ends = ends[:: -(-len(ends) // MOST_BALLS) or 1]
     if len(ends):
-        groups.append(("workspace ends", ends, BRANCH_END, f"{found.frame}: the branch ends"))
+        groups.append(("workspace ends", ends, BRANCH_END, f"{workspace.frame}: the branch ends"))
     items, legend = [], []
     shown: list[Array] = [np.zeros((0, 3))]
     for name, points, colour, text in groups:
@@ -166,7 +166,7 @@ def designs(stage: Stage, design: Design, drawn: tuple[str, ...]) -> Layer:
     """Return balls at target points, triads at target placements, and paths of their frames.
 
     Args:
-        stage: what is shown.
+        stage: the scene.
         design: whose goals are drawn.
         drawn: frames whose paths are drawn anyway.
 
@@ -183,7 +183,7 @@ def designs(stage: Stage, design: Design, drawn: tuple[str, ...]) -> Layer:
             seen = stage.seen(met.targets)
             balls = [Item(f"design {k} point {i}", ball(DESIGN_BALL * stage.size), TARGET,
                           placement=moved(point), through=True) for i, point in enumerate(seen)]
-            words = f"points asked of {met.goal.frame}"
+            words = f"target points of {met.goal.frame}"
             layers.append(Layer(tuple(balls), seen, (Entry(TARGET, words),)))
         elif isinstance(met.goal, PosesGoal):
             layers.append(_triads(stage, f"design {k}", met.goal, met.targets))
@@ -200,11 +200,11 @@ def _triads(stage: Stage, name: str, goal: PosesGoal, placements: Array) -> Laye
     items = []
     for i, placement in enumerate(placements):
         for axis, colour, turn in zip("xyz", AXES, TURNS, strict=True):
-            place = moved(stage.seen(placement[:3, 3]))
-            place[:3, :3] = stage.upright @ placement[:3, :3] @ turn
+            centre = moved(stage.seen(placement[:3, 3]))
+            centre[:3, :3] = stage.upright @ placement[:3, :3] @ turn
             items.append(Item(f"{name} placement {i} {axis}",
                               rod(DESIGN_ROD * stage.size, 0.0, DESIGN_ARM * stage.size), colour,
-                              placement=place, through=True))
-    legend = tuple(Entry(colour, f"{axis} of placements asked of {goal.frame}")
+                              placement=centre, through=True))
+    legend = tuple(Entry(colour, f"{axis} of target placements of {goal.frame}")
                    for axis, colour in zip("xyz", AXES, strict=True))
     return Layer(tuple(items), stage.seen(placements[:, :3, 3]), legend)

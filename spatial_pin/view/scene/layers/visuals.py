@@ -48,11 +48,11 @@ def colour(visual: pin.GeometryObject) -> tuple[float, ...]:
 
 
 def link_of(visual: pin.GeometryObject, model: pin.Model) -> str:
-    """Return the link that a geometry object belongs to; the first of its joint if it tells none.
+    """Return the link of a geometry object; the first of its joint if it names none.
 
-    The sticks of a skeleton tell none.
+    The sticks of a skeleton name none.
     """
-    if visual.parentFrame < model.nframes:  # the largest number there is stands for none
+    if visual.parentFrame < model.nframes:  # the largest number means none
         own = model.frames[visual.parentFrame]
         if own.type == pin.FrameType.BODY and own.parentJoint == visual.parentJoint:
             return str(own.name)
@@ -65,14 +65,14 @@ def body_items(visuals: Sequence[pin.GeometryObject], stage: Stage) -> tuple[Ite
     """Return every geometry object that can be drawn, fixed to its joint; warn of the others."""
     items, model = [], stage.film.mechanism.model
     for k, visual in enumerate(visuals):
-        joint, place = int(visual.parentJoint), visual.placement.homogeneous
+        joint, placement = int(visual.parentJoint), visual.placement.homogeneous
         name, own, link = f"{k} {visual.name}", colour(visual), link_of(visual, model)
         parts = coloured(visual)
-        items += [Item(f"{name} part {i}", part, painted or own, joint, place, called=link)
+        items += [Item(f"{name} part {i}", part, painted or own, joint, placement, called=link)
                   for i, (part, painted) in enumerate(parts)]
         drawn = None if parts else solid(visual, stage.size)
         if drawn is not None:
-            items.append(Item(name, drawn, own, joint, place, called=link))
+            items.append(Item(name, drawn, own, joint, placement, called=link))
         elif not parts:
             empty = type(visual.geometry).__name__
             warn(f"{visual.name!r} is not shown: it is an empty {empty}")
@@ -88,18 +88,18 @@ def bodies(stage: Stage) -> Layer:
 
 
 def skeleton(model: pin.Model) -> pin.GeometryModel:
-    """Return a geometry model of sticks; a ball stands for a body without extent."""
+    """Return a geometry model of sticks; a body without extent is a ball."""
     return _sticks(model, range(model.njoints))
 
 
 def with_skeleton(
     model: pin.Model, geometry: pin.GeometryModel | None, wanted: bool | None
 ) -> list[pin.GeometryObject]:
-    """Return what a model brings to be drawn, and the sticks of its skeleton.
+    """Return the visuals of a model, and the sticks of its skeleton.
 
     Args:
         model: the model.
-        geometry: what it brings.
+        geometry: its visuals.
         wanted: whether bodies are drawn as sticks; None: those that bring nothing of their own. Of
             these a body without extent and mass is nothing to be seen, and so is the ground below
             bases that float: no pair joins it to them.
@@ -198,11 +198,11 @@ def centres(stage: Stage) -> Layer:
         if inertia.mass <= 0.0:
             continue
         joint, placement = mechanism.frame_on_joint(link)
-        place = placement.homogeneous.copy()
-        place[:3, 3] = placement.act(inertia.lever)
-        points.append(stage.points(joint, place[:3, 3]))
+        centre = placement.homogeneous.copy()
+        centre[:3, 3] = placement.act(inertia.lever)
+        points.append(stage.points(joint, centre[:3, 3]))
         name = f"centre of mass, {link}"
-        items.append(Item(name, dark, DARK, joint, place, through=True))
-        items.append(Item(f"{name}, light", light, LIGHT, joint, place, through=True))
+        items.append(Item(name, dark, DARK, joint, centre, through=True))
+        items.append(Item(f"{name}, light", light, LIGHT, joint, centre, through=True))
     legend = (Entry(DARK, "centres of mass"),) if items else ()
     return Layer(tuple(items), np.concatenate(points), legend)

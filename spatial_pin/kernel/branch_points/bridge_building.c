@@ -1,7 +1,7 @@
-/* A new passage: nodes before a branch point, those behind it found by continuing the curve. */
+/* A new bridge: nodes before a branch point, those behind it found by continuing the curve. */
 #include <string.h>
 
-#include "passage.h"
+#include "bridge.h"
 
 /* Each half the one before, down to 1e-3, where polynomials no longer gain on round-off */
 #define REACHES 7
@@ -9,11 +9,11 @@
 /* Part of the way across that the continued curve may be off */
 #define OFF_CURVE TOLERANCE_REGULAR
 #define BRIDGED 4.0 /* way to a known branch point, by an estimate: none other is before it */
-#define REFUSED 0.1 /* change of x from where no passage was found, at which one may be */
+#define REFUSED 0.1 /* change of x from where no bridge was found, at which one may be */
 
 enum { ASTRAY = 42 };
 
-static void note_node(Dynamics *d, Passage *s, Int node)
+static void note_node(Dynamics *d, Bridge *s, Int node)
 {
     Kernel *k = d->k;
     s->x[node] = d->x[0];
@@ -25,7 +25,7 @@ static void note_node(Dynamics *d, Passage *s, Int node)
 }
 
 /* Nodes from `first` on, outwards from x. */
-static int note_side(Dynamics *d, Passage *s, Int first, Real x, Real apart)
+static int note_side(Dynamics *d, Bridge *s, Int first, Real x, Real apart)
 {
     for (Int i = 0; i < NODE; i++) {
         const Real goal = x + (Real)i * apart;
@@ -37,40 +37,40 @@ static int note_side(Dynamics *d, Passage *s, Int first, Real x, Real apart)
 }
 
 /* To the far side at x, by the curve before the branch point continued, and closed there. */
-static int cross(Dynamics *d, Passage *s, Real x, Real way)
+static int cross(Dynamics *d, Bridge *s, Real x, Real way)
 {
     Kernel *k = d->k;
-    passage_weights(s, 0, NODE);
-    passage_interpolate(s, 0, NODE, s->q, k->nq, x, d->q);
-    passage_interpolate(s, 0, NODE, s->angles, k->n_angles, x, d->turns);
+    bridge_weights(s, 0, NODE);
+    bridge_interpolate(s, 0, NODE, s->q, k->nq, x, d->q);
+    bridge_interpolate(s, 0, NODE, s->angles, k->n_angles, x, d->turns);
     tree_normalize(k, d->q);
     d->q[d->held_q[0]] = d->start[d->held_q[0]] + k->scale[d->held[0]] * x;
     d->x[0] = x;
-    if (independent_stand(d) != DONE)
+    if (independent_evaluate(d) != DONE)
         return LOST;
-    if (k->n_chosen < k->n_closure && /* what held before may be nearly dependent here */
-        (system_reselect(k) != DONE || independent_stand(d) != DONE))
+    if (k->system.n_chosen < k->n_closure && /* what held before may be nearly dependent here */
+        (system_reselect(k) != DONE || independent_evaluate(d) != DONE))
         return LOST;
     return independent_settle(d, &x, OFF_CURVE * way);
 }
 
 /* Whether residuals between the ends are small and an interpolant of fewer nodes agrees. */
-static int is_accurate(Dynamics *d, Passage *s)
+static int is_accurate(Dynamics *d, Bridge *s)
 {
     Kernel *k = d->k;
-    Passage fewer = *s;
+    Bridge fewer = *s;
     for (int part = 1; part < 8; part += 2) {
         const Real x = s->low + 0.125 * part * (s->high - s->low);
         Real worst;
-        passage_place(d, s, 0, x);
+        bridge_evaluate(d, s, 0, x);
         worst = equations_error(k);
-        if (!(worst < fmax(TOLERANCE_TIGHT, 2.0 * d->spare)))
+        if (!(worst < fmax(TOLERANCE_TIGHT, 2.0 * d->determinant.spare)))
             return 0;
         /* without the outermost node of one side */
-        passage_weights(&fewer, 0, 2 * NODE - 1);
-        passage_interpolate(&fewer, 0, 2 * NODE - 1, s->q, k->nq, x, d->goal);
+        bridge_weights(&fewer, 0, 2 * NODE - 1);
+        bridge_interpolate(&fewer, 0, 2 * NODE - 1, s->q, k->nq, x, d->work.goal);
         for (Int i = 0; i < k->nq; i++)
-            if (i != d->held_q[0] && !(fabs(d->goal[i] - d->trial[i]) < TOLERANCE_CLOSED))
+            if (i != d->held_q[0] && !(fabs(d->work.goal[i] - d->work.trial[i]) < TOLERANCE_CLOSED))
                 return 0;
     }
     return 1;
@@ -80,7 +80,7 @@ static int is_accurate(Dynamics *d, Passage *s)
 static int look_closer(Dynamics *d, Real *about, Real sense, Real reach)
 {
     for (int i = 0; i < VIEWS; i++) {
-        const Real apart = sense * reach / passage_pace(d);
+        const Real apart = sense * reach / fastest_pace(d);
         Real goal = *about - apart;
         if (independent_follow(d, &goal) != DONE) {
             if (!(sense * (goal - d->x[0]) > 0.0))
@@ -91,7 +91,7 @@ static int look_closer(Dynamics *d, Real *about, Real sense, Real reach)
         const Real back = goal - 0.25 * apart;
         if (independent_follow(d, &back) != DONE)
             return LOST;
-        const Real way = passage_distance(d, sense) - 0.25 * fabs(apart);
+        const Real way = distance_to_branch_point(d, sense) - 0.25 * fabs(apart);
         if (!isfinite(way))
             return i ? DONE : LOST;
         const Real left = fmin(fmax(way, 0.3 * fabs(apart)), AHEAD);
@@ -102,22 +102,22 @@ static int look_closer(Dynamics *d, Real *about, Real sense, Real reach)
     return DONE;
 }
 
-static int build_at(Dynamics *d, Passage *s, Real about, Real sense, Real reach)
+static int build_at(Dynamics *d, Bridge *s, Real about, Real sense, Real reach)
 {
     if (look_closer(d, &about, sense, reach) != DONE)
         return LOST;
-    const Real apart = sense * reach / passage_pace(d);
+    const Real apart = sense * reach / fastest_pace(d);
     if (note_side(d, s, 0, about - apart, -apart) != DONE)
         return LOST;
-    if (cross(d, s, about + apart, 2.0 * fabs(apart) * fmax(1.0, passage_pace(d))) != DONE ||
+    if (cross(d, s, about + apart, 2.0 * fabs(apart) * fmax(1.0, fastest_pace(d))) != DONE ||
         note_side(d, s, NODE, about + apart, apart) != DONE)
         return LOST;
-    passage_weights(s, 0, 2 * NODE);
+    bridge_weights(s, 0, 2 * NODE);
     s->near = 0, s->far = NODE;
     s->low = fmin(s->x[0], s->x[NODE]), s->high = fmax(s->x[0], s->x[NODE]);
     if (!is_accurate(d, s))
         return LOST;
-    return passage_locate(d, s);
+    return bridge_locate(d, s);
 }
 
 /* Whether a branch point is bridged already that would be so far `ahead`, as the equations changed
@@ -125,9 +125,9 @@ static int build_at(Dynamics *d, Passage *s, Real about, Real sense, Real reach)
 static int is_known(const Dynamics *d, Real ahead)
 {
     const Real far = BRIDGED * fabs(ahead) + 0.02;
-    for (Int i = 0; i < d->n_passages; i++) {
-        const Passage *s = d->passages + i;
-        const Real shift = (Real)passage_turns(d, s, d->x[0] + ahead) * d->period;
+    for (Int i = 0; i < d->branches.n; i++) {
+        const Bridge *s = d->branches.bridges + i;
+        const Real shift = (Real)bridge_turns(d, s, d->x[0] + ahead) * d->branches.period;
         for (Int c = 0; c < s->n_branch_points; c++) {
             const Real way = copysign(1.0, ahead) * (s->branch_point[c] + shift - d->x[0]);
             if (way > 0.0 && way < far)
@@ -138,38 +138,39 @@ static int is_known(const Dynamics *d, Real ahead)
 }
 
 /* Bridge the branch point so far `ahead`; the branch stands where it stood. */
-int passage_bridge(Dynamics *d, Real ahead)
+int bridge_build(Dynamics *d, Real ahead)
 {
     const Real about = d->x[0] + ahead, sense = copysign(1.0, ahead);
-    for (Int i = 0; i < d->n_refused && i < MOST_PASSAGES; i++)
-        if (fabs(about - d->refused[i]) < REFUSED)
+    for (Int i = 0; i < d->branches.n_refused && i < MOST_BRIDGES; i++)
+        if (fabs(about - d->branches.refused[i]) < REFUSED)
             return LOST;
     if (is_known(d, ahead))
         return LOST;
-    Passage *s = d->passages + d->n_built % MOST_PASSAGES;
+    Bridge *s = d->branches.bridges + d->branches.n_built % MOST_BRIDGES;
     int code = LOST;
     const Real tolerance = d->tolerance;
-    independent_remember(d, &d->aside);
+    independent_save(d, &d->work.saved);
     for (int i = 0; i < REACHES && code == LOST; i++) {
         d->tolerance = fmin(tolerance, 1e-14);
         code = build_at(d, s, about, sense, FIRST_REACH / (Real)(1 << i));
         d->tolerance = tolerance; /* what it stood on need not be closed better than it was */
-        if (independent_return(d, &d->aside) != DONE)
+        if (independent_restore(d, &d->work.saved) != DONE)
             code = ASTRAY;
     }
     /* Once at a place: where it is told again at every step, with the equations that hold, five
        parallel cranks all but in a line take fifty times as long, and are given up. */
-    if (code == CHOSEN_ANEW && !(d->n_renewed && fabs(about - d->renewed) < REFUSED)) {
-        d->renewed = about;
-        d->n_renewed++;
-        d->distance = 0.0;
-        d->first_pivot = d->pivot;
+    if (code == CHOSEN_ANEW &&
+        !(d->branches.n_renewed && fabs(about - d->branches.renewed) < REFUSED)) {
+        d->branches.renewed = about;
+        d->branches.n_renewed++;
+        d->determinant.distance = 0.0;
+        d->determinant.first_pivot = d->pivot;
         return DONE;
     }
     if (code == DONE) {
-        d->n_built++;
-        d->n_passages = d->n_built < MOST_PASSAGES ? d->n_built : MOST_PASSAGES;
+        d->branches.n_built++;
+        d->branches.n = d->branches.n_built < MOST_BRIDGES ? d->branches.n_built : MOST_BRIDGES;
     } else
-        d->refused[d->n_refused++ % MOST_PASSAGES] = about;
+        d->branches.refused[d->branches.n_refused++ % MOST_BRIDGES] = about;
     return code == DONE ? DONE : LOST;
 }

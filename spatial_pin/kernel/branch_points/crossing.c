@@ -2,16 +2,16 @@
  *
  * The same for sweeps is continuation/branch_points.py, which takes several drivers, laws and loops
  * of any rank by singular values. This one takes 0.1 ms, that one 4.5 ms: longer than a whole
- * simulation of two passages, 2.9 ms. A test holds both to the same branch, to 1e-11.
+ * simulation of two bridges, 2.9 ms. A test holds both to the same branch, to 1e-11.
  *
  * At a branch point (a change point) the equations lose rank and near it they are ill conditioned;
  * on either side each branch is a smooth curve. Falling pivots announce a branch point. It is
- * passed by interpolation, on a Passage: polynomials through eight closed configurations before it
- * and eight behind, found by extrapolating the curve before it. Passages are used again after
+ * passed by interpolation, on a Bridge: polynomials through eight closed configurations before it
+ * and eight behind, found by extrapolating the curve before it. Bridges are used again after
  * whole turns. */
 #include <string.h>
 
-#include "passage.h"
+#include "bridge.h"
 
 /* Step in which a change of the determinant's sign tells about where a branch point is */
 #define SURE (FIRST_REACH / 2.0)
@@ -21,63 +21,64 @@
 
 enum { FOUND = 40, LEFT = 43 };
 
-/* ---- standing on a passage ---- */
+/* ---- standing on a bridge ---- */
 
 static void put(Dynamics *d, Int which, Int turn, Real x)
 {
     Kernel *k = d->k;
-    const Passage *s = d->passages + which;
-    const Real local = x - (Real)turn * d->period;
-    passage_place(d, s, turn, x);
+    const Bridge *s = d->branches.bridges + which;
+    const Real local = x - (Real)turn * d->branches.period;
+    bridge_evaluate(d, s, turn, x);
     tree_columns(k);
-    passage_interpolate(s, 0, 2 * NODE, s->t, k->nv, local, d->passage_t);
-    passage_interpolate(s, 0, 2 * NODE, s->c, k->nv, local, d->passage_c);
+    bridge_interpolate(s, 0, 2 * NODE, s->t, k->nv, local, d->branches.t);
+    bridge_interpolate(s, 0, 2 * NODE, s->c, k->nv, local, d->branches.c);
     for (Int v = 0; v < k->nv; v++)
-        d->columns[v] = d->passage_t[v] / k->scale[v];
-    memcpy(d->q, d->trial, (size_t)k->nq * sizeof *d->q);
+        d->columns[v] = d->branches.t[v] / k->scale[v];
+    memcpy(d->q, d->work.trial, (size_t)k->nq * sizeof *d->q);
     memcpy(d->turns, k->angle, (size_t)k->n_angles * sizeof *d->turns);
     d->x[0] = x;
-    d->passage = which;
+    d->bridge = which;
     d->turn = turn;
     d->has_bend = 0;
-    d->distance = 0.0;
+    d->determinant.distance = 0.0;
 }
 
 /* The node at an end. */
-static Int end_node(const Passage *s, int high)
+static Int end_node(const Bridge *s, int high)
 {
     return (s->x[s->far] > s->x[s->near]) == high ? s->far : s->near;
 }
 
-/* Stand at an end of a passage, off it. */
+/* Stand at an end of a bridge, off it. */
 static int leave(Dynamics *d, Int which, Int turn, int high)
 {
     Kernel *k = d->k;
-    const Passage *s = d->passages + which;
-    const Real x = s->x[end_node(s, high)] + (Real)turn * d->period;
-    passage_place(d, s, turn, x);
-    memcpy(d->q, d->trial, (size_t)k->nq * sizeof *d->q);
+    const Bridge *s = d->branches.bridges + which;
+    const Real x = s->x[end_node(s, high)] + (Real)turn * d->branches.period;
+    bridge_evaluate(d, s, turn, x);
+    memcpy(d->q, d->work.trial, (size_t)k->nq * sizeof *d->q);
     memcpy(d->turns, k->angle_reference, (size_t)k->n_angles * sizeof *d->turns);
     d->x[0] = x;
-    d->distance = 0.0;
-    return independent_stand(d);
+    d->determinant.distance = 0.0;
+    return independent_evaluate(d);
 }
 
-/* ---- finding passages again ---- */
+/* ---- finding bridges again ---- */
 
-/* The nearest passage that holds x or lies on the way there; -1 if none. */
-static Int nearest_passage(const Dynamics *d, Real x, Int *turn)
+/* The nearest bridge that holds x or lies on the way there; -1 if none. */
+static Int nearest_bridge(const Dynamics *d, Real x, Int *turn)
 {
     const Real from = d->x[0], sense = x >= from ? 1.0 : -1.0;
     Int best = -1;
     Real least = INFINITY;
-    for (Int i = 0; i < d->n_passages; i++) {
-        const Passage *s = d->passages + i;
-        const Int first = passage_turns(d, s, from);
+    for (Int i = 0; i < d->branches.n; i++) {
+        const Bridge *s = d->branches.bridges + i;
+        const Int first = bridge_turns(d, s, from);
         for (Int n = first - 1; n <= first + 1; n++) {
-            if (n != 0 && !passage_repeats(d))
+            if (n != 0 && !bridge_repeats(d))
                 continue;
-            const Real shift = (Real)n * d->period, low = s->low + shift, high = s->high + shift;
+            const Real shift = (Real)n * d->branches.period, low = s->low + shift,
+                       high = s->high + shift;
             const Real entry = sense > 0.0 ? low : high;
             const Real way = sense * (entry - from);
             const int ahead = way >= -1e-12 && sense * (x - entry) > 0.0;
@@ -92,15 +93,15 @@ static Int nearest_passage(const Dynamics *d, Real x, Int *turn)
     return best;
 }
 
-/* Whether the branch is the same after whole turns: told where the passage's image begins. */
+/* Whether the branch is the same after whole turns: told where the bridge's image begins. */
 static int image_is_same(Dynamics *d, Int which, Int turn, Real x)
 {
     Kernel *k = d->k;
-    const Passage *s = d->passages + which;
-    if (turn == 0 || d->period_is_known > 0)
+    const Bridge *s = d->branches.bridges + which;
+    if (turn == 0 || d->branches.period_is_known > 0)
         return 1;
     const Int node = end_node(s, d->x[0] > x);
-    Real goal = s->x[node] + (Real)turn * d->period, worst = 0.0;
+    Real goal = s->x[node] + (Real)turn * d->branches.period, worst = 0.0;
     if (independent_follow(d, &goal) != DONE)
         return 0;
     for (Int j = 1; j < k->n_joints; j++)
@@ -109,16 +110,16 @@ static int image_is_same(Dynamics *d, Int which, Int turn, Real x)
             const int turns = k->kind[j] == TURN || k->kind[j] == SCREW;
             const Real whole = turns ? 2.0 * PI * nearbyint(change / (2.0 * PI)) : 0.0;
             worst = fmax(worst, fabs(change - whole));
-            d->period_q[i] = whole / (Real)turn;
+            d->branches.period_q[i] = whole / (Real)turn;
         }
     for (Int i = 0; i < k->n_angles; i++) {
         const Real change = d->turns[i] - s->angles[node * k->n_angles + i];
-        d->period_angle[i] = 2.0 * PI * nearbyint(change / (2.0 * PI)) / (Real)turn;
+        d->branches.period_angle[i] = 2.0 * PI * nearbyint(change / (2.0 * PI)) / (Real)turn;
     }
     for (Int v = 0; v < k->nv; v++)
         worst = fmax(worst, fabs(d->columns[v] - s->t[node * k->nv + v] / k->scale[v]));
-    d->period_is_known = worst < TOLERANCE_HALF_PRECISION ? 1 : -1;
-    return d->period_is_known > 0;
+    d->branches.period_is_known = worst < TOLERANCE_HALF_PRECISION ? 1 : -1;
+    return d->branches.period_is_known > 0;
 }
 
 /* ---- going ---- */
@@ -128,41 +129,41 @@ static int walk(Dynamics *d, Real x, int may_build)
 {
     Real part = x - d->x[0];
     const Real smallest = fabs(part) * LAST_STEP;
-    const Real sense = part >= 0.0 ? 1.0 : -1.0, first = passage_pace(d);
+    const Real sense = part >= 0.0 ? 1.0 : -1.0, first = fastest_pace(d);
     while (d->x[0] != x) {
         const Real goal = fabs(x - d->x[0]) <= fabs(part) * (1.0 + 1e-12) ? x : d->x[0] + part;
         const Real from = d->x[0], before = d->pivot;
         if (goal == from)
             return LOST;
-        const Real ahead = passage_distance(d, sense);
-        if (may_build && ahead < 1.4 * fabs(goal - from) && ahead * passage_pace(d) < 1.0 &&
-            passage_bridge(d, d->distance) == DONE)
+        const Real ahead = distance_to_branch_point(d, sense);
+        if (may_build && ahead < 1.4 * fabs(goal - from) && ahead * fastest_pace(d) < 1.0 &&
+            bridge_build(d, d->determinant.distance) == DONE)
             return FOUND;
         if (independent_step(d, &goal) == DONE) {
             part *= 2.0;
-            if (may_build && passage_distance(d, sense) * passage_pace(d) < AHEAD &&
-                passage_pace(d) <= FASTER * first && passage_bridge(d, d->distance) == DONE)
+            if (may_build && distance_to_branch_point(d, sense) * fastest_pace(d) < AHEAD &&
+                fastest_pace(d) <= FASTER * first && bridge_build(d, d->determinant.distance) == DONE)
                 return FOUND;
             continue;
         }
-        const int flipped = d->flipped && fabs(goal - from) * passage_pace(d) < SURE;
-        const Real after = d->k->pivot_ratio;
-        if (independent_stand(d) != DONE)
+        const int flipped = d->determinant.flipped && fabs(goal - from) * fastest_pace(d) < SURE;
+        const Real after = d->k->system.pivot_ratio;
+        if (independent_evaluate(d) != DONE)
             return LOST;
-        if (flipped && passage_bridge(d, (goal - from) * before / (before + after)) == DONE)
+        if (flipped && bridge_build(d, (goal - from) * before / (before + after)) == DONE)
             return FOUND;
         part *= 0.5;
-        if (fabs(part) < smallest || fabs(x - from) * passage_pace(d) > WILD_WAY)
+        if (fabs(part) < smallest || fabs(x - from) * fastest_pace(d) > WILD_WAY)
             return LOST;
     }
     return DONE;
 }
 
-/* Go on a passage to x, or to its end on the way there: it is LEFT then. */
+/* Go on a bridge to x, or to its end on the way there: it is LEFT then. */
 static int go_along(Dynamics *d, Int which, Int turn, Real x)
 {
-    const Passage *s = d->passages + which;
-    const Real shift = (Real)turn * d->period;
+    const Bridge *s = d->branches.bridges + which;
+    const Real shift = (Real)turn * d->branches.period;
     if (s->low + shift < x && x < s->high + shift) {
         put(d, which, turn, x);
         return DONE;
@@ -173,12 +174,12 @@ static int go_along(Dynamics *d, Int which, Int turn, Real x)
 static int travel(Dynamics *d, Real x)
 {
     int is_found = 0;
-    for (int i = 0; i < 4 * MOST_PASSAGES; i++) {
+    for (int i = 0; i < 4 * MOST_BRIDGES; i++) {
         Int turn = 0;
-        int code = d->passage >= 0 ? go_along(d, d->passage, d->turn, x) : LEFT;
+        int code = d->bridge >= 0 ? go_along(d, d->bridge, d->turn, x) : LEFT;
         if (code != LEFT)
             return code;
-        const Int which = nearest_passage(d, x, &turn);
+        const Int which = nearest_bridge(d, x, &turn);
         if (which >= 0 && image_is_same(d, which, turn, x))
             code = go_along(d, which, turn, x);
         else
@@ -190,58 +191,58 @@ static int travel(Dynamics *d, Real x)
     return LOST;
 }
 
-int passing_return(Dynamics *d, const Place *place)
+int crossing_restore(Dynamics *d, const SavedPosition *position)
 {
-    if (place->passage < 0)
-        return independent_return(d, place);
-    put(d, place->passage, place->turn, place->x[0]);
+    if (position->bridge < 0)
+        return independent_restore(d, position);
+    put(d, position->bridge, position->turn, position->x[0]);
     return DONE;
 }
 
 static int try_to(Dynamics *d, const Real *x)
 {
-    return d->passes ? travel(d, x[0]) : independent_follow(d, x);
+    return d->crosses ? travel(d, x[0]) : independent_follow(d, x);
 }
 
 /* Move to coordinates x. A wild trial of an integrator may end where there is hardly a way
  * back: then the way begins at the place that was kept last. That place itself, which a loose
  * tolerance may have taken just beyond where the loops close exactly, is as good as it was. */
-int passing_travel(Dynamics *d, const Real *x)
+int crossing_travel(Dynamics *d, const Real *x)
 {
     if (!are_finite(x, d->n_held))
         return LOST;
     if (try_to(d, x) == DONE)
         return DONE;
-    if (passing_return(d, &d->kept) == DONE && try_to(d, x) == DONE)
+    if (crossing_restore(d, &d->restart) == DONE && try_to(d, x) == DONE)
         return DONE;
-    const int returned = passing_return(d, &d->kept);
-    return memcmp(x, d->kept.x, (size_t)d->n_held * sizeof *x) == 0 ? returned : LOST;
+    const int returned = crossing_restore(d, &d->restart);
+    return memcmp(x, d->restart.x, (size_t)d->n_held * sizeof *x) == 0 ? returned : LOST;
 }
 
 /* Branch points in (from, to], in the order they are met; returns how many. */
-Int passing_crossed(const Dynamics *d, Real from, Real to, Real *x, Int n_most)
+Int crossing_points(const Dynamics *d, Real from, Real to, Real *x, Int n_most)
 {
     Int n = 0;
     const Real low = fmin(from, to), high = fmax(from, to);
-    for (Int i = 0; i < d->n_passages; i++)
-        for (Int c = 0; c < d->passages[i].n_branch_points; c++) {
-            const Real at = d->passages[i].branch_point[c];
-            if (d->period_is_known <= 0) {
+    for (Int i = 0; i < d->branches.n; i++)
+        for (Int c = 0; c < d->branches.bridges[i].n_branch_points; c++) {
+            const Real at = d->branches.bridges[i].branch_point[c];
+            if (d->branches.period_is_known <= 0) {
                 if (low < at && at <= high && n < n_most)
                     x[n++] = at;
                 continue;
             }
-            const Int first = (Int)floor((low - at) / d->period) + 1;
-            const Int last = (Int)floor((high - at) / d->period);
+            const Int first = (Int)floor((low - at) / d->branches.period) + 1;
+            const Int last = (Int)floor((high - at) / d->branches.period);
             for (Int turn = first; turn <= last && n < n_most; turn++)
-                x[n++] = at + (Real)turn * d->period;
+                x[n++] = at + (Real)turn * d->branches.period;
         }
     for (Int i = 1; i < n; i++) /* few: put in order by insertion */
         for (Int j = i; j > 0 && (to >= from ? x[j] < x[j - 1] : x[j] > x[j - 1]); j--) {
             const Real keep = x[j];
             x[j] = x[j - 1], x[j - 1] = keep;
         }
-    Int kept = 0; /* passages may overlap */
+    Int kept = 0; /* bridges may overlap */
     for (Int i = 0; i < n; i++)
         if (kept == 0 || fabs(x[i] - x[kept - 1]) > NEARBY)
             x[kept++] = x[i];

@@ -1,6 +1,6 @@
-/* Configurations as they are meant: whole turns taken off their angles, and how far they are from
- * what somebody has named. */
-#include "meant.h"
+/* Angle unwrapping: whole turns taken off the angles of configurations, which are then nearest to the
+ * values that somebody has named; and how far configurations are from these. */
+#include "unwrapping.h"
 
 static const Real WHOLE_TURN = 2.0 * PI;
 /* Turns, by which an angle half a turn away may be beyond it by round-off: it is +pi, not -pi */
@@ -18,15 +18,15 @@ static Real without_turns(Real angle, Real value, Real lower, Real upper)
 }
 
 /* Take whole turns off angles: nearest to what is named, else to zero; held ones have their values. */
-void meant_put_turns(const Kernel *k, const Meant *meant, Real *q)
+void unwrap_angles(const Kernel *k, const Named *named, Real *q)
 {
     for (Int i = 0; i < k->nq; i++) {
-        if (!(meant->said[i] & TURNS))
+        if (!(named->kinds[i] & TURNS))
             continue;
-        const Real value = meant->said[i] & (NAMED | HELD) ? meant->value[i] : 0.0;
-        q[i] = meant->said[i] & HELD
+        const Real value = named->kinds[i] & (NAMED | HELD) ? named->value[i] : 0.0;
+        q[i] = named->kinds[i] & HELD
                    ? value
-                   : without_turns(q[i], value, meant->lower[i], meant->upper[i]);
+                   : without_turns(q[i], value, named->lower[i], named->upper[i]);
     }
 }
 
@@ -45,18 +45,18 @@ static Real square_between(const Real *one, const Real *two)
 
 /* How far q (nq) is from what is named: angles, and lengths by the size of a unit of each; of
    floating joints nothing is named here. A turn that limits ask for is no way. */
-Real meant_distance(const Kernel *k, const Meant *meant, const Real *q)
+Real named_distance(const Kernel *k, const Named *named, const Real *q)
 {
     Real sum = 0.0;
     for (Int j = 0; j < k->n_joints; j++) {
         const Int at = k->iq[j];
-        if (j == 0 || k->kind[j] == FREE || !(meant->said[at] & NAMED))
+        if (j == 0 || k->kind[j] == FREE || !(named->kinds[at] & NAMED))
             continue;
-        Real gap = q[at] - meant->value[at];
-        if (meant->said[at] & TURNS)
+        Real gap = q[at] - named->value[at];
+        if (named->kinds[at] & TURNS)
             gap -= WHOLE_TURN * floor(gap / WHOLE_TURN + 0.5);
         gap /= k->scale[k->iv[j]];
-        sum += k->kind[j] == BALL ? square_between(q + at, meant->value + at) : gap * gap;
+        sum += k->kind[j] == BALL ? square_between(q + at, named->value + at) : gap * gap;
     }
     return sqrt(sum);
 }
