@@ -61,8 +61,7 @@ class Measured:
         energy_drift: of a simulation [-], see `Simulation`; None of a sweep.
         solver_steps: of the integrator; None of a sweep.
         on_front: whether no other setting is both as fast and as exact.
-        estimate: largest error that the motion tells of itself, by its `error_estimates`; None
-            where it tells none.
+        estimate: largest of the motion's own error estimates [-]; None where it has none.
         note: why it failed, or what the motion reports; empty if nothing.
 
     Example:

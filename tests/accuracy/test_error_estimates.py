@@ -113,14 +113,11 @@ def test_through_a_branch_point_it_is_told_by_what_nodes_leave():
     assert motion.error.positions < 1e-9 and motion.error.largest < 1e-4
 
 
-def test_samples_keep_their_estimates_in_files_copies_and_parts(tmp_path):
+def test_samples_keep_their_estimates_in_files_and_copies(tmp_path):
     motion = swept("rssr", 200, sp.Accuracy.for_error(1e-5))
     file = motion.save(tmp_path / "motion")
     for copy in (pickle.loads(pickle.dumps(motion)), sp.Motion.load(file, motion.mechanism)):
         assert copy.error == motion.error
-    from spatial_pin.motion.motion import first_samples
-
-    assert first_samples(motion, 50).error_estimates.shape == (50, 3)
 
 
 def test_a_motion_put_together_by_hand_says_that_nobody_knows():

@@ -110,7 +110,7 @@ class Simulation(Motion):
         joint_limits: the joint limits of the URDF that were passed, and when.
         projection: what projecting took, with the formulation "projected"; else None.
         integrators: names of those that were used, in their order.
-        time_tolerance: error allowed in one step; 0 of fixed steps.
+        time_tolerance: error allowed in one step [-]; 0 of fixed steps.
 
     `error` is what another integration, ten times as inexact, differs from this one by: it is made
     when `error`, or the text of a simulation, is first wanted, and takes as long as the simulation.
