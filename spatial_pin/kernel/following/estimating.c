@@ -14,6 +14,7 @@
 
 #define ROUND_OFF (4.0 * DBL_EPSILON) /* of an equation's value, and of its derivatives' */
 #define CURVED 0.1       /* third derivatives of equations by the cube of the rates, about */
+#define OPEN 2.0         /* times a residual: it may point where the equations are weak, example or not */
 #define PROBED 64        /* points whose errors are estimated by one of them, */
 #define MUCH 1.5         /* unless rates have grown by so much, or pivots fallen */
 #define SURE 2.0         /* times the error in the middle, which factors of the end tell */
@@ -101,7 +102,7 @@ static Real estimate_point(Path *path, Real *estimate)
         probe_errors(path);
     p->rows++;
     const Real t = here->pace, c = here->bend, turned = SURE * path->idle_left;
-    const Real q = SURE * p->gain * (here->error + ROUND_OFF + round_off_of(k, here->q));
+    const Real q = SURE * p->gain * (OPEN * here->error + ROUND_OFF + round_off_of(k, here->q));
     estimate[0] = q + turned + ROUND_OFF;
     estimate[1] = p->first * q + t * (turned + (1.0 + p->gain) * 2.0 * DBL_EPSILON);
     estimate[2] = p->second * q + (t * t + c) * (turned + ROUND_OFF);
