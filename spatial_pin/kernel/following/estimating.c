@@ -15,7 +15,7 @@
 #define ROUND_OFF (4.0 * DBL_EPSILON) /* of an equation's value, and of its derivatives' */
 #define CURVED 0.1       /* third derivatives of equations by the cube of the rates, about */
 #define OPEN 2.0         /* times a residual: it may point where the equations are weak, example or not */
-#define PROBED 64        /* points whose errors are estimated by one of them, */
+#define PROBED 256        /* points whose errors are estimated by one of them, */
 #define MUCH 1.5         /* unless rates have grown by so much, or pivots fallen */
 #define SURE 2.0         /* times the error in the middle, which factors of the end tell */
 #define REMEMBERED 0.25  /* of the derivative before: in the middle it may just pass zero */
@@ -67,6 +67,7 @@ void probe_errors(Path *path)
         k->right[i] = cos((Real)((i + 1) * (i + 1))) < 0.0 ? -1.0 : 1.0;
     system_solve(k, k->right);
     p->gain = norm(k->right, k->nv);
+    path->rounding = round_off_of(k, here->q);
     p->pace = here->pace, p->bend = here->bend, p->pivot = k->system.pivot_ratio, p->rows = 0;
     p->first = p->second = 0.0;
     if (!(p->gain > 0.0))
@@ -95,14 +96,13 @@ static int has_changed(const Path *path)
 /* Returns what of q is not idle rotation. */
 static Real estimate_point(Path *path, Real *estimate)
 {
-    const Kernel *k = path->k;
     const Point *here = path->here;
     Probe *p = &path->probe;
     if (!path->stale && has_changed(path))
         probe_errors(path);
     p->rows++;
     const Real t = here->pace, c = here->bend, turned = SURE * path->idle_left;
-    const Real q = SURE * p->gain * (OPEN * here->error + ROUND_OFF + round_off_of(k, here->q));
+    const Real q = SURE * p->gain * (OPEN * here->error + ROUND_OFF + path->rounding);
     estimate[0] = q + turned + ROUND_OFF;
     estimate[1] = p->first * q + t * (turned + (1.0 + p->gain) * 2.0 * DBL_EPSILON);
     estimate[2] = p->second * q + (t * t + c) * (turned + ROUND_OFF);

@@ -32,6 +32,7 @@ typedef struct Path {
     Real idle_way;  /* the joints' longest way in a step that idle rotations allow */
     Real between_way; /* the joints' way between points that samples are interpolated between */
     Real way;       /* the joints' way in the last step that was tried, by prediction */
+    Real rounding;  /* closure error that round-off of q may leave, as of the last step */
     Probe probe;    /* of errors, where that was last worth it */
     Real idle_left; /* idle rotation that all steps may have left, by estimate [rad] */
     Real missed;    /* error in the middle of the last interpolated step, by the way's power that it

@@ -153,7 +153,7 @@ static int close_prediction(Path *path, Real way)
 {
     Kernel *k = path->k;
     const PathAccuracy *wanted = &path->accuracy;
-    const Real least = round_off_of(k, path->here->q);
+    const Real least = path->rounding = round_off_of(k, path->here->q);
     const Real part = residual_part(k->system.pivot_ratio); /* 1, or factors near by are off as well */
     Correction c = {.enough = larger_of(part * wanted->enough, 0.1 * least),
                     .tolerance = larger_of(part * wanted->tolerance, 0.3 * least),
