@@ -23,7 +23,6 @@ from typing import Any
 import lazy_loader
 
 from spatial_pin.mechanism import closures, laws
-from spatial_pin.mobility.mobility import mobility as mobility  # else taken for its package
 
 __version__ = "0.2.0"
 

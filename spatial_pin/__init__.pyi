@@ -135,8 +135,8 @@ from .view import (
     show as show,
 )
 from .view.scene.layers.arrows import Vectors as Vectors
-from .workspace_map.workspace import workspace as workspace
-from .workspace_map.workspace_result import (
+from .workspace.workspace import workspace as workspace
+from .workspace.workspace_result import (
     Borders as Borders,
     Curve as Curve,
     Workspace as Workspace,

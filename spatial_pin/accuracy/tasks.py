@@ -13,7 +13,7 @@ import numpy as np
 from spatial_pin._support.brief import counted
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.held_start import held_coordinates
-from spatial_pin.assembly.redundant_equations import as_meant
+from spatial_pin.assembly.redundant_equations import with_independent_equations
 from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.dynamics.simulation.simulate import Simulation, simulate
 from spatial_pin.errors import SingularError, SpatialPinError, UnknownNameError
@@ -123,7 +123,7 @@ def task_of(mechanism: Mechanism, task: Mapping[str, Any] | str | Motion | None)
         UnknownNameError: the task has an argument that neither verb has.
     """
     needed(mechanism)
-    mechanism = as_meant(mechanism)
+    mechanism = with_independent_equations(mechanism)
     if task is None:
         task = "sweep"
     if isinstance(task, str):

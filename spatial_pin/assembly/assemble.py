@@ -13,7 +13,7 @@ from spatial_pin._support.checks import checked, mapping
 from spatial_pin.assembly.close import closed
 from spatial_pin.assembly.holding import free_but, still_entries
 from spatial_pin.assembly.redundant_equations import allowed_from, gap_allowed, rounded
-from spatial_pin.assembly.search.assembly_problem import ACCEPTED, AssemblyProblem, gone_from
+from spatial_pin.assembly.search.assembly_problem import ACCEPTED, AssemblyProblem, deviations
 from spatial_pin.assembly.search.counted_turns import led
 from spatial_pin.assembly.search.guesses import Guess, read_guess
 from spatial_pin.assembly.search.refusals import failure
@@ -38,12 +38,13 @@ from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy, accuracy_of
 
-_WARNED: WeakSet[Mechanism] = WeakSet()  # of which `tell` has warned
-# rad, characteristic lengths: what moves no further at once has not changed its branch, but beside
-# a singular configuration, where branches are as near to each other as that
-SAME_PLACE_BY = 0.3
-LEAST_PART = 2.0**-10  # part of the way from which on a step is too short to be worth another
-STANDS_APART = 1e-3  # rad, characteristic lengths: more than round-off beside a dead centre
+_WARNED: WeakSet[Mechanism] = WeakSet()  # mechanisms with a warning by `tell` already
+# Largest motion on one branch [rad, characteristic lengths]; near a singular configuration branches
+# are as near as that.
+SAME_BRANCH = 0.3
+LEAST_PART = 2.0**-10  # shortest step, as a part of the motion, that is still tried
+# distance of two branches [rad, characteristic lengths]: above round-off near a dead centre
+BRANCHES_APART = 1e-3
 
 
 @checked
@@ -138,7 +139,7 @@ def assembled(
     accuracy: Accuracy | None = None,
     gap: float | None = None,
 ) -> State:
-    """Do as `assemble`, for verbs whose results tell of joint limits themselves."""
+    """Close loops like `assemble`, for verbs whose results report joint limits themselves."""
     needed(mechanism)
     accuracy = accuracy_of(accuracy)
     gap = gap_allowed(mechanism, accuracy) if gap is None else gap
@@ -150,11 +151,11 @@ def assembled(
 def held_values(
     mechanism: Mechanism, drivers: Mapping[str, float] | None
 ) -> dict[str, float]:
-    """Return values by coordinate that are given by driver, joint or coordinate [rad, m].
+    """Return values by coordinate, from values by driver, joint or coordinate [rad, m].
 
     Raises:
         UnknownNameError: a name does not exist.
-        ValueError: a value is NaN or infinite, or a coordinate is given two.
+        ValueError: a value is NaN or infinite, or a coordinate has two values.
     """
     held: dict[str, float] = {}
     for name, value in mapping(drivers, "drivers").items():
@@ -169,16 +170,16 @@ def pose(
     mechanism: Mechanism, held: Mapping[str, float], guess: Any, tolerance: float, gap: float,
     free: Iterable[str] = (), release: bool = True,
 ) -> AssemblyProblem:
-    """Return what an assembly is to close, and from where.
+    """Return the assembly problem: equations, fixed coordinates and start.
 
     Args:
         mechanism: the mechanism.
-        held: values of coordinates that are given one [rad, m].
+        held: values of fixed coordinates [rad, m].
         guess: as for `assemble`.
         tolerance: closure residual to reach.
         gap: largest closure error of redundant equations.
-        free: drivers that do not stand.
-        release: whether drivers without a value may go.
+        free: drivers that are not fixed.
+        release: whether drivers without a value may move.
     """
     whole = mechanism.whole or mechanism
     if gap and isinstance(guess, State) and guess.mechanism.whole is whole:
@@ -188,43 +189,45 @@ def pose(
     elif (exact := rounded(mechanism, gap)) is not None:
         mechanism = exact
     start = read_guess(mechanism, guess)
-    stand = standing = _standing(mechanism, held, guess, start, free, taken_along=release)
+    driver_values = standing = _standing(
+        mechanism, held, guess, start, free, taken_along=release)
     beginning = mechanism.start(held) if guess is None else None
     if beginning is not None:
         start, table = read_guess(mechanism, beginning), mechanism.coordinate_table
-        standing = {name: coordinate_value(mechanism, table[name], start.q) for name in stand}
+        standing = {name: coordinate_value(mechanism, table[name], start.q)
+                    for name in driver_values}
     angles, lost = NO_ANGLES, tuple[str, ...]()
     if constraints_of(mechanism).counts_turns:
         start, angles, lost = led(
             mechanism, held, start, guess.angles if isinstance(guess, State) else None, standing,
             start.names if isinstance(guess, Mapping) else ())
     problem = AssemblyProblem(mechanism, held, standing, start, tolerance, gap, angles)
-    problem.stand, problem.lost = stand, lost
+    problem.driver_values, problem.lost = driver_values, lost
     return problem
 
 
 def solved(
     problem: AssemblyProblem, limits: bool = False, release: bool = True, together: bool = True
 ) -> State:
-    """Return the closed State of what an assembly is to close; raises as `assemble`.
+    """Return the closed State of an assembly problem; raises like `assemble`.
 
     Args:
-        problem: which `pose` returned.
-        limits: keep joint limits.
+        problem: from `pose`.
+        limits: stay within joint limits.
         release: let drivers without a value move if the loops cannot close otherwise.
-        together: close all groups of loops in one call, if that leaves nothing to judge. Where
-            drivers move freely each group is to move the least by itself.
+        together: close all groups of loops in one call, if no result needs a judgement. If drivers
+            are free, each group must move least by itself.
     """
-    mechanism, stand = problem.mechanism, problem.stand
-    found = None
+    mechanism, driver_values = problem.mechanism, problem.driver_values
+    result = None
     if not limits and (together or len(problem.free_set.groups) < 2):
-        found = problem.closed_at_once()
-    q, seen = found or _searched(problem, limits, release)
+        result = problem.closed_at_once()
+    q, seen = result or _searched(problem, limits, release)
     if problem.lost:
         warn(f"mechanism {mechanism.name!r}: turns of {', '.join(problem.lost)} may be lost: "
              "couplings or screws count them, but not the loops between, which cannot be followed "
              "there from the guess (sweep there, or name what they count in the guess)")
-    released = gone_from(mechanism, q, stand) if stand else {}
+    released = deviations(mechanism, q, driver_values) if driver_values else {}
     if released:
         names = {d.joint: d.name for d in mechanism.drivers.values()}
         released = {names[c]: x for c, x in released.items()}
@@ -236,7 +239,7 @@ def solved(
 
 
 def _searched(problem: AssemblyProblem, limits: bool, release: bool) -> tuple[Array, Examined]:
-    """Return the closed configuration that a search finds, and what it is like."""
+    """Return the closed configuration from a search, and its properties."""
     with problem.workspaces:
         search = Search(problem, limits)
         search.run(release=release)
@@ -249,7 +252,7 @@ def _searched(problem: AssemblyProblem, limits: bool, release: bool) -> tuple[Ar
 
 
 def tell(state: State) -> None:
-    """Warn, once of a mechanism, of the equations that the numbers of its file contradict."""
+    """Warn once for a mechanism of equations that the numbers of its file contradict."""
     mechanism, whole = state.mechanism, state.mechanism.whole
     assert whole is not None and mechanism.selection is not None
     if whole in _WARNED:
@@ -269,17 +272,17 @@ def standing_drivers(
     guess: Mapping[str, Any] | State | Array | None = None,
     free: Iterable[str] = (),
 ) -> dict[str, float]:
-    """Return the values of the drivers that are not given one, keyed by coordinate [rad, m].
+    """Return the values of drivers without a given value, by coordinate [rad, m].
 
     Args:
         mechanism: the mechanism.
-        held: the coordinates that are given values.
+        held: coordinates with given values.
         guess: as for `assemble`: the caller's, else the file's, else neutral.
-        free: drivers that are not to stand.
+        free: drivers that are not fixed.
 
     Raises:
         UnknownNameError: a name does not exist.
-        ValueError: `free` names what is no driver, or is held.
+        ValueError: `free` names something other than a driver, or a fixed driver.
     """
     return _standing(mechanism, held, guess, read_guess(mechanism, guess), free)
 
@@ -288,9 +291,9 @@ def _standing(
     mechanism: Mechanism, held: Iterable[str], guess: Any, start: Guess, free: Iterable[str],
     taken_along: bool = True,
 ) -> dict[str, float]:
-    """Do as `standing_drivers` with a guess that has been read.
+    """Return values of drivers without a value, like `standing_drivers`, from a read guess.
 
-    With `taken_along` drivers that the guess leaves out stand where its other joints take them.
+    With `taken_along`, other joints of the guess move drivers that it does not name.
     """
     drivers, loose = driver_coordinates(mechanism).values(), list[str]()
     for name in (free,) if isinstance(free, str) else free:
@@ -317,9 +320,9 @@ def _at_home(
     mechanism: Mechanism, guess: Any, start: Guess, drivers: Mapping[str, float],
     silent: Sequence[str],
 ) -> dict[str, float]:
-    """Return where drivers of which the guess says nothing stand: neutral, if it closes so.
+    """Return values of drivers that the guess does not name: neutral, if the loops close.
 
-    Else where the loops take them, as the guess may name the platform and leave out the legs.
+    Otherwise the loops give them: the guess may name the platform and not the legs.
     """
     accuracy, angles = accuracy_of(None), np.zeros(constraints_of(mechanism).n_angles)
     problem = AssemblyProblem(
@@ -336,35 +339,35 @@ def _at_home(
     return {name: home.coordinate(name).value for name in silent}
 
 
-def branch_changed(guess: State, found: State, held: Iterable[str]) -> str:
-    """Return a sentence where loops have left the branch of a guess; "" where they have not.
+def branch_changed(guess: State, reached: State, held: Iterable[str]) -> str:
+    """Return a sentence if loops have left the branch of a guess; else "".
 
-    The coordinates that are held go straight from where the guess has them to where they are, the
-    loops closed in short steps: where that does not lead to what was found, the loops that stand
-    elsewhere are on another branch. Nothing is looked at where hardly anything has moved.
+    The fixed coordinates move straight from their values in the guess to the new ones, with loops
+    closed in short steps. Loops that end elsewhere are on another branch. Small motions are not
+    checked.
 
     Args:
-        guess: where the assembly started; of the same mechanism.
-        found: what it has led to.
-        held: coordinates that have values, and those of drivers that stand.
+        guess: start of the assembly; of the same mechanism.
+        reached: its result.
+        held: coordinates with values, and fixed drivers.
     """
-    mechanism = found.mechanism
-    if np.abs(turned_apart(mechanism, guess.q, found.q)).max(initial=0.0) <= SAME_PLACE_BY:
+    mechanism = reached.mechanism
+    if np.abs(turned_apart(mechanism, guess.q, reached.q)).max(initial=0.0) <= SAME_BRANCH:
         return ""
     table = mechanism.coordinate_table
     names = list(dict.fromkeys(mechanism.prescribed_coordinate(name).name for name in held))
     still = still_entries(mechanism, (table[name] for name in names))
     free = free_but(mechanism, still, (name for name in names if table[name].q >= 0))
-    q, done = _led(guess, found, names, free)
-    apart = np.abs(turned_apart(mechanism, q, found.q))
-    with loops_of(mechanism, found.angles) as evaluation:
-        evaluation.update(found.q)
+    q, done = _led(guess, reached, names, free)
+    apart = np.abs(turned_apart(mechanism, q, reached.q))
+    with loops_of(mechanism, reached.angles) as evaluation:
+        evaluation.update(reached.q)
         rows, labels = evaluation.jacobian, evaluation.constraints.labels
         rows = rows[: evaluation.constraints.n_closure]
         loose = np.zeros(len(free), dtype=bool)
         loose[free] = np.abs(decompose(rows[:, free]).null_space).max(
             axis=0, initial=0.0) > TOLERANCES.half_precision
-        elsewhere = (apart > STANDS_APART) & free & ~loose  # though the loops determine where
+        elsewhere = (apart > BRANCHES_APART) & free & ~loose  # though the loops determine where
         moved = np.abs(rows[:, elsewhere]).max(axis=1, initial=0.0) > 0.0
     loops = list(dict.fromkeys(labels[k].closure for k in np.flatnonzero(moved)))
     if not loops:
@@ -377,12 +380,12 @@ def branch_changed(guess: State, found: State, held: Iterable[str]) -> str:
 
 
 def _led(
-    guess: State, found: State, names: list[str], free: NDArray[np.bool_]
+    guess: State, reached: State, names: list[str], free: NDArray[np.bool_]
 ) -> tuple[Array, float]:
-    """Return where coordinates lead that go straight from a guess on, and which part of the way."""
-    mechanism = found.mechanism
+    """Return the end of a straight motion of coordinates from a guess, and the completed part."""
+    mechanism = reached.mechanism
     ends = {name: [coordinate_value(mechanism, mechanism.coordinate_table[name], state.q)
-                   for state in (guess, found)] for name in names}
+                   for state in (guess, reached)] for name in names}
     pinned = [name for name in names if mechanism.coordinate_table[name].q < 0]
     n = constraints_of(mechanism).n_angles
     reference = guess.angles if guess.angles.size == n else np.zeros(n)
@@ -394,7 +397,7 @@ def _led(
             there = closed(mechanism, with_values(mechanism, q, values), free, reference,
                            TOLERANCES.tight, pinned={name: values[name] for name in pinned})
             is_near = there.error <= ACCEPTED and np.abs(
-                turned_apart(mechanism, q, there.q)).max(initial=0.0) <= SAME_PLACE_BY
+                turned_apart(mechanism, q, there.q)).max(initial=0.0) <= SAME_BRANCH
         except SingularError:
             is_near = False
         if is_near:

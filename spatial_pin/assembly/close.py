@@ -1,4 +1,4 @@
-"""Closing loops from a guess with the least motion: the kernel's, and its last digits."""
+"""Closing loops from a guess with the least motion."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-# Damped steps at most: of random starts of `delta` 57 % close in 60, 75 % in 120, so that another
-# start is worth more than so many further steps.
+# Most damped steps. From random starts of `delta` 57 % close in 60 steps, 75 % in 120: another
+# start is worth more than more steps.
 DAMPED_STEPS = 60
 NOTHING: Mapping[str, float] = MappingProxyType({})
 
@@ -35,23 +35,22 @@ def close(
 ) -> tuple[Array, float]:
     """Move the `free` velocities of q (nq,) until the loops close, with the least motion.
 
-    Damped steps, then undamped ones of least norm down to round-off, see
-    `kernel/closing/closing.c`. Where frames of closures are turned far against each other, the
-    logarithms of their rotations lead first: products would lead to mirror images. Coordinates that
-    are `pinned` have their values exactly: components of balls and floating joints, which no
-    velocity belongs to. Singular values below `cut` times the largest move nothing: the rows are
-    closed as well as the others can.
+    Damped steps, then undamped least-norm steps down to round-off, see `kernel/closing/closing.c`.
+    If frames of closures are turned far against each other, the logarithms of their rotations are
+    solved first: products would lead to mirror images. `pinned` coordinates have their values
+    exactly: components of balls and floating joints, which are no velocity entries. Singular values
+    below `cut` times the largest are ignored: their rows are closed as well as the others allow.
 
     Returns:
-        The configuration and its closure error, small or not; `evaluation` is left there.
+        The configuration and its closure error, small or not; `evaluation` is at it.
 
     Raises:
-        SingularError: positions have grown beyond all numbers.
+        SingularError: positions have become infinite.
     """
-    found = closed(evaluation.mechanism, q, free, evaluation.angle_reference, tolerance, iterations,
-                   pinned, cut).q
-    evaluation.update(found)
-    return found, evaluation.closure_error
+    q = closed(evaluation.mechanism, q, free, evaluation.angle_reference, tolerance, iterations,
+               pinned, cut).q
+    evaluation.update(q)
+    return q, evaluation.closure_error
 
 
 def closed(
@@ -64,20 +63,20 @@ def closed(
     pinned: Mapping[str, float] = NOTHING,
     cut: float = TOLERANCES.rank,
 ) -> Closed:
-    """Do as `close` without an evaluation; `angle_reference` are those that it would have."""
+    """Close loops like `close`, without an evaluation; `reference` are its unwrapping angles."""
     with closer_of(mechanism, pinned) as closer:
         return closer.close(q, free, reference, tolerance, iterations, pinned.values(), cut)
 
 
 class LimitedJoints:
-    """Joints that move within limits, and the loops that they close; steps are scaled.
+    """Joints within limits, and the loops that they close; steps are scaled.
 
     Attributes:
         evaluation: the closure equations.
-        mechanism: theirs.
-        moves: (nv,) which velocities may move.
+        mechanism: their mechanism.
+        moves: (nv,) free velocities.
         scale: (nv,) velocity of a unit of each unknown.
-        limits: joint limits to keep, by place in the velocity and side, 1 the upper one.
+        limits: joint limits, by index in the velocity and side, 1 the upper one.
     """
 
     def __init__(
@@ -92,40 +91,40 @@ class LimitedJoints:
         self._sides = np.array([x.side / x.size for x in own])
         self._ends = np.array([x.side * x.value / x.size for x in own])
 
-    def stand(self, q: Array) -> None:
-        """Evaluate the equations at q (nq,), if they do not stand there."""
+    def update(self, q: Array) -> None:
+        """Evaluate the equations at q (nq,), unless they are there."""
         if self.evaluation.q is not q:
             self.evaluation.update(q)
 
     def displaced(self, x: Array, step: Array) -> Array:
-        """Return the configuration (nq,) a step (nv,) away, its loops open."""
-        found: Array = pin.integrate(self.evaluation.model, x, self.scale * step)
-        return found
+        """Return the configuration (nq,) after a step (nv,), with open loops."""
+        moved: Array = pin.integrate(self.evaluation.model, x, self.scale * step)
+        return moved
 
     def room(self, x: Array) -> Array:
-        """Return how far coordinates are from their limits (2, nv), the lower ones first."""
-        found = np.full((2, len(self.scale)), np.inf)
-        found[self._entries[:, 1], self._entries[:, 0]] = self._ends - self._sides * x[self._at]
-        return found
+        """Return distances of coordinates from their limits (2, nv), the lower ones first."""
+        room = np.full((2, len(self.scale)), np.inf)
+        room[self._entries[:, 1], self._entries[:, 0]] = self._ends - self._sides * x[self._at]
+        return room
 
     def at_bounds(self, x: Array, active: Mapping[int, int]) -> Array:
-        """Return x (nq,) with joints at the limits that are active."""
+        """Return x (nq,) with joints at the active limits."""
         x = x.copy()
         for limit in self.limits_of(active):
             x[limit.q] = limit.value
         return x
 
     def limits_of(self, active: Mapping[int, int]) -> tuple[JointLimit, ...]:
-        """Return the limits that are active."""
+        """Return the active limits."""
         return tuple(self.limits[x] for x in active.items())
 
 
 def pinned_rows(
     evaluation: LoopEquations, free: NDArray[np.bool_], pinned: Iterable[str]
 ) -> tuple[Array, Array]:
-    """Return the closure equations over the `free` velocities, scaled, and their residual.
+    """Return the closure equations for the `free` velocities, scaled, and their residual.
 
-    Those of pinned coordinates, which stand where they should, come after them.
+    Rows of pinned coordinates, with zero residual, come last.
     """
     n, mechanism = evaluation.constraints.n_closure, evaluation.mechanism
     rows = evaluation.jacobian[:n, free]

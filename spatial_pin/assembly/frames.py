@@ -1,6 +1,6 @@
-"""Where frames of a large tree are and how they move, without a `pin.Data`.
+"""Placements and motions of frames of a large tree, without a `pin.Data`.
 
-That of 400 freedoms takes 4 GB and seconds to make.
+For 400 freedoms a `pin.Data` takes 4 GB and seconds to make.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from spatial_pin.numerics.linalg import Array
 
 
 class Located(NamedTuple):
-    """A motion of a tree, asked for single frames.
+    """A motion of a tree, evaluated for single frames.
 
     Attributes:
         model: the tree.
@@ -34,8 +34,8 @@ class Located(NamedTuple):
     def placement(self, frame: int) -> pin.SE3:
         """Return the placement of a frame by Pinocchio's index of it."""
         at = self.model.frames[frame]
-        place = self.placements[at.parentJoint]
-        return pin.SE3(place[:3].T, place[3]) * at.placement
+        columns = self.placements[at.parentJoint]
+        return pin.SE3(columns[:3].T, columns[3]) * at.placement
 
     def motion(self, frame: int) -> tuple[pin.Motion, pin.Motion]:
         """Return velocity and classical acceleration of a frame at its origin, world axes."""
@@ -49,7 +49,7 @@ class Located(NamedTuple):
 
 
 def located(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Located | None:
-    """Return a motion of a tree that the kernel moves; None of a small one.
+    """Return a motion of a tree in the kernel; None for a small tree.
 
     Args:
         mechanism: the mechanism.

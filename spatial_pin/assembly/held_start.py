@@ -1,4 +1,4 @@
-"""Where a verb starts from: a guess, or the first configuration of a motion with held joints."""
+"""Start states of verbs: from a guess, or the first state of a motion with fixed coordinates."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ Guess = Mapping[str, Any] | State | Array | None
 
 
 def starting_state(mechanism: Mechanism, guess: Guess, state: Guess = None) -> State:
-    """Return the state that a guess is, or that it is closed to.
+    """Return the state of a guess, closed if it is not a State.
 
     Args:
         mechanism: the mechanism.
-        guess: as for `assemble`; a State stands as it is.
-        state: another word for it.
+        guess: as for `assemble`; a State is used as it is.
+        state: another name of `guess`.
 
     Raises:
         AssemblyError: the guess does not close.
@@ -43,20 +43,21 @@ def held_start(
     mechanism: Mechanism, values: Mapping[str, float],
     guess: Mapping[str, Any] | State | Array | None, hold: Hold, accuracy: Accuracy,
 ) -> tuple[State, list[str]]:
-    """Assemble values of drivers, what is held by name standing where the guess has it.
+    """Assemble values of drivers, with `hold` at the values of the guess.
 
-    It stands there if the guess is a State and the loops close so; rather than it, drivers without
-    a value are released. Of a guess that is yet to be closed, it stands where it is assembled.
+    These values are exact if the guess is a State and the loops close so; otherwise the coordinates
+    are released, after the drivers without a value. With another guess, they keep their assembled
+    values.
 
     Args:
         mechanism: the mechanism.
         values: of drivers or coordinates by name [rad or m].
-        guess: where to assemble.
-        hold: what is held, see `holding.held_by`.
+        guess: start of the assembly.
+        hold: names of fixed coordinates, see `holding.held_by`.
         accuracy: of assembly.
 
     Returns:
-        The State, and a sentence on each joint that does not stand where the guess has it.
+        The State, and a sentence on each joint that is not at the value of the guess.
 
     Raises:
         AssemblyError: the values cannot be assembled.
@@ -86,7 +87,7 @@ def held_start(
 def held_coordinates(
     mechanism: Mechanism, values: Iterable[str], hold: Hold
 ) -> list[Coordinate]:
-    """Return the coordinates held by name, without bases and what has a value."""
+    """Return the coordinates of `hold`, without bases and coordinates with a value."""
     given = [mechanism.prescribed_coordinate(name) for name in values]
     held = held_by(mechanism, hold, given)
     base = held_by(mechanism, BASE, given).entries

@@ -1,4 +1,4 @@
-"""What stands still while a mechanism moves: its free bases, and joints held on purpose."""
+"""Fixed coordinates of a motion: free bases, and joints named by `hold`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 
 
 class Word(str):
-    """A word that is no name, though a joint may be called so."""
+    """A keyword; a joint may have the same name."""
 
     __slots__ = ()
 
@@ -28,18 +28,19 @@ class Word(str):
     __hash__ = str.__hash__
 
 
-BASE, SPRINGS = Word("base"), "springs"  # the first is what is held by default
+BASE, SPRINGS = Word("base"), "springs"  # keywords of `hold`; the first is its default
 Hold = str | Iterable[str] | None
 FixedHold = str | tuple[str, ...] | None
-PARTS = {"translation": slice(0, 3), "rotation": slice(-3, None)}  # of a joint's velocity
+# parts of a floating joint's velocity
+PARTS = {"translation": slice(0, 3), "rotation": slice(-3, None)}
 
 
 class Held(NamedTuple):
-    """What is held.
+    """Fixed velocities and coordinates.
 
     Attributes:
-        entries: places in the velocity vector that are zero.
-        coordinates: single components of balls and floating joints, which are no such entries.
+        entries: indices of zero entries in the velocity vector.
+        coordinates: components of balls and floating joints, which are no such entries.
     """
 
     entries: tuple[int, ...] = ()
@@ -47,24 +48,24 @@ class Held(NamedTuple):
 
 
 def fixed(hold: Hold) -> FixedHold:
-    """Return the same names in a form that is hashable, and can be read more than once."""
+    """Return the same names as a hashable tuple."""
     return hold if hold is None or isinstance(hold, str) else tuple(names_of(hold, "hold"))
 
 
 def free_bases(mechanism: Mechanism) -> tuple[str, ...]:
-    """Return the free bases: of a machine that nothing ties to the ground, what carries it.
+    """Return the free bases: floating joints that carry a machine without a tie to the ground.
 
-    Where all bodies are free, each on a floating joint of its own, none is the base of a machine.
+    If every body has a floating joint of its own, there is none.
     """
     return () if all(pair == "floating" for pair in mechanism.pairs) else untied(mechanism)
 
 
 @made_once
 def untied(mechanism: Mechanism) -> tuple[str, ...]:
-    """Return the floating joints that carry, alone, all that hangs together with their link.
+    """Return the floating joints that alone carry all bodies connected with their link.
 
-    Such a link and all that is joined to it can go anywhere as one body. A floating joint whose
-    link closures tie to the ground, or to what other joints hold to it, is none.
+    Such a link and its machine can move anywhere as one body. A floating joint is not among them if
+    closures tie its link to the ground or to bodies on other joints.
     """
     model = mechanism.model
     floating = [i for i, pair in enumerate(mechanism.pairs, start=1)
@@ -84,44 +85,44 @@ def untied(mechanism: Mechanism) -> tuple[str, ...]:
 
 
 def still_entries(mechanism: Mechanism, driven: Iterable[Coordinate]) -> tuple[int, ...]:
-    """Return the velocity entries of the free bases that nobody drives."""
+    """Return the velocity entries of the free bases that are not driven."""
     moved = [c.joint for c in driven]
     return tuple(v for joint in free_bases(mechanism) if joint not in moved
                  for v in velocity_entries(mechanism, joint))
 
 
 def velocity_entries(mechanism: Mechanism, joint: str) -> range:
-    """Return the places of a joint in the velocity vector."""
+    """Return the indices of a joint in the velocity vector."""
     i = mechanism.joint_id(joint)
     at = int(mechanism.model.idx_vs[i])
     return range(at, at + int(mechanism.model.nvs[i]))
 
 
 def written(names: Iterable[str]) -> list[str]:
-    """Return names of what is held as a file has them, that of the free bases in asterisks."""
+    """Return names for a file, that of the free bases in asterisks."""
     return [f"*{name}*" if isinstance(name, Word) else name for name in names]
 
 
 def as_written(names: Iterable[str]) -> tuple[str, ...]:
-    """Return the names that a file has."""
+    """Return names from a file."""
     return tuple(BASE if name == f"*{BASE}*" else name for name in names)
 
 
 def is_base(mechanism: Mechanism, name: str) -> bool:
-    """Whether a name stands for the free bases: a joint that is called "base" may be meant."""
+    """Whether a name means the free bases; a joint may have the name "base"."""
     return name == BASE or (name == str(BASE) and name not in list(mechanism.model.names)[1:] and (
         name not in mechanism.coordinate_table) and name not in mechanism.drivers)
 
 
 def held_by(mechanism: Mechanism, hold: Hold, driven: Iterable[Coordinate] = ()) -> Held:
-    """Return what is held.
+    """Return the fixed entries and coordinates.
 
     Args:
         mechanism: the mechanism.
-        hold: names of joints, coordinates or drivers; "base" for the free bases, "springs" for
-            the coordinates that springs of the file act about, "NAME.rotation" and
-            "NAME.translation" for these parts of a floating joint. None: nothing.
-        driven: what moves: a base of which nothing is driven is held.
+        hold: names of joints, coordinates or drivers; "base" for the free bases, "springs" for the
+            coordinates of springs in the file, "NAME.rotation" and "NAME.translation" for these
+            parts of a floating joint. None: nothing.
+        driven: driven coordinates: a free base without one is fixed.
 
     Raises:
         UnknownNameError: a name does not exist.
@@ -160,10 +161,10 @@ def _held_by(
 def divided(
     mechanism: Mechanism, driven: Iterable[Coordinate], hold: Hold
 ) -> tuple[list[Coordinate], tuple[int, ...]]:
-    """Return what is prescribed, and the velocity entries that stand still, where some are held.
+    """Return the prescribed coordinates, and the fixed velocity entries.
 
-    Held coordinates are not driven; single components of balls and floating joints are prescribed
-    after the driven ones.
+    Fixed coordinates are not driven; components of balls and floating joints are prescribed after
+    the driven coordinates.
     """
     driven = list(driven)
     held = held_by(mechanism, hold, driven)
@@ -175,7 +176,7 @@ def divided(
 def free_but(
     mechanism: Mechanism, still: Iterable[int], held: Iterable[str]
 ) -> NDArray[np.bool_]:
-    """Return (nv,) which velocities are left where entries and coordinates are held."""
+    """Return (nv,) the free velocities, without fixed entries and coordinates."""
     free = np.ones(mechanism.model.nv, dtype=bool)
     free[list(still)] = False
     free[[mechanism.coordinate_table[name].v for name in held]] = False

@@ -1,7 +1,7 @@
 """The angle of a link in the world: the direction of its x axis, seen along an axis.
 
-Where all hinges between the ground and the link are parallel to the axis, as in a plane mechanism,
-the angle is a sum of theirs and counts turns however far apart samples are.
+If all hinges between the ground and the link are parallel to the axis, as in a plane mechanism, the
+angle is a sum of theirs and counts turns, however far apart samples are.
 """
 
 from __future__ import annotations
@@ -19,22 +19,21 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 ANGLE = "angle"
-NEARLY_ALONG = 0.99  # cosine: an x axis that is so near to the axis has no direction about it
-HALF_TURN_NOISE = 1e-9  # rad by which half a turn may be missed and is still +pi, not -pi
+NEARLY_ALONG = 0.99  # cosine beyond which an x axis along the axis has no direction about it
+HALF_TURN_NOISE = 1e-9  # round-off of half a turn, which is +pi and not -pi [rad]
 
 
 class LinkAngle(NamedTuple):
     """The angle of a frame about an axis of the world.
 
     Attributes:
-        frame: Pinocchio's index of it.
-        label: what it is, in words.
+        frame: index in Pinocchio's model.
+        label: in words.
         axis: (3,) unit vector.
-        arm: (3,) axis of the frame whose direction it is: x, y where that lies along the axis.
+        arm: (3,) axis of the frame whose direction counts: x, or y if x lies along the axis.
         aside: (2, 3) directions of the world at zero and at a quarter of a turn.
-        sums: (nq,) parts that coordinates have in it where hinges are parallel to the axis; None
-            where they are not.
-        zero: angle where these are zero [rad].
+        sums: (nq,) coefficients of the coordinates, if hinges are parallel to the axis; else None.
+        zero: angle at zero coordinates [rad].
     """
 
     frame: int
@@ -48,8 +47,8 @@ class LinkAngle(NamedTuple):
     def directed(self, rotations: Array) -> Array:
         """Return the angle (N,) of rotations (N, 3, 3) of the frame, within half a turn [rad]."""
         x, y = np.moveaxis((rotations @ self.arm) @ self.aside.T, -1, 0)
-        found: Array = np.arctan2(y, x)
-        return np.where(found < HALF_TURN_NOISE - np.pi, found + 2.0 * np.pi, found)
+        angle: Array = np.arctan2(y, x)
+        return np.where(angle < HALF_TURN_NOISE - np.pi, angle + 2.0 * np.pi, angle)
 
     def along(self, rotations: Array, q: Array) -> Array:
         """Return the angle (N,) of samples that follow each other, without jumps [rad].
@@ -60,8 +59,8 @@ class LinkAngle(NamedTuple):
         """
         if self.sums is not None:
             return self.zero + q @ self.sums
-        found: Array = np.unwrap(self.directed(rotations))
-        return found
+        angle: Array = np.unwrap(self.directed(rotations))
+        return angle
 
     def slope(self, evaluation: LoopEquations) -> Array:
         """Return the derivative (nv,) for joint velocities at the last `update`."""
@@ -72,10 +71,10 @@ class LinkAngle(NamedTuple):
 
 
 def link_angle(mechanism: Mechanism, spec: str) -> LinkAngle | None:
-    """Return the angle that `LINK.angle`, or `LINK.angle.x`, `.y` or `.z` names; None if none.
+    """Return the angle for `LINK.angle`, or `LINK.angle.x`, `.y` or `.z`; None for other names.
 
-    Without an axis it is the direction that all hinges from the ground to the link have, or, of a
-    link that only slides, all hinges of the mechanism.
+    Without an axis it is the common direction of all hinges from the ground to the link, or, for a
+    link that only slides, of all hinges of the mechanism.
 
     Raises:
         SpatialPinError: no axis is named, and its hinges are not parallel.
@@ -105,29 +104,29 @@ def _named(mechanism: Mechanism, name: str, letter: str, spec: str) -> LinkAngle
     first = first - (axis @ first) * axis
     first /= np.linalg.norm(first)
     label = f"{spec[: -2 * bool(letter) or None].replace('.' + ANGLE, ' ' + ANGLE)}"
-    found = LinkAngle(frame, label + f" about {letter}" * bool(letter), axis, arm,
+    angle = LinkAngle(frame, label + f" about {letter}" * bool(letter), axis, arm,
                       np.array([first, np.cross(axis, first)]), None, 0.0)
     sums = _sums(mechanism, axis, turns)
     if sums is None:
-        return found
-    zero = float(found.directed(rotation[None])[0] - mechanism.neutral @ sums)
-    return found._replace(sums=sums, zero=zero)
+        return angle
+    zero = float(angle.directed(rotation[None])[0] - mechanism.neutral @ sums)
+    return angle._replace(sums=sums, zero=zero)
 
 
 def _turns(evaluation: LoopEquations) -> Array:
-    """Return the turns (3, nv) of all joints relative to the bodies that they hang on."""
+    """Return the rotation axes (3, nv) of all joints relative to their parents."""
     model = evaluation.mechanism.model
-    found = np.zeros((3, model.nv))
+    turns = np.zeros((3, model.nv))
     for j in range(1, model.njoints):
         own = slice(model.idx_vs[j], model.idx_vs[j] + model.nvs[j])
-        found[:, own] = evaluation.body_jacobian(j)[3:, own]
-    return found
+        turns[:, own] = evaluation.body_jacobian(j)[3:, own]
+    return turns
 
 
 def _common(own: Array, every: Array) -> Array | None:
-    """Return the axis (3,) of a link's turns, or if it has none of every; None if there are more.
+    """Return the common axis (3,) of a link's hinges, or of all if it has none; None for several.
 
-    It points as that of the first hinge of all that is parallel to it.
+    It has the sense of the first parallel hinge of all.
     """
     turns = own if own.any() else every
     turns = turns[:, turns.any(axis=0)]
@@ -135,12 +134,12 @@ def _common(own: Array, every: Array) -> Array | None:
         return None
     alike = [x for x in every.T if x.any() and np.abs(np.cross(x, turns[:, 0])).max()
              <= TOLERANCES.nothing]
-    found: Array = alike[0] / np.linalg.norm(alike[0])
-    return found
+    axis: Array = alike[0] / np.linalg.norm(alike[0])
+    return axis
 
 
 def _sums(mechanism: Mechanism, axis: Array, turns: Array) -> Array | None:
-    """Return the parts (nq,) of coordinates in a turn about an axis; None if they are not all."""
+    """Return the coefficients (nq,) of coordinates in a turn about an axis; None if incomplete."""
     parts = axis @ turns
     if np.abs(turns - np.outer(axis, parts)).max(initial=0.0) > TOLERANCES.nothing:
         return None

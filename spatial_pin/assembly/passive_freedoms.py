@@ -1,9 +1,8 @@
 """Passive freedoms: motions of one link that move nothing else.
 
-One link is what stands together: bodies that drivers hold to each other, and those that closures
-weld, as a rod that was cut in two; also the parts of a rod that slide on each other, as it turns. A
-ball, or a universal joint, may be a chain of hinges whose axes meet: its links turn as the two that
-it joins ask for, and nobody looks at them.
+Bodies count as one link if drivers or welds hold them together, such as the halves of a cut rod; so
+do the parts of a telescopic rod that turns. A chain of hinges with intersecting axes may stand for
+a ball or a universal joint: its inner links turn with the two outer ones and do not count.
 """
 
 from __future__ import annotations
@@ -23,29 +22,29 @@ from spatial_pin.mechanism.parts import Closure, Coordinate
 from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-# Twist of a body that rests relative to that of the one that moves most: null vectors are known to
-# round-off over the least singular value, which `near_singular` leaves: 2e-11; far above that, and
-# below what the shortest lever makes that files with six digits have.
+# Relative twist of a body at rest. Null vectors have an error of round-off over the least singular
+# value, which `near_singular` limits to 2e-11. This is far above it, and below the effect of the
+# shortest lever in files with six digits.
 RESTING = 1e-8
 WELDS = ("weld", "fixed")
 SLIDES, POINTS = ("prismatic", "cylindrical"), ("spherical", "distance")
-HINGES = {"revolute": 1, "universal": 2}  # pairs that a chain is made of, and their axes
-# Mass of a link of a chain, at most, relative to the heaviest body: what files give links that are
-# there for their joint only, a gram in a ton.
+HINGES = {"revolute": 1, "universal": 2}  # pairs of a chain, with their number of axes
+# Largest mass of an inner link, relative to the heaviest body: files give such links a gram in a
+# ton.
 WITHOUT_MASS = 1e-6
 
 
 def driven_groups(
     mechanism: Mechanism, driven: Iterable[Coordinate] | None = None
 ) -> list[int]:
-    """Return for every body (by its joint's index) the first body that it stands together with.
+    """Return for every body (by its joint's index) the first body that is rigidly connected to it.
 
-    The two halves of a driven telescopic leg are one body as long as the driver stands still; so
-    are those of a rod that a closure welds.
+    The halves of a driven telescopic leg are one body while the driver is fixed; so are those of a
+    welded rod.
 
     Args:
         mechanism: the mechanism.
-        driven: what is prescribed; default the drivers.
+        driven: prescribed coordinates; default the drivers.
     """
     if driven is None:
         driven = list(driver_coordinates(mechanism).values())
@@ -70,22 +69,22 @@ def _groups(mechanism: Mechanism, driven: frozenset[str]) -> list[int]:
 
 
 def is_in_loop(mechanism: Mechanism, joint: str) -> bool:
-    """Whether the body of a joint, with what stands together with it, carries more than a pair."""
+    """Whether a joint's body, with its rigidly connected bodies, carries more than one pair."""
     return _in_loops(mechanism)[mechanism.joint_id(joint)]
 
 
 @made_once
 def _in_loops(mechanism: Mechanism) -> list[bool]:
-    """Return for every body (by its joint's index) whether it is."""
+    """Return `is_in_loop` for every body (by its joint's index)."""
     groups = np.array(driven_groups(mechanism))
     pairs = np.bincount([groups[body] for ends in _pairs(mechanism) for body in ends
                          if groups[ends[0]] != groups[ends[1]]], minlength=len(groups))
-    found: list[bool] = (pairs[groups] > 1).tolist()
-    return found
+    carries: list[bool] = (pairs[groups] > 1).tolist()
+    return carries
 
 
 def _pairs(mechanism: Mechanism) -> list[tuple[int, int]]:
-    """Return the two bodies, by joint, of every pair; couplings join none."""
+    """Return the two bodies, by joint, of every pair; couplings have none."""
     model = mechanism.model
     pairs = [(int(model.parents[i]), i) for i in range(1, model.njoints)]
     for closure in mechanism.closures:
@@ -98,10 +97,10 @@ def _pairs(mechanism: Mechanism) -> list[tuple[int, int]]:
 
 
 class Ball(NamedTuple):
-    """A ball that is written as hinges about three axes which meet.
+    """A ball modelled as hinges about three intersecting axes.
 
     Attributes:
-        ends: the two bodies that it joins.
+        ends: the two outer bodies.
         inside: the bodies between its hinges.
     """
 
@@ -111,10 +110,10 @@ class Ball(NamedTuple):
 
 @made_once
 def chain_links(mechanism: Mechanism) -> frozenset[int]:
-    """Return the bodies inside balls and universal joints that are written as chains of hinges.
+    """Return the inner bodies of balls and universal joints that are modelled as hinges.
 
-    They weigh nothing, and carry two hinges, not driven nor coupled, whose centres are one point.
-    Where nothing at all weighs, nobody can tell them from shafts: there are none.
+    They have no mass, and carry two hinges, not driven nor coupled, with a common centre. If no
+    body has a mass, they cannot be distinguished from shafts, and there are none.
     """
     masses = np.array([inertia.mass for inertia in mechanism.model.inertias])
     if not masses.any():
@@ -125,7 +124,7 @@ def chain_links(mechanism: Mechanism) -> frozenset[int]:
 
 @made_once
 def balls_of_hinges(mechanism: Mechanism) -> list[Ball]:
-    """Return the balls that are written as hinges about three axes, whatever is inside weighs."""
+    """Return the balls modelled as hinges about three axes, whatever the inner masses."""
     inside, groups = _between_hinges(mechanism), list[set[int]]()
     for ends, _ in _kinds_of_pairs(mechanism):
         joined = {*ends} & inside
@@ -145,15 +144,15 @@ def balls_of_hinges(mechanism: Mechanism) -> list[Ball]:
 
 @made_once
 def inside_links(mechanism: Mechanism) -> frozenset[int]:
-    """Return the bodies inside balls that are written as hinges."""
+    """Return the inner bodies of balls modelled as hinges."""
     return frozenset().union(*(ball.inside for ball in balls_of_hinges(mechanism)))
 
 
 @made_once
 def unseen_links(mechanism: Mechanism) -> frozenset[int]:
-    """Return the bodies inside balls and universal joints, at which nobody looks.
+    """Return the inner bodies of balls and universal joints, which do not count as links.
 
-    What is inside a ball of hinges between the ground and what is no rod may be a shaft.
+    The inside of a ball between the ground and a body that is not a rod may be a shaft.
     """
     balls = [ball for ball in balls_of_hinges(mechanism)
              if 0 not in ball.ends or _is_rod(mechanism, max(ball.ends))]
@@ -161,7 +160,7 @@ def unseen_links(mechanism: Mechanism) -> frozenset[int]:
 
 
 def _is_rod(mechanism: Mechanism, body: int) -> bool:
-    """Whether a body, with those that slide on it, is held at points only, at two or more."""
+    """Whether a body, with bodies that slide on it, has only point contacts, two or more."""
     balls, inside, own = balls_of_hinges(mechanism), inside_links(mechanism), {body}
     pairs = [(ends, kind) for ends, kind in _kinds_of_pairs(mechanism) if not inside & {*ends}]
     pairs += [(ball.ends, POINTS[0]) for ball in balls]
@@ -174,7 +173,7 @@ def _is_rod(mechanism: Mechanism, body: int) -> bool:
 
 
 def _kinds_of_pairs(mechanism: Mechanism) -> list[tuple[tuple[int, int], str]]:
-    """Return the two bodies of every pair, and what it is: of a part of one nothing."""
+    """Return the two bodies and the type of every pair; "" for a part of a pair."""
     kinds = [*mechanism.pairs]
     for closure in mechanism.closures:
         kinds += [closure.type if closure.equations is None else ""] * len(closure.joined)
@@ -183,7 +182,7 @@ def _kinds_of_pairs(mechanism: Mechanism) -> list[tuple[tuple[int, int], str]]:
 
 @made_once
 def _between_hinges(mechanism: Mechanism) -> frozenset[int]:
-    """Return bodies that carry two hinges alone, not driven nor coupled, whose axes meet."""
+    """Return bodies with only two hinges, not driven nor coupled, with intersecting axes."""
     model = mechanism.model
     counted = np.bincount([body for ends in _pairs(mechanism) for body in ends],
                           minlength=model.njoints)
@@ -194,31 +193,31 @@ def _between_hinges(mechanism: Mechanism) -> frozenset[int]:
     for closure in mechanism.closures:
         for frame in (*closure.frames, *closure.between):
             closures.setdefault(mechanism.frame_on_joint(frame)[0], []).append(closure)
-    found = []
+    bodies = []
     for i in range(1, model.njoints):
         if counted[i] != 2 or mechanism.pairs[i - 1] not in HINGES:
             continue
         joints = {model.names[i], *(model.names[k] for k in model.children[i])}
         if joints.isdisjoint(moved) and _meets(mechanism, i, closures.get(i, ())):
-            found.append(i)
-    return frozenset(found)
+            bodies.append(i)
+    return frozenset(bodies)
 
 
 def _meets(mechanism: Mechanism, body: int, closures: Iterable[Closure]) -> bool:
-    """Whether the other pair of a body is a hinge about another axis through the first one's."""
+    """Whether the other pair of a body is a hinge about another axis through the same centre."""
     model = mechanism.model
     for child in model.children[body]:
-        kind, place = mechanism.pairs[child - 1], model.jointPlacements[child]
-        axis = place.rotation @ _axis(mechanism, child)
+        kind, placement = mechanism.pairs[child - 1], model.jointPlacements[child]
+        axis = placement.rotation @ _axis(mechanism, child)
     for closure in closures:
         kind = closure.type if closure.equations is None else "part"
         mine = [k for k, f in enumerate(closure.frames) if mechanism.frame_on_joint(f)[0] == body]
         if not mine:
             return False
-        place = mechanism.frame_on_joint(closure.frames[mine[0]])[1]
+        placement = mechanism.frame_on_joint(closure.frames[mine[0]])[1]
         axes = closure.geometry.axes2 if mine[0] else closure.geometry.axes1
-        axis = place.rotation @ axes[:, 2]
-    if kind not in HINGES or np.linalg.norm(place.translation) > (
+        axis = placement.rotation @ axes[:, 2]
+    if kind not in HINGES or np.linalg.norm(placement.translation) > (
             TOLERANCES.nothing * mechanism.characteristic_length):
         return False
     if kind == mechanism.pairs[body - 1] == "revolute":
@@ -241,14 +240,14 @@ def _axis(mechanism: Mechanism, joint: int) -> Array:
 def passive_freedoms(
     evaluation: LoopEquations, null_space: Array, driven: Iterable[Coordinate] | None = None
 ) -> list[tuple[str, Array]]:
-    """Return (joint name, (k, nv) velocities) for the motions that move one link only.
+    """Return (joint name, (k, nv) velocities) of motions of a single link.
 
-    A link is named by the first of its bodies. Links inside its balls may move with it.
+    A link has the name of the first of its bodies. Inner links of its balls may move with it.
 
     Args:
-        evaluation: at the configuration in question.
-        null_space: (k, nv) joint velocities that move neither drivers nor open a loop.
-        driven: what is prescribed; default the drivers.
+        evaluation: at the configuration.
+        null_space: (k, nv) joint velocities that keep drivers fixed and loops closed.
+        driven: prescribed coordinates; default the drivers.
     """
     mechanism = evaluation.mechanism
     twists = _twists(evaluation, null_space)
@@ -265,19 +264,19 @@ def passive_freedoms(
             rods.append(joined.union(*near))
     links += [tuple(sorted(x)) for x in rods
               if _is_rod(mechanism, min(x)) and moves[list(x)].all()]
-    found: list[tuple[str, Array]] = []
+    freedoms: list[tuple[str, Array]] = []
     for link in links:
         alone = _alone(mechanism, twists, groups, moves, link)
         if len(alone):
-            found.append((mechanism.model.names[link[0]], alone @ null_space))
-    return found
+            freedoms.append((mechanism.model.names[link[0]], alone @ null_space))
+    return freedoms
 
 
 def _alone(
     mechanism: Mechanism, twists: Array, groups: NDArray[np.intp], moves: NDArray[np.bool_],
     link: tuple[int, ...],
 ) -> Array:
-    """Return which motions (m, k) of k move a link alone; of several groups of bodies as one."""
+    """Return combinations (m, k) of k motions that move one link (its groups of bodies) alone."""
     n = twists.shape[2]
     mine = [ball for ball in balls_of_hinges(mechanism)
             if not set(groups[list(ball.ends)].tolist()).isdisjoint(link)]
@@ -304,7 +303,7 @@ def _alone(
 
 
 def moved_bodies(evaluation: LoopEquations, velocities: Array) -> list[int]:
-    """Return the bodies, by joint, that joint velocities (k, nv) move at the evaluation."""
+    """Return the bodies, by joint, that joint velocities (k, nv) move."""
     twists = _twists(evaluation, velocities)
     return (np.flatnonzero(np.abs(twists).max(axis=(1, 2), initial=0.0) > RESTING) + 1).tolist()
 

@@ -1,19 +1,19 @@
-"""Files whose numbers are rounded: redundant equations of loops that hold to a few digits only.
+"""Redundant equations of loops with rounded numbers in the file.
 
-A plane loop in the numbers of a CAD program has hinges that are parallel to five to eight digits.
-As these say, its links could hardly move: equations that follow from the others in the exact
-mechanism stay open by the rounding, or hold at the drawn pose alone. Such equations are left out:
-the mechanism then has the freedoms and the motions that its drawing has, to the digits of the file,
-and the error that remains is reported as a `Gap`.
+A plane loop from a CAD program has hinges that are parallel to five to eight digits. Taken exactly,
+its links could hardly move: equations that are redundant in the exact mechanism stay open by the
+rounding, or hold at the drawn pose alone. Such equations are left out. The mechanism then has the
+freedoms and motions of its drawing, to the digits of the file, and the remaining error is reported
+as a `Gap`.
 
-Which equations are redundant is decided once for a mechanism, over a motion and not at one pose.
-The strong equations, whose singular values are large beside the gap allowed, are followed along the
-directions that they leave free. Equations that stay closed to the gap all along are redundant. If
-they open beyond it they are not: the mechanism is rigid, or moves within the gap only. Where as
-many freedoms remain with all equations, the numbers contradict nothing, and all equations stay.
+To distinguish rounding from a wrong loop, configurations are sampled along the motion, once for a
+mechanism. The strong equations, with singular values far above the gap allowed, are followed along
+their free directions. Equations that stay closed to the gap everywhere are redundant. If they open
+beyond it they are not: the mechanism is rigid, or moves within the gap only. If as many freedoms
+remain with all equations, the numbers contradict nothing, and all equations stay.
 
-Which ones stay is chosen once too: those that are independent on all of that motion, as well as
-can be. Where none are, those that are so as far as possible from the guess.
+The remaining equations are those that are independent at all samples, as well as possible; else
+those that are so as far as possible from the guess.
 """
 
 from __future__ import annotations
@@ -37,34 +37,41 @@ from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
 from spatial_pin.mechanism.coordinates import joint_values, with_values
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import SelectedEquations
-from spatial_pin.numerics.linalg import Array, decompose, null_space, singular_values, weighty_rows
+from spatial_pin.numerics.linalg import (
+    Array,
+    column_spaces,
+    decompose,
+    mean_subspace,
+    null_space,
+    null_spaces,
+    singular_values,
+    weighty_rows,
+)
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy
 
 CLOSED = TOLERANCES.closed
-FITS = 0.1 * CLOSED  # closure error on the way of equations that follow from others everywhere
-# Singular values of equations that rounding opens by a gap are below so many gaps: a gap is the
-# rounding of one number, an equation is made of about ten.
+FITS = 0.1 * CLOSED  # closure error along the motion of equations that are redundant everywhere
+# Singular values of equations that a gap opens, relative to the gap: a gap is the rounding of one
+# number, an equation has about ten numbers.
 GAPS_WIDE, WIDEST_GAP = 10.0, 0.02
-# Configurations, from one of which it is seen whether all equations can be closed: a dozen of 48,
-# as each takes as many steps as a start may.
+# Every fourth sample is tried for closing all equations: a dozen of 48, each as costly as a start.
 EVERY = 4
-# Length of the last independent equation, from which on all are clearly independent. It is larger
-# than the least singular value, though hardly ever ten times.
+# Length of the last independent equation above which all are clearly independent. It is above the
+# least singular value, seldom by more than ten times.
 INDEPENDENT = 1e-2
-CLEAR_OF_CUT = 3.0  # cuts, above which all singular values are where a mechanism is regular
-ON_THE_WAY = 48  # configurations looked at, of which half must be reached: more than one turn then
-STRIDE = 0.4  # rad, characteristic lengths, from one to the next: three turns in all
-# Starts where the guess of the file does not close: one in two closes elsewhere, as a rule.
-BEGINNINGS = 8
-# Singular values and gaps found on the way, below which those of other places are: rounding is the
-# same there, and levers differ by less than that.
+CLEAR_OF_CUT = 3.0  # ratio to the cut of all singular values of a regular mechanism
+MOTION_SAMPLES = 48  # samples of the motion, of which half must be reached: more than one turn
+STRIDE = 0.4  # distance between samples [rad, characteristic lengths]: three turns in all
+START_SAMPLES = 8  # starts if the guess of the file does not close: usually one in two closes
+# Factor on singular values and gaps of the samples for other configurations: rounding is the same
+# there, and levers differ by less.
 ABOVE = 10.0
-# Independence relative to that of all equations, with which a choice is left at that: a better one
-# gains less than a digit.
+# Independence, relative to that of all equations, of a good choice: a better one gains less than a
+# digit.
 GOOD = 0.2
-# Independence relative to that of all equations, below which a choice is of no use: rates lose two
-# digits, and a tenth of a radian ahead the equations may depend on each other.
+# Independence, relative to that of all equations, of a useless choice: rates lose two digits, and a
+# tenth of a radian ahead the equations may be dependent.
 USELESS = 0.05
 # The same, with which a choice made for a path is left at that: errors are a few times those of all
 # equations; and how many times as independent another one is to be.
@@ -74,32 +81,32 @@ HALF_RADIAN, PARTS_OF_MOTION = 0.5, 4
 PART = HALF_RADIAN / PARTS_OF_MOTION
 MOST_LOOKED_AT = 400  # configurations of a path: eight turns, in a tenth of a second
 DIRECTIONS = 6  # of that motion, each taken both ways
-LONGER_WAY = 4  # such motions in a row, over which it is seen how long equations are independent
+LONGER_MOTION = 4  # such motions in a row, over which it is seen how long equations are independent
 PROBES, STEPS_TO_POSE = 4, 3  # other poses tried, and steps to each
 STEP_TO_POSE = 0.1  # length of a step [rad, characteristic lengths]
-# Of files of three digits, and of two; then others, as a gap far above the rounding may hide what
-# the loops hold.
+# Of files with three digits, and with two; then others, as a gap far above the rounding may hide a
+# real equation.
 GAPS_TRIED = (1e-3, 1e-2, 2e-4, 5e-4, 2e-3, 5e-3)
 FEW_CHOICES = 300  # of equations, that are all looked at: in a fraction of a second
 # Samples from the guess on, in which sums of equations are to be independent where none are all
 # through: two radians, one and a half, one, half a radian; of ways ahead, none.
 HORIZONS = 17, 13, 9, 5, 1
 ROUNDS = 30  # of weights, after which the least independent sample gains no digit more
-# Weight of equations that are kept if they can, those of screws and couplings: no other is as well
+# Weight of the equations of screws and couplings, which are preferred: no other is as well
 # conditioned as to outweigh it.
-KEPT = 1e3
+PREFERRED = 1e3
 
 
 class Sample(NamedTuple):
-    """A configuration closed as well as it can be.
+    """A configuration closed as well as possible.
 
     Attributes:
         q: the configuration (nq,).
-        jacobian: of the closure equations there.
+        jacobian: of the closure equations.
         s: its singular values.
         error: closure error.
-        rows: orthonormal rows (rank, nv) that span those of the Jacobian, turned as those of the
-            sample before it; empty until they are needed.
+        rows: orthonormal rows (rank, nv) of its row space, oriented like those of the sample
+            before; empty if not needed.
     """
 
     q: Array
@@ -125,8 +132,8 @@ def rounded(mechanism: Mechanism, gap: float) -> Mechanism | None:
     if _is_exact(mechanism):
         return None
     with loops_of(mechanism) as evaluation:
-        kept = _kept(evaluation, gap)
-    return None if kept is None else mechanism.with_equations(kept)
+        selected = _selected(evaluation, gap)
+    return None if selected is None else mechanism.with_equations(selected)
 
 
 def _is_exact(mechanism: Mechanism) -> bool:
@@ -157,17 +164,17 @@ def _is_exact(mechanism: Mechanism) -> bool:
 
 
 def gap_allowed(mechanism: Mechanism, accuracy: Accuracy | None = None) -> float:
-    """Return the gap that equations may keep: that of the mechanism's file, else of `accuracy`."""
+    """Return the gap for redundant equations: that of the mechanism's file, else of `accuracy`."""
     return (accuracy or Accuracy()).gap if mechanism.gap is None else mechanism.gap
 
 
 @made_once
 def gap_needed(mechanism: Mechanism) -> float | None:
-    """Return a gap with which a mechanism that its loops hold would move, one digit; or None."""
+    """Return a gap, with one digit, with which a locked mechanism would move; or None."""
     for gap in (Accuracy().gap, *GAPS_TRIED):
-        if gap > gap_allowed(mechanism) and (found := rounded(mechanism, gap)) is not None:
-            assert found.selection is not None
-            less = clearly_above(max(open_by for _, open_by in found.selection.opened))
+        if gap > gap_allowed(mechanism) and (exact := rounded(mechanism, gap)) is not None:
+            assert exact.selection is not None
+            less = clearly_above(max(open_by for _, open_by in exact.selection.opened))
             while less < gap and rounded(mechanism, less) is None:
                 less = clearly_above(less)
             return min(gap, less)
@@ -175,7 +182,7 @@ def gap_needed(mechanism: Mechanism) -> float | None:
 
 
 def clearly_above(gap: float) -> float:
-    """Return a number of one digit that is half as large again, or a little more."""
+    """Return a number with one digit, half as large again or a little more."""
     digit = 10.0 ** math.floor(math.log10(1.5 * gap))
     return math.ceil(1.5 * gap / digit) * digit
 
@@ -188,8 +195,8 @@ def gap_words(mechanism: Mechanism) -> str:
         "redundant equations that hold to this part of its size only")
 
 
-def as_meant(mechanism: Mechanism, accuracy: Accuracy | None = None) -> Mechanism:
-    """Return a mechanism, or the one without what its rounded numbers contradict."""
+def with_independent_equations(mechanism: Mechanism, accuracy: Accuracy | None = None) -> Mechanism:
+    """Return a mechanism without equations that its rounded numbers contradict."""
     return rounded(mechanism, gap_allowed(mechanism, accuracy)) or mechanism
 
 
@@ -198,25 +205,25 @@ def _guess(mechanism: Mechanism) -> Array:
 
 
 def allowed_from(state: State, gap: float) -> float:
-    """Return the gap that motions from a state may have: `gap`, or more where it has as much."""
+    """Return the gap for motions from a state: `gap`, or more if the state has it already."""
     return max(gap, GAPS_WIDE * float(state.gap))
 
 
 def rounding_of(mechanism: Mechanism) -> float:
-    """Return what is round-off of a file, relative to 1: 0 for a mechanism that is whole."""
+    """Return the round-off of a file, relative to 1: 0 for a mechanism with all equations."""
     return 0.0 if mechanism.selection is None else mechanism.selection.cut
 
 
-def _kept(evaluation: LoopEquations, gap: float) -> SelectedEquations | None:
-    """Return the equations that stay where the numbers of others are rounded; None: all stay."""
+def _selected(evaluation: LoopEquations, gap: float) -> SelectedEquations | None:
+    """Return the remaining equations if the numbers of others are rounded; None: all."""
     cut = min(GAPS_WIDE * gap, WIDEST_GAP)
-    first = next(_beginnings(evaluation, cut, gap), None)
+    first = next(_start_samples(evaluation, cut, gap), None)
     if first is None:
         return None
-    reached = [first, *_on_the_way(evaluation, first, cut, gap)]
+    reached = [first, *_motion_samples(evaluation, first, cut, gap)]
     rank = max(_rank(x.s, cut) for x in reached)
     samples = [x for x in reached if _rank(x.s, CLEAR_OF_CUT * cut) == rank]
-    if not samples or (len(samples) <= ON_THE_WAY // 2 and rank < evaluation.model.nv):
+    if not samples or (len(samples) <= MOTION_SAMPLES // 2 and rank < evaluation.model.nv):
         return None
     soft = max(float(x.s[rank:].max(initial=0.0)) / x.s[0] for x in samples)
     worst = max(samples, key=lambda x: x.error)
@@ -228,9 +235,9 @@ def _kept(evaluation: LoopEquations, gap: float) -> SelectedEquations | None:
     near = [list(takewhile(lambda y: _rank(y.s, CLEAR_OF_CUT * cut) == rank,
                            _oriented(first, x, rank)))
             for x in _nearby(evaluation, first, cut, gap)]
-    kept = (_independent(mechanism, near, _oriented(first, samples, rank))[0] if rank else
+    selected = (_independent(mechanism, near, _oriented(first, samples, rank))[0] if rank else
             SelectedEquations(((),) * len(mechanism.closures), ((),) * len(mechanism.closures)))
-    if _opens_nearby(evaluation, mechanism.with_equations(kept),
+    if _opens_nearby(evaluation, mechanism.with_equations(selected),
                      _oriented(first, [first], rank)[0], gap):
         return None
     evaluation.update(worst.q)
@@ -238,9 +245,9 @@ def _kept(evaluation: LoopEquations, gap: float) -> SelectedEquations | None:
     for label, row in zip(evaluation.constraints.labels, evaluation.residual, strict=True):
         opened[label.closure] = max(opened[label.closure], abs(float(row)))
     least = max(ABOVE * max(soft, worst.error), TOLERANCES.rank)
-    return kept._replace(cut=min(least, cut), opened=tuple(
+    return selected._replace(cut=min(least, cut), opened=tuple(
         (c.name, opened[c.name])
-        for c, n in zip(mechanism.closures, kept.counts(), strict=True) if n < c.n_rows))
+        for c, n in zip(mechanism.closures, selected.counts(), strict=True) if n < c.n_rows))
 
 
 def _moves_with_all(
@@ -260,13 +267,13 @@ def _moves_with_all(
             continue
         first = _sample(evaluation, q, TOLERANCES.rank, FITS)
         if first is not None:
-            reached = list(_on_the_way(evaluation, first, TOLERANCES.rank, FITS))
-            if len(reached) <= ON_THE_WAY // 2:
+            reached = list(_motion_samples(evaluation, first, TOLERANCES.rank, FITS))
+            if len(reached) <= MOTION_SAMPLES // 2:
                 return False
             if max(_rank(y.s, TOLERANCES.rank) for y in reached) <= rank:
                 return True
-            lengths = [float(np.linalg.norm(place.translation)) / mechanism.characteristic_length
-                       for place in list(mechanism.model.jointPlacements)[1:]]
+            lengths = [float(np.linalg.norm(at.translation)) / mechanism.characteristic_length
+                       for at in list(mechanism.model.jointPlacements)[1:]]
             shortest = min((length for length in lengths  # of links; 0 if none is that short
                             if TOLERANCES.nothing < length < WIDEST_GAP), default=0.0)
             return bool(shortest > soft / ABOVE and not np.any(
@@ -275,7 +282,7 @@ def _moves_with_all(
 
 
 def _moving(samples: list[Sample], rank: int | None) -> NDArray[np.bool_]:
-    """Return (nv,) which velocities are not zero in some motion, the equations of a rank closed."""
+    """Return (nv,) which velocities are not zero in some motion, with `rank` equations closed."""
     moves = np.zeros(samples[0].jacobian.shape[1], dtype=bool)
     for x in samples[::EVERY]:
         cut = TOLERANCES.rank if rank is None else 2.0 * x.s[rank] / x.s[0] + TOLERANCES.rank
@@ -289,7 +296,7 @@ def _rank(s: Array, cut: float) -> int:
 
 
 def _sample(evaluation: LoopEquations, q: Array, cut: float, gap: float) -> Sample | None:
-    """Close the loops from q (nq,) as well as they can; None where that is not to the gap."""
+    """Close the loops from q (nq,) as well as possible; None if the gap remains exceeded."""
     free = np.ones(evaluation.model.nv, dtype=bool)
     q, error = close(evaluation, q, free, CLOSED, cut=cut)
     if error > gap or evaluation.mirrored():
@@ -298,16 +305,16 @@ def _sample(evaluation: LoopEquations, q: Array, cut: float, gap: float) -> Samp
     return Sample(q, jacobian, singular_values(jacobian), error)
 
 
-def _beginnings(evaluation: LoopEquations, cut: float, gap: float) -> Iterator[Sample]:
+def _start_samples(evaluation: LoopEquations, cut: float, gap: float) -> Iterator[Sample]:
     """Yield configurations closed to the gap, from the guess of the file and from others."""
     mechanism, model = evaluation.mechanism, evaluation.model
     q = _guess(mechanism)
     rng = np.random.default_rng(20111)
-    for k in range(BEGINNINGS):
+    for k in range(START_SAMPLES):
         shaken = rng.uniform(-1.0, 1.0, model.nv) * mechanism.velocity_scale * min(k, 3)
-        found = _sample(evaluation, pin.integrate(model, q, shaken), cut, gap)
-        if found is not None:
-            yield found
+        sample = _sample(evaluation, pin.integrate(model, q, shaken), cut, gap)
+        if sample is not None:
+            yield sample
 
 
 def _nearby(
@@ -318,7 +325,7 @@ def _nearby(
     They are half a radian long; of a mechanism of one freedom two radians.
     """
     rng, tangents = np.random.default_rng(20115), null_space(first.jacobian, cut)
-    parts = PARTS_OF_MOTION * (LONGER_WAY if len(tangents) == 1 else 1)
+    parts = PARTS_OF_MOTION * (LONGER_MOTION if len(tangents) == 1 else 1)
     for _ in range(min(DIRECTIONS, len(tangents) ** 2)):
         direction = rng.standard_normal(len(tangents)) @ tangents
         for ahead in (direction, -direction):
@@ -334,14 +341,14 @@ def _oriented(first: Sample, path: list[Sample], rank: int = 0) -> list[Sample]:
         path: samples along it.
         rank: how many rows there are.
     """
-    found, before = [], first.rows if first.rows.size else decompose(first.jacobian).vt[:rank]
+    oriented, before = [], first.rows if first.rows.size else decompose(first.jacobian).vt[:rank]
     for x in path:
         rows = decompose(x.jacobian).vt[: len(before)]
         if np.linalg.det(rows @ before.T) < 0.0:
             rows[0] = -rows[0]
-        found.append(x._replace(rows=rows))
+        oriented.append(x._replace(rows=rows))
         before = rows
-    return found
+    return oriented
 
 
 def _opens_nearby(whole: LoopEquations, reduced: Mechanism, first: Sample, gap: float) -> bool:
@@ -390,11 +397,11 @@ def _dense(mechanism: Mechanism, q: Array) -> Iterator[tuple[int, Array]]:
     last, model = q[0], mechanism.model
     yield 0, last
     for k, x in enumerate(q[1:], start=1):
-        way = pin.difference(model, last, x)
-        parts = float(np.abs(way / mechanism.velocity_scale).max()) / PART
+        difference = pin.difference(model, last, x)
+        parts = float(np.abs(difference / mechanism.velocity_scale).max()) / PART
         if parts >= 0.5 or k + 1 == len(q):
             for i in range(1, math.ceil(parts)):
-                yield k, pin.integrate(model, last, way * (i / math.ceil(parts)))
+                yield k, pin.integrate(model, last, difference * (i / math.ceil(parts)))
             yield k, x
             last = x
 
@@ -427,31 +434,31 @@ def independent_along(
     with loops_of(whole, carried_angles(mechanism, angles, whole)) as every, loops_of(
             mechanism, angles) as evaluation:
         path, rows, before = [], [], []
-        for k, place in list(_dense(mechanism, q))[-MOST_LOOKED_AT:]:
-            every.update(place)
-            evaluation.update(place)
+        for k, point in list(_dense(mechanism, q))[-MOST_LOOKED_AT:]:
+            every.update(point)
+            evaluation.update(point)
             jacobian = every.jacobian[: every.constraints.n_closure].copy()
-            path.append(Sample(place, jacobian, singular_values(jacobian), every.closure_error))
+            path.append(Sample(point, jacobian, singular_values(jacobian), every.closure_error))
             rows.append(evaluation.jacobian[: evaluation.constraints.n_closure].copy())
             before.append(k)
         path = list(takewhile(lambda x: _rank(x.s, CLEAR_OF_CUT * cut) == rank,
                               _oriented(path[0], path, rank)))
         if not path:
             return mechanism, len(q)
-        found = _independence(np.array(rows[: len(path)]), path)
-        found *= np.sign(found[0])
-        bad = np.flatnonzero(found < USELESS)
-        n, worth = before[bad[0]] if bad.size else len(q), max(0.0, float(found.min()))
+        independence = _independence(np.array(rows[: len(path)]), path)
+        independence *= np.sign(independence[0])
+        bad = np.flatnonzero(independence < USELESS)
+        n, worth = before[bad[0]] if bad.size else len(q), max(0.0, float(independence.min()))
         if worth >= FAIR:
             return mechanism, n
         for x in q[-2::-1]:
-            way = pin.difference(whole.model, x, q[-1]) / whole.velocity_scale
-            if np.abs(way).max() > TOLERANCES.half_precision:
-                ahead = way
+            remaining = pin.difference(whole.model, x, q[-1]) / whole.velocity_scale
+            if np.abs(remaining).max() > TOLERANCES.half_precision:
+                ahead = remaining
                 break
         beyond = _oriented(path[-1], list(_walk(
-            whole, path[-1].q, ahead, LONGER_WAY * PARTS_OF_MOTION,
-            lambda place: _sample(every, place, cut, gap)))) if ahead.any() else []
+            whole, path[-1].q, ahead, LONGER_MOTION * PARTS_OF_MOTION,
+            lambda point: _sample(every, point, cut, gap)))) if ahead.any() else []
         best = max(USELESS, TWICE * worth), selection
         for some in HORIZONS:
             chosen, better = _independent(whole, [], path + beyond[: some - 1])
@@ -478,38 +485,38 @@ def _walk(
     model, scale = mechanism.model, mechanism.velocity_scale
     for _ in range(parts):
         step = PART * ahead / np.abs(ahead).max()
-        found = closed(pin.integrate(model, q, scale * step))
-        if found is None:
+        sample = closed(pin.integrate(model, q, scale * step))
+        if sample is None:
             return
-        ahead = pin.difference(model, q, found.q) / scale
+        ahead = pin.difference(model, q, sample.q) / scale
         if ahead @ step < TOLERANCES.moved * (step @ step):
             return
-        yield found
-        q = found.q
+        yield sample
+        q = sample.q
 
 
-def _on_the_way(
+def _motion_samples(
     evaluation: LoopEquations, first: Sample, cut: float, gap: float
 ) -> Iterator[Sample]:
-    """Yield configurations that the mechanism goes through, closed to the gap."""
+    """Yield configurations along the motion of the mechanism, closed to the gap."""
     model, scale = evaluation.model, evaluation.mechanism.velocity_scale
     rng, here, ahead = np.random.default_rng(20112), first, np.zeros(model.nv)
-    for _ in range(ON_THE_WAY):
+    for _ in range(MOTION_SAMPLES):
         tangents = null_space(here.jacobian, cut)
         if not len(tangents):
             return
         along = tangents.T @ (tangents @ ahead) if ahead.any() else np.zeros(model.nv)
         along = along + 0.3 * (rng.standard_normal(len(tangents)) @ tangents)
         along *= STRIDE / max(float(np.abs(along).max()), 1e-300)
-        found = _sample(evaluation, pin.integrate(model, here.q, scale * along), cut, gap)
-        if found is None:
+        sample = _sample(evaluation, pin.integrate(model, here.q, scale * along), cut, gap)
+        if sample is None:
             ahead = -ahead
             continue
-        moved = pin.difference(model, here.q, found.q) / scale
+        moved = pin.difference(model, here.q, sample.q) / scale
         if np.abs(moved).max() < TOLERANCES.moved * STRIDE:
             ahead = -ahead
             continue
-        here, ahead = found, moved / np.linalg.norm(moved)
+        here, ahead = sample, moved / np.linalg.norm(moved)
         yield here
 
 
@@ -528,8 +535,8 @@ def _independent(
     """
     constraints = constraints_of(mechanism)
     weights = np.ones(constraints.n_closure)
-    weights[[x.equation for x in constraints.angles]] = KEPT
-    weights[constraints.n_products :] = KEPT
+    weights[[x.equation for x in constraints.angles]] = PREFERRED
+    weights[constraints.n_products :] = PREFERRED
     near = [path for path in near if path]
     paths = [*near, samples]
     everywhere = [x for path in paths for x in path]
@@ -553,14 +560,14 @@ def _independent(
     own = [np.array([k for k, x in enumerate(labels)
                      if x.closure == c.name and (k >= constraints.n_closure) is turned], np.intp)
            for turned in (False, True) for c in mechanism.closures]
-    blocks = [x for x in own if len(x) and (weights[x] < KEPT).all()]
+    blocks = [x for x in own if len(x) and (weights[x] < PREFERRED).all()]
     if worth[1] < GOOD and blocks:
         for some in (paths, *([path[:n] for path in near] for n in HORIZONS[:-1] if near)):
             at = [k for k, x in enumerate(everywhere)
                   if any(x is y for path in some for y in path)]
-            found = _sums(sums, jacobians[at], [everywhere[k] for k in at], blocks)
-            if (better := _worth(found @ jacobians, paths)) > worth:
-                sums, worth = found, better
+            better_sums = _sums(sums, jacobians[at], [everywhere[k] for k in at], blocks)
+            if (better := _worth(better_sums @ jacobians, paths)) > worth:
+                sums, worth = better_sums, better
     chosen = [tuple(tuple(row[at].tolist()) for row in sums if row[at].any()) for at in own]
     n = len(mechanism.closures)
     return SelectedEquations(tuple(chosen[:n]), tuple(chosen[n:])), worth[1]
@@ -571,9 +578,8 @@ def _sums(
 ) -> Array:
     """Return rows (rank, n), of which those of blocks are sums that are independent at samples.
 
-    Of one closure they span the mean of the spaces of Jacobians' columns, in the chordal distance
-    of subspaces, with weights that bring the farthest nearer [Absil2004]; closures are gone
-    through one after the other, where the rows of others are held.
+    Of one closure they span the mean of the spaces of Jacobians' columns, with weights that bring
+    the farthest nearer; closures are gone through one after the other, with the rows of others.
 
     Args:
         rows: weights of all equations, where it begins.
@@ -582,7 +588,7 @@ def _sums(
         blocks: equations of each closure.
     """
     minors = jacobians @ np.array([x.rows.T for x in samples])
-    columns = np.linalg.svd(minors, full_matrices=False)[0]
+    columns = column_spaces(minors)
     weights, best, most = np.ones(len(samples)), rows, 0.0
     for _ in range(ROUNDS):
         for block in blocks:
@@ -590,11 +596,10 @@ def _sums(
             count = len(mine)
             if not 0 < count < len(block):
                 continue
-            free = np.linalg.svd(np.delete(rows, mine, axis=0) @ columns)[2][:, len(rows) - count :]
-            spanned = np.linalg.qr(columns[:, block] @ free.transpose(0, 2, 1))[0]
-            mean = np.einsum("k,kij,klj->il", weights, spanned, spanned)
+            rest = np.delete(rows, mine, axis=0) @ columns
+            own = columns[:, block] @ null_spaces(rest, count).transpose(0, 2, 1)
             rows = rows.copy()
-            rows[np.ix_(mine, block)] = np.linalg.eigh(mean)[1][:, -count:].T
+            rows[np.ix_(mine, block)] = mean_subspace(column_spaces(own), weights)
         least = singular_values(rows @ columns)[:, -1]
         if least.min() > most:
             best, most = rows, float(least.min())
@@ -624,8 +629,8 @@ def _worth(rows: Array, paths: list[list[Sample]]) -> tuple[float, float, int, f
         any; the least at the samples themselves.
     """
     first = len(rows) - len(paths[-1])
-    found = np.round(_independence(rows[first:], paths[-1]), 6)
-    through = float(np.abs(found).min()) if (np.sign(found) == np.sign(found[0])).all() else 0.0
+    scores = np.round(_independence(rows[first:], paths[-1]), 6)
+    through = float(np.abs(scores).min()) if (np.sign(scores) == np.sign(scores[0])).all() else 0.0
     nearby, count = GOOD, 0
     if through < GOOD and first:  # looked at where the rows do not do everywhere
         ahead = np.round(_independence(rows[:first], [x for p in paths[:-1] for x in p]), 6)
@@ -633,7 +638,7 @@ def _worth(rows: Array, paths: list[list[Sample]]) -> tuple[float, float, int, f
         branches = np.split(same, list(accumulate(map(len, paths[:-1])))[:-1])
         nearby = min(GOOD, *(float(x[: PARTS_OF_MOTION + 1].min()) for x in branches))
         count = sum(len(list(takewhile(lambda value: value >= USELESS, x))) for x in branches)
-    return nearby, through, count, float(np.abs(found).min())
+    return nearby, through, count, float(np.abs(scores).min())
 
 
 def _choice(
@@ -659,7 +664,7 @@ def _choice(
         choices = sorted({tuple(weighty_rows(weights[:, None] * x, rank).tolist())
                           for x in places})
     worths = [_worth(jacobians[:, rows], paths) for rows in choices]
-    kept = set(np.flatnonzero(weights == KEPT).tolist())
+    preferred = set(np.flatnonzero(weights == PREFERRED).tolist())
     best = max(range(len(choices)), key=lambda k: (
-        worths[k][1] >= GOOD and kept <= set(choices[k]), *worths[k], -k))
+        worths[k][1] >= GOOD and preferred <= set(choices[k]), *worths[k], -k))
     return list(choices[best]), worths[best]

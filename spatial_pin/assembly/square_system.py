@@ -1,6 +1,6 @@
-"""The square system of a closed mechanism: which equations determine its motion, or why none do.
+"""The square system of a closed mechanism: the equations that determine its motion.
 
-Rates are solved for by the kernel, with the equations that are chosen here.
+The kernel solves for rates with these equations.
 """
 
 from __future__ import annotations
@@ -33,28 +33,27 @@ SINGULAR_PIVOT = TOLERANCES.singular
 class SquareSystem:
     """The square linear system of a mechanism whose freedoms are all driven or passive.
 
-    It has independent closure equations, resolved passive freedoms, drivers, what stands still, and
-    for each passive freedom that is not resolved an equation that asks for the least motion; its
-    unknowns are scaled velocities.
+    It has independent closure equations, resolved passive freedoms, drivers, fixed entries, and a
+    least-motion equation for each unresolved passive freedom; its unknowns are scaled velocities.
 
     Attributes:
         evaluation: the closure equations at the current configuration.
         driven: the prescribed coordinates.
-        still: places in the velocity vector that are zero.
+        still: indices of zero entries in the velocity vector.
         equations: indices of the independent closure equations.
         scale: (nv,) velocity of a unit of each unknown.
-        drive: (d, nv) derivatives of what is driven, then of what stands still.
-        passive: (k, nv) unresolved passive freedoms where equations were selected, orthonormal.
-        size: length of the longest independent closure equation wherever they were selected.
+        drive: (d, nv) derivatives of driven coordinates, then of fixed entries.
+        passive: (k, nv) unresolved passive freedoms at the selection of equations, orthonormal.
+        size: length of the longest independent closure equation at any selection.
         matrix: (nv, nv) of the system, as last factored.
-        pivot: its smallest over largest pivot; 0 where it is singular.
+        pivot: its smallest over largest pivot; 0 if it is singular.
 
     Args:
         evaluation: the closure equations.
         driven: the prescribed coordinates.
-        q: (nq,) where equations are selected.
-        still: default those of the free bases that nobody drives.
-        frame: whose velocity is to be determined, if not that of all bodies is.
+        q: (nq,) configuration at which equations are selected.
+        still: default those of the free bases that are not driven.
+        frame: frame whose velocity must be determined; default all bodies.
     """
 
     def __init__(
@@ -75,7 +74,7 @@ class SquareSystem:
         self.select(q)
 
     def _aim(self) -> None:
-        """Turn the derivatives of driven coordinates whose rates are no entries of the velocity."""
+        """Update the derivatives of driven coordinates that are not velocity entries."""
         evaluation = self.evaluation
         for k, c in self._bent:
             self.drive[k] = scaled_row(evaluation.mechanism, c, evaluation.q)
@@ -110,7 +109,7 @@ class SquareSystem:
 
     @property
     def has_redundant_equations(self) -> bool:
-        """Whether closure equations were left out because they follow from the others."""
+        """Whether some closure equations are redundant and left out."""
         return len(self.equations) < self.evaluation.constraints.n_closure
 
     def check_regular(self, q: Array) -> None:
@@ -136,12 +135,12 @@ class SquareSystem:
 
     @property
     def chosen(self) -> Chosen:
-        """The independent equations, and what fills the system up."""
+        """The independent equations, and the rows that complete the system."""
         return Chosen(self.equations, self.passive)
 
     @contextmanager
     def _rates(self, q: Array) -> Iterator[RateSolver]:
-        """Acquire what solves for rates at q (nq,) with the equations chosen here."""
+        """Acquire the solver for rates at q (nq,) with the selected equations."""
         with kernel_of(self.evaluation.mechanism) as kernel:
             at = prescribed_places(kernel.nv, self.driven, self.still)
             rates = rates_of(kernel, tuple(at), len(self.driven))

@@ -23,8 +23,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-# Round-off of rates, relative to their size, that is worth a word: ten digits are more than one has
-# of any dimension.
+# relative round-off of rates that is reported: dimensions seldom have ten digits
 WORTH_A_WORD = 1e-10
 WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
@@ -210,11 +209,11 @@ class State:
         """Return what is copied or sent elsewhere: all but what is worked out again on use."""
         return {k: x for k, x in self.__dict__.items() if k not in ("data", "_located")}
 
-    def __setstate__(self, kept: Mapping[str, Any]) -> None:
+    def __setstate__(self, fields: Mapping[str, Any]) -> None:
         """Take what was kept; a copy is as read-only as the first."""
-        self.__dict__.update(kept)
+        self.__dict__.update(fields)
         for name in ("q", "v", "a", "angles"):
-            setattr(self, name, _frozen(kept[name]))
+            setattr(self, name, _frozen(fields[name]))
 
     @cached_property
     def rate_error(self) -> float:
@@ -451,10 +450,10 @@ class State:
 
 
 def gap_of(mechanism: Mechanism, q: Array, angles: Array) -> Gap:
-    """Return how far the equations that a mechanism is without are from holding at q (nq,).
+    """Return the errors of equations that a mechanism leaves out, at q (nq,).
 
     Args:
-        mechanism: one that has a `whole`, or any other, whose gap is 0.
+        mechanism: one with a `whole`, or any other, whose gap is 0.
         q: configuration.
         angles: (n_angles,) of its screw closures.
     """
@@ -471,13 +470,13 @@ def gap_of(mechanism: Mechanism, q: Array, angles: Array) -> Gap:
 
 
 def all_angles(mechanism: Mechanism, angles: Array) -> Array:
-    """Return the angles of the screws of the `whole` of a mechanism, whose own are given."""
+    """Return the screw angles of the `whole` of a mechanism, from its own."""
     assert mechanism.whole is not None
     return carried_angles(mechanism, angles, mechanism.whole)
 
 
 def carried_angles(mechanism: Mechanism, angles: Array, other: Mechanism) -> Array:
-    """Return the angles of another mechanism with the same closures; zero where only it has one."""
+    """Return the angles of another mechanism with the same closures; zero for new ones."""
     own, its = (constraints_of(m).angles for m in (mechanism, other))
     known = dict(zip((x.name for x in own), angles, strict=True))
     return np.array([known.get(x.name, 0.0) for x in its])
@@ -488,7 +487,7 @@ def made(
     angles: Array, rate_error: Any = np.nan, released: Mapping[str, float] = MappingProxyType({}),
     lost_turns: Iterable[str] = (),
 ) -> State:
-    """Return a State of arrays that are finite, and that nobody writes any more: no copies."""
+    """Return a State from finite arrays without copies; they become read-only."""
     state, rest = State.__new__(State), _rest(mechanism)
     for array in (q, v, a, angles):
         if array is not None:
@@ -499,13 +498,13 @@ def made(
 
 
 def of_mechanism(mechanism: Mechanism, state: State) -> State:
-    """Return `state` as a state of `mechanism`: itself, or taken over from another load of it.
+    """Return `state` as a state of `mechanism`: itself, or converted from another load of it.
 
-    Of a rounded file it is a state of the mechanism without what its numbers contradict: work
-    with that one, `state.mechanism`.
+    For a rounded file it belongs to the mechanism without contradicting equations: use
+    `state.mechanism`.
 
     Raises:
-        SpatialPinError: it is a state of something else, or of other dimensions.
+        SpatialPinError: it is a state of another mechanism, or of other dimensions.
     """
     needed(mechanism)
     if not isinstance(state, State):
@@ -537,7 +536,7 @@ def of_mechanism(mechanism: Mechanism, state: State) -> State:
 
 
 def moving_in_time(mechanism: Mechanism, state: State) -> State:
-    """Return `state` as a state of `mechanism`, at rest where its rates are not those in time.
+    """Return `state` as a state of `mechanism`, at rest if its rates are not those in time.
 
     Raises:
         SpatialPinError: as `of_mechanism`.
@@ -583,10 +582,10 @@ def mass_shares(mechanism: Mechanism) -> list[tuple[int, float, Array]]:
 
 
 def _given(values: Array, like: Array, what: str) -> Array:
-    """Return a read-only copy of what a State is made of.
+    """Return a read-only copy of an array for a State.
 
     Raises:
-        ValueError: NaN, infinite, or another shape than `like` has.
+        ValueError: NaN, infinite, or a shape other than that of `like`.
     """
     copy = _frozen(values)
     if copy.shape != like.shape or not is_finite(copy):
@@ -595,9 +594,9 @@ def _given(values: Array, like: Array, what: str) -> Array:
 
 
 def _measured(mechanism: Mechanism, q: Array, angles: Array | None) -> tuple[float, Array]:
-    """Return how far loops are open at q (nq,), and the relative angles of screw closures.
+    """Return the closure error at q (nq,), and the angles of screw closures.
 
-    These count from angles (n,) that are given, else within half a turn.
+    These count from given angles (n,), else within half a turn.
     """
     reference: Array | float = 0.0
     if angles is not None and angles.size:
@@ -618,5 +617,5 @@ NO_ANGLES = _frozen(np.empty(0))
 
 @made_once
 def _rest(mechanism: Mechanism) -> Array:
-    """Return the rates (nv,) of what stands still."""
+    """Return zero rates (nv,)."""
     return _frozen(np.zeros(mechanism.model.nv))

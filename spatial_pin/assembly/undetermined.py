@@ -134,34 +134,34 @@ def _generic_rank(evaluation: LoopEquations, q: Array) -> int:
     return best
 
 
-def _ways(evaluation: LoopEquations, q: Array) -> int:
-    """Return in how many independent ways steps from q go on when loops are closed again."""
+def _free_directions(evaluation: LoopEquations, q: Array) -> int:
+    """Return the number of independent directions in which steps from q stay closed."""
     evaluation.update(q)
     n, scale = evaluation.constraints.n_closure, evaluation.mechanism.velocity_scale
     freedoms = decompose(evaluation.jacobian[:n], TOLERANCES.half_precision).null_space
     free, rng = np.ones(len(scale), dtype=bool), np.random.default_rng(3)
-    left = []
+    moves = []
     for _ in range(REGULAR_TRIALS * len(freedoms)):
         v = rng.standard_normal(len(freedoms)) @ freedoms
         start = pin.integrate(evaluation.model, q, scale * v * (STEP / float(np.linalg.norm(v))))
         there, error = close(evaluation, start, free, TOLERANCES.zero)
         moved = pin.difference(evaluation.model, q, there) / (scale * STEP)
         if error <= TOLERANCES.closed and np.linalg.norm(moved) > TOLERANCES.moved:
-            left.append(moved / np.linalg.norm(moved))
+            moves.append(moved / np.linalg.norm(moved))
     evaluation.update(q)
-    return int(np.count_nonzero(decompose(np.array(left)).s > TOLERANCES.moved)) if left else 0
+    return int(np.count_nonzero(decompose(np.array(moves)).s > TOLERANCES.moved)) if moves else 0
 
 
 def lost_rank(evaluation: LoopEquations, q: Array, lost: int, motion: str) -> str:
-    """Return why nothing determines the motion at q, in words, where the loops lose equations.
+    """Return why the motion at q is not determined, in words, if the loops lose equations.
 
     Args:
-        evaluation: the closure equations; it comes back to q.
+        evaluation: the closure equations; reset to q.
         q: (nq,) closed configuration.
-        lost: how many equations.
-        motion: what would determine the motion elsewhere.
+        lost: number of lost equations.
+        motion: what determines the motion elsewhere, in words.
     """
-    n, ways = evaluation.constraints.n_closure, _ways(evaluation, q)
+    n, ways = evaluation.constraints.n_closure, _free_directions(evaluation, q)
     freedoms = evaluation.model.nv - len(
         independent_rows(evaluation.jacobian[:n], TOLERANCES.half_precision))
     equations = f"{lost} independent equation{'s' * (lost != 1)}"
@@ -183,9 +183,9 @@ def dependence(
     Args:
         evaluation: the closure equations, at the configuration.
         driven: the prescribed coordinates.
-        drive: (n, nv) derivatives of these, scaled.
-        still: velocity entries that stand still.
-        closures: the rows of all but what is driven.
+        drive: (n, nv) their derivatives, scaled.
+        still: fixed velocity entries.
+        closures: all rows except those of driven coordinates.
     """
     names, mechanism = ", ".join(repr(c.name) for c in driven), evaluation.mechanism
     where = f"mechanism {mechanism.name!r}: "
@@ -210,8 +210,8 @@ def dependence(
                     + gap_words(mechanism))
         if not freedom:
             return where + _nothing_moves(mechanism, still, names)
-        kept = common_rows(moving[None], np.zeros((0, freedom)), freedom)
-        more = ", ".join(repr(c.name) for k, c in enumerate(driven) if k not in kept)
+        independent = common_rows(moving[None], np.zeros((0, freedom)), freedom)
+        more = ", ".join(repr(c.name) for k, c in enumerate(driven) if k not in independent)
         return (f"{where}{len(driven)} coordinates are prescribed ({names}), but the "
                 f"closed mechanism has {freedom} freedom{'s' * (freedom != 1)} there; "
                 f"prescribe fewer: leave out {len(driven) - freedom}, such as {more}, "
@@ -223,8 +223,8 @@ def dependence(
         return (f"{where}singular configuration: {stuck} is at a limit position "
                 "there, where no speed of it moves the mechanism; start beside it, or "
                 "prescribe another coordinate")
-    kept = common_rows(moving[None], np.zeros((0, moving.shape[1])), len(driven))
-    follow = [repr(c.name) for k, c in enumerate(driven) if k not in kept]
+    independent = common_rows(moving[None], np.zeros((0, moving.shape[1])), len(driven))
+    follow = [repr(c.name) for k, c in enumerate(driven) if k not in independent]
     return (f"{where}singular configuration: the prescribed {names} depend on each other "
             f"there, for the loops let them move together only: {', '.join(follow)} "
             f"go{'es' * (len(follow) == 1)} as the others do; prescribe another coordinate "
@@ -232,7 +232,7 @@ def dependence(
 
 
 def _nothing_moves(mechanism: Mechanism, still: Sequence[int], names: str) -> str:
-    """Return why nothing is left that could move."""
+    """Return why no freedom is left."""
     base = {v for joint in free_bases(mechanism) for v in velocity_entries(mechanism, joint)}
     if set(still) - base:
         return (f"what is held and the loops leave no freedom, so that {names} cannot move; "
@@ -242,7 +242,7 @@ def _nothing_moves(mechanism: Mechanism, still: Sequence[int], names: str) -> st
 
 
 def check_loops(mechanism: Mechanism) -> str:
-    """Return what to look at where loops hold a mechanism that is to move."""
+    """Return what to check if loops lock a mechanism."""
     names = ", ".join(repr(c.name) for c in mechanism.closures if c.frames)
     what = f"axes and frames of closure {names}" if names else "couplings"
     return f"check the {what}, and the axes of the joints"
@@ -251,30 +251,30 @@ def check_loops(mechanism: Mechanism) -> str:
 def _needless_passives(
     evaluation: LoopEquations, driven: Sequence[Coordinate], drive: Array
 ) -> list[str]:
-    """Return the names of passive tables whose rotation is not free as the drivers stand."""
+    """Return the names of passive tables whose rotation is not free with fixed drivers."""
     n, passives = evaluation.constraints.n_closure, evaluation.mechanism.passives
     drivers = driver_coordinates(evaluation.mechanism).values()
-    stand = [row for c, row in zip(driven, drive, strict=True) if c in drivers]
-    free = decompose(np.vstack([evaluation.jacobian[:n], *stand])).null_space
-    kept = set(independent_rows(evaluation.jacobian[n:] @ free.T).tolist())
-    return [passive.name for k, passive in enumerate(passives) if k not in kept]
+    driver_rows = [row for c, row in zip(driven, drive, strict=True) if c in drivers]
+    free = decompose(np.vstack([evaluation.jacobian[:n], *driver_rows])).null_space
+    independent = set(independent_rows(evaluation.jacobian[n:] @ free.T).tolist())
+    return [passive.name for k, passive in enumerate(passives) if k not in independent]
 
 
 def check_passive(
     evaluation: LoopEquations, driven: Sequence[Coordinate], null_space: Array, rank: int, q: Array
 ) -> None:
-    """Refuse freedoms that are not the motion of one link: somebody must drive them."""
+    """Refuse freedoms that are not the motion of one link: they must be driven."""
     mechanism = evaluation.mechanism
-    found = [(joint, v) for joint, v in passive_freedoms(
+    passive = [(joint, v) for joint, v in passive_freedoms(
         evaluation, null_space * mechanism.velocity_scale, driven)
              if joint not in free_bases(mechanism)]
-    determined = sum(len(v) for _, v in found) == len(null_space)
+    determined = sum(len(v) for _, v in passive) == len(null_space)
     if determined:
         _check_free(evaluation, null_space)
     check_regular(evaluation, q, rank)
     if determined:
         return
-    missing = len(null_space) - sum(len(v) for joint, v in found if is_in_loop(
+    missing = len(null_space) - sum(len(v) for joint, v in passive if is_in_loop(
         mechanism, joint))  # a link that hangs at an end is prescribed with the rest
     moving = np.abs(null_space).max(axis=0) > 1e-8 * np.abs(null_space).max()
     names = [c for c, m in zip(mechanism.coordinates, moving, strict=True) if m]
@@ -285,7 +285,7 @@ def check_passive(
         f"mechanism {mechanism.name!r}: {given} {'are' if len(driven) > 1 else 'is'} "
         f"prescribed, and {missing} of its freedoms are not prescribed; "
         f"prescribe {missing} more of {', '.join(names)}, such as "
-        + _ways_to_prescribe(mechanism, chosen, set(names)))
+        + _prescription_hint(mechanism, chosen, set(names)))
 
 
 def moves_frame(evaluation: LoopEquations, null_space: Array, frame: int) -> bool:
@@ -299,9 +299,9 @@ def moves_frame(evaluation: LoopEquations, null_space: Array, frame: int) -> boo
 def check_regular(evaluation: LoopEquations, q: Array, rank: int) -> None:
     """Refuse a configuration q at which the loops lose independent equations.
 
-    Also where the freedom won moves one link only, like a passive one: a single distance whose
-    row vanishes frees the link it holds. And where there seem to be as many freedoms as
-    drivers, but they are instantaneous only.
+    Also if the new freedom moves one link only, like a passive one: a single distance whose row
+    vanishes frees its link. And if there seem to be as many freedoms as drivers, but they are
+    instantaneous only.
     """
     lost = rank_loss(evaluation, q, rank)
     if lost:
@@ -310,7 +310,7 @@ def check_regular(evaluation: LoopEquations, q: Array, rank: int) -> None:
 
 
 def _check_free(evaluation: LoopEquations, null_space: Array) -> None:
-    """Refuse freedoms counted as passive that a closure holds, with a lever arm near round-off."""
+    """Refuse passive freedoms that a closure resists with a lever arm near round-off."""
     n = evaluation.constraints.n_closure
     held = np.abs(evaluation.jacobian[:n] @ null_space.T).max(axis=1, initial=0.0)
     if held.max(initial=0.0) > TOLERANCES.zero:
@@ -323,15 +323,15 @@ def _check_free(evaluation: LoopEquations, null_space: Array) -> None:
             f"{held[row]:.0e} of the mechanism's size; no digit of their rates is reliable")
 
 
-def _ways_to_prescribe(mechanism: Mechanism, names: Sequence[str], moving: Container[str]) -> str:
-    """Return how coordinates are prescribed, for messages; `moving` are all that are not."""
+def _prescription_hint(mechanism: Mechanism, names: Sequence[str], moving: Container[str]) -> str:
+    """Return how to prescribe coordinates, for messages; `moving` are all free ones."""
     rates = ", ".join(f"{name!r}: 0.0" for name in names)
     bases = free_bases(mechanism)
     base = [BASE] if bases else []
     rest = [name for name in names if mechanism.coordinate_table[name].joint not in bases]
-    said = (f"solve_rates(..., {{{rates}}}), sweep(..., hold={[*base, *rest]}) or "
+    hint = (f"solve_rates(..., {{{rates}}}), sweep(..., hold={[*base, *rest]}) or "
             f"jacobian(..., drivers=[...]); each may have a [drivers.name] in the file too")
     if len(rest) < len(names):
-        said += f"; nothing holds the free base, which hold={base} does, as hold does by default"
+        hint += f"; nothing holds the free base, which hold={base} does, as hold does by default"
     springs = [spring.joint for spring in mechanism.springs if spring.joint in moving]
-    return said + f"; hold={[*base, SPRINGS]} stops the joints with springs" * bool(springs)
+    return hint + f"; hold={[*base, SPRINGS]} stops the joints with springs" * bool(springs)

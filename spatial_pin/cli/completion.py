@@ -209,7 +209,7 @@ def _frames(mechanism: sp.Mechanism, *of: str) -> list[str]:
 
 
 def _ranges(mechanism: sp.Mechanism) -> list[str]:
-    from spatial_pin.workspace_map.grid_axes import PARTS  # on use: every command imports this
+    from spatial_pin.workspace.grid_axes import PARTS  # on use: every command imports this
 
     return [*_coordinates(mechanism), *PARTS]
 

@@ -1,4 +1,4 @@
-"""Which dimensions are looked for, and between which bounds."""
+"""Names and bounds of the dimensions that a search may change."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from spatial_pin._support.checks import finite_number, names_of
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.mechanism.mechanism import Mechanism
 
-Bounds = tuple[float | None, float | None] | None  # least and most; None where there is none
+Bounds = tuple[float | None, float | None] | None  # least and most; None for no bound
 
 
 def bounds_of(
     mechanism: Mechanism, dimensions: Iterable[str] | Mapping[str, Any], *, around: bool = False
 ) -> dict[str, tuple[float, float]]:
-    """Return the least and the largest value by dimension, infinite where there is no bound.
+    """Return the least and the largest value by dimension, infinite without a bound.
 
     Args:
-        mechanism: whose dimensions they are.
-        dimensions: their names, or {name: (least, most) or None}; an end without bound is None,
-            or infinity of its sign.
-        around: whether bounds must hold the dimension that the mechanism has.
+        mechanism: a mechanism with these dimensions.
+        dimensions: names, or {name: (least, most) or None}; an end without bound is None, or
+            infinity of its sign.
+        around: whether the bounds must contain the nominal dimension.
     """
     names = names_of(dimensions, "dimensions")
     given = dimensions if isinstance(dimensions, Mapping) else {}
@@ -31,7 +31,7 @@ def bounds_of(
         raise ValueError("dimensions names one twice")
     if names and mechanism.path is None:
         raise SpatialPinError(f"mechanism {mechanism.name!r} has no file to change dimensions in")
-    found = {}
+    bounds = {}
     for name in names:
         if name not in mechanism.dimensions:
             raise UnknownNameError("dimension", name, mechanism.dimensions,
@@ -44,8 +44,8 @@ def bounds_of(
         if not low < high:
             raise ValueError(f"bounds of {name!r} are {low:g} to {high:g}: the first must be the "
                              "smaller one")
-        found[name] = low, high
-    return found
+        bounds[name] = low, high
+    return bounds
 
 
 def _pair(name: str, given: Any) -> tuple[float, float]:
@@ -58,11 +58,7 @@ def _pair(name: str, given: Any) -> tuple[float, float]:
         low, high = given
     except (TypeError, ValueError):
         raise ValueError(words) from None
-    return _end(name, low, -np.inf), _end(name, high, np.inf)
-
-
-def _end(name: str, given: Any, none: float) -> float:
-    """Return one bound; infinite if there is none, which is said by None or by infinity itself."""
-    if given is None or (isinstance(given, float | np.floating) and given == none):
-        return none
-    return finite_number(given, f"a bound of {name!r}")
+    ends = [none if x is None or (isinstance(x, float | np.floating) and x == none)
+            else finite_number(x, f"a bound of {name!r}")
+            for x, none in ((low, -np.inf), (high, np.inf))]
+    return ends[0], ends[1]

@@ -1,4 +1,4 @@
-"""Dimensions, offsets of encoders and the base, from measurements of a mechanism."""
+"""Calibration: dimensions, encoder offsets and the base from measurements."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from spatial_pin.numerics.linalg import Array, decompose, independent_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 Scalar = Callable[[Array], Array]
-# Of each loss what counts of a residual's square z over the margin's, and its derivative.
+# By name: the loss of a squared residual z, relative to the margin's, and its derivative.
 LOSSES: dict[str, tuple[Scalar, Scalar]] = {
     "linear": (lambda z: z, np.ones_like),
     "soft_l1": (lambda z: 2.0 * z / (1.0 + np.sqrt(1.0 + z)), lambda z: 1.0 / np.sqrt(1.0 + z)),
@@ -54,34 +54,32 @@ class Calibration:
         mechanism: at the calibrated dimensions.
         values: by unknown: a dimension, `DRIVER.offset`, `base.x` ... `base.rz` (the last three a
             rotation vector) [m or rad].
-        nominal: likewise, where the search began [m or rad].
-        sigma: standard deviations [m or rad]; infinite of unknowns that the data do not determine,
-            NaN where the residuals are to tell them and no number is left for that. Bounds have no
-            say in them. Those of the base's rotation are of small turns about the measuring axes.
+        nominal: start values of the unknowns [m or rad].
+        sigma: standard deviations [m or rad]; infinite for unknowns that the data do not determine,
+            NaN if the residuals must give them and there is no redundant number. Bounds do not
+            change them.
         covariance: (n, n) in the order of `values` [m², m rad, rad²]; infinite and NaN likewise.
-        residuals: (m,) model less measurement [m or rad], in the measuring axes; of a rotation in
-            those of the frame. Those of encoders that read with an error stand behind the others.
-        before: (m,) likewise, where the search began [m or rad].
-        labels: (m,) of each residual the number of its measurement, from 0, and what it is.
+        residuals: (m,) model less measurement [m or rad], in the measuring axes; for a rotation in
+            those of the frame. Residuals of encoders with an error come last.
+        before: (m,) residuals at the start values [m or rad].
+        labels: (m,) for each residual the number of its measurement, from 0, and its name.
         units: (m,) of the residuals, "m" or "rad".
-        weights: (m,) what each counts [-], from 0 to 1: 1 where no robust loss was asked for.
-        undetermined: combinations of unknowns that cannot be told from the data, in words.
-        base: placement of the mechanism's world in the axes of what measures; None if these are
-            the same.
+        weights: (m,) weights of the residuals [-], from 0 to 1: 1 without a robust loss.
+        undetermined: combinations of unknowns that the data do not determine, in words.
+        base: placement of the mechanism's world in the measuring axes; None if these are the same.
         states: closed states of the mechanism at the measurements.
-        is_whole: whether the search ended by itself: after Ctrl-C these are its best values until
-            then.
+        is_whole: whether the search converged: False after Ctrl-C, with the best values until then.
 
     Example:
         >>> mech, built = sp.load("four_bar"), sp.load("four_bar", r3=0.2805)  # nominal, as built
         >>> seen = [({"crank": x}, {"rocker_pin": sp.assemble(built, {"crank": x}).q[2]})
-        ...         for x in (0.0, 1.0, 2.0, 4.0)]  # what was read, and measured [rad]
-        >>> found = sp.calibrate(mech, seen, ["r3"])
-        >>> print(f"{found.nominal['r3']:.4f} m is {found.values['r3']:.4f} m")
+        ...         for x in (0.0, 1.0, 2.0, 4.0)]  # encoder readings and measurements [rad]
+        >>> result = sp.calibrate(mech, seen, ["r3"])
+        >>> print(f"{result.nominal['r3']:.4f} m is {result.values['r3']:.4f} m")
         0.2800 m is 0.2805 m
-        >>> found.residuals.shape, found.covariance.shape  # (m,) [rad], (n, n)
+        >>> result.residuals.shape, result.covariance.shape  # (m,) [rad], (n, n)
         ((4,), (1, 1))
-        >>> found.outliers
+        >>> result.outliers
         ()
     """
 
@@ -102,11 +100,11 @@ class Calibration:
 
     @property
     def outliers(self) -> tuple[tuple[int, str], ...]:
-        """Labels of the numbers that count less than half."""
+        """Labels of the numbers with a weight below 0.5."""
         return tuple(x for x, w in zip(self.labels, self.weights, strict=True) if w < 0.5)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return what was found as plain numbers and lists, as JSON has them: None if unknown.
+        """Return the result as plain numbers and lists, as JSON has them: None if unknown.
 
         Example:
             >>> mech = sp.load("four_bar")
@@ -132,10 +130,10 @@ class Calibration:
                    self.weights.tolist(), strict=True)
 
     def to_csv(self, path: str | Path) -> Path:
-        """Write a row for every number measured; returns the path.
+        """Write a row for every number measured; return the path.
 
         Raises:
-            OSError: it cannot be written; what was there before stays.
+            OSError: the file cannot be written; an older file stays.
 
         Example:
             >>> mech = sp.load("four_bar")
@@ -162,8 +160,8 @@ class Calibration:
         width = max(map(len, self.values))
         for name, value in self.values.items():
             spread = self.sigma[name]
-            found = with_spread(value, spread) if np.isfinite(spread) else f"{value:.6g} ± unknown"
-            lines.append(f"  {name:{width}}  {found}  (was {self.nominal[name]:.6g})")
+            text = with_spread(value, spread) if np.isfinite(spread) else f"{value:.6g} ± unknown"
+            lines.append(f"  {name:{width}}  {text}  (was {self.nominal[name]:.6g})")
         for unit in sorted(set(self.units)):
             own = np.array([x == unit for x in self.units])
             now, was = (np.sqrt(np.mean(x[own]**2)) for x in (self.residuals, self.before))
@@ -190,50 +188,47 @@ def calibrate(
 ) -> Calibration:
     """Find the dimensions, encoder offsets and base that fit measurements best.
 
-    The sum of the squares of the residuals is made as small as possible. A residual is the
-    difference between model and measurement, in standard deviations. Except for their offsets,
-    encoders are taken to be exact. If `sigma` says how well they read, the drivers' values at each
-    pose are unknown too. The guess decides the branch, which is followed along straight lines of
-    the drivers from one measurement to the next.
+    The sum of squares of the residuals is minimised. A residual is the difference between model and
+    measurement, in standard deviations. Encoders are exact except for their offsets. If `sigma`
+    gives their errors, the drivers' values at each pose are unknowns too. The guess decides the
+    branch, which is followed along straight lines of the drivers from one measurement to the next.
 
     Args:
         mechanism: at its nominal dimensions.
-        measurements: of each pose a pair: what encoders read, {driver: value [rad or m]}, of every
-            driver; and what was measured, {name: what}: a point (3,) [m] or `pinocchio.SE3` of a
-            link, frame or joint, the value of a coordinate, or `targets.distance`,
-            `targets.orientation`.
-        dimensions: names of those that are looked for; or with bounds {name: (least, most) or
-            None}; None for an end leaves it open, as -inf and inf do.
-        offsets: drivers whose encoders are off: their value is what was read plus the offset.
-        base: True: points and placements were measured in axes of their own, in which the
-            mechanism's world is to be found; a placement: where to begin with that.
-        sigma: standard deviations, by kind {"position": m, "rotation": rad, "angle": rad,
-            "length": m, "encoder": rad or m} or by name of what was measured, `DRIVER.encoder`.
-            None: all the same, lengths relative to the characteristic length, and the residuals
-            tell how large.
+        measurements: a pair for each pose: encoder readings of all drivers, {driver: value [rad or
+            m]}, and measured values, {name: value}: a point (3,) [m] or `pinocchio.SE3` of a link,
+            frame or joint, the value of a coordinate, or `targets.distance`, `targets.orientation`.
+        dimensions: names of the unknown dimensions; or with bounds {name: (least, most) or None};
+            None for an end is no bound, like -inf and inf.
+        offsets: drivers with an encoder offset: their value is the reading plus the offset.
+        base: True: points and placements were measured in axes of their own, whose placement is
+            unknown; a placement: its start value.
+        sigma: standard deviations, by kind {"position": m, "rotation": rad, "angle": rad, "length":
+            m, "encoder": rad or m} or by name of the measured value, `DRIVER.encoder`. None: all
+            equal, lengths relative to the characteristic length, and estimated from the residuals.
         loss: "linear", or robust to outliers: "soft_l1", "huber", "cauchy", "arctan", as in
             `scipy.optimize.least_squares`. These need `sigma`.
-        margin: residual beyond which a robust loss takes a number for an outlier [sigma].
-        guess: which branch: where to assemble the first measurement, as for `assemble`.
+        margin: residual beyond which a robust loss treats a number as an outlier [sigma].
+        guess: branch of the first measurement, as for `assemble`.
 
     Returns:
         The Calibration: `print` it for a report.
 
     Raises:
         UnknownNameError: there is no such dimension, driver, frame or coordinate.
-        ValueError: there are fewer numbers than unknowns; a driver has no value; bounds, a sigma
-            or the loss cannot be.
+        ValueError: there are fewer numbers than unknowns; a driver has no value; bounds, a sigma or
+            the loss are not valid.
         AssemblyError: the first measurement cannot be assembled.
-        SpatialPinError: another measurement cannot be reached; the drivers do not determine what
-            was measured; a dimension opens the loops; the search does not end.
+        SpatialPinError: another measurement cannot be reached; the drivers do not determine a
+            measured value; a dimension opens the loops; the search does not converge.
         Interrupted: after Ctrl-C; `.result` has the best values until then.
 
     Example:
         >>> mech, built = sp.load("four_bar"), sp.load("four_bar", r3=0.2805)  # nominal, as built
         >>> seen = [({"crank": x}, {"rocker_pin": sp.assemble(built, {"crank": x}).q[2]})
-        ...         for x in (0.0, 1.0, 2.0, 4.0)]  # what was read, and measured [rad]
-        >>> found = sp.calibrate(mech, seen, ["r3"])
-        >>> print(f"r3 = {found.values['r3']:.6f} m")
+        ...         for x in (0.0, 1.0, 2.0, 4.0)]  # encoder readings and measurements [rad]
+        >>> result = sp.calibrate(mech, seen, ["r3"])
+        >>> print(f"r3 = {result.values['r3']:.6f} m")
         r3 = 0.280500 m
     """
     needed(mechanism)
@@ -241,7 +236,7 @@ def calibrate(
     if loss not in LOSSES:
         raise ValueError(f"loss is {loss!r}; it is one of {', '.join(LOSSES)}")
     if loss != "linear" and sigma is None:
-        raise ValueError(f"loss {loss!r} needs sigma: it is what outliers are told by")
+        raise ValueError(f"loss {loss!r} needs sigma: it defines outliers")
     if not isinstance(base, bool | pin.SE3):
         raise TypeError("base must be True, False, or a pinocchio.SE3 to begin with, not "
                         f"{type(base).__name__}")
@@ -259,12 +254,12 @@ def calibrate(
     start = _start(mechanism, drivers, guess)
     quantities = [[q.turned_to(s.mechanism, s.q) for q in some]
                   for some, s in zip(quantities, start, strict=True)]
-    place = base if isinstance(base, pin.SE3) else None
+    placement = base if isinstance(base, pin.SE3) else None
     if base is True:
-        place = base_from([(q.target, state.placement(q.target.name))
+        placement = base_from([(q.target, state.placement(q.target.name))
                            for state, some in zip(start, quantities, strict=True) for q in some
                            if q.kind in ("position", "rotation")])
-    predictions = Predictions(FittedState(start[0].mechanism, start, place), unknowns, drivers,
+    predictions = Predictions(FittedState(start[0].mechanism, start, placement), unknowns, drivers,
                               quantities)
     fit = CalibrationFit(predictions, loss, margin, bounds)
     return unless_cut(fit.result(quantities, sigma is None))
@@ -289,8 +284,8 @@ def _start(
             try:
                 there = follow(mechanism, {name: [begin[name], x] for name, x in end.items()},
                                guess=near, on_crossing="raise").state(-1)
-            except SpatialPinError as found:
-                error = error or found
+            except SpatialPinError as failure:
+                error = error or failure
                 continue
             states.append(State(there.mechanism, there.q, closure_error=there.closure_error,
                                 angles=there.angles))
@@ -301,17 +296,16 @@ def _start(
     return states
 
 
-
 class CalibrationFit(LeastSquares):
-    """Errors of predictions that are to be small, as far as a loss lets them count.
+    """The least-squares problem of a calibration, with a loss.
 
-    Steps are those of least squares with the weights that the errors have now: a loss that counts
-    outliers less bends down there, and lies below them.
+    Steps are those of least squares with the present weights. A loss that reduces outliers is
+    concave there, and lies below the weighted squares.
 
     Args:
-        predictions: of what was measured.
+        predictions: errors of the model.
         loss, margin: as for `calibrate`.
-        bounds: of dimensions, which come first among the unknowns.
+        bounds: of dimensions, which are the first unknowns.
     """
 
     bends, longest, cut, most = False, 1.0, TOLERANCES.zero, 300  # with outliers some dozens
@@ -334,7 +328,7 @@ class CalibrationFit(LeastSquares):
         self._is_whole = True
 
     def _weights(self, errors: Array) -> Array:
-        """Return what errors count (m,)."""
+        """Return the weights of errors (m,)."""
         return self._loss[1]((errors / self._margin) ** 2)
 
     def residual(self, x: Array) -> Array:
@@ -349,7 +343,7 @@ class CalibrationFit(LeastSquares):
         return np.vstack([self._predictions.jacobian(x), self._gauge])
 
     def model(self, x: Array) -> tuple[Array, Array]:
-        """See `LeastSquares`: errors by their weights, whose squares rise as the losses do."""
+        """See `LeastSquares`: weighted errors, whose squares have the slopes of the losses."""
         errors, rows = self._predictions.errors(x), self.jacobian(x)
         roots = np.sqrt(self._weights(errors))
         rows[: len(errors)] *= roots[:, None]
@@ -358,7 +352,7 @@ class CalibrationFit(LeastSquares):
     def result(
         self, quantities: list[list[MeasuredQuantity]], scattered: bool
     ) -> Calibration:
-        """Return what is found."""
+        """Return the calibration."""
         p, names = self._predictions, self._predictions.unknowns.names
         encoders, n = p.unknowns.encoders, len(names)
         before = p.errors(np.zeros(len(p.sizes)))
@@ -368,29 +362,29 @@ class CalibrationFit(LeastSquares):
         spread = _Spread(np.sqrt(weights)[:, None] * p.slopes(x), p.whole)
         factor = 1.0
         if scattered:
-            left = len(errors) - spread.rank
-            factor = float(errors @ errors) / left if left else np.nan
+            redundancy = len(errors) - spread.rank
+            factor = float(errors @ errors) / redundancy if redundancy else np.nan
         covariance = spread.covariance(p.sizes, factor)[:n, :n]
         changed = p.dimensions_at(x)
-        told = [(i, label, UNITS[q.kind]) for i, some in enumerate(quantities)
+        numbers = [(i, label, UNITS[q.kind]) for i, some in enumerate(quantities)
                 for q in some for label in q.labels()]
-        told += [(e.pose, e.label, e.unit) for e in encoders]
+        numbers += [(e.pose, e.label, e.unit) for e in encoders]
         there = varied(here.mechanism, changed) if changed else here.mechanism
         states = [followed(there, held, state)
                   for held, state in zip(p.held(x), here.states, strict=True)]
         return Calibration(
             there, self._values(x), self._values(np.zeros(len(x))),
             dict(zip(names, np.sqrt(np.diag(covariance)).tolist(), strict=True)), covariance,
-            errors * p.sigmas, before * p.sigmas, tuple((i, label) for i, label, _ in told),
-            tuple(unit for *_, unit in told), weights,
+            errors * p.sigmas, before * p.sigmas, tuple((i, label) for i, label, _ in numbers),
+            tuple(unit for *_, unit in numbers), weights,
             tuple(spread.words(names, p.sizes)), here.base, tuple(states), self._is_whole)
 
     def _solved(self) -> Array:
         """Return the values x (n,) of the unknowns.
 
-        Combinations that the data do not determine stay where they begin: rows that say so join the
-        others. Where a nominal mechanism is more special than the true one, and leaves more
-        undetermined, it is gone on from there.
+        Combinations that the data do not determine keep their start values, by additional rows. A
+        special nominal mechanism may leave more undetermined than the true one; the search then
+        continues.
         """
         p = self._predictions
         x: Array = np.zeros(len(p.sizes))
@@ -417,17 +411,17 @@ class CalibrationFit(LeastSquares):
     def _values(self, x: Array) -> dict[str, float]:
         p = self._predictions
         offsets, base = p.offsets_at(x), p.base_at(x)
-        found = [*p.dimensions_at(x).values(), *offsets.values()]
+        numbers = [*p.dimensions_at(x).values(), *offsets.values()]
         if p.unknowns.has_base and base is not None:
-            found += [*base.translation, *pin.log3(base.rotation)]
-        return dict(zip(p.unknowns.names, map(float, found), strict=True))
+            numbers += [*base.translation, *pin.log3(base.rotation)]
+        return dict(zip(p.unknowns.names, map(float, numbers), strict=True))
 
 
 class _Spread:
-    """What a Jacobian tells of the unknowns, its columns scaled to length one.
+    """Spread of unknowns, from a Jacobian with columns scaled to length one.
 
     Attributes:
-        rank: how many combinations of unknowns it determines.
+        rank: number of determined combinations of unknowns.
     """
 
     def __init__(self, jacobian: Array, whole: float) -> None:
@@ -441,21 +435,21 @@ class _Spread:
         self.rank = self._svd.rank
 
     def gauge(self) -> Array:
-        """Return rows (k, n) that are not zero for what is not determined."""
+        """Return rows (k, n) of the undetermined combinations."""
         return self._svd.null_space * self._lengths
 
     def covariance(self, sizes: Array, variance: float) -> Array:
         """Return the covariance (n, n) of unknowns of these sizes, as `Calibration` has it."""
         half = self._svd.vt[: self.rank].T / self._svd.s[: self.rank]
         half = half * (sizes / self._lengths)[:, None]
-        found: Array = variance * (half @ half.T)
+        covariance: Array = variance * (half @ half.T)
         free = np.abs(self._svd.null_space).max(axis=0, initial=0.0) > TOLERANCES.half_precision
-        found[free] = found[:, free] = np.nan
-        found[free, free] = np.inf
-        return found
+        covariance[free] = covariance[:, free] = np.nan
+        covariance[free, free] = np.inf
+        return covariance
 
     def words(self, names: tuple[str, ...], sizes: Array) -> Iterable[str]:
-        """Yield what is not determined, each combination of as few unknowns as can be."""
+        """Yield undetermined combinations as sentences, each with few unknowns."""
         null = self._svd.null_space
         if not len(null):
             return
@@ -469,5 +463,5 @@ class _Spread:
                 continue
             change = sizes * moved
             change /= change[part[0]]
-            told = ", ".join(f"{names[i]} {change[i]:+.4g}" for i in part)
-            yield f"changed together, {told} have no effect on what was measured"
+            changes = ", ".join(f"{names[i]} {change[i]:+.4g}" for i in part)
+            yield f"changed together, {changes} have no effect on what was measured"

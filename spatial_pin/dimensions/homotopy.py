@@ -1,9 +1,8 @@
-"""Closed configurations followed as dimensions change, the drivers held: a step is another model.
+"""Closed configurations followed while dimensions change and drivers are fixed.
 
-The engine of `continuation` follows one model; a test holds the two to each other. As a rule one
-step reaches what is asked for, and its cost is the loading of a file.
-Between two sets of dimensions the branch is the one that leads from a closed configuration of the
-first, along the straight line between them, to the second. It ends where the loops lose rank.
+The engine of `continuation` follows one model; here every step is another model. A test compares
+the two. Usually one step is enough, and its cost is the loading of a file. The branch between two
+sets of dimensions follows the straight line between them. It ends where the loops lose rank.
 """
 
 from __future__ import annotations
@@ -24,16 +23,16 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import decompose, determinant_sign_of, independent_rows
 from spatial_pin.settings import Accuracy
 
-# rad, characteristic lengths, that a coordinate may move in one step: Newton's method begins at the
-# step before, and what its linear terms leave out is then a twentieth.
+# Largest change of a coordinate in one step [rad, characteristic lengths]: Newton's method starts
+# at the last step, and its linear terms are then wrong by a twentieth.
 FARTHEST_COORDINATE = 0.3
-# Part of the way between the dimensions, in one step: where a hundredth of it moves joints too far,
-# the branch ends.
+# shortest step, as a part of the change of dimensions: if a hundredth of it moves joints too far,
+# the branch ends
 SHORTEST_PART = 2.0**-7
 
 
 def varied(mechanism: Mechanism, dimensions: Mapping[str, float]) -> Mechanism:
-    """Return the mechanism with some dimensions changed, loaded anew from its files."""
+    """Return the mechanism with some dimensions changed, loaded again from its files."""
     if mechanism.path is None:
         raise SpatialPinError(f"mechanism {mechanism.name!r} has no file to change dimensions in")
     return load(mechanism.path, **{**mechanism.loading, **dimensions})
@@ -42,13 +41,13 @@ def varied(mechanism: Mechanism, dimensions: Mapping[str, float]) -> Mechanism:
 def followed(mechanism: Mechanism, drivers: Mapping[str, float], near: State) -> State:
     """Return the closed configuration of a mechanism on the branch of one with other dimensions.
 
-    The dimensions go in a straight line from one to the other, in one step if no coordinate moves
-    by more than 0.3 rad or characteristic lengths, else in as many as it takes; the determinant of
-    the loops' independent rows keeps its sign from step to step.
+    The dimensions change along a straight line. One step is enough if no coordinate moves by more
+    than 0.3 rad or characteristic lengths; else there are more. The determinant of the independent
+    rows of the loops keeps its sign from step to step.
 
     Args:
-        mechanism: at the dimensions wanted.
-        drivers: values of coordinates to hold [rad, m].
+        mechanism: at the new dimensions.
+        drivers: values of fixed coordinates [rad, m].
         near: a closed state of the mechanism at other dimensions.
     """
     drivers = {mechanism.driven_coordinate(name).name: x for name, x in drivers.items()}
@@ -75,7 +74,7 @@ def followed(mechanism: Mechanism, drivers: Mapping[str, float], near: State) ->
 
 
 def _step(state: State, there: Mechanism, drivers: Mapping[str, float]) -> State | None:
-    """Return the closed configuration next to a state; None where it is not surely the branch's."""
+    """Return the closed configuration next to a state; None if it may be of another branch."""
     near = state.mechanism
     values = {c.name: float(state.q[c.q]) for c in near.coordinate_table.values() if c.q >= 0}
     free = np.ones(near.model.nv, dtype=bool)

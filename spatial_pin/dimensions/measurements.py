@@ -1,4 +1,4 @@
-"""Measurements of a mechanism: poses with what encoders read, and what was measured there."""
+"""Measurements of a mechanism: poses with encoder readings and measured values."""
 
 from __future__ import annotations
 
@@ -26,55 +26,55 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array, decompose
 
 UNITS = {"position": "m", "rotation": "rad", "angle": "rad", "length": "m"}  # by kind
-ENCODER = ".encoder"  # what names of encoders end with, in sigma and labels
+ENCODER = ".encoder"  # suffix of encoders in sigma and labels
 
 
 class MeasuredPose(NamedTuple):
-    """A pose at which something was measured."""
+    """A pose with measurements."""
 
-    drivers: Mapping[str, float]  # what their encoders read, by driver [rad or m]
-    measured: Mapping[str, Any]  # what was measured, by name of a frame or coordinate
+    drivers: Mapping[str, float]  # encoder readings, by driver [rad or m]
+    measured: Mapping[str, Any]  # measured values, by name of a frame or coordinate
 
 
 class Encoder(NamedTuple):
-    """An encoder that reads with an error, at one pose."""
+    """An encoder with a reading error, at one pose."""
 
-    pose: int  # its number, from 0
-    coordinate: str  # that it reads
+    pose: int  # number of the pose, from 0
+    coordinate: str  # the coordinate that it reads
     sigma: float  # standard deviation [rad or m]
     unit: str  # "rad" or "m"
 
     @property
     def label(self) -> str:
-        """What it is called among what was measured."""
+        """Its name among the measured values."""
         return self.coordinate + ENCODER
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredQuantity:
-    """One thing measured at one pose."""
+    """One measured quantity at one pose."""
 
-    target: Target  # what it is
+    target: Target
     kind: str  # "position", "rotation", "angle" or "length"
-    sigma: float  # its standard deviation [m or rad]; without any, what counts as one
+    sigma: float  # standard deviation [m or rad]; without one, the unit of the residual
 
     @classmethod
     def of(
         cls, mechanism: Mechanism, target: Target, sigma: Mapping[str, float] | None
     ) -> MeasuredQuantity:
-        """Return it with the standard deviation that is given, or what counts as one."""
+        """Return a quantity with the given standard deviation, or the unit of its residual."""
         kind = ("position" if isinstance(target, Position) else
                 "rotation" if isinstance(target, Orientation) else "length")
         if isinstance(target, CoordinateValue):
             unit = mechanism.prescribed_coordinate(target.name).unit
             kind = "angle" if unit == "rad" else "length"
-        found = cls(target, kind, 1.0)
+        quantity = cls(target, kind, 1.0)
         if sigma is None:
             size = mechanism.characteristic_length if UNITS[kind] == "m" else 1.0
-            return replace(found, sigma=size)
-        for name in (*_names(found), kind):
+            return replace(quantity, sigma=size)
+        for name in (*_names(quantity), kind):
             if name in sigma:
-                return replace(found, sigma=sigma[name])
+                return replace(quantity, sigma=sigma[name])
         raise ValueError(f"sigma says nothing of {target.name!r}: add {kind!r} [{UNITS[kind]}]")
 
     def error(self, evaluation: LoopEquations, base: pin.SE3 | None) -> tuple[Array, Array]:
@@ -94,7 +94,7 @@ class MeasuredQuantity:
     def base_slope(self, evaluation: LoopEquations, base: pin.SE3) -> Array:
         """Return the derivative (k, 6) of `error` for moving the base: shifts, then turns.
 
-        Both along the axes of what measures, turns about the base's own origin.
+        Both are along the measuring axes; turns are about the base's own origin.
         """
         t = self.target
         if isinstance(t, Position):
@@ -115,7 +115,7 @@ class MeasuredQuantity:
         return [self.target.name + other]
 
     def turned_to(self, mechanism: Mechanism, q: Array) -> MeasuredQuantity:
-        """Return the same with an angle taken to the turn that is nearest to a configuration's."""
+        """Return the same with an angle in the turn nearest to a configuration's."""
         target = self.target
         if self.kind != "angle" or not isinstance(target, CoordinateValue):
             return self
@@ -126,7 +126,7 @@ class MeasuredQuantity:
 
 
 def in_world(target: Target, base: pin.SE3 | None) -> Target:
-    """Return a target that was measured from elsewhere in the axes of the mechanism's world."""
+    """Return a target in the axes of the mechanism's world, from the measuring axes."""
     if base is not None and isinstance(target, Position):
         return replace(target, point=base.actInv(target.point))
     if base is not None and isinstance(target, Orientation):
@@ -165,7 +165,7 @@ def read_measurements(
 
 
 def _called(mechanism: Mechanism, coordinates: Iterable[str]) -> dict[str, str]:
-    """Return by every name that coordinates have, as those of their drivers, the coordinate."""
+    """Return the coordinate for every name of it, those of its drivers too."""
     own = {name: name for name in coordinates}
     return own | {driver.name: name for driver in mechanism.drivers.values()
                   for name in own if mechanism.coordinate(driver.joint).name == name}
@@ -176,31 +176,31 @@ def encoders_of(
     sigma: Mapping[str, float] | None,
 ) -> tuple[Encoder, ...]:
     """Return the encoders that have a standard deviation, pose by pose."""
-    found = []
+    encoders = []
     for i, read in enumerate(drivers):
         of: dict[str, float] = dict.fromkeys(read, (sigma or {}).get(ENCODER[1:], 0.0))
         for name, coordinate in _called(mechanism, read).items():
             of[coordinate] = (sigma or {}).get(name + ENCODER, of[coordinate])
-        found += [Encoder(i, name, float(x), mechanism.coordinate(name).unit)
+        encoders += [Encoder(i, name, float(x), mechanism.coordinate(name).unit)
                   for name, x in of.items() if x]
-    return tuple(found)
+    return tuple(encoders)
 
 
 def _drivers(mechanism: Mechanism, read: Mapping[str, Any], where: str) -> dict[str, float]:
-    found: dict[str, float] = {}
+    values: dict[str, float] = {}
     for name, value in read.items():
         coordinate = mechanism.driven_coordinate(name).name
-        if coordinate in found:
+        if coordinate in values:
             raise ValueError(f"{where}: {coordinate!r} is given two values")
-        found[coordinate] = finite_number(value, f"{where}: driver {name!r}")
+        values[coordinate] = finite_number(value, f"{where}: driver {name!r}")
     for name, driver in mechanism.drivers.items():
-        if mechanism.coordinate(driver.joint).name not in found:
+        if mechanism.coordinate(driver.joint).name not in values:
             raise ValueError(f"{where}: driver {name!r} has no value; give what its encoder read")
-    return found
+    return values
 
 
 def _parts(target: Target, where: str) -> list[Target]:
-    """Return a target as those that have one kind of number."""
+    """Return a target as parts with one kind of number each."""
     if target.weight is not None:
         raise ValueError(f"{where}: {target.name!r} has a weight; say how well it was measured in "
                          "sigma")
@@ -215,15 +215,15 @@ def _parts(target: Target, where: str) -> list[Target]:
 
 
 def _names(quantity: MeasuredQuantity) -> tuple[str, str]:
-    """Return the names that a quantity's own standard deviation may stand under."""
+    """Return the keys of a quantity's own standard deviation."""
     return f"{quantity.target.name}.{quantity.kind}", quantity.target.name
 
 
 def base_from(pairs: Sequence[tuple[Target, pin.SE3]]) -> pin.SE3:
-    """Return about where the base is, from what was measured and where the frames should be.
+    """Return a start value of the base, from measured and predicted frames.
 
     Its rotation is a measured one, else the best of the points [GolubVanLoan2013, 6.4.1]; its
-    translation that of the points' means.
+    translation is that of the points' means.
     """
     points = [(t.point, at.translation) for t, at in pairs if isinstance(t, Position)]
     turns = [t.rotation @ at.rotation.T for t, at in pairs if isinstance(t, Orientation)]

@@ -1,8 +1,8 @@
-"""What a mechanism of other dimensions, offsets and base would have measured, and its derivatives.
+"""Predicted measurements at given dimensions, offsets and base, with derivatives.
 
-At a closed configuration q of dimensions p the loops c(q, p) = 0 and the drivers stay what they
-are, so that dq/dp = -A^-1 dc/dp, with A the rows of the loops and drivers. What depends on p at the
-same q, the rows c and the frames, is differenced: nothing is closed for that.
+At a closed configuration q of dimensions p the loops c(q, p) = 0 and the drivers stay fixed, so
+that dq/dp = -A^-1 dc/dp, with A the rows of the loops and drivers. The dependence of c and of the
+frames on p at fixed q is differenced; no loop is closed for that.
 """
 
 from __future__ import annotations
@@ -26,19 +26,20 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import EPS, Array, Decomposition, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-# Part of a dimension's size: second-order differences leave its square, round-off eps over it.
+# Step relative to a dimension's size: second-order differences have an error of its square, and
+# round-off eps over it.
 STEP = EPS ** (1.0 / 3.0)
 BASE = ("base.x", "base.y", "base.z", "base.rx", "base.ry", "base.rz")
 
 
 class Unknowns(NamedTuple):
-    """What is looked for."""
+    """The unknowns of a calibration."""
 
     dimensions: tuple[str, ...]  # names
-    offsets: tuple[str, ...]  # drivers; what their encoders read lacks these
-    has_base: bool  # whether the base is one, by six numbers
-    # that read with an error, of which each pose has its own: these are found too, as numbers
-    # behind the others, but have no name
+    offsets: tuple[str, ...]  # drivers with an encoder offset
+    has_base: bool  # whether the base has six unknowns
+    # Encoders with a reading error, one unknown for each pose. These are behind the others and have
+    # no name.
     encoders: tuple[Encoder, ...] = ()
 
     @classmethod
@@ -46,7 +47,7 @@ class Unknowns(NamedTuple):
         cls, mechanism: Mechanism, dimensions: Iterable[str], offsets: Sequence[str],
         has_base: bool, drivers: Sequence[Mapping[str, float]], encoders: tuple[Encoder, ...],
     ) -> Unknowns:
-        """Return them, offsets checked with what encoders read."""
+        """Return the unknowns, offsets checked with the encoder readings."""
         coordinates = [mechanism.driven_coordinate(name).name for name in offsets]
         if len(set(coordinates)) < len(coordinates):
             raise ValueError("offsets names one driver twice")
@@ -65,20 +66,40 @@ class Unknowns(NamedTuple):
 class FittedState(NamedTuple):
     """A mechanism at some values of the unknowns."""
 
-    mechanism: Mechanism  # at its dimensions
+    mechanism: Mechanism
     states: list[State]  # closed, by pose
-    # of the mechanism in the axes of what measures; None where these are its own
+    # placement of the mechanism in the measuring axes; None if these are its own
     base: pin.SE3 | None
 
 
 class NeighbouringPoses(NamedTuple):
-    """Poses of a mechanism, and of those whose dimensions are a little larger and smaller."""
+    """Poses of a mechanism at dimensions, and at slightly larger and smaller ones."""
 
-    # of the poses, then of all of them for each larger dimension, then for each smaller
+    # all poses, then all for each larger dimension, then all for each smaller one
     bodies: EvaluatedBatch
-    poses: int  # how many there are
-    widths: Array  # (n,) between the larger and the smaller ones [m or rad]
-    known: dict[int, tuple[Array, Array]]  # rotations and origins of frames that were asked for
+    poses: int  # number of poses
+    widths: Array  # (n,) between larger and smaller dimensions [m or rad]
+    known: dict[int, tuple[Array, Array]]  # rotations and origins of frames, evaluated once
+
+    @classmethod
+    def of(
+        cls, family: DimensionFamily, here: FittedState, steps: Array
+    ) -> NeighbouringPoses:
+        """Return the poses with every dimension larger and smaller by a step."""
+        poses = len(here.states)
+        own = np.array([here.mechanism.dimensions[name] for name in family.names])
+        moves = np.diag(steps[: len(own)])
+        every = own[:, None] + np.hstack([np.zeros((len(own), 1)), moves, -moves])
+        members = family.at(every)
+        if not members.holds.all():
+            members = family.loaded(every)
+        at = np.tile(np.arange(poses), every.shape[1])
+        q, angles = (np.array(a)[at] for a in zip(
+            *((s.q, s.angles) for s in here.states), strict=True))
+        bodies = family.bodies(
+            members.taken(np.repeat(np.arange(every.shape[1]), poses)), q, angles)
+        ahead, behind = every[:, 1 : len(own) + 1], every[:, len(own) + 1 :]
+        return cls(bodies, poses, np.diag(ahead - behind), {})
 
     def _differences(self, values: Array, i: int) -> tuple[Array, Array]:
         """Return values (n, ...) of a pose at larger, and at smaller dimensions."""
@@ -86,56 +107,56 @@ class NeighbouringPoses(NamedTuple):
         return own[: len(self.widths)], own[len(self.widths) :]
 
     def opened(self, i: int) -> Array:
-        """Return how dimensions open the loops of a pose (rows, n), where no joint moves."""
+        """Return derivatives (rows, n) of a pose's loops for the dimensions, joints fixed."""
         ahead, behind = self._differences(self.bodies.residual, i)
-        found: Array = ((ahead - behind) / self.widths[:, None]).T
-        return found
+        opened: Array = ((ahead - behind) / self.widths[:, None]).T
+        return opened
 
     def twists(self, i: int, frame: int) -> Array:
-        """Return how a frame of a pose moves (6, n): its origin, and its turn, world axes."""
+        """Return derivatives (6, n) of a frame's pose: its origin, and its turn, world axes."""
         if frame not in self.known:
             self.known[frame] = self.bodies.centred_frame(frame)
         turned, origin = self.known[frame]
         ahead, behind = self._differences(origin, i)
         after, before = self._differences(turned, i)
         turn = after @ before.transpose(0, 2, 1)
-        found: Array = np.hstack([ahead - behind, 0.5 * np.column_stack(
+        twists: Array = np.hstack([ahead - behind, 0.5 * np.column_stack(
             [turn[:, k, j] - turn[:, j, k] for j, k in ((1, 2), (2, 0), (0, 1))])]).T / self.widths
-        return found
+        return twists
 
 
 class _AtRest(NamedTuple):
-    """A pose as targets ask for it, in which dimensions move the frames in the place of joints."""
+    """A pose with the interface that targets use: dimensions move the frames, not joints."""
 
     mechanism: Mechanism
     evaluation: LoopEquations
-    beside: NeighbouringPoses
+    neighbours: NeighbouringPoses
     pose: int
 
     def frame(self, frame: int) -> pin.SE3:
-        """Return where a frame is."""
+        """Return the placement of a frame."""
         return self.evaluation.frame(frame)
 
     def frame_jacobian(self, frame: int) -> Array:
-        """Return how it moves with the dimensions (6, n)."""
-        return self.beside.twists(self.pose, frame)
+        """Return its derivatives (6, n) for the dimensions."""
+        return self.neighbours.twists(self.pose, frame)
 
     def slope(self, quantity: MeasuredQuantity, base: pin.SE3 | None) -> Array:
-        """Return the derivatives (k, n) of an error; of coordinates, which stand, zero."""
+        """Return the derivatives (k, n) of an error; zero for coordinates, which are fixed."""
         if isinstance(quantity.target, CoordinateValue):
-            return np.zeros((1, len(self.beside.widths)))
+            return np.zeros((1, len(self.neighbours.widths)))
         return quantity.error(cast(LoopEquations, self), base)[1]
 
 
 class Predictions:
     """Errors of the model at values x (n,) of the unknowns, and their derivatives.
 
-    The unknowns have no unit: x is how far they are from where they start, relative to `sizes`.
+    The unknowns have no unit: x is the change from the start values, relative to `sizes`.
 
     Attributes:
         sizes: (n,) of the unknowns [m or rad].
-        sigmas: (m,) standard deviations of the numbers measured, those of encoders last.
-        whole: length of errors as large as the mechanism: its characteristic length, one radian.
+        sigmas: (m,) standard deviations of the measured numbers, those of encoders last.
+        whole: norm of errors as large as the mechanism: its characteristic length, one radian.
     """
 
     def __init__(
@@ -165,7 +186,7 @@ class Predictions:
         self._base = slice(len(sizes) - 6, len(sizes))
 
     def at(self, x: Array) -> FittedState:
-        """Return the mechanism at values of the unknowns, its loops closed at every pose."""
+        """Return the mechanism at values of the unknowns, closed at every pose."""
         if self._last is None or self._last[0] != x.tobytes():
             near, dimensions = self._near, self.dimensions_at(x)
             there = self._variants.at(dimensions) if dimensions else near.mechanism
@@ -175,16 +196,16 @@ class Predictions:
         return self._last[1]
 
     def held(self, x: Array) -> list[dict[str, float]]:
-        """Return where the drivers are at each pose, by coordinate [rad or m]."""
+        """Return the drivers' values at each pose, by coordinate [rad or m]."""
         offsets = self.offsets_at(x)
-        found = [{name: value + offsets.get(name, 0.0) for name, value in read.items()}
+        held = [{name: value + offsets.get(name, 0.0) for name, value in read.items()}
                  for read in self._drivers]
         for encoder, off in zip(self.unknowns.encoders, self._misread(x), strict=True):
-            found[encoder.pose][encoder.coordinate] += encoder.sigma * off
-        return found
+            held[encoder.pose][encoder.coordinate] += encoder.sigma * off
+        return held
 
     def _misread(self, x: Array) -> Array:
-        """Return by how much encoders have read too little [sigma]."""
+        """Return the reading errors of encoders [sigma], reading too small."""
         return x[len(x) - len(self.unknowns.encoders) :]
 
     def dimensions_at(self, x: Array) -> dict[str, float]:
@@ -194,13 +215,13 @@ class Predictions:
                         (self.nominal + self.sizes[:k] * x[:k]).tolist(), strict=True))
 
     def offsets_at(self, x: Array) -> dict[str, float]:
-        """Return the offsets by coordinate likewise."""
+        """Return the offsets by coordinate."""
         some = slice(len(self.nominal), len(self.nominal) + len(self._coordinates))
         return dict(zip((c.name for c in self._coordinates),
                         (self.sizes[some] * x[some]).tolist(), strict=True))
 
     def base_at(self, x: Array) -> pin.SE3 | None:
-        """Return the base likewise."""
+        """Return the base."""
         if self._start.base is None:
             return None
         if not self.unknowns.has_base:
@@ -209,7 +230,7 @@ class Predictions:
         return pin.SE3(pin.exp3(moved[3:]) @ start.rotation, start.translation + moved[:3])
 
     def errors(self, x: Array) -> Array:
-        """Return model less measurements (m,), in standard deviations; infinite where it opens."""
+        """Return model less measurements (m,) [sigma]; infinite if loops do not close."""
         try:
             here = self.at(x)
         except SpatialPinError:
@@ -219,57 +240,40 @@ class Predictions:
             with loops_of(here.mechanism, state.angles) as evaluation:
                 evaluation.update(state.q)
                 parts += [q.error(evaluation, here.base)[0] for q in quantities]
-        told = np.concatenate(parts)
-        return np.concatenate([told / self.sigmas[: len(told)], self._misread(x)])
+        errors = np.concatenate(parts)
+        return np.concatenate([errors / self.sigmas[: len(errors)], self._misread(x)])
 
     def jacobian(self, x: Array) -> Array:
         """Return the derivatives (m, n) of `errors` for x; raises as `slopes`."""
-        found = self.slopes(x)
+        jacobian = self.slopes(x)
         if self.unknowns.has_base:  # of exp(w) for w: the turn that is added, from the left
             turns = slice(self._base.stop - 3, self._base.stop)
-            found[:, turns] = found[:, turns] @ pin.Jexp3(x[turns]).T
-        return found
+            jacobian[:, turns] = jacobian[:, turns] @ pin.Jexp3(x[turns]).T
+        return jacobian
 
     def slopes(self, x: Array) -> Array:
-        """Return the derivatives (m, n) of `errors` for x, but for small turns of the base."""
+        """Return the derivatives (m, n) of `errors` for x, with small turns of the base."""
         here = self._near = self.at(x)
-        beside, rows = self._beside(here), []
+        neighbours, rows = None, []
+        if self._family is not None:
+            neighbours = NeighbouringPoses.of(self._family, here, STEP * self.sizes)
         for i, state in enumerate(here.states):
             with loops_of(here.mechanism, state.angles) as evaluation:
                 evaluation.update(state.q)
-                rows.append(self._pose_rows(i, evaluation, here, beside))
+                rows.append(self._pose_rows(i, evaluation, here, neighbours))
         k = len(self.unknowns.encoders)
-        told = np.concatenate(rows) * self.sizes / self.sigmas[: len(self.sigmas) - k, None]
-        return np.vstack([told, np.eye(k, len(self.sizes), len(self.sizes) - k)])
-
-    def _beside(self, here: FittedState) -> NeighbouringPoses | None:
-        """Return the poses with every dimension a little larger and smaller, if there are any."""
-        if self._family is None:
-            return None
-        names, poses = self.unknowns.dimensions, len(here.states)
-        own = np.array([here.mechanism.dimensions[name] for name in names])
-        steps = np.diag(STEP * self.sizes[: len(own)])
-        every = own[:, None] + np.hstack([np.zeros((len(own), 1)), steps, -steps])
-        members = self._family.at(every)
-        if not members.holds.all():
-            members = self._family.loaded(every)
-        at = np.tile(np.arange(poses), every.shape[1])
-        q, angles = (np.array(a)[at] for a in zip(
-            *((s.q, s.angles) for s in here.states), strict=True))
-        bodies = self._family.bodies(
-            members.taken(np.repeat(np.arange(every.shape[1]), poses)), q, angles)
-        ahead, behind = every[:, 1 : len(own) + 1], every[:, len(own) + 1 :]
-        return NeighbouringPoses(bodies, poses, np.diag(ahead - behind), {})
+        slopes = np.concatenate(rows) * self.sizes / self.sigmas[: len(self.sigmas) - k, None]
+        return np.vstack([slopes, np.eye(k, len(self.sizes), len(self.sizes) - k)])
 
     def _pose_rows(
         self, i: int, evaluation: LoopEquations, here: FittedState,
-        beside: NeighbouringPoses | None,
+        neighbours: NeighbouringPoses | None,
     ) -> Array:
         """Return the derivatives (k, n) of a pose's errors [m, rad] per unit of the unknowns."""
         m, n = here.mechanism, evaluation.constraints.n_closure
         held = [m.driven_coordinate(name) for name in self._drivers[i]]
         stands = [*(c.v for c in held), *still_entries(m, held)]
-        loops = evaluation.jacobian[:n] if beside is None else beside.bodies.jacobian[i]
+        loops = evaluation.jacobian[:n] if neighbours is None else neighbours.bodies.jacobian[i]
         scale = self._start.mechanism.velocity_scale
         svd = decompose(np.vstack([loops, np.eye(m.model.nv)[stands]]))
         slopes = scale * np.vstack(
@@ -281,32 +285,38 @@ class Predictions:
                 f"measurement {i + 1}: {labels[int(np.argmax(free))]!r} can move where the drivers "
                 "given stand; give values of drivers or coordinates that hold it, or leave it out")
         columns = list[Array]()
-        if beside is not None:
-            moved = _AtRest(m, evaluation, beside, i)
+        if neighbours is not None:
+            moved = _AtRest(m, evaluation, neighbours, i)
             own = np.vstack([moved.slope(q, here.base) for q in self._quantities[i]])
-            columns += [*(own + slopes @ self._motions(svd, -beside.opened(i), len(stands))).T]
+            columns += [*(own + slopes @ _joint_motions(
+                m, self.unknowns.dimensions, svd, neighbours.opened(i))).T]
         driven = np.eye(n + len(stands))[n : n + len(held)]
         of = {c.name: slopes @ svd.minimum_norm(row / scale[c.v])
               for c, row in zip(held, driven, strict=True)}
         still = np.zeros(len(slopes))
         columns += [of.get(c.name, still) for c in self._coordinates]
-        found = np.array(columns).reshape(len(columns), len(slopes)).T
+        joint_slopes = np.array(columns).reshape(len(columns), len(slopes)).T
         base = [np.vstack([q.base_slope(evaluation, here.base) for q in self._quantities[i]])
                 ] if self.unknowns.has_base and here.base is not None else []
         read = np.array([of[e.coordinate] if e.pose == i else still
                          for e in self.unknowns.encoders]).reshape(-1, len(slopes)).T
-        return np.hstack([found, *base, read])
+        return np.hstack([joint_slopes, *base, read])
 
-    def _motions(self, svd: Decomposition, opened: Array, n_still: int) -> Array:
-        """Return how the joints go (nv, n) to keep loops closed that dimensions open (rows, n)."""
-        wanted = np.vstack([opened, np.zeros((n_still, opened.shape[1]))])
-        kept = svd.u[:, : svd.rank]
-        left = np.linalg.norm(wanted - kept @ (kept.T @ wanted), axis=0)
-        opens = left > TOLERANCES.half_precision * np.maximum(1.0, np.linalg.norm(wanted, axis=0))
-        if opens.any():
-            name = self.unknowns.dimensions[int(np.argmax(opens))]
-            raise SpatialPinError(
-                f"mechanism {self._start.mechanism.name!r}: the loops open where {name!r} alone is "
-                "changed (they are overconstrained); calibrate a dimension that keeps them closed")
-        found: Array = svd.vt[: svd.rank].T @ ((kept.T @ wanted) / svd.s[: svd.rank, None])
-        return found
+
+def _joint_motions(
+    mechanism: Mechanism, names: Sequence[str], svd: Decomposition, opened: Array
+) -> Array:
+    """Return joint motions (nv, n) that close loops opened by dimensions (rows, n)."""
+    wanted = np.zeros((len(svd.u), opened.shape[1]))
+    wanted[: len(opened)] = -opened
+    basis = svd.u[:, : svd.rank]
+    residual = np.linalg.norm(wanted - basis @ (basis.T @ wanted), axis=0)
+    sizes = np.maximum(1.0, np.linalg.norm(wanted, axis=0))
+    opens = residual > TOLERANCES.half_precision * sizes
+    if opens.any():
+        name = names[int(np.argmax(opens))]
+        raise SpatialPinError(
+            f"mechanism {mechanism.name!r}: the loops open where {name!r} alone is "
+            "changed (they are overconstrained); calibrate a dimension that keeps them closed")
+    motions: Array = svd.vt[: svd.rank].T @ ((basis.T @ wanted) / svd.s[: svd.rank, None])
+    return motions

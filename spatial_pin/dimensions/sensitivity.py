@@ -1,8 +1,8 @@
-"""How outputs change with the dimensions of a mechanism.
+"""Sensitivity: derivatives of outputs for the dimensions of a mechanism.
 
-The geometry of a mechanism is whatever its xacro file computes from the dimensions, so derivatives
-are eighth-order central differences of exactly closed mechanisms; the sixth-order value of the
-same points tells how far they can be trusted. The file is expanded once (`variants`).
+The xacro file can compute the geometry from dimensions in any way. So derivatives are eighth-order
+central differences of exactly closed mechanisms. The sixth-order value of the same points gives the
+error estimate. The file is expanded once (`variants`).
 """
 
 from __future__ import annotations
@@ -34,32 +34,32 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.prescribed import Prescription, driven_coordinates, placed
 
-# Step of differences relative to the dimension, or characteristic length (1 for angles) where
-# it is zero: of eighth order, they leave 1e-21 of it, and round-off 4e-15 over the step.
+# Step of differences relative to the dimension, or characteristic length (1 for angles) if it is
+# zero. Eighth order has an error of 1e-21, and round-off 4e-15 over the step.
 DIFFERENCE = 2e-3
 EIGHTH = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
-AROUND = (1, -1, 2, -2, 3, -3, 4, -4)  # steps at which outputs are taken
+AROUND = (1, -1, 2, -2, 3, -3, 4, -4)  # steps at which outputs are evaluated
 SIXTH = {1: 3 / 4, 2: -3 / 20, 3: 1 / 60}
 CONFIGURATION_ERROR = 4e-15  # of a well-conditioned one, for the error estimate: 18 epsilon
 
 
 @dataclass(frozen=True, eq=False)
 class Sensitivity:
-    """Derivatives of one output with respect to dimensions.
+    """Derivatives of one output for dimensions.
 
     Attributes:
         output: its name.
-        value: the output itself, a number, (3,), or (6,) of a reaction [SI, rad]; of a motion
+        value: the output itself, a number, (3,), or (6,) for a reaction [SI, rad]; for a motion
             (N,), (N, 3) or (N, 6).
         derivatives: by dimension, shaped like the value [output unit per m or rad].
-        errors: estimated largest error of each derivative; (N,) of a motion.
-        unit: of the value, "" or "1" when it has none.
+        errors: estimated largest error of each derivative; (N,) for a motion.
+        unit: of the value, "" or "1" for none.
         idle: dimensions that change nothing in the mechanism's file.
 
     Example:
         >>> mech = sp.load("rssr")
-        >>> found = sp.sensitivity(mech, sp.assemble(mech, {"crank": 1.0}), "rocker_pin", ["b"])
-        >>> print(f"{found.value:.4f} {found.unit}, {found.derivatives['b']:.4f} rad/m")
+        >>> result = sp.sensitivity(mech, sp.assemble(mech, {"crank": 1.0}), "rocker_pin", ["b"])
+        >>> print(f"{result.value:.4f} {result.unit}, {result.derivatives['b']:.4f} rad/m")
         1.5232 rad, -5.8005 rad/m
     """
 
@@ -87,13 +87,13 @@ class Sensitivity:
 
 
 def unit_of_derivative(unit: str) -> str:
-    """Return what a derivative of an output is in: to a length, or to an angle."""
+    """Return the unit of an output's derivative, for a length or an angle."""
     unit = f"({unit})" if set(unit) & set("/,·") else unit or "1"
     return f"{unit}/m or {unit}/rad"
 
 
 def _words(x: Any) -> str:
-    """Return a number, or a short array, with ten decimals, of what is large ten digits."""
+    """Return a number or a short array as text: ten decimals, or ten digits of large ones."""
     return np.array2string(np.asarray(x), precision=10, max_line_width=10**6, formatter={
         "float": lambda v: f"{v:.10f}".rstrip("0").rstrip(".") if 1e-3 <= abs(v) < 1e6 or v == 0.0
         else f"{v:.10g}"})
@@ -106,18 +106,18 @@ def sensitivity(
     output: str,
     parameters: Iterable[str] | None = None,
 ) -> Sensitivity:
-    """Differentiate an output with respect to dimensions; the drivers keep their motion.
+    """Differentiate an output for dimensions, at fixed motion of the drivers.
 
     In a motion, each sample counts as a state by itself: values and derivatives are (N,) or (N, 3),
-    errors (N,). All drivers are held.
+    errors (N,). All drivers are fixed.
 
     Args:
         mechanism: a mechanism with a xacro tree.
-        state: a closed state, whose driver values, speeds and accelerations are kept; or a motion.
+        state: a closed state, whose driver values, speeds and accelerations are fixed; or a motion.
         output: as for `Motion.output` (`rocker_pin`, `rocker_pin.rate`, `coupler.com.velocity`,
             ...), or for `Kinetostatics.output` (`crank.effort`, `ball_b.reaction.force`, ...; at
-            rest where rates are not those in time; the least one where a reaction is not unique),
-            or `limit.lower.DRIVER`, `limit.upper.DRIVER` for the ends of a driver's range.
+            rest if rates are not those in time; the least one if a reaction is not unique), or
+            `limit.lower.DRIVER`, `limit.upper.DRIVER` for the ends of a driver's range.
         parameters: names of dimensions; default all.
 
     Returns:
@@ -127,13 +127,13 @@ def sensitivity(
     Raises:
         UnknownNameError: no such dimension or output.
         SpatialPinError: the branch ends, or the output does not exist, at a nearby dimension.
-        Interrupted: after Ctrl-C in a motion; `.found` has the derivatives until then.
+        Interrupted: after Ctrl-C in a motion; `.result` has the derivatives until then.
 
     Example:
         >>> mech = sp.load("rssr")
         >>> state = sp.assemble(mech, {"crank": 1.0})
-        >>> found = sp.sensitivity(mech, state, "rocker_pin", ["b", "d"])
-        >>> {name: round(float(x), 4) for name, x in found.derivatives.items()}  # [rad/m]
+        >>> result = sp.sensitivity(mech, state, "rocker_pin", ["b", "d"])
+        >>> {name: round(float(x), 4) for name, x in result.derivatives.items()}  # [rad/m]
         {'b': -5.8005, 'd': 4.1254}
     """
     if isinstance(state, Motion):
@@ -147,18 +147,18 @@ def sensitivity(
             for parts in ([x.derivatives for x in several], [x.errors for x in several]))
         unit = (several[0].unit if end_of_range(output) or with_forces([output])
                 else state.output(output).unit)
-        found = Sensitivity(
+        result = Sensitivity(
             output, np.array([x.value for x in several]), derivatives, errors, unit)
     else:
-        found = sensitivities(mechanism, state, [output], parameters)[0]
-    still = [name for name, x in found.derivatives.items()
-             if np.all(np.abs(x).T <= np.asarray(found.errors[name]).T)]
+        result = sensitivities(mechanism, state, [output], parameters)[0]
+    still = [name for name, x in result.derivatives.items()
+             if np.all(np.abs(x).T <= np.asarray(result.errors[name]).T)]
     if parameters is not None:
-        tell_idle(mechanism, found.derivatives, still)
-    found = replace(found, idle=idle_dimensions(mechanism, found.derivatives, still))
-    if isinstance(state, Motion) and len(found.value) < len(state):
-        raise Interrupted(first_samples(state, len(found.value)), found)
-    return found
+        tell_idle(mechanism, result.derivatives, still)
+    result = replace(result, idle=idle_dimensions(mechanism, result.derivatives, still))
+    if isinstance(state, Motion) and len(result.value) < len(state):
+        raise Interrupted(first_samples(state, len(result.value)), result)
+    return result
 
 
 def sensitivities(
@@ -173,12 +173,12 @@ def sensitivities(
 
 
 def _differentiated(
-    mechanism: Mechanism, asked: Sequence[tuple[State, DriverMotion]], outputs: Iterable[str],
+    mechanism: Mechanism, samples: Sequence[tuple[State, DriverMotion]], outputs: Iterable[str],
     parameters: Iterable[str] | None,
 ) -> list[list[Sensitivity]]:
     """Differentiate outputs at states of one mechanism, each with its drivers' motion.
 
-    After Ctrl-C those of the states until then, if there are any.
+    After Ctrl-C the result has the states until then, if there are any.
     """
     if mechanism.path is None:
         raise SpatialPinError(f"mechanism {mechanism.name!r} has no file to change dimensions in")
@@ -188,19 +188,19 @@ def _differentiated(
         if name not in mechanism.dimensions:
             raise UnknownNameError("dimension", name, mechanism.dimensions,
                                    f"mechanism {mechanism.name!r}: ")
-    around = _Around(asked[0][0].mechanism, names, outputs)
-    found: list[list[Sensitivity]] = []
+    around = _Around(samples[0][0].mechanism, names, outputs)
+    results: list[list[Sensitivity]] = []
     try:
-        for state, drive in asked:
-            found.append(around.differentiated(state, drive))
+        for state, drive in samples:
+            results.append(around.differentiated(state, drive))
     except KeyboardInterrupt:
-        if not found:
+        if not results:
             raise
-    return found
+    return results
 
 
 class _Around:
-    """Outputs at eight values of each dimension about a mechanism's own."""
+    """Outputs at eight values of each dimension around the nominal one."""
 
     def __init__(self, mechanism: Mechanism, names: list[str], outputs: list[str]) -> None:
         self._mechanism, self._names, self._outputs = mechanism, names, outputs
@@ -211,15 +211,15 @@ class _Around:
         sizes = np.where(own != 0.0, np.abs(own), mechanism.characteristic_length)
         self._steps = DIFFERENCE * sizes
         offsets = np.kron(np.diag(self._steps), np.array(AROUND, float))  # dimension by dimension
-        self._made_of = self._samples.made_of(own[:, None] + offsets) if self._samples else None
+        self._geometry = self._samples.geometry(own[:, None] + offsets) if self._samples else None
 
     def differentiated(self, state: State, drive: DriverMotion) -> list[Sensitivity]:
         """Return the derivatives of the outputs at a state."""
         near = self._samples.near(state, drive) if self._samples else None
-        together = near.solve(self._made_of) if near and self._made_of else None
+        together = near.solve(self._geometry) if near and self._geometry else None
         values = ([_plain(x[0]) for x in near.own] if near else
                   drive.evaluate(state.mechanism, state, self._outputs))
-        found = [Sensitivity(output, value, {}, {}, _unit(state, drive, output))
+        results = [Sensitivity(output, value, {}, {}, _unit(state, drive, output))
                  for output, value in zip(self._outputs, values, strict=True)]
         known, sizes = _known(state), _sizes(state, drive, self._outputs)
         for i, name in enumerate(self._names):
@@ -230,23 +230,23 @@ class _Around:
                 h = float(self._steps[i])
             else:
                 around, h = self._one_by_one(state, drive, i)
-            for one, at in zip(found, zip(*around.values(), strict=True), strict=True):
+            for one, at in zip(results, zip(*around.values(), strict=True), strict=True):
                 size = max(float(np.max(np.abs(one.value))), sizes.get(one.unit, 0.0))
-                beside = [within_half_turn(np.asarray(x), one.value, one.unit) for x in at]
-                values_at = dict(zip(around, beside, strict=True))
+                near_values = [within_half_turn(np.asarray(x), one.value, one.unit) for x in at]
+                values_at = dict(zip(around, near_values, strict=True))
                 eighth, sixth = (
                     np.asarray(sum(w * (values_at[k] - values_at[-k]) for k, w in weights.items()))
                     / h for weights in (EIGHTH, SIXTH))
                 one.derivatives[name] = _plain(eighth)
                 one.errors[name] = float(np.max(np.abs(eighth - sixth))) + known * size / h
-        return found
+        return results
 
     def _one_by_one(
         self, state: State, drive: DriverMotion, i: int
     ) -> tuple[dict[int, list[Any]], float]:
-        """Return the outputs at eight values of a dimension, and their step.
+        """Return the outputs at eight values of a dimension, and the step.
 
-        Where the branch ends within them, the steps are shorter.
+        The step is shorter if the branch ends within it.
         """
         name, first = self._names[i], None
         value = self._mechanism.dimensions[name]
@@ -265,7 +265,7 @@ class _Around:
 
 
 def within_half_turn(values: Array, own: Any, unit: str) -> Array:
-    """Return angles within half a turn of an own one; of the direction of a link they jump."""
+    """Return angles within half a turn of a given one; the angle of a link may jump by turns."""
     if unit != "rad":
         return values
     return values - whole_turns(values - own)
@@ -278,8 +278,7 @@ def _plain(value: Any) -> Any:
 def _known(state: State) -> float:
     """Return the round-off of closed configurations [rad, characteristic lengths].
 
-    What closure equations leave of it grows as the smallest pivot, relative to the largest, gets
-    small.
+    It grows as the smallest pivot of the closure equations, relative to the largest, becomes small.
     """
     mechanism = state.mechanism
     given = Prescription.of(mechanism, driven_coordinates(mechanism, mechanism.drivers), BASE)
@@ -291,13 +290,13 @@ def _known(state: State) -> float:
 
 
 def _sizes(state: State, drive: DriverMotion, outputs: Iterable[str]) -> dict[str, float]:
-    """Return how large outputs of a unit are, or may be at other dimensions."""
+    """Return the size of outputs by unit, at these or other dimensions."""
     length, scale = state.mechanism.characteristic_length, state.mechanism.velocity_scale
     speed, acceleration = (float(np.abs(x / scale).max(initial=0.0)) for x in (state.v, state.a))
     per_s2 = max(acceleration, speed**2)
     force = 0.0  # the largest in the mechanism, moments divided by its length
     if with_forces(outputs):
-        loads = drive.told(state).loads
+        loads = drive.outputs_at(state).loads
         wrenches = np.vstack([loads.on_ground, *loads.reactions.values()])
         force = float(np.abs(wrenches / ([1.0] * 3 + [length] * 3)).max())
     return {"rad": 1.0, "1": 1.0, "m": length, "rad/s": speed, "m/s": speed * length,
@@ -309,13 +308,13 @@ def _unit(state: State, drive: DriverMotion, output: str) -> str:
     end = end_of_range(output)
     if end is not None:
         return state.mechanism.coordinate(end[1]).unit
-    return drive.told(state).output(output).unit
+    return drive.outputs_at(state).output(output).unit
 
 
 def with_spread(value: Any, deviation: Any, unit: str = "") -> str:
-    """Return a value, or a vector, ± its standard deviation, digits as that warrants.
+    """Return a value, or a vector, ± its standard deviation, with significant digits.
 
-    A deviation has two digits, its value as many places; 12 digits where nothing scatters.
+    The deviation has two digits, the value as many decimals; 12 digits without a deviation.
     """
     if np.ndim(value):
         parts = [with_spread(x, dx) for x, dx in zip(value, deviation, strict=True)]

@@ -1,4 +1,4 @@
-"""Spread of outputs when dimensions scatter: linear propagation and Monte Carlo."""
+"""Tolerance analysis: spread of outputs by linear propagation and Monte Carlo."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ from spatial_pin.motion.outputs import label_of
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-SOLVED_TOGETHER = 4096  # samples: fewer pay more for each call, more leave the cache
-MOST_DRAWN = 10_000_000  # which fit into a memory: spreads to 0.02 %
+SOLVED_TOGETHER = 4096  # samples in a call: fewer have more overhead, more leave the cache
+MOST_DRAWN = 10_000_000  # they fit into memory, and give spreads to 0.02 %
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,10 +54,10 @@ class Tolerance(Tabular):
 
     Example:
         >>> mech = sp.load("rssr")
-        >>> found = sp.tolerance(mech, "rocker_pin", {"b": 1e-4, "d": 1e-4}, samples=100)  # [m]
-        >>> found.samples["rocker_pin"].shape, found.failed
+        >>> result = sp.tolerance(mech, "rocker_pin", {"b": 1e-4, "d": 1e-4}, samples=100)  # [m]
+        >>> result.samples["rocker_pin"].shape, result.failed
         ((100,), 0)
-        >>> print(f"{found.nominal['rocker_pin']:.4f} ± {found.linear['rocker_pin']:.1e} rad")
+        >>> print(f"{result.nominal['rocker_pin']:.4f} ± {result.linear['rocker_pin']:.1e} rad")
         1.2329 ± 9.5e-04 rad
     """
 
@@ -76,19 +76,19 @@ class Tolerance(Tabular):
         """Return quantities by name: drawn dimensions, `is closed`, and outputs of the samples.
 
         Outputs are NaN in samples that could not be closed. Dimensions have the units of the file,
-        m or rad, which their headings do not tell.
+        m or rad, without a unit in the headings.
 
         Args:
-            outputs: names of what is wanted; default all.
+            outputs: names of the quantities; default all.
 
         Raises:
-            UnknownNameError: there is none of a name.
+            UnknownNameError: there is no quantity of a name.
             SpatialPinError: there are no samples.
 
         Example:
             >>> mech = sp.load("rssr")
-            >>> found = sp.tolerance(mech, "rocker_pin", {"b": 1e-4}, samples=100)  # [m]
-            >>> list(found.quantities())
+            >>> result = sp.tolerance(mech, "rocker_pin", {"b": 1e-4}, samples=100)  # [m]
+            >>> list(result.quantities())
             ['b', 'is closed', 'rocker_pin']
         """
         if not len(self.is_closed):
@@ -101,8 +101,8 @@ class Tolerance(Tabular):
             every[self.is_closed] = x
             unit = self.units.get(name, "")
             table[name] = Quantity(every, "-" if unit == "1" else unit)
-        found = chosen(table, outputs, "tolerance").items()
-        return {key: part for name, x in found for key, part in _parts(
+        selected = chosen(table, outputs, "tolerance").items()
+        return {key: part for name, x in selected for key, part in _parts(
             label_of(name) if name in self.samples else name, x)}
 
     def __repr__(self) -> str:
@@ -128,7 +128,7 @@ class Tolerance(Tabular):
 
 
 def _parts(name: str, x: Quantity) -> list[tuple[str, Quantity]]:
-    """Return a quantity by its name, one of a reaction (N, 6) as its force and its moment."""
+    """Return a quantity by its name, a reaction (N, 6) as force and moment."""
     if x.values.shape[1:] != (6,):
         return [(name, x)]
     return [(f"{name} force", Quantity(x.values[:, :3], "N")),
@@ -187,8 +187,8 @@ def tolerance(
 
     Example:
         >>> mech = sp.load("rssr")
-        >>> found = sp.tolerance(mech, "rocker_pin", {"b": 1e-4, "d": 1e-4}, samples=500)  # [m]
-        >>> print(f"{found.linear['rocker_pin']:.1e} rad, {found.sampled['rocker_pin']:.1e} rad")
+        >>> result = sp.tolerance(mech, "rocker_pin", {"b": 1e-4, "d": 1e-4}, samples=500)  # [m]
+        >>> print(f"{result.linear['rocker_pin']:.1e} rad, {result.sampled['rocker_pin']:.1e} rad")
         9.5e-04 rad, 9.3e-04 rad
     """
     state = starting_state(mechanism, guess, state)
@@ -202,14 +202,14 @@ def tolerance(
     if samples == 1 or not 0 <= samples <= MOST_DRAWN:
         raise ValueError(f"samples is {samples}; it is 0 for none, or from 2, for a spread, to "
                          f"{MOST_DRAWN}")
-    found = sensitivities(mechanism, state, names, spread)
+    sensitivity = sensitivities(mechanism, state, names, spread)
     tell_idle(mechanism, spread, [name for name in spread if not any(
-        np.any(np.abs(one.derivatives[name]) > one.errors[name]) for one in found)])
-    nominal = {one.output: one.value for one in found}
-    units = {one.output: one.unit for one in found}
+        np.any(np.abs(one.derivatives[name]) > one.errors[name]) for one in sensitivity)])
+    nominal = {one.output: one.value for one in sensitivity}
+    units = {one.output: one.unit for one in sensitivity}
     linear = {one.output: np.sqrt(sum(
         (np.asarray(one.derivatives[name]) * x) ** 2 for name, x in spread.items()))[()]
-        for one in found}
+        for one in sensitivity}
     if not samples:
         return Tolerance(nominal, linear, None, None, {name: np.empty(0) for name in names}, 0,
                          {name: np.empty(0) for name in spread}, np.empty(0, dtype=bool), units)
@@ -232,7 +232,7 @@ def tolerance(
 
 
 def _of_enough(values: Array, fewest: int, what: Callable[[Array], Array]) -> Any:
-    """Return something of values (N, ...), NaN where they are too few."""
+    """Return a statistic of values (N, ...), NaN for too few."""
     return (what(values) if len(values) >= fewest else np.full(values.shape[1:], np.nan))[()]
 
 
@@ -240,9 +240,9 @@ def _solved(
     mechanism: Mechanism, state: State, nominal: Mapping[str, Any], spread: Mapping[str, float],
     drawn: Array, executor: Executor | None, progress: bool,
 ) -> tuple[dict[str, Array], NDArray[np.bool_], int]:
-    """Return (N, ...) values by output, which samples (N,) could be closed, and how many count.
+    """Return (N, ...) values by output, which samples (N,) are closed, and how many count.
 
-    These are the first ones, up to where Ctrl-C has left one out.
+    After Ctrl-C these are the first ones without a gap.
     """
     names, drive = list(nominal), DriverMotion.of(state)
     values = {name: np.empty((len(drawn), *np.shape(x))) for name, x in nominal.items()}
@@ -260,10 +260,10 @@ def _solved(
     jobs = [(str(mechanism.path), mechanism.loading,
              dict(zip(spread, drawn[k].tolist(), strict=True)), start, drive, names, mark)
             for k in rest]
-    found = in_order(executor, _sample, jobs)
+    outputs = in_order(executor, _sample, jobs)
     k = rest[0] if rest else n
     try:
-        for k, sample in zip(rest, found, strict=True):
+        for k, sample in zip(rest, outputs, strict=True):
             if sample is not None:
                 is_closed[k] = True
                 for name, x in zip(names, sample, strict=True):
@@ -271,7 +271,7 @@ def _solved(
             bar.update()
     except KeyboardInterrupt:
         n = k  # all before it are surely done
-        found.close()
+        outputs.close()
     bar.close()
     if not n:
         raise KeyboardInterrupt
@@ -282,14 +282,14 @@ def _solve_together(
     samples: VariedSamples, near: Near, drawn: Array, values: Mapping[str, Array],
     is_closed: NDArray[np.bool_], bar: Any,
 ) -> int:
-    """Write the values of samples that are closed together; return how many were tried."""
+    """Write the values of samples closed together; return how many were tried."""
     begin = 0
     try:
         for begin in range(0, len(drawn), SOLVED_TOGETHER):
             some = slice(begin, begin + SOLVED_TOGETHER)
-            is_closed[some], together = near.solve(samples.made_of(drawn[some].T))
-            for x, found in zip(values.values(), together, strict=True):
-                x[some] = found
+            is_closed[some], together = near.solve(samples.geometry(drawn[some].T))
+            for x, new in zip(values.values(), together, strict=True):
+                x[some] = new
             bar.update(int(np.count_nonzero(is_closed[some])))
     except KeyboardInterrupt:  # those before are the answer
         return begin
@@ -300,7 +300,7 @@ def _sample(
     path: str, parameters: dict[str, Any], dimensions: dict[str, float],
     nominal: tuple[Array, Array], drive: DriverMotion, names: list[str], mark: str,
 ) -> list[Any] | None:
-    """Return outputs of a sample, in any process; None when it cannot be closed."""
+    """Return outputs of a sample, in any process; None if it cannot be closed."""
     try:
         variants = _loaded(path, pickle.dumps(parameters), tuple(dimensions), mark)
         own, (q, angles) = variants.mechanism, nominal
@@ -312,5 +312,5 @@ def _sample(
 
 @lru_cache(maxsize=1)
 def _loaded(path: str, parameters: bytes, names: tuple[str, ...], mark: str) -> Variants:
-    """Load the nominal mechanism, once for all samples of one call, which has its own mark."""
+    """Load the nominal mechanism, once for all samples of one call with its own mark."""
     return Variants(load(path, **pickle.loads(parameters)), names)

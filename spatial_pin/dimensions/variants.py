@@ -1,12 +1,12 @@
 """A mechanism at other dimensions, without expanding its xacro file again.
 
-The file is expanded once with its dimensions traced (`formats.xacro.tracing`). Then a mechanism at
-other dimensions is a copy of this one with the places of joints and frames that follow from them,
-to a last digit or two those that loading gives. Where the file cannot be followed, or decides
-otherwise at those dimensions, the mechanism is loaded.
+The file is expanded once with its dimensions traced (`formats.xacro.tracing`). A mechanism at other
+dimensions is then a copy with other placements of joints and frames, equal to a loaded one to a
+last digit or two. The mechanism is loaded if the file cannot be traced, or decides otherwise at
+those dimensions.
 
-Masses follow likewise. Shapes take as long as reading the expanded text takes: they are those of
-the text with other numbers in the places of the traced ones.
+Masses are traced likewise. Shapes cost as much as reading the expanded text: they come from the
+text with other numbers.
 """
 
 from __future__ import annotations
@@ -38,17 +38,17 @@ from spatial_pin.mechanism.inertia import inertia_as_given, put_inertias
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import EPS, Array
 
-PLACE_ROUND_OFF = 64 * EPS  # of the largest length: round-off of placements
-IDLE_STEP = 0.01  # of a dimension: how far it goes to see whether its file changes
+PLACEMENT_ROUND_OFF = 64 * EPS  # of the largest length: round-off of placements
+IDLE_STEP = 0.01  # relative step of a dimension, to find out whether its file changes
 WITHOUT_MOTION = ("visual", "collision", "dynamics", "safety_controller", "mass", "inertia")
 FIELDS = [field.name for field in fields(Mechanism) if field.init]
 
 
 class Variants:
-    """Mechanisms that differ in some dimensions; for their motion, masses stay what they were.
+    """A mechanism at other dimensions; for motion alone, masses stay nominal.
 
     Args:
-        mechanism: at its own dimensions.
+        mechanism: at its nominal dimensions.
         names: the dimensions.
     """
 
@@ -56,7 +56,7 @@ class Variants:
         self.mechanism, self.names = mechanism, list(names)
 
     def at(self, dimensions: Mapping[str, float], whole: bool = False) -> Mechanism:
-        """Return the mechanism at other dimensions, for its motion or with its masses."""
+        """Return the mechanism at other dimensions, for its motion, or `whole` with its masses."""
         return self.several([dimensions], whole)[0]
 
     def several(self, many: Sequence[Mapping[str, float]], whole: bool = False) -> list[Mechanism]:
@@ -68,12 +68,13 @@ class Variants:
                 name not in tree.dimensions for x in many for name in x):
             return [varied(self.mechanism, x) for x in many]
         own = tree.dimensions.items()
-        found = tree.at(np.array([[x.get(name, value) for x in many] for name, value in own]), True)
-        return [tree.mechanism_at(x, found, k) if good else varied(self.mechanism, x)
-                for k, (x, good) in enumerate(zip(many, found.holds, strict=True))]
+        given = np.array([[x.get(name, value) for x in many] for name, value in own])
+        geometry = tree.at(given, True)
+        return [tree.mechanism_at(x, geometry, k) if good else varied(self.mechanism, x)
+                for k, (x, good) in enumerate(zip(many, geometry.holds, strict=True))]
 
     def whole(self, dimensions: Mapping[str, float]) -> Mechanism:
-        """Return the mechanism with all its file says, masses and shapes too."""
+        """Return the mechanism with masses and shapes."""
         tree = self.tree
         text = None if tree is None else tree.text_at(dimensions)
         if text is None:
@@ -82,12 +83,12 @@ class Variants:
 
     @property
     def has_masses(self) -> bool:
-        """Whether those of `at` have their masses, too, and lack but their shapes."""
+        """Whether mechanisms of `at` have their masses, without their shapes."""
         return self.tree is None or self.tree.turns_axes or self.tree.has_masses
 
     @property
     def tree(self) -> TracedTree | None:
-        """The mechanism's traced tree; None where the file cannot be followed."""
+        """The mechanism's traced tree; None if the file cannot be traced."""
         return _traced(self.mechanism, tuple(self.names))
 
 
@@ -99,25 +100,23 @@ def idle_dimensions(
     Args:
         mechanism: the mechanism.
         names: the dimensions, as they are traced together.
-        among: those that are asked about; default all.
+        among: a selection of them; default all.
     """
     names = list(names)
-    asked = [name for name in names if among is None or name in among]
-    if mechanism.tree is None or not asked:
+    selected = [name for name in names if among is None or name in among]
+    if mechanism.tree is None or not selected:
         return ()
     tree = Variants(mechanism, names).tree
-    texts = None if tree is None else tree.texts_change(asked)
+    texts = None if tree is None else tree.texts_change(selected)
     changes = texts or {}
-    for name in asked if texts is None else ():
-        found = set[str]()
+    for name in selected if texts is None else ():
         try:
-            for value in _near(mechanism.dimensions[name]):
-                found.add(expand(mechanism.tree, {**mechanism.parameters, name: value},
-                                 mechanism.trusted, mechanism.packages))
-            changes[name] = len(found) > 1
+            changes[name] = len({expand(mechanism.tree, {**mechanism.parameters, name: value},
+                                        mechanism.trusted, mechanism.packages)
+                                 for value in _near(mechanism.dimensions[name])}) > 1
         except SpatialPinError:  # a value that it cannot have is a change
             changes[name] = True
-    return tuple(name for name in asked if not changes[name])
+    return tuple(name for name in selected if not changes[name])
 
 
 def _near(own: float) -> list[float]:
@@ -136,7 +135,7 @@ def tell_idle(
 
 
 def copied(mechanism: Mechanism, **changed: Any) -> Mechanism:
-    """Return a mechanism of the same parts, but for those that are changed."""
+    """Return a mechanism with the same parts except the changed ones."""
     own = mechanism.__dict__  # geometry is left unread
     given = {name: own[name] if name[-6:] == "_model" else getattr(mechanism, name)
              for name in FIELDS}
@@ -152,34 +151,34 @@ def _traced(mechanism: Mechanism, names: tuple[str, ...]) -> TracedTree | None:
 
 
 class _Untraced(Exception):
-    """Something of a mechanism cannot be followed from the dimensions."""
+    """A part of a mechanism does not follow from the dimensions."""
 
 
 class PlacementBatch(NamedTuple):
-    """Placements at m sets of dimensions, or one that is the same at all."""
+    """Placements at m sets of dimensions, or a constant one."""
 
     rotation: Array  # (m or 1, 3, 3)
     translation: Array  # (m or 1, 3) [m]
 
     @classmethod
     def of(cls, placement: pin.SE3) -> PlacementBatch:
-        """Return one that is the same at all."""
+        """Return a constant placement."""
         return cls(placement.rotation[None], placement.translation[None])
 
     @classmethod
     def from_origin(cls, xyz: Array, rpy: Array) -> PlacementBatch:
-        """Return those of places (m or 1, 3) and roll, pitch and yaw (m or 1, 3)."""
+        """Return placements from origins (m or 1, 3) and roll, pitch, yaw (m or 1, 3)."""
         (a, b, c), (s, t, u) = np.cos(rpy.T), np.sin(rpy.T)  # yaw after pitch after roll
         return cls(np.array([[c * b, c * t * s - u * a, c * t * a + u * s],
                              [u * b, u * t * s + c * a, u * t * a - c * s],
                              [-t, b * s, b * a]]).transpose(2, 0, 1), xyz)
 
     def at(self, k: int) -> pin.SE3:
-        """Return that at one set of dimensions."""
+        """Return the placement at one set of dimensions."""
         return pin.SE3(*(x[k if len(x) > 1 else 0] for x in self))
 
     def act(self, points: Array) -> Array:
-        """Return points (m or 1, 3) of its axes in those that it is given in."""
+        """Return points (m or 1, 3) in the parent's axes, from its own axes."""
         m = max(len(self.rotation), len(points))
         turned = np.einsum("mij,mj->mi", np.broadcast_to(self.rotation, (m, 3, 3)),
                            np.broadcast_to(points, (m, 3)))
@@ -190,28 +189,25 @@ class PlacementBatch(NamedTuple):
 
 
 class TracedGeometry(NamedTuple):
-    """What follows from dimensions at m sets of them; what is left out does not depend on them."""
+    """Geometry at m sets of dimensions; constant parts are left out."""
 
-    holds: NDArray[np.bool_]  # (m,) whether the file leads there without deciding otherwise
-    # by number in the model, their placements in what carries them
-    joints: dict[int, PlacementBatch]
+    holds: NDArray[np.bool_]  # (m,) whether the file's decisions are the same there
+    joints: dict[int, PlacementBatch]  # by number in the model, placements in their parents
     frames: dict[int, PlacementBatch]
-    # by joint, the least rotations that take its axis to where it is then
-    turns: dict[int, PlacementBatch]
+    turns: dict[int, PlacementBatch]  # by joint, the least rotations from its nominal axis
     levers: dict[str, Array]  # (m or 1, 3) by link, its centre of mass [m]
-    limits: dict[tuple[str, int], Array]  # (m,) by bound ("lower" or "upper") and place in q
-    inertials: Array  # (k, m) numbers of the inertias of links; none if not asked for
+    limits: dict[tuple[str, int], Array]  # (m,) by bound ("lower" or "upper") and index in q
+    inertials: Array  # (k, m) numbers of the inertias of links; empty if not requested
 
 
 class _Words(NamedTuple):
     """Numbers of an attribute."""
 
-    values: Array  # (k,) at the mechanism's own dimensions
-    # (k,) of each among the traced numbers, -1 if it does not depend on dimensions
-    places: NDArray[np.intp]
+    values: Array  # (k,) at nominal dimensions
+    places: NDArray[np.intp]  # (k,) index of each among the traced numbers, -1 for a constant
 
     def at(self, numbers: Array) -> Array:
-        """Return the numbers (m or 1, k) for others (n, m) in the place of the traced ones."""
+        """Return the numbers (m or 1, k) from traced numbers (n, m)."""
         if not self.vary:
             return self.values[None]
         return np.where(self.places >= 0, numbers[self.places].T, self.values)
@@ -222,12 +218,11 @@ class _Words(NamedTuple):
         return bool(np.any(self.places >= 0))
 
 
-class TracedTree:
-    """Which numbers of a mechanism's tree follow from its dimensions, and how.
+class TracedText:
+    """The expanded text of a tree, with its numbers as functions of dimensions.
 
     Attributes:
-        dimensions: those that are traced, and the mechanism's own values of them.
-        has_masses: whether masses follow from them too.
+        dimensions: nominal values of the traced dimensions.
     """
 
     def __init__(self, mechanism: Mechanism, names: Iterable[str]) -> None:
@@ -244,23 +239,18 @@ class TracedTree:
         self._inertials: dict[str, tuple[ET.Element, list[tuple[int, str, _Words]]]] = {}
         self._limits: dict[str, list[_Words]] = {}
         self._pieces = self._tape.pieces(text)
-        self._read(parse_urdf(text, file))
-        self._check()
-
-    # ------------------------------------------------------------ reading
-
-    def _read(self, robot: ET.Element) -> None:
-        """Find the traced numbers of the text that have a say in how the mechanism moves."""
-        for element in robot:
+        for element in parse_urdf(text, file):
             name = element.get("name", "")
             rest = [part for part in element if not self._read_part(element.tag, name, part)]
-            if depends(name) or any(depends(_texts(x)) for x in rest):
+            if depends(name) or any(depends(
+                    [text for x in one.iter() for text in (x.text or "", x.tail or "",
+                                                           *x.attrib.values())]) for one in rest):
                 raise _Untraced
         if not self._tape.is_whole:
             raise _Untraced
 
     def _read_part(self, of: str, name: str, part: ET.Element) -> bool:
-        """Read a part of a link or joint; whether it is one of which all is known then."""
+        """Read a part of a link or joint; return whether it is fully known."""
         if (of, part.tag) == ("joint", "origin"):
             self._origins[name] = self._words(part, "xyz"), self._words(part, "rpy")
         elif (of, part.tag) == ("joint", "axis"):
@@ -279,7 +269,7 @@ class TracedTree:
         return True
 
     def _read_axis(self, joint: str, words: _Words) -> None:
-        """Note an axis that follows from dimensions; refuse one that is not just the joint's."""
+        """Record a traced axis; refuse one that is not the joint's axis."""
         if not words.vary:
             return
         model = self._mechanism.model
@@ -289,7 +279,7 @@ class TracedTree:
             raise _Untraced
         own = model.joints[i].extract()
         axis = np.array(own.axis) if hasattr(own, "axis") else np.eye(3)["XYZ".index(name[-1])]
-        if np.abs(axis - _unit(words.values)).max() > PLACE_ROUND_OFF:
+        if np.abs(axis - _unit(words.values)).max() > PLACEMENT_ROUND_OFF:
             raise _Untraced
         self._axes[i] = words
 
@@ -304,35 +294,45 @@ class TracedTree:
             known += [] if number is None else [number.row]
         return _Words(np.array(values), np.array(places, dtype=np.intp))
 
+
+class TracedTree(TracedText):
+    """A mechanism's tree at other dimensions.
+
+    Attributes:
+        has_masses: whether masses are traced too.
+    """
+
+    def __init__(self, mechanism: Mechanism, names: Iterable[str]) -> None:
+        super().__init__(mechanism, names)
+        self._check()
+
     def _check(self) -> None:
-        """Refuse a model that was not made of the text alone, as where a reader turns joints."""
+        """Refuse a model that the text alone does not give, such as one with turned joints."""
         model, own = self._mechanism.model, self.own()
         old = [*model.jointPlacements], [frame.placement for frame in model.frames]
         size = max(float(np.abs(x.translation).max()) for x in (*old[0], *old[1]))
         if not own.holds[0] or any(
-                np.abs(new.translation - was[i].translation).max() > PLACE_ROUND_OFF * size
-                or np.abs(new.rotation - was[i].rotation).max() > PLACE_ROUND_OFF
-                for was, found in zip(old, (own.joints, own.frames), strict=True)
-                for i, new in found.items()):
+                np.abs(new.translation - was[i].translation).max() > PLACEMENT_ROUND_OFF * size
+                or np.abs(new.rotation - was[i].rotation).max() > PLACEMENT_ROUND_OFF
+                for was, new_ones in zip(old, (own.joints, own.frames), strict=True)
+                for i, new in new_ones.items()):
             raise _Untraced
         known = self._mechanism.inertias
         self.has_masses = all(
-            name in known and inertia.isApprox(known[name], PLACE_ROUND_OFF)
+            name in known and inertia.isApprox(known[name], PLACEMENT_ROUND_OFF)
             for name, inertia in self._inertias_at(own.inertials[:, 0]).items())
-
-    # ------------------------------------------------------------ other dimensions
 
     @property
     def turns_axes(self) -> bool:
-        """Whether axes of joints depend on dimensions, which no copy of a model can have turned."""
+        """Whether axes of joints depend on dimensions, which a copy of a model cannot have."""
         return bool(self._axes)
 
     def own(self) -> TracedGeometry:
-        """Return what follows from the mechanism's own dimensions."""
+        """Return the nominal geometry."""
         return self.at(np.array([[*self.dimensions.values()]]).T, with_masses=True)
 
     def at(self, given: Array, with_masses: bool = False) -> TracedGeometry:
-        """Return what follows from dimensions (k, m), in the order of `dimensions`."""
+        """Return the geometry at dimensions (k, m), in the order of `dimensions`."""
         n, heavy = len(self._places), self._inertial_places if with_masses else []
         numbers, holds = self._tape.at(np.asarray(given, np.float64), [*self._places, *heavy])
         numbers, inertials = numbers[:n], numbers[n:]
@@ -351,10 +351,11 @@ class TracedTree:
             limits, inertials)
 
     def text_at(self, dimensions: Mapping[str, float]) -> str | None:
-        """Return what the file expands to at other dimensions.
+        """Return the expanded text at other dimensions.
 
         Returns:
-            None where that is not known: it decides otherwise there, or they are no numbers of it.
+            None if it is not known: the file decides otherwise there, or they are not its
+            dimensions.
         """
         if self._pieces is None or not dimensions.keys() <= self.dimensions.keys():
             return None
@@ -367,10 +368,10 @@ class TracedTree:
         return "".join(x for pair in zip(between, [*words, ""], strict=True) for x in pair)
 
     def texts_change(self, names: Sequence[str]) -> dict[str, bool] | None:
-        """Return by dimension whether what the file expands to changes near its value.
+        """Return by dimension whether the expanded text changes near its value.
 
         Returns:
-            None where that is not known.
+            None if that is not known.
         """
         if self._pieces is None:
             return None
@@ -397,23 +398,23 @@ class TracedTree:
         return check_links(robot, self._mechanism.tree or Path(), Faults())
 
     def mechanism_at(
-        self, dimensions: Mapping[str, float], found: TracedGeometry, k: int
+        self, dimensions: Mapping[str, float], geometry: TracedGeometry, k: int
     ) -> Mechanism:
-        """Return the mechanism at the k-th of some sets of dimensions, which has these."""
+        """Return the mechanism at the k-th of several sets of dimensions."""
         m = self._mechanism
         model, inertias = m.model.copy(), dict(m.inertias)
-        for i, pose in found.joints.items():
+        for i, pose in geometry.joints.items():
             model.jointPlacements[i] = pose.at(k)
-        for i, pose in found.frames.items():
+        for i, pose in geometry.frames.items():
             model.frames[i].placement = pose.at(k)
-        for (bound, place), values in found.limits.items():
-            getattr(model, f"{bound}PositionLimit")[place] = values[k]
-        for name, lever in found.levers.items():
+        for (bound, index), values in geometry.limits.items():
+            getattr(model, f"{bound}PositionLimit")[index] = values[k]
+        for name, lever in geometry.levers.items():
             if name in inertias:
                 inertias[name] = inertia_as_given(
                     inertias[name].mass, lever[k], inertias[name].inertia)
         if self.has_masses:
-            inertias |= self._inertias_at(found.inertials[:, k])
+            inertias |= self._inertias_at(geometry.inertials[:, k])
             put_inertias(model, inertias)
         other = copied(m, model=model, inertias=inertias,
                        parameters={**m.parameters, **dimensions})
@@ -436,11 +437,11 @@ class TracedTree:
             old = model.jointPlacements[frame.parentJoint] if is_joint else was[i]
             own = (PlacementBatch.from_origin(*(w.at(numbers) for w in words)) if words
                    else PlacementBatch.of(was[above].actInv(old)))
-            found = frames.get(above, PlacementBatch.of(was[above])) @ own
+            pose = frames.get(above, PlacementBatch.of(was[above])) @ own
             if is_joint:
-                joints[frame.parentJoint] = found
+                joints[frame.parentJoint] = pose
             else:
-                frames[i] = found
+                frames[i] = pose
         return joints, frames
 
 
@@ -448,7 +449,7 @@ ORIGINS = (pin.FrameType.JOINT, pin.FrameType.FIXED_JOINT)
 
 
 def _turning(axis: Array, others: Array) -> PlacementBatch:
-    """Return the least rotations that take a unit axis (3,) to others (m, 3)."""
+    """Return the least rotations from a unit axis (3,) to others (m, 3)."""
     across = np.cross(axis, others)
     x, y, z = across.T
     skew = np.zeros((len(others), 3, 3))
@@ -460,9 +461,3 @@ def _turning(axis: Array, others: Array) -> PlacementBatch:
 
 def _unit(vectors: Array) -> Array:
     return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
-
-
-def _texts(element: ET.Element) -> list[str]:
-    """Return the texts of an element and of those within."""
-    return [text for x in element.iter()
-            for text in (x.text or "", x.tail or "", *x.attrib.values())]

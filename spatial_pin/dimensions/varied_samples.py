@@ -1,9 +1,9 @@
-"""A mechanism at many sets of dimensions, closed together near a closed state of its own.
+"""A mechanism at many sets of dimensions, closed together near one of its closed states.
 
-Every sample is closed by the kernel as it would be by itself, the drivers held: by the least
-motion from the state. It is on the state's branch where it has not gone far, the linear equations
-explain the way there, and the determinant has about the state's size. Samples that are not go there
-by sets of dimensions between; those that come to a singular configuration are left to `homotopy`.
+The kernel closes every sample by the least motion from the state, drivers fixed. A sample is on the
+state's branch if it is near, the linear equations explain its motion, and the determinant has about
+the same size. Other samples are reached through intermediate dimensions. Samples near a singular
+configuration are left to `homotopy`.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from spatial_pin.settings import Accuracy
 
 
 def end_of_range(output: str) -> tuple[str, str] | None:
-    """Return which end ("lower" or "upper") of which driver's range an output is; None if none."""
+    """Return the end ("lower" or "upper") and driver of a range limit; None for other outputs."""
     kind, _, rest = output.partition(".")
     end, _, driver = rest.partition(".")
     return (end, driver) if kind == "limit" and end in ("lower", "upper") else None
@@ -51,24 +51,23 @@ def with_forces(outputs: Iterable[str]) -> bool:
 
 
 def with_masses(mechanism: Mechanism, outputs: Iterable[str]) -> bool:
-    """Whether one of the outputs depends on masses: a force, or what is of all links together."""
+    """Whether one of the outputs depends on masses: a force, or one of the whole mechanism."""
     return any(is_force(output) or is_of_whole(mechanism, output) for output in outputs)
 
 
 @dataclass(frozen=True)
 class DriverMotion:
-    """The drivers' motion at a state: values, speeds, accelerations, keyed by coordinate."""
+    """The drivers' motion at a state: values, speeds, accelerations, by coordinate."""
 
-    driver: str  # whose speed ratios are relative to
+    driver: str  # reference of speed ratios
     values: dict[str, float]
     speeds: dict[str, float]
     accelerations: dict[str, float]
-    # whether rates are those in time; where they are not, forces are those at rest
-    in_time: bool = True
+    in_time: bool = True  # whether rates are those in time; if not, forces are those at rest
 
     @classmethod
     def of(cls, state: State, driver: str = "", held: Iterable[str] = ()) -> DriverMotion:
-        """Return the motion of a mechanism's drivers, or of what else is held, in a state."""
+        """Return the motion of a mechanism's drivers, or of other fixed coordinates, at a state."""
         mechanism = state.mechanism
         names = list(held) or [d.joint for d in mechanism.drivers.values()]
         rates = {name: state.coordinate(name) for name in names}
@@ -79,7 +78,7 @@ class DriverMotion:
 
     @classmethod
     def along(cls, motion: Motion, state: State) -> DriverMotion:
-        """Return the same at a state of a motion: of its drivers, or what was swept instead."""
+        """Return it at a state of a motion: of its drivers, or of the swept coordinate."""
         mechanism, name = state.mechanism, motion.driver_name
         drivers = [mechanism.coordinate(d.joint) for d in mechanism.drivers.values()]
         if motion.driver is None or mechanism.coordinate(name) in drivers:
@@ -88,37 +87,38 @@ class DriverMotion:
 
     @property
     def moves(self) -> bool:
-        """Whether anything does."""
+        """Whether a speed or acceleration is not zero."""
         return any(self.speeds.values()) or any(self.accelerations.values())
 
     def evaluate(self, mechanism: Mechanism, near: State, outputs: Sequence[str]) -> list[Any]:
-        """Return outputs of a mechanism whose drivers move as here.
+        """Return outputs of a mechanism with this motion of its drivers.
 
         Args:
             mechanism: the mechanism.
             near: a closed state of it at these or other dimensions, whose branch is followed.
             outputs: as for `sensitivity`.
         """
-        told: Told | None = None
-        found = []
+        table: Told | None = None
+        values: list[Any] = []
         for output in outputs:
             end = end_of_range(output)
             if end is not None:
                 bound = getattr(limits(mechanism, end[1], near), end[0])
                 if bound.kind == "none":
                     raise SpatialPinError(f"mechanism {mechanism.name!r}: {end[1]!r} has no limit")
-                found.append(bound.value)
+                values.append(bound.value)
                 continue
-            if told is None:
+            if table is None:
                 state = followed(mechanism, self.values, near)
-                told = self.told(solve_rates(mechanism, state, self.speeds, self.accelerations)
-                                 if self.moves else state)
-            values = told.output(output).values[0]
-            found.append(float(values) if np.ndim(values) == 0 else values)
-        return found
+                if self.moves:
+                    state = solve_rates(mechanism, state, self.speeds, self.accelerations)
+                table = self.outputs_at(state)
+            value = table.output(output).values[0]
+            values.append(float(value) if np.ndim(value) == 0 else value)
+        return values
 
-    def told(self, state: State) -> Told:
-        """Return what a state tells by the names of outputs."""
+    def outputs_at(self, state: State) -> Told:
+        """Return the outputs of a state, by their names."""
         value, speed, _ = state.coordinate(self.driver)
         return Told(Motion(
             state.mechanism, np.array([value]), self.driver, None, state.q[None], state.v[None],
@@ -126,19 +126,19 @@ class DriverMotion:
             angles=np.array(state.angles)[None]), self.in_time)
 
 
-# rad, characteristic lengths, that a joint may go at once: its cosine is still 0.97
+# largest step of a joint [rad, characteristic lengths]: its cosine is still 0.97
 LONGEST_AT_ONCE = 0.25
-# The same of all joints together: axes that agree cannot come to point opposite ways.
-WAY = TOLERANCES.longest_step
-# Part of the state's determinant that a sample must have: digits that it may lose beside those.
+# longest step of all joints together: parallel axes cannot become opposite
+LONGEST_TOGETHER = TOLERANCES.longest_step
+# ratio of a sample's determinant to the state's: it costs two digits of accuracy
 LEAST_DETERMINANT = 0.02
-PARTS = 1, 4, 16  # into which the way to a sample's dimensions is divided, one after the other
+PARTS = 1, 4, 16  # steps in which a sample's dimensions are reached, one number after the other
 COORDINATE_KINDS = (*RATES, "acceleration", "ratio", "advantage")
 POINT_KINDS = ("position", "velocity", "acceleration", "angular_velocity", "angular_acceleration")
 
 
 class _Wanted(NamedTuple):
-    """An output: which quantity of which coordinate, or of which point, and which component."""
+    """An output: a quantity of a coordinate or of a point, and its component."""
 
     name: str
     kind: str
@@ -147,7 +147,7 @@ class _Wanted(NamedTuple):
 
 
 def _wanted(mechanism: Mechanism, spec: str) -> _Wanted | None:
-    """Read an output as `Motion.output` does; None if it takes one sample at a time."""
+    """Read an output as `Motion.output` does; None if samples must be solved one by one."""
     coordinates = {*mechanism.coordinate_table, *mechanism.drivers}
     if spec in coordinates:
         return _Wanted(spec, "value", False)
@@ -160,11 +160,11 @@ def _wanted(mechanism: Mechanism, spec: str) -> _Wanted | None:
     return None
 
 
-class MadeOf(NamedTuple):
-    """What m samples are made of."""
+class SampleGeometry(NamedTuple):
+    """The geometry of m samples."""
 
     dimensions: Array  # (k, m)
-    geometry: TracedGeometry  # what follows from them in the file
+    traced: TracedGeometry  # from the file
     numbers: Numbers  # of the kernel
 
 
@@ -172,8 +172,8 @@ class VariedSamples:
     """Outputs of a mechanism at many sets of its dimensions; make it by `of`.
 
     Args:
-        mechanism: at its own dimensions.
-        tree: its file, traced from the dimensions that change.
+        mechanism: at its nominal dimensions.
+        tree: its traced file.
         wanted: the outputs.
     """
 
@@ -187,10 +187,10 @@ class VariedSamples:
     def of(
         cls, mechanism: Mechanism, dimensions: Iterable[str], outputs: Iterable[str]
     ) -> VariedSamples | None:
-        """Return what closes samples together; None where each takes a mechanism of its own.
+        """Return samples that can be closed together; None if each needs its own mechanism.
 
-        That is so where the file cannot be followed from its dimensions, and for outputs that are
-        more than rates of coordinates and points.
+        That is so for a file that cannot be traced, and for outputs other than rates of coordinates
+        and points.
         """
         tree = Variants(mechanism, dimensions).tree
         wanted = [_wanted(mechanism, spec) for spec in outputs]
@@ -203,26 +203,26 @@ class VariedSamples:
             return None
 
     def near(self, state: State, drive: DriverMotion) -> Near | None:
-        """Return what closes samples from a closed state; None where that is all but singular."""
-        found = _system_at(state, drive)
-        return Near(self, state, drive, found) if found is not None else None
+        """Return samples near a closed state; None if that is almost singular."""
+        system = _square_system(state, drive)
+        return Near(self, state, drive, system) if system is not None else None
 
     def own_numbers(self) -> Numbers:
-        """Return what the mechanism itself is made of."""
+        """Return the kernel's numbers of the mechanism itself."""
         return Numbers(self._numbers.base, np.empty(0, np.int64), np.empty((1, 0)))
 
-    def made_of(self, dimensions: Array, part: float = 1.0) -> MadeOf:
-        """Return what samples are made of, at dimensions (k, m) or part of the way there."""
+    def geometry(self, dimensions: Array, part: float = 1.0) -> SampleGeometry:
+        """Return the geometry at dimensions (k, m), or at a part of the change to them."""
         if part != 1.0:
             dimensions = self._own + part * (dimensions - self._own)
         with np.errstate(all="ignore"):  # of samples that are none
-            geometry = self._tree.at(dimensions)
-            return MadeOf(dimensions, geometry, self._numbers.at(geometry))
+            traced = self._tree.at(dimensions)
+            return SampleGeometry(dimensions, traced, self._numbers.at(traced))
 
     def close(
         self, start: ClosedSamples, numbers: Numbers, rates: Array | None, system: ClosingSystem
     ) -> ClosedSamples:
-        """Close samples from where others are."""
+        """Close samples from other closed samples."""
         with acquired(self.mechanism, DimensionCloser) as closer:
             return closer.close(
                 system, start.q, start.angles, numbers, self._numbers.joints, rates,
@@ -249,8 +249,8 @@ class VariedSamples:
         return ratio
 
 
-def _system_at(state: State, drive: DriverMotion) -> ClosingSystem | None:
-    """Return the square system; None where its equations are not clearly independent."""
+def _square_system(state: State, drive: DriverMotion) -> ClosingSystem | None:
+    """Return the square system at a closed state; None if its equations may be dependent."""
     mechanism = state.mechanism
     held = [mechanism.driven_coordinate(name) for name in drive.values]
     driven = [*(c.v for c in held), *still_entries(mechanism, held)]
@@ -264,17 +264,16 @@ def _system_at(state: State, drive: DriverMotion) -> ClosingSystem | None:
         chosen = independent_rows(jacobian[:n, moving])
         rows = np.vstack([jacobian[chosen], jacobian[n:], np.eye(len(free))[driven]])
     svd = decompose(rows)
-    if len(svd.s) < len(rows) or (
-            len(rows) and svd.s[-1] <= TOLERANCES.regular * svd.s[0]):
+    if len(svd.s) < len(rows) or (len(rows) and svd.s[-1] <= TOLERANCES.regular * svd.s[0]):
         return None
     return ClosingSystem(chosen, driven, svd.null_space, free)
 
 
 class Near:
-    """Closes samples near a closed state, the drivers held, and gives them the drivers' rates.
+    """Samples near a closed state, closed with fixed drivers and the drivers' rates.
 
     Attributes:
-        own: outputs at the mechanism's own dimensions, each (1,) or (1, 3).
+        own: nominal outputs, each (1,) or (1, 3).
     """
 
     def __init__(
@@ -283,54 +282,54 @@ class Near:
         self._samples, self._state, self._drive, self._system = samples, state, drive, system
         self._rates = None
         if drive.moves:
-            still = [0.0] * (len(system.driven) - len(drive.values))
+            still = [0.0] * (len(system[1]) - len(drive.values))
             self._rates = np.array([[*rates.values(), *still]
                                     for rates in (drive.speeds, drive.accelerations)])
         self._own = samples.close(self._begin(1), samples.own_numbers(), self._rates, system)
         self.own = samples.values(self._own, drive)
 
     def _begin(self, m: int) -> ClosedSamples:
-        """Return the state as many times."""
+        """Return the state m times."""
         q, angles = (np.repeat(x[None], m, axis=0) for x in (self._state.q, self._state.angles))
         return ClosedSamples(q, angles, *[np.empty(0)] * (len(ClosedSamples._fields) - 2))
 
-    def solve(self, made_of: MadeOf) -> tuple[NDArray[np.bool_], list[Array]]:
+    def solve(self, end: SampleGeometry) -> tuple[NDArray[np.bool_], list[Array]]:
         """Return which samples (m,) are on the state's branch, and the outputs of all."""
-        good, closed = self._gone(made_of.dimensions, 1, made_of)
+        good, closed = self._closed(end.dimensions, 1, end)
         values = self._samples.values(closed, self._drive)
         for parts in PARTS[1:]:
             far = np.flatnonzero(~good)
             if not len(far):
                 break
-            good[far], closed = self._gone(made_of.dimensions[:, far], parts)
-            found = self._samples.values(closed, self._drive)
-            for old, new in zip(values, found, strict=True):
+            good[far], closed = self._closed(end.dimensions[:, far], parts)
+            new_values = self._samples.values(closed, self._drive)
+            for old, new in zip(values, new_values, strict=True):
                 old[far] = new
         return good, values
 
-    def _gone(
-        self, dimensions: Array, parts: int, end: MadeOf | None = None
+    def _closed(
+        self, dimensions: Array, parts: int, end: SampleGeometry | None = None
     ) -> tuple[NDArray[np.bool_], ClosedSamples]:
-        """Take samples to their dimensions in some equal parts of the way.
+        """Close samples, their dimensions changed in equal parts.
 
-        Good ones are closed next to where they started, and `assembly.nearest_turn` would leave
-        their angles as they are.
+        Good samples are closed near their start, and `whole_turns.nearest_turn` would not change
+        their angles.
         """
         closed, good = self._begin(dimensions.shape[1]), np.ones(dimensions.shape[1], dtype=bool)
         model, turn = self._state.mechanism.model, 2.0 * np.pi
         for k in range(1, parts + 1):
-            made_of = end or self._samples.made_of(dimensions, k / parts)
+            geometry = end or self._samples.geometry(dimensions, k / parts)
             closed = self._samples.close(
-                closed, made_of.numbers, self._rates if k == parts else None, self._system)
+                closed, geometry.numbers, self._rates if k == parts else None, self._system)
             step = np.maximum(closed.farthest, TOLERANCES.nothing)
             good &= (
-                made_of.geometry.holds & (closed.error <= TOLERANCES.zero)
-                & (closed.farthest <= LONGEST_AT_ONCE) & (closed.distance <= WAY)
+                geometry.traced.holds & (closed.error <= TOLERANCES.zero)
+                & (closed.farthest <= LONGEST_AT_ONCE) & (closed.distance <= LONGEST_TOGETHER)
                 & (closed.bend <= TOLERANCES.contraction * step) & (closed.sign == self._own.sign)
                 & (closed.magnitude > self._own.magnitude + np.log(LEAST_DETERMINANT))
                 & (closed.opened <= TOLERANCES.singular))
             for at in (c.q for c in periodic(self._state.mechanism)):
-                lower, upper = (made_of.geometry.limits.get(
+                lower, upper = (geometry.traced.limits.get(
                     (bound, at), getattr(model, f"{bound}PositionLimit")[at])
                     for bound in ("lower", "upper"))
                 q = closed.q[:, at]

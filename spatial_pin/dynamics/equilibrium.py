@@ -20,6 +20,7 @@ from spatial_pin.assembly.close import closed
 from spatial_pin.assembly.holding import free_bases, untied
 from spatial_pin.assembly.search.whole_turns import turned_apart
 from spatial_pin.assembly.state import State
+from spatial_pin.dynamics.derivatives.derivatives import exact_numbers
 from spatial_pin.dynamics.derivatives.small_motions import AppliedLoads, SmallMotions
 from spatial_pin.dynamics.forces import Law
 from spatial_pin.dynamics.forward import Dynamics, Load
@@ -416,17 +417,6 @@ def _are_one(one: Equilibrium, other: Equilibrium) -> bool:
     apart = np.abs(turned_apart(one.state.mechanism, one.state.q, other.state.q))
     idle = np.abs(one.idle).max(axis=0, initial=0.0) > 0.0
     return bool(np.max(apart[~idle], initial=0.0) < SAME_POSE)
-
-
-def exact_numbers(state: State) -> Mechanism:
-    """Return the mechanism of a state; refuse one whose file's numbers are rounded."""
-    mechanism = state.mechanism
-    if mechanism.whole is not None:
-        raise SpatialPinError(
-            f"mechanism {mechanism.name!r}: its file's numbers are rounded (state.gap is "
-            f"{float(state.gap):.1e}), and stiffness is worked out for exact ones only: write more "
-            "digits into the file")
-    return mechanism
 
 
 # ---------------------------------------------------------------- the search

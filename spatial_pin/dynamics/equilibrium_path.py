@@ -22,12 +22,12 @@ from spatial_pin._support.columns import Quantity
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.search.whole_turns import turned_apart
 from spatial_pin.assembly.state import State
+from spatial_pin.dynamics.derivatives.derivatives import exact_numbers
 from spatial_pin.dynamics.derivatives.small_motions import AppliedLoads, SmallMotions
 from spatial_pin.dynamics.equilibrium import (
     NEUTRAL,
     Guess,
     closed_beside,
-    exact_numbers,
     settled,
     velocity_entry,
 )

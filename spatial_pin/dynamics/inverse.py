@@ -25,6 +25,7 @@ from spatial_pin.dynamics.solvers.independent_coordinates import ROUNDING
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.coordinates import driver_coordinates
+from spatial_pin.mechanism.inertia import fall_energy
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.mechanism.resistance import SlipSpeed
@@ -403,10 +404,9 @@ def _loaded(equations: Equations, spare: Array, idle: Array, a: Array) -> list[s
     would fall under them. Of idle rotations (m, nv), whose accelerations are free, springs and
     forces from outside.
     """
-    state, scale, model = equations.state, equations.scale, equations.model
+    state, scale, mechanism = equations.state, equations.scale, equations.mechanism
     wanted = equations.motion_forces(a) - equations.given
-    weight = sum(i.mass for i in model.inertias) * float(
-        np.linalg.norm(model.gravity.linear)) * equations.mechanism.characteristic_length
+    weight = fall_energy(mechanism.model, mechanism.characteristic_length)
     heaviest = float(np.abs(scale[:, None] * equations.mass() * scale).max(initial=0.0))
     rates = float(np.abs(a / scale).max(initial=0.0))
     rates += float(np.abs(state.v / scale).max(initial=0.0)) ** 2

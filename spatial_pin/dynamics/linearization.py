@@ -19,6 +19,7 @@ from spatial_pin._support.checks import (
 )
 from spatial_pin._support.columns import XYZ, Quantity, Tabular, chosen
 from spatial_pin.assembly.state import State, of_mechanism
+from spatial_pin.dynamics.derivatives.derivatives import exact_numbers
 from spatial_pin.dynamics.derivatives.small_motions import (
     AppliedLoads,
     ReducedEquations,
@@ -26,7 +27,6 @@ from spatial_pin.dynamics.derivatives.small_motions import (
 )
 from spatial_pin.dynamics.equilibrium import (
     NEUTRAL,
-    exact_numbers,
     independent_motions,
     judged,
     velocity_entry,

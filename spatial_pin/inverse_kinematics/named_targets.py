@@ -1,4 +1,4 @@
-"""Targets given by names: frames, coordinates, and the outputs that tell where links are."""
+"""Targets by name: frames, coordinates, and outputs that say where links are."""
 
 from __future__ import annotations
 
@@ -42,23 +42,23 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PointPart(Target):
-    """Some components of the position of a frame's origin, or of a point beside it."""
+    """Components of the position of a frame's origin, or of a point fixed to it."""
 
-    frame: int  # Pinocchio's index of it
-    offset: Array  # of the point in the frame's axes, shape (3,) [m]
+    frame: int  # index in Pinocchio's model
+    offset: Array  # (3,) of the point in the frame's axes [m]
     axes: tuple[int, ...]  # numbers of the world's axes
-    values: Array  # that the components should have [m]
+    values: Array  # wanted components [m]
 
     def residual(self, evaluation: LoopEquations) -> Residual:
         """See `Target`."""
         mechanism = evaluation.mechanism
         size = mechanism.characteristic_length
         at, moved = evaluation.frame(self.frame), evaluation.frame_jacobian(self.frame)
-        beside = at.rotation @ self.offset
-        slope = moved[:3] - pin.skew(beside) @ moved[3:]
+        arm = at.rotation @ self.offset
+        slope = moved[:3] - pin.skew(arm) @ moved[3:]
         axes = list(self.axes)
         values = self.values - mechanism.centre[axes]
-        return ((at.translation + beside)[axes] - values) / size, slope[axes] / size
+        return ((at.translation + arm)[axes] - values) / size, slope[axes] / size
 
     def check(self, mechanism: Mechanism) -> None:
         """See `Target`: its frame is known."""
@@ -74,10 +74,10 @@ class PointPart(Target):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class AngleValue(Target):
-    """The angle of a link about an axis; whole turns more or less are the same direction."""
+    """The angle of a link about an axis; whole turns do not count."""
 
-    angle: LinkAngle  # which it is
-    value: float  # that it should have [rad]
+    angle: LinkAngle
+    value: float  # wanted angle [rad]
 
     def residual(self, evaluation: LoopEquations) -> Residual:
         """See `Target`: within half a turn."""
@@ -101,14 +101,14 @@ class AngleValue(Target):
 def output_target(
     mechanism: Mechanism, name: str, given: Any, weight: float | None = None
 ) -> Target | None:
-    """Return the target that an output has a value; None if the name is that of something else.
+    """Return the target for the value of an output; None if the name is not an output.
 
     Args:
         mechanism: the mechanism.
-        name: `NAME.position`, `LINK.com.position`, `com.position`, each with `.x`, `.y` or `.z`
-            behind it or without, or `LINK.angle`, `LINK.angle.x`, `.y` or `.z`.
-        given: (3,) [m], of one component or an angle a number [m or rad].
-        weight: as of every target.
+        name: `NAME.position`, `LINK.com.position`, `com.position`, each alone or followed by `.x`,
+            `.y` or `.z`, or `LINK.angle`, `LINK.angle.x`, `.y` or `.z`.
+        given: (3,) [m], or a number for one component or an angle [m or rad].
+        weight: as for every target.
     """
     if is_coordinate(mechanism, name) or name in mechanism.frame_ids:
         return None
@@ -135,7 +135,7 @@ def output_target(
 
 
 def _check_name(mechanism: Mechanism, name: str, kind: str) -> None:
-    """Refuse the name of an output that tells of no place, or of something that does not exist."""
+    """Refuse the name of an output without a position or angle, or of an unknown thing."""
     if kind in (*FRAME_UNITS, *COORDINATE_OUTPUTS) or is_force(name) or name == MASS:
         raise SpatialPinError(f"target {name!r}: a target says where something is, as a position, "
                               "an angle or a coordinate; rates are given by solve_rates or times")
@@ -158,55 +158,53 @@ def is_angle(mechanism: Mechanism, name: str) -> bool:
 
 
 def is_part(mechanism: Mechanism, name: str) -> bool:
-    """Whether a name is that of an output of one number that a target may be of."""
+    """Whether a name is an output of one number that a target can have."""
     point, k = component(name)
     is_component = k is not None and point.endswith(".position")
     return name not in mechanism.frame_ids and (is_component or is_angle(mechanism, name))
 
 
 def read_targets(mechanism: Mechanism, targets: Mapping[str, Any]) -> list[Target]:
-    """Return targets given by name: a Target, a list of them, a point (3,), placement or number."""
+    """Return targets by name, from Targets, lists of them, points (3,), placements or numbers."""
     if not targets:
         raise ValueError("targets is empty: say where something should be, as {'tip': [x, y, z]}")
-    found, wanted = [], dict[str, Any]()
+    read, wanted = [], dict[str, Any]()
     for name, given in targets.items():
         is_list = isinstance(given, list | tuple) and any(isinstance(x, Target) for x in given)
         for one in given if is_list else [given]:
             target = _named(mechanism, name, one)
             target.check(mechanism)
-            found.append(target)
-    for target in found:
+            read.append(target)
+    for target in read:
         for words, value in target.wishes(mechanism) if target.weight is None else ():
             before = wanted.setdefault(words, value)
             if np.abs(np.subtract(value, before)).max() > TOLERANCES.closed * (
                     1.0 + np.abs(before).max()):
                 raise ValueError(f"targets contradict each other: {words} is wanted at {before} "
                                  f"and at {value}; leave one out, or give one a weight")
-    return found
+    return read
 
 
 def _named(mechanism: Mechanism, name: str, given: Any) -> Target:
-    """Return a target with its name, that of an output as what the output is of."""
-    if not isinstance(given, Target):
-        plain = None
-        if not isinstance(given, pin.SE3 | str | bytes) and np.shape(given) in ((), (3,)):
-            plain = output_target(mechanism, name, given)
-        return plain or replace(_plain(mechanism, name, given), name=name)
-    target = given if given.name else replace(given, name=name)
-    if isinstance(target, CoordinateValue | Position):
-        numbers = target.value if isinstance(target, CoordinateValue) else target.point
-        return output_target(mechanism, target.name, numbers, target.weight) or target
-    return target
-
-
-def _plain(mechanism: Mechanism, name: str, given: Any) -> Target:
+    """Return a target with its name; that of an output with the name of its frame."""
+    if isinstance(given, Target):
+        target = given if given.name else replace(given, name=name)
+        if isinstance(target, CoordinateValue | Position):
+            numbers = target.value if isinstance(target, CoordinateValue) else target.point
+            return output_target(mechanism, target.name, numbers, target.weight) or target
+        return target
     if isinstance(given, pin.SE3):
-        return pose(given)
+        return replace(pose(given), name=name)
+    is_text, what = isinstance(given, str | bytes), f"target {name!r}"
+    if not is_text and np.shape(given) in ((), (3,)):
+        output = output_target(mechanism, name, given)
+        if output is not None:
+            return output
     is_frame = name in mechanism.frame_ids and not is_coordinate(mechanism, name)
-    if np.ndim(given) == 0 and not (is_frame or isinstance(given, str | bytes)):
-        return coordinate(finite_number(given, f"target {name!r}"))
+    if np.ndim(given) == 0 and not (is_frame or is_text):
+        return replace(coordinate(finite_number(given, what)), name=name)
     if np.shape(given) == (3,):
-        return position(finite_array(given, (3,), f"target {name!r}"))
+        return replace(position(finite_array(given, (3,), what)), name=name)
     raise TypeError(f"target {name!r}: {given!r} is none; a frame has a point (3,) or a "
                     "pinocchio.SE3, a coordinate or another output a number; or give one of "
                     "spatial_pin.targets")

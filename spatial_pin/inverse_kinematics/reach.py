@@ -1,4 +1,4 @@
-"""Where the drivers must be for frames to be where they should: inverse kinematics."""
+"""Inverse kinematics: drivers that put frames, coordinates and distances at given values."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from spatial_pin.numerics.least_squares import passed
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-EXACT = 1e-12  # residual of what is to be exact: some hundred times what round-off leaves
-START_SPREAD = 0.5  # rad, characteristic lengths: how far off near starts are, at most
-# Far starts of each freedom for a near one. Of targets of arms with limits that ten near starts
-# missed, all were met from the fifth far one with two and three joints, the thirtieth with six.
+EXACT = 1e-12  # residual of exact targets: about 100 times the round-off
+START_SPREAD = 0.5  # largest displacement of near starts [rad, characteristic lengths]
+# Number of distant starts per freedom and per near start. With these, every test target that 10
+# near starts missed was reached: 5 starts for 2 or 3 joints, 30 for 6.
 FAR_STARTS = 0.5
-LEG = 2.0  # rad, characteristic lengths, of each freedom: from one far start to the next
+LEG = 2.0  # path length between two far starts, for each freedom [rad, characteristic lengths]
 
 
 @checked
@@ -49,36 +49,36 @@ def reach(
 ) -> State:
     """Return a configuration in which frames, coordinates and distances meet targets.
 
-    This is inverse kinematics with closed loops: drivers and all else that is free are unknown. Of
-    the configurations near the start that meet the targets, it is the one that moves least: the
-    sum of the squares of what the joints move, in radians and characteristic lengths, is least.
+    This is inverse kinematics with closed loops: drivers and all other free coordinates are
+    unknown. Of the configurations near the start that meet the targets, it is the one with the
+    least sum of squares of joint displacements, in radians and characteristic lengths.
 
     Args:
         mechanism: the mechanism.
         targets: by name of a link, frame or joint: a point (3,) of the world for its origin [m], a
             `pinocchio.SE3` for its placement; by name of a coordinate or driver: its value [rad or
-            m]; by name of another output that says where something is, as `tip.position.z`,
+            m]; by name of another output with a position or angle, such as `tip.position.z`,
             `com.position.x`, `LINK.angle`: its value; or any of `spatial_pin.targets`, or a list of
-            these: directions, distances, the centre of mass. Targets without a weight are met
-            exactly, those with one as well as the exact ones leave freedom for.
-        guess: where to start: a State, or what `assemble` takes; default the file's guess.
-        hold: names of what stands still where the start has it, as for `sweep`.
-        limits: whether joint limits are kept; a start beyond them is led back within them.
-        starts: how many other states near it are tried, where the targets, those with a weight
-            too, are not met from this one, and then half as many of each freedom that are far from
-            it, within joint limits. They are always the same. With 0, weighted targets are met as
-            well as can be near the start, and soonest.
-        state: another word for `guess`.
+            these: directions, distances, the centre of mass. Targets without a weight are exact;
+            those with a weight are met as well as the exact ones allow.
+        guess: start: a State, or a guess as for `assemble`; default the file's guess.
+        hold: names of fixed coordinates, at their start values, as for `sweep`.
+        limits: whether joint limits count; a start beyond them is moved within them.
+        starts: number of other starts near the first one, if the targets, also weighted ones, are
+            not met from it. After these come half as many per freedom that are far away, within
+            joint limits. They are always the same. With 0, weighted targets are met as well as
+            possible near the start, and fastest.
+        state: another name of `guess`.
 
     Returns:
-        A State without rates; `solve_rates` gives it some.
+        A State without rates; `solve_rates` adds them.
 
     Raises:
-        ReachError: the exact targets cannot be reached, or weighted ones are too far away to come
-            to an end; has the nearest configuration, how far off each target is, and what stops it.
+        ReachError: the exact targets cannot be reached, or weighted ones are too far away to
+            converge; it has the nearest configuration, the error of each target, and the obstacle.
         UnknownNameError: there is no such frame, coordinate or driver.
         AssemblyError: the guess does not close.
-        TypeError: a target is of no kind there is.
+        TypeError: a target has an unknown type.
         ValueError: a number is not finite, or targets contradict each other.
 
     Example:
@@ -90,45 +90,45 @@ def reach(
     needed(mechanism)
     if starts < 0:
         raise ValueError(f"starts is {starts}; it is how many other starts are tried, 0 or more")
-    asked = read_targets(mechanism, targets)
+    wanted = read_targets(mechanism, targets)
     start = starting_state(mechanism, guess, state)
     mechanism = start.mechanism
     held = held_by(mechanism, hold)
-    asked += [CoordinateValue(c.name, value=coordinate_value(mechanism, c, start.q))
+    wanted += [CoordinateValue(c.name, value=coordinate_value(mechanism, c, start.q))
               for c in held.coordinates]
-    kept = joint_limits(mechanism) if limits else []
+    joint_bounds = joint_limits(mechanism) if limits else []
     with loops_of(mechanism, start.angles) as evaluation:
-        solver = Solver(evaluation, asked, kept, held.entries, exact_for(mechanism))
+        solver = Solver(evaluation, wanted, joint_bounds, held.entries, exact_for(mechanism))
         best = _best(start, solver, starts)
-        if not best.is_best(solver.tolerance) and not best.is_on_its_way:
+        if not best.is_best(solver.tolerance) and not best.ran_out:
             best = _from_afar(start, solver, starts, best)
         if not best.is_met(solver.tolerance):
             best = solver.settled(best, start.q)
-        solver.stand(best.q)
+        solver.update(best.q)
         reached = State(mechanism, best.q, closure_error=evaluation.closure_error,
                         angles=evaluation.angles.copy())
-        if not best.is_met(solver.tolerance) or best.is_on_its_way:
+        if not best.is_met(solver.tolerance) or best.ran_out:
             raise _short(start, solver, best, reached)
     return reached
 
 
 def exact_for(mechanism: Mechanism) -> float:
-    """Return the residual of what is to be exact: a point of the world is known to its digits."""
+    """Return the residual of exact targets, with the resolution of world coordinates."""
     return EXACT + 2.0 * mechanism.extent.resolution
 
 
 def _best(start: State, solver: Solver, starts: int) -> ReachResult:
-    """Return the nearest place that solving leads to, from a state or others about it."""
+    """Return the best solution from a state or from others near it."""
     best = None
     for q in _starts(start, solver, starts):
-        found = solver.solve(q, start.q)
-        is_closed = solver.is_closed(found.q)
+        result = solver.solve(q, start.q)
+        is_closed = solver.is_closed(result.q)
         if best is None:
-            best = found if is_closed else solver.reached(start.q, {})
-            if found.is_on_its_way:
+            best = result if is_closed else solver.reached(start.q, {})
+            if result.ran_out:
                 break  # others near it have as far to go
-        elif is_closed and found.is_nearer(best, solver.tolerance):
-            best = found
+        elif is_closed and result.is_nearer(best, solver.tolerance):
+            best = result
         if best.is_best(solver.tolerance):
             break
     assert best is not None  # of the state itself
@@ -136,25 +136,25 @@ def _best(start: State, solver: Solver, starts: int) -> ReachResult:
 
 
 def _starts(state: State, solver: Solver, count: int) -> Iterable[Array]:
-    """Yield configurations to start from: the state's own, then others about it."""
+    """Yield start configurations: the state's own, then others near it."""
     yield state.q
     rng = np.random.default_rng(0)
     for _ in range(count):
         shaken = rng.uniform(-START_SPREAD, START_SPREAD, len(solver.scale))
-        way = solver.scale * solver.moves * shaken
-        yield pin.integrate(state.mechanism.model, state.q, way)
+        displacement = solver.scale * solver.moves * shaken
+        yield pin.integrate(state.mechanism.model, state.q, displacement)
 
 
 def _from_afar(start: State, solver: Solver, starts: int, best: ReachResult) -> ReachResult:
-    """Return the nearest place that solving from afar leads to, or a nearer one that is known.
+    """Return the best solution from far starts, or the known one if it is better.
 
-    Of places where targets are met it is that of the least weighted residuals, then motion. Where
-    only targets with a weight are not met yet, the starts nearest to them come first, until
-    `starts` in a row have led to nothing better: most of such targets cannot be met at all.
+    Among solutions that meet the exact targets, the best has the least weighted residuals, then the
+    least motion. If only weighted targets are missed, the nearest starts come first, until `starts`
+    in a row bring no gain: most such targets cannot be met at all.
     """
-    def cost(found: ReachResult) -> tuple[float, float]:
-        way = pin.difference(start.mechanism.model, start.q, found.q) / solver.scale
-        return round(found.missed / TOLERANCES.nothing), float(np.linalg.norm(way))
+    def cost(result: ReachResult) -> tuple[float, float]:
+        displacement = pin.difference(start.mechanism.model, start.q, result.q) / solver.scale
+        return round(result.missed / TOLERANCES.nothing), float(np.linalg.norm(displacement))
 
     queue, most, in_vain = [*_far_starts(start, solver, starts)], np.inf, 0
     if best.is_met(solver.tolerance):
@@ -173,56 +173,55 @@ def _from_afar(start: State, solver: Solver, starts: int, best: ReachResult) -> 
 
 
 def _solved(start: State, solver: Solver, q: Array) -> Iterable[ReachResult]:
-    """Yield where solving from a far start leads to, and this without whole turns."""
-    found = solver.solve(q, start.q)
-    back, ends = found.q.copy(), [found]
-    for angle in periodic(start.mechanism) if found.is_met(solver.tolerance) else ():
+    """Yield the solution from a far start, and the one without whole turns."""
+    result = solver.solve(q, start.q)
+    back, ends = result.q.copy(), [result]
+    for angle in periodic(start.mechanism) if result.is_met(solver.tolerance) else ():
         back[angle.q] -= whole_turns(back[angle.q] - start.q[angle.q])
-    if not np.array_equal(back, found.q):
+    if not np.array_equal(back, result.q):
         ends.append(solver.solve(back, start.q))
     for there in ends:
         if solver.is_closed(there.q) and not (
-                there.is_met(solver.tolerance) and there.is_on_its_way):
+                there.is_met(solver.tolerance) and there.ran_out):
             yield there
 
 
 def _far_starts(state: State, solver: Solver, starts: int) -> Iterable[Array]:
-    """Yield configurations along a walk with loops closed, thrown back by joint limits."""
+    """Yield configurations of a random walk with closed loops, reflected at joint limits."""
     rng = np.random.default_rng(0)
     q, loops = solver.within(state.q)[0], Level(solver, [], [])
     freedom = len(solver.motions(q))
-    strides = round(LEG * freedom**0.5 / TOLERANCES.damped_step)
+
+    def reflected(step: Array) -> Array:
+        motions, room = solver.motions(q), solver.room(q)
+        step = step @ motions.T @ motions
+        for _ in range(len(step)):
+            step = step * (TOLERANCES.damped_step / max(float(np.linalg.norm(step)),
+                                                        TOLERANCES.zero))
+            first = passed(room, step, {})
+            if first is None:
+                return step
+            v = first[0]
+            wall = motions[:, v] @ motions
+            step = step - 2.0 * step[v] / wall[v] * wall
+        return np.zeros_like(step)  # in a corner
+
     for _ in range(round(FAR_STARTS * starts * freedom)):
-        way: Array = rng.standard_normal(len(solver.scale))
-        for _ in range(strides):
-            way = _stride(solver, q, way)
-            there = loops.corrected(solver.displaced(q, way), solver.moves, 0.0)
+        step: Array = rng.standard_normal(len(solver.scale))
+        for _ in range(round(LEG * freedom**0.5 / TOLERANCES.damped_step)):
+            step = reflected(step)
+            there = loops.corrected(solver.displaced(q, step), solver.moves, 0.0)
             if there is None:
                 break
             q = there
         yield q
 
 
-def _stride(solver: Solver, q: Array, way: Array) -> Array:
-    """Return the step (nv,) along a way, mirrored at the joint limits that it would pass."""
-    motions, room = solver.motions(q), solver.room(q)
-    way = way @ motions.T @ motions
-    for _ in range(len(way)):
-        way = way * (TOLERANCES.damped_step / max(float(np.linalg.norm(way)), TOLERANCES.zero))
-        first = passed(room, way, {})
-        if first is None:
-            return way
-        v = first[0]
-        wall = motions[:, v] @ motions
-        way = way - 2.0 * way[v] / wall[v] * wall
-    return np.zeros_like(way)  # in a corner
-
-
-def _short(start: State, solver: Solver, found: ReachResult, state: State) -> ReachError:
-    """Return the error that tells how near it comes, and what stops it there."""
+def _short(start: State, solver: Solver, result: ReachResult, state: State) -> ReachError:
+    """Return the error with the nearest configuration and the obstacle."""
     mechanism, residuals = state.mechanism, dict[str, Array]()
     gaps = dict[str, tuple[float, float]]()
-    for target in solver.weighted if found.is_met(solver.tolerance) else solver.exact:
+    for target in solver.weighted if result.is_met(solver.tolerance) else solver.exact:
         off = target.residual(solver.evaluation)[0]
         residuals[target.name] = np.append(residuals.get(target.name, ()), off)
         n = target.lengths(mechanism)
@@ -235,31 +234,31 @@ def _short(start: State, solver: Solver, found: ReachResult, state: State) -> Re
     far = length * mechanism.characteristic_length
     gap = [f"{far:.4g} m" if far >= 1.0 else f"{1e3 * far:.4g} mm"] * (length > EXACT)
     gap += [f"{angle:.4g} rad ({math.degrees(angle):.4g}°)"] * (angle > EXACT or not gap)
-    reasons, stops = zip(*_stops(start, solver, found), strict=True)
+    reasons, stops = zip(*_stops(start, solver, result), strict=True)
     return ReachError(
         f"mechanism {mechanism.name!r}: the targets cannot be reached from there: {worst!r} stays "
         f"off by {' and '.join(gap)}; {'; '.join(stops)}",
         state=state, distances=lengths, residuals=residuals, stops=stops, reasons=reasons,
-        limits=tuple(limit.name for limit in solver.limits_of(found.active)))
+        limits=tuple(limit.name for limit in solver.limits_of(result.active)))
 
 
-def _stops(start: State, solver: Solver, found: ReachResult) -> Iterable[tuple[str, str]]:
-    """Yield what stops a mechanism short of its targets: reasons of `ReachError`, and sentences."""
-    on_its_way = ("steps", "it was still coming nearer when the steps ran out: go on from the "
+def _stops(start: State, solver: Solver, result: ReachResult) -> Iterable[tuple[str, str]]:
+    """Yield obstacles before the targets: reasons of `ReachError`, and sentences."""
+    steps_ran_out = ("steps", "it was still coming nearer when the steps ran out: go on from the "
                       "state of this error, or start nearer")
-    if found.is_met(solver.tolerance):  # and what has a weight is far away
-        yield on_its_way
+    if result.is_met(solver.tolerance):  # and what has a weight is far away
+        yield steps_ran_out
         return
-    if found.beyond:
-        yield ("joint limit", f"it started beyond the {_words(found.beyond)}, and does not "
+    if result.beyond:
+        yield ("joint limit", f"it started beyond the {_words(result.beyond)}, and does not "
                    "come within from there: start from another state, or with limits=False")
         return
-    if found.active:
-        yield ("joint limit", "it is stopped by the " + _words(solver.limits_of(found.active)))
+    if result.active:
+        yield ("joint limit", "it is stopped by the " + _words(solver.limits_of(result.active)))
         return
-    asked = len(found.exact)
+    count = len(result.exact)
     slopes = [solver.slopes(q) for q in (
-        found.q, *(solver.closed(x, solver.moves) for x in _starts(start, solver, 1)))]
+        result.q, *(solver.closed(x, solver.moves) for x in _starts(start, solver, 1)))]
     least = TOLERANCES.half_precision * max(s.max(initial=0.0) for s in slopes)
     rank, *others = (int(np.count_nonzero(s > max(least, TOLERANCES.zero))) for s in slopes)
     freedom = max(rank, *others)  # where it is not stretched out
@@ -268,14 +267,14 @@ def _stops(start: State, solver: Solver, found: ReachResult) -> Iterable[tuple[s
                    "held, or ask for another")
     elif rank < freedom:
         reason = "dead centre" if freedom == 1 else "singular direction"
-        place = "dead centre" if freedom == 1 else "singular configuration"
-        yield (reason, f"it is stretched out or folded: at this {place} no motion takes it "
+        configuration = "dead centre" if freedom == 1 else "singular configuration"
+        yield (reason, f"it is stretched out or folded: at this {configuration} no motion takes it "
                    "further towards them")
-    elif found.is_on_its_way:
-        yield on_its_way
-    elif freedom < asked:
+    elif result.ran_out:
+        yield steps_ran_out
+    elif freedom < count:
         yield ("too few freedoms", f"it has {counted(freedom, 'freedom')} there for "
-                   f"{asked} numbers asked for: ask for fewer, or give some a weight")
+                   f"{count} numbers asked for: ask for fewer, or give some a weight")
     else:
         yield ("nearest found", "this is the nearest that was found: start from another state")
 

@@ -1,24 +1,25 @@
-"""Motions in which frames and coordinates go where they should, on one branch."""
+"""Inverse kinematics along a path: motions in which frames and coordinates follow targets."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from spatial_pin._support.brief import counted
 from spatial_pin._support.checks import checked, names_of
 from spatial_pin._support.progress import progress_bar
 from spatial_pin.assembly.held_start import starting_state
-from spatial_pin.assembly.holding import BASE, Hold, free_bases, held_by, is_base
+from spatial_pin.assembly.holding import BASE, Hold, divided, free_bases, held_by, is_base
+from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
 from spatial_pin.continuation.path_following import Followed
 from spatial_pin.errors import Interrupted, ReachError, SingularError, SpatialPinError
-from spatial_pin.inverse_kinematics.driver_singularities import driver_singularities
 from spatial_pin.inverse_kinematics.named_targets import read_targets
 from spatial_pin.inverse_kinematics.reach import exact_for, reach
 from spatial_pin.inverse_kinematics.solving import Solver
@@ -29,6 +30,7 @@ from spatial_pin.inverse_kinematics.target_coordinates import (
     stretches_of,
 )
 from spatial_pin.inverse_kinematics.target_tables import TargetTable, law_of, tables_of, targets_at
+from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.kernel.paths import PathSamples
 from spatial_pin.mechanism.coordinates import needed
@@ -36,29 +38,31 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.follow import along, finished, follow, sample_times
 from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.rounding import within_gap
-from spatial_pin.numerics.linalg import Array, rank
+from spatial_pin.numerics.linalg import Array, rank, singular_values
+from spatial_pin.numerics.roots import sign_change
 from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.rates.prescribed import driven_coordinates
 from spatial_pin.rates.rates import check_not_held
 from spatial_pin.settings import Accuracy, accuracy_of
 
-UNEVEN = 3.0  # by how much a step may be longer than most are, where they are gone anew
+UNEVEN = 3.0  # ratio of a step to the median beyond which earlier states are changed
 
 
 class LeastMotionPath:
-    """Configurations that meet targets, sample by sample, from the first on.
+    """Configurations that meet targets sample by sample, with least motion.
 
     Attributes:
-        states: those there are.
+        states: the states so far.
     """
 
     def __init__(self, first: State, tables: list[TargetTable], hold: Hold) -> None:
         self.states, self._tables, self._hold = [first], tables, hold
         self._mechanism = first.mechanism
 
-    def go_on(self) -> None:
-        """Add a state, with least motion; where that leads no further, look back.
+    def extend(self) -> None:
+        """Add the next state, by least motion; if that fails, change the states before it.
 
-        The states before it are then gone anew, evenly, from as far back as it takes.
+        They are then spaced evenly, from as far back as needed.
         """
         k, model = len(self.states), self._mechanism.model
         try:
@@ -85,12 +89,12 @@ class LeastMotionPath:
         self.states = best
 
     def _reached(self, k: int, near: State, starts: int) -> State:
-        """Return the state that meets the targets of a sample with least motion from another."""
+        """Return the state at a sample's targets with least motion from another state."""
         return reach(self._mechanism, targets_at(self._tables, k), near, hold=self._hold,
                      starts=starts)
 
     def _steps(self, states: list[State]) -> Array:
-        """Return how far each state is from the one before [rad, characteristic lengths]."""
+        """Return the displacement from state to state [rad, characteristic lengths]."""
         model, scale = self._mechanism.model, self._mechanism.velocity_scale
         return np.array([np.linalg.norm(pin.difference(model, one.q, other.q) / scale)
                          for one, other in pairwise(states)])
@@ -100,7 +104,7 @@ def by_drivers(
     first: State, tables: list[TargetTable], times: Array | None, hold: Hold, accuracy: Accuracy,
     progress: bool,
 ) -> Motion:
-    """Return the motion of least motion from sample to sample, the drivers on splines."""
+    """Return the motion of least motion from sample to sample, drivers on cubic splines."""
     mechanism, path = first.mechanism, LeastMotionPath(first, tables, hold)
     if not mechanism.drivers:
         raise SpatialPinError(
@@ -119,7 +123,7 @@ def by_drivers(
     with progress_bar(len(tables[0]), f"{mechanism.name}: reach", progress) as bar:
         for k in range(1, len(tables[0])):
             try:
-                path.go_on()
+                path.extend()
             except ReachError as error:
                 error.motion = motion()
                 error.args = (f"sample {k}: {error}",)
@@ -128,6 +132,81 @@ def by_drivers(
                 raise Interrupted(motion()) from stopped
             bar.update(1)
     return motion()
+
+
+def _driver_singularities(
+    states: Iterable[State], q: Array, s: Array, hold: Hold, between: Callable[[int, float], Array]
+) -> list[tuple[float, int]]:
+    """Return parameters with singular configurations of the second kind, and samples behind them.
+
+    The drivers alone do not determine the motion there; a Gough platform can move with its legs
+    locked. The equations without the columns of driven and fixed coordinates are a square matrix,
+    whose determinant changes its sign there. A zero without a change of sign is not noticed, nor
+    any if the drivers do not determine the motion elsewhere or are components of balls.
+
+    Args:
+        states: some samples of the motion, to choose independent equations in one of them.
+        q: (N, nq) samples.
+        s: (N,) parameter at the samples.
+        hold: other fixed coordinates.
+        between: returns the configuration at a parameter behind a sample.
+    """
+    chosen = next((x for state in states if (x := _undriven(state, hold)) is not None), None
+                  ) if len(q) > 1 else None
+    if chosen is None:
+        return []
+    (mechanism, rows, columns, passive), zeros = chosen, []
+    with kernel_of(mechanism) as kernel:
+
+        def determinants(q: Array) -> Any:
+            return np.linalg.slogdet(np.concatenate(
+                [kernel.jacobians(q)[:, rows[:, None], columns],
+                 np.broadcast_to(passive, (len(q), *passive.shape))], axis=1))
+
+        signs, logarithms = determinants(q)
+        known = np.flatnonzero(signs)
+        for k, after in zip(known[:-1].tolist(), known[1:].tolist(), strict=True):
+            if signs[k] == signs[after]:
+                continue
+            span = s[k], s[after]
+
+            def determinant(at: float, k: int = k) -> float:
+                sign, logarithm = determinants(between(k, at)[None])
+                ratio = np.minimum(logarithm[0] - float(logarithms[k]), 50.0)
+                return float(sign[0] * np.exp(ratio))
+
+            zero = sign_change(determinant, *span, *map(determinant, span))
+            # all equations must lose rank there, not only the chosen ones
+            sizes = singular_values(kernel.jacobians(between(k, zero)[None])[0][:, columns])
+            if sizes[len(columns) - len(passive) - 1] < TOLERANCES.half_precision * sizes[0]:
+                zeros.append((zero, int(np.searchsorted(s, zero))))
+    return zeros
+
+
+def _undriven(
+    state: State, hold: Hold
+) -> tuple[Mechanism, NDArray[np.intp], NDArray[np.intp], Array] | None:
+    """Return rows and columns of the equations without driven and fixed coordinates.
+
+    Also the mechanism, and rows (k, n) of unresolved passive freedoms. None if the drivers do not
+    determine the motion at the state.
+    """
+    mechanism = state.mechanism
+    driven, still = divided(mechanism, driven_coordinates(mechanism, mechanism.drivers), hold)
+    if not mechanism.drivers or any(c.q < 0 for c in driven):
+        return None
+    with loops_of(mechanism, state.angles) as evaluation:
+        try:
+            system = SquareSystem(evaluation, driven, state.q, still)
+        except SingularError:
+            return None
+        n = evaluation.constraints.n_closure
+        rows = np.concatenate([system.equations, np.arange(n, len(evaluation.jacobian))])
+        columns = np.delete(np.arange(evaluation.model.nv), [*(c.v for c in driven), *still])
+        passive = system.passive[:, columns]
+    if len(rows) + len(passive) != len(columns):
+        return None
+    return mechanism, rows.astype(np.intp), columns, passive
 
 
 @checked
@@ -144,54 +223,54 @@ def reach_path(
 ) -> Motion:
     """Return the motion in which frames and coordinates follow tables of targets.
 
-    The first targets are reached from a state as `reach` does, beyond joint limits only if the
-    state meets them there already; from there one branch is followed,
-    with the guarantees of `follow`: the drivers go where the targets take them. Between the samples
-    positions and coordinates go along cubic splines, two times continuously differentiable
-    ("not-a-knot" at the ends); orientations have at the samples the rates of the cubic spline of
-    their rotation vectors from the first one, which are continued past half a turn.
+    The first targets are reached from a state like in `reach`, beyond joint limits only if the
+    state meets them there already. From there one branch is followed, with the guarantees of
+    `follow`. Between samples, positions and coordinates follow cubic splines, two times
+    continuously differentiable ("not-a-knot" at the ends). Orientations have at the samples the
+    rates of the cubic spline of their rotation vectors from the first one, which continue past half
+    a turn.
 
-    What ends the path is that the targets can go no further, or do not determine the motion. A
-    configuration in which the drivers do not determine it, such as a Gough platform turned by a
-    right angle, is passed, with an event of kind "singular"; efforts grow without bound towards it.
+    The path ends where the targets cannot be followed or do not determine the motion. A
+    configuration in which the drivers do not determine the motion, such as a Gough platform turned
+    by a right angle, is passed, with an event of kind "singular"; efforts grow without bound near
+    it.
 
-    Where there are more freedoms than the targets ask for, they do not determine the motion: each
-    sample is then reached from the one before with the least motion, within joint limits, and the
-    drivers follow cubic splines through the values that they have there. The targets are met at the
-    samples, and between them nearly. Where the least motion leads no further, stretched out or at
-    joint limits, a configuration that meets the next targets is looked for as `reach` does, and the
-    samples before it are gone anew towards it.
+    If there are more freedoms than targets, each sample is reached from the one before with the
+    least motion, within joint limits, and the drivers follow cubic splines through their values.
+    The targets are met at the samples, and nearly met between them. If the least motion ends,
+    stretched out or at joint limits, `reach` looks for a configuration at the next targets, and the
+    samples before it are changed towards it.
 
     Args:
         mechanism: the mechanism.
         targets: by name of a link, frame or joint: points (N, 3) of the world for its origin [m],
-            or N `pinocchio.SE3` for its placement; by name of a coordinate or driver, or of
-            another output of one number (`tip.position.z`, `LINK.angle`): values (N,)
-            [rad or m]. One placement, point or number stands still. A point or placement may not
-            leave the plane, or turn about other axes, than the frame can at all. Centres of mass
+            or N `pinocchio.SE3` for its placement; by name of a coordinate or driver, or of another
+            output of one number (`tip.position.z`, `LINK.angle`): values (N,) [rad or m]. One
+            placement, point or number is constant. A point or placement may not leave the plane of
+            the frame's motion, or turn about other axes than the frame can. Centres of mass
             (`com.position`, `com.position.x`) are reached sample by sample.
-        times: (N,) rising [s]. Without them the motion has no time: its rates are those per
-            sample, and its forces statics.
-        guess: where to start: a State, or what `assemble` takes; default the file's guess.
-        hold: names of what stands still where the start has it, as for `sweep`.
+        times: (N,) rising [s]. Without them the motion has no time: its rates are those per sample,
+            and its forces are static.
+        guess: start: a State, or a guess as for `assemble`; default the file's guess.
+        hold: names of fixed coordinates, at their start values, as for `sweep`.
         accuracy: predictor order, corrections and tolerance; default "engineering".
         progress: show a bar on stderr after a second, if that is a terminal.
-        state: another word for `guess`.
+        state: another name of `guess`.
 
     Returns:
         The Motion, one row per sample, without a `driver`; `kinetostatics` gives the efforts along
-        it. Its closure error counts how far targets are off too, where they determine the motion.
+        it. Its closure error includes the error of the targets, if they determine the motion.
 
     Raises:
-        ReachError: the first targets cannot be reached, or too much is asked for; of a motion that
-            targets do not determine, also later ones: it has the motion so far.
-        LimitError: later targets cannot be reached; has the time, or number, up to which they can,
-            and the motion so far.
+        ReachError: the first targets cannot be reached, or there are more targets than freedoms;
+            for a motion that targets do not determine, also later ones: it has the motion so far.
+        LimitError: later targets cannot be reached; it has the last time, or number, and the motion
+            so far.
         SingularError: the branch is not determined at a configuration, or crosses another one.
         UnknownNameError: there is no such frame, coordinate or driver.
         SpatialPinError: a frame turns too far from one sample to the next.
         Interrupted: after Ctrl-C; has the motion until then.
-        TypeError: a table is none.
+        TypeError: a table has an unknown type.
         ValueError: tables are not finite, or of different lengths, or times do not rise.
 
     Example:
@@ -219,17 +298,17 @@ def reach_path(
     first = reach(mechanism, wanted, start, hold=hold,
                   limits=(guess is None and state is None) or not is_met)
     freedom, chains = _chains(first, tables, s, hold)
-    asked = sum(chain.n for chain in chains)
-    if asked > freedom:
-        raise _too_much(first, tables, asked, freedom)
+    count = sum(chain.n for chain in chains)
+    if count > freedom:
+        raise _too_much(first, tables, count, freedom)
     moved = None if times is None else s
-    if not asked or not all(chain.has_closure for chain in chains):
+    if not count or not all(chain.has_closure for chain in chains):
         # it stands still, and what is left free may as well; or no coordinate stands for a target
         return by_drivers(first, tables, moved, hold, accuracy, progress)
     try:
         followed = _followed(first, chains, s, hold, accuracy, progress)
     except SingularError:
-        if asked == freedom:
+        if count == freedom:
             raise
         return by_drivers(first, tables, moved, hold, accuracy, progress)
     motion = finished(first.mechanism, followed, moved, held, [t.name for t in tables], "targets")
@@ -239,13 +318,13 @@ def reach_path(
 def _chains(
     state: State, tables: list[TargetTable], s: Array, hold: Hold
 ) -> tuple[int, list[Chain]]:
-    """Return how many freedoms there are at a state, and the chains of the targets."""
+    """Return the number of freedoms at a state, and the chains of the targets."""
     mechanism = state.mechanism
     size = mechanism.characteristic_length
     with loops_of(mechanism, state.angles) as evaluation:
-        asked = read_targets(mechanism, targets_at(tables, 0))
+        wanted = read_targets(mechanism, targets_at(tables, 0))
         held = held_by(mechanism, hold)
-        solver = Solver(evaluation, asked, [], held.entries, exact_for(mechanism))
+        solver = Solver(evaluation, wanted, [], held.entries, exact_for(mechanism))
         motions = solver.motions(state.q)
         chains = []
         for table in tables:
@@ -264,10 +343,10 @@ def _chains(
     return len(motions) - len(held.coordinates), chains
 
 
-def _too_much(state: State, tables: list[TargetTable], asked: int, freedom: int) -> ReachError:
+def _too_much(state: State, tables: list[TargetTable], count: int, freedom: int) -> ReachError:
     names = ", ".join(repr(t.name) for t in tables)
     return ReachError(
-        f"mechanism {state.mechanism.name!r}: {names}: {asked} numbers are asked for along the "
+        f"mechanism {state.mechanism.name!r}: {names}: {count} numbers are asked for along the "
         f"path, but there {'are' if freedom != 1 else 'is'} {counted(freedom, 'freedom')} at its "
         "start; ask for fewer (a position instead of a placement, or a coordinate), or start "
         "beside a singular configuration", state=state,
@@ -289,24 +368,24 @@ def _followed(
         standing = _standing(copy, names, mechanism, hold)
         own = s[stretch.first : stretch.last + 1]
         law = law_of(own, stretch.course)
-        found = along(copy, names, standing, law, own, accuracy, title, progress)
-        done = stretch.first + found.done
+        followed = along(copy, names, standing, law, own, accuracy, title, progress)
+        done = stretch.first + followed.done
         into = samples.between(stretch.first, done)
-        for part, new in zip(into, found.samples.between(0, found.done), strict=True):
+        for part, new in zip(into, followed.samples.between(0, followed.done), strict=True):
             part[...] = new[:, : part.shape[1]] if part.ndim == 2 else new
         n = len(into.q)
         some = dict.fromkeys((0, n - 1, n // 2) if n else ())
         states = (State(mechanism, into.q[k], closure_error=into.error[k], angles=into.angles[k])
                   for k in some)
         between = partial(
-            _between, copy.mechanism, names, model.nq, standing, law, own, found.samples)
+            _between, copy.mechanism, names, model.nq, standing, law, own, followed.samples)
         try:
-            lost += [(at, row + stretch.first) for at, row in driver_singularities(
-                states, into.q, own[: found.done], hold, between)]
+            lost += [(at, row + stretch.first) for at, row in _driver_singularities(
+                states, into.q, own[: followed.done], hold, between)]
         except KeyboardInterrupt:
             return Followed(samples, done, None, undriven=lost, is_cut=True)
-        if found.stop is not None or found.is_cut:
-            return Followed(samples, done, found.stop, undriven=lost, is_cut=found.is_cut)
+        if followed.stop is not None or followed.is_cut:
+            return Followed(samples, done, followed.stop, undriven=lost, is_cut=followed.is_cut)
         here = State(mechanism, into.q[-1], closure_error=into.error[-1], angles=into.angles[-1])
     return Followed(samples, done, None, undriven=lost)
 
@@ -315,24 +394,24 @@ def _between(
     copy: Mechanism, names: list[str], nq: int, standing: list[str], law: Any, s: Array,
     samples: PathSamples, k: int, at: float,
 ) -> Array:
-    """Return the configuration (nq,) at a parameter behind sample k of a stretch.
+    """Return the configuration (nq,) at a parameter behind sample k of a segment.
 
-    That of the sample where the finest accuracy does not lead on from it.
+    It is the sample's own if the finest accuracy cannot follow the path from there.
     """
     start = State(copy, samples.q[k], closure_error=samples.error[k], angles=samples.angles[k])
     if at <= s[k]:
         return start.q[:nq]
-    found = along(start, names, standing, law, np.array([s[k], at]),
+    followed = along(start, names, standing, law, np.array([s[k], at]),
                   Accuracy.named("reference"), "", False)
-    return np.array(found.samples.q[found.done - 1, :nq])
+    return np.array(followed.samples.q[followed.done - 1, :nq])
 
 
 def _standing(copy: State, names: list[str], mechanism: Mechanism, hold: Hold) -> list[str]:
-    """Return names of what stands still as a copy without drivers has them.
+    """Return names of fixed coordinates for a copy without drivers.
 
-    What targets that stay in a plane hold anyway is left out.
+    Coordinates that targets fix already, such as those out of a plane, are left out.
     """
-    standing, found = list[str](), list[str]()
+    standing, independent = list[str](), list[str]()
     for name in () if hold is None else names_of(hold, "hold"):
         if is_base(mechanism, name):
             standing += free_bases(mechanism)
@@ -348,6 +427,6 @@ def _standing(copy: State, names: list[str], mechanism: Mechanism, hold: Hold) -
         more = np.vstack([rows, units[list(held.entries)]])
         if held.coordinates or rank(more, TOLERANCES.half_precision) > rank(
                 rows, TOLERANCES.half_precision):
-            found.append(name)
+            independent.append(name)
             rows = more
-    return found
+    return independent

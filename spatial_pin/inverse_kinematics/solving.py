@@ -1,7 +1,7 @@
-"""Targets by least squares on closed loops, one level of importance in the other.
+"""Targets by least squares on closed loops, in levels of priority.
 
-Loops are closed first; in the motions that keep them closed, what is to be exact is met; in those
-that keep that too, what has a weight is met as well as can be; what freedom is left is moved least
+First the loops are closed. Motions that keep them closed meet the exact targets. Motions that keep
+those met reduce the weighted residuals. The remaining freedom minimises the displacement
 [SicilianoSlotine1991].
 """
 
@@ -32,14 +32,14 @@ from spatial_pin.numerics.least_squares import (
 from spatial_pin.numerics.linalg import Array, Triangular, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-CORRECTIONS = 8  # Newton's, after steps that nearly keep what is kept: four do as a rule
+CORRECTIONS = 8  # Newton steps after a step to first order: usually four
 
 
 class Constrained(LimitedJoints):
-    """A mechanism whose loops stay closed, with joint limits.
+    """A mechanism with closed loops and joint limits, and targets as residuals.
 
     Attributes:
-        tolerance: length of the residuals at which targets are reached.
+        tolerance: norm of the residuals of met targets.
     """
 
     def __init__(
@@ -56,59 +56,59 @@ class Constrained(LimitedJoints):
 
     def residual(self, q: Array, targets: Sequence[Target]) -> tuple[Array, Array]:
         """Return weighted residuals (k,) and derivatives (k, nv) for scaled velocities."""
-        self.stand(q)
+        self.update(q)
         if not targets:
             return np.empty(0), np.empty((0, len(self.scale)))
-        for at, known, found in self._known:
+        for at, known, weighted in self._known:
             if at is q and known is targets:
-                return found
+                return weighted
         parts = []
         for target in targets:
             residual, rows = target.residual(self.evaluation)
             weight = 1.0 if target.weight is None else target.weight
             parts.append((weight * residual, rows * (weight * self.scale)))
-        found = parts[0] if len(parts) == 1 else (
+        weighted = parts[0] if len(parts) == 1 else (
             np.concatenate([r for r, _ in parts]), np.concatenate([j for _, j in parts]))
-        self._known = [*self._known[-1:], (q, targets, found)]
-        return found
+        self._known = [*self._known[-1:], (q, targets, weighted)]
+        return weighted
 
     def pulled(self, targets: Sequence[Target], forces: Array) -> Array:
-        """Return the sum (nv,) of forces (k,) times derivatives of residuals, where they stand."""
-        found = np.zeros(len(self.scale))
+        """Return the sum (nv,) of forces (k,) times derivatives of residuals."""
+        total = np.zeros(len(self.scale))
         for target in targets:
             pulled, forces = target.pulled(self.evaluation, forces)
-            found += pulled if target.weight is None else target.weight * pulled
-        return found * self.scale
+            total += pulled if target.weight is None else target.weight * pulled
+        return total * self.scale
 
     def closed(self, q: Array, free: NDArray[np.bool_]) -> Array:
-        """Return a configuration with its loops closed by what is free (nv,) to move."""
+        """Return a configuration with closed loops; only `free` (nv,) velocities move."""
         evaluation, last = self.evaluation, self._last
         if last is None or last.q is not q or last.error > TOLERANCES.round_off:
             last = self._last = closed(evaluation.mechanism, q, free, evaluation.angle_reference,
                                        TOLERANCES.round_off)
-        self.stand(last.q)
+        self.update(last.q)
         return last.q
 
     def is_closed(self, q: Array) -> bool:
-        """Whether loops are closed at q (nq,), no axis turned round; equations stand there."""
-        self.stand(q)
+        """Whether loops are closed at q (nq,), without mirrored axes; updates the equations."""
+        self.update(q)
         evaluation, last = self.evaluation, self._last
         if last is not None and last.q is q and not last.may_be_mirrored:
             return last.error <= TOLERANCES.closed
         return evaluation.closure_error <= TOLERANCES.closed and not evaluation.mirrored()
 
     def motions(self, q: Array) -> Array:
-        """Return orthonormal rows (k, nv) of motions that keep loops closed, none idle."""
-        self.stand(q)
+        """Return orthonormal rows (k, nv) of motions that keep loops closed, no idle rotations."""
+        self.update(q)
         basis = Triangular(self.evaluation.jacobian[:, self.moves]).null_space
-        found = np.zeros((len(basis), len(self.moves)))
-        found[:, self.moves] = basis
-        return found
+        motions = np.zeros((len(basis), len(self.moves)))
+        motions[:, self.moves] = basis
+        return motions
 
     def within(self, q: Array) -> tuple[Array, Bounds]:
-        """Return a configuration with its loops closed within the limits, if they close there.
+        """Return a configuration with closed loops within the limits, if there is one.
 
-        Joints that were beyond limits stand at them.
+        Joints beyond limits are moved to them.
         """
         closed, active, loops = self.closed(q, self.moves), Bounds(), Level(self, [], [])
         while more := beyond(self.room(closed), 0.0, active):
@@ -121,12 +121,12 @@ class Constrained(LimitedJoints):
 
 
 class Level(LeastSquares):
-    """Targets whose residuals are to become small while others stay met and loops closed."""
+    """One level of priority: wanted residuals become small, fixed ones stay met, loops closed."""
 
     def __init__(
-        self, base: Constrained, kept: Sequence[Target], wanted: Sequence[Target]
+        self, base: Constrained, fixed: Sequence[Target], wanted: Sequence[Target]
     ) -> None:
-        self.base, self.kept, self.wanted = base, kept, wanted
+        self.base, self.fixed, self.wanted = base, fixed, wanted
         self.moves, self.tolerance = base.moves, base.tolerance
 
     def displaced(self, x: Array, step: Array) -> Array:
@@ -150,26 +150,26 @@ class Level(LeastSquares):
         return self.base.residual(x, self.wanted)[1]
 
     def constraints(self, x: Array) -> Array:
-        """See `LeastSquares`: none of idle rotations, which a target may ask for."""
-        rows = self.base.residual(x, self.kept)[1]
+        """See `LeastSquares`: without equations of idle rotations, which a target may need."""
+        rows = self.base.residual(x, self.fixed)[1]
         evaluation = self.base.evaluation
         closures = evaluation.jacobian[: evaluation.constraints.n_closure]
-        return np.concatenate([closures, rows]) if self.kept else closures
+        return np.concatenate([closures, rows]) if self.fixed else closures
 
     def pulled(self, x: Array, multipliers: Array, forces: Array) -> Array:
         """See `LeastSquares`."""
         base = self.base
-        base.stand(x)
+        base.update(x)
         n = base.evaluation.constraints.n_closure
-        found: Array = multipliers[:n] @ base.evaluation.jacobian[:n]
-        return found + base.pulled(self.wanted, forces) + base.pulled(self.kept, multipliers[n:])
+        loops: Array = multipliers[:n] @ base.evaluation.jacobian[:n]
+        return loops + base.pulled(self.wanted, forces) + base.pulled(self.fixed, multipliers[n:])
 
     def corrected(self, x: Array, free: NDArray[np.bool_], off: float) -> Array | None:
         """See `LeastSquares`."""
         base, last = self.base, np.inf
         q = base.closed(x, free)
         for _ in range(CORRECTIONS):
-            residual, _ = base.residual(q, self.kept)
+            residual, _ = base.residual(q, self.fixed)
             size = math.sqrt(residual.dot(residual))
             if size <= max(TOLERANCES.last_digit, off) or (
                     size <= self.tolerance and size > 0.5 * last):
@@ -185,24 +185,24 @@ class Level(LeastSquares):
 
 
 class ReachResult(NamedTuple):
-    """Where solving has led."""
+    """A solution of the targets."""
 
-    q: Array  # (nq,) configuration, its loops closed
-    exact: Array  # (k,) residuals of what was to be exact
-    active: Bounds  # joint limits that hold it back
-    missed: float = 0.0  # length of the weighted residuals of what has a weight
-    beyond: tuple[JointLimit, ...] = ()  # joint limits that it is beyond, since it started there
-    is_on_its_way: bool = False  # whether it went on by long steps until these ran out
+    q: Array  # (nq,) configuration with closed loops
+    exact: Array  # (k,) residuals of the exact targets
+    active: Bounds  # active joint limits
+    missed: float = 0.0  # norm of the weighted residuals
+    beyond: tuple[JointLimit, ...] = ()  # joint limits that it passes, since it started there
+    ran_out: bool = False  # whether the steps ran out while they were still long
 
     @property
     def distance(self) -> float:
-        """The length of `exact`."""
+        """The norm of `exact`."""
         return float(np.linalg.norm(self.exact))
 
     def is_nearer(self, other: ReachResult, tolerance: float) -> bool:
-        """Whether this is within limits where the other is not, or clearly nearer.
+        """Whether this is within limits and the other is not, or clearly nearer.
 
-        Where what is to be exact is met in both, it is nearer to what has a weight.
+        If both meet the exact targets, the weighted residuals decide.
         """
         if bool(self.beyond) != bool(other.beyond):
             return not self.beyond
@@ -212,30 +212,30 @@ class ReachResult(NamedTuple):
         return own < others * (1.0 - TOLERANCES.nothing)
 
     def is_met(self, tolerance: float) -> bool:
-        """Whether what is to be exact is met, within limits."""
+        """Whether the exact targets are met, within limits."""
         return not self.beyond and self.distance <= tolerance
 
     def is_best(self, tolerance: float) -> bool:
-        """Whether no configuration can be nearer: what has a weight is met too."""
+        """Whether all targets are met, weighted ones too."""
         return self.is_met(tolerance) and self.missed <= tolerance
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class AsNow(Target):
-    """Residuals of another target as they have become."""
+    """Residuals of another target, less constant values."""
 
     target: Target
     value: Array
 
     def residual(self, evaluation: LoopEquations) -> Residual:
         """See `Target`."""
-        found, slope = self.target.residual(evaluation)
-        return found - self.value, slope
+        residual, slope = self.target.residual(evaluation)
+        return residual - self.value, slope
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Unmoved(Target):
-    """All joints where they were at the start (nq,)."""
+    """All joints at their start values (nq,)."""
 
     start: Array
 
@@ -248,10 +248,11 @@ class Unmoved(Target):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Stationary(Target):
-    """The sum's derivative is zero along directions (k, nv) in which its curvature is `sizes`.
+    """A zero gradient of the cost along directions (k, nv) with curvatures `sizes`.
 
-    Residuals that cannot be met may change without their sum: an axis that is normal to a direction
-    stays normal to it however it turns, and the angle between them, as a vector, turns with it.
+    Residuals that cannot be met may change at constant cost: an axis normal to a direction stays
+    normal to it under any turn, and the angle between them, as a vector, turns with it. So the
+    gradient is fixed, not the residuals.
     """
 
     sum: Lagrangian
@@ -259,19 +260,18 @@ class Stationary(Target):
     ways: Array
 
     def residual(self, evaluation: LoopEquations) -> Residual:
-        """See `Target`: how far it is from the least sum along each direction.
+        """See `Target`: the Newton step to the minimum along each direction.
 
-        The derivative is that along the motions that there are: other targets and the loops see to
-        the rest.
+        The derivative is that along possible motions: other targets and the loops fix the rest.
         """
         half, ways = self._along(evaluation, self.ways / self.sizes[:, None])
         return ways @ half.slope, self._changes(evaluation, half, ways)
 
     def pulled(self, evaluation: LoopEquations, forces: Array) -> tuple[Array, Array]:
-        """See `Target`: one way is enough, as second derivatives do not depend on the order."""
+        """See `Target`: one direction is enough, as second derivatives are symmetric."""
         n = len(self.sizes)
-        half, way = self._along(evaluation, (forces[None, :n] / self.sizes) @ self.ways)
-        return self._changes(evaluation, half, way)[0], forces[n:]
+        half, direction = self._along(evaluation, (forces[None, :n] / self.sizes) @ self.ways)
+        return self._changes(evaluation, half, direction)[0], forces[n:]
 
     def _along(self, evaluation: LoopEquations, ways: Array) -> tuple[Lagrangian, Array]:
         half = self.sum.at(evaluation.q)
@@ -280,17 +280,16 @@ class Stationary(Target):
     @staticmethod
     def _changes(evaluation: LoopEquations, half: Lagrangian, ways: Array) -> Array:
         q = evaluation.q
-        found: Array = half.changes(ways) / evaluation.mechanism.velocity_scale
+        changes: Array = half.changes(ways) / evaluation.mechanism.velocity_scale
         evaluation.update(q)
-        return found
+        return changes
 
 
 class Solver(Constrained):
-    """Moves a mechanism to targets.
+    """Inverse kinematics of a mechanism.
 
     Attributes:
-        exact, weighted: targets to be reached, and those to be met as well as can be, their weights
-            relative to the largest.
+        exact, weighted: targets without and with a weight, weights relative to the largest.
     """
 
     def __init__(
@@ -305,43 +304,43 @@ class Solver(Constrained):
                          for k, weight in weights.items()]
 
     def solve(self, q: Array, start: Array) -> ReachResult:
-        """Return where the targets are met, from q (nq,) on, with least motion from `start`."""
-        (q, active), is_on_its_way = self.within(q), False
+        """Return the solution from q (nq,), with least displacement from `start`."""
+        (q, active), ran_out = self.within(q), False
         if self.exact:
-            at, active, _, is_on_its_way = minimised(Level(self, [], self.exact), q, active)
+            at, active, _, ran_out = minimised(Level(self, [], self.exact), q, active)
             q = at.x
         level = Level(self, self.exact, self.weighted)
         polished = level.corrected(q, level.free(active), 0.0)
         if polished is None:
-            return self.reached(q, active)._replace(is_on_its_way=is_on_its_way)
-        at, is_on_its_way = Iterate(level, polished), False
+            return self.reached(q, active)._replace(ran_out=ran_out)
+        at, ran_out = Iterate(level, polished), False
         if self.weighted:
-            at, active, _, is_on_its_way = minimised(level, polished, active)
-        q = at.x if is_on_its_way else self._least_motion(level, at, start, active)
-        return self.reached(q, active)._replace(is_on_its_way=is_on_its_way)
+            at, active, _, ran_out = minimised(level, polished, active)
+        q = at.x if ran_out else self._least_motion(level, at, start, active)
+        return self.reached(q, active)._replace(ran_out=ran_out)
 
-    def settled(self, found: ReachResult, start: Array) -> ReachResult:
-        """Return what is nearest to the start of all that is as near to the targets."""
-        if found.beyond or found.is_on_its_way or not self.is_closed(found.q):
-            return found
+    def settled(self, result: ReachResult, start: Array) -> ReachResult:
+        """Return the configuration with least displacement among those as near to the targets."""
+        if result.beyond or result.ran_out or not self.is_closed(result.q):
+            return result
         level = Level(self, [], self.exact)
-        q = self._least_motion(level, Iterate(level, found.q), start, found.active)
-        there = self.reached(q, found.active)
-        is_nearer = found.is_nearer(there, self.tolerance)
-        return found if is_nearer or not self.is_closed(q) else there
+        q = self._least_motion(level, Iterate(level, result.q), start, result.active)
+        there = self.reached(q, result.active)
+        is_nearer = result.is_nearer(there, self.tolerance)
+        return result if is_nearer or not self.is_closed(q) else there
 
     def slopes(self, q: Array) -> Array:
-        """Return how fast, along its principal directions, what is to be exact can change."""
+        """Return the singular values of the exact targets' derivatives along possible motions."""
         level = Level(self, [], self.exact)
         return decompose(level.jacobian(q) @ Iterate(level, q).tangents(self.moves).T).s
 
     def _least_motion(self, level: Level, at: Iterate, start: Array, active: Bounds) -> Array:
-        """Return the configuration nearest to the start, as good as where a level ended.
+        """Return the configuration nearest to the start, as good as the end of a level.
 
-        Where residuals cannot be met their sum of squares is kept, unless that leaves the same
-        motions as to keep the residuals themselves.
+        If residuals cannot be met, their sum of squares is fixed, unless that leaves the same
+        motions as fixed residuals.
         """
-        kept, wanted = level.kept, level.wanted
+        fixed, wanted = level.fixed, level.wanted
         if at.size > self.tolerance:
             if not active and at.lagrangian(self.moves).is_single():
                 return at.x
@@ -350,35 +349,35 @@ class Solver(Constrained):
             free = level.free(pushed)
             least = Lagrangian(at, free)
             sizes, ways = least.curved()
-            as_now = Level(self, [*kept, *self._as_now(at.x, wanted)], [])
+            as_now = Level(self, [*fixed, *self._as_now(at.x, wanted)], [])
             unchanged = Iterate(as_now, at.x).tangents(free)
             if len(unchanged) != len(least.tangents) - len(sizes) or not (
                     np.abs(ways @ unchanged.T).max(initial=0.0) < TOLERANCES.half_precision):
                 stops = [CoordinateValue(name=limit.name, value=limit.value)
                          for limit in self.limits_of(pushed)]
                 curved = [Stationary(name="", sum=least, sizes=sizes, ways=ways)]
-                found = self._nearest(at.x, start, active,
-                                      [*kept, *stops, *(curved if len(sizes) else [])])
-                if Iterate(level, found).size <= at.size * (1.0 + TOLERANCES.nothing):
-                    return found  # else it is level to second order only
+                nearest = self._nearest(at.x, start, active,
+                                      [*fixed, *stops, *(curved if len(sizes) else [])])
+                if Iterate(level, nearest).size <= at.size * (1.0 + TOLERANCES.nothing):
+                    return nearest  # else it is level to second order only
         as_it_is = self._as_now(at.x, wanted)
-        return self._nearest(at.x, start, active, [*kept, *as_it_is] if wanted else kept)
+        return self._nearest(at.x, start, active, [*fixed, *as_it_is] if wanted else fixed)
 
-    def _nearest(self, q: Array, start: Array, active: Bounds, kept: Sequence[Target]) -> Array:
-        """Return the configuration nearest to the start, from q on, that keeps targets met."""
-        level = Level(self, kept, [Unmoved(start=start)])
+    def _nearest(self, q: Array, start: Array, active: Bounds, fixed: Sequence[Target]) -> Array:
+        """Return the configuration nearest to the start with fixed targets, from q."""
+        level = Level(self, fixed, [Unmoved(start=start)])
         if not active and not len(Iterate(level, q).tangents(self.moves)):
             return q
         return minimised(level, q, active).at.x
 
     def _as_now(self, q: Array, wanted: Sequence[Target]) -> list[Target]:
-        """Return targets that keep residuals as they are at q."""
-        self.stand(q)
+        """Return targets with the residuals at q as constants."""
+        self.update(q)
         return [AsNow(name=t.name, target=t, value=t.residual(self.evaluation)[0])
                 for t in wanted]
 
     def reached(self, q: Array, active: Bounds) -> ReachResult:
-        """Return how far targets are met at a configuration, with what holds it there."""
+        """Return the residuals at a configuration, with its active limits."""
         missed = Iterate(Level(self, [], self.weighted), q).size
         return ReachResult(q, self.residual(q, self.exact)[0], active, missed,
                            self.limits_of(beyond(self.room(q), 0.0, {})))

@@ -1,10 +1,10 @@
-"""Targets as coordinates: a copy of a mechanism whose frames hang on chains of driven joints.
+"""Targets as coordinates: a copy of a mechanism with chains of driven joints to its frames.
 
-A target in space becomes coordinates by a chain without mass from the ground to the frame: slides
-along the directions that the frame can move in, and behind them, where an orientation is asked for,
-hinges; a closure joins its end to the frame. The slides and hinges have the values of the target.
-A component of a position is one slide with a plane that the point stays in, the angle of a link one
-hinge with an axis that the link's stays perpendicular to.
+A massless chain from the ground to the frame turns a target in space into coordinates. It has
+slides along the directions of the frame's motion and, for an orientation, hinges behind them. A
+closure joins its end to the frame. Slides and hinges have the values of the target. A component of
+a position is one slide with a plane on the point; the angle of a link is one hinge with an axis
+perpendicular to the link's.
 """
 
 from __future__ import annotations
@@ -33,54 +33,56 @@ from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-LEANING = 1.2  # rad of the middle hinge at which a chain is begun anew: at pi/2 it is singular,
+# angle of the middle hinge at which a new chain begins [rad]: at pi/2 it is singular, and here the
+# outer hinges turn three times as fast as the frame
+LEANING = 1.2
 # here rates of the outer hinges are three times those of what turns
 ALL = np.eye(3)
 
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """The joints that stand for one target."""
+    """The joints of one target."""
 
-    table: TargetTable  # where it should be
-    directions: Array  # (3, k) unit vectors of the world that the slides go along, in columns
-    slides: TargetCourse  # their course
+    table: TargetTable
+    directions: Array  # (3, k) unit vectors of the slides in the world, in columns
+    slides: TargetCourse
     hinges: int = 0  # 3 hinges, 1 or none
     axis: Array | None = None  # (3,) of a single hinge, in the axes of the first orientation
-    # (N, 3) rotation vectors from the first orientation, and rates in body axes; None where no
-    # orientation is asked for
+    # (N, 3) rotation vectors from the first orientation, and rates in body axes; None without an
+    # orientation
     phi: Array | None = None
     omega: Array | None = None
     alpha: Array | None = None
 
     @property
     def n(self) -> int:
-        """How many coordinates it has."""
+        """The number of its coordinates."""
         return self.directions.shape[1] + self.hinges
 
     @property
     def has_closure(self) -> bool:
-        """Whether the target can be made a coordinate: that of a centre of mass cannot."""
+        """Whether the target can be a coordinate: that of a centre of mass cannot."""
         first = self.table.first
         return first is None or (self.n == 1 and isinstance(first, PointPart | AngleValue))
 
 
 class ChainSegment(NamedTuple):
-    """Some samples in a row that one copy of the mechanism is followed along."""
+    """Consecutive samples on one copy of the mechanism."""
 
     first: int  # samples, both inclusive
     last: int
-    course: TargetCourse  # of all target coordinates, over these
+    course: TargetCourse  # of all target coordinates, over these samples
 
 
 def chain_of(table: TargetTable, s: Array, rows: Array, mechanism: Mechanism) -> Chain:
     """Return the chain of a target.
 
     Args:
-        table: where it should be.
+        table: the target.
         s: (N,) parameter.
-        rows: (r, k) velocities of the target, in world axes, by the motions there are at the start.
-        mechanism: whose frame it is of.
+        rows: (r, k) velocities of the target, in world axes, for the motions at the start.
+        mechanism: the mechanism of the frame.
     """
     length, known = mechanism.characteristic_length, 2.0 * mechanism.extent.resolution
     if table.points is None:
@@ -106,7 +108,7 @@ def chain_of(table: TargetTable, s: Array, rows: Array, mechanism: Mechanism) ->
 
 
 def _directions(rows: Array, away: Array, known: float) -> Array:
-    """Return unit vectors (3, k) that velocities span; all three if that leaves out of `away`."""
+    """Return unit vectors (3, k) that velocities span; all three if these do not contain `away`."""
     turned = decompose(rows.T, TOLERANCES.half_precision)
     if turned.rank == 3:
         return ALL
@@ -117,10 +119,10 @@ def _directions(rows: Array, away: Array, known: float) -> Array:
 
 
 def stretches_of(chains: list[Chain], n: int) -> list[ChainSegment]:
-    """Return the stretches of n samples."""
-    found: list[ChainSegment] = []
+    """Return the segments of n samples."""
+    segments: list[ChainSegment] = []
     first = 0
-    while not found or first < n - 1:
+    while not segments or first < n - 1:
         courses = [_course(chain, first) for chain in chains]
         last = n - 1
         for chain, course in zip(chains, courses, strict=True):
@@ -139,16 +141,16 @@ def stretches_of(chains: list[Chain], n: int) -> list[ChainSegment]:
                     f"target {chain.table.name!r} turns by {steps[0]:.3g} rad from sample {first} "
                     f"to {first + 1}: give placements nearer to each other")
             last = min(last, first + (int(beyond.argmax()) if beyond.any() else len(steps)))
-        kept = slice(0, last - first + 1)
-        found.append(ChainSegment(first, last, TargetCourse(*(
-            np.hstack([getattr(c, part)[kept] for c in courses])
+        own = slice(0, last - first + 1)
+        segments.append(ChainSegment(first, last, TargetCourse(*(
+            np.hstack([getattr(c, part)[own] for c in courses])
             for part in ("value", "rate", "bend")))))
         first = last
-    return found
+    return segments
 
 
 def _course(chain: Chain, first: int) -> TargetCourse:
-    """Return the course of all coordinates of a chain that is upright at a sample, from there."""
+    """Return the course of all coordinates of a chain with zero hinges at a sample, from there."""
     slides = TargetCourse(chain.slides.value[first:], chain.slides.rate[first:],
                     chain.slides.bend[first:])
     if not chain.hinges:
@@ -170,12 +172,12 @@ def _course(chain: Chain, first: int) -> TargetCourse:
 def copy_at(
     state: State, chains: list[Chain], stretch: ChainSegment
 ) -> tuple[State, list[str]]:
-    """Return the closed state of a copy in which targets are coordinates, and these by name.
+    """Return the closed state of a copy with targets as coordinates, and their names.
 
     Args:
-        state: at the first sample of the stretch.
+        state: at the first sample of the segment.
         chains: the targets.
-        stretch: where they begin.
+        stretch: the segment.
     """
     mechanism = state.mechanism
     model, names, pairs, closures = mechanism.model.copy(), list[str](), list[str](), []
@@ -206,7 +208,7 @@ def copy_at(
 def _output_closure(
     mechanism: Mechanism, model: pin.Model, target: Target, name: str
 ) -> Closure:
-    """Add the joint that has the value of a target of one number; return what ties it."""
+    """Add the joint of a target of one number; return its closure."""
     at = pin.SE3.Identity()
     end, frame = (_free_name(mechanism, model, f"{x} of {name}") for x in ("target", "point"))
     if isinstance(target, AngleValue):
@@ -261,7 +263,7 @@ def _free_name(mechanism: Mechanism, model: pin.Model, name: str) -> str:
 
 
 def _closed(copy: Mechanism, state: State, names: list[str], values: Array) -> State:
-    """Return the state of a copy, its loops closed to round-off with the targets where they are."""
+    """Return the state of a copy, closed to round-off at the values of the targets."""
     q = np.append(state.q, np.zeros(copy.model.nq - len(state.q)))
     free = np.ones(copy.model.nv, dtype=bool)
     for name, value in zip(names, values, strict=True):

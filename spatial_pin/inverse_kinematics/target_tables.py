@@ -1,9 +1,9 @@
-"""Tables of targets: where frames and coordinates should be, sample by sample, and how they go on.
+"""Tables of targets: values of frames and coordinates at the samples, and between them.
 
-Positions and coordinates go along cubic splines, orientations along the cubic spline of their
-rotation vectors from the first one. A helper coordinate has at every sample the value, the rate and
-the second derivative that follow from these; between samples it goes by the polynomial of fifth
-degree that they determine, which is the cubic itself where it is a coordinate of the target.
+Positions and coordinates follow cubic splines, orientations the cubic spline of their rotation
+vectors from the first one. Every target coordinate has at the samples its value, rate and second
+derivative from these. Between samples it follows the polynomial of fifth degree through them, which
+is the cubic itself for a position or coordinate.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.outputs import component
 from spatial_pin.numerics.linalg import Array
 
-STEEP = 10.0  # rotation vectors run so much faster than what turns only beside a whole turn
+STEEP = 10.0  # ratio of a rotation vector's change to the turn: larger only near a whole turn
 
 
 @dataclass(frozen=True, eq=False)
 class TargetCourse:
-    """Numbers over the samples and their derivatives."""
+    """Values at the samples and their derivatives."""
 
     value: Array  # (N, k), by the parameter
     rate: Array
@@ -37,7 +37,7 @@ class TargetCourse:
 
     @classmethod
     def along(cls, s: Array, value: Array) -> TargetCourse:
-        """Return those of the cubic spline through values (N, k); one sample stands still."""
+        """Return the cubic spline through values (N, k); one sample is constant."""
         from scipy.interpolate import CubicSpline  # imported on use: it takes a tenth of a second
 
         if len(s) == 1:
@@ -46,18 +46,17 @@ class TargetCourse:
         return cls(value, spline(s, 1), spline(s, 2))
 
     def turned(self, matrix: Array) -> TargetCourse:
-        """Return the course of linear combinations, the columns of a matrix (k, m)."""
+        """Return linear combinations of the values, by the columns of a matrix (k, m)."""
         return TargetCourse(self.value @ matrix, self.rate @ matrix, self.bend @ matrix)
 
 
 @dataclass(frozen=True, eq=False)
 class TargetTable:
-    """Where a frame, or a coordinate, should be."""
+    """The targets of a frame or coordinate at all samples."""
 
     name: str  # of the frame, coordinate or output
-    # (N, 3) where its origin should be [m]; None of a coordinate or output
-    points: Array | None = None
-    rotations: Array | None = None  # (N, 3, 3) how it should stand; None where nobody asks
+    points: Array | None = None  # (N, 3) origins of the frame [m]; None for a coordinate or output
+    rotations: Array | None = None  # (N, 3, 3) of the frame; None without an orientation
     # (N,) of a coordinate or output [rad or m], (N, 3) of a centre of mass
     values: Array | None = None
     first: Target | None = None  # of an output, its target at the first sample
@@ -66,7 +65,7 @@ class TargetTable:
     def of_output(
         cls, mechanism: Mechanism, name: str, given: Any, shape: tuple[int, ...]
     ) -> TargetTable | None:
-        """Return the table of an output; None if the name is that of something else."""
+        """Return the table of an output; None if the name is not an output."""
         is_vector = shape == (3,) and component(name)[1] is None and name.endswith(".position")
         full = np.asarray(given, dtype=float)
         full = full[None] if is_vector or not shape else full
@@ -80,14 +79,14 @@ class TargetTable:
 
     @property
     def is_coordinate(self) -> bool:
-        """Whether it is of a coordinate."""
+        """Whether it belongs to a coordinate."""
         return self.points is None and self.first is None
 
     def __len__(self) -> int:
         return len(self.points if self.points is not None else self.values)  # type: ignore[arg-type]
 
     def target(self, k: int) -> Any:
-        """Return the target of a sample, as `reach` takes it."""
+        """Return the target of a sample, for `reach`."""
         if self.points is None:
             assert self.values is not None
             return self.values[k] if self.values.ndim > 1 else float(self.values[k])
@@ -96,13 +95,13 @@ class TargetTable:
         return pin.SE3(self.rotations[k], self.points[k])
 
     def repeated(self, n: int) -> TargetTable:
-        """Return it at as many samples."""
+        """Return it repeated over n samples."""
         points, rotations, values = (None if x is None else np.repeat(x, n, axis=0)
                                      for x in (self.points, self.rotations, self.values))
         return replace(self, points=points, rotations=rotations, values=values)
 
     def turns(self) -> Array:
-        """Return rotation vectors (N, 3) from the first orientation to each, without jumps."""
+        """Return continuous rotation vectors (N, 3) from the first orientation to each."""
         from scipy.spatial.transform import Rotation
 
         assert self.rotations is not None
@@ -122,30 +121,30 @@ class TargetTable:
 
 
 def targets_at(tables: Iterable[TargetTable], k: int) -> dict[str, Any]:
-    """Return the targets of a sample by name, as `reach` takes them."""
+    """Return the targets of a sample by name, for `reach`."""
     return {table.name: table.target(k) for table in tables}
 
 
 def tables_of(mechanism: Mechanism, targets: Mapping[str, Any], n_times: int) -> list[TargetTable]:
-    """Return tables given by name, of equal lengths; single placements and numbers stand still."""
+    """Return tables by name, of equal lengths; single placements and numbers are constant."""
     given = mapping(targets, "targets")
-    found = [_table(mechanism, name, x) for name, x in given.items()]
-    if not found:
+    tables = [_table(mechanism, name, x) for name, x in given.items()]
+    if not tables:
         raise ValueError("targets is empty: say where something should be, as {'tip': points}, "
                          "points (N, 3)")
     lengths = {}
-    for t, x in zip(found, given.values(), strict=True):
+    for t, x in zip(tables, given.values(), strict=True):
         is_one = isinstance(x, pin.SE3) if t.rotations is not None else (
             np.ndim(x) == np.ndim(t.target(0)))
         if len(t) > 1 or not is_one:  # else it was given as one placement, point or number
             lengths[t.name] = len(t)
     if len(set(lengths.values())) > 1:
-        said = ", ".join(f"{name!r} {n}" for name, n in lengths.items())
-        raise ValueError(f"tables of targets differ in length: {said}")
+        words = ", ".join(f"{name!r} {n}" for name, n in lengths.items())
+        raise ValueError(f"tables of targets differ in length: {words}")
     n = next(iter(lengths.values()), n_times)
     if n == 0:
         raise ValueError("tables of targets have no sample")
-    return [t if len(t) == n else t.repeated(n) for t in found]
+    return [t if len(t) == n else t.repeated(n) for t in tables]
 
 
 def _table(mechanism: Mechanism, name: str, given: Any) -> TargetTable:
@@ -183,7 +182,7 @@ def _is_point(mechanism: Mechanism, name: str) -> bool:
 
 
 def _shape(given: Any) -> tuple[int, ...] | None:
-    """Return the shape of a number, numbers (N,) or points (N, 3); None of anything else."""
+    """Return the shape of a number, numbers (N,) or points (N, 3); None for other input."""
     try:
         numbers = np.asarray(given)
     except ValueError:
@@ -198,9 +197,9 @@ def cardan_course(rotations: Array, omega: Array, alpha: Array) -> TargetCourse:
     """Return angles a, b, c (N, 3) of rotations Rx(a) Ry(b) Rz(c) (N, 3, 3), and derivatives.
 
     Args:
-        rotations: from where the angles are zero.
+        rotations: from the zero position of the angles.
         omega: (N, 3) angular velocity in body axes.
-        alpha: (N, 3) angular acceleration, likewise.
+        alpha: (N, 3) angular acceleration in body axes.
     """
     r = rotations
     a = np.unwrap(np.arctan2(-r[:, 1, 2], r[:, 2, 2]))
@@ -214,8 +213,8 @@ def cardan_course(rotations: Array, omega: Array, alpha: Array) -> TargetCourse:
     _, db, dc = rate.T
     moved = np.array([[-sc * cb * dc - cc * sb * db, cc * dc, zero],
                       [-cc * cb * dc + sc * sb * db, -sc * dc, zero], [cb * db, zero, zero]])
-    left = alpha - (moved.transpose(2, 0, 1) @ rate[..., None])[..., 0]
-    bend = np.linalg.solve(axes, left[..., None])[..., 0]
+    rest = alpha - (moved.transpose(2, 0, 1) @ rate[..., None])[..., 0]
+    bend = np.linalg.solve(axes, rest[..., None])[..., 0]
     return TargetCourse(np.column_stack([a, b, c]), rate, bend)
 
 

@@ -1,11 +1,11 @@
-"""Targets in space: where frames, directions, distances, coordinates, the centre of mass should be.
+"""Targets in space: positions, orientations, directions, distances, coordinates, centre of mass.
 
 Residuals of targets have no unit: lengths are divided by the characteristic length, angles are in
 radians. To add a kind of target: a class with `residual`, and its line in the constructors below.
 
 Example:
     >>> mech = sp.load("delta")
-    >>> wish = sp.targets.position([0.1, 0.0, -0.9], weight=2.0)  # as near as can be [m]
+    >>> wish = sp.targets.position([0.1, 0.0, -0.9], weight=2.0)  # as near as possible [m]
     >>> state = sp.reach(mech, {"platform": wish, "arm_1": -0.3})  # exactly [rad]
     >>> print(f"{state.coordinate('arm_1').value:.3f} rad")
     -0.300 rad
@@ -54,10 +54,9 @@ class Target(ABC):
     """A target of `reach` or a measured quantity: a frame, distance or coordinate, and its value.
 
     Attributes:
-        name: frame or coordinate; filled in from the key that the target stands under.
-        weight: None: it is to be reached exactly; else how much it counts [-]: it is met as well as
-            those that are to be reached leave freedom for, with the least sum of weight² residual²
-            of all.
+        name: frame or coordinate; set from the key of the target.
+        weight: None: exact; else its weight [-]: the sum of weight² residual² of all weighted
+            targets is least, as far as the exact ones allow.
 
     Example:
         >>> mech = sp.load("delta")
@@ -72,10 +71,10 @@ class Target(ABC):
 
     @abstractmethod
     def residual(self, evaluation: LoopEquations) -> Residual:
-        """Return how far it is from its value, and the derivative, at the last `update`."""
+        """Return the error of its value, and the derivative, at the last `update`."""
 
     def pulled(self, evaluation: LoopEquations, forces: Array) -> tuple[Array, Array]:
-        """Return the sum (nv,) of forces times the derivatives, and forces of other residuals.
+        """Return the sum (nv,) of forces times derivatives, and forces of other residuals.
 
         Args:
             evaluation: the equations, at the last `update`.
@@ -93,11 +92,11 @@ class Target(ABC):
         mechanism.frame_id(self.name)
 
     def wishes(self, mechanism: Mechanism) -> Iterable[tuple[str, Any]]:
-        """Yield what it wants in words, with the value: two of the same words are to agree."""
+        """Yield its quantities in words, with their values, to find contradictions."""
         return ()
 
     def lengths(self, mechanism: Mechanism) -> int | None:
-        """Return how many of the residuals, the first ones, are lengths; None where all are.
+        """Return how many residuals, the first ones, are lengths; None if all are.
 
         They are relative to the characteristic length; the others are in rad.
         """
@@ -105,14 +104,14 @@ class Target(ABC):
 
 
 def _components(what: str, point: Iterable[float | None]) -> Iterable[tuple[str, float]]:
-    """Yield what is wanted of a point in words, and each value that there is."""
+    """Yield the components of a point in words, with their values."""
     for axis, value in zip(XYZ, point, strict=True):
         if value is not None:
             yield f"{axis} of {what}", float(value)
 
 
 def _frame(evaluation: LoopEquations, name: str) -> tuple[pin.SE3, Array]:
-    """Return where a frame is, and its Jacobian (6, nv) at its origin in world axes."""
+    """Return a frame's placement, and its Jacobian (6, nv) at its origin in world axes."""
     frame = evaluation.mechanism.frame_id(name)
     return evaluation.frame(frame), evaluation.frame_jacobian(frame)
 
@@ -150,7 +149,7 @@ class Orientation(Target):
     rotation: Array
 
     def residual(self, evaluation: LoopEquations) -> Residual:
-        """See `Target`: the logarithm of the rotation from where it should be to where it is."""
+        """See `Target`: the logarithm of the rotation from the target to the frame."""
         return _turn(*_frame(evaluation, self.name), self.rotation)
 
     def wishes(self, mechanism: Mechanism) -> Iterable[tuple[str, Any]]:
@@ -187,7 +186,7 @@ class Pose(Target):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Direction(Target):
-    """An axis of a frame along a direction of the world; it may turn about it."""
+    """An axis of a frame along a direction of the world; the frame may turn about it."""
 
     axis: Array
     along: Array
@@ -212,7 +211,7 @@ class Direction(Target):
 
     @cached_property
     def _across(self) -> Array:
-        """Two directions (2, 3) normal to the one that is wanted."""
+        """Two directions (2, 3) normal to the target's."""
         return axes_from_z(self.along)[:, :2].T
 
 
@@ -223,7 +222,7 @@ class CoordinateValue(Target):
     value: float
 
     def residual(self, evaluation: LoopEquations) -> Residual:
-        """See `Target`: by the coordinate's own size."""
+        """See `Target`: relative to the coordinate's size."""
         mechanism = evaluation.mechanism
         coordinate = mechanism.prescribed_coordinate(self.name)
         size = mechanism.velocity_scale[coordinate.v]
@@ -288,9 +287,9 @@ class CentreOfMass(Target):
             moved = evaluation.body_jacobian(joint)
             centre += share * at
             slope += share * (moved[:3] - pin.skew(at) @ moved[3:])
-        asked = [k for k, x in enumerate(self.point) if x is not None]
-        wanted = np.array([self.point[k] for k in asked], dtype=float) - mechanism.centre[asked]
-        return (centre[asked] - wanted) / size, slope[asked] / size
+        axes = [k for k, x in enumerate(self.point) if x is not None]
+        wanted = np.array([self.point[k] for k in axes], dtype=float) - mechanism.centre[axes]
+        return (centre[axes] - wanted) / size, slope[axes] / size
 
     def check(self, mechanism: Mechanism) -> None:
         """See `Target`."""
@@ -346,16 +345,16 @@ def orientation(rotation: Array, weight: float | None = None) -> Target:
         >>> pin.rpy.matrixToRpy(state.placement("platform").rotation).round(4)  # [rad]
         array([0.1, 0. , 0. ])
     """
-    found = finite_array(rotation, (3, 3), "rotation")
-    check_rotations(found, "rotation")
-    return Orientation(weight=_weight(weight), rotation=found)
+    matrix = finite_array(rotation, (3, 3), "rotation")
+    check_rotations(matrix, "rotation")
+    return Orientation(weight=_weight(weight), rotation=matrix)
 
 
 def check_rotations(matrices: Array, what: str) -> None:
-    """Refuse matrices (3, 3) or (N, 3, 3) that turn nothing.
+    """Refuse matrices (3, 3) or (N, 3, 3) that are not rotations.
 
     Raises:
-        ValueError: one is no rotation.
+        ValueError: one is not a rotation.
     """
     off = np.abs(matrices @ np.swapaxes(matrices, -1, -2) - np.eye(3))
     if off.max() > TOLERANCES.nothing or np.any(np.linalg.det(matrices) < 0.0):
@@ -364,14 +363,14 @@ def check_rotations(matrices: Array, what: str) -> None:
 
 
 def pose(placement: pin.SE3, weight: float | None = None) -> Target:
-    """Return the target that a frame is at a placement in the world.
+    """Return the target of a frame at a placement in the world.
 
     Args:
         placement: `pinocchio.SE3` of the frame in the world [m].
-        weight: None: exactly; else how much it counts, see `reach`.
+        weight: None: exact; else its weight, see `reach`.
 
     Raises:
-        TypeError: it is no placement.
+        TypeError: it is not a placement.
         ValueError: a number is not finite, or the weight not positive.
 
     Example:

@@ -98,7 +98,7 @@ class NamedCoordinates(NamedTuple):
 
 
 class NamedStruct(ctypes.Structure):
-    """Named in unwrapping.h: the arrays of `NamedCoordinates`."""
+    """Named in closing_parts.h: the arrays of `NamedCoordinates`."""
 
     _fields_ = [(name, POINTER) for name in NamedCoordinates._fields]
 

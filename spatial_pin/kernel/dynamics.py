@@ -112,7 +112,8 @@ class KernelDynamics:
         self.nq, self.nv, self.n_angles = kernel.nq, kernel.nv, kernel.n_angles
         self.n_free, self.n_drives, n_spins, _, _, works, projects = ints[:7].tolist()
         self.n = (2 * self.nv if projects else 2 * self.n_free + 4 * n_spins) + works
-        self._callbacks = self._functions(callbacks)
+        self._callbacks = _struct_of(
+            callbacks, self.errors, self.nq, self.nv, self.n_angles, self.n_drives, self.n_free)
         given = [np.array(x, float) for x in start[:3]] + [np.array(x, np.int64) for x in start[3:]]
         handle = ctypes.c_void_p()
         code = self._library.dynamics_create(
@@ -124,38 +125,6 @@ class KernelDynamics:
             raise SingularError(f"mechanism {mechanism.name!r}: singular configuration")
         check(code)
         self.handle, self._head = handle, _DynamicsHead.from_address(handle.value or 0)
-
-    def _functions(self, given: Callbacks) -> _CallbackStruct:
-        nq, nv, na, safely = self.nq, self.nv, self.n_angles, self.errors.caught
-
-        def efforts(t: float, q: int, v: int, angles: int, out: int) -> int:
-            assert given.efforts is not None
-            view(out, nv)[:] = given.efforts(
-                t, view(q, nq).copy(), view(v, nv).copy(), view(angles, na).copy())
-            return 0
-
-        def spring(which: int, length: float, rate: float, out: int) -> int:
-            assert given.spring is not None
-            view(out, 1)[0] = given.spring(which, length, rate)
-            return 0
-
-        def drives(t: float, out: int) -> int:
-            assert given.drives is not None
-            view(out, 3 * self.n_drives)[:] = given.drives(t).ravel()
-            return 0
-
-        def least(t: float, q: int, v: int, a: int, angles: int, out: int) -> int:
-            accelerations = given.least(t, view(q, nq).copy(), view(v, nv).copy(),
-                                        view(a, nv).copy(), view(angles, na).copy())
-            if accelerations is None:
-                return LOST
-            view(out, self.n_free)[:] = accelerations
-            return 0
-
-        return _CallbackStruct(
-            _EFFORTS(safely(efforts)) if given.efforts else _EFFORTS(),
-            _SPRING(safely(spring)) if given.spring else _SPRING(),
-            _DRIVES(safely(drives)) if given.drives else _DRIVES(), _LEAST(safely(least)))
 
     def renew(self, t: float, y: Array) -> tuple[list[int], Array, bool] | None:
         """Choose the best independent coordinates at y, and let them count from there.
@@ -260,3 +229,38 @@ class KernelDynamics:
     def pivot(self) -> float:
         """Smallest over largest pivot at the last evaluation; 1 where branch points are crossed."""
         return 1.0 if self._head.crosses else float(self._head.pivot)
+
+
+def _struct_of(
+    given: Callbacks, errors: CallbackErrors, nq: int, nv: int, na: int, n_drives: int, n_free: int
+) -> _CallbackStruct:
+    """Return functions as C calls them; what they raise goes to `errors`."""
+
+    def efforts(t: float, q: int, v: int, angles: int, out: int) -> int:
+        assert given.efforts is not None
+        view(out, nv)[:] = given.efforts(
+            t, view(q, nq).copy(), view(v, nv).copy(), view(angles, na).copy())
+        return 0
+
+    def spring(which: int, length: float, rate: float, out: int) -> int:
+        assert given.spring is not None
+        view(out, 1)[0] = given.spring(which, length, rate)
+        return 0
+
+    def drives(t: float, out: int) -> int:
+        assert given.drives is not None
+        view(out, 3 * n_drives)[:] = given.drives(t).ravel()
+        return 0
+
+    def least(t: float, q: int, v: int, a: int, angles: int, out: int) -> int:
+        accelerations = given.least(t, view(q, nq).copy(), view(v, nv).copy(),
+                                    view(a, nv).copy(), view(angles, na).copy())
+        if accelerations is None:
+            return LOST
+        view(out, n_free)[:] = accelerations
+        return 0
+
+    return _CallbackStruct(
+        _EFFORTS(errors.caught(efforts)) if given.efforts else _EFFORTS(),
+        _SPRING(errors.caught(spring)) if given.spring else _SPRING(),
+        _DRIVES(errors.caught(drives)) if given.drives else _DRIVES(), _LEAST(errors.caught(least)))

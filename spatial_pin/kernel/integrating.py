@@ -138,7 +138,7 @@ class RungeKutta:
             rates = RATES(self._errors.caught(evaluate))
         else:
             self._errors = fun.errors
-        self.n, self.method = n, method
+        self.n, self.method, self._rates = n, method, rates  # C calls the rates
         self._room, y0, atol = np.zeros(ROOM * n), np.array(y0, float), np.array(atol, float)
         self._c = c = _IntegratorStruct(
             n, METHODS.index(method), t=t0, t_end=t_end, next=step, longest=longest, rtol=rtol,

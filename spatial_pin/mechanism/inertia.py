@@ -101,6 +101,12 @@ def inertia_as_given(mass: float, lever: Array, matrix: Array) -> pin.Inertia:
     return made
 
 
+def fall_energy(model: pin.Model, height: float) -> float:
+    """Return what the weights of all bodies of a tree release in a fall [J] over a height [m]."""
+    return float(np.linalg.norm(model.gravity.linear)) * height * sum(
+        body.mass for body in model.inertias)
+
+
 def depth_first(model: pin.Model) -> list[int]:
     """Return the joints of a tree, each followed by its descendants."""
     order, stack = [], [int(i) for i in reversed(model.children[0])]

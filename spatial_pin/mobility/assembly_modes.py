@@ -12,7 +12,7 @@ from spatial_pin._support.checks import checked, generator, mapping, positive_nu
 from spatial_pin._support.progress import progress_bar
 from spatial_pin.assembly.assemble import assembled, standing_drivers, tell
 from spatial_pin.assembly.holding import free_bases
-from spatial_pin.assembly.redundant_equations import as_meant
+from spatial_pin.assembly.redundant_equations import with_independent_equations
 from spatial_pin.assembly.search.guesses import read_guess
 from spatial_pin.assembly.search.loop_groups import LoopGroup, loop_groups, part_of, places_of
 from spatial_pin.assembly.search.release import violated_limit
@@ -20,36 +20,37 @@ from spatial_pin.errors import AssemblyError, ContinuumError, unless_cut
 from spatial_pin.mechanism.coordinates import coordinate_value, finite_number, needed, with_values
 from spatial_pin.mechanism.joint_limits import beyond_limits
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mobility.mode_check import SAME_MODE, BodyMark, ModeCheck, ModeKind
+from spatial_pin.mobility.mode_check import SAME_MODE, BodyMark, ModeCheck, ModeKind, signs_of
 from spatial_pin.mobility.mode_list import AssemblyModes, Continuum, labels, missing_by, order
 from spatial_pin.mobility.mode_search import MOST_MODES, Mode, ModeSearch, moving
 from spatial_pin.mobility.rods import core_of, rods_of
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import Accuracy, accuracy_of
 
-# Starts from which the readings of a rod are sought: there are two as a rule, and both are missed
-# by so many in one of a hundred cases.
+# Starts for the readings of a rod: there are usually two, and one is missed in one of a hundred
+# cases.
 READINGS = 8
 ENDLESS = 10**8  # starts: days, at a thousand a second
 
 
 def _as_states(check: ModeCheck, search: ModeSearch, copies: bool, limits: bool) -> AssemblyModes:
-    """Return the modes found as States, sorted; with `limits` those that keep the joint limits."""
+    """Return the modes as sorted States; with `limits` only those within joint limits."""
     marks, all_copies = search.recognition.marks, copies or limits
-    found = [(q, mode.kind, mode.count) for mode in search.modes
+    configurations = [(q, mode.kind, mode.count) for mode in search.modes
              for q in (_readings(check, marks, mode, copies, limits) if all_copies else [mode.q])]
     if limits:
-        found = [x for x in found if not violated_limit(check.mechanism, check.state(x[0]).q)]
+        configurations = [x for x in configurations
+                          if not violated_limit(check.mechanism, check.state(x[0]).q)]
     if all_copies and not copies:
-        found = _one_of_each(check, found)
-    loose = {joint for _, kind, _ in found for joint, _ in kind.idle}
-    found.sort(key=lambda x: order(check.state(x[0]), loose))
-    signs = check.signs([(q, kind) for q, kind, _ in found])
+        configurations = _one_of_each(check, configurations)
+    loose = {joint for _, kind, _ in configurations for joint, _ in kind.idle}
+    configurations.sort(key=lambda x: order(check.state(x[0]), loose))
+    signs = signs_of(check, [(q, kind) for q, kind, _ in configurations])
     states = [check.state(q, branch) for (q, _, _), branch in
-              zip(found, labels(signs), strict=True)]
+              zip(configurations, labels(signs), strict=True)]
     return AssemblyModes(
         states, held=check.held, starts=search.starts, closed=search.closed,
-        found=[count for _, _, count in found],
+        counts=[count for _, _, count in configurations],
         missing=missing_by([mode.count for mode in search.modes]) if search.is_free else 0.0,
         continua=() if search.continuum is None else (search.continuum,),
         is_whole=search.is_whole)
@@ -58,7 +59,7 @@ def _as_states(check: ModeCheck, search: ModeSearch, copies: bool, limits: bool)
 def _readings(
     check: ModeCheck, marks: Mapping[int, BodyMark], mode: Mode, copies: bool, limits: bool
 ) -> list[Array]:
-    """Return a mode with the core's rods in their readings: all, or those within limits."""
+    """Return a mode with all readings of the core's rods, or those within limits."""
     model, choices = check.mechanism.model, []
     for rod in mode.rods:  # the readings of its first joint
         i, own_marks = min(rod.lines), {k: marks[k] for k in rod.lines}
@@ -69,16 +70,16 @@ def _readings(
         signatures: list[Array] = []
         values: list[Array] = []
         for k in range(READINGS):
-            found = check.place_rods((rod,), mode.q if not k else check.shaken((rod,), mode.q, rng))
-            if found is None:
+            placed = check.with_rods((rod,), mode.q if not k else check.shaken((rod,), mode.q, rng))
+            if placed is None:
                 continue
-            signature = check.signature(own_marks, found)
+            signature = check.signature(own_marks, placed)
             if any(np.abs(signature - other).max() < SAME_MODE for other in signatures):
                 continue
             signatures.append(signature)
             if not limits or names.isdisjoint(
-                    beyond_limits(check.mechanism, check.state(found).q)):
-                values.append(found[at])
+                    beyond_limits(check.mechanism, check.state(placed).q)):
+                values.append(placed[at])
         choices.append([(at, x) for x in values[: None if copies else 1]])
     readings = []
     for choice in product(*choices):
@@ -90,22 +91,22 @@ def _readings(
 
 
 def _one_of_each(
-    check: ModeCheck, found: list[tuple[Array, ModeKind, int]]
+    check: ModeCheck, configurations: list[tuple[Array, ModeKind, int]]
 ) -> list[tuple[Array, ModeKind, int]]:
-    """Return one copy of each mode, the counts summed."""
-    kept: list[tuple[Array, ModeKind, int]] = []
+    """Return one copy of each mode, with the largest count."""
+    distinct: list[tuple[Array, ModeKind, int]] = []
     signatures: list[Array] = []
-    for q, kind, count in found:
+    for q, kind, count in configurations:
         marks = check.marks(q, kind.idle, all_copies=False)
         signature = check.signature(marks, q)
         for k, other in enumerate(signatures):
             if other.shape == signature.shape and np.abs(other - signature).max() < SAME_MODE:
-                kept[k] = kept[k][0], kept[k][1], max(kept[k][2], count)
+                distinct[k] = distinct[k][0], distinct[k][1], max(distinct[k][2], count)
                 break
         else:
             signatures.append(signature)
-            kept.append((q, kind, count))
-    return kept
+            distinct.append((q, kind, count))
+    return distinct
 
 
 # ---------------------------------------------------------------- groups of loops
@@ -114,7 +115,7 @@ Searched = Callable[[Mechanism, Mapping[str, float]], AssemblyModes]  # modes wi
 
 
 def groups_of(mechanism: Mechanism, held: Iterable[str]) -> tuple[LoopGroup, ...]:
-    """Return the groups of loops where coordinates are held; none where others move besides."""
+    """Return the groups of loops with fixed coordinates; () if other coordinates are free too."""
     fixed = {mechanism.coordinate_table[name].v for name in held}
     groups = loop_groups(mechanism, tuple(sorted(fixed)))
     tied = np.any([group.entries for group in groups], axis=0) if groups else np.zeros(0, bool)
@@ -124,14 +125,15 @@ def groups_of(mechanism: Mechanism, held: Iterable[str]) -> tuple[LoopGroup, ...
 def modes_of_groups(
     check: ModeCheck, groups: Sequence[LoopGroup], searched: Searched
 ) -> AssemblyModes:
-    """Return the modes of a mechanism from those of its groups of loops, from `groups_of`.
+    """Return the modes of a mechanism from those of its groups of loops.
 
-    Starts that close one of two groups in ten close both in a hundred, and close ten never.
+    If one start in ten closes a group, one in a hundred closes two, and practically none closes
+    ten.
 
     Raises:
         ContinuumError: a group can move.
     """
-    mechanism, held, found = check.mechanism, check.held, list[AssemblyModes]()
+    mechanism, held, results = check.mechanism, check.held, list[AssemblyModes]()
     try:  # a closed configuration, that groups looked at by themselves stand in
         base = assembled(mechanism, held, free=[
             name for name in mechanism.drivers if mechanism.coordinate(name).name not in held]).q
@@ -141,14 +143,14 @@ def modes_of_groups(
         others = {name: coordinate_value(mechanism, c, base)  # all that is not of these loops
                   for name, c in mechanism.coordinate_table.items() if not group.entries[c.v]}
         try:
-            found.append(searched(part_of(mechanism, group.closures), others | held))
+            results.append(searched(part_of(mechanism, group.closures), others | held))
         except ContinuumError as error:
             assert error.state is not None
             continuum = Continuum(error.state, error.freedoms, error.coordinates, error.hold)
             raise moving(check, _of_whole(check, base, group, continuum)) from None
-        if not found[-1].is_whole and len(found) < len(groups):
+        if not results[-1].is_whole and len(results) < len(groups):
             raise KeyboardInterrupt
-    return _together(check, base, groups, found)
+    return _together(check, base, groups, results)
 
 
 def _of_whole(check: ModeCheck, base: Array, group: LoopGroup, continuum: Continuum) -> Continuum:
@@ -158,7 +160,7 @@ def _of_whole(check: ModeCheck, base: Array, group: LoopGroup, continuum: Contin
 def _put(
     check: ModeCheck, base: Array, groups: Sequence[LoopGroup], chosen: Iterable[Array]
 ) -> Array:
-    """Return a configuration (nq,) in which each group of loops stands as in one of its own."""
+    """Return a configuration (nq,) with each group of loops from one of its own."""
     q = base.copy()
     for group, own in zip(groups, chosen, strict=True):
         places = places_of(check.mechanism, group)
@@ -167,11 +169,11 @@ def _put(
 
 
 def _together(
-    check: ModeCheck, base: Array, groups: Sequence[LoopGroup], found: Sequence[AssemblyModes]
+    check: ModeCheck, base: Array, groups: Sequence[LoopGroup], results: Sequence[AssemblyModes]
 ) -> AssemblyModes:
-    """Return each mode of each group with each of the others', `MOST_MODES` of them at most."""
+    """Return all combinations of the groups' modes, `MOST_MODES` at most."""
     modes: list[tuple[Array, str, int]] = []
-    choices = (zip(own, own.found, strict=True) for own in found)
+    choices = (zip(own, own.counts, strict=True) for own in results)
     for choice in islice(product(*choices), MOST_MODES):
         states, counts = zip(*choice, strict=True)
         # the sign of a determinant from the labels of its blocks, in words
@@ -187,16 +189,16 @@ def _together(
     known = next((k for k, sign in enumerate(signs) if sign in ("+", "-")), None)
     if known is not None:
         q = modes[known][0]
-        if check.signs([(q, check.kind(q))]) != [signs[known]]:
+        if signs_of(check, [(q, check.kind(q))]) != [signs[known]]:
             signs = [{"+": "-", "-": "+"}.get(sign, sign) for sign in signs]
     continua = [_of_whole(check, base, group, x)
-                for group, own in zip(groups, found, strict=True) for x in own.continua]
+                for group, own in zip(groups, results, strict=True) for x in own.continua]
     return AssemblyModes(
         [check.state(q, branch) for (q, _, _), branch in zip(modes, labels(signs), strict=True)],
-        held=check.held, starts=sum(own.starts for own in found),
-        closed=sum(own.closed for own in found), found=[count for _, _, count in modes],
-        missing=math.prod(len(own) + own.missing for own in found) - len(modes),
-        continua=continua, is_whole=found[-1].is_whole)
+        held=check.held, starts=sum(own.starts for own in results),
+        closed=sum(own.closed for own in results), counts=[count for _, _, count in modes],
+        missing=math.prod(len(own) + own.missing for own in results) - len(modes),
+        continua=continua, is_whole=results[-1].is_whole)
 
 
 # ---------------------------------------------------------------- the verb
@@ -266,7 +268,7 @@ def assembly_modes(
         raise ValueError(f"patience is {patience:.3g} and most_starts is {most_starts:.3g}; one of "
                          f"them must be {ENDLESS:.0e} at most, or the search hardly ends")
     accuracy = accuracy_of(accuracy)
-    mechanism = as_meant(mechanism, accuracy)
+    mechanism = with_independent_equations(mechanism, accuracy)
     held = _held(mechanism, mapping(drivers, "drivers"), free)
     rods = rods_of(mechanism)
 
@@ -283,17 +285,17 @@ def assembly_modes(
         return _as_states(check, search, copies, limits)
 
     groups = groups_of(mechanism, held)
-    found = searched(mechanism, held) if not groups else modes_of_groups(
+    modes = searched(mechanism, held) if not groups else modes_of_groups(
         ModeCheck(mechanism, held, rods, accuracy.tolerance, accuracy.gap), groups, searched)
-    if found and mechanism.whole is not None:
-        tell(found[0])
-    return unless_cut(found)
+    if modes and mechanism.whole is not None:
+        tell(modes[0])
+    return unless_cut(modes)
 
 
 def _held(
     mechanism: Mechanism, named: Mapping[str, float], free: Iterable[str]
 ) -> dict[str, float]:
-    """Return the coordinates held: those named, drivers that stand at the guess, a free base."""
+    """Return the fixed coordinates: named ones, drivers at the guess, a free base."""
     held = {mechanism.driven_coordinate(name).name: finite_number(value, f"driver {name!r}")
             for name, value in named.items()}
     standing = standing_drivers(mechanism, held, mechanism.start(held), free)

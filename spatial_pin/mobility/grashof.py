@@ -79,7 +79,7 @@ def grashof(mechanism: Mechanism, state: State | None = None) -> Grashof:
 
 
 def _four_bar(mechanism: Mechanism, state: State) -> tuple[list[str], Array]:
-    """Return the link after each of the four pins round the loop, and the pins' places."""
+    """Return the links after each of the four pins round the loop, and the pins' centres."""
     model = mechanism.model
     wrong = SpatialPinError(
         f"mechanism {mechanism.name!r} is not one plane loop of four revolute pairs; "
@@ -103,7 +103,7 @@ def _four_bar(mechanism: Mechanism, state: State) -> tuple[list[str], Array]:
         places = [evaluation.data.oMi[i] for i in first]
         places += [evaluation.frame(mechanism.frame_id(frames[0]))]
         places += [evaluation.data.oMi[i] for i in reversed(second)]
-        centres = np.array([place.translation for place in places])
+        centres = np.array([at.translation for at in places])
         columns = joint_jacobian(evaluation.data, model.nv).copy()
         points = {c.name: evaluation.frame(mechanism.frame_id(c.frames[0])).translation
                   for c in mechanism.closures}

@@ -1,4 +1,4 @@
-"""Passive freedoms, as they are told: of which link, about which line, and what is idle of them."""
+"""Passive freedoms of links: the link, its axis, and idle rotations."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from spatial_pin.mobility.independent_loops import ALGEBRA_TOLERANCE
 from spatial_pin.numerics.linalg import Array, common_rows, decompose, null_space
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-# How far a body idles on without opening a loop [rad, characteristic lengths]: a freedom of first
-# order only opens one by the square, 0.1, which no tolerance overlooks.
-IDLE_WAY = 0.3
-# Random motions of a body that an idle one is sought from, and steps of each: of a body on two
-# rods, which turns about four lines only, one in two lead to one of them.
+# Motion of a body without an opened loop [rad, characteristic lengths]: a first-order freedom opens
+# it by the square, 0.1.
+IDLE_MOTION = 0.3
+# Random motions of a body, and steps from each, to find an idle one: for a body on two rods, with
+# four idle lines, one in two finds one.
 IDLE_STARTS, IDLE_STEPS = 24, 50
-# A speed, relative to the fastest, that is none: passive freedoms are known to a tenth of it, the
-# root of round-off.
+# relative speed of a body at rest: passive freedoms are known to a tenth of it, the root of round-
+# off
 IDLE = 1e-7
 
 
@@ -68,10 +68,9 @@ class PassiveFreedom(NamedTuple):
 def passive_freedoms_at(
     evaluation: LoopEquations, q: Array, held: Iterable[int] = ()
 ) -> list[tuple[str, Array]]:
-    """Return (joint name, (k, nv) velocities) of the links that are passive at a closed q.
+    """Return (joint name, (k, nv) velocities) of passive links at a closed q.
 
-    A link that hangs on one pair only is no part of a loop and not called passive. Velocity
-    entries that are `held` stand still.
+    A link on one pair only is not in a loop and not passive. Velocity entries in `held` are fixed.
     """
     mechanism = evaluation.mechanism
     scale, n = mechanism.velocity_scale, evaluation.constraints.n_closure
@@ -92,26 +91,26 @@ def passive_freedoms_at(
 def idle_freedoms(
     evaluation: LoopEquations, q: Array, held: Iterable[int] = ()
 ) -> list[tuple[str, Array]]:
-    """Return (joint name, (k, nv) velocities) of the links that idle about or along own axes at q.
+    """Return (joint name, (k, nv) velocities) of links that move idly about or along own axes.
 
     Args:
         evaluation: the closure equations; left at q.
         q: (nq,) closed configuration.
-        held: places in the velocity vector of coordinates that stand still, besides the drivers.
+        held: indices in the velocity vector of other fixed coordinates.
     """
-    found = []
+    freedoms = []
     for joint, velocities in passive_freedoms_at(evaluation, q, held):
         motions = _spins_and_slides(evaluation, joint, velocities)
         if _idles(evaluation, q, joint, motions):
-            found.append((joint, motions))
+            freedoms.append((joint, motions))
         evaluation.update(q)
-    return found
+    return freedoms
 
 
 def _spins_and_slides(evaluation: LoopEquations, joint: str, velocities: Array) -> Array:
     """Return the motions of one body, (k, nv), recombined into pure spins and slides.
 
-    Spins are about axes of its own, as far as they may be: how the world lies has no say.
+    Spins are about axes of its own, as far as possible, whatever the axes of the world.
     """
     mechanism, i = evaluation.mechanism, evaluation.mechanism.joint_id(joint)
     columns = joint_jacobian(evaluation.data, evaluation.model.nv)
@@ -136,11 +135,11 @@ def _spins_and_slides(evaluation: LoopEquations, joint: str, velocities: Array) 
 
 
 def _idles(evaluation: LoopEquations, q: Array, joint: str, velocities: Array) -> bool:
-    """Whether some of the motions (k, nv) of one body are idle, along an axis that stands.
+    """Whether some of the motions (k, nv) of one body are idle, about a fixed axis.
 
-    Then all of them are its own; what carries a body along curves only, like a platform on its
-    legs, is no idle motion. A body on a rod turns about either end of it, but not about both at
-    once: where none of the motions given is idle, others are sought from random ones.
+    Then all of them belong to it. A motion along curves only, like that of a platform on legs, is
+    not idle. A body on a rod turns about either end, but not about both at once: if no given motion
+    is idle, others are searched from random ones.
     """
     if any(_goes_on(evaluation, q, joint, v) for v in velocities):
         return True
@@ -164,22 +163,21 @@ def _idles(evaluation: LoopEquations, q: Array, joint: str, velocities: Array) -
 
 
 def _gone(evaluation: LoopEquations, q: Array, joint: str, v: Array) -> tuple[Array, Array]:
-    """Return where a body comes to from q (nq,) along v (nv,), and v at such a pace; it is at q."""
+    """Return the configuration after a body's motion along v (nv,) from q, and v at that speed."""
     mechanism, i = evaluation.mechanism, evaluation.mechanism.joint_id(joint)
     size = np.array([1.0 / mechanism.characteristic_length] * 3 + [1.0] * 3)
     evaluation.update(q)
     twist = joint_jacobian(evaluation.data, evaluation.model.nv) @ (
         v * evaluation.constraints.support(i))
     paced = v / max(float(np.linalg.norm(size * twist)), 1e-300)
-    return pin.integrate(evaluation.model, q, IDLE_WAY * paced), paced
+    return pin.integrate(evaluation.model, q, IDLE_MOTION * paced), paced
 
 
 def _goes_on(evaluation: LoopEquations, q: Array, joint: str, v: Array) -> bool:
-    """Whether loops stay closed as a body goes on with its velocity, given by v (nv,), for long.
+    """Whether loops stay closed over a long motion of a body with constant velocity v (nv,).
 
-    So does a link that idles about its axis, or along it. What carries a body along a curve of its
-    own, like a platform on its legs, is no idle motion: its axis moves. Chains of hinges that carry
-    it do not turn evenly as the body does: they close the loops again.
+    An idle link does so. A platform on legs does not: its axis moves. Chains of hinges do not turn
+    evenly with the body: they close the loops again.
     """
     mechanism, model = evaluation.mechanism, evaluation.model
     body = mechanism.joint_id(joint)
@@ -200,15 +198,15 @@ def _goes_on(evaluation: LoopEquations, q: Array, joint: str, v: Array) -> bool:
     error = close(evaluation, there, free, TOLERANCES.round_off)[1]
     screw = pin.log6(evaluation.data.oMi[body] * before.inverse()).vector
     size = np.array([1.0 / mechanism.characteristic_length] * 3 + [1.0] * 3)
-    along, way = size * twist / np.linalg.norm(size * twist), size * screw
-    off = way - along * (along @ way)
+    along, displacement = size * twist / np.linalg.norm(size * twist), size * screw
+    off = displacement - along * (along @ displacement)
     shifted = np.abs(evaluation.placements[rest] - places).max(initial=0.0)
-    return bool(error <= TOLERANCES.closed and along @ way > TOLERANCES.moved * IDLE_WAY
+    return bool(error <= TOLERANCES.closed and along @ displacement > TOLERANCES.moved * IDLE_MOTION
                 and max(np.abs(off).max(), shifted) < ALGEBRA_TOLERANCE)
 
 
 def described(evaluation: LoopEquations, joint: str, v: Array) -> PassiveFreedom:
-    """Name the motion v (nv,) of the one body that it moves."""
+    """Return the motion v (nv,) of one body as a passive freedom."""
     mechanism, model = evaluation.mechanism, evaluation.model
     i = mechanism.joint_id(joint)
     twist = joint_jacobian(evaluation.data, model.nv) @ (v * evaluation.constraints.support(i))
@@ -244,7 +242,7 @@ def described(evaluation: LoopEquations, joint: str, v: Array) -> PassiveFreedom
 
 
 def _of_one_sense(axis: Array) -> Array:
-    """Return an axis (3,) or its opposite, which mean the same: round-off has no say in it."""
+    """Return an axis (3,) or its opposite, which are equivalent, independent of round-off."""
     return -axis if axis[np.abs(axis) > TOLERANCES.nothing][0] > 0.0 else axis
 
 

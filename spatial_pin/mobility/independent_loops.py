@@ -1,4 +1,4 @@
-"""The loops of a mechanism: the joints of each, and the motions that they generate together."""
+"""Independent loops: the joints of each, and the motions that they generate together."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array, null_space, rank, row_space
 
-# A singular value of twists that counts as zero: axes placed by files of nine digits and more are
-# one axis; those of six digits are what `gap` allows for, where there is any.
+# Singular value of twists that counts as zero: axes from files with nine or more digits coincide;
+# six digits need `gap`.
 ALGEBRA_TOLERANCE = 1e-8
+# by dimension, and number of rotation directions
 KINDS = {  # by dimension, and how many directions are turned about
     (1, 0): "one direction", (2, 0): "translations in a plane", (3, 0): "translations",
     (1, 1): "one axis", (2, 1): "one axis (turn and slide)", (3, 1): "planar",
@@ -46,7 +47,7 @@ class Loop(NamedTuple):
 
 
 def loop_of(evaluation: LoopEquations, closure: Closure, tolerance: float) -> Loop:
-    """Recognise the loop of a closure by the motions that its pairs generate."""
+    """Return the loop of a closure, classified by the motions that its pairs generate."""
     mechanism, constraints = evaluation.mechanism, evaluation.constraints
     rows = [i for i, label in enumerate(constraints.labels) if label.closure == closure.name]
     joints = sorted({i for frames in closure.joined for i in joints_between(mechanism, frames)})

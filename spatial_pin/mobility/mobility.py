@@ -1,4 +1,4 @@
-"""The truth about freedom: by formula, by rank, and by finite motion; drivers that it asks for."""
+"""Mobility: freedoms by formula, by rank, and by finite motion; and advice on drivers."""
 
 from __future__ import annotations
 
@@ -10,7 +10,11 @@ from spatial_pin._support.brief import counted
 from spatial_pin._support.checks import checked
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.holding import free_bases, still_entries
-from spatial_pin.assembly.redundant_equations import as_meant, gap_words, rounding_of
+from spatial_pin.assembly.redundant_equations import (
+    gap_words,
+    rounding_of,
+    with_independent_equations,
+)
 from spatial_pin.assembly.state import State, all_angles, of_mechanism
 from spatial_pin.assembly.undetermined import check_loops
 from spatial_pin.constraints.compiled_equations import constraints_of
@@ -31,7 +35,7 @@ from spatial_pin.numerics.linalg import (
 )
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-MAX_NAMES = 8  # of redundant equations in a report: they fill one line
+MAX_NAMES = 8  # redundant equations named in a report: they fill one line
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +177,7 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
         mechanism, x = state.mechanism, state.q
     else:
         x = finite_array(state, (mechanism.model.nq,), "q")
-        mechanism = as_meant(mechanism)
+        mechanism = with_independent_equations(mechanism)
     evaluation = loops_at(mechanism, x, state.angles if isinstance(state, State) else 0.0)
     if evaluation.closure_error > TOLERANCES.nothing:
         raise SpatialPinError(
@@ -202,10 +206,10 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
     for joint, velocities in idle_freedoms(evaluation, x):
         if dof < nv - r:  # those that are no instantaneous ones only
             tangents = decompose(velocities / mechanism.velocity_scale).vt[: len(velocities)]
-            found = finite_motions(evaluation, x, tangents)
+            motions = finite_motions(evaluation, x, tangents)
             evaluation.update(x)
-            if len(found) < len(velocities):
-                velocities = found * mechanism.velocity_scale
+            if len(motions) < len(velocities):
+                velocities = motions * mechanism.velocity_scale
         passive += [described(evaluation, joint, v) for v in velocities]
     return Mobility(
         every.mechanism,
@@ -223,15 +227,15 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
 # ---------------------------------------------------------------- drivers
 
 
-def driver_advice(state: State, found: Mobility) -> str:
-    """Return what to do where drivers and freedoms differ in number; "" where they do not.
+def driver_advice(state: State, freedom: Mobility) -> str:
+    """Return advice if drivers and freedoms differ in number; else "".
 
     Raises:
-        MechanismFileError: it has drivers and cannot move.
+        MechanismFileError: the mechanism has drivers and cannot move.
     """
     mechanism = state.mechanism
     drivers = list(driver_coordinates(mechanism).values())
-    working = found.dof - len(found.passive)
+    working = freedom.dof - len(freedom.passive)
     entries = still_entries(mechanism, drivers)
     free = working - len(entries)
     missing = free - len(drivers)

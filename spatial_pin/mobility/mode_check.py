@@ -1,4 +1,4 @@
-"""What a closed configuration is with values held: a mode, or one of a set that can move."""
+"""Properties of closed configurations with fixed coordinates: assembly modes or moving sets."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
-from spatial_pin.mobility.finite_motions import WAY_OUT, finite_motions
+from spatial_pin.mobility.finite_motions import PATH_LENGTH, finite_motions
 from spatial_pin.mobility.idle_freedoms import IDLE, idle_freedoms
 from spatial_pin.mobility.mode_list import Continuum
 from spatial_pin.mobility.rods import Rod
@@ -32,18 +32,17 @@ from spatial_pin.numerics.linalg import (
 )
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-# Largest difference of two placements of one mode [characteristic lengths, 1]. At a singular mode
-# it is the square root of the residual: loops count as closed at its square, 1e-10.
+# Largest difference of placements of one mode [characteristic lengths, 1]. At a singular mode it is
+# the square root of the residual: loops are closed to its square, 1e-10.
 SAME_MODE = 1e-5
-MOVING = 1e-3  # part of the fastest joint's speed that is worth a name: three digits of a report
-# Part of a motion that coordinates must change by to hold it: a tenth leaves its place known to one
-# digit less than theirs.
+MOVING = 1e-3  # relative speed of a coordinate that is named: three digits of a report
+# Part of a motion that a coordinate must have to stop it: with a tenth, its position has one digit
+# less than theirs.
 HOLDS = 0.1
-# Parts of the way between two configurations where loops are looked at: what is closed there by
-# chance is open at another.
+# parts of the straight line between two configurations where loops are checked
 BETWEEN = (0.25, 0.5, 0.75)
 # Starts for rods whose other end cannot be reached from the guess: one in two reaches it, and all
-# of so many fail in one of a million cases.
+# fail in one of a million cases.
 TRIES = 20
 
 
@@ -53,7 +52,7 @@ TRIES = 20
 
 
 class BodyMark(NamedTuple):
-    """What of a body counts: points (k, 3) [m] and directions (l, 3), in its joint's axes."""
+    """Relevant features of a body: points (k, 3) [m] and directions (l, 3), in its joint's axes."""
 
     points: Array
     directions: Array
@@ -76,7 +75,7 @@ def rows_of(marks: Mapping[int, BodyMark], n_joints: int, length: float) -> Arra
 
 
 def resting(evaluation: LoopEquations, idle: list[tuple[str, Array]]) -> dict[int, BodyMark]:
-    """Return what passive freedoms leave at rest of the bodies that they move."""
+    """Return the features at rest of bodies with passive freedoms."""
     mechanism, marks = evaluation.mechanism, {}
     for _, velocities in idle:
         for body in moved_bodies(evaluation, velocities):
@@ -122,12 +121,12 @@ def _speeds(evaluation: LoopEquations, body: int, points: Array, velocities: Arr
 
 
 class ModeKind(NamedTuple):
-    """What a closed configuration is.
+    """Properties of a closed configuration.
 
     Attributes:
-        nullity: freedoms to first order with the values held.
-        idle: (joint's name, (k, nv) velocities) of the links that are passive.
-        motions: (d, nv) finite motions, scaled; of a regular configuration the passive ones.
+        nullity: freedoms to first order with fixed coordinates.
+        idle: (joint's name, (k, nv) velocities) of the passive links.
+        motions: (d, nv) finite motions, scaled; in a regular configuration the passive ones.
     """
 
     nullity: int
@@ -141,21 +140,21 @@ class ModeKind(NamedTuple):
 
     @property
     def is_singular(self) -> bool:
-        """Whether it can move, passive freedoms apart, if only to first order."""
+        """Whether it can move to first order, without passive freedoms."""
         return self.nullity > self.passive
 
     @property
     def moves(self) -> bool:
-        """Whether it can really move, passive freedoms apart."""
+        """Whether it has a finite motion, without passive freedoms."""
         return len(self.motions) > self.passive
 
 
 class ModeCheck:
-    """The closure equations of a mechanism with coordinates held.
+    """The closure equations of a mechanism with fixed coordinates.
 
     Attributes:
         held: their values [rad, m].
-        free: (nv,) which velocities may close the loops.
+        free: (nv,) velocities that close the loops.
         rods: by the joint of each of their bodies.
     """
 
@@ -171,16 +170,16 @@ class ModeCheck:
         self.free[self.fixed] = False
 
     def close(self, q: Array, iterations: int = 60) -> Array | None:
-        """Return q closed, values held; None if that fails or gives a mirror image."""
+        """Return q closed, with fixed values; None if that fails or gives a mirror image."""
         q, error = close(self.evaluation, q, self.free, self.tolerance, iterations)
         return q if error <= SAME_MODE * SAME_MODE and not self.evaluation.mirrored() else None
 
     def holds(self, q: Array) -> bool:
-        """Whether the equations that the mechanism is without hold at q to the gap allowed."""
+        """Whether the equations left out by the mechanism hold at q, to the gap allowed."""
         return gap_of(self.mechanism, q, self.evaluation.angles) <= self.gap
 
     def kind(self, q: Array) -> ModeKind:
-        """Return what a closed configuration is."""
+        """Return the properties of a closed configuration."""
         evaluation, n = self.evaluation, self.evaluation.constraints.n_closure
         idle = idle_freedoms(evaluation, q, self.fixed)
         evaluation.update(q)
@@ -193,58 +192,15 @@ class ModeCheck:
         evaluation.update(q)
         return kind
 
-    def is_joined(self, q: Array, other: Array) -> bool:
-        """Whether loops are closed all the way between two closed configurations (nq,) nearby.
-
-        Of modes that cannot move, both are then one, as far as round-off tells.
-        """
-        way = turned_apart(self.mechanism, q, other)
-        size = float(np.linalg.norm(way))
-        for part in BETWEEN if size < WAY_OUT else ():
-            step = self.mechanism.velocity_scale * part * way
-            start = pin.integrate(self.mechanism.model, q, step)
-            found, error = close(self.evaluation, start, self.free, self.tolerance,
-                                 cut=TOLERANCES.well_conditioned)
-            moved = float(np.linalg.norm(turned_apart(self.mechanism, start, found)))
-            if error > SAME_MODE * SAME_MODE or moved > TOLERANCES.unexplained * size:
-                return False
-        return size < WAY_OUT
-
-    def continuum(self, q: Array, kind: ModeKind) -> Continuum:
-        """Return what can move at a configuration, and what would hold it."""
-        mechanism, motions = self.mechanism, kind.motions
-        if kind.idle:
-            scaled = np.vstack([v for _, v in kind.idle]) / mechanism.velocity_scale
-            passive = decompose(scaled).vt[: rank(scaled)]
-            motions = motions - motions @ passive.T @ passive
-        motions = decompose(motions).vt[: len(kind.motions) - kind.passive]
-        speeds = np.abs(motions).max(axis=0)
-        table = mechanism.coordinate_table.values()
-        moving = [c for c in table if speeds[c.v] > MOVING * speeds.max()]
-        driven = [mechanism.driven_coordinate(name) for name in mechanism.drivers]
-        first = [c for c in driven if c in moving]
-        rest = sorted((c for c in moving if c not in first),
-                      key=lambda c: (c.q < 0, -round(float(speeds[c.v]), 6)))
-        hold: list[str] = []
-        basis = np.empty((len(motions), 0))
-        for c in [*first, *rest]:
-            wider = np.hstack([basis, motions[:, c.v : c.v + 1]])
-            if decompose(wider).s[-1] > HOLDS * MOVING and len(hold) < len(motions):
-                basis = wider
-                hold.append(next((d for d, x in mechanism.drivers.items()
-                                  if mechanism.driven_coordinate(x.joint) == c), c.name))
-        return Continuum(self.state(q), len(motions), tuple(c.name for c in moving), tuple(hold))
-
     def marks(
         self, q: Array, idle: list[tuple[str, Array]], all_copies: bool
     ) -> dict[int, BodyMark]:
-        """Return what tells modes apart of every body.
+        """Return the relevant features of every body, for comparing modes.
 
         Args:
             q: (nq,) a closed configuration.
             idle: its passive freedoms.
-            all_copies: rods that are turned about their lines are told apart too, and links
-                inside chains of hinges.
+            all_copies: whether turned rods, and links inside chains of hinges, are relevant too.
         """
         marks = dict.fromkeys(range(1, self.mechanism.model.njoints), WHOLE)
         self.evaluation.update(q)
@@ -264,7 +220,7 @@ class ModeCheck:
     # ------------------------------------------------------------ links that stand as they like
 
     def _columns(self, bodies: set[int], with_children: bool) -> NDArray[np.bool_]:
-        """Return (nv,) which velocities are those of the joints of bodies."""
+        """Return (nv,) the velocities of the joints of bodies."""
         model = self.mechanism.model
         mask = np.zeros(model.nv, dtype=bool)
         for i in range(1, model.njoints):
@@ -272,16 +228,16 @@ class ModeCheck:
                 mask[model.idx_vs[i] : model.idx_vs[i] + model.nvs[i]] = True
         return mask & self.free
 
-    def place_rods(self, rods: tuple[Rod, ...], q: Array) -> Array | None:
-        """Return q with rods placed between their ends, all else held, and then closed."""
+    def with_rods(self, rods: tuple[Rod, ...], q: Array) -> Array | None:
+        """Return q with rods placed between their ends, all else fixed, and then closed."""
         if not rods:
             return self.close(q)
         columns = self._columns({i for rod in rods for i in rod.lines}, with_children=False)
         rng = np.random.default_rng(5)
         for _ in range(TRIES):
-            found, error = close(self.evaluation, q, columns, self.tolerance)
+            result, error = close(self.evaluation, q, columns, self.tolerance)
             if error <= SAME_MODE:
-                return self.close(found)
+                return self.close(result)
             q = self.shaken(rods, q, rng)
         return None
 
@@ -293,9 +249,9 @@ class ModeCheck:
         return pin.integrate(self.mechanism.model, q, np.where(columns, scale * angles, 0.0))
 
     def settled(self, q: Array, base: Array, marks: Mapping[int, BodyMark]) -> Array:
-        """Return the copy of a mode in which rods and passive links stand as in `base`, if near.
+        """Return the copy of a mode with rods and passive links as in `base`, if near.
 
-        So that it does not depend on the start that found the mode.
+        So the result does not depend on the start that led to the mode.
         """
         model = self.mechanism.model
         bodies = {i for i, mark in marks.items() if mark is not WHOLE}
@@ -306,8 +262,8 @@ class ModeCheck:
             own = slice(model.idx_qs[i], model.idx_qs[i] + model.nqs[i])
             start[own] = base[own]
         columns = self._columns(bodies, with_children=True)
-        found, error = close(self.evaluation, start, columns, self.tolerance)
-        polished = self.close(found) if error <= SAME_MODE else None
+        result, error = close(self.evaluation, start, columns, self.tolerance)
+        polished = self.close(result) if error <= SAME_MODE else None
         if polished is None:
             return q
         apart = np.abs(self.signature(marks, polished) - self.signature(marks, q))
@@ -328,25 +284,70 @@ class ModeCheck:
         return State(self.mechanism, q, closure_error=self.evaluation.closure_error,
                      angles=self.evaluation.angles, branch=branch)
 
-    def signs(self, modes: list[tuple[Array, ModeKind]]) -> list[str]:
-        """Return the signs of the determinants of the closed loops at modes, in words.
 
-        Of redundant equations the same are left out in all modes.
-        """
-        evaluation, mechanism = self.evaluation, self.mechanism
-        nv, n = mechanism.model.nv, evaluation.constraints.n_closure
-        regular = [k for k, (_, kind) in enumerate(modes) if not kind.is_singular]
-        jacobians = np.zeros((len(regular), *evaluation.jacobian.shape))
-        for at, k in enumerate(regular):
-            evaluation.update(modes[k][0])
-            jacobians[at] = evaluation.jacobian
-        drive = np.eye(nv)[sorted(self.fixed)]
-        words = ["" if k in regular else "singular" for k in range(len(modes))]
-        count = nv - len(drive) - (jacobians.shape[1] - n)
-        rows = common_rows(jacobians[:, :n], drive, count)
-        if len(rows) == count and nv:
-            whole = [np.vstack([j[rows], j[n:], drive]) for j in jacobians]
-            for k, sign in zip(regular, determinant_signs(np.array(whole).reshape(-1, nv, nv)),
-                               strict=True):
-                words[k] = {1: "+", -1: "-", 0: ""}[sign]
-        return words
+def are_joined(check: ModeCheck, q: Array, other: Array) -> bool:
+    """Whether loops are closed between two near closed configurations (nq,).
+
+    Two modes without motion are then one, up to round-off.
+    """
+    difference = turned_apart(check.mechanism, q, other)
+    size = float(np.linalg.norm(difference))
+    for part in BETWEEN if size < PATH_LENGTH else ():
+        step = check.mechanism.velocity_scale * part * difference
+        start = pin.integrate(check.mechanism.model, q, step)
+        result, error = close(check.evaluation, start, check.free, check.tolerance,
+                             cut=TOLERANCES.well_conditioned)
+        moved = float(np.linalg.norm(turned_apart(check.mechanism, start, result)))
+        if error > SAME_MODE * SAME_MODE or moved > TOLERANCES.unexplained * size:
+            return False
+    return size < PATH_LENGTH
+
+
+def continuum_at(check: ModeCheck, q: Array, kind: ModeKind) -> Continuum:
+    """Return the coordinates that move at a configuration, and drivers that would stop them."""
+    mechanism, motions = check.mechanism, kind.motions
+    if kind.idle:
+        scaled = np.vstack([v for _, v in kind.idle]) / mechanism.velocity_scale
+        passive = decompose(scaled).vt[: rank(scaled)]
+        motions = motions - motions @ passive.T @ passive
+    motions = decompose(motions).vt[: len(kind.motions) - kind.passive]
+    speeds = np.abs(motions).max(axis=0)
+    table = mechanism.coordinate_table.values()
+    moving = [c for c in table if speeds[c.v] > MOVING * speeds.max()]
+    driven = [mechanism.driven_coordinate(name) for name in mechanism.drivers]
+    first = [c for c in driven if c in moving]
+    rest = sorted((c for c in moving if c not in first),
+                  key=lambda c: (c.q < 0, -round(float(speeds[c.v]), 6)))
+    hold: list[str] = []
+    basis = np.empty((len(motions), 0))
+    for c in [*first, *rest]:
+        wider = np.hstack([basis, motions[:, c.v : c.v + 1]])
+        if decompose(wider).s[-1] > HOLDS * MOVING and len(hold) < len(motions):
+            basis = wider
+            hold.append(next((d for d, x in mechanism.drivers.items()
+                              if mechanism.driven_coordinate(x.joint) == c), c.name))
+    return Continuum(check.state(q), len(motions), tuple(c.name for c in moving), tuple(hold))
+
+
+def signs_of(check: ModeCheck, modes: list[tuple[Array, ModeKind]]) -> list[str]:
+    """Return the signs of the determinants of the closed loops at modes, in words.
+
+    The same redundant equations are left out in all modes.
+    """
+    evaluation, mechanism = check.evaluation, check.mechanism
+    nv, n = mechanism.model.nv, evaluation.constraints.n_closure
+    regular = [k for k, (_, kind) in enumerate(modes) if not kind.is_singular]
+    jacobians = np.zeros((len(regular), *evaluation.jacobian.shape))
+    for at, k in enumerate(regular):
+        evaluation.update(modes[k][0])
+        jacobians[at] = evaluation.jacobian
+    drive = np.eye(nv)[sorted(check.fixed)]
+    words = ["" if k in regular else "singular" for k in range(len(modes))]
+    count = nv - len(drive) - (jacobians.shape[1] - n)
+    rows = common_rows(jacobians[:, :n], drive, count)
+    if len(rows) == count and nv:
+        whole = [np.vstack([j[rows], j[n:], drive]) for j in jacobians]
+        for k, sign in zip(regular, determinant_signs(np.array(whole).reshape(-1, nv, nv)),
+                           strict=True):
+            words[k] = {1: "+", -1: "-", 0: ""}[sign]
+    return words

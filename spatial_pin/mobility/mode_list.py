@@ -1,4 +1,4 @@
-"""What `assembly_modes` returns: a list of States that knows how complete it is."""
+"""The result of `assembly_modes`: a list of States, with an estimate of its completeness."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
+from spatial_pin._support.lazy import by_new_name
 from spatial_pin.assembly.state import State
 
 CONFIDENT = 3.0  # a mode that 3 of n starts should end at is missed in exp(-3) of cases, 5 %
@@ -44,7 +45,7 @@ class AssemblyModes(list[State]):
     Attributes:
         held: values of the coordinates held [rad, m].
         starts: number of random starts; `closed` of them ended at a closed configuration.
-        found: how many starts ended at each mode.
+        counts: numbers of starts that ended at each mode.
         missing: estimated number of modes that no start has found [Chao1984].
         continua: other sets of configurations, which can move with `held` held.
         is_whole: whether nothing cut the search short (Ctrl-C).
@@ -66,7 +67,7 @@ class AssemblyModes(list[State]):
         held: Mapping[str, float] | None = None,
         starts: int = 0,
         closed: int = 0,
-        found: Sequence[int] = (),
+        counts: Sequence[int] = (),
         missing: float = 0.0,
         continua: Sequence[Continuum] = (),
         is_whole: bool = True,
@@ -75,7 +76,7 @@ class AssemblyModes(list[State]):
         self.held = dict(held or {})
         self.starts = starts
         self.closed = closed
-        self.found = tuple(found)
+        self.counts = tuple(counts)
         self.missing = missing
         self.continua = tuple(continua)
         self.is_whole = is_whole
@@ -90,10 +91,15 @@ class AssemblyModes(list[State]):
                  f"{self.starts} starts, {self.closed} closed"
                  f"{'' if self.is_whole else '; cut short'}"]
         lines += [f"  {k}: branch {mode.branch}, found {times} times"
-                  for k, (mode, times) in enumerate(zip(self, self.found, strict=False), start=1)]
+                  for k, (mode, times) in enumerate(zip(self, self.counts, strict=False), start=1)]
         lines += [f"  beside them a set that can move: {c}" for c in self.continua]
         lines.append(self.completeness)
         return "\n".join(lines)
+
+    @property
+    def found(self) -> tuple[int, ...]:
+        """The old name of `counts`; it warns."""
+        return tuple(by_new_name(self, "found", "counts"))
 
     @property
     def completeness(self) -> str:
@@ -107,7 +113,7 @@ class AssemblyModes(list[State]):
 
 
 def missing_by(counts: Sequence[int]) -> float:
-    """Return the number of kinds not seen, estimated from how often the others were [Chao1984].
+    """Return the estimated number of unseen kinds, from the counts of the others [Chao1984].
 
     The estimate without bias f1 (f1 - 1) / (2 (f2 + 1)): f1 kinds were seen once, f2 twice.
     """
@@ -116,14 +122,14 @@ def missing_by(counts: Sequence[int]) -> float:
 
 
 def order(state: State, loose: set[str]) -> list[float]:
-    """Return what modes are sorted by: coordinates, those of passive links last."""
+    """Return the sort key of modes: coordinates, without those of passive links."""
     table = state.mechanism.coordinate_table.values()
     fixed = [c for c in table if c.joint not in loose]
     return [round(state.coordinate(c.name).value, 7) + 0.0 for c in fixed]
 
 
 def labels(signs: list[str]) -> list[str]:
-    """Return labels of their own: signs, numbered where several modes have one."""
+    """Return unique labels: signs, numbered if several modes have one."""
     total, seen = Counter(signs), Counter[str]()
     labels = []
     for sign in signs:

@@ -1,4 +1,4 @@
-"""The search for assembly modes: starts are closed, and sorted by what they end at."""
+"""The search for assembly modes: closing random starts, and comparing the results."""
 
 from __future__ import annotations
 
@@ -14,44 +14,53 @@ from spatial_pin.kernel.closer import Closer
 from spatial_pin.mechanism.coordinates import with_values
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
-from spatial_pin.mobility.finite_motions import SETTING_OUT, WAY_OUT
-from spatial_pin.mobility.mode_check import SAME_MODE, BodyMark, ModeCheck, ModeKind, rows_of
+from spatial_pin.mobility.finite_motions import PATH_LENGTH, SETTING_OUT
+from spatial_pin.mobility.mode_check import (
+    SAME_MODE,
+    BodyMark,
+    ModeCheck,
+    ModeKind,
+    are_joined,
+    continuum_at,
+    rows_of,
+)
 from spatial_pin.mobility.mode_list import Continuum
 from spatial_pin.mobility.rods import Core, Rod
 from spatial_pin.numerics.linalg import Array, null_space, null_vectors
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-# Starts that the rarest mode must have had before no more are sought: one that has half its share
-# of starts is then missed in exp(-10) of cases, 5e-5.
+# Starts of the rarest mode before the search ends: a mode with half its share is then missed in
+# exp(-10) of cases, 5e-5.
 TIMES = 20
-# Singular modes are the same up to this: where four of them meet they are known to the fourth root
-# of round-off, 1e-4; ten times that.
+# Difference of equal singular modes: where four meet they are known to the fourth root of round-
+# off, 1e-4; ten times that.
 SINGULAR_SAME = 1e-3
-MOST_MODES = 1000  # after which no more are sought: more are a continuum cut by its tolerance
-BEYOND = 0.25  # part of the range of closed slides that starts go beyond it: modes not yet found
-# Starts slide by up to so many characteristic lengths either way: links reach one, and the ground
-# stands no farther than half of another from where its frame is drawn.
+MOST_MODES = 1000  # most modes: more are a continuum cut by its tolerance
+BEYOND = 0.25  # part of the range of closed slides by which starts exceed it: for unknown modes
+# Largest slide of starts [characteristic lengths]: links reach one, and the ground is within half
+# of another of its frame.
 SLIDES = 1.5
-# Steps of a start. Of random starts of `delta` 57 % close in 60 steps, 75 % in 120 and 240; of the
-# Gough platform with forty modes 98.5 %, 99.75 % and as many.
+# Steps of a start. From random starts of `delta` 57 % close in 60 steps, 75 % in 120 and 240; of
+# the Gough platform with forty modes 98.5 %, 99.75 % and as many.
 ITERATIONS = 120
-# starts closed together: few as the first may tell all, later ones many
+# starts closed together: few at first, as these may be enough, later many
 FEWEST_TOGETHER, MOST_TOGETHER = 64, 512
 LARGEST = 1 << 21  # numbers in their Jacobians: 16 MB
-LOOKED_AT = 20  # closed configurations looked at for a regular one: if all are singular, it is so
-MOST_REJECTED = 64  # mirror images that are known again: each is compared with every start
+# closed configurations checked for a regular one: if all are singular, the mechanism is
+LOOKED_AT = 20
+MOST_REJECTED = 64  # stored mirror images: each is compared with every start
 
 
 class Starts:
-    """Configurations of a mechanism, drawn at random, and where descents from them end.
+    """Random configurations of a mechanism, and the results of descents from them.
 
     Args:
-        mechanism: the core of what is searched.
-        held: its coordinates that are held [rad, m].
+        mechanism: the core of the searched mechanism.
+        held: its fixed coordinates [rad, m].
 
     Attributes:
         kernel: of the mechanism.
-        free: (nv,) which velocities may close the loops.
+        free: (nv,) velocities that close the loops.
     """
 
     def __init__(self, mechanism: Mechanism, held: Mapping[str, float]) -> None:
@@ -69,7 +78,7 @@ class Starts:
         self._high = -self._low
 
     def draw(self, rng: np.random.Generator, most: int) -> Array:
-        """Return some more configurations (nq, m), `most` at most."""
+        """Return more configurations (nq, m), `most` at most."""
         m = min(self._size, most) if self.free.any() else 1
         self._size = min(2 * self._size, self._most)
         mechanism, model = self._mechanism, self._mechanism.model
@@ -98,29 +107,29 @@ class Starts:
 
     def descend(self, q: Array) -> tuple[Array, Array]:
         """Return configurations q (nq, m) with their loops closed, and residuals (m,)."""
-        found, error = self._closer.descend(q.T, self.free, TOLERANCES.tight, ITERATIONS)
-        return found.T, error
+        closed, error = self._closer.descend(q.T, self.free, TOLERANCES.tight, ITERATIONS)
+        return closed.T, error
 
     def learn(self, closed: Array) -> None:
-        """Learn from closed configurations (nq, m) where slides are."""
+        """Record the range of slides in closed configurations (nq, m)."""
         ends = closed[self._slides]
         self._low = np.minimum(self._low, ends.min(axis=1, initial=np.inf))
         self._high = np.maximum(self._high, ends.max(axis=1, initial=-np.inf))
 
 
 class Recognition:
-    """Signatures of configurations: equal where these are one mode.
+    """Signatures of configurations: equal for one mode.
 
     Args:
         check: of the whole mechanism.
-        core: what is searched.
-        base: (nq,) configuration of the whole mechanism where it is not the core's.
+        core: the searched core.
+        base: (nq,) configuration of the whole mechanism outside the core.
         starts: of the core.
-        all_copies: whether copies of a mode are told apart.
+        all_copies: whether copies of a mode are distinct.
 
     Attributes:
-        marks: what counts of each body; empty before anything was learnt.
-        is_learnt: whether signatures can be made.
+        marks: relevant features of each body; empty before `learn`.
+        is_learnt: whether signatures can be computed.
         generic_nullity: freedoms to first order of a regular configuration of the core.
     """
 
@@ -135,7 +144,7 @@ class Recognition:
         self.generic_nullity = 0
 
     def learn(self, q: Array) -> None:
-        """Learn from closed configurations q (nq, m) which freedoms are passive."""
+        """Find the passive freedoms from closed configurations q (nq, m)."""
         looked_at = 0
         for x in q.T:
             whole = self.whole(x)
@@ -156,7 +165,7 @@ class Recognition:
                                  self._check.mechanism.characteristic_length)
 
     def signatures(self, q: Array) -> Array:
-        """Return (m, rows, 3) what tells configurations q (nq, m) of the core apart."""
+        """Return signatures (m, rows, 3) of configurations q (nq, m) of the core."""
         placed = self._kernel.placements(q.T)
         return self._rows @ placed.reshape(len(placed), -1, 3)
 
@@ -172,9 +181,9 @@ class Recognition:
         return self._kernel.jacobians(q.T)[:, : self._kernel.n_closure, self._free]
 
     def whole(self, x: Array) -> Array | None:
-        """Return a configuration of the core as one of the mechanism, None if it is none."""
+        """Return a configuration of the core as one of the mechanism, None if impossible."""
         mechanism = self._check.mechanism
-        return self._check.place_rods(
+        return self._check.with_rods(
             self._core.rods, self._core.whole(mechanism, self._base, x))
 
 
@@ -184,7 +193,7 @@ def apart(signatures: Array, other: Array) -> Array:
 
 
 class Mode:
-    """A mode found: a closed configuration, and how many starts have ended there."""
+    """A mode: a closed configuration, and the number of starts that ended there."""
 
     def __init__(self, q: Array, kind: ModeKind, signature: Array, rods: tuple[Rod, ...]) -> None:
         self.q, self.kind, self.signature, self.rods = q, kind, signature, rods
@@ -192,24 +201,24 @@ class Mode:
 
     @property
     def reach(self) -> float:
-        """How far from its signature a configuration is still this mode."""
+        """Largest difference of signatures within this mode."""
         return SINGULAR_SAME if self.kind.is_singular else SAME_MODE
 
 
 class ModeSearch:
-    """Closed configurations of the core found so far, one of each mode.
+    """Closed configurations of the core, one of each mode.
 
     Args:
         check: of the whole mechanism.
-        core: what is searched.
-        all_copies: whether copies of a mode are told apart.
+        core: the searched core.
+        all_copies: whether copies of a mode are distinct.
 
     Attributes:
-        modes: these.
-        recognition: what tells them apart.
-        continuum: what can move, if anything found can.
+        modes: the modes so far.
+        recognition: their signatures.
+        continuum: a moving configuration, if any.
         starts, closed: number of starts, and of those that closed.
-        is_whole: whether nothing cut it short.
+        is_whole: whether the search was complete.
     """
 
     def __init__(self, check: ModeCheck, core: Core, all_copies: bool) -> None:
@@ -229,7 +238,7 @@ class ModeSearch:
 
     @property
     def is_free(self) -> bool:
-        """Whether anything is left to move with the values held."""
+        """Whether any coordinate is free."""
         return bool(self._starts.free.any())
 
     def look_at_guess(self) -> None:
@@ -243,13 +252,13 @@ class ModeSearch:
             return
         kind = self._check.kind(q)
         if kind.moves:
-            raise moving(self._check, self._check.continuum(q, kind))
+            raise moving(self._check, continuum_at(self._check, q, kind))
 
     def run(self, rng: np.random.Generator, patience: int, most_starts: int, bar: Any) -> None:
-        """Try starts until further ones can be spared.
+        """Try starts until the modes are complete with high probability.
 
         Raises:
-            KeyboardInterrupt: before a mode was found.
+            KeyboardInterrupt: before a mode was reached.
         """
         try:
             while self.starts < most_starts and len(self.modes) < MOST_MODES:
@@ -257,7 +266,16 @@ class ModeSearch:
                 if (self.starts and not self.is_free) or (
                         self.starts - self._newest >= patience and least >= TIMES):
                     break
-                self._attempt(rng, most_starts)
+                starts = self._starts.draw(rng, most_starts - self.starts)
+                q, error = self._starts.descend(starts)
+                closed = np.flatnonzero(error <= SAME_MODE * SAME_MODE)
+                q, numbers = q[:, closed], self.starts + closed
+                self._starts.learn(q)
+                self.starts += starts.shape[1]
+                if not self.recognition.is_learnt:
+                    self.recognition.learn(q)
+                if self.recognition.is_learnt:
+                    self._sort(q, self.recognition.signatures(q), numbers)
                 bar.n = self.starts
                 bar.set_postfix(found=len(self.modes))
         except KeyboardInterrupt:  # what was found until then is the answer
@@ -267,11 +285,11 @@ class ModeSearch:
         self._join()
 
     def _join(self) -> None:
-        """Make one mode of singular ones that round-off lets stand anywhere along a valley."""
+        """Join singular modes that round-off spreads along a valley."""
         groups: list[list[Mode]] = []
         for mode in self.modes:
             own = [group for group in groups if mode.kind.is_singular and any(
-                self._check.is_joined(mode.q, other.q) for other in group)]
+                are_joined(self._check, mode.q, other.q) for other in group)]
             groups = [group for group in groups if group not in own]
             groups.append([mode, *(other for group in own for other in group)])
         self.modes = []
@@ -281,21 +299,8 @@ class ModeSearch:
             middle.count = sum(x.count for x in group)
             self.modes.append(middle)
 
-    def _attempt(self, rng: np.random.Generator, most_starts: int) -> None:
-        """Close the loops from some more starts, and sort what they end at."""
-        starts = self._starts.draw(rng, most_starts - self.starts)
-        q, error = self._starts.descend(starts)
-        closed = np.flatnonzero(error <= SAME_MODE * SAME_MODE)
-        q, numbers = q[:, closed], self.starts + closed
-        self._starts.learn(q)
-        self.starts += starts.shape[1]
-        if not self.recognition.is_learnt:
-            self.recognition.learn(q)
-        if self.recognition.is_learnt:
-            self._sort(q, self.recognition.signatures(q), numbers)
-
     def _sort(self, q: Array, signatures: Array, starts: NDArray[np.intp]) -> None:
-        """Count configurations q (nq, m) of known modes, and find new ones."""
+        """Count configurations q (nq, m) of known modes, and add new ones."""
         for mode in self.modes:
             q, signatures, starts = self._count(mode, q, signatures, starts)
         for rejected in self._rejected:
@@ -303,22 +308,22 @@ class ModeSearch:
             q, signatures, starts = q[:, other], signatures[other], starts[other]
         while starts.size:
             if self.continuum is not None:
-                moving = self._moving(q, signatures)
+                moving = _moving(self.recognition, self._starts, q, signatures)
                 self.closed += int(np.count_nonzero(moving))
                 q, signatures, starts = q[:, ~moving], signatures[~moving], starts[~moving]
                 if not starts.size:
                     return
-            left, first = starts.size, int(starts[0])
-            found = self._mode(q[:, 0])
-            if found is not None:
+            before, first = starts.size, int(starts[0])
+            mode_here = self._mode(q[:, 0])
+            if mode_here is not None:
                 near = [x for x in self.modes
-                        if apart(found.signature[None], x.signature)[0] < x.reach]
+                        if apart(mode_here.signature[None], x.signature)[0] < x.reach]
                 if not near:
-                    self.modes.append(found)
+                    self.modes.append(mode_here)
                     self._newest = first + 1
-                for mode in near or [found]:
+                for mode in near or [mode_here]:
                     q, signatures, starts = self._count(mode, q, signatures, starts)
-            if starts.size == left:  # rejected, or it went on to a mode far from here
+            if starts.size == before:  # rejected, or it went on to a mode far from here
                 q, signatures, starts = q[:, 1:], signatures[1:], starts[1:]
 
     def _count(
@@ -331,7 +336,7 @@ class ModeSearch:
         return q[:, other], signatures[other], starts[other]
 
     def _mode(self, x: Array) -> Mode | None:
-        """Return the mode that a configuration of the core belongs to, if it is one."""
+        """Return the mode of a configuration of the core, if it is one."""
         q = self.recognition.whole(x)
         if q is None or not self._check.holds(q):
             if len(self._rejected) < MOST_REJECTED:
@@ -341,39 +346,42 @@ class ModeSearch:
         if kind.moves:
             self.closed += 1
             if self.continuum is None:
-                self.continuum = self._check.continuum(q, kind)
+                self.continuum = continuum_at(self._check, q, kind)
             return None
         q = self._check.settled(q, self._base, self.recognition.marks)
         return Mode(q, kind, self.recognition.signature(q), self._core.rods)
 
-    def _moving(self, q: Array, signatures: Array) -> NDArray[np.bool_]:
-        """Whether configurations q (nq, m) go on when pushed where they can to first order.
 
-        A little, and as far as what opens loops by a high power only does not lead.
-        """
-        jacobian = self.recognition.jacobians(q)
-        if not jacobian.size:
-            return np.ones(q.shape[1], dtype=bool)
-        vectors, ranks = null_vectors(jacobian, TOLERANCES.half_precision)
-        moves = jacobian.shape[2] - ranks > self.recognition.generic_nullity
-        scale = self._core.mechanism.velocity_scale[:, None]
-        for push in (SETTING_OUT, WAY_OUT):
-            at = np.flatnonzero(moves)
-            if not at.size:
-                break
-            step = np.zeros((len(scale), at.size))
-            step[self._starts.free] = vectors[at].T
-            step *= push / np.maximum(np.linalg.norm(step, axis=0), 1e-300)
-            pushed = self._starts.kernel.displaced(q[:, at].T, (scale * step).T).T
-            closed, error = self._starts.descend(pushed)
-            left, wanted = (apart(self.recognition.signatures(x), signatures[at])
-                            for x in (closed, pushed))
-            moves[at] = (error <= SAME_MODE * SAME_MODE) & (left > TOLERANCES.moved * wanted)
-        return moves
+def _moving(
+    recognition: Recognition, starts: Starts, q: Array, signatures: Array
+) -> NDArray[np.bool_]:
+    """Whether configurations q (nq, m) move on when pushed along first-order freedoms.
+
+    Pushed a little, and beyond the range of loops that open by a high power only.
+    """
+    jacobian = recognition.jacobians(q)
+    if not jacobian.size:
+        return np.ones(q.shape[1], dtype=bool)
+    vectors, ranks = null_vectors(jacobian, TOLERANCES.half_precision)
+    moves = jacobian.shape[2] - ranks > recognition.generic_nullity
+    scale = starts.kernel.mechanism.velocity_scale[:, None]
+    for push in (SETTING_OUT, PATH_LENGTH):
+        at = np.flatnonzero(moves)
+        if not at.size:
+            break
+        step = np.zeros((len(scale), at.size))
+        step[starts.free] = vectors[at].T
+        step *= push / np.maximum(np.linalg.norm(step, axis=0), 1e-300)
+        pushed = starts.kernel.displaced(q[:, at].T, (scale * step).T).T
+        closed, error = starts.descend(pushed)
+        shift, wanted = (apart(recognition.signatures(x), signatures[at])
+                        for x in (closed, pushed))
+        moves[at] = (error <= SAME_MODE * SAME_MODE) & (shift > TOLERANCES.moved * wanted)
+    return moves
 
 
 def moving(check: ModeCheck, continuum: Continuum) -> ContinuumError:
-    """Return the error of a mechanism that can move with its values held."""
+    """Return the error of a mechanism that can move with its fixed coordinates."""
     mechanism = check.mechanism
     values = ", ".join(f"{name} = {value:.6g}" for name, value in check.held.items())
     return ContinuumError(

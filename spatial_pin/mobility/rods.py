@@ -1,9 +1,9 @@
 """Rods: links that balls and universal joints hold on one line.
 
-All that the rest of a mechanism knows of a rod is that line, so that two configurations that
-differ only by rods turned about their own lines, as a universal joint may be read in two ways,
-are one. A rod of given length between two points is one equation, a distance: the core of a
-mechanism has these equations instead of its rods.
+The rest of a mechanism depends on a rod only through that line. So configurations that differ only
+by rods turned about their own lines, such as the two readings of a universal joint, are one. A rod
+of given length between two points is one distance equation; the core of a mechanism has these
+equations instead of its rods.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class RodLine(NamedTuple):
 
 
 class RodEnd(NamedTuple):
-    """Where a pair sits on a body, and on the other body that it joins to it.
+    """A pair on a body, with the other body that it joins.
 
     Attributes:
         kind: of the pair.
@@ -82,7 +82,7 @@ def rods_of(mechanism: Mechanism) -> list[Rod]:
 
 
 def _ends(mechanism: Mechanism) -> list[list[RodEnd]]:
-    """Return the pairs of every body; a floating joint is none, a coordinate has no place."""
+    """Return the pairs of every body, without floating joints."""
     model, free = mechanism.model, pin.SE3.Identity()
     ends: list[list[RodEnd]] = [[] for _ in range(model.njoints)]
 
@@ -126,7 +126,7 @@ def _aligned(mechanism: Mechanism, end: RodEnd) -> RodEnd:
 
 
 def _rod(ends: list[list[RodEnd]], body: int, limit: float) -> Rod | None:
-    """Return the rod that a body belongs to; None if it belongs to none."""
+    """Return the rod of a body; None if it is not in one."""
     bodies, outer, inner = [body], [], []
     for own in bodies:  # grows
         for end in ends[own]:
@@ -147,7 +147,7 @@ def _rod(ends: list[list[RodEnd]], body: int, limit: float) -> Rod | None:
 
 
 def _lines(outer: list[RodEnd], inner: list[RodEnd], limit: float) -> dict[int, RodLine] | None:
-    """Return the line in every body of a rod; None where there is no such line."""
+    """Return the line in every body of a rod; None without such a line."""
     first, point = outer[0].own, outer[0].at.translation
     if inner:
         along = next(end.at.rotation[:, 2] for end in inner if end.own == first)
@@ -192,12 +192,12 @@ class Aligned(Closure):
 
 
 class Core(NamedTuple):
-    """A mechanism without its rods of given length, and without joints that are held.
+    """A mechanism without its rods of given length, and without fixed joints.
 
     Attributes:
         mechanism: with a distance for each of these rods.
-        rods: these.
-        joints: the joints that are left, as numbered in the whole mechanism.
+        rods: these rods.
+        joints: the remaining joints, by their numbers in the whole mechanism.
     """
 
     mechanism: Mechanism
@@ -206,20 +206,20 @@ class Core(NamedTuple):
 
     def whole(self, mechanism: Mechanism, base: Array, q: Array) -> Array:
         """Return `base` (nq,) of the whole mechanism with the core's joints as in q."""
-        found, model, core = base.copy(), mechanism.model, self.mechanism.model
+        whole, model, core = base.copy(), mechanism.model, self.mechanism.model
         for k, i in enumerate(self.joints, start=1):
-            found[model.idx_qs[i] : model.idx_qs[i] + model.nqs[i]] = (
+            whole[model.idx_qs[i] : model.idx_qs[i] + model.nqs[i]] = (
                 q[core.idx_qs[k] : core.idx_qs[k] + core.nqs[k]])
-        return found
+        return whole
 
 
 def core_of(mechanism: Mechanism, held: Mapping[str, float], rods: list[Rod]) -> Core:
-    """Return the core of a mechanism with coordinates held.
+    """Return the core of a mechanism with fixed coordinates.
 
     Args:
         mechanism: the mechanism.
         held: values of coordinates [rad, m].
-        rods: the rods to take out if their length is given; from `rods_of`.
+        rods: the rods to remove if their length is given; from `rods_of`.
     """
     model = mechanism.model
     q = with_values(mechanism, mechanism.neutral, held)
@@ -269,9 +269,9 @@ def core_of(mechanism: Mechanism, held: Mapping[str, float], rods: list[Rod]) ->
 def _of_given_length(
     mechanism: Mechanism, rod: Rod, held: Mapping[str, float]
 ) -> tuple[RodEnd, ...]:
-    """Return the two ends of a rod that is one distance equation, else nothing.
+    """Return the two ends of a rod that is one distance equation, else ().
 
-    One end at least is a ball: the rod may take any direction, and turn as it likes.
+    At least one end is a ball: the rod may take any direction, and turn freely.
     """
     ends, model = rod.ends, mechanism.model
     kinds = sorted(end.kind for end in ends)
@@ -295,7 +295,7 @@ def _of_given_length(
 def _without(
     model: pin.Model, data: pin.Data, locked: set[int], gone: set[int]
 ) -> tuple[pin.Model, dict[int, tuple[int, pin.SE3]], list[int]]:
-    """Return a tree without joints, where each body is in it, and the joints that are left."""
+    """Return a tree without some joints, the place of each body in it, and the remaining joints."""
     out, joints = pin.Model(), []
     places = {0: (0, pin.SE3.Identity())}
     for i in (i for i in range(1, model.njoints) if i not in gone):

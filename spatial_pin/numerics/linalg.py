@@ -173,6 +173,33 @@ def pseudo_inverses(a: Array, tolerance: float) -> Array:
     return np.linalg.pinv(a, rcond=tolerance)
 
 
+def column_spaces(a: Array) -> Array:
+    """Return orthonormal columns (N, m, k) that span those of matrices (N, m, k), k at most m."""
+    u: Array = np.linalg.svd(a, full_matrices=False)[0]
+    return u
+
+
+def null_spaces(a: Array, count: int) -> Array:
+    """Return orthonormal rows (N, count, n) that matrices (N, m, n) map to zero, or to least."""
+    vt: Array = np.linalg.svd(a)[2]
+    return vt[:, vt.shape[1] - count :]
+
+
+def mean_subspace(a: Array, weights: Array) -> Array:
+    """Return orthonormal rows (k, m) that span the mean of subspaces.
+
+    It has the least sum of squared chordal distances, times the weights, from all of them
+    [GolubVanLoan2013, 6.4.3].
+
+    Args:
+        a: (N, m, k) orthonormal columns of each.
+        weights: (N,) of these.
+    """
+    mean = np.einsum("k,kij,klj->il", weights, a, a)
+    vectors: Array = np.linalg.eigh(mean)[1]
+    return vectors[:, vectors.shape[1] - a.shape[2] :].T
+
+
 def independent_rows(a: Array, tolerance: float = TOLERANCES.rank) -> NDArray[np.intp]:
     """Return the sorted indices of a maximal well-conditioned set of independent rows of `a`.
 

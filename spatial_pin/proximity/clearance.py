@@ -1,4 +1,4 @@
-"""How far links stay apart over a motion, and where they touch."""
+"""Clearance of links over a motion, and their contacts."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from spatial_pin.errors import SpatialPinError, unless_cut
 from spatial_pin.motion.motion import Event, Motion, motion_needed
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.proximity.clearance_search import Between, ClearanceSearch, MotionPlace, PairResult
+from spatial_pin.proximity.clearance_search import Between, ClearanceSearch, MotionPoint, PairResult
 from spatial_pin.proximity.distances import Distances
 
-SHOWN = 12  # pairs of links in a report: the others are farther apart
+SHOWN = 12  # nearest pairs of links in a report
 
 
 class Contact(NamedTuple):
@@ -239,17 +239,17 @@ def clearance(
     if not len(motion):
         raise ValueError("the motion has no samples: there is nothing to look at")
     touching = finite_number(tolerance, "tolerance")
-    asked = None if pairs is None else list(pairs)
-    if asked == []:
+    named = None if pairs is None else list(pairs)
+    if named == []:
         raise ValueError("pairs is empty: name two links each, or leave it out for all")
-    search = ClearanceSearch(Distances(motion.mechanism, asked),
+    search = ClearanceSearch(Distances(motion.mechanism, named),
                     Between(motion), touching)
     names = search.distances.pairs
     with progress_bar(len(motion) + len(names), "clearance", progress) as bar:
-        search, found, is_whole = _searched(search, bar)
+        search, results, is_whole = _searched(search, bar)
     between = search.between
     made = []
-    for k, one in enumerate(found):
+    for k, one in enumerate(results):
         contacts = tuple(Contact(between.value(*first), between.value(*last))
                          for first, last in one.contacts)
         made.append(PairClearance(names[k], one.nearest.distance, between.value(*one.at),
@@ -260,28 +260,28 @@ def clearance(
         TOLERANCES.nothing * motion.mechanism.characteristic_length)
     ranks = [0, *np.cumsum(apart).tolist()]
     placed = sorted(zip(ranks, made, strict=False), key=lambda x: (x[0], x[1].links))
-    found_here = Clearance(
+    result = Clearance(
         between.motion, tuple(pair for _, pair in placed), search.distances.joined, touching,
-        _events(between, names, found), is_whole)
-    return unless_cut(found_here, between.motion)
+        _events(between, names, results), is_whole)
+    return unless_cut(result, between.motion)
 
 
 def _searched(search: ClearanceSearch, bar: Any) -> tuple[ClearanceSearch, list[PairResult], bool]:
-    """Return the search, what it found of each pair of links, and whether nothing cut it short."""
-    found, done, n = list[PairResult](), 0, len(search.distances.pairs)
+    """Return the search, its result for each pair of links, and whether it is complete."""
+    results, done, n = list[PairResult](), 0, len(search.distances.pairs)
     try:
         for row in search.sample():
             done = row + 1
             bar.update()
         for k in range(n):
-            found.append(search.found(k))
+            results.append(search.result(k))
             bar.update()
     except KeyboardInterrupt:  # what was found until then is the answer
         if not done:
             raise
         search = search.cut(done)
-        return search, [*found, *(search.at_samples(k) for k in range(len(found), n))], False
-    return search, found, True
+        return search, [*results, *(search.at_samples(k) for k in range(len(results), n))], False
+    return search, results, True
 
 
 def standing(state: State) -> Motion:
@@ -292,18 +292,18 @@ def standing(state: State) -> Motion:
 
 
 def _events(
-    between: Between, names: Sequence[tuple[str, str]], found: Sequence[PairResult]
+    between: Between, names: Sequence[tuple[str, str]], results: Sequence[PairResult]
 ) -> tuple[Event, ...]:
-    """Return where links begin and cease to touch: not at the ends of the motion."""
+    """Return where links begin and cease to touch, without the ends of the motion."""
     motion, placed = between.motion, []
     unit = motion.driver_unit if motion.driver is not None else "s"
     over = motion.driver_name or "time"
-    ends = MotionPlace(0, 0.0), MotionPlace(len(motion) - 1, 0.0)
-    for (a, b), one in zip(names, found, strict=True):
+    ends = MotionPoint(0, 0.0), MotionPoint(len(motion) - 1, 0.0)
+    for (a, b), one in zip(names, results, strict=True):
         for first, last in one.contacts:
-            for kind, place, words in (("touch", first, "begin"), ("part", last, "cease")):
-                if place not in ends:
-                    value = between.value(*place)
+            for kind, point, words in (("touch", first, "begin"), ("part", last, "cease")):
+                if point not in ends:
+                    value = between.value(*point)
                     text = f"{a} and {b} {words} to touch at {over} = {value:.12g} {unit}"
-                    placed.append((place, Event(kind, value, place.row + 1, text)))
+                    placed.append((point, Event(kind, value, point.row + 1, text)))
     return tuple(event for _, event in sorted(placed, key=lambda x: x[0]))

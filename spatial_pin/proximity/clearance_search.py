@@ -1,13 +1,13 @@
-"""Where over a motion two links are nearest to each other, and where they touch.
+"""Search of a motion for the least distance of two links, and for contacts.
 
-Between samples a distance cannot fall by more than half of what the links travel there: an interval
-is looked into as far as that leaves it open whether it holds the least distance, or a touch.
+Between samples a distance falls by at most half of the links' travel. An interval is refined while
+it may contain the least distance or a contact.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 import pinocchio as pin
@@ -20,41 +20,38 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.roots import sign_change
 from spatial_pin.proximity.distances import Distances, Nearest
 
-# How much longer a way is than the chord between its ends, at most: an arc of 90 degrees is 11 %.
-CURVED = 1.25
-# Parts of the way to the next sample of which each is taken as straight and even: links that start
-# from rest are at its end nearly twice as fast as on the mean, on a fourth no faster than CURVED.
+CURVED = 1.25  # largest ratio of a path to its chord: an arc of 90 degrees is 11 % longer
+# Parts of a step taken as straight and of constant speed: links that start from rest end at nearly
+# twice the mean speed, in a quarter at most at CURVED times it.
 EVEN_PARTS = 4
-WHOLE_TURN = 2.0 * np.pi  # of all joints together: for each there are so many parts
-# Way of two links, relative to the characteristic length, that is not looked into any more: what
-# comes and goes on half of it may be missed, a body thinner than that; and each configuration of a
-# pair costs a tenth of a millisecond, of links that slide side by side over the whole motion.
+WHOLE_TURN = 2.0 * np.pi  # of all joints together: for each there are EVEN_PARTS parts
+# Travel of two links that is not refined, relative to the characteristic length: a contact shorter
+# than half of it may be missed, by a thinner body. Each configuration of a pair costs 0.1 ms, for
+# sliding links over the whole motion.
 CERTAIN = 5e-3
-# Distances of solids are known to this, relative to the characteristic length: what is nearer to
-# touching than that touches, so that parts made to slide on each other do so all the way.
-PLACE_ERROR = 1e-8
-NEAREST = 1e-5  # part of an interval to which a least distance is searched: it changes by 1e-10
-# Part of what is known of distances within which the first place counts as the least.
-ONE_PLACE = 1e-4
-# Joints that go no farther to the next sample [rad, characteristic lengths] go as polynomials say.
+# Error of distances relative to the characteristic length: nearer links count as touching, so that
+# parts that slide on each other touch all along.
+DISTANCE_ERROR = 1e-8
+# part of an interval to which the minimum is located: the distance is then exact to 1e-10
+NEAREST = 1e-5
+# relative to the error of distances: the first point within it counts as the minimum
+EQUAL_DISTANCE = 1e-4
+# joint step up to which the polynomials are exact enough [rad, characteristic lengths]
 FAIRLY_FAR = 0.1
-# How far polynomials may be from configurations with closed loops, relative to CERTAIN, to stand
-# for them while places are searched.
-STRAY = 0.05
-INWARD = 1e-3  # part of an interval at whose end it is seen whether a distance falls into it
-VALLEYS = 2  # places, the nearest of those known, beside which it is searched
+STRAY = 0.05  # largest deviation of the polynomials from closed loops, relative to CERTAIN
+INWARD = 1e-3  # part of an interval at whose end the slope of the distance is tested
+VALLEYS = 2  # smallest known distances beside which the minimum is searched
 
 
 class Between:
-    """Goes from each sample of a motion to the next.
+    """Interpolation of a motion between its samples.
 
-    Joint coordinates follow Hermite's polynomials of fifth degree, through the configurations,
-    rates and accelerations of both samples; ball and floating joints those of third degree, in the
-    rotation vectors from the first sample. Where a driver was swept, `closed` closes the loops
-    there at its value.
+    Joint coordinates follow Hermite's polynomials of fifth degree, from configurations, rates and
+    accelerations of both samples; ball and floating joints those of third degree, in rotation
+    vectors from the first sample. For a swept driver, `closed` closes the loops at its value.
 
     Args:
-        motion: of two samples at least, or no way is asked for.
+        motion: of two samples at least, if points between samples are used.
     """
 
     def __init__(self, motion: Motion) -> None:
@@ -67,28 +64,28 @@ class Between:
         self._powers, self._at_first = np.arange(6), np.zeros(self.model.nv)
 
     def at(self, row: int, part: float) -> Array:
-        """Return the configuration (nq,) a part, 0 to 1, of the way from a sample to the next."""
+        """Return the configuration (nq,) at a part, 0 to 1, of the step to the next sample."""
         q0, q1 = self.motion.q[row], self.motion.q[row + 1]
         (slope0, slope1), bends = self._rates(row)
-        way = pin.difference(self.model, q0, q1)
+        difference = pin.difference(self.model, q0, q1)
         slope1 = pin.dDifference(self.model, q0, q1, pin.ARG1) @ slope1
         u, v = part, 1.0 - part
-        cubic = u * u * ((3.0 - 2.0 * u) * way - v * slope1) + u * v * v * slope0
-        fifth = part**self._powers @ quintic((self._at_first, way), (slope0, slope1), bends)
+        cubic = u * u * ((3.0 - 2.0 * u) * difference - v * slope1) + u * v * v * slope0
+        fifth = part**self._powers @ quintic((self._at_first, difference), (slope0, slope1), bends)
         step = np.where(self._is_linear, fifth, cubic)
         return pin.integrate(self.model, q0, step)
 
     def turned(self, row: int) -> float:
-        """Return the angle [rad] that all joints together turn, on the way to the next sample.
+        """Return the angle [rad] of all joints together in the step to the next sample.
 
-        It is that at the mean speed, or the speed at either sample, if that is larger.
+        It is that at the mean speed, or at the speed of either sample if that is larger.
         """
-        way = pin.difference(self.model, *self.motion.q[row : row + 2])
-        most = np.abs([way, *self._rates(row)[0]]).max(axis=0)
+        difference = pin.difference(self.model, *self.motion.q[row : row + 2])
+        most = np.abs([difference, *self._rates(row)[0]]).max(axis=0)
         return float(most[self._turns].sum())
 
     def closed(self, row: int, part: float) -> Array:
-        """Return the configuration (nq,) with its loops closed at the driver's value."""
+        """Return the closed configuration (nq,) at the driver's value."""
         q = self.at(row, part)
         if self.driver is None or self.motion.per == "length":
             return q
@@ -100,7 +97,7 @@ class Between:
         return state.q
 
     def value(self, row: int, part: float) -> float:
-        """Return the driver's value [rad or m] there; the time [s] where none was swept."""
+        """Return the driver's value [rad or m]; the time [s] without a driver."""
         motion = self.motion
         if motion.driver is None:
             given = np.arange(len(motion)) if motion.time is None else motion.time
@@ -118,7 +115,7 @@ class Between:
             np.any(self.motion.driver_speed[row : row + 2] != self.motion.driver_speed[row]))
 
     def _rates(self, row: int) -> tuple[Array, Array]:
-        """Return slopes (2, nv) and bends (2, nv) at both samples for a way of length one."""
+        """Return slopes (2, nv) and second derivatives (2, nv) at both samples, per step."""
         motion = self.motion
         v, a = motion.v[row : row + 2], motion.a[row : row + 2]
         if motion.per == "length":
@@ -138,188 +135,192 @@ class Between:
         return h * v, h * h * a
 
 
-class MotionPlace(NamedTuple):
-    """A place on a motion: a part, 0 to 1, of the way from a sample to the next."""
+class MotionPoint(NamedTuple):
+    """A point of a motion: a part, 0 to 1, of the step from a sample to the next."""
 
     row: int
     part: float
 
 
 class PairResult(NamedTuple):
-    """What a search has found of a pair of links.
+    """The result for a pair of links.
 
     Attributes:
-        at: where they are nearest.
-        nearest: how near, there.
-        contacts: first and last place of each part of the motion on which they touch.
+        at: point of the least distance.
+        nearest: the distance there.
+        contacts: first and last point of each contact.
     """
 
-    at: MotionPlace
+    at: MotionPoint
     nearest: Nearest
-    contacts: tuple[tuple[MotionPlace, MotionPlace], ...]
+    contacts: tuple[tuple[MotionPoint, MotionPoint], ...]
 
 
-class ClearanceSearch:
-    """Searches a motion, pair of links by pair of links.
+class SampledClearance:
+    """Distances of pairs of links at the samples of a motion.
 
     Attributes:
         sampled: (N, pairs) distances at the samples [m].
-        points: (N, pairs, 2, 3) where links are nearest to each other there, in the world [m].
+        points: (N, pairs, 2, 3) nearest points there, in the world [m].
 
     Args:
         distances: of the pairs.
-        between: goes from sample to sample.
-        touching: distance at which links touch [m].
+        between: the interpolated motion.
+        touching: distance of a contact [m].
     """
 
     def __init__(self, distances: Distances, between: Between, touching: float) -> None:
         self.distances, self.between, self.touching = distances, between, touching
         motion = between.motion
         size = motion.mechanism.characteristic_length
-        self.certain, self.known = CERTAIN * size, PLACE_ERROR * size
+        self.certain, self.known = CERTAIN * size, DISTANCE_ERROR * size
         self.sampled = np.empty((len(motion), len(distances.pairs)))
         self.points = np.empty((*self.sampled.shape, 2, 3))
         self._travelled: list[Array] = []
         self._rough: set[int] = set()  # samples after which polynomials stray too far
-        self._known_places: dict[MotionPlace, Array] = {}  # configurations, for all pairs
+        self._known_places: dict[MotionPoint, Array] = {}  # configurations, for all pairs
 
     def sample(self) -> Iterator[int]:
-        """Take the distances of all pairs at all samples, one sample at a time."""
+        """Compute the distances of all pairs at all samples, one sample at a time."""
         before = None
         for row, q in enumerate(self.between.motion.q):
             here = self.distances.middles(q)
-            for pair, found in enumerate(self.distances.every()):
-                self.sampled[row, pair], self.points[row, pair] = found
+            for pair, nearest in enumerate(self.distances.every()):
+                self.sampled[row, pair], self.points[row, pair] = nearest
             if before is not None and self.sampled.shape[1]:
                 motion = self.between.motion  # do bodies stray from where closed loops have them?
-                way = pin.difference(motion.mechanism.model, *motion.q[row - 1 : row + 1])
-                if np.abs(way / motion.mechanism.velocity_scale).max(initial=0.0) > FAIRLY_FAR:
+                step = pin.difference(motion.mechanism.model, *motion.q[row - 1 : row + 1])
+                if np.abs(step / motion.mechanism.velocity_scale).max(initial=0.0) > FAIRLY_FAR:
                     strayed = self.distances.travel(*(self.distances.middles(q) for q in (
                         self.between.at(row - 1, 0.5), self.between.closed(row - 1, 0.5))))
                     if strayed.max(initial=0.0) > STRAY * self.certain:
                         self._rough.add(row - 1)
-                self._travelled.append(self._way_to(row, before, here))
+                self._travelled.append(self._approach(row, before, here))
             before = here
             yield row
 
-    def _on_way(self, row: int, part: float) -> Array:
-        """Return the configuration (nq,) at a place, as good as the search for places needs it."""
-        place = MotionPlace(row, part)
-        if place not in self._known_places:
+    def _configuration(self, row: int, part: float) -> Array:
+        """Return the configuration (nq,) at a point, exact enough for the search."""
+        point = MotionPoint(row, part)
+        if point not in self._known_places:
             go = self.between.closed if row in self._rough else self.between.at
-            self._known_places[place] = go(row, part)
-        return self._known_places[place]
+            self._known_places[point] = go(row, part)
+        return self._known_places[point]
 
-    def _way_to(self, row: int, before: tuple[Array, Array], here: tuple[Array, Array]) -> Array:
-        """Return how far links have come towards each other at even parts of the way to a sample.
+    def _approach(self, row: int, before: tuple[Array, Array], here: tuple[Array, Array]) -> Array:
+        """Return the approach of links at even parts of the step to a sample.
 
         Returns:
             (parts + 1, pairs).
         """
         parts = EVEN_PARTS * max(1, int(np.ceil(self.between.turned(row - 1) / WHOLE_TURN)))
-        way: list[Array] = []
+        steps: list[Array] = []
         for k in range(1, parts + 1):
             there = here if k == parts else self.distances.middles(
-                self._on_way(row - 1, k / parts))
-            way.append(self.distances.approach(before, there))
+                self._configuration(row - 1, k / parts))
+            steps.append(self.distances.approach(before, there))
             before = there
-        return np.cumsum([np.zeros(self.sampled.shape[1]), *way], axis=0)
+        return np.cumsum([np.zeros(self.sampled.shape[1]), *steps], axis=0)
 
-    def cut(self, n: int) -> ClearanceSearch:
-        """Return a search of the first samples alone, which were taken."""
+    def cut(self, n: int) -> Self:
+        """Return a search of the first samples alone, which are computed."""
         between = Between(first_samples(self.between.motion, n))
-        own = ClearanceSearch(self.distances, between, self.touching)
+        own = type(self)(self.distances, between, self.touching)
         own.sampled, own.points = self.sampled[:n], self.points[:n]
         return own
 
     def at_samples(self, pair: int) -> PairResult:
-        """Return what the samples alone tell of a pair."""
+        """Return the result for a pair from the samples alone."""
         apart = self.sampled[:, pair]
         row = int(np.argmin(apart))
         touching = np.concatenate([[False], apart - self.touching <= self.known, [False]])
         ends = np.flatnonzero(np.diff(touching.astype(int)))
-        contacts = tuple((MotionPlace(int(first), 0.0), MotionPlace(int(last) - 1, 0.0))
+        contacts = tuple((MotionPoint(int(first), 0.0), MotionPoint(int(last) - 1, 0.0))
                          for first, last in zip(ends[::2], ends[1::2], strict=True))
         nearest = Nearest(float(apart[row]), self.points[row, pair])
-        return PairResult(MotionPlace(row, 0.0), nearest, contacts)
+        return PairResult(MotionPoint(row, 0.0), nearest, contacts)
 
-    def found(self, pair: int) -> PairResult:
-        """Return what there is of a pair, the samples taken."""
-        known = {MotionPlace(row, 0.0): x for row, x in enumerate(self.sampled[:, pair].tolist())}
+
+class ClearanceSearch(SampledClearance):
+    """The search of a motion, pair of links by pair of links."""
+
+    def result(self, pair: int) -> PairResult:
+        """Return the result for a pair, after `sample`."""
+        known = {MotionPoint(row, 0.0): x for row, x in enumerate(self.sampled[:, pair].tolist())}
         self._look_into(pair, known)
         at = self._polished(pair, known)
         return PairResult(at, self._nearest(pair, at), tuple(self._contacts(pair, known)))
 
-    def _nearest(self, pair: int, place: MotionPlace, closed: bool = True) -> Nearest:
-        row, part = place
+    def _nearest(self, pair: int, point: MotionPoint, closed: bool = True) -> Nearest:
+        row, part = point
         if part == 0.0:
             q = self.between.motion.q[row]
         else:
-            q = (self.between.closed if closed else self._on_way)(row, part)
-        self.distances.place(q)
+            q = (self.between.closed if closed else self._configuration)(row, part)
+        self.distances.update(q)
         return self.distances.least(pair)
 
-    def _look_into(self, pair: int, known: dict[MotionPlace, float]) -> None:
-        """Add distances between samples, until none can hide what was asked for."""
+    def _look_into(self, pair: int, known: dict[MotionPoint, float]) -> None:
+        """Add distances between samples, until no interval can hold a smaller one or a contact."""
         least, touches = min(known.values()), self.touching + self.known
         for row, travelled in enumerate(self._travelled):
             come = CURVED * travelled[:, pair]
             places = np.linspace(0.0, 1.0, len(come))
-            left = [(0.0, 1.0, known[MotionPlace(row, 0.0)], known[MotionPlace(row + 1, 0.0)])]
-            while left:
-                first, last, before, after = left.pop()
-                way = float(np.subtract(*np.interp((last, first), places, come)))
-                bound = 0.5 * (before + after - way)  # with nothing between nearer than that
+            intervals = [(0.0, 1.0, known[MotionPoint(row, 0.0)], known[MotionPoint(row + 1, 0.0)])]
+            while intervals:
+                first, last, before, after = intervals.pop()
+                travel = float(np.subtract(*np.interp((last, first), places, come)))
+                bound = 0.5 * (before + after - travel)  # with nothing between nearer than that
                 shows = min(before, after) <= touches  # its ends show a touch
                 may_hide = bound < least - self.certain or (
                     not shows and bound < touches - self.certain)
-                if not may_hide or way < self.certain:
+                if not may_hide or travel < self.certain:
                     continue
                 middle = 0.5 * (first + last)
-                there = self._nearest(pair, MotionPlace(row, middle), closed=False).distance
-                known[MotionPlace(row, middle)] = there
+                there = self._nearest(pair, MotionPoint(row, middle), closed=False).distance
+                known[MotionPoint(row, middle)] = there
                 least = min(least, there)
-                left += [(first, middle, before, there), (middle, last, there, after)]
+                intervals += [(first, middle, before, there), (middle, last, there, after)]
 
-    def _polished(self, pair: int, known: dict[MotionPlace, float]) -> MotionPlace:
-        """Return the place of the least distance, beside the least of those known."""
+    def _polished(self, pair: int, known: dict[MotionPoint, float]) -> MotionPoint:
+        """Return the point of the least distance, near the least known ones."""
         from scipy.optimize import minimize_scalar
 
         places = sorted(known)
         for k in sorted(range(len(places)), key=lambda k: known[places[k]])[:VALLEYS]:
             here = known[places[k]] = self._nearest(pair, places[k]).distance
-            for row, first, last in _beside(places, k):
+            for row, first, last in _neighbouring_intervals(places, k):
                 end, other = (first, last) if (row, first) == places[k] else (last, first)
-                inside = MotionPlace(row, end + INWARD * (other - end))
+                inside = MotionPoint(row, end + INWARD * (other - end))
                 if self._nearest(pair, inside).distance >= here:
                     continue
-                found = minimize_scalar(
-                    lambda part, row=row: self._nearest(pair, MotionPlace(row, part)).distance,
+                result = minimize_scalar(
+                    lambda part, row=row: self._nearest(pair, MotionPoint(row, part)).distance,
                     bounds=(first, last), method="bounded", options={"xatol": NEAREST})
-                known[MotionPlace(row, float(found.x))] = float(found.fun)
-        least = min(known.values()) + ONE_PLACE * self.known
-        return min(place for place, distance in known.items() if distance <= least)
+                known[MotionPoint(row, float(result.x))] = float(result.fun)
+        least = min(known.values()) + EQUAL_DISTANCE * self.known
+        return min(point for point, distance in known.items() if distance <= least)
 
     def _contacts(
-        self, pair: int, known: dict[MotionPlace, float]
-    ) -> Iterator[tuple[MotionPlace, MotionPlace]]:
-        """Yield the first and last place of each part of the motion on which links touch."""
+        self, pair: int, known: dict[MotionPoint, float]
+    ) -> Iterator[tuple[MotionPoint, MotionPoint]]:
+        """Yield the first and last point of each contact."""
         places = sorted(known)
-        begun: MotionPlace | None = None
+        first: MotionPoint | None = None
         for before, here in zip([None, *places], places, strict=False):
             touches = known[here] - self.touching <= self.known
-            if touches and begun is None:
-                begun = here if before is None else self._change(pair, before, here, known)
-            elif not touches and begun is not None and before is not None:
-                yield begun, self._change(pair, before, here, known)
-                begun = None
-        if begun is not None:
-            yield begun, places[-1]
+            if touches and first is None:
+                first = here if before is None else self._change(pair, before, here, known)
+            elif not touches and first is not None and before is not None:
+                yield first, self._change(pair, before, here, known)
+                first = None
+        if first is not None:
+            yield first, places[-1]
 
     def _change(
-        self, pair: int, a: MotionPlace, b: MotionPlace, known: dict[MotionPlace, float]
-    ) -> MotionPlace:
-        """Return where links begin or cease to touch between two places beside each other."""
+        self, pair: int, a: MotionPoint, b: MotionPoint, known: dict[MotionPoint, float]
+    ) -> MotionPoint:
+        """Return the begin or end of a contact between two neighbouring points."""
         row, first = a
         last = b.part if b.row == row else 1.0
         # where they only come near enough to touch, not nearer, that is where
@@ -328,18 +329,20 @@ class ClearanceSearch:
             level += self.known
 
         def excess(part: float) -> float:
-            place = MotionPlace(row, part) if part < 1.0 else MotionPlace(row + 1, 0.0)
-            return self._nearest(pair, place).distance - level
+            point = MotionPoint(row, part) if part < 1.0 else MotionPoint(row + 1, 0.0)
+            return self._nearest(pair, point).distance - level
 
         ends = excess(first), excess(last)
         if ends[0] * ends[1] > 0.0:  # by the round-off of configurations that were closed
-            return min((a, b), key=lambda place: abs(known[place] - level))
+            return min((a, b), key=lambda point: abs(known[point] - level))
         part = sign_change(excess, first, last, *ends)
-        return MotionPlace(row, part) if part < 1.0 else MotionPlace(row + 1, 0.0)
+        return MotionPoint(row, part) if part < 1.0 else MotionPoint(row + 1, 0.0)
 
 
-def _beside(places: list[MotionPlace], k: int) -> Iterator[tuple[int, float, float]]:
-    """Yield (sample, first part, last part) of the intervals on both sides of a place."""
+def _neighbouring_intervals(
+    places: list[MotionPoint], k: int
+) -> Iterator[tuple[int, float, float]]:
+    """Yield (sample, first part, last part) of the intervals on both sides of a point."""
     if k > 0:
         row, first = places[k - 1]
         yield row, first, places[k].part if places[k].row == row else 1.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from itertools import combinations, product
 from typing import NamedTuple
@@ -18,20 +18,20 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.proximity.solids import SUPPORTS, ConvexSolid, solids_of
 
-GJK_STEPS = 1000  # of coal's algorithms, which end long before: their tolerances decide
-# Tolerances [m] with which solids that are apart, and how deep solids overlap, are asked for: of
-# 2000 overlapping pairs of solids six came out wrong at 1e-8 and fifteen at 1e-6, not the same;
-# with finer ones more do. Which is right, the solids' reach along the normal says.
+GJK_STEPS = 1000  # for coal's algorithms, which end long before by their tolerances
+# Tolerances [m] for separate and for overlapping solids, tried in turn: of 2000 overlapping pairs
+# six were wrong at 1e-8 and fifteen at 1e-6, not the same; finer ones are worse. The extents of the
+# solids along the normal show which is right.
 TOLERANCES = ((1e-12, 1e-8), (1e-12, 1e-6), (1e-6, 1e-6))
-# The same distance along the normal, relative to the size of the solids: ten times the coarsest
-# tolerance.
+# difference of a distance from that along the normal, relative to the size of the solids: ten times
+# the coarsest tolerance
 ALIKE = 1e-5
-PARALLEL = 1e-12  # square of the sine of the angle between segments that count as parallel
-LOWERED = 4e-6  # what bounds are lower for that, relative to the solids: four times its root
+PARALLEL = 1e-12  # squared sine of the angle between parallel segments
+LOWERED = 4e-6  # reduction of bounds for that, relative to the solids: four times its root
 
 
 def _around(n: int) -> Array:
-    """Return n directions that lie evenly around, on a spiral."""
+    """Return n directions evenly around, on a spiral."""
     z = 1.0 - (2.0 * np.arange(n) + 1.0) / n
     angle = np.pi * (1.0 + 5.0**0.5) * np.arange(n)
     across = np.sqrt(1.0 - z * z)
@@ -39,15 +39,15 @@ def _around(n: int) -> Array:
 
 
 AROUND = _around(100)
-WIDE_GAP = 0.2  # rad between directions that lie so
+WIDE_GAP = 0.2  # angle between such directions [rad]
 
 
 class Nearest(NamedTuple):
-    """Where two links are nearest to each other.
+    """The distance of two links.
 
     Attributes:
-        distance: between them; below zero how deep they overlap [m].
-        points: (2, 3) on the one and the other, in the world [m].
+        distance: below zero the depth of overlap [m].
+        points: (2, 3) nearest points of both, in the world [m].
     """
 
     distance: float
@@ -62,13 +62,13 @@ class Distances:
 
     Attributes:
         pairs: names of two links each.
-        joined: names of two links each that are joined, and were not asked for.
+        joined: names of two joined links each, which are left out.
 
     Args:
         mechanism: the mechanism.
-        pairs: which links; None for all that have solids and are not joined. Links are joined that
-            are fixed to each other, by a pair of the tree, a closure (but a distance, which is a
-            rod between them) or a coupling, or by a link without solids.
+        pairs: pairs of links; None for all that have solids and are not joined. Links are joined if
+            they are fixed to each other, by a pair of the tree, a closure (but a distance, which is
+            a rod between them) or a coupling, or by a link without solids.
 
     Raises:
         UnknownNameError: there is no such link.
@@ -86,7 +86,8 @@ class Distances:
             self._of[solid.link].append(k)
         self.joined: tuple[tuple[str, str], ...] = ()
         if pairs is not None:
-            self.pairs = tuple(map(self._checked, pairs))
+            own = {name: self._joint(name) for name in self._of}
+            self.pairs = tuple(_checked(mechanism, own, pair) for pair in pairs)
         else:
             joined = joined_bodies(mechanism, {s.joint for s in self.solids})
             bodies = {(a, b): frozenset((self._joint(a), self._joint(b)))
@@ -111,24 +112,8 @@ class Distances:
     def _joint(self, link: str) -> int:
         return self.solids[self._of[link][0]].joint
 
-    def _checked(self, pair: tuple[str, str]) -> tuple[str, str]:
-        where = f"mechanism {self.mechanism.name!r}: "
-        if isinstance(pair, str) or len(pair) != 2:
-            raise SpatialPinError(f"{where}a pair is two links, not {pair!r}")
-        for name in pair:
-            if name not in self.mechanism.links:
-                raise UnknownNameError("link", name, self.mechanism.links, where)
-            if name not in self._of:
-                raise SpatialPinError(f"{where}link {name!r} has no <collision> and no <visual>, "
-                                      "so that nothing has a distance from it")
-        a, b = pair
-        if self._joint(a) == self._joint(b):
-            raise SpatialPinError(f"{where}links {a!r} and {b!r} are fixed to each other: their "
-                                  "distance does not change")
-        return a, b
-
-    def place(self, q: Array) -> None:
-        """Go to a configuration (nq,)."""
+    def update(self, q: Array) -> None:
+        """Move to a configuration (nq,)."""
         self._tree.update(q)
         placements = self._tree.placements[self._joints]
         self._rotations = placements[:, :3].transpose(0, 2, 1)
@@ -139,18 +124,18 @@ class Distances:
 
     def middles(self, q: Array) -> tuple[Array, Array]:
         """Return centres (n, 3) and rotations (n, 3, 3) of all solids at a configuration."""
-        self.place(q)
+        self.update(q)
         return self._middles, self._rotations
 
     def travel(self, before: tuple[Array, Array], after: tuple[Array, Array]) -> Array:
-        """Return how far points of each solid go at most, straight, between two `middles`."""
+        """Return the largest straight displacement of points of solids between two `middles`."""
         moved = np.linalg.norm(after[0] - before[0], axis=1)
         return moved + 2.0 * _half_sine(before[1], after[1]) * self._radii
 
     def approach(self, before: tuple[Array, Array], after: tuple[Array, Array]) -> Array:
-        """Return how far points of two links go at most towards each other, straight (pairs,).
+        """Return the largest straight approach of two links (pairs,) between two `middles`.
 
-        As seen from either, or from the world: of links that move together that is little.
+        Relative to either link, or in the world: for links that move together it is small.
         """
         alone = self.travel(before, after)
         own, other = self._leading.T
@@ -165,19 +150,19 @@ class Distances:
             np.linalg.norm(back_then - back, axis=1) + swing * self._reach[own]], axis=0)
 
     def _seen(self, middles: Array, rotations: Array) -> tuple[Array, Array, Array]:
-        """Return where links are: the second as the first sees it, and back, and how turned."""
+        """Return positions of second links relative to the first, the reverse, and rotations."""
         own, other = self._leading.T
         between, turned = middles[other] - middles[own], rotations[own].transpose(0, 2, 1)
         return (np.einsum("kij,kj->ki", turned, between),
                 np.einsum("kji,kj->ki", rotations[other], between), turned @ rotations[other])
 
     def least(self, pair: int) -> Nearest:
-        """Return where the links of a pair are nearest to each other, at the last `place`."""
+        """Return the distance of a pair of links, at the last `update`."""
         first, second = self._parts[pair]
         return self._least(first, second, self._apart(first, second))
 
     def every(self) -> list[Nearest]:
-        """Return where the links of all pairs are nearest to each other, at the last `place`."""
+        """Return the distances of all pairs of links, at the last `update`."""
         if not self.pairs:
             return []
         firsts, seconds = np.concatenate(self._parts, axis=1)
@@ -187,19 +172,19 @@ class Distances:
                 for (first, second), apart in zip(self._parts, bounds, strict=True)]
 
     def _least(self, first: NDArray[np.intp], second: NDArray[np.intp], apart: Array) -> Nearest:
-        """Return the nearest of pairs of solids that are farther apart than bounds (n,)."""
+        """Return the nearest of pairs of solids with lower bounds `apart` (n,)."""
         best = NOWHERE
         for k in np.argsort(apart):
             if apart[k] >= best.distance:
                 break
             i, j = int(first[k]), int(second[k])
-            found = nearest(self.solids[i], self._frame(i), self.solids[j], self._frame(j))
-            if found.distance < best.distance:
-                best = found
+            candidate = nearest(self.solids[i], self._frame(i), self.solids[j], self._frame(j))
+            if candidate.distance < best.distance:
+                best = candidate
         return best
 
     def _apart(self, first: NDArray[np.intp], second: NDArray[np.intp]) -> Array:
-        """Return what pairs of solids (n,) are apart at least, at the last `place` [m]."""
+        """Return lower bounds of the distances of pairs of solids (n,) at the last update [m]."""
         between = self._middles[first] - self._middles[second]
         radii = self._radii[first] + self._radii[second]
         spheres = np.sqrt(np.einsum("ki,ki->k", between, between)) - radii
@@ -208,7 +193,7 @@ class Distances:
         return np.maximum(spheres, rods) - LOWERED * radii
 
     def touching(self, tolerance: float) -> tuple[str, str] | None:
-        """Return the first pair of links no farther apart than that, at the last `place`."""
+        """Return the first pair of links within a distance, at the last `update`; else None."""
         for pair, (first, second) in enumerate(self._parts):
             apart = self._apart(first, second)
             if apart.min() <= tolerance and (
@@ -225,6 +210,26 @@ class Distances:
         return self._frames[k]
 
 
+def _checked(
+    mechanism: Mechanism, bodies: Mapping[str, int], pair: tuple[str, str]
+) -> tuple[str, str]:
+    """Return names of two links, from those with solids and their joints."""
+    where = f"mechanism {mechanism.name!r}: "
+    if isinstance(pair, str) or len(pair) != 2:
+        raise SpatialPinError(f"{where}a pair is two links, not {pair!r}")
+    for name in pair:
+        if name not in mechanism.links:
+            raise UnknownNameError("link", name, mechanism.links, where)
+        if name not in bodies:
+            raise SpatialPinError(f"{where}link {name!r} has no <collision> and no <visual>, "
+                                  "so that nothing has a distance from it")
+    a, b = pair
+    if bodies[a] == bodies[b]:
+        raise SpatialPinError(f"{where}links {a!r} and {b!r} are fixed to each other: their "
+                              "distance does not change")
+    return a, b
+
+
 def _half_sine(before: Array, after: Array) -> Array:
     """Return the sines (n,) of half the angles between rotations (n, 3, 3)."""
     trace = np.einsum("kij,kij->k", before, after)
@@ -235,12 +240,12 @@ def segments_apart(between: Array, first: Array, second: Array) -> Array:
     """Return the distances (n,) of pairs of segments.
 
     The point of the first that is nearest to the second's line, then that of the second, then that
-    of the first again, each kept within its segment.
+    of the first again, each within its segment.
 
     Args:
         between: (n, 3) from the middles of the second to those of the first.
         first: (n, 3) from the middles to an end of each.
-        second: likewise.
+        second: (n, 3) for the second segments.
     """
     a, b, c, d, e = (np.einsum("ki,ki->k", x, y) for x, y in (
         (first, first), (first, second), (second, second), (first, between), (second, between)))
@@ -257,50 +262,50 @@ def segments_apart(between: Array, first: Array, second: Array) -> Array:
 def nearest(
     a: ConvexSolid, at_a: coal.Transform3s, b: ConvexSolid, at_b: coal.Transform3s
 ) -> Nearest:
-    """Return where two solids are nearest to each other.
+    """Return the distance of two solids.
 
-    Two convex solids are as far apart as they are along the best direction, overlapping ones too:
-    no direction gives more than their distance, and that of the nearest points gives it. What coal
-    finds is wrong at times, where another tolerance or direction tells it.
+    The distance of convex solids is the largest of their distances along all directions, also for
+    overlapping ones; the direction of the nearest points attains it. A wrong answer of coal is
+    detected by that, and by other tolerances.
     """
     normals = []
     for request in _requests():
         result = coal.DistanceResult()
         distance = float(coal.distance(a.shape, at_a, b.shape, at_b, request, result))
-        found = Nearest(distance, np.array([result.getNearestPoint1(), result.getNearestPoint2()]))
+        points = np.array([result.getNearestPoint1(), result.getNearestPoint2()])
         normals.append(result.normal)
-        told = float(_apart_along(result.normal[None], a, at_a, b, at_b)[0][0])
-        if abs(distance - told) <= ALIKE * (a.radius + b.radius):
+        along_normal = float(_apart_along(result.normal[None], a, at_a, b, at_b)[0][0])
+        if abs(distance - along_normal) <= ALIKE * (a.radius + b.radius):
             if distance > 0.0:
-                return found
+                return Nearest(distance, points)
             break
-    return _deepest(found, normals, a, at_a, b, at_b)
+    return _deepest(Nearest(distance, points), normals, a, at_a, b, at_b)
 
 
 def _deepest(
-    found: Nearest, normals: Sequence[Array], a: ConvexSolid, at_a: coal.Transform3s,
+    known: Nearest, normals: Sequence[Array], a: ConvexSolid, at_a: coal.Transform3s,
     b: ConvexSolid, at_b: coal.Transform3s,
 ) -> Nearest:
-    """Return how deep solids overlap: as found, unless another direction says less deep.
+    """Return the depth of overlap: the known one, unless another direction gives less.
 
-    Looked at are the directions found, those normal to faces and edges, and some all around; from
-    the best of them the search goes on.
+    The directions are the known ones, the normals of faces and edges, and some all around; the
+    search continues from the best of them.
     """
     axes, others = at_a.getRotation().T, at_b.getRotation().T
     across = np.cross(axes[:, None], others[None]).reshape(-1, 3)
     ways = np.concatenate([normals, axes, others, across, -axes, -others, -across, AROUND])
     sizes = np.linalg.norm(ways, axis=1)
     ways = ways[sizes > ALIKE] / sizes[sizes > ALIKE, None]
-    best, way = _along(ways, a, at_a, b, at_b)
-    if best.distance <= found.distance + ALIKE * (a.radius + b.radius):
-        return found
+    best, direction = _along(ways, a, at_a, b, at_b)
+    if best.distance <= known.distance + ALIKE * (a.radius + b.radius):
+        return known
     turn = WIDE_GAP
     while turn > ALIKE:
-        ways = way + turn * AROUND
+        ways = direction + turn * AROUND
         ways /= np.linalg.norm(ways, axis=1)[:, None]
         better, there = _along(ways, a, at_a, b, at_b)
         if better.distance > best.distance:
-            best, way = better, there
+            best, direction = better, there
         else:
             turn *= 0.5
     return best
@@ -308,7 +313,7 @@ def _deepest(
 
 @cache
 def _requests() -> tuple[coal.DistanceRequest, ...]:
-    """Return what coal is asked with, one after the other."""
+    """Return the requests for coal, in their order."""
     made = []
     for apart, overlap in TOLERANCES:
         request = coal.DistanceRequest()
@@ -321,7 +326,7 @@ def _requests() -> tuple[coal.DistanceRequest, ...]:
 def _along(
     ways: Array, a: ConvexSolid, at_a: coal.Transform3s, b: ConvexSolid, at_b: coal.Transform3s
 ) -> tuple[Nearest, Array]:
-    """Return how far apart solids are along the best of directions (k, 3) of length one, and it."""
+    """Return the distance of solids along the best of unit directions (k, 3), and that one."""
     apart, last = _apart_along(ways, a, at_a, b, at_b)
     k = int(apart.argmax())
     return Nearest(float(apart[k]), np.array([last[k], last[k] + apart[k] * ways[k]])), ways[k]
@@ -330,7 +335,7 @@ def _along(
 def _apart_along(
     ways: Array, a: ConvexSolid, at_a: coal.Transform3s, b: ConvexSolid, at_b: coal.Transform3s
 ) -> tuple[Array, Array]:
-    """Return how far apart solids are along directions (k,), and where the first ends (k, 3)."""
+    """Return distances of solids along directions (k,), and the ends of the first (k, 3)."""
     own, other = at_a.getRotation(), at_b.getRotation()
     last = SUPPORTS[type(a.shape)](a.shape, ways @ own) @ own.T + at_a.getTranslation()
     first = SUPPORTS[type(b.shape)](b.shape, -ways @ other) @ other.T + at_b.getTranslation()
@@ -338,7 +343,7 @@ def _apart_along(
 
 
 def joined_bodies(mechanism: Mechanism, solid: set[int]) -> set[frozenset[int]]:
-    """Return pairs of joints' bodies that are joined, over bodies that are not `solid` too."""
+    """Return pairs of joints' bodies that are joined, also through bodies that are not `solid`."""
     joined: dict[int, set[int]] = defaultdict(set)
 
     def join(i: int, j: int) -> None:

@@ -1,4 +1,4 @@
-"""What links are made of, as convex solids: what collides, or else what is drawn."""
+"""Convex solids of links: collision geometry, else visual geometry."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ class ConvexSolid(NamedTuple):
 
     Attributes:
         link: name of the link.
-        joint: whose frame it is fixed to.
+        joint: joint of its frame.
         rotation, position: (3, 3), (3,) in that frame.
-        shape: its own.
-        centre, radius: (3,) in that frame, of a sphere that holds it [m].
-        half, thickness: (3,) in that frame, from the centre to an end of a segment, and radius
-            about it within which the solid lies [m].
+        shape: for coal.
+        centre, radius: (3,) in that frame, of a sphere around it [m].
+        half, thickness: (3,) in that frame, from the centre to an end of a segment, and the radius
+            about it that contains the solid [m].
     """
 
     link: str
@@ -41,31 +41,30 @@ class ConvexSolid(NamedTuple):
 def solids_of(mechanism: Mechanism) -> list[ConvexSolid]:
     """Return the convex solids of all links.
 
-    A link's solids are those that it collides with, where the file has any, else those that are
-    drawn. Of a mesh they are the convex hulls of its connected parts: they hold the mesh, so that
-    no distance is larger than its own.
+    A link's solids are its collision geometry, else its visual geometry. A mesh counts as the
+    convex hulls of its connected parts: these contain the mesh, so that no distance is too large.
     """
     collide = list(mechanism.collision_model.geometryObjects)
     links = {int(g.parentFrame) for g in collide}
     drawn = [g for g in mechanism.visual_model.geometryObjects if int(g.parentFrame) not in links]
-    found = []
+    solids = []
     for geometry in (*collide, *drawn):
         shape = geometry.geometry
         if isinstance(shape, coal.BVHModelBase):
             corners = [(t[0], t[1], t[2]) for t in map(shape.tri_indices, range(shape.num_tris))]
-            found += [_solid(mechanism, geometry, hull) for hull in hulls(
+            solids += [_solid(mechanism, geometry, hull) for hull in hulls(
                 np.array(shape.vertices()), np.array(corners).reshape(-1, 3))]
         elif type(shape) in SUPPORTS:
-            found.append(_solid(mechanism, geometry, shape))
+            solids.append(_solid(mechanism, geometry, shape))
         else:
             warn(f"{geometry.name!r} has no clearance: a {type(shape).__name__} is no convex solid")
-    return found
+    return solids
 
 
 def _solid(
     mechanism: Mechanism, geometry: pin.GeometryObject, shape: coal.ShapeBase
 ) -> ConvexSolid:
-    place = geometry.placement
+    placement = geometry.placement
     shape.computeLocalAABB()
     # half a segment through the middle, and how far the solid reaches from that: rods lie along
     # their axes, other solids along the longest edge of the box about them
@@ -78,8 +77,9 @@ def _solid(
         half = np.where(np.arange(3) == np.argmax(box), box, 0.0)
         thickness = float(np.linalg.norm(box - half))
     return ConvexSolid(mechanism.model.frames[geometry.parentFrame].name, int(geometry.parentJoint),
-                 place.rotation, place.translation, shape, place.act(np.array(shape.aabb_center)),
-                 float(shape.aabb_radius), place.rotation @ half, thickness)
+                 placement.rotation, placement.translation, shape,
+                 placement.act(np.array(shape.aabb_center)), float(shape.aabb_radius),
+                 placement.rotation @ half, thickness)
 
 
 def hulls(points: Array, corners: Array) -> Iterator[coal.ShapeBase]:
@@ -115,13 +115,13 @@ def hulls(points: Array, corners: Array) -> Iterator[coal.ShapeBase]:
 
 
 def _round(radius: float, n: Array, height: Array | float) -> Array:
-    """Return the points (k, 3) of circles about z that lie farthest along n (k, 3), at a height."""
+    """Return the farthest points (k, 3) of circles about z along n (k, 3), at a height."""
     across = np.hypot(n[:, 0], n[:, 1])
     across[across == 0.0] = 1.0
-    found = np.empty(n.shape)
-    np.multiply((radius / across)[:, None], n[:, :2], out=found[:, :2])
-    found[:, 2] = height
-    return found
+    points = np.empty(n.shape)
+    np.multiply((radius / across)[:, None], n[:, :2], out=points[:, :2])
+    points[:, 2] = height
+    return points
 
 
 def _ends(s: Any, n: Array) -> Array:

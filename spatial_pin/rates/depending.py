@@ -1,8 +1,8 @@
-"""What the motion of some coordinates depends on: the rest of a mechanism need not be determined.
+"""Dependent parts: the loops and joints that determine the motion of some coordinates.
 
-A loop depends on all coordinates that its closures tie together, and on none that is held. What
-hangs on nothing that is driven or asked for, such as a tool that lies beside a robot, or the loops
-of another leg, is left out: it stands, and its closures with it.
+A loop depends on all coordinates in its closures, but not on fixed ones. Parts without a link to
+driven or requested coordinates, such as a tool beside a robot or the loops of another leg, are left
+out: they stay fixed with their closures.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ class Part(NamedTuple):
     Attributes:
         mechanism: with the closures of the part only.
         entries: (nv,) the velocities that it depends on.
-        angles: which of the whole mechanism's angles that count turns are its own.
-        others: the groups of loops that it is without.
+        angles: numbers of its angles that count turns, in the whole mechanism.
+        others: the groups of loops outside it.
     """
 
     mechanism: Mechanism
@@ -49,19 +49,19 @@ class Part(NamedTuple):
     others: tuple[LoopGroup, ...]
 
     def state(self, state: State) -> State:
-        """Return a state of the whole mechanism as one of the part, at rest."""
+        """Return a state of the whole mechanism as a state of the part, at rest."""
         return made(self.mechanism, state.q, None, None, closure_error=state.closure_error,
                     angles=state.angles[self.angles])
 
 
 @made_once
 def part_for(mechanism: Mechanism, entries: tuple[int, ...], fixed: tuple[int, ...]) -> Part | None:
-    """Return the part that velocities depend on; None where that is all of the mechanism.
+    """Return the part that velocities depend on; None if it is the whole mechanism.
 
     Args:
         mechanism: the mechanism.
-        entries: places in the velocity vector.
-        fixed: those that are held or driven.
+        entries: indices in the velocity vector.
+        fixed: those that are fixed or driven.
     """
     own = np.zeros(mechanism.model.nv, dtype=bool)
     own[list(entries)] = True
@@ -71,9 +71,9 @@ def part_for(mechanism: Mechanism, entries: tuple[int, ...], fixed: tuple[int, .
     mine = [group for group in groups if (group.entries & moving).any()]
     for group in mine:
         own |= group.entries
-    left = ~own
-    left[list(fixed)] = False
-    if len(mine) == len(groups) and not left.any():
+    rest = ~own
+    rest[list(fixed)] = False
+    if len(mine) == len(groups) and not rest.any():
         return None
     chosen = {name for group in mine for name in group.closures}
     names = tuple(dict.fromkeys(c.name for c in mechanism.closures if c.name in chosen))
@@ -90,18 +90,18 @@ def _is_of(mechanism: Mechanism, joint: int, entries: NDArray[np.bool_]) -> bool
 
 
 def places(driven: Iterable[Coordinate]) -> tuple[int, ...]:
-    """Return the places in the velocity vector of coordinates that are entries of it."""
+    """Return the indices in the velocity vector of coordinates that are entries of it."""
     return tuple(c.v for c in driven if c.q >= 0 or isinstance(c, VelocityEntry))
 
 
 class FrameDependence(NamedTuple):
-    """What determines the velocity of a frame.
+    """The equations that determine the velocity of a frame.
 
     Attributes:
         state: of the mechanism, or of the part that the frame depends on.
-        given: what is prescribed of it.
-        columns: which of what moves that is, of all that was asked for.
-        chosen: the equations, where these are not clear.
+        given: its prescribed coordinates.
+        columns: numbers of its moving coordinates, among all.
+        chosen: the equations, if these are not clear.
     """
 
     state: State
@@ -110,22 +110,22 @@ class FrameDependence(NamedTuple):
     chosen: Chosen | None
 
     def rates(self, kernel: Kernel) -> RateSolver:
-        """Return what solves for rates there, in a kernel of the state's mechanism."""
+        """Return the solver for rates there, in a kernel of the state's mechanism."""
         rates = self.given.rates(kernel)
         rates.factor(self.state.q, self.state.angles, self.chosen)
         return rates
 
-    def among_all(self, found: Array, n: int) -> Array:
-        """Return columns (k, m) of what moves here among all n; the others are zero."""
+    def among_all(self, columns: Array, n: int) -> Array:
+        """Return columns (k, m) of its moving coordinates among all n; the others are zero."""
         if len(self.columns) == n:
-            return found
-        whole = np.zeros((len(found), n))
-        whole[:, self.columns] = found
+            return columns
+        whole = np.zeros((len(columns), n))
+        whole[:, self.columns] = columns
         return whole
 
 
 def all_determined(state: State, given: Prescription) -> FrameDependence | None:
-    """Return what determines the velocity of all frames; None where that is not clear."""
+    """Return the equations for all frames; None if these are not clear."""
     with kernel_of(state.mechanism) as kernel:
         if given.rates(kernel).factor(state.q, state.angles):
             return FrameDependence(state, given, list(range(given.n_moving)), None)
@@ -133,10 +133,10 @@ def all_determined(state: State, given: Prescription) -> FrameDependence | None:
 
 
 def frame_determined(state: State, given: Prescription, frame: int) -> FrameDependence:
-    """Return what determines the velocity of a frame of a closed state.
+    """Return the equations that determine the velocity of a frame of a closed state.
 
     Raises:
-        SingularError: nothing does.
+        SingularError: it is not determined.
     """
     model = state.mechanism.model
     carriers = list(model.supports[model.frames[frame].parentJoint])[1:]
@@ -147,19 +147,19 @@ def frame_determined(state: State, given: Prescription, frame: int) -> FrameDepe
 def entries_determined(
     state: State, given: Prescription, entries: tuple[int, ...], frame: int | None = None
 ) -> FrameDependence:
-    """Return what determines velocities of a closed state.
+    """Return the equations that determine velocities of a closed state.
 
     Args:
         state: the state.
-        given: what is prescribed.
-        entries: places of the velocities.
-        frame: that they move, if its velocity alone is to be determined.
+        given: the prescribed coordinates.
+        entries: indices of the velocities.
+        frame: frame that they move, if only its velocity must be determined.
 
     Raises:
-        SingularError: nothing does.
+        SingularError: they are not determined.
     """
-    asked = {*entries, *places(given.driven)} - {*given.still}
-    part = part_for(state.mechanism, tuple(sorted(asked)), tuple(sorted(given.still)))
+    moving_entries = {*entries, *places(given.driven)} - {*given.still}
+    part = part_for(state.mechanism, tuple(sorted(moving_entries)), tuple(sorted(given.still)))
     if part is None:
         return FrameDependence(
             state, given, list(range(given.n_moving)), chosen_at(state, given, frame))
@@ -176,10 +176,10 @@ class Depending(NamedTuple):
 
     Attributes:
         state: of the part.
-        hold: what stands still in it.
-        held: the same of the whole mechanism, as few as hold the rest.
+        hold: names of fixed coordinates of the part.
+        held: names for the whole mechanism, as few as fix the rest.
         whole: the state of the whole mechanism.
-        angles: which of its angles that count turns are the part's.
+        angles: numbers of the part's angles that count turns.
     """
 
     state: State
@@ -197,15 +197,15 @@ class Depending(NamedTuple):
 
 
 def depending_on(state: State, names: Sequence[str], hold: Hold) -> Depending | None:
-    """Return the part of a mechanism that moves with coordinates, where all of it is undetermined.
+    """Return the part that moves with coordinates, if the whole is not determined.
 
-    None where all is determined, where the part is all there is, where a free base moves that
-    nobody holds, and where loops lose equations.
+    None if all is determined, if the part is the whole, if a free base would move, and if loops
+    lose equations.
 
     Args:
         state: closed.
-        names: the coordinates that move.
-        hold: what stands still besides.
+        names: the moving coordinates.
+        hold: names of other fixed coordinates.
     """
     mechanism = state.mechanism
     driven, still = prescribed_first(mechanism, names, hold)
@@ -228,20 +228,20 @@ def depending_on(state: State, names: Sequence[str], hold: Hold) -> Depending | 
         if rank_loss(evaluation, state.q, len(independent_rows(rows))):
             return None
     own = () if hold is None else tuple(names_of(hold, "hold"))
-    few = _few(state, part, rest)
+    few = _holding_entries(state, part, rest)
     return Depending(part.state(state), (*own, *_named(mechanism, rest)),
                      (*own, *_named(mechanism, few)), state, part.angles)
 
 
 def _named(mechanism: Mechanism, entries: NDArray[np.bool_]) -> list[str]:
-    """Return the names of coordinates, or of joints that turn in space, that velocities are of."""
+    """Return the names of coordinates, or of joints that turn in space, for velocities."""
     return list(dict.fromkeys(c.name if c.q >= 0 else c.joint
                               for c in mechanism.coordinate_table.values() if entries[c.v]))
 
 
-def _few(state: State, part: Part, rest: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return (nv,) velocities that hold all the rest: of loops as many as they have freedoms."""
-    found = rest.copy()
+def _holding_entries(state: State, part: Part, rest: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return (nv,) velocities that fix all the rest: for loops as many as their freedoms."""
+    holding = rest.copy()
     with loops_of(state.mechanism, state.angles) as evaluation:
         evaluation.update(state.q)
         labels = evaluation.constraints.labels
@@ -252,6 +252,6 @@ def _few(state: State, part: Part, rest: NDArray[np.bool_]) -> NDArray[np.bool_]
                 evaluation.jacobian[rows][:, own], TOLERANCES.half_precision).T
             chosen = common_rows(freedoms[None], np.zeros((0, freedoms.shape[1])),
                                  freedoms.shape[1])
-            found[own] = False
-            found[own[chosen]] = True
-    return found
+            holding[own] = False
+            holding[own[chosen]] = True
+    return holding

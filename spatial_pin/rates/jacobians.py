@@ -1,4 +1,4 @@
-"""Jacobians of closed mechanisms, and their second order."""
+"""Jacobians of closed mechanisms, and their derivatives."""
 
 from __future__ import annotations
 
@@ -112,13 +112,14 @@ def jacobian(
         rates = given.rates(kernel)
         if rates.factor(state.q, state.angles):
             return _columns(kernel, rates, frame)
-    found = frame_determined(state, given, frame)
-    with kernel_of(found.state.mechanism) as kernel:
-        return found.among_all(_columns(kernel, found.rates(kernel), frame), given.n_moving)
+    dependence = frame_determined(state, given, frame)
+    with kernel_of(dependence.state.mechanism) as kernel:
+        columns = _columns(kernel, dependence.rates(kernel), frame)
+        return dependence.among_all(columns, given.n_moving)
 
 
 def _columns(kernel: Kernel, rates: RateSolver, frame: int) -> Array:
-    """Return the Jacobian (6, n) of a frame where rates are placed."""
+    """Return the Jacobian (6, n) of a frame for placed rates."""
     own = kernel.mechanism.model.frames[frame]
     joint = int(kernel.packed.carriers[own.parentJoint])
     return rates.jacobian(joint, kernel.packed.frames[joint].T @ own.placement.translation)
@@ -128,26 +129,33 @@ def _columns(kernel: Kernel, rates: RateSolver, frame: int) -> Array:
 def _prescribed(
     mechanism: Mechanism, drivers: tuple[str, ...] | None, hold: FixedHold
 ) -> Prescription:
-    """Return what is prescribed when the columns of a Jacobian belong to drivers."""
+    """Return the prescribed coordinates of a Jacobian with these drivers."""
     return Prescription.of(mechanism, moving_coordinates(mechanism, drivers, hold), hold)
 
 
 def moving_coordinates(
     mechanism: Mechanism, drivers: Iterable[str] | None, hold: Hold
 ) -> list[Coordinate]:
-    """Return what the columns of a Jacobian belong to, those of free bases last.
+    """Return the coordinates of the columns of a Jacobian, those of free bases last.
 
     Args:
         mechanism: the mechanism.
         drivers: as for `jacobian`.
-        hold: likewise.
+        hold: as for `jacobian`.
 
     Raises:
         UnknownNameError: a name does not exist.
         ValueError: a driver is named twice.
     """
-    if drivers is None:
-        chosen = _default_coordinates(mechanism)
+    if drivers is None:  # the drivers; in an open tree without any, all velocities except bases
+        chosen = driven_coordinates(mechanism, ())
+        joints = dict(zip(list(mechanism.model.names)[1:], mechanism.pairs, strict=True))
+        if chosen == [mechanism.coordinate(name)
+                      for name in drivers_of_tree(joints, mechanism.closures)]:
+            loose = [c for joint, pair in joints.items()
+                     if not PAIRS[pair].is_linear and joint not in free_bases(mechanism)
+                     for c in rate_coordinates(mechanism, joint)]
+            chosen = sorted([*chosen, *loose], key=lambda c: c.v)
     else:
         chosen = [c for name in names_of(drivers, "drivers")
                   for c in rate_coordinates(mechanism, name)]
@@ -160,19 +168,6 @@ def moving_coordinates(
         return chosen
     bases = [joint for joint in free_bases(mechanism) if joint not in moved]
     return [*chosen, *(c for joint in bases for c in rate_coordinates(mechanism, joint))]
-
-
-def _default_coordinates(mechanism: Mechanism) -> list[Coordinate]:
-    """Return the drivers; of an open tree that names none, all velocity entries but of bases."""
-    drivers = driven_coordinates(mechanism, ())
-    joints = dict(zip(list(mechanism.model.names)[1:], mechanism.pairs, strict=True))
-    whole = [mechanism.coordinate(name) for name in drivers_of_tree(joints, mechanism.closures)]
-    if drivers != whole:
-        return drivers
-    loose = [c for joint, pair in joints.items()
-             if not PAIRS[pair].is_linear and joint not in free_bases(mechanism)
-             for c in rate_coordinates(mechanism, joint)]
-    return sorted([*drivers, *loose], key=lambda c: c.v)
 
 
 @checked
@@ -217,10 +212,10 @@ def jacobian_rate(
     given = Prescription.of(mechanism, moving_coordinates(mechanism, drivers, hold), hold)
     refuse_components(mechanism, given.driven)
     moving = _Moving(mechanism, state, frame)
-    found = all_determined(state, given) or frame_determined(state, given, frame)
-    part, angles = found.state.mechanism, found.state.angles
+    dependence = all_determined(state, given) or frame_determined(state, given, frame)
+    part, angles = dependence.state.mechanism, dependence.state.angles
     with kernel_of(part) as kernel, loops_of(part, angles) as evaluation:
-        rates = found.rates(kernel)
+        rates = dependence.rates(kernel)
         evaluation.update(state.q)
         columns = []
         for w in rates.columns().T:
@@ -229,11 +224,11 @@ def jacobian_rate(
             spread = rates.answer(_equation_brackets(evaluation, turned, state.v, w))
             columns.append(moving.rate(w, turned)
                            + moving.jacobian @ (0.25 * polar + 0.5 * spread))
-    return found.among_all(np.array(columns).reshape(-1, 6).T, given.n_moving)
+    return dependence.among_all(np.array(columns).reshape(-1, 6).T, given.n_moving)
 
 
 class _Moving:
-    """The tree's Jacobian of a frame, and how it changes as a state moves."""
+    """The tree's Jacobian of a frame, and its rate in a motion."""
 
     def __init__(self, mechanism: Mechanism, state: State, frame: int) -> None:
         self.model, self.q, self.v, self.frame = mechanism.centred_model, state.q, state.v, frame
@@ -257,7 +252,7 @@ class _Moving:
 
 
 def _bracket(mechanism: Mechanism, u: Array, w: Array) -> Array:
-    """Return the bracket (nv,) of two joint velocities: zero but where joints turn in space."""
+    """Return the Lie bracket (nv,) of joint velocities, zero except for spatial joints."""
     out = np.zeros_like(u)
     for i, pair in enumerate(mechanism.pairs, start=1):
         if not PAIRS[pair].is_linear:
@@ -269,9 +264,9 @@ def _bracket(mechanism: Mechanism, u: Array, w: Array) -> Array:
 
 
 def _equation_brackets(evaluation: LoopEquations, turned: Array, u: Array, w: Array) -> Array:
-    """Return what the equations' Jacobians at u lack of symmetry, (n_closure + n_passive,).
+    """Return the asymmetry of the equations' second derivatives, (n_closure + n_passive,).
 
-    The spin about a line fixed in a body is no function of the configuration: the body's angular
+    The spin about a line fixed in a body is not a function of the configuration: the body's angular
     velocities have a bracket of their own.
     """
     c: Constraints = evaluation.constraints

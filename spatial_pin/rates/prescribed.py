@@ -1,13 +1,12 @@
-"""What names prescribe when rates are given, and what determines the rates of a closed state.
+"""Prescribed rates: coordinates behind names, and the equations for the other rates.
 
-A coordinate's rate is its derivative, that of a rotation vector too: `ball.x` is phi_x', as
-`State.coordinate` tells it. A joint of several freedoms is given its whole velocity, as Pinocchio
-orders and means it: of a spherical joint the angular velocity of the child in the child's axes, of
-a floating one the child's linear velocity before that; of the others their coordinates' rates.
+A coordinate's rate is its derivative, also for a rotation vector: `ball.x` is phi_x', as in
+`State.coordinate`. A joint of several freedoms is given its whole velocity in Pinocchio's order: a
+spherical joint the angular velocity of the child in the child's axes, a floating one the child's
+linear velocity before that; others their coordinates' rates.
 
-The kernel chooses the equations where it is clear which are independent. Elsewhere, and where
-passive freedoms take the least rates, the square system chooses, or says why nothing determines
-the rates.
+The kernel chooses the equations if their independence is clear. Otherwise, and for passive freedoms
+with least rates, the square system chooses, or reports why the rates are not determined.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 
 
 def rate_coordinates(mechanism: Mechanism, name: str) -> list[Coordinate]:
-    """Return what is prescribed when a rate is given for a joint, a coordinate or a driver.
+    """Return the coordinates prescribed by a rate of a joint, a coordinate or a driver.
 
     Raises:
         UnknownNameError: there is none.
@@ -48,9 +47,10 @@ def rate_coordinates(mechanism: Mechanism, name: str) -> list[Coordinate]:
 
 
 def driven_coordinates(mechanism: Mechanism, names: Iterable[str]) -> list[Coordinate]:
-    """Return the coordinates that are prescribed when `names` are.
+    """Return the coordinates prescribed by names.
 
-    The mechanism's drivers when all names are drivers; otherwise exactly the named coordinates.
+    These are the mechanism's drivers if all names are drivers; otherwise exactly the named
+    coordinates.
     """
     wanted = [c for name in names for c in rate_coordinates(mechanism, name)]
     drivers = [*driver_coordinates(mechanism).values()]
@@ -59,7 +59,7 @@ def driven_coordinates(mechanism: Mechanism, names: Iterable[str]) -> list[Coord
 
 
 def siblings(mechanism: Mechanism, named: Iterable[Coordinate]) -> list[Coordinate]:
-    """Return the other coordinates of the joints of which some coordinates are named."""
+    """Return the other coordinates of the joints of named coordinates."""
     named = list(named)
     joints = dict.fromkeys(c.joint for c in named)
     return [c for joint in joints for c in coordinates_of(mechanism, joint) if c not in named]
@@ -68,16 +68,16 @@ def siblings(mechanism: Mechanism, named: Iterable[Coordinate]) -> list[Coordina
 def rates_given(
     mechanism: Mechanism, given: Mapping[str, Any], what: str
 ) -> dict[Coordinate, float]:
-    """Return rates, keyed by what they prescribe.
+    """Return rates, by prescribed coordinate.
 
     Args:
         mechanism: the mechanism.
-        given: a number by coordinate, driver or joint, or as many as the joint has freedoms.
-        what: they are, for messages: "speed".
+        given: a number by coordinate, driver or joint, or one for each freedom of the joint.
+        what: name of the rates for messages: "speed".
 
     Raises:
         UnknownNameError: a name does not exist.
-        ValueError: no finite number, not as many as the joint has freedoms, or given twice.
+        ValueError: no finite number, not one for each freedom of the joint, or given twice.
     """
     rates: dict[Coordinate, float] = {}
     for name, value in given.items():
@@ -95,10 +95,10 @@ def rates_given(
 
 
 def check_one_meaning(mechanism: Mechanism, chosen: Iterable[Coordinate]) -> None:
-    """Refuse a joint that is named whole and by its components.
+    """Refuse a joint that is named whole and also by its components.
 
     Raises:
-        ValueError: names it.
+        ValueError: with its name.
     """
     whole = {c.joint for c in chosen if isinstance(c, VelocityEntry)}
     for c in chosen:
@@ -109,12 +109,12 @@ def check_one_meaning(mechanism: Mechanism, chosen: Iterable[Coordinate]) -> Non
 
 
 class Prescription(NamedTuple):
-    """What is prescribed.
+    """Prescribed coordinates and fixed velocities.
 
     Attributes:
-        driven: coordinates, those that are held last.
-        n_moving: how many of them are not.
-        still: places in the velocity vector that stand still.
+        driven: coordinates, fixed ones last.
+        n_moving: number of those that are not fixed.
+        still: indices of zero entries in the velocity vector.
     """
 
     driven: list[Coordinate]
@@ -123,24 +123,24 @@ class Prescription(NamedTuple):
 
     @classmethod
     def of(cls, mechanism: Mechanism, driven: Iterable[Coordinate], hold: Hold) -> Prescription:
-        """Return what is prescribed when coordinates are, and some are held."""
+        """Return the prescription of driven coordinates, with fixed ones from `hold`."""
         driven = list(driven)
         moving, still = divided(mechanism, driven, hold)
         return cls(moving, len(moving) - len(held_by(mechanism, hold, driven).coordinates), still)
 
     def rates(self, kernel: Kernel) -> RateSolver:
-        """Return what solves for the rates in a kernel."""
+        """Return the solver for the rates in a kernel."""
         return rates_of(
             kernel, tuple(prescribed_places(kernel.nv, self.driven, self.still)), self.n_moving)
 
 
 def placed(kernel: Kernel, state: State, given: Prescription) -> RateSolver:
-    """Return what solves for the rates of a closed state, where something is prescribed.
+    """Return the solver for the rates of a closed state, placed there.
 
     Args:
         kernel: of the state's mechanism.
         state: the state.
-        given: what is prescribed.
+        given: the prescribed coordinates.
 
     Raises:
         SingularError: the rates are not determined there.
@@ -156,8 +156,8 @@ def chosen_at(state: State, given: Prescription, frame: int | None = None) -> Ch
 
     Args:
         state: the state.
-        given: what is prescribed.
-        frame: whose velocity alone is to be determined; default: all.
+        given: the prescribed coordinates.
+        frame: frame whose velocity alone must be determined; default: all.
 
     Raises:
         SingularError: the rates are not determined there.
@@ -179,25 +179,26 @@ def chosen_at(state: State, given: Prescription, frame: int | None = None) -> Ch
 
 @made_once
 def prescription_by(mechanism: Mechanism, driver: str, hold: FixedHold) -> Prescription:
-    """Return what is prescribed when a driver is, and some coordinates are held."""
+    """Return the prescription of a driver, with fixed coordinates."""
     return Prescription.of(mechanism, driven_coordinates(mechanism, [driver]), hold)
 
 
 def plan_of(
     mechanism: Mechanism, speeds: Mapping[str, Any], accelerations: Mapping[str, Any], hold: Hold
 ) -> tuple[Prescription, list[int], list[int]] | None:
-    """Return what is prescribed where rates are given; None where it has to be tried.
+    """Return the prescription of rates by name; None if it must be found by trial.
 
-    The drivers if all names are of them, or the named ones where nothing stands still beside them.
+    It has all drivers if all names are drivers, or the named coordinates if no others must be
+    fixed.
 
     Args:
         mechanism: the mechanism.
         speeds: numbers by name.
-        accelerations: likewise.
-        hold: what stands still, as for `solve_rates`.
+        accelerations: numbers by name.
+        hold: names of fixed coordinates, as for `solve_rates`.
 
     Returns:
-        The prescription, and its places that the names of speeds and of accelerations stand for.
+        The prescription, and the indices in it of the names of speeds and of accelerations.
     """
     try:
         return _plan(mechanism, (tuple(speeds), tuple(accelerations)), fixed(hold))
@@ -226,10 +227,10 @@ def _plan(
 
 
 def refuse_components(mechanism: Mechanism, driven: Iterable[Coordinate]) -> None:
-    """Refuse components of balls and floating joints, whose rates are no entries of the velocity.
+    """Refuse components of balls and floating joints, whose rates are not velocity entries.
 
     Raises:
-        MechanismFileError: names one.
+        MechanismFileError: with its name.
     """
     for c in driven:
         if c.q < 0 and not isinstance(c, VelocityEntry):

@@ -43,13 +43,13 @@ SOLUTION_ERROR = 8.0 * EPS  # of a solution, relative to its size: as in `closin
 
 
 def prescribed_at(state: State, names: Iterable[str], hold: Hold = BASE) -> list[Coordinate]:
-    """Return the coordinates that are prescribed when `names` move, in that order, from a state on.
+    """Return the prescribed coordinates when `names` move from a state, in that order.
 
-    The named ones, and the drivers that can stand still beside them: of redundant drivers those
-    that the loops would move most are let go, as they have to move the least. Beside a coordinate
-    that is no driver all drivers stand or none does, for nobody says which. Of a free base that is
-    driven by some components the others are prescribed too. What is held comes last; what of it
-    is an entry of the velocity is given by `holding.divided`.
+    These are the named ones, and the drivers that can be fixed beside them. Of redundant drivers,
+    those that the loops would move most are released, so that they move least. Beside a coordinate
+    that is not a driver, all drivers are fixed or none. If some components of a free base are
+    driven, the others are prescribed too. Fixed coordinates come last; their velocity entries are
+    given by `holding.divided`.
     """
     names = list(names)
     usual, still = prescribed_first(state.mechanism, names, hold)
@@ -57,13 +57,13 @@ def prescribed_at(state: State, names: Iterable[str], hold: Hold = BASE) -> list
         chosen_at(state, Prescription(usual, len(usual), still))
         return usual
     except SingularError:
-        return _with_standing(state, wanted_coordinates(state.mechanism, names), hold) or usual
+        return _with_fixed_drivers(state, wanted_coordinates(state.mechanism, names), hold) or usual
 
 
 def prescribed_first(
     mechanism: Mechanism, names: Iterable[str], hold: Hold = BASE
 ) -> tuple[list[Coordinate], tuple[int, ...]]:
-    """Return what `prescribed_at` returns where that is regular, and what stands still too."""
+    """Return the result of `prescribed_at` in a regular state, with fixed velocity entries."""
     driven, still = _prescribed_first(mechanism, tuple(names), fixed(hold))
     return [*driven], still
 
@@ -78,13 +78,13 @@ def _prescribed_first(
 
 
 def wanted_coordinates(mechanism: Mechanism, names: Iterable[str]) -> list[Coordinate]:
-    """Return the coordinates of some names, with all others of a free base that is named."""
+    """Return the coordinates of names, with all others of a named free base."""
     wanted = list(dict.fromkeys(mechanism.prescribed_coordinate(name) for name in names))
     return wanted + [c for c in siblings(mechanism, wanted) if c.joint in free_bases(mechanism)]
 
 
-def _with_standing(state: State, wanted: list[Coordinate], hold: Hold) -> list[Coordinate]:
-    """Return coordinates and the drivers that can stand still beside them; none if they cannot."""
+def _with_fixed_drivers(state: State, wanted: list[Coordinate], hold: Hold) -> list[Coordinate]:
+    """Return coordinates with the drivers that can be fixed beside them; [] if they cannot move."""
     mechanism = state.mechanism
     drivers = driven_coordinates(mechanism, mechanism.drivers)
     wanted, still = divided(mechanism, wanted, hold)
@@ -114,11 +114,11 @@ def _with_standing(state: State, wanted: list[Coordinate], hold: Hold) -> list[C
 
 
 def _choices(state: State, named: list[Coordinate], hold: Hold) -> Iterator[list[Coordinate]]:
-    """Yield what may be prescribed when some coordinates are named, the best first.
+    """Yield possible prescriptions for named coordinates, the best first.
 
-    The mechanism's drivers when all are drivers; if there are more of them than freedoms, those
-    named. Otherwise, beside the named ones, the other coordinates of their joints and the drivers
-    stand still: all of them if they can, or all of a kind, for nobody says which do not.
+    These are the mechanism's drivers if all names are drivers; with more drivers than freedoms, the
+    named ones. Otherwise the other coordinates of named joints and the drivers are fixed: all of
+    them if they can be, or all of one kind.
     """
     mechanism = state.mechanism
     drivers = driven_coordinates(mechanism, mechanism.drivers)
@@ -132,16 +132,16 @@ def _choices(state: State, named: list[Coordinate], hold: Hold) -> Iterator[list
         if len(others) > freedoms:
             yield named
         return
-    beside = siblings(mechanism, named)
-    still_drivers = [c for c in drivers if c not in named and c not in beside]
-    for more in ([*beside, *still_drivers], beside, still_drivers):
+    others_of_joints = siblings(mechanism, named)
+    still_drivers = [c for c in drivers if c not in named and c not in others_of_joints]
+    for more in ([*others_of_joints, *still_drivers], others_of_joints, still_drivers):
         if more and _are_independent(state, [*named, *more], hold):
             yield [*named, *more]
     yield named
 
 
 def _closed(evaluation: LoopEquations, still: tuple[int, ...]) -> Array:
-    """Return the closure equations, and one for each velocity entry that stands still."""
+    """Return the closure equations, and one for each fixed velocity entry."""
     rows = evaluation.jacobian[: evaluation.constraints.n_closure]
     return np.vstack([rows, np.eye(rows.shape[1])[list(still)]]) if still else rows
 
@@ -157,10 +157,10 @@ def _are_independent(state: State, driven: list[Coordinate], hold: Hold) -> bool
 
 
 def check_not_held(mechanism: Mechanism, named: Sequence[Coordinate], hold: Hold) -> None:
-    """Refuse motion of what is held.
+    """Refuse motion of fixed coordinates.
 
     Raises:
-        ValueError: names it.
+        ValueError: with its name.
     """
     _check_not_held(mechanism, tuple(named), fixed(hold))
 
@@ -231,24 +231,24 @@ def solve_rates(
     speeds = mapping(speeds, "speeds")
     accelerations, hold = mapping(accelerations, "accelerations"), fixed(hold)
     clear = _solved(state, speeds, accelerations, hold)
-    found = clear or _solved_as_tried(state, speeds, accelerations, hold)
-    if not found.is_finite:
-        check_finite(found.v, found.a,
+    solution = clear or _solved_by_trial(state, speeds, accelerations, hold)
+    if not solution.is_finite:
+        check_finite(solution.v, solution.a,
                      f"speeds {dict(speeds)} and accelerations {dict(accelerations)}")
     if clear is None:
-        check_rates(state, found.v)
-    return made(mechanism, state.q, found.v, found.a, closure_error=state.closure_error,
-                angles=state.angles, rate_error=_told(mechanism, found.lost),
+        check_rates(state, solution.v)
+    return made(mechanism, state.q, solution.v, solution.a, closure_error=state.closure_error,
+                angles=state.angles, rate_error=_reported_error(mechanism, solution.lost),
                 released=state.released, lost_turns=state.lost_turns)
 
 
 def _solved(
     state: State, speeds: Mapping[str, Any], accelerations: Mapping[str, Any], hold: Hold
 ) -> Solved | None:
-    """Return the rates where it is clear what determines them; else None.
+    """Return the rates if the equations for them are clear; else None.
 
     Raises:
-        ValueError: a rate is no finite number.
+        ValueError: a rate is not a finite number.
     """
     mechanism = state.mechanism
     plan = plan_of(mechanism, speeds, accelerations, hold)
@@ -261,19 +261,19 @@ def _solved(
         for target, own, numbers in zip((rates.speeds, rates.accelerations), plan[1:], values,
                                         strict=True):
             target[:] = 0.0
-            for place, value in zip(own, numbers, strict=True):
-                target[place] = value
+            for index, value in zip(own, numbers, strict=True):
+                target[index] = value
         return rates.solve(state.q, state.angles)
 
 
-def _solved_as_tried(
+def _solved_by_trial(
     state: State, speeds: Mapping[str, Any], accelerations: Mapping[str, Any], hold: Hold
 ) -> Solved:
-    """Return the rates where it has to be tried what determines them.
+    """Return the rates with a prescription found by trial.
 
     Raises:
-        SingularError: nothing does.
-        ValueError: a rate is no finite number, is given twice, or is that of what is held.
+        SingularError: none determines them.
+        ValueError: a rate is not a finite number, is given twice, or is that of a fixed coordinate.
     """
     mechanism = state.mechanism
     v_of = rates_given(mechanism, speeds, "speed")
@@ -295,32 +295,32 @@ def _solved_as_tried(
         for target, of in ((rates.speeds, v_of), (rates.accelerations, a_of)):
             target[:] = 0.0
             target[: len(given.driven)] = [of.get(c, 0.0) for c in given.driven]
-        found = rates.solve(state.q, state.angles, chosen)
-    assert found is not None
-    return found
+        solution = rates.solve(state.q, state.angles, chosen)
+    assert solution is not None
+    return solution
 
 
 def check_finite(v: np.ndarray, a: np.ndarray, what: str) -> None:
-    """Refuse joint rates that have overflowed.
+    """Refuse infinite joint rates.
 
     Raises:
-        ValueError: they have, under `what`.
+        ValueError: with `what` caused them.
     """
     if not (is_finite(v) and is_finite(a)):
         raise ValueError(f"{what} make joint rates larger than numbers can be")
 
 
 def rate_error(driver: str, solved: bool, state: State, held: Hold = BASE) -> float:
-    """Return the round-off of rates that a driver makes; NaN where it does not determine them.
+    """Return the round-off of rates from a driver; NaN if it does not determine them.
 
-    A path solves them with closure equations that it has kept from before: where others are
-    redundant they may do worse than those chosen here, and how much shows in the rates.
+    A path solves rates with its own closure equations. If others are redundant, these may be less
+    accurate than equations chosen here; the difference shows in the rates.
 
     Args:
         driver: its name.
-        solved: whether rates were solved there, not continued across a crossing of branches.
+        solved: whether rates were solved there, not continued across a branch point.
         state: the closed state, with these rates or at rest.
-        held: what stands still, as for `solve_rates`.
+        held: names of fixed coordinates, as for `solve_rates`.
     """
     mechanism = state.mechanism
     given = prescription_by(mechanism, driver, fixed(held))
@@ -332,35 +332,35 @@ def rate_error(driver: str, solved: bool, state: State, held: Hold = BASE) -> fl
         rates.speeds[:], rates.accelerations[:] = 0.0, 0.0
         rates.speeds[at] = state.v[coordinate.v] if moves else 1.0
         rates.accelerations[at] = state.a[coordinate.v] if moves else 0.0
-        found = rates.solve(state.q, state.angles) if solved else None
-        if found is None:
+        solution = rates.solve(state.q, state.angles) if solved else None
+        if solution is None:
             try:
                 chosen = chosen_at(state, given)
             except SingularError:
                 return float(np.nan)
-            found = rates.solve(state.q, state.angles, chosen)
-    assert found is not None
+            solution = rates.solve(state.q, state.angles, chosen)
+    assert solution is not None
     if not solved:
-        return found.known
-    lost = _told(mechanism, found.lost)
-    return max(lost, 2.0 * _apart(state, found)) if moves else lost
+        return solution.known
+    lost = _reported_error(mechanism, solution.lost)
+    return max(lost, 2.0 * _apart(state, solution)) if moves else lost
 
 
-def _told(mechanism: Mechanism, lost: float) -> float:
-    """Return the error of rates that is told: far away, coordinates have roundings of their own.
+def _reported_error(mechanism: Mechanism, lost: float) -> float:
+    """Return the reported error of rates: far from the origin, coordinates have round-off too.
 
     Args:
-        mechanism: what moves.
+        mechanism: the mechanism.
         lost: round-off of the solution, relative to the rates.
     """
     resolved = mechanism.extent.resolution
     return min(lost * (1.0 + resolved / SOLUTION_ERROR), 1.0) if resolved else lost
 
 
-def _apart(state: State, found: Solved) -> float:
-    """Return how far rates of a state are from solved ones, relative to their size."""
+def _apart(state: State, solution: Solved) -> float:
+    """Return the difference between a state's rates and solved ones, relative to their size."""
     size = state.mechanism.velocity_scale
-    v, a = found.v / size, found.a / size
+    v, a = solution.v / size, solution.a / size
     pace = float(np.abs(v).max())
     off = float(np.abs(state.v / size - v).max()) / pace
     bend = max(pace**2, float(np.abs(a).max()))
@@ -368,10 +368,10 @@ def _apart(state: State, found: Solved) -> float:
 
 
 def check_rates(state: State, v: Array) -> None:
-    """Refuse velocities (nv,) that open a loop, as where redundant equations become independent.
+    """Refuse velocities (nv,) that open a loop, if redundant equations become independent.
 
     Raises:
-        SingularError: names the closure that would open.
+        SingularError: with the closure that would open.
     """
     mechanism = state.mechanism
     with loops_of(mechanism, state.angles) as evaluation:

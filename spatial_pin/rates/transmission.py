@@ -1,4 +1,4 @@
-"""How well a mechanism moves its output: speed ratio, mechanical advantage, transmission angle."""
+"""Transmission of a mechanism: speed ratio, mechanical advantage, transmission angle."""
 
 from __future__ import annotations
 
@@ -103,10 +103,10 @@ def transmission(
     moved = MovedOutput.of(mechanism, output, input_.name, at, hold)
     angle = moved.angle(mechanism, state.q, state.angles)
     at_output = mechanism.driven_coordinate(output).v
-    found = all_determined(state, moved.given) or entries_determined(
+    dependence = all_determined(state, moved.given) or entries_determined(
         state, moved.given, (at_output,))
-    with kernel_of(found.state.mechanism) as kernel:
-        columns = found.among_all(found.rates(kernel).columns(), moved.given.n_moving)
+    with kernel_of(dependence.state.mechanism) as kernel:
+        columns = dependence.among_all(dependence.rates(kernel).columns(), moved.given.n_moving)
     ratio = float(columns[at_output, [c.name for c in moved.given.driven].index(input_.name)])
     advantage = 1.0 / ratio if ratio else math.copysign(math.inf, ratio)
     return Transmission(ratio, advantage, angle, moved.at)
@@ -118,14 +118,14 @@ def transmission_angle(mechanism: Mechanism, state: State, output: str, driver: 
 
 
 class MovedOutput(NamedTuple):
-    """An output that has a transmission angle.
+    """An output with a transmission angle.
 
     Attributes:
         coordinate: the output.
-        given: what moves it, and what stands still.
+        given: the prescribed coordinates.
         joint: its own joint.
         at: closure or joint that moves its link.
-        point: (3,) where that is, in the joint's frame [m].
+        point: (3,) the point of that, in the joint's frame [m].
     """
 
     coordinate: Coordinate
@@ -139,7 +139,7 @@ class MovedOutput(NamedTuple):
         cls, mechanism: Mechanism, output: str, driver: str, at: str | None = None,
         hold: Hold = BASE,
     ) -> MovedOutput:
-        """Return it; the same is raised as by `transmission`."""
+        """Return the output; raises like `transmission`."""
         coordinate = mechanism.driven_coordinate(output)
         given = Prescription.of(mechanism, driven_coordinates(mechanism, [driver]), hold)
         named = f"mechanism {mechanism.name!r}: {output!r}"
@@ -171,12 +171,12 @@ class MovedOutput(NamedTuple):
         with loops_of(mechanism, angles) as evaluation:
             evaluation.update(q)
             own, allowed = _velocities(evaluation, self.joint, self.coordinate, self.given)
-            place = evaluation.data.oMi[self.joint].act(self.point)
-        return _angle(own, allowed, place / mechanism.characteristic_length)
+            point = evaluation.data.oMi[self.joint].act(self.point)
+        return _angle(own, allowed, point / mechanism.characteristic_length)
 
 
 def _moved_at(mechanism: Mechanism, joint: int, at: str | None) -> tuple[str, Array]:
-    """Return name, and point (3,) in the joint's frame, of the pair that moves a joint's link."""
+    """Return the pair that moves a joint's link: its name, and point (3,) in the joint's frame."""
     model = mechanism.model
     pairs = {model.names[i]: model.jointPlacements[i].translation for i in model.children[joint]}
     for closure in mechanism.closures:
@@ -200,20 +200,20 @@ def _moved_at(mechanism: Mechanism, joint: int, at: str | None) -> tuple[str, Ar
 def _velocities(
     evaluation: LoopEquations, joint: int, output: Coordinate, given: Prescription
 ) -> tuple[Array, Array]:
-    """Return the twist of the output's own joint, and those it may have with that joint opened.
+    """Return the twist of the output's own joint, and possible twists with that joint removed.
 
     Both relative to the joint's parent, at the world origin in world axes, (6,) and (k, 6), lengths
-    relative to the characteristic length; what is given stands still in the latter. Opening a joint
-    adds the six freedoms of a body between the subtree and the rest.
+    relative to the characteristic length; prescribed coordinates are fixed in the latter. Removing
+    a joint adds six freedoms between the subtree and the rest.
     """
     n, mechanism = evaluation.constraints.n_closure, evaluation.mechanism
     size = mechanism.characteristic_length
     unit = np.array([size] * 3 + [1.0] * 3)
     loose = evaluation.twist_derivatives(joint) * unit
     turned = [c.name for c in given.driven if c.q < 0]  # components of balls are no entries
-    kept = np.ones(evaluation.model.nv, dtype=bool)
-    kept[[output.v, *given.still, *(c.v for c in given.driven if c.q >= 0)]] = False
-    rows, _ = pinned_rows(evaluation, kept, turned)
+    free = np.ones(evaluation.model.nv, dtype=bool)
+    free[[output.v, *given.still, *(c.v for c in given.driven if c.q >= 0)]] = False
+    rows, _ = pinned_rows(evaluation, free, turned)
     loose = np.vstack([loose, np.zeros((len(rows) - n, loose.shape[1]))])
     allowed = null_space(np.hstack([rows, loose]))[:, rows.shape[1]:]
     own = joint_jacobian(evaluation.data, evaluation.model.nv)[:, output.v]
@@ -221,7 +221,7 @@ def _velocities(
 
 
 def _angle(own: Array, allowed: Array, point: Array) -> float:
-    """Return the angle between the velocities that two sets of twists give to a point [rad]."""
+    """Return the angle between the velocities of a point from two sets of twists [rad]."""
     u, others = (x[..., :3] + np.cross(x[..., 3:], point) for x in (own, allowed))
     if np.linalg.norm(u) < TOLERANCES.nothing:
         u, others = own[3:], allowed[:, 3:]

@@ -1,4 +1,4 @@
-"""The reduced mechanism as it stands, made of its parts."""
+"""Building a reduced mechanism from its parts."""
 
 from __future__ import annotations
 
@@ -35,24 +35,24 @@ class ReducedModel:
     Args:
         mechanism: the full mechanism.
         q: (nq,) closed configuration in which joints are welded.
-        kept: what the outputs depend on.
-        influence: what that was found with.
-        asked: the outputs.
+        needed: the parts that the outputs depend on.
+        influence: the analysis of that.
+        requested: the outputs.
         dynamics: keep inertias and springs.
         lump: replace massive rods too.
     """
 
     def __init__(
-        self, mechanism: Mechanism, q: Array, kept: NeededParts, influence: OutputInfluence,
-        asked: RequestedOutputs, *, dynamics: bool, lump: bool,
+        self, mechanism: Mechanism, q: Array, needed: NeededParts, influence: OutputInfluence,
+        requested: RequestedOutputs, *, dynamics: bool, lump: bool,
     ) -> None:
-        self.full, self.q, self.kept, self.influence = mechanism, q, kept, influence
-        self.asked, self.dynamics, self.lump = asked, dynamics, lump
-        self.moving, self.welded = set(kept.moving), set(kept.welded)
+        self.full, self.q, self.needed, self.influence = mechanism, q, needed, influence
+        self.requested, self.dynamics, self.lump = requested, dynamics, lump
+        self.moving, self.welded = set(needed.moving), set(needed.welded)
         self.lengthening: set[int] = set()  # joints that only make a distance longer
-        self.bodies = WeldedBodies(mechanism, q, kept.welded)
+        self.bodies = WeldedBodies(mechanism, q, needed.welded)
         self.closures: list[Closure] = []
-        for closure in (mechanism.closures[k] for k in kept.closures):
+        for closure in (mechanism.closures[k] for k in needed.closures):
             coupled = {mechanism.joint_id(mechanism.coordinate(n).joint) for n in closure.joints}
             if not closure.joints or closure.frames or coupled & self.moving:  # else it is locked
                 self.closures.append(closure)
@@ -67,45 +67,42 @@ class ReducedModel:
         self.around = Surroundings(mechanism, open_configurations(mechanism, q, free))
 
     def closures_on(self, joints: tuple[int, ...]) -> tuple[Closure, ...]:
-        """Return the closures with a frame on the bodies of these joints, which move them.
-
-        A coupling of the first of them is one.
-        """
+        """Return the closures with a frame on the bodies of these joints, with couplings."""
         first = self.full.model.names[joints[0]]
         return tuple(c for c in self.closures if (
             first in (self.full.coordinate(j).joint for j in c.joints)
             or any(self.bodies.frame(f)[0] in joints for f in (*c.frames, *c.between))))
 
     def hangs_free(self, joints: tuple[int, ...]) -> bool:
-        """Whether nothing else that moves, or is asked for, hangs on the bodies of a chain."""
+        """Whether no other moving or requested part hangs on the bodies of a chain."""
         supports = self.full.model.supports
         hung = [j for j in self.moving
                 if j not in joints and joints[0] in [int(k) for k in supports[j]]]
-        asked = [f for f in self.asked.frames if self.bodies.of(
+        requested = [f for f in self.requested.frames if self.bodies.of(
             self.full.frame_on_joint(f)[0])[0] in joints]
         related = [p for _, r in self.relations for p in (*r.places, *r.between)
                    if p.body in joints]
         springs = [f for s in self.full.springs for f in s.frames
                    if self.dynamics and self.bodies.frame(f)[0] in joints]
-        return not (hung or asked or related or springs)
+        return not (hung or requested or related or springs)
 
     def link(self, i: int) -> str:
         """Return the name of the link that joint i moves."""
         return next(name for name in self.full.links if self.full.frame_on_joint(name)[0] == i)
 
     def keeps_spin(self, passive: Passive) -> bool:
-        """Whether the body of a passive freedom still turns as it did."""
+        """Whether the body of a passive freedom still turns independently."""
         joint = self.full.frame_on_joint(passive.body)[0]
         return joint not in self.lengthening and self.bodies.of(joint)[0] in self.moving
 
 
 class ReducedTree:
-    """Joints that stay, and links on them, as a model of their own.
+    """The remaining joints and links as a model of their own.
 
     Args:
         full: the full mechanism.
-        bodies: its rigid bodies, some of its joints welded.
-        moving: joints that stay.
+        bodies: its rigid bodies, with some joints welded.
+        moving: the remaining joints.
     """
 
     def __init__(self, full: Mechanism, bodies: WeldedBodies, moving: Iterable[int]) -> None:
@@ -113,33 +110,33 @@ class ReducedTree:
         self.model = pin.Model()
         self.model.name, self.model.gravity = full.model.name, full.model.gravity
         self.inertias: dict[str, pin.Inertia] = {}
-        self._place_of = {0: 0}
+        self._joint_of = {0: 0}
         self._taken = {f.name for f in full.model.frames} | set(full.model.names)
         given = full.model
         for i in sorted(moving):
             body, on = bodies.of(int(given.parents[i]))
-            k = int(self.model.addJoint(self._place_of[body], given.joints[i],
+            k = int(self.model.addJoint(self._joint_of[body], given.joints[i],
                                         on * given.jointPlacements[i], given.names[i]))
             copy_numbers(given, i, self.model, k)
             self.model.addJointFrame(k, 0)
-            self._place_of[i] = k
+            self._joint_of[i] = k
 
     def hold(self, links: set[str], welded: Iterable[int], heavy: Iterable[str]) -> None:
-        """Keep links of the full tree, those that hang on welded joints, and inertias.
+        """Add links of the full tree, links on welded joints, and inertias.
 
         Args:
-            links: those that something refers to.
-            welded: joints that carry some of what stays.
-            heavy: links that keep their inertia, if what they are fixed to stays.
+            links: links with a reference from other parts.
+            welded: joints that carry some of the remaining parts.
+            heavy: links that keep their inertia, if their body remains.
         """
-        full, there, met = self.full, {*self._place_of, *welded}, set[int]()
+        full, there, met = self.full, {*self._joint_of, *welded}, set[int]()
         weighed = {name for name in heavy if name in full.inertias
                    and full.frame_on_joint(name)[0] in there}
         for name in full.links:
             joint, placement = full.frame_on_joint(name)
             is_main = joint in there - met and placement.isIdentity(0.0)
             met.update({joint} if is_main else ())
-            if is_main and joint in self._place_of:
+            if is_main and joint in self._joint_of:
                 self._add_body(name, self.bodies.frame(name)[0], pin.SE3.Identity(), "")
             elif is_main or name in weighed or name in links:
                 frames = full.model.frames
@@ -148,17 +145,17 @@ class ReducedTree:
         for name in weighed:
             self._weigh(name, full.inertias[name])
 
-    def add(self, wanted: str, place: BodyFrame, mass: float = 0.0) -> str:
-        """Put a new link on a body, with a point mass if there is one; return its name."""
-        name, (body, on) = fresh(wanted, self._taken), self.bodies.of(place.body)
-        self._add_body(name, body, on * place.placement, fresh(f"{name}_mount", self._taken))
+    def add(self, wanted: str, frame: BodyFrame, mass: float = 0.0) -> str:
+        """Add a new link on a body, with a point mass if not zero; return its name."""
+        name, (body, on) = fresh(wanted, self._taken), self.bodies.of(frame.body)
+        self._add_body(name, body, on * frame.placement, fresh(f"{name}_mount", self._taken))
         if mass > 0.0:
             self._weigh(name, pin.Inertia(mass, np.zeros(3), np.zeros((3, 3))))
         return name
 
     def _add_body(self, link: str, joint: int, placement: pin.SE3, mount: str) -> None:
-        """Add a link on a joint of the full tree, by a fixed joint unless it is moved by that."""
-        on, above = self._place_of[joint], 0
+        """Add a link on a joint of the full tree, by a fixed joint unless that joint moves it."""
+        on, above = self._joint_of[joint], 0
         if mount:
             above = self.model.addFrame(
                 pin.Frame(mount, on, 0, placement, pin.FrameType.FIXED_JOINT), False)
@@ -172,26 +169,26 @@ class ReducedTree:
     def mechanism(self, frames: Iterable[str], **parts: Any) -> Mechanism:
         """Return the mechanism of this tree."""
         full, none = self.full, pin.GeometryModel()
-        kept = {name: full.frames[name] for name in full.frames if name in set(frames)}
-        add_frames(self.model, kept, full.name)
+        own_frames = {name: full.frames[name] for name in full.frames if name in set(frames)}
+        add_frames(self.model, own_frames, full.name)
         slip_speeds = full.slip_speeds
         if slip_speeds.size:
             own = [np.arange(full.model.idx_vs[i], full.model.idx_vs[i] + full.model.nvs[i])
-                   for i in self._place_of if i]
+                   for i in self._joint_of if i]
             slip_speeds = slip_speeds[np.concatenate([[], *own]).astype(int)]
-        pairs = tuple(full.pairs[i - 1] for i in self._place_of if i)
+        pairs = tuple(full.pairs[i - 1] for i in self._joint_of if i)
         made = Mechanism(full.name, self.model, none, none, pairs, title=full.title,
-                         source=full.source, inertias=self.inertias, frames=kept,
+                         source=full.source, inertias=self.inertias, frames=own_frames,
                          slip_speeds=slip_speeds, **parts)
         check_mechanism(made, f"{full.name} (reduced)")
         return made.with_fields(urdf=urdf_of(made, LinkTree(self.model)))
 
 
 def built(model: ReducedModel) -> Mechanism:
-    """Return the mechanism as it stands."""
+    """Return the reduced mechanism."""
     full, passives = model.full, [p for p in model.full.passives if model.keeps_spin(p)]
     named = {f for c in model.closures for f in (*c.frames, *c.between)}
-    named |= {name for name in model.asked.frames if name in full.frame_ids}
+    named |= {name for name in model.requested.frames if name in full.frame_ids}
     if model.dynamics:
         named |= {f for s in full.springs for f in s.frames}
     tree = ReducedTree(full, model.bodies, model.moving)
@@ -204,7 +201,7 @@ def built(model: ReducedModel) -> Mechanism:
             name = next(n for n in full.links if full.frame_on_joint(n) == on_joint)
         carriers.add(name)
     tree.hold({*carriers, *(p.body for p in passives)}, model.welded,
-              full.inertias if model.dynamics else model.asked.frames)
+              full.inertias if model.dynamics else model.requested.frames)
     parts = {
         "passives": tuple(_passive(model, p, tree) for p in passives),
         "closures": tuple(_closures(model, tree)),
@@ -212,15 +209,15 @@ def built(model: ReducedModel) -> Mechanism:
                     if full.joint_id(full.coordinate(d.joint).joint) in model.moving},
         "springs": full.springs if model.dynamics else (),
     }
-    for name, place, mass in model.masses:
-        tree.add(name, place, mass)
+    for name, frame, mass in model.masses:
+        tree.add(name, frame, mass)
     return tree.mechanism(_frames(model, named), **parts)
 
 
 def _closures(model: ReducedModel, tree: ReducedTree) -> Iterator[Closure]:
-    """Yield the closures that are kept, and those that stand for links.
+    """Yield the remaining closures, and those that replace links.
 
-    A distance becomes a plain one if a pair of its frames moves as one body by now.
+    A distance becomes a plain one if a pair of its frames is now on one body.
     """
     made = []
     for closure in model.closures:
@@ -240,17 +237,17 @@ def _closures(model: ReducedModel, tree: ReducedTree) -> Iterator[Closure]:
 
 
 def _frames(model: ReducedModel, named: set[str]) -> set[str]:
-    """Return those of the named that the URDF does not have, and what they are fixed to."""
-    found: set[str] = set()
+    """Return the named frames that are not in the URDF, with those that carry them."""
+    chain: set[str] = set()
     for name in named:
-        while name in model.full.frames and name not in found:
-            found.add(name)
+        while name in model.full.frames and name not in chain:
+            chain.add(name)
             name = model.full.frames[name].link
-    return found
+    return chain
 
 
 def _turned(model: ReducedModel, closure: Closure, tree: ReducedTree) -> Closure:
-    """Return a closure between frames of its own where its axes are turned."""
+    """Return a closure between frames of its own if its axes are turned."""
     if closure.name not in model.turns:
         return closure
     frames = []
@@ -264,7 +261,7 @@ def _turned(model: ReducedModel, closure: Closure, tree: ReducedTree) -> Closure
 
 
 def _passive(model: ReducedModel, passive: Passive, tree: ReducedTree) -> Passive:
-    """Return a passive freedom, its axis between frames that exist."""
+    """Return a passive freedom with an axis between new frames."""
     joint = model.full.frame_on_joint(passive.body)[0]
     first, second = (
         tree.add(f"{passive.name}_{k}", BodyFrame(joint, point_on_body(model.full, joint, name)))
@@ -274,7 +271,7 @@ def _passive(model: ReducedModel, passive: Passive, tree: ReducedTree) -> Passiv
 
 def _closure(name: str, made: Relation, tree: ReducedTree) -> Closure:
     """Return a relation as a closure between z axes of frames of its own."""
-    frames = tuple(tree.add(f"{name}_{k}", place) for k, place in enumerate(made.places, 1))
-    ends = tuple(tree.add(f"{name}_end_{k}", place) for k, place in enumerate(made.between, 1))
+    frames = tuple(tree.add(f"{name}_{k}", frame) for k, frame in enumerate(made.places, 1))
+    ends = tuple(tree.add(f"{name}_end_{k}", frame) for k, frame in enumerate(made.between, 1))
     geometry = closure_geometry(PAIRS[made.type], Z, Z, length=0.0 if ends else made.length)
     return Closure(name, made.type, frames, geometry, between=ends)

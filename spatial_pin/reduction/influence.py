@@ -1,10 +1,10 @@
-"""What of a mechanism its outputs depend on.
+"""Influence of closures and joints on outputs.
 
-A set of closures is enough when the loops left out constrain none of the joints that are kept:
-with T the motions of the whole closed mechanism, those of the kept joints seen in T must be all
-that the kept closures allow them. Equal dimensions prove it, as the former lie within the latter,
-and at generic configurations they hold all along the branch (the rank of an analytic matrix only
-falls at isolated places of it).
+A set of closures is enough if the other loops do not constrain the remaining joints: with T the
+motions of the whole closed mechanism, the part of T in the remaining joints must be all motions
+that the remaining closures allow. Equal dimensions prove it, as the former are in the latter. At
+generic configurations this holds along the branch (the rank of an analytic matrix falls at isolated
+points only).
 """
 
 from __future__ import annotations
@@ -29,27 +29,29 @@ from spatial_pin.motion.outputs import COORDINATE_OUTPUTS, component, is_force, 
 from spatial_pin.numerics.linalg import Array, null_space, rank
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-# Closed configurations that ranks are taken at: one at random has the generic rank but by chance;
-# a mechanism may stand so that chance helps, and four times it does not.
+# Closed configurations for ranks: a random one has the generic rank except by chance, and four do
+# not all fail.
 CONFIGURATIONS = 4
-# How far they lie from the reference [rad, characteristic lengths]: the first of these that closes;
-# at a third of a radian no special place is near, at a tenth of that few loops cannot close.
+# Their distance from the reference [rad, characteristic lengths], the first that closes: at 0.3 it
+# is generic, at 0.03 nearly all loops close.
 STEPS = (0.3, 0.1, 0.03)
-ALL_SUBSETS = 8  # closures up to which every set of them is tried: 256 sets
-PAIRS_OF_CLOSURES = 16  # closures up to which two are tried to be left out together: 120 pairs
+ALL_SUBSETS = 8  # closures up to which all subsets are tried: 256
+PAIRS_OF_CLOSURES = 16  # closures up to which pairs are tried: 120 pairs
 
 
 class RequestedOutputs(NamedTuple):
-    """Outputs, resolved."""
+    """Outputs, resolved to coordinates and frames."""
 
     coordinates: tuple[str, ...]  # names of coordinates
-    frames: tuple[str, ...]  # names of links and frames, joints by which are meant frames included
-    centres: tuple[str, ...]  # links whose centre of mass is asked for
+    frames: tuple[str, ...]  # names of links and frames, also of joints that stand for frames
+    centres: tuple[str, ...]  # links whose centre of mass is an output
 
 
-def asked_of(mechanism: Mechanism, outputs: Iterable[str], dynamics: bool) -> RequestedOutputs:
-    """Return what names of coordinates, joints, drivers, links and frames, or outputs, ask for."""
-    found = RequestedOutputs((), (), ())
+def requested_outputs(
+    mechanism: Mechanism, outputs: Iterable[str], dynamics: bool
+) -> RequestedOutputs:
+    """Return the outputs of names: coordinates, joints, drivers, links, frames, or outputs."""
+    requested = RequestedOutputs((), (), ())
     for name in outputs:
         if is_force(name):
             force, (name, _, kind) = name, name.rpartition(".")
@@ -63,9 +65,9 @@ def asked_of(mechanism: Mechanism, outputs: Iterable[str], dynamics: bool) -> Re
                     f"mechanism {mechanism.name!r}: {force} depends on masses: reduce with "
                     "dynamics=True, which keeps what has mass")
         coordinates, frames, centres = _named(mechanism, name)
-        found = RequestedOutputs(found.coordinates + coordinates, found.frames + frames,
-                                 found.centres + centres)
-    return RequestedOutputs(*(tuple(dict.fromkeys(names)) for names in found))
+        requested = RequestedOutputs(requested.coordinates + coordinates, requested.frames + frames,
+                                 requested.centres + centres)
+    return RequestedOutputs(*(tuple(dict.fromkeys(names)) for names in requested))
 
 
 def _named(mechanism: Mechanism, name: str) -> RequestedOutputs:
@@ -101,26 +103,26 @@ def _named(mechanism: Mechanism, name: str) -> RequestedOutputs:
 
 
 class NeededParts(NamedTuple):
-    """What a set of closures needs of the tree."""
+    """The parts of the tree that a set of closures needs."""
 
     closures: tuple[int, ...]  # indices into `mechanism.closures`
-    moving: frozenset[int]  # joints that stay joints
-    # joints that carry some of these but move nothing relative to what is asked
+    moving: frozenset[int]  # remaining joints
+    # joints that carry some of these but do not move relative to the outputs
     welded: frozenset[int]
 
 
 class OutputInfluence:
-    """Which joints and closures of a mechanism its outputs depend on.
+    """The joints and closures of a mechanism that its outputs depend on.
 
     Args:
         mechanism: the mechanism.
-        state: a closed configuration, the locked joints where they are locked.
-        locked: joints that do not move.
-        needed: joints whose coordinates are asked for.
-        bodies: joints whose bodies' placements are asked for.
+        state: a closed configuration, locked joints at their values.
+        locked: fixed joints.
+        needed: joints whose coordinates are outputs.
+        bodies: joints whose bodies' placements are outputs.
 
     Attributes:
-        configurations: (nq,) closed ones at which it was looked.
+        configurations: (nq,) closed configurations of the analysis.
         motions: (k, nv) of the closed mechanism at each of them, scaled.
     """
 
@@ -154,13 +156,13 @@ class OutputInfluence:
             self.motions.append(motions)
 
     def _generic(self, state: State) -> Iterator[Array]:
-        """Yield closed configurations of the branch away from the reference, else that itself."""
+        """Yield closed configurations of the branch away from the reference, else the reference."""
         evaluation, model = self.evaluation, self.mechanism.model
         scale, n = self.mechanism.velocity_scale, evaluation.constraints.n_closure
         evaluation.update(state.q)
         tangents = null_space(evaluation.jacobian[:n, self.free], 1e-8)
         rng = np.random.default_rng(7)
-        found = 0
+        count = 0
         for size in STEPS:
             for _ in range(CONFIGURATIONS if len(tangents) else 0):
                 step = np.zeros(model.nv)
@@ -171,15 +173,15 @@ class OutputInfluence:
                 moved = np.linalg.norm(pin.difference(model, state.q, q) / scale)
                 if error <= TOLERANCES.closed and 0.3 * size < moved < 3.0 * size \
                         and not evaluation.mirrored():
-                    found += 1
+                    count += 1
                     yield q
-            if found >= CONFIGURATIONS:
+            if count >= CONFIGURATIONS:
                 return
-        if not found:
+        if not count:
             yield state.q
 
-    def kept(self, closures: Iterable[int]) -> NeededParts:
-        """Return the joints that matter when only these closures are kept."""
+    def needed_parts(self, closures: Iterable[int]) -> NeededParts:
+        """Return the needed joints for a set of closures."""
         chosen = tuple(closures)
         model = self.mechanism.model
         moving = set(self.needed)
@@ -196,45 +198,45 @@ class OutputInfluence:
         carriers = {int(j) for i in carried for j in model.supports[i]}
         return NeededParts(chosen, frozenset(moving), frozenset(carriers - moving - {0}))
 
-    def is_enough(self, kept: NeededParts) -> bool:
-        """Whether the closures left out constrain none of the joints kept."""
-        columns = sorted(v for i in kept.moving for v in self.columns[i])
-        rows = [r for k in kept.closures for r in self._rows[k]]
+    def is_enough(self, parts: NeededParts) -> bool:
+        """Whether the other closures do not constrain the remaining joints."""
+        columns = sorted(v for i in parts.moving for v in self.columns[i])
+        rows = [r for k in parts.closures for r in self._rows[k]]
         return all(
             rank(motions[:, columns], TOLERANCES.singular)
             == len(columns) - rank(jacobian[rows][:, columns])
             for motions, jacobian in zip(self.motions, self._jacobians, strict=True))
 
     def least(self) -> NeededParts:
-        """Return the least that is enough: the fewest coordinates, then the fewest closures.
+        """Return the least sufficient parts: the fewest coordinates, then the fewest closures.
 
-        Of many closures some are left out one by one, or two by two, as long as that is possible.
+        Many closures are removed one by one, or in pairs, as long as possible.
         """
         count = len(self.mechanism.closures)
-        best = self.kept(range(count))
+        best = self.needed_parts(range(count))
         if count > ALL_SUBSETS:
             sizes = (1, 2) if count <= PAIRS_OF_CLOSURES else (1,)
             while True:
-                smaller = (self.kept(k for k in best.closures if k not in out)
+                smaller = (self.needed_parts(k for k in best.closures if k not in out)
                            for size in sizes for out in combinations(best.closures, size))
-                found = next(filter(self.is_enough, smaller), None)
-                if found is None:
+                better = next(filter(self.is_enough, smaller), None)
+                if better is None:
                     return best
-                best = found
+                best = better
         size = self._size(best)
         for n in range(count):
             for chosen in combinations(range(count), n):
-                kept = self.kept(chosen)
-                if self._size(kept) < size and self.is_enough(kept):
-                    best, size = kept, self._size(kept)
+                parts = self.needed_parts(chosen)
+                if self._size(parts) < size and self.is_enough(parts):
+                    best, size = parts, self._size(parts)
         return best
 
-    def _size(self, kept: NeededParts) -> tuple[int, int]:
-        return sum(len(self.columns[i]) for i in kept.moving), len(kept.closures)
+    def _size(self, parts: NeededParts) -> tuple[int, int]:
+        return sum(len(self.columns[i]) for i in parts.moving), len(parts.closures)
 
 
 def joints_of(mechanism: Mechanism, closure: Closure) -> set[int]:
-    """Return the joints of the tree that a closure relates to each other."""
+    """Return the joints of the tree in a closure."""
     coupled = {mechanism.joint_id(mechanism.coordinate(name).joint) for name in closure.joints}
     return coupled | {joint for frames in closure.joined
                       for joint in joints_between(mechanism, frames)}

@@ -1,4 +1,4 @@
-"""How far a reduced mechanism is from the full one: what `Reduced.verify` returns."""
+"""Results about a reduced mechanism: omissions, and comparison with the full one."""
 
 from __future__ import annotations
 
@@ -73,19 +73,19 @@ class Verification(NamedTuple):
 
 
 class Omission(NamedTuple):
-    """A part that a reduced mechanism does not have.
+    """A removed part of a reduced mechanism.
 
     Attributes:
         what: "geometry", "inertia", "spring", "joint", "branch", "loop", "link", "leg",
             "equations", "joint limits" or "passive freedom".
-        name: of the part; empty where it is many.
-        why: in words.
+        name: of the part; empty for several parts.
+        why: the reason in words.
 
     Example:
         >>> small = sp.reduce(sp.load("rssr"), "rocker_pin")
-        >>> [omission.what for omission in small.left_out]
+        >>> [omission.what for omission in small.omissions]
         ['geometry', 'inertia', 'link', 'passive freedom']
-        >>> small.left_out[2].name
+        >>> small.omissions[2].name
         'coupler'
     """
 
@@ -98,12 +98,12 @@ class Omission(NamedTuple):
 
 
 def omissions(model: ReducedModel, locked: frozenset[int]) -> Iterator[Omission]:
-    """Yield what was left out and why."""
+    """Yield the removed parts with reasons."""
     full = model.full
     if len(full.visual_model.geometryObjects) + len(full.collision_model.geometryObjects):
         yield Omission("geometry", "", "shapes to draw and to collide")
     if not model.dynamics:
-        heavy = [n for n in full.inertias if n not in model.asked.frames]
+        heavy = [n for n in full.inertias if n not in model.requested.frames]
         if heavy:
             yield Omission("inertia", "", f"of {len(heavy)} links: motion alone is asked for")
         for spring in full.springs:
@@ -122,9 +122,9 @@ def omissions(model: ReducedModel, locked: frozenset[int]) -> Iterator[Omission]
 
 
 def _lost_parts(model: ReducedModel, locked: frozenset[int]) -> Iterator[Omission]:
-    """Yield the loops, then the joints, that were left out."""
+    """Yield the removed loops, then the removed joints."""
     for k, closure in enumerate(model.full.closures):
-        if k not in model.kept.closures:
+        if k not in model.needed.closures:
             yield Omission("loop", closure.name, (
                 "no output depends on it (at "
                 f"{len(model.influence.configurations)} generic configurations); where it "
@@ -132,9 +132,9 @@ def _lost_parts(model: ReducedModel, locked: frozenset[int]) -> Iterator[Omissio
     names = model.full.model.names
     for i in sorted(locked):
         yield Omission("joint", names[i], "locked: welded")
-    for i in sorted(model.kept.welded - locked):
+    for i in sorted(model.needed.welded - locked):
         yield Omission("joint", names[i], "welded: nothing asked for moves with it")
     gone = [names[i] for i in range(1, model.full.model.njoints)
-            if i not in model.kept.moving | model.kept.welded | locked]
+            if i not in model.needed.moving | model.needed.welded | locked]
     if gone:
         yield Omission("branch", "", f"no output depends on: {', '.join(gone)}")

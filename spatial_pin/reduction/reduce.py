@@ -1,4 +1,4 @@
-"""The smallest model that yields the outputs asked for, as a Mechanism of its own."""
+"""Reduction: the smallest mechanism with the same outputs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from spatial_pin._support.checks import checked
-from spatial_pin._support.lazy import made_once
+from spatial_pin._support.lazy import by_new_name, made_once
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State, carried_angles, of_mechanism
 from spatial_pin.constraints.compiled_equations import constraints_of
@@ -24,12 +24,12 @@ from spatial_pin.mechanism.resistance import resists
 from spatial_pin.numerics.linalg import Array, null_space, rank
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.reduction.building import ReducedModel, built
-from spatial_pin.reduction.influence import OutputInfluence, RequestedOutputs, asked_of
+from spatial_pin.reduction.influence import OutputInfluence, RequestedOutputs, requested_outputs
 from spatial_pin.reduction.losses import Omission, Verification, omissions
 from spatial_pin.reduction.replacing import drop_equations, replace_links
 
-ROUNDINGS = 10.0  # of a place in the world, as links are put together
-STARTS = 256  # assembled configurations that are remembered: 0.2 MB for a hundred coordinates
+ROUNDINGS = 10.0  # of a position in the world, as links are put together
+STARTS = 256  # assembled configurations in the cache: 0.2 MB for a hundred coordinates
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -41,7 +41,7 @@ class Reduced(Mechanism):
         outputs: names of its outputs.
         welds: coordinates of the full mechanism that are locked, with their values [rad, m].
         dynamics: whether what has mass was kept.
-        left_out: what it does without, and why.
+        omissions: the removed parts, with reasons.
 
     Example:
         >>> small = sp.reduce(sp.load("rssr"), "rocker_pin")
@@ -55,34 +55,39 @@ class Reduced(Mechanism):
     outputs: tuple[str, ...] = ()
     welds: Mapping[str, float] = field(default_factory=dict)
     dynamics: bool = False
-    left_out: tuple[Omission, ...] = ()
+    omissions: tuple[Omission, ...] = ()
+
+    @property
+    def left_out(self) -> tuple[Omission, ...]:
+        """The old name of `omissions`; it warns."""
+        return tuple(by_new_name(self, "left_out", "omissions"))
 
     @cached_property
     def extent(self) -> Extent:
-        """That of the full mechanism, so that closure errors mean the same."""
+        """The extent of the full mechanism, so that closure errors have the same scale."""
         return self.full.extent
 
     @cached_property
     def unplaced(self) -> Mapping[str, str]:
-        """Links, frames and joints that stand elsewhere here, each with a joint that is missing.
+        """Links, frames and joints with another placement here, each with a removed joint.
 
-        They carry what is asked for, but moved by joints that it does not depend on.
+        They carry outputs, but the outputs do not depend on the joints that move them.
         """
         full, own = self.full, {self.model.names[i] for i in range(self.model.njoints)}
         own |= {full.coordinate(name).joint for name in self.welds}
-        found = {}
+        missing_joints = {}
         for name in self.frame_ids:
             if name in full.frame_ids:
                 chain = full.model.supports[full.frame_on_joint(name)[0]]
                 missing = [full.model.names[i] for i in chain if full.model.names[i] not in own]
-                found.update({name: missing[0]} if missing else {})
-        return found
+                missing_joints.update({name: missing[0]} if missing else {})
+        return missing_joints
 
     def placed(self, name: str) -> str:
-        """Return the name of a link, frame or joint whose motion in the world is known here.
+        """Return the name of a link, frame or joint if its motion in the world is known here.
 
         Raises:
-            SpatialPinError: a joint that moves it is left out.
+            SpatialPinError: a joint that moves it is removed.
         """
         joint = self.unplaced.get(name) if isinstance(name, str) else None
         if joint is not None:
@@ -95,7 +100,7 @@ class Reduced(Mechanism):
         return name
 
     def start(self, values: Mapping[str, float]) -> Array | None:
-        """Return where the full mechanism assembles: what is left out may tell branches apart."""
+        """Return the assembly of the full mechanism: removed parts may decide the branch."""
         return _starts(self)(*sorted(values.items()))
 
     @checked
@@ -113,12 +118,12 @@ class Reduced(Mechanism):
             array([1.    , 1.5232])
         """
         full = of_mechanism(self.full, full)
-        found = carried_over(self, full)
-        if found.closure_error > max(_closed(self), 10.0 * full.closure_error):
+        state = carried_over(self, full)
+        if state.closure_error > max(_closed(self), 10.0 * full.closure_error):
             raise SpatialPinError(
-                f"mechanism {self.name!r}: the loops are open by {found.closure_error:.1e} in "
+                f"mechanism {self.name!r}: the loops are open by {state.closure_error:.1e} in "
                 "that state: what was welded, or the branch, is another there")
-        return found
+        return state
 
     @checked
     def verify(
@@ -170,7 +175,7 @@ class Reduced(Mechanism):
         if len(self.coordinates) == len(full.coordinates) and rows[0] == rows[1]:
             lines.append("  nothing is gained: all coordinates and equations move these outputs; "
                          "sweeps take as long")
-        return "\n".join([*lines, *(f"  left out: {x}" for x in self.left_out)])
+        return "\n".join([*lines, *(f"  left out: {x}" for x in self.omissions)])
 
 
 @checked
@@ -202,7 +207,7 @@ def reduce(
             massless, and forward dynamics is exact.
         lump: with `dynamics`, replace rods between balls or universal joints all the same: their
             mass goes to the centres of the two pairs, which keeps the mass, and the centre of mass
-            where that lies on the line between them; `left_out` tells how far it moves otherwise,
+            where that lies on the line between them; `omissions` tells how far it moves otherwise,
             and what inertia is lost.
         guess: where to assemble; welded joints are welded there.
 
@@ -233,20 +238,20 @@ def reduce(
         raise ValueError("outputs is empty; name at least one coordinate, link or frame")
     if lump and not dynamics:
         raise ValueError("lump=True says where mass goes: it needs dynamics=True")
-    asked = asked_of(mechanism, names, dynamics)
-    for name in asked.frames:
+    requested = requested_outputs(mechanism, names, dynamics)
+    for name in requested.frames:
         mechanism.placed(name)
     state, welds, locked = _locked(mechanism, lock, guess)
-    for name in asked.coordinates:
+    for name in requested.coordinates:
         if name in welds:
             raise SpatialPinError(f"mechanism {mechanism.name!r}: output {name!r} is locked")
     influence = OutputInfluence(mechanism, state, locked,
-                          _needed(mechanism, asked, welds, dynamics),
-                          _bodies(mechanism, asked, dynamics))
-    kept = influence.least()
+                          _needed(mechanism, requested, welds, dynamics),
+                          _bodies(mechanism, requested, dynamics))
+    least = influence.least()
     for simplest in (True, False):
         model = ReducedModel(
-            mechanism, state.q, kept, influence, asked, dynamics=dynamics, lump=lump)
+            mechanism, state.q, least, influence, requested, dynamics=dynamics, lump=lump)
         if simplest:
             replace_links(model)
             drop_equations(model)
@@ -260,12 +265,12 @@ def reduce(
     parts["guess"] = _coordinates(made, state)
     return Reduced(**parts, full=mechanism, outputs=names, welds=welds,
                    dynamics=dynamics,
-                   left_out=tuple(omissions(model, locked)))
+                   omissions=tuple(omissions(model, locked)))
 
 
 @made_once
 def _starts(reduced: Reduced) -> Callable[..., Array | None]:
-    """Return what assembles the full mechanism at (name, value) pairs; it remembers the last."""
+    """Return a cached function that assembles the full mechanism at (name, value) pairs."""
 
     @lru_cache(STARTS)
     def start(*values: tuple[str, float]) -> Array | None:
@@ -273,14 +278,14 @@ def _starts(reduced: Reduced) -> Callable[..., Array | None]:
             there = assembled(reduced.full, {**reduced.welds, **dict(values)})
         except SpatialPinError:  # a loop that is left out cannot close there
             return None
-        found = carried_over(reduced, there)
-        return found.q if found.closure_error <= _closed(reduced) else None
+        state = carried_over(reduced, there)
+        return state.q if state.closure_error <= _closed(reduced) else None
 
     return start
 
 
 def carried_over(reduced: Mechanism, state: State) -> State:
-    """Return what a state says of the joints that a reduced mechanism has kept."""
+    """Return a state of the full mechanism as a state of a reduced one."""
     q, full, own = reduced.neutral.copy(), state.mechanism.model, reduced.model
     for i in range(1, own.njoints):
         j = full.getJointId(own.names[i])
@@ -297,7 +302,7 @@ def _locked(
     mechanism: Mechanism, lock: Mapping[str, float] | Iterable[str],
     guess: Mapping[str, Any] | State | Array | None,
 ) -> tuple[State, dict[str, float], frozenset[int]]:
-    """Return the assembled state, values of coordinates locked there, and their joints."""
+    """Return the assembled state, values of locked coordinates, and their joints."""
     if isinstance(lock, Mapping):
         values = joint_values(mechanism, lock)
     else:
@@ -332,19 +337,19 @@ def _locked(
 
 
 def _needed(
-    mechanism: Mechanism, asked: RequestedOutputs, welds: Mapping[str, float], dynamics: bool
+    mechanism: Mechanism, requested: RequestedOutputs, welds: Mapping[str, float], dynamics: bool
 ) -> set[int]:
-    """Return the joints whose coordinates are asked for, driven, or sprung."""
-    names = [*asked.coordinates, *(d.joint for d in mechanism.drivers.values())]
+    """Return the joints with requested, driven or sprung coordinates."""
+    names = [*requested.coordinates, *(d.joint for d in mechanism.drivers.values())]
     if dynamics:
         names += [s.joint for s in mechanism.springs if s.joint is not None]
     return {mechanism.joint_id(c.joint) for c in map(mechanism.coordinate, names)
             if c.name not in welds}
 
 
-def _bodies(mechanism: Mechanism, asked: RequestedOutputs, dynamics: bool) -> set[int]:
-    """Return the joints whose bodies' placements are asked for, or move mass."""
-    bodies = {mechanism.frame_on_joint(name)[0] for name in asked.frames}
+def _bodies(mechanism: Mechanism, requested: RequestedOutputs, dynamics: bool) -> set[int]:
+    """Return the joints whose bodies have requested placements or mass."""
+    bodies = {mechanism.frame_on_joint(name)[0] for name in requested.frames}
     if dynamics:
         model = mechanism.model
         bodies |= {mechanism.frame_on_joint(f)[0] for s in mechanism.springs for f in s.frames}
@@ -356,7 +361,7 @@ def _bodies(mechanism: Mechanism, asked: RequestedOutputs, dynamics: bool) -> se
 
 
 def _agrees(made: Mechanism, influence: OutputInfluence) -> bool:
-    """Whether the reduced mechanism is closed, and as free, where the full one was looked at."""
+    """Whether the reduced mechanism is closed, and as free, at the analysed configurations."""
     full = influence.mechanism
     evaluation = LoopEquations(made)
     at = [full.coordinate_table[name].v for name in made.coordinates]
@@ -374,7 +379,7 @@ def _agrees(made: Mechanism, influence: OutputInfluence) -> bool:
 
 
 def _closed(mechanism: Mechanism) -> float:
-    """Return the closure error of a closed mechanism that was put together in the world [-]."""
+    """Return the closure error of a closed mechanism with positions in the world [-]."""
     return TOLERANCES.nothing + ROUNDINGS * mechanism.extent.resolution
 
 

@@ -1,8 +1,7 @@
-"""Links that nothing is asked of, replaced by the equations they stand for.
+"""Relations that replace a link with two pairs.
 
-A link with two pairs only keeps its two neighbours in a relation. Where that relation is one of
-the closures there are, the link's coordinates and its loop's equations go for fewer equations
-[Haug1989, 9.4: composite joints]:
+A link with two pairs keeps its neighbours in a relation. If that relation is a closure type, fewer
+equations replace the link's coordinates and its loop's equations [Haug1989, 9.4: composite joints]:
 
 ====================  ========================================================================
 pairs                 relation of the two neighbours
@@ -18,8 +17,8 @@ prismatic, prismatic  in a plane: no relative turn
 any, weld             the same pair as a closure
 ====================  ========================================================================
 
-To add a relation, add a function of two `Pin`s to `RELATIONS`. It returns the closures, or None
-where it does not apply; the first pair's kind is the first of the key.
+To add a relation, add a function of two `Pin`s to `RELATIONS`. It returns the closures, or None if
+it does not apply; the first pair's kind is the first of the key.
 """
 
 from __future__ import annotations
@@ -37,35 +36,34 @@ from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array, least_squares
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-# Least sine of the angle of two axes whose points' distance stands for it: the equation of the
-# distance is as well conditioned as the sine, and a quarter loses no digit.
+# Least sine of the angle of two axes in a distance of points on them: the equation is as well
+# conditioned as the sine, and a quarter loses no digit.
 FLAT_ANGLE = 0.25
 
-# Random configurations of the open tree at which derivatives are looked at: one that vanishes by
-# chance at one of them does not at four.
+# Random configurations of the open tree for derivatives: four do not all vanish by chance.
 OPEN_CONFIGURATIONS = 4
 
 
 class Pin(NamedTuple):
-    """One pair of a link."""
+    """A pair of a link."""
 
-    kind: str  # its pair
-    body: int  # joint whose body is the neighbour
+    kind: str  # type of the pair
+    body: int  # joint of the neighbour
     centre: Array  # (3,) of the pair, in the axes of the neighbour
     axis: Array
     own_centre: Array  # (3,) the same in the axes of the link (universal: the other axis)
     own_axis: Array
-    turn: Array  # (3, 3) from the link's axes to the neighbour's, where the pair keeps them
+    turn: Array  # (3, 3) from the link's axes to the neighbour's, if the pair fixes it
 
     def seen_from(self, placement: pin.SE3) -> Pin:
-        """Return the pin as one of a body against which its link has this placement."""
+        """Return the pin for a body against which its link has this placement."""
         return self._replace(own_centre=placement.act(self.own_centre),
                              own_axis=placement.rotation @ self.own_axis,
                              turn=self.turn @ placement.rotation.T)
 
 
 class BodyFrame(NamedTuple):
-    """A frame on the body of a joint: origin (3,), z axis (3,), and what x should be near."""
+    """A frame on the body of a joint: origin (3,), z axis (3,), and a direction near x."""
 
     body: int
     origin: Array
@@ -83,13 +81,13 @@ class BodyFrame(NamedTuple):
 
 
 class Relation(NamedTuple):
-    """A closure to be: of the pair `type` between z axes (or origins) of two places."""
+    """A new closure: of the pair `type` between z axes (or origins) of two frames."""
 
     type: str
     places: tuple[BodyFrame, BodyFrame]
     length: float = 0.0  # of a distance [m]
     ends: tuple[Array, ...] = ()  # (3,) its two ends on the link, in the axes of the link
-    between: tuple[BodyFrame, ...] = ()  # places whose distance it is, where that changes
+    between: tuple[BodyFrame, ...] = ()  # frames with the same distance, if it varies
 
 
 class Surroundings:
@@ -112,8 +110,8 @@ class Surroundings:
     def keep_plane(self, first: Pin, second: Pin, normal1: Array, normal2: Array) -> bool:
         """Whether two bodies keep these normals parallel and their distance along them."""
         offsets = []
-        for place in self._placements:
-            m1, m2 = place[first.body], place[second.body]
+        for placements in self._placements:
+            m1, m2 = placements[first.body], placements[second.body]
             n = m1.rotation @ normal1
             if np.abs(n - m2.rotation @ normal2).max() > TOLERANCES.closed:
                 return False
@@ -121,13 +119,13 @@ class Surroundings:
         return float(np.ptp(offsets)) <= TOLERANCES.closed * self.length
 
     def placements(self, first: int, second: int) -> list[pin.SE3]:
-        """Return where the body of a joint is, as seen from another one's."""
-        return [place[first].actInv(place[second]) for place in self._placements]
+        """Return placements of the body of a joint, relative to another one's."""
+        return [at[first].actInv(at[second]) for at in self._placements]
 
     def keep_point(self, first: int, point1: Array, second: int, point2: Array) -> bool:
         """Whether two points of two bodies always coincide."""
-        return all(np.abs(place[first].act(point1) - place[second].act(point2)).max()
-                   <= TOLERANCES.tight * self.length for place in self._placements)
+        return all(np.abs(at[first].act(point1) - at[second].act(point2)).max()
+                   <= TOLERANCES.tight * self.length for at in self._placements)
 
 
 def open_configurations(mechanism: Mechanism, q: Array, free: Array | float = 1.0) -> list[Array]:
@@ -138,11 +136,11 @@ def open_configurations(mechanism: Mechanism, q: Array, free: Array | float = 1.
 
 
 class WeldedBodies:
-    """The rigid bodies of a tree some of whose joints are welded.
+    """The rigid bodies of a tree with some welded joints.
 
     Args:
         mechanism: the mechanism.
-        q: (nq,) configuration in which they are welded.
+        q: (nq,) configuration of the weld.
         welded: the joints.
     """
 
@@ -310,7 +308,7 @@ RELATIONS: dict[tuple[str, str], _Rule] = {
 
 
 def reach(a: Pin, b: Pin) -> str:
-    """Return what is to be said of a rod whose universal joint cannot point it anywhere.
+    """Return a note on a rod whose universal joint cannot take all directions.
 
     It can if the ball lies in the plane through its centre normal to its pin in the rod.
     """
@@ -323,7 +321,7 @@ def reach(a: Pin, b: Pin) -> str:
 
 
 def relation(a: Pin, b: Pin, around: Surroundings) -> list[Relation] | None:
-    """Return the closures that a link with pairs a and b stands for; None when there are none."""
+    """Return the closures that replace a link with pairs a and b; None if there are none."""
     for first, second in ((a, b), (b, a)):
         rule = RELATIONS.get((first.kind, second.kind))
         if rule is not None:

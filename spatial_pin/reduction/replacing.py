@@ -1,4 +1,4 @@
-"""Links that nothing is asked of are replaced by the equations that they stand for."""
+"""Replacing links without outputs by equations."""
 
 from __future__ import annotations
 
@@ -166,9 +166,9 @@ def _ends(
 ) -> tuple[BodyFrame, ...]:
     """Return the ends of a distance on the bodies of a leg, in the order of its places."""
     return tuple(
-        BodyFrame(bodies[0], end) if place.body == a.body
+        BodyFrame(bodies[0], end) if frame.body == a.body
         else BodyFrame(bodies[1], placement.actInv(end))
-        for place, end in zip(made.places, made.ends, strict=True))
+        for frame, end in zip(made.places, made.ends, strict=True))
 
 
 def may_go(model: ReducedModel, i: int, pins: list[Pin]) -> bool:
@@ -195,9 +195,9 @@ def may_go(model: ReducedModel, i: int, pins: list[Pin]) -> bool:
     spin = float(n @ body.inertia @ n)
     across = 0.5 * (float(np.trace(body.inertia)) - spin)
     lumped = body.mass * part * (1.0 - part) * length**2
-    for place, mass in zip(pins, ((1.0 - part) * body.mass, part * body.mass), strict=True):
-        if mass > 0.0 and place.body:
-            model.masses.append((f"{link}_mass", BodyFrame(place.body, place.centre), mass))
+    for frame, mass in zip(pins, ((1.0 - part) * body.mass, part * body.mass), strict=True):
+        if mass > 0.0 and frame.body:
+            model.masses.append((f"{link}_mass", BodyFrame(frame.body, frame.centre), mass))
     model.notes.append((
         "inertia", link,
         f"{body.mass:.6g} kg lumped at the centres of its two pairs; inertia across the rod "
@@ -224,15 +224,15 @@ def _inertia(model: ReducedModel, i: int) -> pin.Inertia:
 
 
 def replace_links(model: ReducedModel) -> None:
-    """Replace links of two pairs, and legs, until none can be replaced any more."""
-    found = True
-    while found:
-        found = any(_replace_link(model, i) for i in sorted(model.moving, reverse=True)) \
+    """Replace links with two pairs, and legs, until none is left to replace."""
+    replaced = True
+    while replaced:
+        replaced = any(_replace_link(model, i) for i in sorted(model.moving, reverse=True)) \
             or any(_replace_leg(model, c) for c in model.closures if c.frames)
 
 
 def _replace_link(model: ReducedModel, i: int) -> bool:
-    """Replace the link of joint i, if it has two pairs that stand for relations."""
+    """Replace the link of joint i if it has two pairs with a relation."""
     if i not in model.moving or i in model.influence.needed or not model.hangs_free((i,)):
         return False
     own = model.closures_on((i,))
@@ -258,7 +258,7 @@ def _replace_link(model: ReducedModel, i: int) -> bool:
 
 
 def _replace_leg(model: ReducedModel, closure: Closure) -> bool:
-    """Replace the leg that a closure ends, if it stands for a distance of variable length."""
+    """Replace the leg that a closure ends if it is a distance of variable length."""
     leg = leg_of(model, closure)
     if leg is None:
         return False
@@ -278,7 +278,7 @@ def _record(
     model: ReducedModel, what: str, joint: int, pins: Sequence[Pin], own: Sequence[Closure],
     made: list[Relation], inner: Sequence[int] = (),
 ) -> None:
-    """Take note of a link or leg, hung on a joint, that is replaced by relations."""
+    """Record the replacement of a link or leg by relations."""
     link, names = model.link(joint), model.full.model.names
     taken = {c.name for c in model.closures} | {n for n, _ in model.relations}
     for k, one in enumerate(made):
@@ -288,11 +288,11 @@ def _record(
         taken.add(name)
         model.relations.append((name, one))
     others = " and ".join(repr(names[i]) for i in inner)
-    said = " and ".join(_words(one, others, len(inner)) for one in made)
+    words = " and ".join(_words(one, others, len(inner)) for one in made)
     closed = " and ".join(repr(c.name) for c in own)
     model.notes.append((what, link, (
         f"its pairs ({pins[0].kind} and {pins[1].kind}; joint {names[joint]!r}, closure "
-        f"{closed}) stand for one relation: {said}{reach(*pins)}")))
+        f"{closed}) stand for one relation: {words}{reach(*pins)}")))
 
 
 def _words(made: Relation, others: str, count: int) -> str:

@@ -1,4 +1,4 @@
-"""Curves of closed configurations of one driver, and where on them configurations lie."""
+"""Circuits of one driver: curves of closed configurations, and positions on them."""
 
 from __future__ import annotations
 
@@ -21,34 +21,34 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy
 
-SAMPLE_STEP = 0.05  # from sample to sample of a curve: some two hundred are a turn of a four-bar
-MOST_CURVE_SAMPLES = 4000  # of one curve: two hundred radians, thirty turns, which gears may take
-BORDERS = ("limit", "branch point")  # which the driver cannot lead across
-# Samples of a curve may be this many times as far from a place on it as from each other: at most
-# half a step, but bodies move by other parts of it before and after.
+SAMPLE_STEP = 0.05  # between samples of a curve: about 200 are a turn of a four-bar
+MOST_CURVE_SAMPLES = 4000  # of one curve: 200 rad, or 30 turns, which gears may need
+BORDERS = ("limit", "branch point")  # the driver cannot cross these
+# Distance from a configuration to the nearest sample, relative to the distance between samples. It
+# is half a step at most, but bodies move unequally before and after.
 ON_CIRCUIT = 2.0
-MOST_CORRECTIONS_TO_PLACE = 20  # of the way to a place: each leaves about a hundredth of the error
+MOST_POSITION_STEPS = 20  # corrections of the arc length: each leaves about 1% of the error
 
 
-class CircuitPlace(NamedTuple):
-    """Where a configuration lies on a circuit."""
+class CircuitPosition(NamedTuple):
+    """The position of a configuration on a circuit."""
 
-    value: float  # the driver's, as it is counted along the branch [rad or m]
-    branches: frozenset[int]  # numbers of the branches it is on: two where it is a border
+    value: float  # the driver's value, counted along the branch [rad or m]
+    branches: frozenset[int]  # numbers of its branches: two at a border
 
 
 class Circuit:
     """One connected curve of closed configurations, with its driver's borders.
 
-    Between two borders, limits or branch points of the driver, is a branch; where a closed curve
-    has none, it is one branch, which the driver turns round for ever.
+    Borders are limits and branch points of the driver. A branch lies between two borders. A closed
+    curve without borders is one branch, along which the driver turns without end.
 
     Attributes:
-        driver: its name.
+        driver: name of the driver.
         motion: samples of the curve, `SAMPLE_STEP` apart.
-        is_closed: whether it was followed until it came back.
+        is_closed: whether the curve was followed back to its first sample.
         borders: limits and branch points, in the order of the curve.
-        turn: by how much the driver goes on while it goes round once [rad or m].
+        turn: change of the driver over one closed curve [rad or m].
     """
 
     def __init__(self, mechanism: Mechanism, driver: str, state: State) -> None:
@@ -68,101 +68,76 @@ class Circuit:
         self.is_closed = ends_at_first and self._ahead(self._n - 1, self._places[0]) is not None
         self.turn = float(self.motion.swept[-1] - self.motion.swept[0]) if self.is_closed else 0.0
 
-    @classmethod
-    def through(
-        cls, mechanism: Mechanism, driver: str, states: Sequence[State]
-    ) -> list[tuple[Circuit, dict[int, CircuitPlace]]]:
-        """Return the circuits that states lie on, and where."""
-        found: list[tuple[Circuit, dict[int, CircuitPlace]]] = []
-        rest = list(range(len(states)))
-        while rest:
-            circuit = cls(mechanism, driver, states[rest[0]])
-            places = {i: place for i in rest if (place := circuit.place(states[i])) is not None}
-            if rest[0] not in places:
-                raise SpatialPinError(f"the curve through sample {rest[0]} cannot be followed")
-            found.append((circuit, places))
-            rest = [i for i in rest if i not in places]
-        return found
-
     @property
     def turns_fully(self) -> bool:
-        """Whether the driver turns round without meeting a border."""
+        """Whether the driver turns without meeting a border."""
         return self.is_closed and not self.borders
 
-    def place(self, state: State) -> CircuitPlace | None:
-        """Return where a configuration lies; None if the curve does not lead to it.
+    def position(self, state: State) -> CircuitPosition | None:
+        """Return the position of a configuration; None if it is not on the curve.
 
-        Links that spin freely may stand as they like.
+        The angles of links that spin freely do not matter.
         """
         with loops_of(self.motion.mechanism) as evaluation:
             target = self._at(evaluation, state.q)
-        for row in self._near(target):
-            found = self._ahead(row, target)
-            if found is not None:
-                break
-        else:
+        gaps = np.abs(self._places - target).reshape(len(self._places), -1).max(axis=1, initial=0.0)
+        near = (k for k in np.argsort(gaps, kind="stable").tolist()
+                if gaps[k] <= ON_CIRCUIT * self._spacing(k) + TOLERANCES.half_precision)
+        row, point = next(((k, x) for k in near if (x := self._ahead(k, target)) is not None),
+                          (0, None))
+        if point is None:
             return None
-        at, value, slope = row + found[0] / SAMPLE_STEP, *found[1:]
+        at, value, slope = row + point[0] / SAMPLE_STEP, *point[1:]
         mechanism, last = self.motion.mechanism, len(self.motion) - 1
         size = mechanism.velocity_scale[mechanism.coordinate(self.driver).v]
         if self.is_closed and at < 0.0:
             at, value = at + last, value + self.turn
         crossed, doubtful = 0, 0
         for event in self.borders:
-            way = np.sign(self.motion.driver_speed[event.row - 1])
+            sense = np.sign(self.motion.driver_speed[event.row - 1])
             if not event.row - 1 <= at <= event.row:
                 crossed += at > event.row
                 continue
-            beyond = (-slope if event.kind == "limit" else (value - event.value) / size) * way
+            beyond = (-slope if event.kind == "limit" else (value - event.value) / size) * sense
             is_at = abs(beyond) < TOLERANCES.half_precision
             doubtful += is_at
             crossed += beyond > 0.0 and not is_at
         numbers, counted = self._numbered(np.arange(crossed, crossed + doubtful + 1),
                                           np.full(doubtful + 1, value))
-        return CircuitPlace(float(counted[0]), frozenset(numbers.tolist()))
+        return CircuitPosition(float(counted[0]), frozenset(numbers.tolist()))
 
     def rows_of(self, branch: int) -> tuple[NDArray[np.intp], Array]:
-        """Return samples of a branch, and the driver's values as they are counted along it."""
+        """Return samples of a branch, and the driver's values counted along it."""
         rows = [event.row for event in self.borders]
         crossed = np.searchsorted(rows, np.arange(self._n), "right")
         numbers, values = self._numbered(crossed, self.motion.swept[: self._n])
         own = np.flatnonzero(numbers == branch)
         return own, values[own]
 
-    def values_at_borders(self) -> list[float]:
-        """Return the driver's values at the borders."""
-        return [event.value for event in self.borders]
-
     def may_meet(self, other: Circuit) -> bool:
-        """Whether both have a branch point at what may be the same place."""
+        """Whether both may have one branch point in common."""
+        def branch_points(circuit: Circuit) -> list[int]:
+            return [event.row - k for event in circuit.borders if event.kind == "branch point"
+                    for k in (0, 1) if 0 <= event.row - k < circuit._n]
+
         return any(np.abs(self._places[i] - other._places[j]).max() < ON_CIRCUIT * max(
             self._spacing(i), other._spacing(j))
-            for i in self._branch_points() for j in other._branch_points())
+            for i in branch_points(self) for j in branch_points(other))
 
     def _at(self, evaluation: LoopEquations, q: Array) -> Array:
         evaluation.update(q)
         return body_placements(evaluation, self._bodies)
 
-    def _branch_points(self) -> list[int]:
-        return [event.row - k for event in self.borders if event.kind == "branch point"
-                for k in (0, 1) if 0 <= event.row - k < self._n]
-
     def _spacing(self, row: int) -> float:
-        """Return how far bodies go to the neighbours of a sample."""
+        """Return the largest displacement of a body to a neighbouring sample."""
         near = self._places[max(row - 1, 0) : row + 2]
         return float(np.abs(np.diff(near, axis=0)).max(initial=0.0))
 
-    def _near(self, target: Array) -> list[int]:
-        """Return samples near to placements, the nearest first."""
-        gaps = np.abs(self._places - target).reshape(len(self._places), -1).max(axis=1, initial=0.0)
-        return [k for k in np.argsort(gaps, kind="stable").tolist()
-                if gaps[k] <= ON_CIRCUIT * self._spacing(k) + TOLERANCES.half_precision]
-
     def _ahead(self, row: int, target: Array) -> tuple[float, float, float] | None:
-        """Return how far ahead of a sample bodies are at placements, and value and slope there.
+        """Return arc length from a sample to placements, with the driver's value and slope there.
 
-        It is where the curve meets the plane through these, normal to how bodies move. None if the
-        curve does not lead there from the sample; the slope is that of the driver.
+        The curve is cut by the plane through the placements and normal to the bodies' motion. None
+        if the curve does not reach the placements from this sample.
         """
         mechanism, state = self.motion.mechanism, self.motion.state(row)
         system, near, _ = system_at(mechanism, self.driver, state, BASE)
@@ -179,7 +154,7 @@ class Circuit:
         after, before = (self._at(curve.evaluation, end) for end in ends)
         along = (after - before) / (2.0 * h)
         length = 0.0
-        for _ in range(MOST_CORRECTIONS_TO_PLACE):
+        for _ in range(MOST_POSITION_STEPS):
             q: Array | None = curve.ahead(point, length)
             if q is None:
                 return None
@@ -194,11 +169,27 @@ class Circuit:
         return length, curve.value(q), curve.slope(curve.direction(q, point.t)[0]) / size
 
     def _numbered(self, crossed: NDArray[np.intp], values: Array) -> tuple[NDArray[np.intp], Array]:
-        """Return numbers of branches from how many borders were crossed, and values along them.
+        """Return numbers of branches from the number of crossed borders, and values along them.
 
-        The last piece of a closed curve is the beginning of the first branch.
+        The last piece of a closed curve belongs to the first branch.
         """
         n = len(self.borders)
         if not self.is_closed or not n:
             return crossed, values
         return crossed % n, np.where(crossed == n, values - self.turn, values)
+
+
+def circuits_through(
+    mechanism: Mechanism, driver: str, states: Sequence[State]
+) -> list[tuple[Circuit, dict[int, CircuitPosition]]]:
+    """Return circuits through states: (circuit, {number of a state: its position})."""
+    circuits: list[tuple[Circuit, dict[int, CircuitPosition]]] = []
+    rest = list(range(len(states)))
+    while rest:
+        circuit = Circuit(mechanism, driver, states[rest[0]])
+        positions = {i: x for i in rest if (x := circuit.position(states[i])) is not None}
+        if rest[0] not in positions:
+            raise SpatialPinError(f"the curve through sample {rest[0]} cannot be followed")
+        circuits.append((circuit, positions))
+        rest = [i for i in rest if i not in positions]
+    return circuits

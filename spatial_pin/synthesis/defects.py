@@ -1,6 +1,6 @@
 """Defects of a synthesised mechanism: circuit, branch, order, transmission [ChaseMirth1993].
 
-Joint limits that its motion passes are one too: loops do not know them.
+A joint limit that the motion passes is a defect too: the loop equations do not contain limits.
 """
 
 from __future__ import annotations
@@ -22,22 +22,22 @@ from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.transmission import transmission_angle
-from spatial_pin.synthesis.circuits import Circuit, CircuitPlace
+from spatial_pin.synthesis.circuits import Circuit, CircuitPosition, circuits_through
 
-LEAST_ANGLE = float(np.radians(40.0))  # of transmission, which textbooks ask of a linkage
+LEAST_ANGLE = float(np.radians(40.0))  # transmission angle that textbooks recommend
 ALL = "circuit, branch, order and transmission"
 MOST_NAMED = 4  # driver values of borders in a sentence
 
 
 class Defect(NamedTuple):
-    """A reason why a design that meets its samples may fail in motion.
+    """A reason why a design with correct samples may fail in motion.
 
     Attributes:
-        kind: "circuit": the loops would have to be opened between samples; "branch": the driver
-            cannot lead from one to another; "order": it meets them in another order than asked;
-            "joint limit": a joint passes its limit of the URDF on the way; "transmission": a poor
-            transmission angle; "not judged": something was not looked at.
-        samples: numbers of the samples it is about, from 0.
+        kind: "circuit": the loops must be opened between samples; "branch": the driver cannot move
+            from one sample to another; "order": the driver meets the samples in the wrong order;
+            "joint limit": a joint passes its limit of the URDF; "transmission": a poor
+            transmission angle; "not judged": a check was not possible.
+        samples: numbers of the samples, from 0.
         text: the same as a sentence.
 
     Example:
@@ -57,30 +57,30 @@ class Defect(NamedTuple):
 
 
 class UsedBranch(NamedTuple):
-    """What of a branch is used."""
+    """A branch with samples of a goal."""
 
-    circuit: Circuit  # where it is
-    branch: int  # its number there
-    samples: tuple[int, ...]  # those on it, in the order that is asked for
-    values: Array  # of the driver at these, as counted along the branch
+    circuit: Circuit
+    branch: int  # number on the circuit
+    samples: tuple[int, ...]  # those on the branch, in the required order
+    values: Array  # of the driver at these samples, counted along the branch
 
     @classmethod
-    def several(cls, circuit: Circuit, places: dict[int, CircuitPlace]) -> list[UsedBranch]:
-        """Return the fewest branches of a circuit that hold all places, those with most first."""
-        rest, found = dict(places), list[UsedBranch]()
+    def several(cls, circuit: Circuit, positions: dict[int, CircuitPosition]) -> list[UsedBranch]:
+        """Return the fewest branches with all positions, the one with most of them first."""
+        rest, branches = dict(positions), list[UsedBranch]()
         while rest:
-            numbers = sorted({b for place in rest.values() for b in place.branches})
-            best = max(numbers, key=lambda b: sum(b in place.branches for place in rest.values()))
-            own = [i for i, place in rest.items() if best in place.branches]
+            numbers = sorted({b for x in rest.values() for b in x.branches})
+            best = max(numbers, key=lambda b: sum(b in x.branches for x in rest.values()))
+            own = [i for i, x in rest.items() if best in x.branches]
             values = np.array([rest.pop(i).value for i in own])
-            found.append(cls(circuit, best, tuple(own), values))
-        return found
+            branches.append(cls(circuit, best, tuple(own), values))
+        return branches
 
     def direction(self) -> tuple[float, Array, Array]:
-        """Return the driver's best sense, how far on it meets samples, and which are in order.
+        """Return the driver's best sense, its travel to each sample, and which are in order.
 
-        Where the driver turns fully, it begins at the first sample, and goes on for less than a
-        turn. In order is the longest sequence that does not fall.
+        A driver that turns fully begins at the first sample and moves by less than one turn. In
+        order are the samples of the longest sequence that does not fall.
         """
         senses, n = [], len(self.values)
         for sense in (1.0, -1.0):
@@ -104,7 +104,7 @@ class UsedBranch(NamedTuple):
         return best[2], best[3], best[4]
 
     def rows(self, cyclic: bool) -> list[int]:
-        """Return samples of the curve between the first and the last place of the branch."""
+        """Return samples of the curve between the first and the last sample of the goal."""
         rows, values = self.circuit.rows_of(self.branch)
         if not self.circuit.turns_fully:
             low, high = self.values.min(), self.values.max()
@@ -116,7 +116,7 @@ class UsedBranch(NamedTuple):
         return rows[on <= offsets.max()].tolist()
 
     def order_defects(self) -> Iterator[Defect]:
-        """Yield a defect if the driver meets samples in another order than they have."""
+        """Yield a defect if the driver meets the samples in another order."""
         _, offsets, rising = self.direction()
         if not rising.all():
             out = tuple(i for i, fits in zip(self.samples, rising, strict=True) if not fits)
@@ -125,7 +125,7 @@ class UsedBranch(NamedTuple):
                          f"{', '.join(map(str, met))}")
 
     def limit_defects(self, states: Sequence[State], cyclic: bool) -> Iterator[Defect]:
-        """Yield joint limits that are passed in the motion through the places of the branch."""
+        """Yield joint limits that the motion through the samples of the branch passes."""
         circuit = self.circuit
         if not joint_limits(circuit.motion.mechanism):
             return
@@ -153,23 +153,23 @@ def defects(
     ordered: bool = True,
     cyclic: bool = False,
 ) -> tuple[Defect, ...]:
-    """Return the defects of a mechanism that is to meet some configurations in motion.
+    """Return the defects of a mechanism that must pass through given states.
 
-    The curves of configurations that the states lie on are followed as a whole (`trace`), with
-    other drivers standing still; two states are on one circuit where one curve leads to both, on
-    one branch where the driver meets neither a limit nor a branch point between them. Joint limits
-    count at the states and between those of a branch. What could not be looked at, as with several
-    drivers that move, is one of kind "not judged".
+    The curve through each state is followed as a whole (`trace`); other drivers are fixed. Two
+    states are on one circuit if one curve passes through both. They are on one branch if the driver
+    meets no limit and no branch point between them. Joint limits count at the states, and between
+    the states of a branch. A check that is not possible, for example because several drivers move,
+    is a defect of kind "not judged".
 
     Args:
         mechanism: the mechanism.
-        states: closed states in the order in which they are to be met.
-        driver: driver or coordinate that moves it; the only driver if not given.
+        states: closed states in the required order.
+        driver: driver or coordinate that moves the mechanism; default the only driver.
         output: coordinate whose transmission angle counts; default the only one-freedom joint on
             the fixed link besides the driver's.
-        least_angle: transmission angle that is good enough [rad].
-        ordered: whether the driver is free in when it meets the states, and its order counts.
-        cyclic: whether a driver that turns fully is used all the way round.
+        least_angle: smallest good transmission angle [rad].
+        ordered: whether the timing is free, so that the order of the states counts.
+        cyclic: whether a driver that turns fully is used over the whole turn.
     """
     states = [of_mechanism(mechanism, state) for state in states]
     if not states:
@@ -186,29 +186,29 @@ def defects(
     if driver is None or why:
         return (Defect("not judged", everything, f"{ALL}: {why}"), *beyond)
     try:
-        circuits = Circuit.through(mechanism, driver, states)
+        circuits = circuits_through(mechanism, driver, states)
     except SpatialPinError as error:
         return (Defect("not judged", everything, f"{ALL}: {error}"), *beyond)
-    found, branches = [*_circuit_defects(circuits)], list[UsedBranch]()
+    result, branches = [*_circuit_defects(circuits)], list[UsedBranch]()
     for circuit, places in circuits:
         own = UsedBranch.several(circuit, places)
-        found += _branch_defects(own)
+        result += _branch_defects(own)
         branches += own
     if ordered:
-        found += [defect for one in branches for defect in one.order_defects()]
-    found += beyond or [x for one in branches for x in one.limit_defects(states, cyclic)]
-    return (*found, *_transmission(branches, states, output, least_angle, cyclic))
+        result += [defect for one in branches for defect in one.order_defects()]
+    result += beyond or [x for one in branches for x in one.limit_defects(states, cyclic)]
+    return (*result, *_transmission(branches, states, output, least_angle, cyclic))
 
 
 def _moved_besides(mechanism: Mechanism, states: Sequence[State], driver: str | None) -> str:
-    """Return why nothing can be judged, in words; empty if it can."""
+    """Return the reason why defects cannot be judged; empty if they can."""
     if driver is None:
         n = len(mechanism.drivers)
         return (f"{n} drivers move, and these are of motions by one" if n else
                 "no driver moves it")
     own = mechanism.driven_coordinate(driver)
     if len(mechanism.drivers) == 1:
-        return ""  # it leads, or follows the coordinate that leads instead
+        return ""  # this driver, or the coordinate given in its place, moves the mechanism
     for name, other in mechanism.drivers.items():
         coordinate = mechanism.driven_coordinate(other.joint)
         values = [state.coordinate(coordinate.name).value for state in states]
@@ -218,31 +218,33 @@ def _moved_besides(mechanism: Mechanism, states: Sequence[State], driver: str | 
     return ""
 
 
-def _circuit_defects(found: Sequence[tuple[Circuit, dict[int, CircuitPlace]]]) -> Iterator[Defect]:
-    """Yield what it means that states lie on several curves."""
-    if len(found) < 2:
+def _circuit_defects(
+    circuits: Sequence[tuple[Circuit, dict[int, CircuitPosition]]]
+) -> Iterator[Defect]:
+    """Yield the defect of samples on several curves."""
+    if len(circuits) < 2:
         return
-    samples = tuple(sorted(i for _, places in found for i in places))
+    samples = tuple(sorted(i for _, places in circuits for i in places))
     apart = "; ".join(f"{_named(tuple(places))} on {'one' if not k else 'another'}"
-                      for k, (_, places) in enumerate(found))
-    circuits = [circuit for circuit, _ in found]
-    if not all(circuit.is_closed for circuit in circuits):
+                      for k, (_, places) in enumerate(circuits))
+    curves = [circuit for circuit, _ in circuits]
+    if not all(circuit.is_closed for circuit in curves):
         yield Defect("not judged", samples, f"circuit: {apart} curve of configurations, which "
                      "could not be followed until they close")
-    elif all(any(a.may_meet(b) for b in circuits if b is not a) for a in circuits):
+    elif all(any(a.may_meet(b) for b in curves if b is not a) for a in curves):
         yield Defect("branch", samples, f"{apart} curve of configurations; these meet at branch "
-                     f"points only, where {circuits[0].driver} does not decide on the way")
+                     f"points only, where {curves[0].driver} does not decide on the way")
     else:
         yield Defect("circuit", samples, f"{apart} circuit: the loops would have to be opened "
                      "between them")
 
 
 def _branch_defects(branches: Sequence[UsedBranch]) -> Iterator[Defect]:
-    """Yield what it means that places of one circuit lie on several branches."""
+    """Yield the defect of samples on several branches of one circuit."""
     if len(branches) < 2:
         return
     circuit = branches[0].circuit
-    borders = circuit.values_at_borders()
+    borders = [event.value for event in circuit.borders]
     named = ", ".join(f"{value:.6g}" for value in borders[:MOST_NAMED])
     more = ", ..." * (len(borders) > MOST_NAMED)
     apart = "; ".join(f"{_named(s.samples)} on {'one' if not k else 'another'}"
@@ -268,15 +270,15 @@ def _beyond_limits(states: Sequence[State]) -> Iterator[Defect]:
 
 
 def limits_passed(motion: Motion, samples: tuple[int, ...] = ()) -> tuple[Defect, ...]:
-    """Return a defect for each joint limit that a motion passes, where it does so first."""
-    found: dict[str, Defect] = {}
+    """Return a defect for each joint limit that a motion passes, at its first passage."""
+    first: dict[str, Defect] = {}
     for passing in joint_limits_passed(motion):
         words, by = passing.limit.words, -float(passing.limit.room(motion.q).min())
         most = f", by up to {by:.3g} {passing.limit.unit}" * (by > 0.0)
         where = (f"the {words} is passed {passing.where}" if passing.where else
                  f"the motion begins beyond the {words}")
-        found.setdefault(words, Defect("joint limit", samples, where + most))
-    return tuple(found.values())
+        first.setdefault(words, Defect("joint limit", samples, where + most))
+    return tuple(first.values())
 
 
 def _transmission(
@@ -288,7 +290,7 @@ def _transmission(
     outputs = grounded_outputs(motion) if output is None else [output]
     if len(outputs) != 1:
         yield Defect("not judged", everything, f"transmission: {len(outputs)} joints on the fixed "
-                     "link may be the output, say which one")
+                     "link may be the output: name one as output")
         return
 
     def angle(state: State) -> float:
@@ -307,4 +309,4 @@ def _transmission(
         poor = tuple(i for i, x in enumerate(own) if x < least)
         yield Defect("transmission", poor, f"the transmission angle of {outputs[0]} falls to "
                      f"{np.degrees(worst):.3g}° at {driver} = {value:.6g} {motion.driver_unit}; "
-                     f"{np.degrees(least):.3g}° are asked for")
+                     f"{np.degrees(least):.3g}° are required")

@@ -1,9 +1,10 @@
-"""What a demand is: numbers of a mechanism and its motion that should be zero, or at most zero.
+"""Goals for the whole mechanism: numbers that must be zero, or at most zero.
 
-Those of a whole motion are the largest in each of some parts of it, searched between the samples:
-one number for all would have a kink wherever the worst place changes.
+A demand over a motion has one number for each part of the motion: its largest value there, refined
+between the samples. One number for the whole motion would have a kink wherever the worst part
+changes.
 
-To add one: a class with `_words`, `_unit` and `values` in a module beside, and its constructor in
+To add one: a class with `_words`, `_unit` and `values` in `demands`, and its constructor in
 `goals`.
 """
 
@@ -34,10 +35,10 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.synthesis.precision import Goal
 
 TURN = 2.0 * np.pi
-PER_TURN = 36  # steps of a motion that is looked at
+PER_TURN = 36  # samples of a motion
 STEP_OF_TURN = TURN / PER_TURN  # ten degrees
-# Part of its range that a driver stays short of its limits, where rates are infinite: still nearer
-# samples cost ten times as much.
+# Distance from a limit of the driver, where rates are infinite, relative to its range: ten times
+# nearer costs ten times as much.
 SHORT_OF_LIMITS = 1e-5
 
 
@@ -78,11 +79,11 @@ class Candidate:
         return self.mechanism if self._whole is None else self._whole()
 
     def motion(self, driver: str, values: Array | None, whole: bool = False) -> tuple[Motion, bool]:
-        """Return the motion that a demand is about, and whether the driver turns all the way.
+        """Return the motion over a driver, and whether the driver turns fully.
 
         Args:
-            driver: what moves it.
-            values: (k,) where; None: a turn, or from limit to limit.
+            driver: name of a driver or coordinate.
+            values: (k,) its values; None: a turn, or from limit to limit.
             whole: whether masses and shapes count.
         """
         key = driver, whole, None if values is None else values.tobytes()
@@ -96,10 +97,10 @@ class Candidate:
         return self._motions[key]
 
 
-def in_own_turn(mechanism: Mechanism, q: Array, kept: Iterable[str] = ()) -> Array:
-    """Return q (nq,) without whole turns that take angles beyond their joint limits."""
-    stand = {mechanism.prescribed_coordinate(name).name for name in kept}
-    beyond = beyond_limits(mechanism, q).keys() - stand
+def in_own_turn(mechanism: Mechanism, q: Array, fixed: Iterable[str] = ()) -> Array:
+    """Return q (nq,) without whole turns that put angles beyond joint limits."""
+    fixed_names = {mechanism.prescribed_coordinate(name).name for name in fixed}
+    beyond = beyond_limits(mechanism, q).keys() - fixed_names
     if not beyond:
         return q
     others = {name: float(q[c.q]) for name, c in mechanism.coordinate_table.items()
@@ -108,14 +109,14 @@ def in_own_turn(mechanism: Mechanism, q: Array, kept: Iterable[str] = ()) -> Arr
 
 
 def _closed(mechanism: Mechanism, near: State) -> State:
-    """Return the state on the branch of one at other dimensions, or the nearest where that ends."""
+    """Return the state on the same branch as one at other dimensions, else the nearest state."""
     with suppress(SpatialPinError):
         return followed(mechanism, {}, near)
     return assembled(mechanism, {}, near.q)
 
 
 def _led(mechanism: Mechanism, driver: str, state: State, values: Array) -> Motion:
-    """Return the motion through values of a driver, from a state on."""
+    """Return the motion from a state through values of a driver."""
     own = state.coordinate(mechanism.driven_coordinate(driver).name).value
     first = sweep(mechanism, driver, [own, values[0]], guess=state).state(-1)
     return sweep(mechanism, driver, values, guess=first)
@@ -124,8 +125,8 @@ def _led(mechanism: Mechanism, driver: str, state: State, values: Array) -> Moti
 def _turned(mechanism: Mechanism, driver: str, state: State) -> tuple[Motion, bool]:
     """Return the motion over a turn or from limit to limit, and whether it is a turn.
 
-    Samples of a turn are at whole multiples of a step, whatever the state: one before the turn
-    begins, one for each step.
+    Samples of a turn are at whole multiples of the step: one before the turn begins, then one a
+    step.
     """
     coordinate = mechanism.driven_coordinate(driver)
     own = state.coordinate(coordinate.name).value
@@ -143,7 +144,7 @@ def _turned(mechanism: Mechanism, driver: str, state: State) -> tuple[Motion, bo
 
 
 def _limit(mechanism: Mechanism, driver: str, state: State, sense: float) -> float:
-    """Return where a driver that does not turn fully is stopped."""
+    """Return the driver's limit in one direction."""
     coordinate = mechanism.driven_coordinate(driver)
     span = (2.0 * TURN if coordinate.unit == "rad" else
             FARTHEST_SLIDE * mechanism.characteristic_length)
@@ -155,36 +156,36 @@ def _limit(mechanism: Mechanism, driver: str, state: State, sense: float) -> flo
     return motion.events[-1].value
 
 
-PARTS = 6  # of a motion, each with a number of its own
-PEAK = 1e-7  # of where a peak is: it is as high as its square
-# Distances at which a peak is looked at, relative to that of the samples. A parabola's top is wrong
-# by their square, and its height by as much times how far the next one is from the top: after the
-# second it is 1e-7 rad, after the third round-off is left.
+PARTS = 6  # parts of a motion, each with its own number
+PEAK = 1e-7  # tolerance of the driver at a peak: the height is exact to its square
+# Distances at which a peak is sampled, relative to the distance between samples. A parabola's top
+# is wrong by their square. After the second round the error is 1e-7 rad, after the third it is
+# round-off.
 CLOSER = (2.0**-4, 2.0**-9, 2.0**-13)
-SMOOTH = 2.0  # factor between curvatures of a peak from near and from nearer, where it is smooth
-BEYOND = 0.25  # of a demand's unit, by which a part is met so well that samples are enough
+SMOOTH = 2.0  # ratio of curvatures at two distances up to which a peak is smooth
+BEYOND = 0.25  # in units of the demand: a part met by more than this is not refined
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Demand(Goal):
-    """A goal that is asked of the mechanism as a whole."""
+    """A goal for the whole mechanism."""
 
     is_one_sided: ClassVar[bool] = True  # whether values below zero are as good as zero
 
     @abstractmethod
     def values(self, candidate: Candidate) -> Array:
-        """Return the numbers (k,), zero where it is met."""
+        """Return the numbers (k,) that must be zero."""
 
     def errors(self, values: Array, mechanism: Mechanism) -> Array:
-        """Return in its unit how far it is missed, (k,), from its numbers."""
+        """Return the errors (k,) in the demand's unit, from its numbers."""
         return np.maximum(values, 0.0) if self.is_one_sided else np.abs(values)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class AtMost(Demand):
-    """A demand whose numbers are relative to the largest value that is allowed."""
+    """A demand with numbers relative to the largest allowed value."""
 
-    at_most: float  # that value
+    at_most: float  # the largest allowed value
 
     def errors(self, values: Array, mechanism: Mechanism) -> Array:
         """See `Demand`."""
@@ -193,11 +194,11 @@ class AtMost(Demand):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MotionDemand(Demand):
-    """A demand on a motion.
+    """A demand over a motion.
 
     Attributes:
-        driver: what moves it; None: the only driver.
-        at: (k,) driver values; None: a turn of it, or from limit to limit.
+        driver: name of the driver; None: the only one.
+        at: (k,) driver values; None: a turn, or from limit to limit.
     """
 
     driver: str | None = None
@@ -222,30 +223,30 @@ class MotionDemand(Demand):
         return candidate.motion(self.moved_by(candidate.mechanism), self.at, whole)
 
     def worst(self, motion: Motion, measure: Callable[[Motion], Array]) -> Array:
-        """Return the largest of what is measured, at every value asked for or by part (k,).
+        """Return the largest values of a measure (k,): one a driver value of `at`, else one a part.
 
-        Parts of a turn are sixths of it, whatever it begins with.
+        Parts of a turn are sixths of it, wherever it begins.
         """
-        found = measure(motion)
+        measured = measure(motion)
         if self.at is not None:
-            return found
+            return measured
         if len(motion) == PER_TURN + 1:
             parts = np.array_split(np.arange(PER_TURN + 1), PARTS)
         else:
             steps = np.rint(motion.swept[1 : PER_TURN + 1] / STEP_OF_TURN).astype(np.intp)
             which = steps % PER_TURN * PARTS // PER_TURN
             parts = [1 + np.flatnonzero(which == part) for part in range(PARTS)]
-        return np.array([_peak(motion, found, rows, measure) for rows in parts])
+        return np.array([_peak(motion, measured, rows, measure) for rows in parts])
 
 
 def _peak(
-    motion: Motion, found: Array, rows: NDArray[np.intp], measure: Callable[[Motion], Array]
+    motion: Motion, measured: Array, rows: NDArray[np.intp], measure: Callable[[Motion], Array]
 ) -> float:
-    """Return the largest of some samples, and of what is between them if it counts."""
+    """Return the largest value of a measure at samples, refined between them if it counts."""
     assert motion.driver_name is not None
-    driver, best = motion.driver_name, int(rows[np.argmax(found[rows])])
-    highest = float(found[best])
-    inside = 0 < best < len(found) - 1 and highest >= max(found[best - 1], found[best + 1])
+    driver, best = motion.driver_name, int(rows[np.argmax(measured[rows])])
+    highest = float(measured[best])
+    inside = 0 < best < len(measured) - 1 and highest >= max(measured[best - 1], measured[best + 1])
     if not inside or highest <= -BEYOND:
         return highest
     state = motion.state(best)
@@ -255,7 +256,7 @@ def _peak(
 
     with suppress(SpatialPinError, ValueError):  # it is flat there
         near = motion.swept[best - 1 : best + 2]
-        top = smooth_peak(near, found[best - 1 : best + 2], at)
+        top = smooth_peak(near, measured[best - 1 : best + 2], at)
         if top is None:  # it may be sharp
             from scipy.optimize import minimize_scalar  # on use: it takes a quarter of a second
 
@@ -266,35 +267,35 @@ def _peak(
 
 
 def smooth_peak(x: Array, y: Array, at: Callable[[Array], Array]) -> float | None:
-    """Return how high a smooth function is at its peak, by parabolas ever closer about the top.
+    """Return the height of a smooth peak, by parabolas closer and closer to the top.
 
     Args:
-        x: (3,) in order, round the peak.
+        x: (3,) in order, around the peak.
         y: (3,) values there.
         at: the function, of (3,).
 
     Returns:
-        None where it does not look smooth.
+        None if the function is not smooth there.
     """
-    wide, place, before = float(x[2] - x[0]), 0.0, 0.0
+    wide, top, before = float(x[2] - x[0]), 0.0, 0.0
     for closer in CLOSER:
-        place, _, before = _top(x, y)
-        if not (before < 0.0 and min(x[0], x[2]) < place < max(x[0], x[2])):
+        top, _, before = _top(x, y)
+        if not (before < 0.0 and min(x[0], x[2]) < top < max(x[0], x[2])):
             return None
-        x = place + closer * wide * np.array([-1.0, 0.0, 1.0])
+        x = top + closer * wide * np.array([-1.0, 0.0, 1.0])
         y = at(x)
-    place, height, bend = _top(x, y)
-    is_inside = min(x[0], x[2]) < place < max(x[0], x[2])
+    top, height, bend = _top(x, y)
+    is_inside = min(x[0], x[2]) < top < max(x[0], x[2])
     is_smooth = before * SMOOTH < bend < before / SMOOTH
     return height if is_inside and is_smooth else None
 
 
 def _top(x: Array, y: Array) -> tuple[float, float, float]:
-    """Return place and height of the top of the parabola through three points, and its bend."""
-    left, right = float(x[1] - x[0]), float(x[2] - x[1])
-    rise, fall = float(y[1] - y[0]) / left, float(y[2] - y[1]) / right
-    bend = (fall - rise) / (left + right)
-    slope = (rise * right + fall * left) / (left + right)  # in the middle
+    """Return abscissa and height of the top of the parabola through three points, and curvature."""
+    behind, ahead = float(x[1] - x[0]), float(x[2] - x[1])
+    rise, fall = float(y[1] - y[0]) / behind, float(y[2] - y[1]) / ahead
+    bend = (fall - rise) / (behind + ahead)
+    slope = (rise * ahead + fall * behind) / (behind + ahead)  # in the middle
     if not bend < 0.0:
         return np.nan, np.nan, bend
     return float(x[1]) - 0.5 * slope / bend, float(y[1]) - 0.25 * slope * slope / bend, bend

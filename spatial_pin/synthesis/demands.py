@@ -38,7 +38,7 @@ from spatial_pin.synthesis.demand import (
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Swing(MotionDemand):
-    """How far an output goes to and fro."""
+    """The range of an output over a motion."""
 
     output: str
     angle: float
@@ -54,7 +54,7 @@ class Swing(MotionDemand):
         mechanism.coordinate(self.output)
 
     def values(self, candidate: Candidate) -> Array:
-        """See `Demand`: by the coordinate's own size."""
+        """See `Demand`: relative to the size of the coordinate."""
         motion, is_turn = self.motion(candidate)
         size = motion.mechanism.velocity_scale[motion.mechanism.coordinate(self.output).v]
         least, most = _ends(motion, self.output, is_turn or self.at is not None)
@@ -68,29 +68,29 @@ class Swing(MotionDemand):
 def _ends(motion: Motion, output: str, is_turn: bool) -> tuple[float, float]:
     """Return the least and the largest value of a coordinate over a motion.
 
-    Where its rate changes sign, the cubic through both samples tells where it turns back; from the
-    configuration there what is left of its rate v and its derivative a tell the rest: v²/2a.
-    At a limit, a distance d beyond the last sample, x = x0 + c sqrt(d) + e d.
+    Where its rate changes sign, the cubic through two samples gives the turning point. From the
+    configuration there, with rate v and derivative a, the rest is v²/2a. At a limit, at a distance
+    d beyond the last sample, x = x0 + c sqrt(d) + e d.
     """
     value, rate, acceleration = motion.coordinate(output)
     assert motion.driver_name is not None
-    found, at = [value.min(), value.max()], motion.swept
+    ends, at = [value.min(), value.max()], motion.swept
     for k in np.flatnonzero(rate[:-1] * rate[1:] < 0.0):
         span = at[k + 1] - at[k]
         u = _turning(value[k + 1] - value[k], span * rate[k], span * rate[k + 1])
         there = sweep(motion.mechanism, motion.driver_name, [at[k] + u * span],
                       guess=motion.state(int(k))).coordinate(output)
         x, v, a = (float(part[0]) for part in there)
-        found.append(x - 0.5 * v * v / a if a else x)
+        ends.append(x - 0.5 * v * v / a if a else x)
     if not is_turn:
         d = SHORT_OF_LIMITS * (at[-1] - at[0]) / (1.0 - 2.0 * SHORT_OF_LIMITS)
-        found += [value[k] + sign * d * rate[k] + 2.0 * d * d * acceleration[k]
+        ends += [value[k] + sign * d * rate[k] + 2.0 * d * d * acceleration[k]
                   for k, sign in ((0, -1.0), (-1, 1.0))]
-    return min(found), max(found)
+    return min(ends), max(ends)
 
 
 def _turning(rise: float, first: float, last: float) -> float:
-    """Return where in (0, 1) the cubic of a rise, with slopes of opposite sign, is level."""
+    """Return the root in (0, 1) of the slope of a cubic with end slopes of opposite sign."""
     a, b, c = 3.0 * (first + last - 2.0 * rise), 2.0 * (3.0 * rise - 2.0 * first - last), first
     root = np.sqrt(max(b * b - 4.0 * a * c, 0.0))
     ways = np.array([2.0 * c / (-b + sign * root) if -b + sign * root else np.inf
@@ -100,7 +100,7 @@ def _turning(rise: float, first: float, last: float) -> float:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class DeadCentres(MotionDemand):
-    """That an output stands still at values of the driver."""
+    """Values of the driver at which an output is at rest."""
 
     output: str
     _words, _unit = "dead centres of {0.output}", "output per driver"
@@ -115,7 +115,7 @@ class DeadCentres(MotionDemand):
                              "it as the output of another joint's motion")
 
     def values(self, candidate: Candidate) -> Array:
-        """See `Demand`: speed ratios, each by the coordinates' sizes."""
+        """See `Demand`: speed ratios, relative to the sizes of the coordinates."""
         motion, _ = self.motion(candidate)
         mechanism, scale = motion.mechanism, motion.mechanism.velocity_scale
         driver = mechanism.driven_coordinate(self.moved_by(mechanism))
@@ -123,15 +123,15 @@ class DeadCentres(MotionDemand):
         return rates * scale[driver.v] / scale[mechanism.coordinate(self.output).v]
 
 
-# Square of the least singular value of what the driver leaves to be determined, lengths relative to
-# the characteristic length: so far a driver that turns fully is from being stopped, about a degree
-# of transmission angle.
+# Square of the least singular value of the equations for what the driver determines, lengths
+# relative to the characteristic length. It keeps a driver about one degree of transmission angle
+# away from a limit.
 REGULAR = 1e-4
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FullTurn(MotionDemand):
-    """That a driver turns all the way round."""
+    """A driver that turns fully."""
 
     _unit = "rad"
 
@@ -147,10 +147,10 @@ class FullTurn(MotionDemand):
             raise ValueError(f"{self.name}: it slides, and cannot turn")
 
     def values(self, candidate: Candidate) -> Array:
-        """See `Demand`: 1 - cos of half the gap in the turn, and nearness of a limit beyond it.
+        """See `Demand`: 1 - cos of half the gap in the turn, and the distance to a limit beyond it.
 
-        That is the least singular value of as many equations as are independent in the first
-        sample: how well loops determine the rest of a mechanism whose drivers stand.
+        The distance is the least singular value of the independent equations of the first sample:
+        how well loops determine the rest of a mechanism with fixed drivers.
         """
         motion, is_turn = self.motion(candidate)
         if not is_turn:
@@ -170,13 +170,13 @@ class FullTurn(MotionDemand):
             motion, lambda some: REGULAR - singular_values(rest(some.q))[:, independent - 1] ** 2)
 
     def errors(self, values: Array, mechanism: Mechanism) -> Array:
-        """See `Demand`: angles that are missing."""
+        """See `Demand`: the missing angles."""
         return 2.0 * np.arccos(np.clip(1.0 - np.maximum(values, 0.0), -1.0, 1.0))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LeastTransmission(MotionDemand):
-    """How large the transmission angle of an output is at least."""
+    """The least transmission angle of an output."""
 
     output: str
     at_least: float
@@ -189,7 +189,7 @@ class LeastTransmission(MotionDemand):
         MovedOutput.of(mechanism, self.output, self.moved_by(mechanism), self.pair)
 
     def values(self, candidate: Candidate) -> Array:
-        """See `Demand`: angles that are missing."""
+        """See `Demand`: the missing angles."""
         motion, _ = self.motion(candidate)
         moved = MovedOutput.of(motion.mechanism, self.output,
                                self.moved_by(candidate.mechanism), self.pair)
@@ -204,7 +204,7 @@ class LeastTransmission(MotionDemand):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class WithinLimits(MotionDemand):
-    """That the driver's motion takes no other joint beyond its limits."""
+    """No joint beyond its limits, the driver excepted."""
 
     _words = "joint limits"
 
@@ -220,12 +220,12 @@ class WithinLimits(MotionDemand):
                              "but for the driver perhaps; state them in its URDF")
 
     def _counting(self, mechanism: Mechanism) -> list[JointLimit]:
-        """Return the limits of joints that are not the driver's."""
+        """Return the limits of joints other than the driver's."""
         driver = mechanism.driven_coordinate(self.moved_by(mechanism)).name
         return [limit for limit in joint_limits(mechanism) if limit.name != driver]
 
     def values(self, candidate: Candidate) -> Array:
-        """See `Demand`: how far joints are beyond each limit, by their own sizes."""
+        """See `Demand`: excess over each limit, relative to the size of the coordinate."""
         motion, _ = self.motion(candidate)
 
         def beyond(limit: JointLimit) -> Callable[[Motion], Array]:
@@ -242,7 +242,7 @@ class WithinLimits(MotionDemand):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LeastClearance(MotionDemand):
-    """That links that are not joined stay apart."""
+    """The least distance between links that are not joined."""
 
     at_least: float
     pairs: tuple[tuple[str, str], ...] | None = None
@@ -256,11 +256,11 @@ class LeastClearance(MotionDemand):
                              "shape that are not joined; name pairs of those that are")
 
     def values(self, candidate: Candidate) -> Array:
-        """See `Demand`: distances that are missing, by pair of links, in characteristic lengths."""
+        """See `Demand`: missing distances by pair of links, in characteristic lengths."""
         motion, _ = self.motion(candidate, whole=True)
-        found = sorted(clearance(motion, self.pairs).pairs, key=lambda pair: pair.links)
+        pairs = sorted(clearance(motion, self.pairs).pairs, key=lambda pair: pair.links)
         size = motion.mechanism.characteristic_length
-        return np.array([(self.at_least - pair.distance) / size for pair in found])
+        return np.array([(self.at_least - pair.distance) / size for pair in pairs])
 
     def errors(self, values: Array, mechanism: Mechanism) -> Array:
         """See `Demand`."""
@@ -269,12 +269,12 @@ class LeastClearance(MotionDemand):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MostSize(AtMost, MotionDemand):
-    """That no two joints or closures are ever far apart."""
+    """The largest distance between two joints or closures."""
 
     _words, _unit = "size", "m"
 
     def values(self, candidate: Candidate) -> Array:
-        """See `Demand`: relative to the largest one allowed."""
+        """See `Demand`: relative to the largest allowed distance."""
         motion, _ = self.motion(candidate)
         model, closures = motion.mechanism.model, motion.mechanism.closures
         names = [*model.names[1:], *(name for c in closures for name in c.frames)]
@@ -289,7 +289,7 @@ class MostSize(AtMost, MotionDemand):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MostMass(AtMost):
-    """That all moving links together weigh little."""
+    """The mass of all moving links."""
 
     _words, _unit = "mass", "kg"
 
@@ -299,17 +299,18 @@ class MostMass(AtMost):
             raise ValueError(f"mass: no moving link of mechanism {mechanism.name!r} has one")
 
     def values(self, candidate: Candidate) -> Array:
-        """See `Demand`: relative to the largest one allowed."""
+        """See `Demand`: relative to the largest allowed mass."""
         heavy = candidate.mechanism if candidate.has_masses else candidate.whole
         return np.array([moving_mass(heavy.model) / self.at_most - 1.0])
 
 
-SAME_EFFORT = TOLERANCES.nothing  # part of it, by which two ways to it differ at most
+# relative difference up to which virtual work and inverse dynamics give the same effort
+SAME_EFFORT = TOLERANCES.nothing
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MostEffort(AtMost, MotionDemand):
-    """That a driver needs little effort to hold loads."""
+    """The effort of a driver that holds loads at rest."""
 
     loads: Mapping[str, Array] = field(default_factory=dict)
 
@@ -329,13 +330,13 @@ class MostEffort(AtMost, MotionDemand):
             mechanism.frame_id(name)
 
     def values(self, candidate: Candidate) -> Array:
-        """See `Demand`: relative to the largest one allowed."""
+        """See `Demand`: relative to the largest allowed effort."""
         motion, _ = self.motion(candidate, whole=not candidate.has_masses)
         loads = {name: pin.Force(wrench) for name, wrench in self.loads.items()}
         driver = motion.mechanism.driven_coordinate(self.moved_by(candidate.mechanism))
-        found = _balanced(motion, 0, driver.name, loads)
+        balanced = _balanced(motion, 0, driver.name, loads)
         own = _by_work(motion, driver.v, loads, 1)[0]
-        is_same = abs(own - found) <= SAME_EFFORT * max(abs(own), abs(found))
+        is_same = abs(own - balanced) <= SAME_EFFORT * max(abs(own), abs(balanced))
 
         def beyond(motion: Motion) -> Array:
             efforts = _by_work(motion, driver.v, loads) if is_same else np.array(
@@ -346,7 +347,7 @@ class MostEffort(AtMost, MotionDemand):
 
 
 def _balanced(motion: Motion, row: int, driver: str, loads: Mapping[str, pin.Force]) -> float:
-    """Return the effort that holds a sample at rest, one of several drivers perhaps."""
+    """Return the driver's effort at rest in a sample, by inverse dynamics."""
     state = moving_in_time(motion.mechanism, motion.state(row))
     efforts = inverse_dynamics(motion.mechanism, state, external=loads).efforts
     return float(next(x for name, x in efforts.items()
@@ -356,16 +357,16 @@ def _balanced(motion: Motion, row: int, driver: str, loads: Mapping[str, pin.For
 def _by_work(
     motion: Motion, driver: int, loads: Mapping[str, pin.Force], most: int | None = None
 ) -> Array:
-    """Return efforts (n,), of the first samples at most, by virtual work.
+    """Return efforts (n,) by virtual work, of the first `most` samples.
 
-    Along the motion the driver's work makes up for that of all other forces: its effort is the one
-    there is where drivers are as many as the freedoms that they hold.
+    The driver's work along the motion balances the work of all other forces. This is its effort if
+    there are as many drivers as freedoms that they hold.
     """
-    still, found = np.zeros(motion.mechanism.model.nv), []
+    at_rest, efforts = np.zeros(motion.mechanism.model.nv), []
     with equations_of(motion.mechanism) as equations:
         for q, angles, v in zip(
                 motion.q[:most], motion.angles[:most], motion.v[:most], strict=True):
             equations.update(State(motion.mechanism, q, closure_error=0.0, angles=angles), loads)
-            wanted = equations.motion_forces(still) - equations.given
-            found.append(float(wanted @ v) / v[driver])
-    return np.array(found)
+            wanted = equations.motion_forces(at_rest) - equations.given
+            efforts.append(float(wanted @ v) / v[driver])
+    return np.array(efforts)

@@ -1,4 +1,4 @@
-"""Dimensional synthesis: the dimensions with which a mechanism does what is asked of it."""
+"""Dimensional synthesis: find dimensions with which a mechanism meets goals."""
 
 from __future__ import annotations
 
@@ -29,11 +29,10 @@ from spatial_pin.synthesis.ranked_designs import Designs, designs_of
 
 
 def refuse_contradictions(mechanism: Mechanism, goals: Sequence[Goal]) -> None:
-    """Refuse goals that are to be met exactly and ask for two things at one place.
+    """Refuse exact goals with different targets for the same values of the drivers.
 
-    Goals of precision do if their drivers have the same values and their targets differ, and two
-    swings of one motion. Nothing is said of goals with a weight, and of those whose drawing, zeros
-    or drivers are free.
+    Also two different swings of one output over one motion. Goals with a weight, a free placement
+    or free zeros are not checked, nor goals with free timing.
     """
     exact = [goal for goal in goals if isinstance(goal, Precision) and goal.weight is None
              and goal.drivers and not goal.own_names and not goal.input_offset]
@@ -57,13 +56,13 @@ def refuse_contradictions(mechanism: Mechanism, goals: Sequence[Goal]) -> None:
 
 
 def exact_points(goals: Sequence[Goal]) -> list[PathGoal | PosesGoal]:
-    """Return the goals that ask for points of the world itself, exactly."""
+    """Return the exact goals with points in the world."""
     return [goal for goal in goals if isinstance(goal, PathGoal | PosesGoal)
             and goal.weight is None and not goal.own_names]
 
 
 def refuse_off_plane(bodies: EvaluatedBatch, goals: Sequence[Goal]) -> None:
-    """Refuse exact points that are off the plane, or line, that a frame stays in."""
+    """Refuse exact points off the plane, or line, of the frame's motion."""
     size = bodies.mechanism.characteristic_length
     if not len(bodies.q):
         return
@@ -83,7 +82,7 @@ def refuse_off_plane(bodies: EvaluatedBatch, goals: Sequence[Goal]) -> None:
 
 
 def _pairs(mechanism: Mechanism, first: Precision, second: Precision) -> Iterator[tuple[int, int]]:
-    """Yield numbers of samples at the same drivers with other targets."""
+    """Yield numbers of samples with equal drivers and different targets."""
     names = {mechanism.driven_coordinate(name).name: name for name in first.drivers}
     others = {mechanism.driven_coordinate(name).name: name for name in second.drivers}
     if names.keys() != others.keys() or _what(first) != _what(second):
@@ -206,5 +205,5 @@ def design(
     problem = spec.make()
     if exact_points(wanted):
         refuse_off_plane(problem.anywhere(), wanted)
-    found = searched(spec, method, starts, seed, executor, progress, resume)
-    return unless_cut(designs_of(problem, found, most))
+    result = searched(spec, method, starts, seed, executor, progress, resume)
+    return unless_cut(designs_of(problem, result, most))

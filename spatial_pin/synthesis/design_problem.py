@@ -1,9 +1,8 @@
-"""One problem of dimensional synthesis, and its local solutions.
+"""A problem of dimensional synthesis and its local solutions.
 
-From a start, dimensions and configurations are fitted together: first loosely, open loops being
-weighed against missed goals, then ever more closed, at last exactly. Goals that are to be met
-exactly, beside others that are met as well as can be, are kept by augmented Lagrangians
-[Hestenes1969; Powell1969].
+Dimensions and configurations are fitted together: first with penalised open loops, the penalty
+growing, at last with closed loops. Exact goals beside goals with a weight are met by augmented
+Lagrangians [Hestenes1969; Powell1969].
 """
 
 from __future__ import annotations
@@ -21,20 +20,20 @@ from spatial_pin.errors import SpatialPinError
 from spatial_pin.numerics.least_squares import LeastSquares, minimised
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.synthesis.demand import Demand
+from spatial_pin.synthesis.demand import Candidate, Demand
 from spatial_pin.synthesis.design_space import BATCH, WEIGHTS, DesignSpace, Guess, weight_of
 from spatial_pin.synthesis.inner_problem import GoalStates
 from spatial_pin.synthesis.multistart import BatchedStarts
 from spatial_pin.synthesis.precision import Goal
 
-LOOSE_EVALUATIONS = 50  # of each weight of open loops: some twenty are usual
-EXACT_EVALUATIONS = 200  # of exact ones: ten are usual, a hundred along curved valleys
-LOOSE_GAIN = 1e-4  # of the cost in a step, at which the next weight is gone on to
-FIRST_PENALTY = 100.0  # weight² of exact goals beside others, which have about one
-MOST_PENALTIES = 12  # rounds of multipliers: each gains a factor of the penalty as a rule
-IDLE_PENALTIES = 3  # rounds that do not halve what is missed: it cannot be met
-# Step at most, in widths of bounds, where there are demands: they are met with room to spare as
-# well as just met, and drivers that turn there may be stopped farther on.
+LOOSE_EVALUATIONS = 50  # for each penalty of open loops: about 20 are usual
+EXACT_EVALUATIONS = 200  # with closed loops: 10 are usual, 100 along curved valleys
+LOOSE_GAIN = 1e-4  # relative decrease of the cost in a step below which the next penalty follows
+FIRST_PENALTY = 100.0  # weight² of exact goals beside others, whose weights are about 1
+MOST_PENALTIES = 12  # updates of the multipliers: each gains about a factor of the penalty
+IDLE_PENALTIES = 3  # updates without halving the error after which exact goals cannot be met
+# Longest step with demands, in widths of bounds. Met demands have no gradient, and a long step can
+# leave a design whose driver turns fully.
 DEMANDED_STEP = 0.1
 OPEN = "the loops do not close"
 
@@ -45,32 +44,30 @@ OfNumbers = Callable[[Array], Array]
 class LocalSolution:
     """A local solution."""
 
-    x: Array  # (n,) the numbers that are looked for, dimensions first
-    # sum of squares of weighted residuals of goals with a weight; infinite if no solution was found
-    # from that start
+    x: Array  # (n,) unknowns, dimensions first
+    # sum of squares of weighted residuals, exact goals excepted; infinite without a solution
     cost: float
-    hard: float  # the largest residual of goals that are to be met exactly
+    hard: float  # largest residual of exact goals
     samples: tuple[GoalStates, ...]  # configurations of every goal of precision
-    evaluations: int  # sets of dimensions that were tried
-    why: str = ""  # the error where nothing closes, or a demand cannot be judged
-    others: tuple[LocalSolution, ...] = ()  # further solutions from the same start
+    evaluations: int  # sets of dimensions tried
+    why: str = ""  # error message if nothing closes or a demand cannot be judged
+    others: tuple[LocalSolution, ...] = ()  # other solutions from the same start
 
     @property
     def is_one(self) -> bool:
-        """Whether it is a solution: exact goals are met."""
+        """Whether the exact goals are met."""
         return bool(np.isfinite(self.cost)) and self.hard <= TOLERANCES.nothing
 
 
 @dataclass(frozen=True, eq=False)
 class ProblemSpec:
-    """What a problem is made of; it can be sent to other processes."""
+    """The data of a problem, which can be sent to other processes."""
 
-    path: Any  # the mechanism's file, and what it was loaded with
+    path: Any  # the mechanism's file, and its parameters
     loading: Mapping[str, Any]
-    goals: tuple[Goal, ...]  # what it should do
-    bounds: Mapping[str, tuple[float, float]]  # by dimension, infinite where there are none
-    # which branch the first start is on, as for `assemble`; or q (nq,) and angles of screws of its
-    # closed state
+    goals: tuple[Goal, ...]
+    bounds: Mapping[str, tuple[float, float]]  # by dimension, infinite if there are none
+    # branch of the first start, as for `assemble`; or q (nq,) and screw angles of its closed state
     guess: Guess | tuple[Array, Array] = None
 
     def make(self) -> DesignProblem:
@@ -84,7 +81,7 @@ class ProblemSpec:
 
 
 class DesignProblem(DesignSpace):
-    """Dimensions with which a mechanism meets goals, and how they are found from a start."""
+    """A synthesis problem with its local solver."""
 
     def solve_from(
         self, x: Array, near: list[GoalStates], weights: Sequence[float]
@@ -92,9 +89,9 @@ class DesignProblem(DesignSpace):
         """Return the local solution from configurations.
 
         Args:
-            x: (n,) dimensions and own numbers.
+            x: (n,) unknowns.
             near: configurations of each goal of precision.
-            weights: of open loops, one after the other; none where loops are closed.
+            weights: penalties of open loops in their order; none if the loops are closed.
         """
         fit = LocalFit(self)
         try:
@@ -105,37 +102,57 @@ class DesignProblem(DesignSpace):
     def solve(self, x: Array, rng: np.random.Generator | None = None) -> LocalSolution:
         """Return the local solution from a start.
 
-        Where it misses goals that are all to be met exactly, further starts are drawn and fitted
-        together; what comes out is the first of their distinct solutions, with the others.
+        If all goals are exact and missed, a batch of random starts is fitted together. The result
+        is then the first of their distinct solutions, with the others.
 
         Args:
-            x: (n,) dimensions and own numbers.
-            rng: None: from the closed state of the guess; else configurations are drawn too.
+            x: (n,) unknowns.
+            rng: for random configurations; None: from the closed state of the guess.
         """
         try:
-            near = self.begun(x, rng)
+            near = self.start_states(x, rng)
         except SpatialPinError as error:
             return LocalSolution(x, np.inf, np.inf, (), 0, str(error))
         if rng is None:
             return self.solve_from(x, near, WEIGHTS)
-        found = self.solve_from(x, near, WEIGHTS[rng.integers(2) :])
+        solution = self.solve_from(x, near, WEIGHTS[rng.integers(2) :])
         exact = [s.goal.weight is None for s in self.inner_problems]
-        if found.is_one or not any(exact) or not all(exact):
-            return found
+        if solution.is_one or not any(exact) or not all(exact):
+            return solution
         starts = BatchedStarts(self, np.array([self.draw(rng) for _ in range(BATCH)]), rng)
         starts.fit()
         tried = [self.solve_from(starts.x[i], starts.of(i), ()) for i in starts.best()]
         good = [one for one in tried if one.is_one]
-        first = good[0] if good else min([found, *tried], key=lambda one: one.hard)
-        evaluations = starts.evaluations + sum(one.evaluations for one in (found, *tried))
+        first = good[0] if good else min([solution, *tried], key=lambda one: one.hard)
+        evaluations = starts.evaluations + sum(one.evaluations for one in (solution, *tried))
         return replace(first, others=tuple(good[1:]), evaluations=evaluations)
+
+    def value(self, x: Array) -> float:
+        """Return the cost at x with penalised open loops, from the nominal state.
+
+        Demands count if there is no goal of precision.
+        """
+        members, total = self.members(x), 0.0
+        if not members.holds.all():
+            return np.inf
+        for inner, samples, own in zip(self.inner_problems, self.start_states(x, None),
+                                       self.own, strict=True):
+            residual = inner.loose_residual(members, samples, x[own], WEIGHTS[-1])
+            total += float(np.sum(residual**2)) * weight_of(inner.goal) ** 2
+        if not self.inner_problems:
+            candidate = Candidate.of(self.family, x[: self.n], self.nominal(), [])
+            for demand in self.demands:
+                values = demand.values(candidate)
+                missed = np.maximum(values, 0.0) if demand.is_one_sided else values
+                total += float(np.sum(missed**2)) * weight_of(demand) ** 2
+        return total
 
 
 class LocalFit:
-    """Fits the numbers of a problem from one start.
+    """Fits the unknowns of a problem from one start.
 
     Attributes:
-        evaluations: sets of dimensions that were tried.
+        evaluations: sets of dimensions tried.
     """
 
     def __init__(self, problem: DesignSpace) -> None:
@@ -146,15 +163,15 @@ class LocalFit:
     def solved(
         self, x: Array, near: list[GoalStates], weights: Sequence[float]
     ) -> LocalSolution:
-        """Return the solution from x and configurations nearby, by weights of open loops."""
+        """Return the solution from x and nearby configurations, with penalties of open loops."""
         self._near = near
         if self._parts:
             for weight in weights:
                 x = self.loosely(x, weight)
-        return _Exactly(self, x).found()
+        return _Exactly(self, x).solution()
 
     def loosely(self, x: Array, weight: float) -> Array:
-        """Return where open loops, by their weight, and missed goals are least together."""
+        """Return x with the least sum of penalised open loops and goal errors."""
         p = self.p
         settled: dict[bytes, list[GoalStates]] = {}
 
@@ -193,7 +210,7 @@ class LocalFit:
         return x
 
     def columns(self, own: slice, slopes: Array) -> Array:
-        """Return derivatives (k r, n) from those (k, r, .) for dimensions and own numbers."""
+        """Return derivatives (k r, n) for all unknowns, from (k, r, .) for those of a goal."""
         n, out = self.p.n, np.zeros((slopes.shape[0] * slopes.shape[1], len(self.p.names)))
         flat = slopes.reshape(len(out), -1)
         out[:, :n], out[:, own] = flat[:, :n], flat[:, n:]
@@ -201,7 +218,7 @@ class LocalFit:
 
 
 class BoundedNumbers(LeastSquares):
-    """Numbers of a problem, between their bounds, and residuals by functions of them."""
+    """Unknowns between bounds, with residuals given as functions."""
 
     bends, tolerance = False, TOLERANCES.last_digit
 
@@ -224,11 +241,10 @@ class BoundedNumbers(LeastSquares):
 
 
 class _Exactly:
-    """The fit with closed loops: goals of precision, and what else is demanded.
+    """The fit with closed loops.
 
-    Residuals are those of goals of precision, then of demands. Of those that are to be exact, r,
-    the sum of r² penalty / 2 + multiplier r belongs to what is made least; demands are inequalities
-    r <= 0.
+    Residuals are those of goals of precision, then of demands. An exact residual r adds
+    penalty r² / 2 + multiplier r to the cost. Demands are inequalities r <= 0.
     """
 
     def __init__(self, fit: LocalFit, x: Array) -> None:
@@ -251,7 +267,7 @@ class _Exactly:
         self.penalty = FIRST_PENALTY if (~self.exact).any() else 1.0
 
     def _at(self, x: Array) -> tuple[list[GoalStates], Array] | None:
-        """Return configurations and residuals of x; None where they do not close."""
+        """Return configurations and residuals of x; None if loops do not close."""
         key = x.tobytes()
         if key not in self._memo:
             self._memo.clear()
@@ -275,7 +291,7 @@ class _Exactly:
         demanded: list[Array] = []
         try:
             if p.demands:
-                candidate = p.candidate(x, samples, self._state)
+                candidate = Candidate.of(p.family, x[: p.n], self._state, samples)
                 self._state = candidate.states[0]
                 demanded = [demand.values(candidate) for demand in p.demands]
         except SpatialPinError as error:
@@ -288,22 +304,22 @@ class _Exactly:
         return samples, np.concatenate([np.empty(0), *residuals, *demanded])
 
     def _shaped(self, raw: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Return what is squared, and which numbers count in it."""
+        """Return the residuals of the least-squares problem, and which are active."""
         shifted = raw + np.where(self.exact, self.multipliers / self.penalty, 0.0)
         counts = ~self.one_sided | (shifted > 0.0)
         factor = np.where(self.exact, np.sqrt(self.penalty), self.weights)
         return np.where(counts, factor * shifted, 0.0), counts
 
     def residual(self, x: Array) -> Array:
-        """Return what is squared; infinite where loops do not close."""
-        found = self._at(x)
-        return np.full(len(self.weights), np.inf) if found is None else self._shaped(found[1])[0]
+        """Return the residuals; infinite if loops do not close."""
+        here = self._at(x)
+        return np.full(len(self.weights), np.inf) if here is None else self._shaped(here[1])[0]
 
     def slopes(self, x: Array) -> Array:
-        """Return its derivatives: those of demands by differences of closed configurations."""
-        found = self._at(x)
-        assert found is not None
-        fit, (samples, raw), first = self.fit, found, len(found[1]) - sum(self._counts)
+        """Return their derivatives; those of demands by differences of closed configurations."""
+        here = self._at(x)
+        assert here is not None
+        fit, (samples, raw), first = self.fit, here, len(here[1]) - sum(self._counts)
         fit._near, members, (around, widths) = samples, self.p.members(x), self.p.around(x)
         rows = [fit.columns(own, s.slopes(members, around, widths, at, x[own]))
                 for (s, own), at in zip(fit._parts, samples, strict=True)]
@@ -321,11 +337,11 @@ class _Exactly:
         factor = np.where(self.exact, np.sqrt(self.penalty), self.weights) * self._shaped(raw)[1]
         return np.concatenate([np.empty((0, len(x))), *rows]) * factor[:, None]
 
-    def found(self) -> LocalSolution:
+    def solution(self) -> LocalSolution:
         """Return the solution.
 
-        Where goals that are all exact can be met, steps gain ever more: a start whose steps gain
-        little before that is given up.
+        If all goals are exact, a first fit with a coarse tolerance drops starts with slow
+        convergence; only a good one is refined.
         """
         if self.penalty > 1.0:
             samples, raw = self._weighed()
@@ -342,21 +358,21 @@ class _Exactly:
     def _fitted(self, gain: float) -> tuple[list[GoalStates], Array]:
         numbers = BoundedNumbers(self.p, self.residual, self.slopes, EXACT_EVALUATIONS, gain)
         self.x = minimised(numbers, self.x, {}).at.x
-        found = self._at(self.x)
-        if found is None:
+        here = self._at(self.x)
+        if here is None:
             raise SpatialPinError(self._why)
-        return found
+        return here
 
     def _weighed(self) -> tuple[list[GoalStates], Array]:
-        """Return the same by augmented Lagrangians, of goals some of which have a weight."""
+        """Return the fit by augmented Lagrangians, for exact and weighted goals together."""
         misses = [np.inf] * IDLE_PENALTIES
         for _ in range(MOST_PENALTIES):
-            found = self._fitted(TOLERANCES.tight)
+            here = self._fitted(TOLERANCES.tight)
             least = -self.multipliers / self.penalty
-            missed = np.where(self.one_sided, np.maximum(found[1], least), found[1])[self.exact]
+            missed = np.where(self.one_sided, np.maximum(here[1], least), here[1])[self.exact]
             misses.append(float(np.abs(missed).max(initial=0.0)))
             if misses[-1] <= TOLERANCES.tight or misses[-1] > 0.5 * misses[-1 - IDLE_PENALTIES]:
                 break
             self.multipliers[self.exact] += self.penalty * missed
             self.penalty *= 4.0
-        return found
+        return here

@@ -1,4 +1,4 @@
-"""What local solutions of a synthesis problem share: dimensions that may change, goals, starts."""
+"""Unknowns of a synthesis problem with their bounds and start values."""
 
 from __future__ import annotations
 
@@ -22,27 +22,27 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.synthesis.demand import Candidate, Demand, MotionDemand
+from spatial_pin.synthesis.demand import Demand, MotionDemand
 from spatial_pin.synthesis.inner_problem import GoalStates, InnerProblem, spread
 from spatial_pin.synthesis.precision import Goal, Precision
 
-# Weights of open loops relative to missed goals, one after the other: what is left open at last is
-# a ten-thousandth of what is missed, from which exact closing goes on. Drawn starts begin with the
-# first or the second: either leads to solutions, of other problems, that the other one misses.
+# Weights of open loops relative to goal errors, used one after the other. At the last weight, loops
+# are open by 1e-4 of the goal errors: near enough for exact closing. Drawn starts begin with the
+# first or the second weight: each finds solutions that the other one misses.
 WEIGHTS = (1.0, 10.0, 100.0)
-BATCH = 32  # starts that are fitted together: more cost as much each
-DRAWN_TRIES = 8  # configurations that a drawn start is looked for from
+BATCH = 32  # starts that are fitted together: more save no time per start
+DRAWN_TRIES = 8  # configurations tried for a drawn start
 Guess = Mapping[str, Any] | State | Array | None
 
 
 class DesignSpace:
-    """Dimensions with which a mechanism meets goals.
+    """The unknowns of a synthesis problem: dimensions, then numbers of the goals.
 
     Attributes:
-        names: of the numbers that are looked for: dimensions, then numbers of the goals.
+        names: of the unknowns.
         lower, upper: (n,) their bounds.
-        start: (n,) where the first start is.
-        inner_problems: of the goals of precision; own: which numbers are their own.
+        start: (n,) their values at the first start.
+        inner_problems: one for each goal of precision; own: their unknowns, as slices.
         demands: the other goals.
     """
 
@@ -75,10 +75,11 @@ class DesignSpace:
         self.own = [slice(*x) for x in itertools.pairwise(ends.tolist())]
 
     def draw(self, rng: np.random.Generator) -> Array:
-        """Return a start (n,): dimensions anywhere between their bounds, goals placed anywhere.
+        """Return a random start (n,): dimensions between their bounds, goals placed anywhere.
 
-        Dimensions without bounds are within half and twice their own values, those with one are
-        half to twice as far from it as they are; where that is nothing, up to their size away.
+        A dimension without bounds is drawn between half and twice its own value. With one bound,
+        its distance to the bound is half to twice the nominal distance, or up to its size if it is
+        at the bound.
         """
         x = self.start.copy()
         x[: self.n] = self._between(rng.uniform(size=self.n))
@@ -92,7 +93,7 @@ class DesignSpace:
         return x
 
     def _between(self, part: Array) -> Array:
-        """Return dimensions (n,) at parts (n,) from 0 to 1 of where they are drawn."""
+        """Return dimensions (n,) at fractions (n,) from 0 to 1 of their ranges."""
         low, high, size = self.lower[: self.n], self.upper[: self.n], self.sizes[: self.n]
         bound = np.where(np.isfinite(low), low, np.where(np.isfinite(high), high, 0.0))
         away = self.start[: self.n] - bound
@@ -104,7 +105,7 @@ class DesignSpace:
         return np.clip(np.where(np.isfinite(high - low), inside, free), low, high)
 
     def anywhere(self) -> EvaluatedBatch:
-        """Return mechanisms at dimensions and configurations drawn anywhere, their loops open."""
+        """Return mechanisms at random dimensions and random configurations, with open loops."""
         rng = np.random.default_rng(0)
         x = np.array([self._between(rng.uniform(size=self.n)) for _ in range(BATCH)]).T
         members = self.family.at(x)
@@ -114,69 +115,62 @@ class DesignSpace:
         return self.family.bodies(members, q, np.repeat(state.angles[None], len(q), axis=0))
 
     def nominal(self) -> State:
-        """Return the closed state at the mechanism's own dimensions, or one next to a singular one.
+        """Return the closed state at the nominal dimensions, or one next to a singular one.
 
-        Dimensions that are changed leave a place where branches cross: from it no motion is
-        followed, and none that begins at other dimensions.
+        No motion can be followed from a branch point. At changed dimensions it is not there.
         """
         if self._nominal is not None:
             return self._nominal
-        mechanism, found = self.mechanism, [assembled(self.mechanism, {}, self._guess)]
+        mechanism, states = self.mechanism, [assembled(self.mechanism, {}, self._guess)]
         for name in [d.moved_by(mechanism) for d in self.demands if isinstance(d, MotionDemand)]:
             driver = mechanism.driven_coordinate(name)
-            own = found[0].coordinate(driver.name).value
+            own = states[0].coordinate(driver.name).value
             try:
-                sweep(mechanism, name, [own], guess=found[0])
+                sweep(mechanism, name, [own], guess=states[0])
             except SpatialPinError:
                 size = TOLERANCES.moved * mechanism.velocity_scale[driver.v]
                 for value in (own + size, own - size):
                     with suppress(SpatialPinError):
-                        found.append(assembled(mechanism, {name: value}, found[0].q))
+                        states.append(assembled(mechanism, {name: value}, states[0].q))
                         break
-            if len(found) > 1:
+            if len(states) > 1:
                 break
-        self._nominal = found[-1]
+        self._nominal = states[-1]
         return self._nominal
 
-    def begun(self, x: Array, rng: np.random.Generator | None) -> list[GoalStates]:
-        """Return configurations to start from, each sample from the one before."""
-        members, found = self.members(x), []
-        state = self.nominal()
+    def start_states(self, x: Array, rng: np.random.Generator | None) -> list[GoalStates]:
+        """Return start configurations of every goal; each sample starts from the one before."""
+        members, state, states = self.members(x), self.nominal(), []
+
+        def best(inner: InnerProblem, tries: GoalStates, own: Array) -> GoalStates:
+            settled = inner.loosely(members, inner.placed(tries, own), own, WEIGHTS[0])
+            residual = inner.loose_residual(members, settled, own, WEIGHTS[0])
+            k = int(np.argmin(np.einsum("mi,mi->m", residual, residual)))
+            return settled.taken(slice(k, k + 1))
+
         for inner, own in zip(self.inner_problems, self.own, strict=True):
             k = 1 if rng is None else DRAWN_TRIES
             q = (state.q[None] if rng is None else
                  np.concatenate([state.q[None], spread(self.mechanism, state.q, k - 1, rng)]))
             tries = GoalStates(
                 q, np.repeat(state.angles[None], k, axis=0), np.zeros(k, dtype=np.intp))
-            last = self._best(inner, members, tries, x[own])
-            chain = [last]
+            chain = [best(inner, tries, x[own])]
             for i in range(1, inner.goal.count):
-                last = self._best(inner, members, last._replace(at=np.array([i])), x[own])
-                chain.append(last)
-            found.append(GoalStates.joined(chain))
-        return found
-
-    @staticmethod
-    def _best(
-        inner: InnerProblem, members: DimensionBatch, tries: GoalStates, own: Array
-    ) -> GoalStates:
-        """Return that of some configurations from which the goal is met best."""
-        settled = inner.loosely(members, inner.placed(tries, own), own, WEIGHTS[0])
-        left = inner.loose_residual(members, settled, own, WEIGHTS[0])
-        best = int(np.argmin(np.einsum("mi,mi->m", left, left)))
-        return settled.taken(slice(best, best + 1))
+                chain.append(best(inner, chain[-1]._replace(at=np.array([i])), x[own]))
+            states.append(GoalStates.joined(chain))
+        return states
 
     def members(self, x: Array) -> DimensionBatch:
         """Return the mechanism of x."""
         return self._together(x)[0]
 
     def around(self, x: Array) -> tuple[DimensionBatch, Array]:
-        """Return mechanisms ahead of and behind each dimension, and the widths between (n,)."""
+        """Return mechanisms ahead of and behind each dimension, and the step widths (n,)."""
         steps = STEP * self.sizes[: self.n]
         return self._together(x)[1], (x[: self.n] + steps) - (x[: self.n] - steps)
 
     def _together(self, x: Array) -> tuple[DimensionBatch, DimensionBatch]:
-        """Return the mechanism of x and those around it; the last ones are kept.
+        """Return the mechanism of x and its neighbours, evaluated together, with the last cached.
 
         Many cost little more than one.
         """
@@ -188,34 +182,7 @@ class DesignSpace:
                                           every.taken(np.arange(1, 2 * self.n + 1)))
         return self._last[1]
 
-    def value(self, x: Array) -> float:
-        """Return the loose cost at x, from the closed state: for a global search.
-
-        Demands count where there are no goals of precision.
-        """
-        members = self.members(x)
-        if not members.holds.all():
-            return np.inf
-        total = 0.0
-        for inner, samples, own in zip(self.inner_problems, self.begun(x, None), self.own,
-                                          strict=True):
-            left = inner.loose_residual(members, samples, x[own], WEIGHTS[-1])
-            total += float(np.sum(left**2)) * weight_of(inner.goal) ** 2
-        if not self.inner_problems:
-            candidate = self.candidate(x, [])
-            for demand in self.demands:
-                left = demand.values(candidate)
-                missed = np.maximum(left, 0.0) if demand.is_one_sided else left
-                total += float(np.sum(missed**2)) * weight_of(demand) ** 2
-        return total
-
-    def candidate(
-        self, x: Array, samples: Sequence[GoalStates], near: State | None = None
-    ) -> Candidate:
-        """Return the mechanism of x with closed configurations, for demands."""
-        return Candidate.of(self.family, x[: self.n], near or self.nominal(), samples)
-
 
 def weight_of(goal: Goal) -> float:
-    """Return the weight of a goal; one of those that are to be met exactly."""
+    """Return the weight of a goal; 1 for an exact goal."""
     return 1.0 if goal.weight is None else goal.weight

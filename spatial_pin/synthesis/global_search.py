@@ -1,4 +1,4 @@
-"""Local solutions of a synthesis problem from many starts, or from an evolution, ranked."""
+"""Global search of a synthesis problem: local solutions from many starts, ranked."""
 
 from __future__ import annotations
 
@@ -34,22 +34,23 @@ from spatial_pin.synthesis.design_problem import DesignProblem, LocalSolution, P
 from spatial_pin.synthesis.inner_problem import GoalStates
 
 FORMAT = "spatial_pin design 2"
-PAUSE = 1.0  # between two writings [s]: one takes some milliseconds
+PAUSE = 1.0  # least time between two writings of the file [s]: one takes some milliseconds
 
 
 class Checkpoint:
-    """What was found, by number of the start, and rough costs of an evolution in their order.
+    """Results of a search so far, in a file from which the search can resume.
 
-    It is written when it is left, however that is, and now and then before.
+    These are solutions by number of the start, and the costs of an evolution in their order. The
+    file is written about once a second and at the end, also after an error.
 
     Args:
-        key: of the search.
-        path: where it is kept; None: nowhere.
+        key: fingerprint of the search.
+        path: of the file; None: no file.
     """
 
     def __init__(self, key: str, path: str | Path | None) -> None:
         self.key, self.path = key, None if path is None else named_path(path)
-        self.found: dict[int, LocalSolution] = {}
+        self.solutions: dict[int, LocalSolution] = {}
         self.values: list[float] = []
         self._written, self._is_new = monotonic(), False
         if self.path is not None and self.path.exists():
@@ -64,13 +65,13 @@ class Checkpoint:
     def __exit__(self, *error: object) -> None:
         self._write()
 
-    def add(self, number: int, found: LocalSolution) -> None:
-        """Keep what was found from a start."""
-        self.found[number] = found
+    def add(self, number: int, solution: LocalSolution) -> None:
+        """Record the solution of a start."""
+        self.solutions[number] = solution
         self._changed()
 
     def add_values(self, values: Sequence[float]) -> None:
-        """Keep further rough costs."""
+        """Record costs of the evolution."""
         self.values += values
         self._changed()
 
@@ -83,7 +84,7 @@ class Checkpoint:
         if self.path is None or not self._is_new:
             return
         content = {"format": FORMAT, "key": self.key, "values": self.values,
-                   "found": {str(k): _table(x) for k, x in sorted(self.found.items())}}
+                   "found": {str(k): _table(x) for k, x in sorted(self.solutions.items())}}
         write_text(self.path, json.dumps(content) + "\n")
         self._written, self._is_new = monotonic(), False
 
@@ -95,7 +96,7 @@ class Checkpoint:
                 raise SpatialPinError(words)
             key = content["key"]
             self.values = [float(x) for x in content["values"]]
-            self.found = {int(k): _found(x) for k, x in content["found"].items()}
+            self.solutions = {int(k): _solution(x) for k, x in content["found"].items()}
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise SpatialPinError(words) from error
         if key != self.key:
@@ -104,15 +105,15 @@ class Checkpoint:
                 "seed; give another file to `resume`, or remove this one")
 
 
-def _table(found: LocalSolution) -> dict[str, Any]:
-    return {"x": found.x.tolist(), "cost": found.cost, "hard": found.hard,
-            "evaluations": found.evaluations, "why": found.why,
-            "others": [_table(one) for one in found.others],
+def _table(solution: LocalSolution) -> dict[str, Any]:
+    return {"x": solution.x.tolist(), "cost": solution.cost, "hard": solution.hard,
+            "evaluations": solution.evaluations, "why": solution.why,
+            "others": [_table(one) for one in solution.others],
             "samples": [{"q": s.q.tolist(), "angles": s.angles.tolist(), "at": s.at.tolist()}
-                        for s in found.samples]}
+                        for s in solution.samples]}
 
 
-def _found(table: Mapping[str, Any]) -> LocalSolution:
+def _solution(table: Mapping[str, Any]) -> LocalSolution:
     samples = tuple(
         GoalStates(_rows(s["q"], len(s["at"])), _rows(s["angles"], len(s["at"])),
                 np.array(s["at"], dtype=np.intp))
@@ -120,7 +121,7 @@ def _found(table: Mapping[str, Any]) -> LocalSolution:
     return LocalSolution(
         np.array(table["x"], dtype=float), float(table["cost"]), float(table["hard"]), samples,
         int(table["evaluations"]), str(table["why"]),
-        tuple(_found(one) for one in table["others"]))
+        tuple(_solution(one) for one in table["others"]))
 
 
 def _rows(values: Any, n: int) -> Array:
@@ -128,7 +129,7 @@ def _rows(values: Any, n: int) -> Array:
 
 
 def fingerprint(spec: Any, mechanism: Mechanism, method: str, seed: int) -> str:
-    """Return what is the same for two searches only if they look for the same in the same way."""
+    """Return a text that is equal for two searches only if they are the same search."""
     files = [path.read_bytes() for path in (mechanism.path, mechanism.tree)
              if isinstance(path, Path) and path.is_file()]
     text = json.dumps([FORMAT, method, seed, _plain(spec)], sort_keys=True)
@@ -139,7 +140,7 @@ def fingerprint(spec: Any, mechanism: Mechanism, method: str, seed: int) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Return a value made of texts, numbers, lists and tables."""
+    """Return a value as texts, numbers, lists and tables."""
     if is_dataclass(value) and not isinstance(value, type):
         own = {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
         return [type(value).__name__, own]
@@ -161,32 +162,32 @@ def _plain(value: Any) -> Any:
 
 
 METHODS = ("multistart", "evolution", "atlas", "local")
-# Two solutions are one if no dimension differs by more, relative to the width of its bounds, and
-# no joint, in radians and characteristic lengths. Along flat valleys local fits end at some 1e-5
-# from the solution.
+# Two solutions are equal if no dimension differs by more, relative to the width of its bounds, and
+# no joint, in radians and characteristic lengths. In flat valleys local fits end some 1e-5 from the
+# solution.
 SAME_SOLUTION = 1e-3
-# An evolution is to find valleys, in which local solutions go on: members by number that is looked
-# for, and generations at most. Three and fifteen find as much as five and thirty where a four-bar
-# is to lead a point along a line; a member costs about a tenth of a local solution.
+# Members of the population per unknown. The evolution only has to find valleys; local fits follow.
+# 3 members and 15 generations found as much as 5 and 30 for straight-line four-bars; a member costs
+# about a tenth of a local fit.
 POPULATION = 4
 GENERATIONS = 20  # see above
-OTHER_VALLEY = 0.1  # part of the ranges: places of an evolution so far apart are in two, perhaps
-RANGE_DRAWS = 256  # starts from whose spread the range of a number without bounds is taken
-VALUES_TOGETHER = 16  # of a population that are sent to a worker at a time
+OTHER_VALLEY = 0.1  # fraction of the ranges: points farther apart count as two valleys
+RANGE_DRAWS = 256  # starts whose spread is the range of an unknown without bounds
+VALUES_TOGETHER = 16  # members of a population that a worker gets at a time
 
 
 class Searched(NamedTuple):
-    """What a search found."""
+    """The result of a search."""
 
-    found: tuple[LocalSolution, ...]  # distinct solutions, the best first
-    is_whole: bool  # whether all starts were tried, and nothing cut it short (Ctrl-C)
-    starts: int  # how many local solutions were tried
-    failed: int  # how many of them led to no solution
-    evaluations: int  # sets of dimensions that were tried in all
-    # of those that led to no solution, the least by which what is to be met exactly is missed
-    # [characteristic lengths, rad]; infinite if the loops closed at none
+    solutions: tuple[LocalSolution, ...]  # distinct solutions, the best first
+    is_whole: bool  # whether all starts were tried: False after Ctrl-C
+    starts: int  # local fits
+    failed: int  # local fits without a solution
+    evaluations: int  # sets of dimensions tried in all
+    # smallest error of exact goals among failed fits [characteristic lengths, rad]; infinite if no
+    # loops closed
     nearest: float
-    why: str = ""  # what was said of the first that led nowhere at all; empty if there is none
+    why: str = ""  # error message of the first fit that stopped with one
 
 
 def searched(
@@ -200,9 +201,9 @@ def searched(
 ) -> Searched:
     """Return local solutions of a problem, ranked and distinct.
 
-    The answer depends on the problem, the method, the seed and the number of starts only, not on
-    the number of workers or on whether a search was cut short and went on. Every start has random
-    numbers of its own, so that more starts find at least as much.
+    The result depends on the problem, the method, the seed and the number of starts only, not on
+    the number of workers or on interruptions. Every start has its own random numbers, so that more
+    starts find at least as much.
     """
     if method not in METHODS:
         raise ValueError(f"method is {method!r}; it is one of {', '.join(METHODS)}")
@@ -213,40 +214,40 @@ def searched(
         raise ValueError(f"seed is {seed}; it is a whole number from 0 up")
     problem = spec.make()
     key = fingerprint(spec, problem.mechanism, method, seed)
-    with Checkpoint(key, resume) as kept:
-        work = GlobalSearch(spec, key, problem, executor, kept)
+    with Checkpoint(key, resume) as checkpoint:
+        work = GlobalSearch(spec, key, problem, executor, checkpoint)
         is_whole = False
         try:
             work.run(method, 1 if method == "local" else starts, seed, progress)
             is_whole = True
         except KeyboardInterrupt:  # what was found until then is the answer
-            if not kept.found:
+            if not checkpoint.solutions:
                 raise
-    tried = [kept.found[k] for k in sorted(kept.found) if k < starts]
-    own = [found for one in tried for found in (one, *one.others) if found.is_one]
-    failed = sum(not found.is_one for found in tried)
-    return Searched(tuple(_distinct(problem, own)), is_whole, len(tried), failed,
-                    sum(found.evaluations for found in tried) + len(kept.values) + work.curves,
-                    min((found.hard for found in tried if not found.is_one), default=np.inf),
-                    next((found.why for found in tried if found.why), ""))
+    tried = [checkpoint.solutions[k] for k in sorted(checkpoint.solutions) if k < starts]
+    own = [x for one in tried for x in (one, *one.others) if x.is_one]
+    failed = [x for x in tried if not x.is_one]
+    return Searched(tuple(_distinct(problem, own)), is_whole, len(tried), len(failed),
+                    sum(x.evaluations for x in tried) + len(checkpoint.values) + work.curves,
+                    min((x.hard for x in failed), default=np.inf),
+                    next((x.why for x in tried if x.why), ""))
 
 
 class GlobalSearch:
-    """One search: what is known of it is in `kept`.
+    """One search, with its results in a checkpoint.
 
     Attributes:
-        curves: sets of dimensions whose curves were drawn.
+        curves: sets of dimensions drawn for the atlas.
     """
 
     def __init__(
         self, spec: ProblemSpec, key: str, problem: DesignProblem, executor: Executor | None,
-        kept: Checkpoint,
+        checkpoint: Checkpoint,
     ) -> None:
         self._spec, self._key, self._problem = spec, key, problem
-        self._executor, self._kept, self.curves = executor, kept, 0
+        self._executor, self._checkpoint, self.curves = executor, checkpoint, 0
 
     def run(self, method: str, starts: int, seed: int, progress: bool) -> None:
-        """Find what is not known yet."""
+        """Compute the solutions that are not in the checkpoint."""
         seeds = np.random.SeedSequence(seed).spawn(starts)
         if method == "evolution":
             places = self._evolved(np.random.default_rng(seed), starts, progress)
@@ -264,25 +265,25 @@ class GlobalSearch:
             jobs = [*((x, None) for x in begins), *((None, x) for x in seeds[len(begins) :])]
         else:
             jobs = [(None, child if k else None) for k, child in enumerate(seeds)]
-        left = [k for k in range(len(jobs)) if k not in self._kept.found]
+        rest = [k for k in range(len(jobs)) if k not in self._checkpoint.solutions]
         name = f"{self._problem.mechanism.name}: starts"
         with progress_bar(len(jobs), name, progress) as bar:
-            bar.update(len(jobs) - len(left))
-            for k, found in zip(left, self._all(_solved, [jobs[k] for k in left]), strict=True):
-                self._kept.add(k, found)
+            bar.update(len(jobs) - len(rest))
+            for k, solution in zip(rest, self._all(_solved, [jobs[k] for k in rest]), strict=True):
+                self._checkpoint.add(k, solution)
                 bar.update()
 
     def _all(self, work: Callable[..., Any], jobs: Sequence[Any]) -> Iterator[Any]:
-        """Return what some work makes of jobs, in their order, wherever it is done."""
+        """Return the results of jobs in their order, from this process or the executor."""
         if self._executor is None:
             return in_order(None, work, [(self._problem, job) for job in jobs])
-        return in_order(self._executor, _there,
+        return in_order(self._executor, _in_worker,
                         [(work, self._spec, self._key, job) for job in jobs])
 
     def _evolved(self, rng: np.random.Generator, starts: int, progress: bool) -> list[Array]:
-        """Return the best places that an evolution came by, apart from each other.
+        """Return the best points of an evolution, far from each other.
 
-        An evolution that goes on repeats itself with the values that are known.
+        A resumed evolution repeats itself with the recorded costs.
         """
         from scipy.optimize import differential_evolution  # it takes a quarter of a second
 
@@ -294,11 +295,11 @@ class GlobalSearch:
         places: list[Array] = []
 
         def values(points: list[Array]) -> list[float]:
-            known = self._kept.values[len(places) : len(places) + len(points)]
+            known = self._checkpoint.values[len(places) : len(places) + len(points)]
             rest = [low + u * (high - low) for u in points[len(known) :]]
             groups = [rest[k : k + VALUES_TOGETHER] for k in range(0, len(rest), VALUES_TOGETHER)]
             new = [x for some in self._all(_valued, groups) for x in some]
-            self._kept.add_values(new)
+            self._checkpoint.add_values(new)
             places.extend(np.array(u) for u in points)
             bar.update()
             return [*known, *new]
@@ -310,30 +311,30 @@ class GlobalSearch:
                 [(0.0, 1.0)] * len(low), popsize=POPULATION, maxiter=GENERATIONS,
                 polish=False, seed=rng, updating="deferred",
                 workers=lambda _, points: values(list(points)))
-        best = _apart(np.array(places), np.array(self._kept.values), starts)
+        best = _apart(np.array(places), np.array(self._checkpoint.values), starts)
         return [low + u * (high - low) for u in best]
 
 
 def _apart(places: Array, values: Array, most: int) -> list[Array]:
-    """Return the best of places (m, n) between 0 and 1 that are not near a better one."""
-    left = np.flatnonzero(np.isfinite(values))
-    left = left[np.argsort(values[left], kind="stable")]
-    found: list[Array] = []
-    while left.size and len(found) < most:
-        best = places[left[0]]
-        found.append(best)
-        left = left[np.abs(places[left] - best).max(axis=1) > OTHER_VALLEY]
-    return found
+    """Return the best of points (m, n) between 0 and 1 that are not near a better one."""
+    order = np.flatnonzero(np.isfinite(values))
+    order = order[np.argsort(values[order], kind="stable")]
+    apart: list[Array] = []
+    while order.size and len(apart) < most:
+        best = places[order[0]]
+        apart.append(best)
+        order = order[np.abs(places[order] - best).max(axis=1) > OTHER_VALLEY]
+    return apart
 
 
-def _there(work: Callable[..., Any], spec: ProblemSpec, key: str, job: Any) -> Any:
-    """Do some work in another process, or thread, where the problem is made once."""
+def _in_worker(work: Callable[..., Any], spec: ProblemSpec, key: str, job: Any) -> Any:
+    """Do a job in another process or thread, which builds the problem once."""
     return work(_made(_Keyed(key, spec), get_ident()), job)
 
 
 @dataclass(frozen=True)
 class _Keyed:
-    """A spec that is the same as others of its key."""
+    """A specification that is compared by its key."""
 
     key: str
     spec: ProblemSpec = field(compare=False)
@@ -351,7 +352,7 @@ def _batch(problem: DesignProblem, seed: np.random.SeedSequence) -> list[AtlasSt
 def _solved(
     problem: DesignProblem, job: tuple[Array | AtlasStart | None, np.random.SeedSequence | None]
 ) -> LocalSolution:
-    """Return the local solution from x, a curve, a drawn start, or the own dimensions."""
+    """Return the local solution from x, a curve, a random start, or the nominal dimensions."""
     x, seed = job
     if isinstance(x, AtlasStart):
         return CurveDatabase(problem).solved(x)
@@ -362,23 +363,22 @@ def _solved(
 
 
 def _valued(problem: DesignProblem, points: Sequence[Array]) -> list[float]:
-    """Return the rough costs of points, those that are none infinite."""
-    found = []
-    for x in points:
-        value = np.inf
+    """Return costs of points; infinite where there is none."""
+    values = [np.inf] * len(points)
+    for k, x in enumerate(points):
         with suppress(SpatialPinError):
             value = float(problem.value(x))
-        found.append(np.inf if np.isnan(value) else value)
-    return found
+            values[k] = np.inf if np.isnan(value) else value
+    return values
 
 
-def _distinct(problem: DesignProblem, found: Sequence[LocalSolution]) -> list[LocalSolution]:
-    """Return solutions without those that are another one again, the best first.
+def _distinct(problem: DesignProblem, solutions: Sequence[LocalSolution]) -> list[LocalSolution]:
+    """Return distinct solutions, the best first.
 
-    Those that miss by round-off only are equally good: they stand in the order of their starts.
-    Links that may spin as they like do not tell solutions apart.
+    Solutions with round-off errors are equally good and keep the order of their starts. Angles of
+    links that spin freely do not count.
     """
-    best = sorted(found, key=lambda one: max(one.cost, TOLERANCES.nothing**2))
+    best = sorted(solutions, key=lambda one: max(one.cost, TOLERANCES.nothing**2))
     mechanism, links = problem.mechanism, set[str]()
     if len(best) > 1:
         with suppress(SpatialPinError):  # it does not close at its own dimensions: all links count
@@ -387,18 +387,19 @@ def _distinct(problem: DesignProblem, found: Sequence[LocalSolution]) -> list[Lo
         mechanism.model.frames[mechanism.frame_id(name)].parentJoint] for name in links}
     distinct: list[tuple[Array, LocalSolution]] = []
     for one in best:
-        mark = _mark(problem, one, spinning)
+        mark = _signature(problem, one, spinning)
         if all(np.abs(mark - other).max(initial=0.0) > SAME_SOLUTION for other, _ in distinct):
             distinct.append((mark, one))
     return [one for _, one in distinct]
 
 
-def _mark(problem: DesignProblem, found: LocalSolution, spinning: set[str]) -> Array:
-    """Return numbers by which solutions are told apart: the same for whole turns of joints."""
+def _signature(problem: DesignProblem, solution: LocalSolution, spinning: set[str]) -> Array:
+    """Return numbers that differ between distinct solutions, but not by whole turns."""
     mechanism, model = problem.mechanism, problem.mechanism.model
     parts: list[Array] = [np.array([x / size for name, x, size in zip(
-        problem.names, found.x.tolist(), problem.sizes.tolist(), strict=True) if ": " not in name])]
-    for samples in found.samples:
+        problem.names, solution.x.tolist(), problem.sizes.tolist(), strict=True)
+        if ": " not in name])]
+    for samples in solution.samples:
         for c in mechanism.coordinate_table.values():
             if c.q >= 0 and c.joint not in spinning:
                 value = samples.q[:, c.q]

@@ -61,10 +61,8 @@ def _weight(weight: float | None) -> float | None:
 
 
 def _timed(drivers: Mapping[str, Any] | None, k: int) -> dict[str, Array]:
-    found = {}
-    for name, values in mapping({} if drivers is None else drivers, "drivers").items():
-        found[name] = finite_array(values, (k,), f"drivers: values of {name!r}")
-    return found
+    return {name: finite_array(values, (k,), f"drivers: values of {name!r}")
+            for name, values in mapping({} if drivers is None else drivers, "drivers").items()}
 
 
 @checked
@@ -96,14 +94,14 @@ def path(
     """
     array = np.asarray(points)
     flat = array.shape[-1:] == (2,)
-    found = np.atleast_2d(finite_points(points, 2 if flat else 3, "points"))
+    rows = np.atleast_2d(finite_points(points, 2 if flat else 3, "points"))
     if flat:
-        found = np.hstack([found, np.zeros((len(found), 1))])
-    if not len(found):
+        rows = np.hstack([rows, np.zeros((len(rows), 1))])
+    if not len(rows):
         raise ValueError("path: there are no points")
     return PathGoal(
-        weight=_weight(weight), frame=frame, points=found, placement=placement, scale=scale,
-        drivers=_timed(drivers, len(found)), input_offset=input_offset, closed=closed)
+        weight=_weight(weight), frame=frame, points=rows, placement=placement, scale=scale,
+        drivers=_timed(drivers, len(rows)), input_offset=input_offset, closed=closed)
 
 
 @checked
@@ -131,13 +129,13 @@ def poses(
         >>> sp.goals.poses("coupler", poses).name
         'poses of coupler'
     """
-    found = [_placement(x, i) for i, x in enumerate(placements)]
-    if not found:
+    targets = [_placement(x, i) for i, x in enumerate(placements)]
+    if not targets:
         raise ValueError("poses: there are no placements")
     return PosesGoal(
-        weight=_weight(weight), frame=frame, points=np.array([x.translation for x in found]),
-        rotations=np.array([x.rotation for x in found]), placement=placement, scale=scale,
-        drivers=_timed(drivers, len(found)), input_offset=input_offset)
+        weight=_weight(weight), frame=frame, points=np.array([x.translation for x in targets]),
+        rotations=np.array([x.rotation for x in targets]), placement=placement, scale=scale,
+        drivers=_timed(drivers, len(targets)), input_offset=input_offset)
 
 
 def _placement(given: Any, i: int) -> pin.SE3:
@@ -177,11 +175,11 @@ def function(
     array = finite_array(values, np.shape(values), "values")
     if array.ndim != 1 or not len(array):
         raise ValueError(f"function: values of {output!r} are a list of numbers")
-    found = _timed(drivers, len(array))
-    if not found:
+    timed = _timed(drivers, len(array))
+    if not timed:
         raise ValueError("function: drivers names no driver; give {name: values}")
     return FunctionGoal(weight=_weight(weight), output=output, values=array, offset=offset,
-                    drivers=found, input_offset=input_offset)
+                    drivers=timed, input_offset=input_offset)
 
 
 # ---------------------------------------------------------------- of the mechanism as a whole
@@ -347,11 +345,11 @@ def effort(
         >>> sp.goals.effort(2.0, "crank", loads={"coupler_b": load}).name  # at most 2 N·m
         'effort of crank'
     """
-    found = {name: finite_array(load.vector if isinstance(load, pin.Force) else load, (6,),
+    wrenches = {name: finite_array(load.vector if isinstance(load, pin.Force) else load, (6,),
                                 f"load at {name!r}")
              for name, load in mapping(loads, "loads").items()}
     return MostEffort(weight=_weight(weight), at_most=positive_number(at_most, "at_most"),
-                      driver=driver, loads=found, at=_values(values))
+                      driver=driver, loads=wrenches, at=_values(values))
 
 
 @checked

@@ -1,11 +1,10 @@
-"""Configurations of goals of precision at given dimensions, and how they go with these.
+"""The inner problem of synthesis: best configurations at given dimensions, and their derivatives.
 
-At dimensions and own numbers x every sample has its own configuration, the best there is: loosely,
-where open loops and missed goals are weighed against each other, so that no loop need close; or
-exactly, where loops are closed and the drivers stand, and what freedom is left is used for the
-goal. Residuals at best configurations are functions of x alone, whose derivative is that at fixed
-configurations less the part that moving the joints takes away: variable projection
-[GolubPereyra1973] in the form of [Kaufman1975].
+At given unknowns x every sample has its own best configuration. With the loose method open loops
+and goal errors are minimised together, so that no loop need close. With the exact method loops are
+closed, drivers are fixed, and free motions serve the goal. Residuals at best configurations are
+functions of x alone. Their derivative is the one at fixed configurations less the part that moving
+the joints removes: variable projection [GolubPereyra1973] in the form of [Kaufman1975].
 """
 
 from __future__ import annotations
@@ -24,14 +23,15 @@ from spatial_pin.numerics.stacked import damped_solutions, levenberg, null_space
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.synthesis.precision import Precision, simple
 
-INNER_STEPS = 40  # of a sample at most: from afar some twenty are usual, from nearby four
-CLOSINGS = 12  # Newton's: from a step of half a radian four to six
+INNER_STEPS = 40  # for a sample: from a random start about 20 are usual, from a nearby one 4
+CLOSINGS = 12  # Newton steps: after a step of half a radian 4 to 6 are usual
 FIRST_DAMPING = 1e-3  # of Levenberg's method, relative to equations of order one
-# by what damping goes after a step that helped, and after one that did not
+# factors of the damping after a step that helped, and after one that did not
 INNER_EASING, INNER_HARDENING = 0.2, 8.0
-MOST_OPEN = 0.1  # by which a step along the loops may open them: so much is closed quadratically
-# Levenberg's term beside equations of order one: the square root of round-off in their products,
-# as Gauss's method needs none next to a solution.
+# loop error after a step along the loops, from which closing converges quadratically
+MOST_OPEN = 0.1
+# Damping of equations of order one: the square root of round-off in their products, since Gauss's
+# method needs none near a solution.
 FLOOR_DAMPING = 1e-14
 
 
@@ -40,20 +40,20 @@ class GoalStates(NamedTuple):
 
     q: Array  # (m, nq)
     angles: Array  # (m, n_angles) of screw closures [rad]
-    at: NDArray[np.intp]  # (m,) of which samples of the goal they are
+    at: NDArray[np.intp]  # (m,) numbers of their samples
 
     def taken(self, some: slice | NDArray[np.intp]) -> GoalStates:
-        """Return some of them."""
+        """Return a selection of the configurations."""
         return GoalStates(self.q[some], self.angles[some], self.at[some])
 
     @classmethod
     def joined(cls, several: Sequence[GoalStates]) -> GoalStates:
-        """Return all of them as one."""
+        """Return several sets as one."""
         return cls(*(np.concatenate(x) for x in zip(*several, strict=True)))
 
 
 class GoalRows(NamedTuple):
-    """Equations of m configurations that are to hold, and residuals that are to be small."""
+    """Equations of m configurations that must hold, and residuals of the goal."""
 
     held: Array  # (m, h) closure equations, then drivers
     wanted: Array  # (m, r) residuals of the goal
@@ -64,24 +64,24 @@ class GoalRows(NamedTuple):
 
     @property
     def open(self) -> Array:
-        """By how much what is to hold does not (m,)."""
-        found: Array = np.abs(self.held).max(axis=1, initial=0.0)
-        return found
+        """The largest error of equations that must hold (m,)."""
+        error: Array = np.abs(self.held).max(axis=1, initial=0.0)
+        return error
 
     def steps(self, damping: Array) -> Array:
-        """Return Levenberg's steps (m, nv) towards what is to hold, damped more from afar."""
+        """Return Levenberg steps (m, nv) to closed equations, with more damping far from them."""
         open_by = np.einsum("mi,mi->m", self.held, self.held)
         return _steps(self.held_moves, self.held, np.maximum(damping, open_by))
 
     def together(self, weight: float) -> tuple[Array, Array, Array]:
-        """Return all, what is to hold weighted, and the derivatives."""
+        """Return all rows, closure equations weighted, and their derivatives."""
         return (np.concatenate([weight * self.held, self.wanted], axis=1),
                 np.concatenate([weight * self.held_moves, self.wanted_moves], axis=1),
                 np.concatenate([weight * self.held_own, self.wanted_own], axis=1))
 
 
-class InnerProblem:
-    """A goal of precision on a family of mechanisms.
+class GoalEquations:
+    """Closure equations, drivers and residuals of a goal on a family of mechanisms.
 
     Attributes:
         names: of the goal's own numbers.
@@ -101,7 +101,7 @@ class InnerProblem:
         self._n_zeros = len(zeros)
 
     def own_start(self) -> Array:
-        """Return the goal's own numbers to begin with, drivers from zero."""
+        """Return start values of the goal's own numbers; zeros of drivers are 0."""
         return np.concatenate([self.goal.own_start(self.family.mechanism),
                                np.zeros(self._n_zeros)])
 
@@ -141,20 +141,48 @@ class InnerProblem:
 
     @staticmethod
     def _each(members: DimensionBatch, m: int) -> DimensionBatch:
-        """Return members for m configurations: one for all, or one for each."""
+        """Return members for m configurations: the same for all, or one each."""
         return members if len(members.holds) == m else members.taken(np.zeros(m, dtype=np.intp))
 
     def placed(self, samples: GoalStates, own: Array) -> GoalStates:
-        """Return configurations with the drivers where they should stand."""
+        """Return configurations with the drivers at their values."""
         q = samples.q.copy()
         zeros = own[len(own) - self._n_zeros :] if self._n_zeros else 0.0
         q[:, self._driven_q] = self._values[samples.at] + zeros * self._sizes
         return samples._replace(q=q)
 
+    def _at_rest(
+        self, members: DimensionBatch, around: DimensionBatch, widths: Array, samples: GoalStates,
+        own: Array,
+    ) -> tuple[Array, Array]:
+        """Return derivatives (k, ., n) for the dimensions, with fixed joints."""
+        k, n = len(samples.q), len(widths)
+        if not n:
+            rows, _ = self.rows(members, samples, own)
+            return np.empty((*rows.held.shape, 0)), np.empty((*rows.wanted.shape, 0))
+        at = np.tile(np.arange(k), 2 * n)
+        bodies = self.family.bodies(around.taken(np.repeat(np.arange(2 * n), k)),
+                                    samples.q[at], samples.angles[at], with_jacobian=False)
+        slopes = []
+        for x in self._values_only(bodies, samples.at[at], own):
+            ahead, behind = x.reshape(2, n, k, -1)
+            slopes.append(((ahead - behind) / widths[:, None, None]).transpose(1, 2, 0))
+        return slopes[0], slopes[1]
+
+    def residual(self, members: DimensionBatch, samples: GoalStates, own: Array) -> Array:
+        """Return the goal's residuals (k, r) at configurations."""
+        each = self._each(members, len(samples.q))
+        bodies = self.family.bodies(each, samples.q, samples.angles, with_jacobian=False)
+        return self._values_only(bodies, samples.at, own)[1]
+
+
+class InnerProblem(GoalEquations):
+    """Best configurations of a goal at given dimensions, loosely or exactly closed."""
+
     def loosely(
         self, members: DimensionBatch, samples: GoalStates, own: Array, weight: float
     ) -> GoalStates:
-        """Return configurations where open loops, weighted, and missed goals are least together."""
+        """Return configurations with the least sum of penalised open loops and goal errors."""
         def known(rows: GoalRows) -> _Loose:
             residual, slope, _ = rows.together(weight)
             return _Loose(residual, slope, np.einsum("mi,mi->m", residual, residual))
@@ -170,17 +198,18 @@ class InnerProblem:
         known: Callable[[GoalRows], Any], judged: Callable[[Any, Any], tuple[Any, Any]],
         first: float, least: float, most: int = INNER_STEPS,
     ) -> tuple[GoalStates, GoalRows]:
-        """Return where Levenberg's method leads, with the equations there.
+        """Return the end of Levenberg's method, with the equations there.
 
         Args:
             members: mechanisms, one for all or one for each configuration.
-            samples: where it begins.
+            samples: start configurations.
             own: the goal's own numbers.
-            known: makes of equations what steps are made by, with `steps`.
-            judged: tells of what is new and known which steps help, and which problems have ended.
-            first: damping at first.
-            least: damping at least after a step that did not help.
-            most: steps of each at most.
+            known: makes an object with `steps` from the equations.
+            judged: compares new objects with old ones: which steps help, which samples have
+                converged.
+            first: first damping.
+            least: least damping after a step that did not help.
+            most: most steps.
         """
         each = self._each(members, len(samples.q))
         rows, angles = self.rows(each, samples, own)
@@ -212,7 +241,7 @@ class InnerProblem:
     def loose_residual(
         self, members: DimensionBatch, samples: GoalStates, own: Array, weight: float
     ) -> Array:
-        """Return the residuals (k, h + r) that are left so."""
+        """Return the residuals (k, h + r) of the loose method."""
         return self.rows(members, samples, own)[0].together(weight)[0]
 
     def loose_slopes(
@@ -227,28 +256,10 @@ class InnerProblem:
             [np.concatenate([weight * held, wanted], axis=1), by_own], axis=2)
         return projected(fixed, moved)
 
-    def _at_rest(
-        self, members: DimensionBatch, around: DimensionBatch, widths: Array, samples: GoalStates,
-        own: Array,
-    ) -> tuple[Array, Array]:
-        """Return derivatives (k, ., n) for the dimensions where no joint moves."""
-        k, n = len(samples.q), len(widths)
-        if not n:
-            rows, _ = self.rows(members, samples, own)
-            return np.empty((*rows.held.shape, 0)), np.empty((*rows.wanted.shape, 0))
-        at = np.tile(np.arange(k), 2 * n)
-        bodies = self.family.bodies(around.taken(np.repeat(np.arange(2 * n), k)),
-                                    samples.q[at], samples.angles[at], with_jacobian=False)
-        found = []
-        for x in self._values_only(bodies, samples.at[at], own):
-            ahead, behind = x.reshape(2, n, k, -1)
-            found.append(((ahead - behind) / widths[:, None, None]).transpose(1, 2, 0))
-        return found[0], found[1]
-
     def closed(
         self, members: DimensionBatch, samples: GoalStates, own: Array
     ) -> tuple[GoalStates, GoalRows, NDArray[np.bool_]]:
-        """Return configurations with loops closed and drivers in place, and which have them so."""
+        """Return configurations with closed loops and fixed drivers, rows, and which are closed."""
         def judged(new: GoalRows, old: GoalRows) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
             better = new.open < old.open
             error = np.where(better, new.open, old.open)
@@ -264,8 +275,8 @@ class InnerProblem:
     ) -> tuple[GoalStates, Array, NDArray[np.bool_]]:
         """Return closed configurations that meet the goal best, residuals, and which are closed.
 
-        Each step closes the loops and goes along them towards the goal at once. Steps are compared
-        by what would be missed if the loops were closed, to first order.
+        Each step closes the loops and moves along them towards the goal. Steps are compared by the
+        goal errors that closed loops would have, to first order.
         """
         samples, rows, is_closed = self.closed(members, samples, own)
         if not is_closed.all():
@@ -279,17 +290,11 @@ class InnerProblem:
         samples, rows, is_closed = self.closed(members, samples, own)
         return samples, rows.wanted, is_closed
 
-    def residual(self, members: DimensionBatch, samples: GoalStates, own: Array) -> Array:
-        """Return the goal's residuals (k, r) at configurations."""
-        each = self._each(members, len(samples.q))
-        bodies = self.family.bodies(each, samples.q, samples.angles, with_jacobian=False)
-        return self._values_only(bodies, samples.at, own)[1]
-
     def slopes(
         self, members: DimensionBatch, around: DimensionBatch, widths: Array, samples: GoalStates,
         own: Array,
     ) -> Array:
-        """Return their derivatives (k, r, n + n_own), loops closed and the best timing kept."""
+        """Return their derivatives (k, r, n + n_own) at closed loops and the best timing."""
         rows, _ = self.rows(members, samples, own)
         held, wanted = self._at_rest(members, around, widths, samples, own)
         held = np.concatenate([held, rows.held_own], axis=2)
@@ -301,11 +306,11 @@ class InnerProblem:
 
 
 class _Loose(NamedTuple):
-    """What is missed at m configurations, open loops among it."""
+    """Penalised residuals at m configurations."""
 
     residual: Array  # (m, r)
     slope: Array  # (m, r, nv)
-    missed: Array  # (m,) the sum of its squares
+    missed: Array  # (m,) sum of their squares
 
     def steps(self, damping: Array) -> Array:
         """Return Levenberg's steps (m, nv)."""
@@ -313,33 +318,33 @@ class _Loose(NamedTuple):
 
 
 class _Along(NamedTuple):
-    """What is missed at m configurations whose loops are nearly closed, and the way on."""
+    """Goal errors at m configurations with nearly closed loops, and motions along the loops."""
 
     back: Array  # (m, nv) steps that close the loops
     motions: Array  # (m, nv, nv) orthonormal motions that keep them closed, among rows of zeros
-    left: Array  # (m, r) what is missed after steps back
+    rest: Array  # (m, r) goal errors after the closing steps
     slope: Array  # (m, r, nv) its derivatives along the motions
-    missed: Array  # (m,) the sum of its squares
-    open: Array  # (m,) by how much the loops are open
+    missed: Array  # (m,) sum of squares of `rest`
+    open: Array  # (m,) loop errors
 
     @classmethod
     def of(cls, rows: GoalRows) -> _Along:
-        """Return it from equations."""
+        """Return them from equations."""
         inverse = pseudo_inverses(rows.held_moves, TOLERANCES.singular)
         back = -np.einsum("mvh,mh->mv", inverse, rows.held)
         motions = null_spaces(rows.held_moves)
-        left = rows.wanted + np.einsum("mrv,mv->mr", rows.wanted_moves, back)
-        return cls(back, motions, left, rows.wanted_moves @ motions.transpose(0, 2, 1),
-                   np.einsum("mr,mr->m", left, left), rows.open)
+        rest = rows.wanted + np.einsum("mrv,mv->mr", rows.wanted_moves, back)
+        return cls(back, motions, rest, rows.wanted_moves @ motions.transpose(0, 2, 1),
+                   np.einsum("mr,mr->m", rest, rest), rows.open)
 
     def steps(self, damping: Array) -> Array:
-        """Return steps (m, nv) back, and Levenberg's along the motions."""
+        """Return closing steps plus Levenberg steps along the motions (m, nv)."""
         return self.back + np.einsum("mzv,mz->mv", self.motions,
-                                     _steps(self.slope, self.left, damping))
+                                     _steps(self.slope, self.rest, damping))
 
 
 def _steps(slope: Array, residual: Array, damping: Array) -> Array:
-    """Return Levenberg's steps (m, n), the longest part of each at most half a radian."""
+    """Return Levenberg steps (m, n); the longest component is half a radian at most."""
     steps = -damped_solutions(slope, residual, damping)
     longest = np.abs(steps).max(axis=1, initial=0.0)
     return steps * np.minimum(
@@ -347,9 +352,9 @@ def _steps(slope: Array, residual: Array, damping: Array) -> Array:
 
 
 def spread(mechanism: Mechanism, q: Array, k: int, rng: np.random.Generator) -> Array:
-    """Return configurations (k, nq) anywhere: angles turned by up to half a turn, slides moved.
+    """Return random configurations (k, nq): angles within half a turn, slides within reach.
 
-    Slides go by up to half a characteristic length, as far as mechanisms go as a rule.
+    Slides move by up to half a characteristic length, the usual range.
     """
     sizes = np.where([c.unit == "rad" for c in mechanism.coordinate_table.values()], np.pi,
                      0.5 * mechanism.characteristic_length)

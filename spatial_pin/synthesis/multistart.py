@@ -1,11 +1,10 @@
-"""Starts for goals that are to be met exactly: many drawn ones, fitted all together.
+"""Batched multistart for exact goals: many random starts, fitted together.
 
-Newton's method on such goals leads somewhere from a few starts in a hundred only, and what misses
-comes to rest anywhere. So dimensions are drawn, and configurations of all samples too, each
-anywhere and with open loops; dimensions and configurations change together by Levenberg's method.
-That is no detour: with loops closed, or every configuration the best for the dimensions, curves of
-samples end and jump, and most ways end there. Configurations are eliminated sample by sample, and
-many starts cost little more than one.
+Newton's method meets exact goals from few starts in a hundred and stalls elsewhere. So dimensions
+and configurations of all samples are drawn at random, with open loops. Levenberg's method changes
+them together. This finds more than a search with closed loops or best configurations, whose curves
+end and jump. Configurations are eliminated sample by sample, and many starts cost little more than
+one.
 """
 
 from __future__ import annotations
@@ -23,36 +22,36 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.synthesis.design_space import DesignSpace
 from spatial_pin.synthesis.inner_problem import GoalStates, InnerProblem, spread
 
-BATCH_STEPS = 120  # of Levenberg's: half of those that lead somewhere need seventy
+BATCH_STEPS = 120  # Levenberg steps: half of the successful starts need 70
 BATCH_DAMPING = 1e-2  # relative to equations of order one
-# by what damping goes after a step that helped, and after one that did not
+# factors of the damping after a step that helped, and after one that did not
 BATCH_EASING, BATCH_HARDENING = 0.3, 4.0
 LEAST_BATCH_DAMPING = 1e-15  # round-off of the equations
-MET, NEAR = TOLERANCES.nothing**2, TOLERANCES.nothing  # sums of squares, of this size and less
-MOST_NEAR = 2  # of those that have come near which are looked at
-TOGETHER = 1e-4  # part of the sizes, within which two ends are one
-# Part of a number's size ahead, by which derivatives are taken: forward differences leave as much
-# of their own, and round-off eps over it.
+# sums of squares below which goals are met, and nearly met
+MET, NEAR = TOLERANCES.nothing**2, TOLERANCES.nothing
+MOST_NEAR = 2  # nearly met starts that are continued
+TOGETHER = 1e-4  # distance, relative to the sizes, below which two ends are equal
+# Step of forward differences, relative to the size of a number: their error is of this order, and
+# round-off is eps over it.
 AHEAD = TOLERANCES.singular
 
 
 class StartEquations(NamedTuple):
-    """Equations of M starts, k samples of a goal each, and how they change."""
+    """Equations of M starts with k samples of a goal, and their derivatives."""
 
     value: Array  # (M, k, r)
     moves: Array  # (M, k, r, nv) derivatives for v / `velocity_scale`
-    # (M, k, r, n) derivatives for the numbers of the problem, relative to their sizes
-    numbers: Array
+    numbers: Array  # (M, k, r, n) derivatives for the unknowns, relative to their sizes
 
 
 class BatchedStarts:
     """Starts that are fitted together.
 
     Attributes:
-        x: (M, n) where they are.
+        x: (M, n) unknowns.
         samples: configurations by goal, those (M k, .) of the first start first.
-        cost: (M,) sum of squares of what is open, and of what is missed.
-        evaluations: sets of dimensions that were tried.
+        cost: (M,) sum of squares of loop and goal errors.
+        evaluations: sets of dimensions tried.
     """
 
     def __init__(self, problem: DesignSpace, x: Array, rng: np.random.Generator) -> None:
@@ -70,7 +69,7 @@ class BatchedStarts:
         self.cost = _cost(values)
 
     def fit(self) -> None:
-        """Move all of them, until each is at rest or its goals are met."""
+        """Change all starts until each converges or meets its goals."""
         p, every = self._p, self._equations(np.arange(len(self.x)))
 
         def tries(
@@ -99,20 +98,20 @@ class BatchedStarts:
                   most=BATCH_STEPS)
 
     def best(self) -> list[int]:
-        """Return the starts that meet their goals, but for those that end together, else the best.
+        """Return distinct starts that meet their goals; else the best one.
 
-        Some that have come near are among them: they go on slowly.
+        A few nearly met ones are included: they converge slowly.
         """
         cost = np.where(self.cost < MET, 0.0, self.cost)
-        found = list[int]()
+        chosen = list[int]()
         for i in np.argsort(cost, kind="stable").tolist():
-            apart = np.abs(self.x[found] - self.x[i]) / self._p.sizes
+            apart = np.abs(self.x[chosen] - self.x[i]) / self._p.sizes
             is_new = bool(np.all(apart.max(axis=1, initial=0.0) > TOGETHER))
-            n_near = sum(cost[j] > 0.0 for j in found)
-            if is_new and (cost[i] == 0.0 or not found or (
+            n_near = sum(cost[j] > 0.0 for j in chosen)
+            if is_new and (cost[i] == 0.0 or not chosen or (
                     cost[i] < NEAR and n_near < MOST_NEAR)):
-                found.append(i)
-        return found
+                chosen.append(i)
+        return chosen
 
     def of(self, i: int) -> list[GoalStates]:
         """Return the configurations of a start by goal."""
@@ -120,18 +119,18 @@ class BatchedStarts:
                 for s, k in zip(self.samples, self._counts, strict=True)]
 
     def _values(self, x: Array, samples: list[GoalStates]) -> tuple[list[Array], list[GoalStates]]:
-        """Return equations (m, k, r) by goal at numbers (m, n), and configurations as they are."""
+        """Return residuals (m, k, r) by goal at unknowns (m, n), and configurations."""
         self.evaluations += len(x)
         members = self._p.family.at(x[:, : self._p.n].T)
-        found, there = [], []
+        residuals, there = [], []
         for inner, own, k, some in self._goals(samples):
             each = members.taken(np.repeat(np.arange(len(x)), k))
             values, angles = _all(inner.equations, each, some, x[:, own], k)
             values = values.reshape(len(x), k, -1)
             values[~members.holds] = np.inf
-            found.append(values)
+            residuals.append(values)
             there.append(some._replace(angles=angles))
-        return found, there
+        return residuals, there
 
     def _goals(
         self, samples: list[GoalStates]
@@ -147,7 +146,7 @@ class BatchedStarts:
         members = p.family.at(ahead.reshape(-1, n).T)
         here = np.arange(len(x)) * (n + 1)
         around = (here[:, None] + np.arange(1, n + 1)).ravel()
-        found = []
+        equations = []
         samples = [_some(s, k, rows) for s, k in zip(self.samples, self._counts, strict=True)]
         for inner, own, k, some in self._goals(samples):
             value, moves, by_own = _all(
@@ -156,16 +155,17 @@ class BatchedStarts:
             value = value.reshape(len(x), k, -1)
             every = (np.arange(len(x))[:, None, None] * k + np.zeros((n, 1), np.intp)
                      + np.arange(k)).ravel()
-            beside, _ = _all(inner.equations, members.taken(np.repeat(around, k)),
+            shifted, _ = _all(inner.equations, members.taken(np.repeat(around, k)),
                              some.taken(every), x[:, own], n * k)
-            rise = beside.reshape(len(x), n, k, -1) - value[:, None]
+            rise = shifted.reshape(len(x), n, k, -1) - value[:, None]
             numbers = np.zeros((*value.shape, len(p.names)))
             numbers[..., :n] = (rise / inward[:, :, None, None]).transpose(0, 2, 3, 1)
             numbers[..., own] = by_own.reshape(*value.shape, -1)
-            found.append(StartEquations(value, moves.reshape(*value.shape, -1), numbers))
-        rise = sum(np.einsum("mkrn,mkr->mn", e.numbers, e.value) for e in found)
+            equations.append(StartEquations(value, moves.reshape(*value.shape, -1), numbers))
+        rise = sum(np.einsum("mkrn,mkr->mn", e.numbers, e.value) for e in equations)
         held = ((x <= p.lower) & (rise > 0.0)) | ((x >= p.upper) & (rise < 0.0))
-        return [e._replace(numbers=np.where(held[:, None, None], 0.0, e.numbers)) for e in found]
+        return [e._replace(numbers=np.where(held[:, None, None], 0.0, e.numbers))
+                for e in equations]
 
     def _moved(
         self, samples: GoalStates, k: int, rows: NDArray[np.intp], steps: Array
@@ -177,31 +177,31 @@ class BatchedStarts:
 
 
 def _cost(values: list[Array]) -> Array:
-    found = sum(np.einsum("mkr,mkr->m", v, v) for v in values)
-    return np.where(np.isfinite(found), found, np.inf)
+    total = sum(np.einsum("mkr,mkr->m", v, v) for v in values)
+    return np.where(np.isfinite(total), total, np.inf)
 
 
 def _steps(equations: list[StartEquations], damping: Array) -> tuple[Array, list[Array]]:
-    """Return Levenberg's steps (m, n) of the numbers, and (m, k, nv) of configurations by goal.
+    """Return Levenberg steps (m, n) of the unknowns, and (m, k, nv) of configurations by goal.
 
-    The longest part of each is one at most.
+    The configurations are eliminated by the Schur complement. The longest component is one at most.
     """
     n = equations[0].numbers.shape[-1]
     square = damping[:, None, None] * np.eye(n)
     right = np.zeros((len(damping), n))
-    kept = []
+    eliminated = []
     for e in equations:
         back = e.moves.transpose(0, 1, 3, 2)
         own = back @ e.moves + damping[:, None, None, None] * np.eye(e.moves.shape[-1])
         both = np.concatenate([back @ e.numbers, back @ e.value[..., None]], axis=-1)
         along = np.linalg.solve(own, both)
         rest = np.concatenate([e.numbers, e.value[..., None]], axis=-1)
-        left = np.einsum("mkri,mkrj->mij", e.numbers, rest) - np.einsum(
+        schur = np.einsum("mkri,mkrj->mij", e.numbers, rest) - np.einsum(
             "mkvi,mkvj->mij", both[..., :n], along)
-        square, right = square + left[..., :n], right + left[..., n]
-        kept.append(along)
+        square, right = square + schur[..., :n], right + schur[..., n]
+        eliminated.append(along)
     steps = -np.linalg.solve(square, right[..., None])[..., 0]
-    moved = [-a[..., n] - np.einsum("mkvi,mi->mkv", a[..., :n], steps) for a in kept]
+    moved = [-a[..., n] - np.einsum("mkvi,mi->mkv", a[..., :n], steps) for a in eliminated]
     longest = np.max([np.abs(steps).max(axis=1, initial=0.0),
                       *(np.abs(x).max(axis=(1, 2), initial=0.0) for x in moved)], axis=0)
     shorter = 1.0 / np.maximum(longest, TOLERANCES.longest_step)
@@ -212,7 +212,7 @@ def _all(
     work: Callable[[DimensionBatch, GoalStates, Array], Sequence[Array]], members: DimensionBatch,
     samples: GoalStates, own: Array, k: int,
 ) -> list[Array]:
-    """Return what some work makes of configurations, k for each of the numbers own (m, n_own)."""
+    """Return the results of a function for configurations, k for each row of own (m, n_own)."""
     if not own.shape[1]:
         return list(work(members, samples, np.empty(0)))
     parts = [work(members.taken(np.arange(i * k, i * k + k)), samples.taken(
@@ -227,7 +227,7 @@ def _some(samples: GoalStates, k: int, rows: NDArray[np.intp]) -> GoalStates:
 def _put(
     samples: GoalStates, k: int, new: GoalStates, rows: NDArray[np.intp], better: NDArray[np.bool_]
 ) -> GoalStates:
-    """Return configurations with new ones of some starts where they are better."""
+    """Return configurations, replaced by new ones at better starts."""
     at = (rows[:, None] * k + np.arange(k))[better].ravel()
     q, angles = samples.q.copy(), samples.angles.copy()
     q[at], angles[at] = (a[np.repeat(better, k)] for a in new[:2])

@@ -25,7 +25,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.angles import whole_turns
 from spatial_pin.numerics.linalg import Array
 
-FAR = 10.0  # times as large as the mechanism: a drawing in pixels, say, or in another unit
+FAR = 10.0  # ratio to the mechanism's size: beyond, a drawing is in pixels or another unit
 Slopes = tuple[Array, Array, Array]  # residual (m, r), derivatives (m, r, nv) and (m, r, n_own)
 
 
@@ -49,20 +49,20 @@ class Goal(ABC):
 
     @property
     def name(self) -> str:
-        """What it is called in reports."""
+        """Name in reports."""
         return self._words.format(self)
 
     def unit_of(self, mechanism: Mechanism) -> str:
-        """Return the unit that its error is told in."""
+        """Return the unit of its error."""
         return self._unit
 
     @abstractmethod
     def check(self, mechanism: Mechanism) -> None:
-        """Refuse what the mechanism does not have.
+        """Check the goal's names and values on a mechanism.
 
         Raises:
-            UnknownNameError: it has none of that name.
-            ValueError: what is asked for is none of its kind.
+            UnknownNameError: the mechanism has no frame, coordinate or driver of that name.
+            ValueError: the goal does not fit the mechanism.
         """
 
 
@@ -71,9 +71,9 @@ class Precision(Goal):
     """A goal at k configurations.
 
     Attributes:
-        drivers: values (k,) of coordinates at the samples; none: they are free.
-        input_offset: whether the drivers count from a zero that is to be found.
-        width: how many residuals a sample has.
+        drivers: values (k,) of coordinates at the samples; empty: the timing is free.
+        input_offset: whether the drivers have free zeros.
+        width: residuals of a sample.
     """
 
     drivers: Mapping[str, Array] = field(default_factory=dict)
@@ -81,21 +81,21 @@ class Precision(Goal):
     width: ClassVar[int]
 
     def __len__(self) -> int:
-        """Return how many configurations it asks for."""
+        """Return the number of configurations."""
         return self.count
 
     @property
     @abstractmethod
     def count(self) -> int:
-        """How many configurations it asks for."""
+        """The number of configurations."""
 
     @property
     def own_names(self) -> tuple[str, ...]:
-        """Names of the numbers that are found with the dimensions, but for the drivers' zeros."""
+        """Names of the goal's own unknowns, without zeros of drivers."""
         return ()
 
     def own_start(self, mechanism: Mechanism) -> Array:
-        """Return numbers of its own to begin with (n_own,)."""
+        """Return start values of its own unknowns (n_own,)."""
         return np.zeros(len(self.own_names))
 
     @abstractmethod
@@ -121,7 +121,7 @@ class Precision(Goal):
         """Return the targets in the world, as `Met` has them."""
 
     def natural(self, mechanism: Mechanism, name: str, value: float) -> float:
-        """Return one of its numbers in its unit; a scale is a factor."""
+        """Return one of its unknowns in its unit; a scale is a factor."""
         if name == "scale":
             return float(np.exp(value))
         if name.startswith("placement."):
@@ -132,10 +132,10 @@ class Precision(Goal):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class DrawnGoal(Precision):
-    """Points or placements that are given in axes of their own, the drawing's.
+    """Points or placements in axes of their own, those of the drawing.
 
-    Where it may have any size, residuals are lengths of the drawing, which are the world's by its
-    scale: in lengths of the world a drawing that shrinks to a point would be met best.
+    With a free scale, residuals are lengths of the drawing. In lengths of the world, a drawing that
+    shrinks to a point would have no error.
     """
 
     frame: str  # what goes through them
@@ -161,17 +161,17 @@ class DrawnGoal(Precision):
         return (*(placed if self.placement else ()), *(("scale",) if self.scale else ()))
 
     def own_start(self, mechanism: Mechanism) -> Array:
-        """See `Precision`: the size that is given, or about the mechanism's if it is far off."""
-        found = np.zeros(len(self.own_names))
+        """See `Precision`: scale 1, or about the mechanism's size if the drawing is far off it."""
+        numbers = np.zeros(len(self.own_names))
         if self.scale:
             radius = float(np.linalg.norm(np.std(self.points, axis=0)))
             ratio = 0.5 * mechanism.characteristic_length / (radius or 1.0)
             if radius > 0.0 and not 1.0 / FAR < ratio < FAR:
-                found[-1] = np.log(ratio)
-        return found
+                numbers[-1] = np.log(ratio)
+        return numbers
 
     def _split(self, own: Array) -> tuple[Array, Array, float]:
-        """Return shift (3,), rotation vector (3,) and the logarithm of the size."""
+        """Return shift (3,), rotation vector (3,) and logarithm of the scale."""
         placed = own[:6] if self.placement else np.zeros(6)
         return placed[:3], placed[3:], float(own[-1]) if self.scale else 0.0
 
@@ -185,14 +185,14 @@ class DrawnGoal(Precision):
     def _away(
         self, mechanism: Mechanism, origins: Array, at: NDArray[np.intp], own: Array
     ) -> Array:
-        """Return how far origins (m, 3) of a frame are from their points, without unit."""
+        """Return displacements (m, 3) of origins from their points, without unit."""
         points, _ = self.drawn(mechanism, own)
         return (origins - points[at]) / self._size(mechanism, own)
 
     def _away_slopes(
         self, mechanism: Mechanism, away: Array, moved: Array, at: NDArray[np.intp], own: Array
     ) -> tuple[Array, Array]:
-        """Return derivatives of `away` (m, 3), those of origins being `moved` (m, 3, nv)."""
+        """Return derivatives of `_away` (m, 3); `moved` (m, 3, nv) are those of the origins."""
         size, (shift, turn, _) = self._size(mechanism, own), self._split(own)
         points, _ = self.drawn(mechanism, own)
         arms = points - self.points.mean(axis=0) - mechanism.characteristic_length * shift
@@ -200,8 +200,8 @@ class DrawnGoal(Precision):
         if self.placement:
             along = np.broadcast_to(mechanism.characteristic_length * np.eye(3),
                                     (len(points), 3, 3))
-            left = pin.Jexp3(-turn)  # of exp(w) for w: the turn that is added, from the left
-            spun = np.stack([np.cross(axis, arms) for axis in left.T], axis=2)
+            jacobian = pin.Jexp3(-turn)  # of exp(w) for w: the turn that is added, from the left
+            spun = np.stack([np.cross(axis, arms) for axis in jacobian.T], axis=2)
             columns += [along, spun]
         if self.scale:
             columns.append(arms[:, :, None])
@@ -216,7 +216,7 @@ class DrawnGoal(Precision):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PathGoal(DrawnGoal):
-    """The origin of a frame at points, one after the other."""
+    """The origin of a frame at points, in their order."""
 
     closed: bool = False
     _words, _unit, width = "path of {0.frame}", "m", 3
@@ -243,7 +243,7 @@ class PathGoal(DrawnGoal):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PosesGoal(DrawnGoal):
-    """A frame at placements, one after the other."""
+    """A frame at placements, in their order."""
 
     rotations: Array
     _words, _unit, width = "poses of {0.frame}", "m, rad", 6
@@ -284,7 +284,7 @@ class PosesGoal(DrawnGoal):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FunctionGoal(Precision):
-    """A coordinate at values, one after the other."""
+    """A coordinate at values, in their order."""
 
     output: str
     values: Array
@@ -306,7 +306,7 @@ class FunctionGoal(Precision):
         return ("offset",) if self.offset else ()
 
     def residual(self, bodies: EvaluatedBatch, at: NDArray[np.intp], own: Array) -> Array:
-        """See `Precision`: by the coordinate's own size; angles but for whole turns."""
+        """See `Precision`: relative to the coordinate's size, angles without whole turns."""
         coordinate = bodies.mechanism.prescribed_coordinate(self.output)
         zero = own[0] if self.offset else 0.0
         size = bodies.mechanism.velocity_scale[coordinate.v]
@@ -341,7 +341,7 @@ class FunctionGoal(Precision):
 
 
 def simple(mechanism: Mechanism, name: str) -> Any:
-    """Return a coordinate that is one number of the configuration."""
+    """Return a coordinate with a single entry in q."""
     coordinate = mechanism.prescribed_coordinate(name)
     if coordinate.q < 0:
         raise SpatialPinError(

@@ -1,4 +1,4 @@
-"""Designs: what a search for dimensions found, ranked, and how well each does what was asked."""
+"""Designs: ranked results of a search for dimensions, with errors and defects."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ from spatial_pin.synthesis.design_problem import DesignProblem, LocalSolution
 from spatial_pin.synthesis.global_search import Searched
 from spatial_pin.synthesis.precision import FunctionGoal, Goal, PathGoal, Precision
 
-TURN_SAMPLES, PART_SAMPLES = 361, 30  # of a turn, and from sample to sample
-MOST_TRACED = 4000  # of a curve: thirteen turns of one driver
+TURN_SAMPLES, PART_SAMPLES = 361, 30  # of a turn, and between two samples of a goal
+MOST_TRACED = 4000  # samples of a curve: thirteen turns of one driver
 REPORT_WIDTH = 100  # characters of a line of the report
-EQUAL = 1e-9  # errors that differ by less are the same: least squares end at some 1e-12
-AT_BOUND = 1e-6  # part of the bounds' width: least squares keep clear of bounds by some 1e-9
+EQUAL = 1e-9  # errors with a smaller difference are equal: least squares end at some 1e-12
+AT_BOUND = 1e-6  # relative to the width of the bounds: least squares stay some 1e-9 inside
 
 
 class GoalError(NamedTuple):
@@ -143,33 +143,33 @@ class Design:
     @cached_property
     def defects(self) -> tuple[Defect, ...]:
         """Circuit, branch, order, joint limits and transmission, as far as they are not right."""
-        found = list[Defect]()
+        result = list[Defect]()
         for met in self.met:
             output = met.goal.output if isinstance(met.goal, FunctionGoal) else None
             own = defects(self.mechanism, met.states, met.driver, output=output,
                           ordered=not met.goal.drivers,
                           cyclic=isinstance(met.goal, PathGoal) and met.goal.closed)
             which = f"{met.goal.name}: " if len(self.met) > 1 else ""
-            found += [defect._replace(text=which + defect.text) for defect in own]
+            result += [defect._replace(text=which + defect.text) for defect in own]
         candidate, seen = Candidate(self.mechanism, self.states), set[Defect]()
         for demand in self.demands if joint_limits(self.mechanism) else ():
             if isinstance(demand, MotionDemand):
                 passed = limits_passed(demand.motion(candidate)[0])
-                found += [x._replace(text=f"{demand.name}: {x.text}")
+                result += [x._replace(text=f"{demand.name}: {x.text}")
                           for x in passed if x not in seen]
                 seen.update(passed)
-        return tuple(found)
+        return tuple(result)
 
     @property
     def at_bounds(self) -> dict[str, str]:
-        """Dimensions that stand on a bound: "least" or "most"."""
-        found = {}
+        """Dimensions at a bound: "least" or "most"."""
+        ends = {}
         for name, (low, high) in self.bounds.items():
             near = AT_BOUND * min(high - low, max(abs(self.dimensions[name]), 1e-9))
             for end, words in ((low, "least"), (high, "most")):
                 if abs(self.dimensions[name] - end) <= near:
-                    found[name] = words
-        return found
+                    ends[name] = words
+        return ends
 
     def motion(self, goal: int = 0) -> Motion:
         """Return the motion that leads through the samples of a goal of precision, to be shown.
@@ -345,13 +345,13 @@ class Designs(Sequence[Design]):
 
 
 def _wrapped(head: str, parts: Sequence[str]) -> list[str]:
-    """Return lines that go on under their head, which `Design` indents by two."""
+    """Return lines with a hanging indent under their head."""
     return textwrap.wrap(head + ", ".join(parts), REPORT_WIDTH - 2, subsequent_indent="    ",
                          break_long_words=False)
 
 
 def _round(mechanism: Mechanism, driver: str, state: State) -> Motion:
-    """Return a whole turn of a driver, or the curve through its limits."""
+    """Return a full turn of a driver, or the curve through its limits."""
     if limits(mechanism, driver, state).full_turn:
         start = float(state.coordinate(driver).value)
         return sweep(mechanism, driver, start + np.linspace(0.0, 2.0 * np.pi, TURN_SAMPLES),
@@ -360,14 +360,14 @@ def _round(mechanism: Mechanism, driver: str, state: State) -> Motion:
 
 
 def designs_of(problem: DesignProblem, searched: Searched, most: int) -> Designs:
-    """Return the best of what a search found."""
+    """Return the best solutions of a search as designs."""
     made, why = list[Design](), searched.why
     failed = searched.failed
-    for found in searched.found:
+    for solution in searched.solutions:
         if len(made) == most:
             break
         try:
-            made.append(design_of(problem, found))
+            made.append(design_of(problem, solution))
         except SpatialPinError as error:  # its loops close, but its file makes no such mechanism
             failed, why = failed + 1, why or str(error)
     if searched.is_whole:  # after Ctrl-C defects are looked for when they are asked for
@@ -377,33 +377,33 @@ def designs_of(problem: DesignProblem, searched: Searched, most: int) -> Designs
 
 
 def _ranked(designs: Sequence[Design]) -> list[Design]:
-    """Return designs as they are, but of equal errors those with fewer defects first.
+    """Return designs in order; among equal errors, those with fewer defects first.
 
-    Those that keep it from moving as it should count first.
+    Defects that stop the motion count first.
     """
     def flaws(design: Design) -> tuple[int, int]:
         grave = sum(defect.kind in ("circuit", "branch", "order", "joint limit")
                     for defect in design.defects)
         return grave, len(design.defects) - grave
 
-    found: list[Design] = []
+    ranked: list[Design] = []
     rest = list(designs)
     while rest:
         equal = [x for x in rest if abs(x.error - rest[0].error) <= EQUAL * (1.0 + rest[0].error)]
-        found += equal if len(equal) == 1 else sorted(equal, key=flaws)
+        ranked += equal if len(equal) == 1 else sorted(equal, key=flaws)
         rest = [x for x in rest if all(x is not y for y in equal)]
-    return found
+    return ranked
 
 
-def design_of(problem: DesignProblem, found: LocalSolution) -> Design:
-    """Return one solution, its mechanism loaded and closed."""
+def design_of(problem: DesignProblem, solution: LocalSolution) -> Design:
+    """Return a solution as a design, its mechanism loaded and closed."""
     n = problem.n
-    dimensions = dict(zip(problem.names[:n], found.x[:n].tolist(), strict=True))
+    dimensions = dict(zip(problem.names[:n], solution.x[:n].tolist(), strict=True))
     there = problem.family.variants.whole(dimensions) if dimensions else problem.mechanism
     met, errors, numbers = list[Met](), dict[str, GoalError](), dict[str, float]()
-    members, end = problem.members(found.x), n
-    for inner, samples in zip(problem.inner_problems, found.samples, strict=True):
-        own = found.x[end : end + len(inner.names)]
+    members, end = problem.members(solution.x), n
+    for inner, samples in zip(problem.inner_problems, solution.samples, strict=True):
+        own = solution.x[end : end + len(inner.names)]
         end += len(own)
         goal = inner.goal
         drawn = own[: len(goal.own_names)]
@@ -429,7 +429,7 @@ def design_of(problem: DesignProblem, found: LocalSolution) -> Design:
     ends = zip(problem.lower[:n].tolist(), problem.upper[:n].tolist(), strict=True)
     bounds = dict(zip(problem.names[:n], ends, strict=True))
     return Design(there, dimensions, bounds,
-        float(np.sqrt(found.cost)), errors, states, numbers, tuple(met), found.evaluations,
+        float(np.sqrt(solution.cost)), errors, states, numbers, tuple(met), solution.evaluations,
         tuple(problem.demands))
 
 

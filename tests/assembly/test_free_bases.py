@@ -493,3 +493,31 @@ def test_a_free_base_may_be_called_base(tmp_path):
     np.testing.assert_allclose(moved.v[:, 0], 1.0)
     stands = sp.sweep(mechanism, "arm", [0.0, 0.5], speed=1.0)
     assert not stands.v[:, :6].any()
+
+
+@pytest.mark.parametrize("far", [1e3, 5e6, 1e7])
+def test_loops_on_a_free_base_move_alike_far_from_the_origin(far):
+    """Their coordinates are known to round-off of the base's place, not of their own size."""
+    model = pin.Model()
+    base = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "base")
+
+    def add(parent, name, x):
+        joint = model.addJoint(parent, pin.JointModelRZ(),
+                               pin.SE3(np.eye(3), np.array([x, 0.0, 0.0])), name)
+        model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
+        return joint
+
+    coupler = add(add(base, "crank", 0.0), "coupler", 0.1)
+    rocker = add(base, "rocker", 0.4)
+    ends = [(joint, pin.SE3(np.eye(3), np.array([length, 0.0, 0.0])))
+            for joint, length in ((coupler, 0.4), (rocker, 0.3))]
+    mechanism = sp.Mechanism.from_model(
+        model, [sp.closures.revolute(*((model.names[j], place) for j, place in ends), name="pin")],
+        drivers=["crank"], guess={"crank": 1.0, "coupler": -0.5, "rocker": 1.5})
+    q = sp.assemble(mechanism).q.copy()
+    values = np.linspace(1.0, 3.0, 101)
+    near = sp.sweep(mechanism, "crank", values, speed=1.0, guess=q)
+    q[:3] = far, far / 3.0, 0.0
+    motion = sp.sweep(mechanism, "crank", values, speed=1.0, guess=q)
+    for found, wanted in ((motion.q, near.q), (motion.v, near.v)):
+        assert np.abs(found - wanted)[:, 7:].max() < 1e-14 * far

@@ -206,7 +206,7 @@ def test_names_are_checked_before_work_begins(run, words, says, monkeypatch):
     (("sweeep", "rssr"), "no command 'sweeep'; did you mean 'sweep'?"),
     (("rssr",), "no command 'rssr'; --help lists them"),
     (("sweep", "rssr", "crank", "0", "1", "--stopp"), "did you mean '--stop'?"),
-    (("sweep", "rssr", "crank", "0", "1", "--forte"), "no option '--forte'; --help lists"),
+    (("sweep", "rssr", "crank", "0", "1", "--xyzzyq"), "no option '--xyzzyq'; --help lists"),
     (("limits", "rssr", "crank", "1"), "than was given before '1'"),
     (("limits", "rssr", "crank", "-1"), "than was given before '-1'"),
     (("list", "rssr"), "than was given before 'rssr'"),

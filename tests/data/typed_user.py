@@ -163,7 +163,7 @@ def judging(mech: sp.Mechanism, motion: sp.Motion) -> None:
     row: sp.Measured = table.cheapest(1e-6)
     errors: sp.Errors | None = row.errors
     small: sp.Reduced = sp.reduce(mech, ["rocker_pin"])
-    omission: sp.Omission = small.left_out[0]
+    omission: sp.Omission = small.omissions[0]
     proof: sp.Verification = small.verify()
     difference: sp.Difference = proof.differences[0]
     apart: sp.Clearance = sp.clearance(motion, tolerance=1e-3)

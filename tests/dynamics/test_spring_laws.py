@@ -131,3 +131,21 @@ def test_mujocos_springs_have_no_law(tmp_path):
     mechanism = block(tmp_path, "stiffness = 2.0\ntension_only = true")
     with pytest.raises(sp.SpatialPinError, match="'s' is a bushing, has a law"):
         sp.export_mjcf(mechanism, tmp_path / "r.xml")
+
+
+def test_a_slide_that_rests_between_two_bump_stops_exchanges_their_round_off():
+    """A stop is as stiff as a spring of its kind, though on the other side it does not act."""
+    model = pin.Model()
+    model.gravity.linear = np.zeros(3)
+    slide = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "slide")
+    model.appendBodyToJoint(slide, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
+    model.addJointFrame(slide)
+    stops = []
+    for sign, name in ((1.0, "right"), (-1.0, "left")):
+        wall = pin.SE3(np.eye(3), sign * np.array([0.3, 0.1, 0.0]))
+        model.addFrame(pin.Frame(name, 0, 0, wall, pin.FrameType.OP_FRAME))
+        stops.append(sp.Spring(name, frames=("slide", name), stiffness=1e6,  # [N/m]
+                               free_length=np.hypot(0.3, 0.1), compression_only=True))
+    mechanism = sp.Mechanism.from_model(model, springs=stops)
+    motion = sp.simulate(mechanism, sp.State(mechanism, np.array([3e-9])), 0.01)
+    assert motion.energy_drift < 1e-7

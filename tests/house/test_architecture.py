@@ -22,7 +22,7 @@ MOST = 20  # modules of a folder: files are found by name
 LAYERS = {
     "": ["errors", "_support", "settings", "units", "kernel.sources", "kernel.library", "numerics",
          "operators", "mechanism", "formats", "constraints", "kernel", "assembly", "rates",
-         "mobility", "continuation", "motion", "proximity", "inverse_kinematics", "workspace_map",
+         "mobility", "continuation", "motion", "proximity", "inverse_kinematics", "workspace",
          "dynamics", "dimensions", "reduction", "accuracy", "synthesis", "view",
          "cli", "__main__"],
     "formats": ["xacro", "urdf", "graph", "sdf", "dialects", "usd", "mjcf",

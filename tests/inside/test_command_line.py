@@ -19,7 +19,7 @@ from spatial_pin.cli.printing import fitted, in_options
 from spatial_pin.cli.running import parser
 from spatial_pin.cli.tables import read_table
 from spatial_pin.units import quantity
-from spatial_pin.workspace_map.grid_axes import PARTS
+from spatial_pin.workspace.grid_axes import PARTS
 
 PACKAGE = Path(sp.__file__).parent
 RPM_240 = 8 * np.pi

@@ -95,7 +95,8 @@ def test_the_borders_of_a_triple_rocker_are_its_closed_form_limits():
     mechanism, states = four_bar(TRIPLE_ROCKER, (0.9, 1))
     circuit = Circuit(mechanism, "crank", states[0])
     limit = limit_of(TRIPLE_ROCKER)
-    assert sorted(circuit.values_at_borders()) == pytest.approx([-limit, limit], abs=1e-12)
+    borders = sorted(event.value for event in circuit.borders)
+    assert borders == pytest.approx([-limit, limit], abs=1e-12)
     assert circuit.is_closed and not circuit.turns_fully and abs(circuit.turn) < 1e-12
 
 
@@ -106,7 +107,7 @@ def test_every_place_of_a_triple_rocker_is_on_the_branch_of_its_side(start, side
     points = [(phi, s) for s in (1, -1) for phi in np.linspace(-limit + 1e-3, limit - 1e-3, 23)]
     mechanism, states = four_bar(TRIPLE_ROCKER, (start, side), *points)
     circuit = Circuit(mechanism, "crank", states[0])
-    places = [circuit.place(state) for state in states]
+    places = [circuit.position(state) for state in states]
     assert all(place is not None and len(place.branches) == 1 for place in places)
     sides = [side] + [s for _, s in points]
     assert len({place.branches for place, s in zip(places, sides, strict=True) if s == 1}) == 1
@@ -130,7 +131,7 @@ def test_a_place_just_at_a_limit_is_on_both_branches():
     mechanism, states = four_bar(TRIPLE_ROCKER, (0.9, 1))
     ends = sp.sweep(mechanism, "crank", [0.9, limit - 1e-14], guess=states[0], on_limit="stop")
     circuit = Circuit(mechanism, "crank", states[0])
-    assert len(circuit.place(ends.state(-1)).branches) == 2
+    assert len(circuit.position(ends.state(-1)).branches) == 2
 
 
 @pytest.mark.parametrize("values", few(
@@ -171,7 +172,7 @@ def test_the_least_transmission_angle_is_that_of_the_range_that_is_used():
     found = defects(mechanism, states, least_angle=float(threshold))
     assert kinds(found) == [("transmission", ())]
     assert f"falls to {np.degrees(least):.3g}°" in found[0].text
-    assert f"{np.degrees(threshold):.3g}° are asked for" in found[0].text
+    assert f"{np.degrees(threshold):.3g}° are required" in found[0].text
     assert defects(mechanism, states, least_angle=float(least) - 1e-3) == ()
 
 

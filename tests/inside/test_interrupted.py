@@ -21,7 +21,7 @@ from spatial_pin.inverse_kinematics import reach_path
 from spatial_pin.mobility.mode_search import ModeSearch
 from spatial_pin.proximity.clearance_search import ClearanceSearch
 from spatial_pin.synthesis.global_search import Checkpoint
-from spatial_pin.workspace_map import workspace as workspace_map
+from spatial_pin.workspace import workspace as workspace
 
 VALUES = np.linspace(0.0, 3.0, 61)
 
@@ -122,8 +122,8 @@ def test_a_path_of_targets_keeps_its_motion_where_singular_drivers_are_searched_
     mechanism = sp.load("delta")
     line = np.linspace([0.0, 0.0, -0.9], [0.2, 0.0, -0.9], 9)
     whole = sp.reach_path(mechanism, {"platform": line})
-    monkeypatch.setattr(reach_path, "driver_singularities",
-                        interrupting(reach_path.driver_singularities, 1))
+    monkeypatch.setattr(reach_path, "_driver_singularities",
+                        interrupting(reach_path._driver_singularities, 1))
     with pytest.raises(sp.Interrupted) as stopped:
         sp.reach_path(mechanism, {"platform": line})
     assert_begins(stopped.value.motion, whole, 9)
@@ -158,7 +158,7 @@ def turn():
 
 def test_samples_that_were_looked_at_tell_of_the_clearance_after_ctrl_c(turn, monkeypatch):
     whole = sp.clearance(turn)
-    monkeypatch.setattr(ClearanceSearch, "_way_to", interrupting(ClearanceSearch._way_to, 10))
+    monkeypatch.setattr(ClearanceSearch, "_approach", interrupting(ClearanceSearch._approach, 10))
     found = cut_short(sp.clearance, turn)
     n = len(found.motion)
     assert not found.is_whole and n == 10
@@ -172,7 +172,7 @@ def test_samples_that_were_looked_at_tell_of_the_clearance_after_ctrl_c(turn, mo
 
 def test_pairs_that_were_searched_stay_so_after_ctrl_c(turn, monkeypatch):
     whole = sp.clearance(turn)
-    monkeypatch.setattr(ClearanceSearch, "found", interrupting(ClearanceSearch.found, 1))
+    monkeypatch.setattr(ClearanceSearch, "result", interrupting(ClearanceSearch.result, 1))
     found = cut_short(sp.clearance, turn)
     assert not found.is_whole and len(found.motion) == len(turn)
     assert all(pair.distance == pair.distances.min() for pair in found.pairs)
@@ -182,7 +182,7 @@ def test_pairs_that_were_searched_stay_so_after_ctrl_c(turn, monkeypatch):
 def test_touches_between_samples_are_reported_by_these_after_ctrl_c(turn, monkeypatch):
     apart = sp.clearance(turn).least
     tolerance = float(np.median(apart.distances))
-    monkeypatch.setattr(ClearanceSearch, "found", interrupting(ClearanceSearch.found, 1))
+    monkeypatch.setattr(ClearanceSearch, "result", interrupting(ClearanceSearch.result, 1))
     found = cut_short(sp.clearance, turn, [apart.links], tolerance=tolerance)
     rows = np.flatnonzero(apart.distances <= tolerance)
     assert found.least.contacts[0].begin == turn.driver[rows[0]]
@@ -200,7 +200,7 @@ def test_no_clearance_is_reported_before_the_first_sample(turn, monkeypatch):
 
 
 def test_the_command_writes_what_was_found_and_ends_as_interrupted(monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr(ClearanceSearch, "_way_to", interrupting(ClearanceSearch._way_to, 10))
+    monkeypatch.setattr(ClearanceSearch, "_approach", interrupting(ClearanceSearch._approach, 10))
     file = tmp_path / "found.json"
     assert main(["clearance", "four_bar", "crank", "0", "6", "--json", str(file)]) == 130
     assert "cut short at 10 samples" in " ".join(capsys.readouterr().out.split())
@@ -333,13 +333,13 @@ def test_settings_that_were_measured_are_reported(monkeypatch, tmp_path, capsys)
                  "--json", str(file)]) == 130
     written = json.loads(file.read_text(encoding="utf-8"))
     assert not written["is_whole"]
-    assert sum(row["said"] != "not tried, cut short" for row in written["rows"]) == 3
+    assert sum(row["note"] != "not tried, cut short" for row in written["rows"]) == 3
     assert "cut short" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("copies", [[], ["--copies"]])
 def test_modes_that_were_found_are_reported(copies, monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr(ModeSearch, "_attempt", interrupting(ModeSearch._attempt, 2))
+    monkeypatch.setattr(ModeSearch, "_sort", interrupting(ModeSearch._sort, 2))
     file = tmp_path / "modes.csv"
     assert main(["modes", "four_bar", "crank=1", *copies, "--csv", str(file)]) == 130
     assert len(file.read_text(encoding="utf-8").splitlines()) == 3
@@ -352,7 +352,7 @@ def test_samples_that_were_drawn_before_tell_of_the_tolerance(part, monkeypatch,
     words = ["tolerance", "rssr", "rocker_pin", "--deviation", "b=1mm", "--samples", "40"]
     if part == "together":
         monkeypatch.setattr(tolerance, "SOLVED_TOGETHER", 10)
-        monkeypatch.setattr(VariedSamples, "made_of", interrupting(VariedSamples.made_of, 4))
+        monkeypatch.setattr(VariedSamples, "geometry", interrupting(VariedSamples.geometry, 4))
     else:
         monkeypatch.setattr(VariedSamples, "of", lambda *_: None)
         monkeypatch.setattr(tolerance, "_sample", interrupting(tolerance._sample, 22))
@@ -376,13 +376,13 @@ def test_every_verb_that_is_cut_short_raises_what_it_has_found(monkeypatch, turn
     levels = [sp.Accuracy.named("draft"), sp.Accuracy.named("engineering")]
     task = {"driver": "crank", "values": np.linspace(0.0, 1.0, 21), "speed": 1.0}
     cases = [
-        (ModeSearch, "_attempt", 2, lambda: sp.assembly_modes(mechanism, {"crank": 1.0})),
-        (VariedSamples, "made_of", 4, lambda: sp.tolerance(
+        (ModeSearch, "_sort", 2, lambda: sp.assembly_modes(mechanism, {"crank": 1.0})),
+        (VariedSamples, "geometry", 4, lambda: sp.tolerance(
             mechanism, "rocker_pin", {"r3": 1e-4}, samples=40)),
         (tradeoff, "_judged", 2, lambda: sp.tradeoff(
             mechanism, task, settings=levels, repeats=1)),
         (Checkpoint, "add", 2, lambda: sp.design(mechanism, goal, {"r2": (0.05, 0.15)}, starts=5)),
-        (workspace_map, "_fill", 1, lambda: sp.workspace(
+        (workspace, "_fill", 1, lambda: sp.workspace(
             mechanism, "coupler_b", {"crank": (0.0, 1.0)}, points=5)),
     ]
     monkeypatch.setattr(tolerance, "SOLVED_TOGETHER", 10)
@@ -394,7 +394,7 @@ def test_every_verb_that_is_cut_short_raises_what_it_has_found(monkeypatch, turn
             with pytest.raises(sp.Interrupted) as stopped:
                 call()
             assert stopped.value.motion is None
-    monkeypatch.setattr(ClearanceSearch, "_way_to", interrupting(ClearanceSearch._way_to, 10))
+    monkeypatch.setattr(ClearanceSearch, "_approach", interrupting(ClearanceSearch._approach, 10))
     with pytest.raises(sp.Interrupted) as stopped:
         sp.clearance(turn)
     assert stopped.value.motion is stopped.value.result.motion
@@ -413,6 +413,6 @@ def test_a_verb_that_uses_another_is_interrupted_with_it(monkeypatch):
     """A search for designs took the part of a clearance that was looked at for the whole."""
     mechanism = sp.load("four_bar")
     goals = [sp.goals.swing("rocker_pin", 1.0), sp.goals.clearance(0.001)]
-    monkeypatch.setattr(ClearanceSearch, "_way_to", interrupting(ClearanceSearch._way_to, 3))
+    monkeypatch.setattr(ClearanceSearch, "_approach", interrupting(ClearanceSearch._approach, 3))
     with pytest.raises(KeyboardInterrupt):
         sp.design(mechanism, goals, {"r2": (0.05, 0.15)}, starts=1)

@@ -226,8 +226,8 @@ def test_a_move_ends_where_a_joint_runs_away():
     mech = sp.Mechanism.from_model(model, [on_wall], drivers=["arm"],
                                    guess={"arm": 0.1, "slide": 1.0}, name="wall")
     drive = Jog(sp.assemble(mech), ["arm"])
-    reach, stop = drive.reach("arm", 91), drive.move("arm", 2.0)
-    for found, end in zip((*reach.stops, stop), (-1.0, 1.0, 1.0), strict=True):
+    (_, stops, _), stop = drive.reach("arm", 91), drive.move("arm", 2.0)
+    for found, end in zip((*stops, stop), (-1.0, 1.0, 1.0), strict=True):
         assert found.kind == "limit" and found.value == pytest.approx(end * np.pi / 2, abs=1e-12)
     assert abs(drive.value("arm")) < np.pi / 2
     assert drive.move("arm", 0.2) is None and drive.value("arm") == 0.2
@@ -244,9 +244,9 @@ def test_a_driver_stops_where_any_joint_comes_to_its_limit(tmp_path):
         assert drive.value("crank") == stop.value == pytest.approx(value, abs=1e-10)
         assert abs(drive.state.beyond_limits.get("slide", 0.0)) < 1e-10
     assert drive.move("crank", 1.5) is None
-    reach = drive.reach("crank", 13)
-    assert reach.ends == pytest.approx((at[0.38], at[0.25]), abs=1e-10)
-    assert [stop.of for stop in reach.stops] == ["slide", "slide"]
+    ends, stops, _ = drive.reach("crank", 13)
+    assert ends == pytest.approx((at[0.38], at[0.25]), abs=1e-10)
+    assert [stop.of for stop in stops] == ["slide", "slide"]
     drive.keeps_limits = False
     assert drive.move("crank", 0.2) is None and drive.state.beyond_limits["slide"] > 0.0
     drive.keeps_limits = True

@@ -202,7 +202,7 @@ def test_dead_centres_of_watts_second_loop_join_its_circuits():
     found = grave(defects(mechanism, states, output="output_pin"))
     assert [x.kind for x in found] == ["branch"]
     circuit = Circuit(mechanism, "crank", states[0])
-    borders = circuit.values_at_borders()
+    borders = [event.value for event in circuit.borders]
     assert len(borders) == 2
     for value in borders:
         assert abs(arm_at(value)) == pytest.approx(arm, abs=1e-7)

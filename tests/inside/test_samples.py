@@ -426,10 +426,10 @@ def test_numbers_that_are_none_and_places_that_are_not_there(tmp_path):
     state = sp.solve_rates(mechanism, sp.assemble(mechanism, CRANK), {"crank": 2.0})
     samples = VariedSamples.of(mechanism, ["b"], ["rocker.acceleration", "tip.velocity"])
     near = samples.near(state, DriverMotion.of(state))
-    made = samples.made_of(np.array([[0.381, np.nan, np.inf, 1e300, 0.0, 0.382, 0.3]]))
+    made = samples.geometry(np.array([[0.381, np.nan, np.inf, 1e300, 0.0, 0.382, 0.3]]))
     good, values = near.solve(made)
     assert good.tolist() == [True, False, False, False, False, True, True]
-    again = near.solve(samples.made_of(np.array([[0.382]])))[1]
+    again = near.solve(samples.geometry(np.array([[0.382]])))[1]
     for value, alone_ in zip(values, again, strict=True):
         np.testing.assert_array_equal(value[5], alone_[0])
     for numbers in (made.numbers._replace(places=made.numbers.places + 10**6),

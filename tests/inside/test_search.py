@@ -81,17 +81,17 @@ class Later(Executor):
 
 def told(result):
     return [(x.x.tolist(), x.cost, x.hard, x.evaluations, [s.q.tolist() for s in x.samples])
-            for x in result.found]
+            for x in result.solutions]
 
 
 def test_all_minima_are_found_once_the_best_first():
     result = searched(Spec(), starts=40)
-    assert len(result.found) == 4 and result.is_whole and result.starts == 40
-    found = np.array([x.x for x in result.found])
-    assert result.found[0].x == pytest.approx(MINIMA[0], abs=1e-9)
+    assert len(result.solutions) == 4 and result.is_whole and result.starts == 40
+    found = np.array([x.x for x in result.solutions])
+    assert result.solutions[0].x == pytest.approx(MINIMA[0], abs=1e-9)
     gaps = np.linalg.norm(found[:, None] - MINIMA, axis=2)
     assert sorted(gaps.argmin(axis=1)) == [0, 1, 2, 3] and gaps.min(axis=1).max() < 0.05
-    costs = [x.cost for x in result.found]
+    costs = [x.cost for x in result.solutions]
     assert costs == sorted(costs)
     assert result.failed < 20 and result.evaluations > 40
 
@@ -99,7 +99,7 @@ def test_all_minima_are_found_once_the_best_first():
 def test_the_local_search_is_the_start_of_the_mechanism_alone():
     result = searched(Spec(), method="local", starts=40)
     own = Himmelblau(Spec())
-    assert result.starts == 1 and result.found[0].x == pytest.approx(own.solve(own.start).x)
+    assert result.starts == 1 and result.solutions[0].x == pytest.approx(own.solve(own.start).x)
 
 
 @pytest.mark.parametrize("method", ["multistart", "evolution"])
@@ -113,7 +113,7 @@ def test_the_answer_is_the_same_wherever_it_is_worked_out(method, pool):
 
 
 def test_more_starts_find_at_least_as_much():
-    few, more = (searched(Spec(), starts=n, seed=5).found for n in (4, 12))
+    few, more = (searched(Spec(), starts=n, seed=5).solutions for n in (4, 12))
     assert len(few) < len(more)
     for one in few:
         assert min(np.abs(one.x - x.x).max() for x in more) < 1e-6
@@ -126,8 +126,8 @@ def test_another_seed_has_other_starts():
 
 def test_an_evolution_finds_the_best():
     result = searched(Spec(), "evolution", starts=8)
-    assert result.found[0].x == pytest.approx(MINIMA[0], abs=1e-9)
-    assert result.found[0].cost < 1e-18
+    assert result.solutions[0].x == pytest.approx(MINIMA[0], abs=1e-9)
+    assert result.solutions[0].cost < 1e-18
 
 
 @pytest.mark.parametrize("method", ["multistart", "evolution"])
@@ -168,7 +168,7 @@ def test_an_interrupt_returns_what_was_found():
     rng = [np.random.default_rng(s) for s in np.random.SeedSequence(0).spawn(9)][4]
     place = tuple(rng.uniform(-6.0, 6.0, 2).tolist())
     result = searched(Spec(interrupt_at=place), starts=9)
-    assert not result.is_whole and result.starts == 4 and result.found
+    assert not result.is_whole and result.starts == 4 and result.solutions
 
 
 def test_an_interrupt_before_anything_was_found_is_one():
@@ -216,7 +216,7 @@ def test_turns_of_joints_do_not_make_another_solution(monkeypatch):
     solve = Himmelblau.solve
     monkeypatch.setattr(Himmelblau, "solve", lambda self, x, rng=None: solve(
         Himmelblau(replace(self.spec, turns=int(10 * x[0]))), x, rng))
-    assert len(searched(Spec(), starts=40).found) == 4
+    assert len(searched(Spec(), starts=40).solutions) == 4
 
 
 def test_solutions_nearer_than_a_thousandth_of_the_bounds_are_one(monkeypatch):
@@ -225,7 +225,7 @@ def test_solutions_nearer_than_a_thousandth_of_the_bounds_are_one(monkeypatch):
         monkeypatch.setattr(Himmelblau, "solve", lambda self, x, rng=None, a=away: replace(
             solve(self, np.array([2.9, 2.1])),
             x=MINIMA[0] + (rng is None) * a * SAME_SOLUTION * WIDTH))
-        assert len(searched(Spec(), starts=3).found) == n
+        assert len(searched(Spec(), starts=3).solutions) == n
 
 
 def test_what_was_handed_out_is_called_back_when_it_is_cut_short():

@@ -64,7 +64,7 @@ def test_slopes_count_what_is_missed_beyond_the_end_of_a_curve():
     problem = DesignProblem(mechanism, [goals.path("rocker_end", points)],
                       {name: (0.2, 9.0) for name in ("r2", "r3", "r4")})
     (inner,), x = problem.inner_problems, problem.start
-    (near,) = problem.begun(x, None)
+    (near,) = problem.start_states(x, None)
 
     def settled(x):
         found, left, is_closed = inner.exactly(problem.members(x), near, np.empty(0))
@@ -145,7 +145,7 @@ def test_the_gradient_of_demands_and_goals_is_that_of_what_is_made_least():
         goals.size(0.3, weight=2.0)], {"r2": (0.05, 0.2), "r3": (0.2, 0.4)})
     fit = LocalFit(problem)
     x = problem.start + 0.01
-    fit._near = problem.begun(x, None)
+    fit._near = problem.start_states(x, None)
     exact = _Exactly(fit, x)
     gradient, step = exact.slopes(x).T @ exact.residual(x), 1e-6
     for k in range(len(x)):

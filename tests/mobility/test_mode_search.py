@@ -294,7 +294,7 @@ def test_the_list_knows_how_complete_it_is():
     assert isinstance(modes, list)
     assert modes.missing == 0.0
     assert modes.held == {"crank_pin": 0.7}
-    assert sum(modes.found) == modes.closed <= modes.starts
+    assert sum(modes.counts) == modes.closed <= modes.starts
     text = str(modes)
     assert "2 assembly modes found at crank_pin = 0.7" in text
     assert "none is expected to be missing" in text

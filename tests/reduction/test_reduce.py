@@ -64,7 +64,7 @@ def test_coordinates_and_links_of_the_library_are_yielded(name):
         limits = (1e-6,) * 3 if reduced.passives else (1e-11, 1e-10, 1e-8)
         for difference in found.differences:
             assert np.all(np.less(difference[2:], limits)), f"{output}: {found}"
-        assert not found.remarks or any(x.what == "loop" for x in reduced.left_out)
+        assert not found.remarks or any(x.what == "loop" for x in reduced.omissions)
 
 
 @pytest.mark.slow
@@ -162,7 +162,7 @@ def test_what_moves_nothing_that_is_requested_goes():
     reduced = sp.reduce(full, "crank_pin")
     assert reduced.coordinates == ("crank_pin",)
     assert not reduced.closures
-    assert {x.name for x in reduced.left_out if x.what == "loop"} == {"b", "d"}
+    assert {x.name for x in reduced.omissions if x.what == "loop"} == {"b", "d"}
     assert not reduced.visual_model.geometryObjects
 
 
@@ -247,7 +247,7 @@ def test_a_rod_with_mass_stays_in_dynamics_unless_it_is_to_be_lumped():
     assert sizes(lumped) == (2, 1)
     total = [sum(i.mass for i in m.model.inertias) for m in (full, lumped)]
     assert total[1] == pytest.approx(total[0], rel=1e-14)
-    lost = next(x for x in lumped.left_out if x.what == "inertia")
+    lost = next(x for x in lumped.omissions if x.what == "inertia")
     rod = full.inertias["coupler"]
     assert f"{rod.inertia[0, 0]:.4g}" in lost.why  # across the rod, which lies along y
     assert f"{rod.mass * 0.381**2 / 4:.4g}" in lost.why
@@ -280,7 +280,7 @@ def test_a_rod_whose_ball_takes_a_force_to_be_turned_is_not_lumped(resistance):
 def test_a_lumped_rod_with_a_universal_joint_says_how_far_its_centre_of_mass_moves(tmp_path):
     """It lies (0.02, -0.01) m beside the line between the centres of the two pairs."""
     lumped = sp.reduce(rsup(tmp_path, "S", 0.3), "P", dynamics=True, lump=True)
-    (lost,) = [x for x in lumped.left_out if x.what == "inertia"]
+    (lost,) = [x for x in lumped.omissions if x.what == "inertia"]
     assert lost.name == "rod" and "0.5 kg lumped at the centres of its two pairs; " in lost.why
     assert lost.why.endswith(f"; the centre of mass moves {np.hypot(0.02, 0.01):.3g} m, square to "
                              "the line between them")
@@ -378,10 +378,10 @@ def test_limits_of_joints_that_go_are_reported(tmp_path):
     tree = mechanisms.turning("a", "ground", "arm") + mechanisms.joint(
         "revolute", "b", "arm", "hand", (0.1, 0, 0), (0, 0, 0), (0, 0, 1), (-1.0, 0.5))
     mech = mechanisms.load(tmp_path, "arm", tree, mechanisms.driver("a", "a"))
-    told = {x.what: x.why for x in sp.reduce(mech, "a").left_out}
+    told = {x.what: x.why for x in sp.reduce(mech, "a").omissions}
     assert told["joint limits"].startswith("of b: where one is passed")
     kept = sp.reduce(mech, "b")
-    assert "joint limits" not in {x.what for x in kept.left_out}
+    assert "joint limits" not in {x.what for x in kept.omissions}
     motion = sp.sweep(kept, "b", [0.0, 1.0], hold={"a": 0.0})
     assert [e.kind for e in motion.events] == ["joint limit"]
 

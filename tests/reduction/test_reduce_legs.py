@@ -96,7 +96,7 @@ def test_a_leg_between_balls_is_one_equation(tmp_path, parts, foot, from_door):
     hold = {"first": sp.assemble(full).coordinate("first").value} if inner == 2 else None
     found = reduced.verify("ram", about(full), hold=hold)
     assert found.worst < CLOSE and found.rows == 31, str(found)
-    (note,) = [x for x in reduced.left_out if x.what == "leg"]
+    (note,) = [x for x in reduced.omissions if x.what == "leg"]
     assert note.name == "lower" and "'stroke' alone change" in note.why
 
 
@@ -171,10 +171,10 @@ def test_a_leg_of_which_more_is_requested_stays(tmp_path):
     full = door(tmp_path)
     for output in ("foot", "lower", "upper", "tip"):
         reduced = sp.reduce(full, ["hinge", output])
-        assert not [x for x in reduced.left_out if x.what == "leg"], output
+        assert not [x for x in reduced.omissions if x.what == "leg"], output
         assert reduced.verify("ram", about(full)).worst < CLOSE
     hung = door(tmp_path, more=hinge("bell", "upper", "clapper"), extra=driver("wind", "bell"))
-    assert not [x for x in sp.reduce(hung, "hinge").left_out if x.what == "leg"]
+    assert not [x for x in sp.reduce(hung, "hinge").omissions if x.what == "leg"]
 
 
 def test_what_gears_its_joint_stays(tmp_path):

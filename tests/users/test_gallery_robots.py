@@ -23,13 +23,13 @@ def test_robots_are_found_below_the_folders_given(script, tmp_path, monkeypatch,
     (gripper / "2f85.xml").touch()
     monkeypatch.setattr(sys, "path", [])
     for folder in (tmp_path, tmp_path / "menagerie"):
-        ((robot, path),) = script.found([folder])
+        ((robot, path),) = script.present([folder])
         assert robot.caption == "Robotiq 2F-85 (MJCF)" and path == (gripper / "2f85.xml").resolve()
     assert "not found: agility_cassie/cassie.xml" in capsys.readouterr().err
 
 
 def test_solo12_stands_on_four_feet_with_six_freedoms(script):
-    solo = [(robot, path) for robot, path in script.found([]) if "Solo12" in robot.caption]
+    solo = [(robot, path) for robot, path in script.present([]) if "Solo12" in robot.caption]
     if not solo:
         pytest.skip("example-robot-data is not installed")
     ((robot, path),) = solo

@@ -1,4 +1,4 @@
-"""What an assembly closes, what it holds meanwhile, and how it judges what that has led to."""
+"""The assembly problem: equations, fixed and free coordinates, and the judgement of results."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from spatial_pin.assembly.search.guesses import (
     COORDINATE_ERROR,
     NEAR_GUESS,
     OPEN,
-    Further,
     Guess,
-    far_ones,
-    further_starts,
+    StartSpread,
+    far_lengths,
+    start_spread,
 )
 from spatial_pin.assembly.search.loop_groups import LoopGroup, loop_groups, loose_entries, part_of
 from spatial_pin.assembly.search.release import least_motion
@@ -56,20 +56,20 @@ ACCEPTED = TOLERANCES.closed
 
 @dataclass(frozen=True, eq=False)
 class FreeSet:
-    """What may move where some coordinates are held, as names alone decide it.
+    """Free and fixed coordinates, as far as names decide them.
 
     Attributes:
-        pinned: held components of balls and floating joints.
-        still: velocity entries of free bases that stand.
-        free: (nv,) the velocities that may move.
-        first: (nv,) those that may move first, while what the guess names is held too; None if
-            these are none, or the same.
+        pinned: fixed components of balls and floating joints.
+        still: velocity entries of fixed free bases.
+        free: (nv,) the free velocities.
+        first: (nv,) those free at first, while named coordinates are fixed too; None if there are
+            none, or the same.
         kinds: (nq,) of the entries of q, for `NamedCoordinates`.
-        is_whole: whether all components are named of each joint of which some others are.
-        further: starts other than the guess; None where all is held.
-        groups: of loops that share nothing that may move.
-        places: in q, of what is held; -1 of components of balls and floating joints.
-        largest: entry of q that surely has a digit of its place left.
+        is_whole: whether the guess names all components of a joint or none.
+        spread: starts other than the guess; None if all is fixed.
+        groups: of loops without common free coordinates.
+        places: indices in q of fixed coordinates; -1 for components of balls and floating joints.
+        largest: entry of q with at least one correct digit left.
     """
 
     pinned: tuple[str, ...]
@@ -78,7 +78,7 @@ class FreeSet:
     first: NDArray[np.bool_] | None
     kinds: NDArray[np.int64]
     is_whole: bool
-    further: Further | None
+    spread: StartSpread | None
     groups: tuple[LoopGroup, ...]
     places: list[int]
     largest: float
@@ -89,14 +89,14 @@ def free_set(
     mechanism: Mechanism, held: tuple[str, ...], let_go: tuple[str, ...], named: tuple[str, ...],
     still: tuple[int, ...] | None,
 ) -> FreeSet:
-    """Return what may move where coordinates are held, let go and named.
+    """Return free and fixed coordinates.
 
     Args:
         mechanism: the mechanism.
-        held: coordinates that stay.
-        let_go: drivers that may go, as little as they can.
+        held: fixed coordinates.
+        let_go: drivers that may move, as little as possible.
         named: coordinates that the guess names.
-        still: velocity entries that stand besides; None: those of the free bases.
+        still: other fixed velocity entries; None: those of the free bases.
     """
     table, joints = mechanism.coordinate_table, by_joint(mechanism)
     own = [name for name in named if name not in held]
@@ -114,51 +114,51 @@ def free_set(
     if is_whole:
         kinds[[mechanism.model.idx_qs[mechanism.joint_id(joint)] for joint in balls]] = NAMED
     groups = loop_groups(mechanism, tuple(np.flatnonzero(~free).tolist()))
-    further = further_starts(
+    spread = start_spread(
         mechanism, held, own, (*still, *loose_entries(mechanism)), groups)
     for array in (free, first, kinds):
         array.flags.writeable = False
-    return FreeSet(pinned, still, free, first if has_first else None, kinds, is_whole, further,
+    return FreeSet(pinned, still, free, first if has_first else None, kinds, is_whole, spread,
                    groups, [table[name].q for name in held],
                    float(mechanism.velocity_scale.min(initial=1.0)) / COORDINATE_ERROR)
 
 
 @made_once
 def closure_settings(mechanism: Mechanism, free: FreeSet, tolerance: float) -> ClosureSettings:
-    """Return how loops are closed where so much may move; the same object every time."""
+    """Return settings of the kernel for a free set; the same object every time."""
     lower, upper = position_limits(mechanism)
-    further = None if free.further is None else free.further.first
+    shakes = None if free.spread is None else free.spread.first
     return ClosureSettings(free.free, free.first, tolerance, DAMPED_STEPS, TOLERANCES.rank,
-                           free.kinds, lower, upper, further)
+                           free.kinds, lower, upper, shakes)
 
 
 class AssemblyProblem:
-    """The equations to close, what is held meanwhile, and what counts as closed.
+    """The equations to close, fixed coordinates, and the acceptance of results.
 
-    Where the file's numbers are rounded all equations lead, and stay closed to the gap. What it
-    evaluates equations with it acquires when it first needs it.
+    For a file with rounded numbers, all equations are solved first in the least-squares sense, with
+    a residual up to `gap`. Workspaces are acquired on first use.
 
     Args:
         mechanism: the mechanism.
-        held: coordinates that were given values.
-        standing: drivers that stand, by coordinate.
-        guess: where to start, and what is named; what is held need not have its value there.
+        held: coordinates with given values.
+        standing: fixed drivers, by coordinate.
+        guess: start, and named coordinates; fixed coordinates may have other values there.
         tolerance: closure residual to reach.
-        gap: closure error that redundant equations of rounded files may keep.
-        reference: (n_angles,) that screws count turns from [rad].
-        let_go: drivers that go as little as possible from these values.
-        still: velocity entries that stand besides; default those of the free bases.
-        workspaces: those of a problem that this one is part of.
+        gap: closure error of redundant equations in rounded files.
+        reference: (n_angles,) unwrapping reference of screws [rad].
+        let_go: drivers that move as little as possible from these values.
+        still: other fixed velocity entries; default those of the free bases.
+        workspaces: of a problem that this one is part of.
 
     Attributes:
         lost: see `State.lost_turns`.
-        stand: where drivers should stand that were given no value, by coordinate.
-        known: what `reached` would return of the goal and further starts, if that is known.
+        driver_values: wanted values of drivers without a given value, by coordinate.
+        known: results of `reached` for the goal and further starts, if known.
     """
 
     known: list[Reached] | None = None
     lost: tuple[str, ...] = ()
-    stand: Mapping[str, float] = NOTHING
+    driver_values: Mapping[str, float] = NOTHING
 
     def __init__(
         self, mechanism: Mechanism, held: Mapping[str, float], standing: Mapping[str, float],
@@ -177,7 +177,7 @@ class AssemblyProblem:
             mechanism, tuple(self.held), tuple(self.let_go), guess.names, still)
         self.pinned = ({name: self.held[name] for name in self.free_set.pinned}
                        if self.free_set.pinned else NOTHING)
-        self.further, self._guess, self._stands = self.free_set.further, guess, still or ()
+        self.spread, self._guess, self._stands = self.free_set.spread, guess, still or ()
         if self.pinned:
             self.goal = with_values(mechanism, guess.q, self.held)
         else:
@@ -186,7 +186,7 @@ class AssemblyProblem:
                 self.goal[at] = value
 
     def part(self, group: LoopGroup) -> AssemblyProblem:
-        """Return what closes a group of loops while all else stands at the guess."""
+        """Return the problem of a group of loops, all other joints fixed at the guess."""
         still = {*self.free_set.still, *np.flatnonzero(~group.entries).tolist()}
         table = self.mechanism.coordinate_table
         standing, let_go = ({name: x for name, x in some.items() if group.entries[table[name].v]}
@@ -199,20 +199,20 @@ class AssemblyProblem:
         return part
 
     def released(self) -> AssemblyProblem:
-        """Return the same with the drivers let go that should stand: as near to it as can be."""
+        """Return the same with drivers released: as near as possible to their values."""
         mechanism, guess = self.mechanism, self._guess
         goal = Guess(mechanism, with_values(mechanism, guess.q, self.standing),
                      {**self.standing, **guess.values})
         return AssemblyProblem(mechanism, self.given, {}, goal, self.tolerance, self.gap,
-                               self.reference, self.stand, workspaces=self.workspaces)
+                               self.reference, self.driver_values, workspaces=self.workspaces)
 
     @property
     def unreleased(self) -> Array:
-        """(nq,) the guess with what is given: drivers may stand elsewhere there."""
+        """(nq,) the guess with the given values; drivers may have other values there."""
         return with_values(self.mechanism, self._guess.q, self.given)
 
     def standing_at(self, q: Array) -> AssemblyProblem:
-        """Return the same where the drivers let go stand as at q (nq,)."""
+        """Return the same with released drivers fixed at their values in q (nq,)."""
         table = self.mechanism.coordinate_table
         standing = {name: coordinate_value(self.mechanism, table[name], q) for name in self.let_go}
         return AssemblyProblem(
@@ -220,7 +220,7 @@ class AssemblyProblem:
             self.reference, still=self.free_set.still, workspaces=self.workspaces)
 
     def elsewhere(self, q: Array) -> AssemblyProblem:
-        """Return the same with nothing held: it begins at q (nq,), and nearest to it is best."""
+        """Return the same with nothing fixed: it starts at q (nq,), and nearest to it is best."""
         named = {**self.named, **self.held}
         return AssemblyProblem(
             self.mechanism, {}, {}, Guess(self.mechanism, with_values(self.mechanism, q, named),
@@ -230,7 +230,7 @@ class AssemblyProblem:
 
     @cached_property
     def workspaces(self) -> Workspaces:
-        """What is acquired."""
+        """The acquired workspaces."""
         return Workspaces()
 
     @cached_property
@@ -240,7 +240,7 @@ class AssemblyProblem:
 
     @cached_property
     def whole(self) -> LoopEquations | None:
-        """Those of the mechanism with all equations, where the file's numbers are rounded."""
+        """Equations of the mechanism with all equations, for a file with rounded numbers."""
         if self.mechanism.whole is None:
             return None
         return self.workspaces.acquire(
@@ -248,7 +248,7 @@ class AssemblyProblem:
 
     @cached_property
     def entries(self) -> NDArray[np.bool_]:
-        """(nv,) the velocities that are looked at: of a group of loops those of its joints."""
+        """(nv,) the relevant velocities: for a group of loops those of its joints."""
         return free_but(self.mechanism, self._stands, ())
 
     def is_looked_at(self, name: str) -> bool:
@@ -257,69 +257,69 @@ class AssemblyProblem:
 
     @cached_property
     def named(self) -> dict[str, float]:
-        """What else the guess names, by coordinate."""
+        """Other values that the guess names, by coordinate."""
         return {k: x for k, x in self._guess.values.items() if k not in self.held}
 
-    def left_by(self, held: Iterable[str]) -> NDArray[np.bool_]:
-        """Return (nv,) which velocities are left where coordinates and free bases are held."""
+    def free_without(self, held: Iterable[str]) -> NDArray[np.bool_]:
+        """Return (nv,) the free velocities with coordinates and free bases fixed."""
         return free_but(self.mechanism, self.free_set.still, held)
 
     # ------------------------------------------------------------ closing
 
     def has_digits(self, q: Array) -> bool:
-        """Whether round-off of coordinates q (nq,) leaves a digit of where they are."""
+        """Whether round-off of coordinates q (nq,) leaves a digit of the positions."""
         entries, largest = q.tolist(), self.free_set.largest
         if not entries or (max(entries) < largest and min(entries) > -largest):
             return True
         return bool(size_of(self.mechanism, q) * COORDINATE_ERROR < 1.0)
 
     def may_be_shaken(self) -> bool:
-        """Whether `reached` can try further starts with the first one, in one call."""
+        """Whether `reached` can try perturbed starts with the first one, in one call."""
         if self.mechanism.whole is not None or self.let_go or not self.free_set.is_whole:
             return False
-        further = self.further
-        return further is None or not further.lengths or not far_ones(
-            self.mechanism, self.named, further)
+        spread = self.spread
+        return spread is None or not spread.lengths or not far_lengths(
+            self.mechanism, self.named, spread)
 
     def is_for_kernel(self) -> bool:
-        """Whether the kernel may judge by itself what it closes from the guess."""
+        """Whether the kernel may judge its results from the guess by itself."""
         return (not self.pinned and self.goal.size > 0 and self.has_digits(self.goal)
                 and self.may_be_shaken())
 
     @property
     def widest_gap(self) -> float:
-        """The closure error beyond which no rounding of a file excuses what a start leads to."""
+        """The closure error that no rounding of a file can explain."""
         return max(self.gap, OPEN)
 
     @property
     def settings(self) -> ClosureSettings:
-        """How the kernel closes the loops."""
+        """Settings of the kernel."""
         return closure_settings(self.mechanism, self.free_set, self.tolerance)
 
     def closed_at_once(self) -> tuple[Array, Examined] | None:
-        """Return where the kernel leads from the guess, all loops at once, and what that is like.
+        """Return the result of the kernel for all loops at once, and its properties.
 
-        None where it leaves something to judge: what it has found is `known` then.
+        None if a result needs a judgement: the results are then `known`.
         """
         if not self.is_for_kernel():
             return None
         with closer_of(self.mechanism) as closer:
-            found = self.known = closer.reach(
+            results = self.known = closer.reach(
                 [self.goal], self.settings, self.goal, self.reference, further=True)
-            best = found[0]
-            for place in found:
-                if place.error <= ACCEPTED and not place.may_be_mirrored:
-                    best = place if is_nearer(place.distance, best.distance) else best
-                elif place is best or place.error <= self.widest_gap:
+            best = results[0]
+            for result in results:
+                if result.error <= ACCEPTED and not result.may_be_mirrored:
+                    best = result if is_nearer(result.distance, best.distance) else best
+                elif result is best or result.error <= self.widest_gap:
                     return None
             if len(self.free_set.groups) > MOST_GROUPS and best.distance > NEAR_GUESS:
                 return None  # each group of loops may have a nearer place
             return best.q, best.examined or closer.examine(best.q, self.reference)
 
     def reached(self, starts: Sequence[Array], shaken: bool = False) -> Iterable[Reached]:
-        """Return where starts (nq,) lead, first while what is named is held too.
+        """Return the results from starts (nq,), named coordinates fixed at first.
 
-        Of starts `AT_ONCE` at most; where it is `shaken` see `Closer.reach`.
+        There are `AT_ONCE` starts at most; for `shaken` see `Closer.reach`.
         """
         if self.mechanism.whole is not None:
             return map(self._reached_by_all, starts)
@@ -332,7 +332,7 @@ class AssemblyProblem:
                                 self.pinned.values(), shaken)
 
     def _reached_by_all(self, q: Array) -> Reached:
-        """Return where a start (nq,) leads, all equations first."""
+        """Return the result from a start (nq,), all equations first."""
         free = self.free_set
         if free.first is not None:
             q = self.closed(q, free.first, self.pinned, max(self.tolerance, LOOSE)).q
@@ -342,7 +342,7 @@ class AssemblyProblem:
         self, q: Array, free: NDArray[np.bool_], pinned: Mapping[str, float],
         tolerance: float | None = None,
     ) -> Closed:
-        """Close the loops from q (nq,), all equations first as well as they can be."""
+        """Close the loops from q (nq,), first all equations as well as possible."""
         tolerance = tolerance or self.tolerance
         if self.whole is not None:
             q = closed(self.whole.mechanism, q, free, self.whole.angle_reference, tolerance,
@@ -352,24 +352,24 @@ class AssemblyProblem:
     def least(
         self, q: Array, free: NDArray[np.bool_], limits: bool = False
     ) -> tuple[Array, float]:
-        """Return the closed configuration near q in which the drivers let go have gone the least.
+        """Return the closed configuration near q with the least motion of released drivers.
 
-        Those that need not go at all stand exactly. Where limits are kept, what is not free to
-        close the loops at first, since it stands at a limit, may leave it.
+        Drivers that need not move have their values exactly. With limits, a joint that was fixed at
+        its limit at first may leave it.
         """
         q = self.closed(q, free, self.pinned).q
         free = self.free_set.free if limits else free
         q, error = least_motion(self.evaluation, q, free, self.let_go, self.tolerance,
                                 self.pinned, limits)
-        gone = gone_from(self.mechanism, q, self.let_go)
-        kept = {name: x for name, x in self.let_go.items() if name not in gone}
-        if not kept:
+        gone = deviations(self.mechanism, q, self.let_go)
+        fixed = {name: x for name, x in self.let_go.items() if name not in gone}
+        if not fixed:
             return q, error
         table = self.mechanism.coordinate_table
-        entries = [name for name in kept if table[name].q >= 0]
-        pinned = {name: x for name, x in kept.items() if table[name].q < 0}
-        there, open_by = close(self.evaluation, with_values(self.mechanism, q, kept),
-                               free & self.left_by(entries), self.tolerance,
+        entries = [name for name in fixed if table[name].q >= 0]
+        pinned = {name: x for name, x in fixed.items() if table[name].q < 0}
+        there, open_by = close(self.evaluation, with_values(self.mechanism, q, fixed),
+                               free & self.free_without(entries), self.tolerance,
                                pinned={**self.pinned, **pinned})
         moved = pin.difference(self.mechanism.model, q, there) / self.mechanism.velocity_scale
         near = bool(np.abs(moved).max(initial=0.0) < NEAR_GUESS)
@@ -378,46 +378,46 @@ class AssemblyProblem:
     # ------------------------------------------------------------ judging
 
     def seen(self, q: Array) -> Reached:
-        """Return what q (nq,) is, whole turns taken off its angles."""
+        """Return the properties of q (nq,), without whole turns."""
         with closer_of(self.mechanism) as closer:
             return closer.judge(q, self.reference, NamedCoordinates(
                 self.goal, self.free_set.kinds, *position_limits(self.mechanism)))
 
     def examined(self, q: Array) -> Examined:
-        """Return what the equations, of the mechanism alone, are like at q (nq,)."""
+        """Return the properties of the mechanism's own equations at q (nq,)."""
         with closer_of(self.mechanism) as closer:
             return closer.examine(q, self.reference)
 
-    def is_sound(self, found: Reached) -> bool:
-        """Whether nothing is at fault where closing has led, as far as that tells by itself."""
-        return (found.error <= ACCEPTED and not found.may_be_mirrored
+    def is_sound(self, result: Reached) -> bool:
+        """Whether a result is surely correct, as far as it shows by itself."""
+        return (result.error <= ACCEPTED and not result.may_be_mirrored
                 and self.mechanism.whole is None)
 
-    def judged(self, found: Reached) -> tuple[float, str]:
-        """Return the closure error of what was found, and the closure at fault or nothing."""
-        if self.is_sound(found):
-            return found.error, ""
+    def judged(self, result: Reached) -> tuple[float, str]:
+        """Return the closure error of a result, and the closure at fault or ""."""
+        if self.is_sound(result):
+            return result.error, ""
         evaluation = self.evaluation
-        evaluation.update(found.q)
+        evaluation.update(result.q)
         error = evaluation.closure_error
-        fault = "" if error <= self.accepted(found.q) else evaluation.worst_closure()
+        fault = "" if error <= self.accepted(result.q) else evaluation.worst_closure()
         if self.whole is not None and not fault:
-            self.whole.update(found.q)
+            self.whole.update(result.q)
             if self.whole.closure_error > self.gap:
                 return self.whole.closure_error, self.whole.worst_closure()
         return error, fault or evaluation.mirrored()
 
-    def distance(self, found: Reached) -> float:
-        """Return how far what was found is from what is named."""
+    def distance(self, result: Reached) -> float:
+        """Return the distance of a result from the named values."""
         if self.free_set.is_whole:
-            return found.distance
-        there = with_values(self.mechanism, found.q, self.named)
-        return math.hypot(*turned_apart(self.mechanism, found.q, there).tolist())
+            return result.distance
+        there = with_values(self.mechanism, result.q, self.named)
+        return math.hypot(*turned_apart(self.mechanism, result.q, there).tolist())
 
     def accepted(self, q: Array) -> float:
-        """Return the closure error that q (nq,) may have, round-off of its own included.
+        """Return the closure error allowed at q (nq,), its own round-off included.
 
-        An angle that is held counts turns without making its sine any worse.
+        The turns of a fixed angle do not make its sine less exact.
         """
         q = q.copy()
         q[[c.q for c in periodic(self.mechanism) if c.name in self.held]] = 0.0
@@ -425,12 +425,12 @@ class AssemblyProblem:
 
 
 def is_nearer(distance: float, best: float) -> bool:
-    """Whether a place is nearer than the best one, by more than closing leaves in doubt."""
+    """Whether a distance is clearly below the best one, beyond the error of closing."""
     return distance < best * (1.0 - 1e-6) - 1e-9
 
 
-def gone_from(mechanism: Mechanism, q: Array, values: Mapping[str, float]) -> dict[str, float]:
-    """Return how far coordinates are from values, those that are there left out [rad, m]."""
+def deviations(mechanism: Mechanism, q: Array, values: Mapping[str, float]) -> dict[str, float]:
+    """Return deviations of coordinates from values, zeros left out [rad, m]."""
     gone: dict[str, float] = {}
     table = mechanism.coordinate_table
     for name, value in values.items():
@@ -442,19 +442,19 @@ def gone_from(mechanism: Mechanism, q: Array, values: Mapping[str, float]) -> di
 
 @made_once
 def coordinate_sizes(mechanism: Mechanism) -> tuple[list[str], NDArray[np.intp], Array]:
-    """Return names, places in q, and sizes of coordinates, but of periodic angles."""
+    """Return names, indices in q, and sizes of coordinates, without periodic angles."""
     turning = {c.name for c in periodic(mechanism)}
-    found = [(name, at, mechanism.velocity_scale[c.v])
+    table = [(name, at, mechanism.velocity_scale[c.v])
              for name, c in mechanism.coordinate_table.items()
              if (at := mechanism.index_of(c)) >= 0 and name not in turning]
-    return ([x[0] for x in found], np.array([x[1] for x in found], dtype=np.intp),
-            np.array([x[2] for x in found], dtype=float))
+    return ([x[0] for x in table], np.array([x[1] for x in table], dtype=np.intp),
+            np.array([x[2] for x in table], dtype=float))
 
 
 def size_of(mechanism: Mechanism, q: Array) -> Any:
     """Return the largest coordinate of q (nq,) or (m, nq), relative to the mechanism's size.
 
-    Angles that mean the same after a turn do not count.
+    Periodic angles do not count.
     """
     _, places, sizes = coordinate_sizes(mechanism)
     if not places.size:

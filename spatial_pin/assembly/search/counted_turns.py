@@ -1,7 +1,7 @@
-"""Turns that closures count, where others between them and what is set do not.
+"""Turns that some closures count and others do not.
 
-A coupling and a screw count the turns of their joints; a weld, or a ball, is the same after a turn.
-A gear that a loop turns by several turns has made them only if it is led there.
+A coupling and a screw count the turns of their joints; a weld or a ball is the same after a turn.
+So a gear behind a loop has made several turns only if the loop was followed through them.
 """
 
 from __future__ import annotations
@@ -26,11 +26,10 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-# rad by which what is set goes before it is led: loops that it moves by less turn by less than half
-# a turn, as a rule, and half a turn is told from its opposite
+# Change of fixed coordinates beyond which loops are followed [rad]: with less, a loop usually turns
+# by less than half a turn, which is unique.
 FAR = 0.5 * math.pi
-# rad, characteristic lengths, of a step on the way; a step after which joints have moved by more
-# than the other may have gone to another branch
+# step, and largest joint motion in a step without a change of branch [rad, characteristic lengths]
 LEADING_STEP, LEAP = 0.2, 1.0
 MOST_STEPS = 2000  # a hundred turns
 
@@ -39,17 +38,17 @@ MOST_STEPS = 2000  # a hundred turns
 def uncounted(
     mechanism: Mechanism, held: tuple[str, ...]
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return what is held whose turns loops hide from joints that count them.
+    """Return fixed coordinates whose turns loops hide from joints that count them.
 
     Returns:
-        These angles among what is held, and the other coordinates of these loops.
+        Fixed angles with that property, and the other coordinates of these loops.
     """
     constraints, table = constraints_of(mechanism), mechanism.coordinate_table
     fixed = {table[name].v for name in held if table[name].q >= 0}
     tied = [{mechanism.coordinate(name).v for name in c.joints} for c in mechanism.closures]
-    place = {c.q: c.v for c in table.values() if c.q >= 0}
-    tied += [{place[q] for q in np.flatnonzero(turns.row).tolist()} for turns in constraints.turns
-             if turns.are_all]
+    entry_of = {c.q: c.v for c in table.values() if c.q >= 0}
+    tied += [{entry_of[q] for q in np.flatnonzero(turns.row).tolist()}
+             for turns in constraints.turns if turns.are_all]
     known = set(fixed)
     for _ in tied:  # what is tied to something known by what counts
         for ends in tied:
@@ -58,32 +57,32 @@ def uncounted(
     hidden = set().union(*tied) & angles - known
     by_path = {constraints.labels[x.equation].closure for x, turns in zip(
         constraints.angles, constraints.turns, strict=True) if not turns.are_all}
-    found: set[int] = set()
+    entries: set[int] = set()
     for group in loop_groups(mechanism, tuple(sorted(fixed))):
         own = set(np.flatnonzero(group.entries).tolist())
         if (own & hidden or by_path.intersection(group.closures)) and own & fixed & angles:
-            found |= own
-    return (tuple(name for name, c in table.items() if c.v in found & fixed & angles),
-            tuple(name for name, c in table.items() if c.v in found - fixed))
+            entries |= own
+    return (tuple(name for name, c in table.items() if c.v in entries & fixed & angles),
+            tuple(name for name, c in table.items() if c.v in entries - fixed))
 
 
 def led(
     mechanism: Mechanism, held: Mapping[str, float], start: Guess, angles: Array | None,
     standing: Iterable[str], named: Collection[str],
 ) -> tuple[Guess, Array, tuple[str, ...]]:
-    """Return the guess, or where loops have been led to from it if turns would be lost otherwise.
+    """Return the guess, or the configuration followed from it if turns would be lost otherwise.
 
     Args:
         mechanism: the mechanism.
-        held: coordinates that are given values.
+        held: coordinates with given values.
         start: the guess.
-        angles: (n_angles,) that screws count turns from in it [rad]; None: as joints tell.
-        standing: coordinates that stand as in the guess.
-        named: coordinates that somebody has given values in the guess, turns included.
+        angles: (n_angles,) its unwrapping reference of screws [rad]; None: from the joints.
+        standing: coordinates fixed at the guess.
+        named: coordinates with explicit values in the guess, turns included.
 
     Returns:
-        Where an assembly begins; the angles (n_angles,) that screws count turns from [rad]; and
-        what is set by more than half a turn, though loops could not be led there.
+        The start of an assembly; the unwrapping reference (n_angles,) of screws [rad]; and
+        coordinates changed by more than half a turn that could not be followed.
     """
     table, counted = mechanism.coordinate_table, constraints_of(mechanism).turns
     fixed = tuple(name for name in (*held, *standing) if table[name].q >= 0)
@@ -112,7 +111,7 @@ def led(
 def _followed(
     mechanism: Mechanism, q: Array, goal: Array, free: NDArray[np.bool_], angles: Array
 ) -> tuple[Array, Array] | None:
-    """Follow the loops from q (nq,) in steps to where what is held is as in a goal (nq,)."""
+    """Follow the loops from q (nq,) in steps until fixed coordinates are as in a goal (nq,)."""
     model, scale = mechanism.model, mechanism.velocity_scale
     change = np.where(free, 0.0, pin.difference(model, q, goal))
     n = math.ceil(float(np.abs(change / scale).max()) / LEADING_STEP)
@@ -133,20 +132,20 @@ def _followed(
 def _closed(
     mechanism: Mechanism, q: Array, free: NDArray[np.bool_], angles: Array
 ) -> tuple[Array, Array] | None:
-    """Return where loops close from q (nq,), and the angles of screws; None if they do not."""
+    """Return the closed configuration from q (nq,), and the angles of screws; None if open."""
     try:
-        found = closed(mechanism, q, free, angles, TOLERANCES.tight)
+        result = closed(mechanism, q, free, angles, TOLERANCES.tight)
     except SingularError:
         return None
-    if found.error > TOLERANCES.closed:
+    if result.error > TOLERANCES.closed:
         return None
     if not len(angles):
-        return found.q, angles
+        return result.q, angles
     with closer_of(mechanism) as closer:
-        return found.q, closer.examine(found.q, angles).angles
+        return result.q, closer.examine(result.q, angles).angles
 
 
 def _moved(mechanism: Mechanism, q: Array, other: Array) -> float:
-    """Return how far joints are apart, at most [rad, characteristic lengths]."""
-    way = pin.difference(mechanism.model, q, other) / mechanism.velocity_scale
-    return float(np.abs(way).max(initial=0.0))
+    """Return the largest joint displacement [rad, characteristic lengths]."""
+    difference = pin.difference(mechanism.model, q, other) / mechanism.velocity_scale
+    return float(np.abs(difference).max(initial=0.0))

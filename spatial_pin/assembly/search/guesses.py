@@ -1,4 +1,4 @@
-"""What a guess says: a configuration, and which of it somebody named; and starts elsewhere."""
+"""Guesses: a configuration with named coordinates; and other starts around it."""
 
 from __future__ import annotations
 
@@ -26,26 +26,27 @@ from spatial_pin.mechanism.coordinates import (
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import EPS, Array
 
-# Starts from other values of what the guess leaves open, before giving up: a branch that one start
-# in ten closes on is missed by all in 0.2 % of cases.
+# Most starts with other values of open coordinates. A branch that one start in ten reaches is
+# missed by all in 0.2 % of cases.
 MAX_STARTS = 60
-OPEN = EPS**0.5  # closure error that no round-off excuses: half of the digits
-COORDINATE_ERROR = 4.0 * EPS  # of a coordinate relative to its size: as `coordinate_round_off`
-# A branch this near to the guess [rad, characteristic lengths] is not questioned: guesses have two
-# or three digits.
+OPEN = EPS**0.5  # closure error that no round-off explains: half of the digits
+# round-off of a coordinate relative to its size: as in `coordinate_round_off`
+COORDINATE_ERROR = 4.0 * EPS
+# Distance of a branch that is surely the guess's [rad, characteristic lengths]: guesses have two or
+# three digits.
 NEAR_GUESS = 1e-2
-# Characteristic lengths; a length named beyond them may be that of another size: joints go one or
+# A named length beyond this may be in another unit [characteristic lengths]: joints move one or
 # two, and millimetres for metres are a thousand.
 ANOTHER_SIZE = 10.0
 
 
 class Guess:
-    """Where to start: the configuration, and the coordinates in it that somebody named.
+    """A start: a configuration, and its named coordinates.
 
     Args:
         mechanism: the mechanism.
         q: (nq,) the configuration.
-        values: of the coordinates that are named; default: all, as they are at q.
+        values: of the named coordinates; default: all, at their values in q.
 
     Attributes:
         names: of these coordinates.
@@ -59,7 +60,7 @@ class Guess:
 
     @cached_property
     def values(self) -> Mapping[str, float]:
-        """What is named, by coordinate [rad, m]."""
+        """Named values, by coordinate [rad, m]."""
         if self._values is not None:
             return self._values
         entries = self.q.tolist()
@@ -74,7 +75,7 @@ class Guess:
 def read_guess(
     mechanism: Mechanism, guess: Mapping[str, Any] | State | Array | None
 ) -> Guess:
-    """Return the guess with its angles taken to a turn where they count too many."""
+    """Return the guess; angles with too many turns are reduced."""
     if guess is not None:
         return _within_turns(mechanism, _as_given(mechanism, guess))
     return _of_file(mechanism, dict(mechanism.guess))
@@ -82,9 +83,9 @@ def read_guess(
 
 @made_anew  # as anybody may change it
 def _of_file(mechanism: Mechanism, guess: Mapping[str, Any]) -> Guess:
-    found = _within_turns(mechanism, _as_given(mechanism, guess))
-    found.q.flags.writeable = False
-    return found
+    start = _within_turns(mechanism, _as_given(mechanism, guess))
+    start.q.flags.writeable = False
+    return start
 
 
 def _within_turns(mechanism: Mechanism, given: Guess) -> Guess:
@@ -130,27 +131,27 @@ def _all_names(mechanism: Mechanism) -> tuple[str, ...]:
 def _places(
     mechanism: Mechanism,
 ) -> tuple[list[tuple[str, int]], list[tuple[list[str], int, int]]]:
-    """Return names and places in q of coordinates.
+    """Return names and indices in q of coordinates.
 
-    Of those that are entries of q; and of joints that turn in space, where these begin and where
-    their quaternion does.
+    Of single entries of q; and of joints that turn in space, with the index of the joint and of its
+    quaternion.
     """
     starts, table = mechanism.model.idx_qs, mechanism.coordinate_table
-    turning = [([c.name for c in found], at, at + len(found) - 3)
-               for joint, found in by_joint(mechanism).items() if found[0].q < 0
+    turning = [([c.name for c in components], at, at + len(components) - 3)
+               for joint, components in by_joint(mechanism).items() if components[0].q < 0
                for at in [int(starts[mechanism.joint_id(joint)])]]
     return [(c.name, c.q) for c in table.values() if c.q >= 0], turning
 
 
-class Further(NamedTuple):
-    """How far further starts are from what the guess says.
+class StartSpread(NamedTuple):
+    """Spread of further starts around the guess.
 
     Attributes:
-        phase: (MAX_STARTS - 1,) of each: 0 where what is named stays, 1 where it is shaken by up
-            to a radian, 2 by any angle.
-        size: (3, nv) of the steps in each.
-        first: the first of each group of loops, where groups are few; else none.
-        lengths: names of those that are named.
+        phase: (MAX_STARTS - 1,) of each: 0 named coordinates fixed, 1 perturbed by up to a radian,
+            2 by any angle.
+        size: (3, nv) of the steps in each phase.
+        first: the first starts of each group of loops, if groups are few; else none.
+        lengths: names of named lengths.
     """
 
     phase: NDArray[np.intp]
@@ -159,19 +160,19 @@ class Further(NamedTuple):
     lengths: list[str]
 
 
-def further_starts(
+def start_spread(
     mechanism: Mechanism, held: Sequence[str], named: Sequence[str], still: Sequence[int],
     groups: Sequence[LoopGroup],
-) -> Further | None:
-    """Return how far further starts are; None where all is held.
+) -> StartSpread | None:
+    """Return the spread of further starts; None if all is fixed.
 
     Args:
         mechanism: the mechanism.
-        held: coordinates that stay.
-        named: coordinates that stay in half of the starts. Then they are shaken too, first by up
-            to a radian, in the end by any angle, and lengths in proportion.
-        still: velocity entries that stay too, named or not.
-        groups: of loops that share nothing else.
+        held: fixed coordinates.
+        named: coordinates fixed in half of the starts. Then they are perturbed too, first by up to
+            a radian, at last by any angle, and lengths in proportion.
+        still: fixed velocity entries, named or not.
+        groups: of loops without common free coordinates.
     """
     table = mechanism.coordinate_table
     is_held = np.array([name in held or c.v in still for name, c in table.items()], dtype=bool)
@@ -194,35 +195,35 @@ def further_starts(
         by_group = np.array([steps * own.entries for own in groups])
         for k, own in enumerate(groups):
             group[own.entries] = k
-    return Further(phase, size, FurtherStarts(by_group, NEAR_GUESS, group),
+    return StartSpread(phase, size, FurtherStarts(by_group, NEAR_GUESS, group),
                    [name for name in named if table[name].unit == "m"])
 
 
 def starts_from(
     mechanism: Mechanism, fixed: Array, held: Mapping[str, float], named: Mapping[str, float],
-    further: Further,
+    spread: StartSpread,
 ) -> Iterator[Array]:
-    """Yield start configurations that keep what a guess names: it has its values in `fixed` (nq,).
+    """Yield start configurations with the named values of `fixed` (nq,).
 
-    Named lengths far beyond the mechanism's size are cut where they are shaken.
+    Named lengths far beyond the mechanism's size are reduced in perturbed starts.
     """
-    far = far_ones(mechanism, named, further)
+    far = far_lengths(mechanism, named, spread)
     near = with_values(mechanism, fixed, {**far, **held}) if far else fixed
     for i in range(0, MAX_STARTS - 1, AT_ONCE):
-        phase = further.phase[i : i + AT_ONCE]
-        steps = _draws(mechanism)[i : i + AT_ONCE] * further.size[phase]
+        phase = spread.phase[i : i + AT_ONCE]
+        steps = _draws(mechanism)[i : i + AT_ONCE] * spread.size[phase]
         with kernel_of(mechanism) as kernel:
             moved = kernel.displaced(np.array([fixed, near, near])[phase], steps)
         yield from moved
 
 
-def far_ones(
-    mechanism: Mechanism, named: Mapping[str, float], further: Further
+def far_lengths(
+    mechanism: Mechanism, named: Mapping[str, float], spread: StartSpread
 ) -> dict[str, float]:
-    """Return the named lengths far beyond the mechanism's size, cut to what is just as far."""
+    """Return the named lengths far beyond the mechanism's size, reduced."""
     far = ANOTHER_SIZE * mechanism.characteristic_length
     return {name: math.copysign(far, named[name])
-            for name in further.lengths if abs(named[name]) > far}
+            for name in spread.lengths if abs(named[name]) > far}
 
 
 @made_once

@@ -1,6 +1,7 @@
-"""Loops that share no coordinate but those that are held: they are closed group by group.
+"""Groups of loops without common free coordinates, which are closed one by one.
 
-Of loops that each close from one start in ten, two dozen would hardly close from the same one.
+If each of two dozen loops closes from one start in ten, they would hardly all close from the same
+one.
 """
 
 from __future__ import annotations
@@ -21,8 +22,8 @@ class LoopGroup(NamedTuple):
 
     Attributes:
         closures: their names.
-        entries: (nv,) the velocities that they depend on, held ones too.
-        angles: which of the mechanism's angles that count turns are theirs.
+        entries: (nv,) the velocities in their equations, fixed ones too.
+        angles: numbers of their angles that count turns.
     """
 
     closures: tuple[str, ...]
@@ -32,11 +33,11 @@ class LoopGroup(NamedTuple):
 
 @made_once
 def loop_groups(mechanism: Mechanism, held: tuple[int, ...]) -> tuple[LoopGroup, ...]:
-    """Return the groups of closures of a mechanism, whatever its configuration.
+    """Return the groups of closures of a mechanism, for all configurations.
 
     Args:
         mechanism: the mechanism.
-        held: velocity entries that stand still: closures that share no others are independent.
+        held: fixed velocity entries: closures with no other common entries are independent.
     """
     known, entries = _entries_of_closures(mechanism)
     moved = entries.copy()
@@ -46,46 +47,46 @@ def loop_groups(mechanism: Mechanism, held: tuple[int, ...]) -> tuple[LoopGroup,
         joined = group[column]
         if joined.size:
             group[np.isin(group, joined)] = joined.min()
-    constraints, found = constraints_of(mechanism), []
+    constraints, groups = constraints_of(mechanism), []
     for number in np.unique(group):
         chosen = np.flatnonzero(group == number)
         names = tuple(known[k] for k in chosen)
         own: NDArray[np.bool_] = np.any(entries[chosen], axis=0)
         angles = [k for k, x in enumerate(constraints.angles)
                   if constraints.labels[x.equation].closure in names]
-        found.append(LoopGroup(names, own, angles))
-    return tuple(found)
+        groups.append(LoopGroup(names, own, angles))
+    return tuple(groups)
 
 
 def places_of(mechanism: Mechanism, group: LoopGroup) -> list[int]:
-    """Return the places in q that the velocities of a group move; of a ball all."""
+    """Return the indices in q of the velocities of a group, of a ball all."""
     model, entries = mechanism.model, group.entries
-    found = [c.q for c in mechanism.coordinate_table.values() if c.q >= 0 and entries[c.v]]
+    indices = [c.q for c in mechanism.coordinate_table.values() if c.q >= 0 and entries[c.v]]
     for joint, components in by_joint(mechanism).items():
         if components[0].q < 0 and entries[components[0].v]:
             i = mechanism.joint_id(joint)
-            found += range(model.idx_qs[i], model.idx_qs[i] + model.nqs[i])
-    return found
+            indices += range(model.idx_qs[i], model.idx_qs[i] + model.nqs[i])
+    return indices
 
 
 @made_once
 def _entries_of_closures(mechanism: Mechanism) -> tuple[list[str], NDArray[np.bool_]]:
-    """Return names of closures, and (closures, nv) which velocities their equations depend on.
+    """Return names of closures, and (closures, nv) the velocities in their equations.
 
-    Each name is there once: of some closures a part is stated the other way round.
+    Each name is there once, though a closure may have two parts.
     """
     constraints, names = constraints_of(mechanism), list(
         dict.fromkeys(c.name for c in mechanism.closures))
-    found = np.zeros((len(names), mechanism.model.nv), dtype=bool)
-    row = dict(zip(names, found, strict=True))
+    entries = np.zeros((len(names), mechanism.model.nv), dtype=bool)
+    row = dict(zip(names, entries, strict=True))
     for label, own in zip(constraints.labels, constraints.occurring, strict=False):
         row[label.closure] |= own
-    return names, found
+    return names, entries
 
 
 @made_once
 def loose_entries(mechanism: Mechanism) -> tuple[int, ...]:
-    """Return the velocities that no closure depends on: loops are closed wherever they stand."""
+    """Return the velocities that are in no closure equation."""
     return tuple(np.flatnonzero(~_entries_of_closures(mechanism)[1].any(axis=0)).tolist())
 
 

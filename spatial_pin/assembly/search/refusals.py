@@ -1,4 +1,4 @@
-"""Why an assembly has failed, in words."""
+"""Error messages of a failed assembly."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-NO_LENGTH = 30.0  # of the mechanism's size, from which on a length is another unit mostly
+NO_LENGTH = 30.0  # ratio to the mechanism's size beyond which a length is probably in another unit
 
 
 def failure(search: Search) -> AssemblyError:
-    """Return why a search has found nothing, with its best attempt."""
+    """Return the error of a failed search, with its best attempt."""
     problem, mechanism = search.problem, search.mechanism
     where = f"mechanism {mechanism.name!r}"
     if problem.given:
@@ -56,7 +56,7 @@ def _values(given: Mapping[str, float]) -> str:
 
 
 def _gap_words(search: Search, error: float, q: Array, worst: str) -> str:
-    """Say how far closure `worst` stays open at the best attempt q (nq,), and why."""
+    """Return how far closure `worst` stays open at the best attempt q (nq,), and why."""
     mechanism, whole = search.mechanism, search.problem.whole or search.problem.evaluation
     whole.update(q)
     gap = open_gap(whole.mechanism, whole, worst)
@@ -78,9 +78,9 @@ def _gap_words(search: Search, error: float, q: Array, worst: str) -> str:
 
 
 def _mirror_words(search: Search, q: Array) -> str:
-    """Say why loops close only with the axes of closures opposite, the evaluation at q (nq,).
+    """Return why loops close only with opposite axes of closures, the evaluation at q (nq,).
 
-    Where they close with other driver values, these are the cause; else the frames are.
+    If they close with other driver values, these are the cause; else the frames are.
     """
     problem = search.problem
     opposite = opposite_axes(problem.evaluation.mechanism, problem.evaluation.data)
@@ -100,7 +100,7 @@ def _mirror_words(search: Search, q: Array) -> str:
 
 
 def _open_words(search: Search, q: Array, worst: str) -> str:
-    """Say why loops stay open at the best attempt q (nq,), closure `worst` the most."""
+    """Return why loops stay open at the best attempt q (nq,), closure `worst` the most."""
     problem = search.problem
     elsewhere = _closed_elsewhere(search, q) if problem.held else {}
     if not elsewhere:
@@ -122,7 +122,7 @@ def _open_words(search: Search, q: Array, worst: str) -> str:
 
 
 def what_of(mechanism: Mechanism, worst: str) -> str:
-    """Return what of the closure that stays open the most may be wrong."""
+    """Return which data of the most open closure may be wrong."""
     closure = {c.name: c for c in mechanism.closures}.get(worst)
     if closure and closure.joints:
         return f"ratio and offset of coupling {worst!r}, and the other closures"
@@ -135,9 +135,9 @@ def what_of(mechanism: Mechanism, worst: str) -> str:
 
 
 def _closed_elsewhere(search: Search, q: Array) -> dict[str, float]:
-    """Return values at which the loops close, near those given, if there are any.
+    """Return values near the given ones at which the loops close, if there are any.
 
-    The evaluation stands there then.
+    The evaluation is then at that configuration.
     """
     problem = search.problem
     other = Search(problem.elsewhere(q), search.limits)
@@ -151,7 +151,7 @@ def _closed_elsewhere(search: Search, q: Array) -> dict[str, float]:
 
 
 def _too_large(mechanism: Mechanism, q: Array) -> str:
-    """Say which coordinate of q is too large for its loops to be closed."""
+    """Return which coordinate of q is too large for closing the loops."""
     names, places, sizes = coordinate_sizes(mechanism)
     name = max(zip(np.abs(q[places] / sizes).tolist(), names, strict=True))[1]
     value = float(q[mechanism.index_of(mechanism.coordinate_table[name])])
@@ -161,7 +161,7 @@ def _too_large(mechanism: Mechanism, q: Array) -> str:
 
 
 def open_gap(mechanism: Mechanism, evaluation: LoopEquations, closure: str) -> str:
-    """Return how far a closure is open at the evaluation, in m or rad, as text."""
+    """Return the error of a closure at the evaluation, in m or rad, as text."""
     constraints = evaluation.constraints
     rows = [i for i, label in enumerate(constraints.labels) if label.closure == closure]
     kinds = {c.name: c for c in mechanism.closures}[closure]

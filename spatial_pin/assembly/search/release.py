@@ -1,9 +1,9 @@
-"""What the loops do not allow: drivers let go with the least motion, and joint limits kept.
+"""Assembly with released drivers, and within joint limits, by constrained least squares.
 
-The motion is the sum of squares of how far each driver goes from where it should stand, angles in
-rad and slides relative to the characteristic length. Its minimum over the closed configurations is
-nearly always a dead centre of the drivers let go, where first derivatives vanish: second ones lead
-there. Within joint limits the loops are closed as the sum of squares of what is open.
+Released drivers have the least sum of squares of their displacements, angles in rad and slides
+relative to the characteristic length. The minimum over closed configurations is nearly always a
+dead centre of these drivers, where first derivatives vanish; second ones lead there. Within joint
+limits, the loops are closed by least squares of their residuals.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from spatial_pin.numerics.least_squares import LeastSquares, beyond, minimised
 from spatial_pin.numerics.linalg import Array, decompose, rank
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-# Speed of drivers relative to that of all joints at which they stand at a dead centre: loops closed
-# to 1e-11 leave its square root at a dead centre, 3e-6.
-STANDING_SPEED = 1e-4
-# Weight of the motion of drivers against open loops, where limits are looked for: it leaves loops
-# open by its square, 1e-6 of a characteristic length or radian, which closing them takes away.
+# Speed of drivers at a dead centre, relative to that of all joints: loops closed to 1e-11 give its
+# square root, 3e-6.
+LEAST_SPEED = 1e-4
+# Weight of driver motion against open loops within limits: it leaves loops open by its square, 1e-6
+# characteristic lengths or radians, which the final closing removes.
 LEAST_MOTION = 1e-3
 
 
-def can_stand(
+def can_be_fixed(
     evaluation: LoopEquations, free: NDArray[np.bool_], standing: Mapping[str, float],
     pinned: Mapping[str, float],
 ) -> bool:
@@ -39,9 +39,9 @@ def can_stand(
 
     Args:
         evaluation: at a closed configuration.
-        free: (nv,) the velocities that are not held anyway.
-        standing: the drivers that are to stand, by coordinate.
-        pinned: coordinates that are held, of those that are no entries of the configuration.
+        free: (nv,) the other free velocities.
+        standing: the drivers to be fixed, by coordinate.
+        pinned: fixed components of balls and floating joints.
     """
     jacobian = pinned_rows(evaluation, free, pinned)[0]
     rows = _rows(evaluation, standing)[:, free]
@@ -60,27 +60,27 @@ def can_move(
     evaluation: LoopEquations, free: NDArray[np.bool_], drivers: Mapping[str, float],
     pinned: Mapping[str, float],
 ) -> bool:
-    """Whether drivers move all freedoms at the evaluation, or each of them can move by itself.
+    """Whether drivers move all freedoms at the evaluation, or each can move by itself.
 
     Args:
         evaluation: at a closed configuration.
-        free: (nv,) the velocities that are not held.
+        free: (nv,) the free velocities.
         drivers: by coordinate.
-        pinned: as for `can_stand`.
+        pinned: as for `can_be_fixed`.
     """
     null_space = decompose(pinned_rows(evaluation, free, pinned)[0]).null_space
     moved = null_space @ _rows(evaluation, drivers)[:, free].T
-    return bool(decompose(moved).s.min(initial=1.0) > STANDING_SPEED)
+    return bool(decompose(moved).s.min(initial=1.0) > LEAST_SPEED)
 
 
 class _Joints(LimitedJoints, LeastSquares):
-    """Joints that move within limits, and values that coordinates are to be near to.
+    """Joints within limits, with wanted values of coordinates.
 
     Args:
         evaluation: the loops.
-        free: (nv,) the velocities that may move.
+        free: (nv,) the free velocities.
         wanted: values by coordinate [rad, m].
-        limits: whether joint limits are kept.
+        limits: whether joint limits count.
     """
 
     def __init__(
@@ -91,24 +91,25 @@ class _Joints(LimitedJoints, LeastSquares):
         self.wanted, self.tolerance = wanted, TOLERANCES.round_off
 
     def residual(self, x: Array) -> Array:
-        """See `LeastSquares`: how far coordinates are from where they should be."""
+        """See `LeastSquares`: deviations of coordinates from their wanted values."""
         table, scale = self.mechanism.coordinate_table, self.scale
         return np.array([(coordinate_value(self.mechanism, table[name], x) - value)
                          / scale[table[name].v] for name, value in self.wanted.items()])
 
     def jacobian(self, x: Array) -> Array:
         """See `LeastSquares`."""
-        self.stand(x)
+        self.update(x)
         return _rows(self.evaluation, self.wanted)
 
 
 class _Released(_Joints):
-    """The same while loops are closed.
+    """The same with closed loops.
 
     Args:
-        joints: evaluation, free, wanted and limits, of `_Joints`; loops are closed where it stands.
-        tolerance: to which loops are closed.
-        pinned: coordinates that are held, of those that are no entries of the configuration.
+        joints: evaluation, free, wanted and limits, of `_Joints`; loops are closed at the
+            evaluation.
+        tolerance: of closed loops.
+        pinned: fixed components of balls and floating joints.
     """
 
     def __init__(self, *joints: Any, tolerance: float, pinned: Mapping[str, float]) -> None:
@@ -118,7 +119,7 @@ class _Released(_Joints):
 
     def constraints(self, x: Array) -> Array:
         """See `LeastSquares`."""
-        self.stand(x)
+        self.update(x)
         return pinned_rows(self.evaluation, np.ones(len(self.moves), dtype=bool), self._pinned)[0]
 
     def corrected(self, x: Array, free: NDArray[np.bool_], off: float) -> Array | None:
@@ -128,11 +129,11 @@ class _Released(_Joints):
 
 
 class _OpenLoops(_Joints):
-    """The same where loops are open: they are to be closed, above all."""
+    """The same with open loops, whose residuals dominate."""
 
     def residual(self, x: Array) -> Array:
         """See `LeastSquares`."""
-        self.stand(x)
+        self.update(x)
         return np.concatenate([self.evaluation.residual, LEAST_MOTION * super().residual(x)])
 
     def jacobian(self, x: Array) -> Array:
@@ -149,28 +150,28 @@ def least_motion(
     """Move a closed configuration until coordinates are as near to wanted values as loops allow.
 
     Args:
-        evaluation: left at the configuration returned.
+        evaluation: left at the result.
         q: (nq,) a closed configuration.
-        free: (nv,) the velocities that may move.
+        free: (nv,) the free velocities.
         wanted: values by coordinate [rad, m].
-        tolerance: to which loops are closed.
-        pinned: as for `can_stand`.
-        limits: whether joint limits are kept, within which it is.
+        tolerance: of closed loops.
+        pinned: as for `can_be_fixed`.
+        limits: whether to stay within joint limits.
 
     Returns:
         The configuration and its closure error.
     """
     evaluation.update(q)
     problem = _Released(evaluation, free, wanted, limits, tolerance=tolerance, pinned=pinned)
-    found = minimised(problem, q, {}).at.x
-    evaluation.update(found)
-    return found, evaluation.closure_error
+    nearest = minimised(problem, q, {}).at.x
+    evaluation.update(nearest)
+    return nearest, evaluation.closure_error
 
 
 def violated_limit(
     mechanism: Mechanism, q: Array, entries: NDArray[np.bool_] | None = None
 ) -> str:
-    """Return which joint limit q breaks, of some velocities (nv,), as text; empty when none."""
+    """Return the joint limit that q violates, of some velocities (nv,), as text; "" if none."""
     for name, by in beyond_limits(mechanism, q).items():
         c = mechanism.coordinate_table[name]
         is_looked_at = entries is None or entries[c.v]
@@ -190,16 +191,16 @@ def beyond_words(mechanism: Mechanism, q: Array, name: str) -> str:
 def within_limits(
     evaluation: LoopEquations, q: Array, free: NDArray[np.bool_], let_go: Mapping[str, float]
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Close the loops within the joint limits by bounded least squares, nearly.
+    """Close the loops within the joint limits by bounded least squares, approximately.
 
     Args:
         evaluation: of the mechanism.
-        q: where to start.
-        free: (nv,) the velocities that may move.
-        let_go: drivers that are to go as little as possible from these values.
+        q: start.
+        free: (nv,) the free velocities.
+        let_go: drivers that move as little as possible from these values.
 
     Returns:
-        The configuration, and the velocities that no limit stops there (nv,).
+        The configuration, and the velocities without active limits (nv,).
     """
     problem = _OpenLoops(evaluation, free, let_go, True)
     start = problem.at_bounds(q, beyond(problem.room(q), 0.0, {}))

@@ -1,4 +1,4 @@
-"""Attempts from several starts, and the best of what they found."""
+"""Search of an assembly: attempts from several starts, and the best result."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from spatial_pin._support.lazy import cached_property
 from spatial_pin.assembly.search.assembly_problem import (
     ACCEPTED,
     AssemblyProblem,
-    gone_from,
+    deviations,
     is_nearer,
 )
 from spatial_pin.assembly.search.guesses import MAX_STARTS, NEAR_GUESS, starts_from
 from spatial_pin.assembly.search.loop_groups import LoopGroup, places_of
 from spatial_pin.assembly.search.release import (
+    can_be_fixed,
     can_move,
-    can_stand,
     least_motion,
     violated_limit,
     within_limits,
@@ -23,33 +23,31 @@ from spatial_pin.assembly.search.release import (
 from spatial_pin.kernel.closer import AT_ONCE, Examined, Reached
 from spatial_pin.numerics.linalg import Array
 
-# Starts of drivers that stand, where they need go a little only for the loops to close: a place
-# beside where they stand is found from there, and other starts seldom find a nearer one.
+# Starts of fixed drivers if a small motion of them closes the loops: a nearby result is found from
+# there, and other starts seldom find a nearer one.
 FEW_STARTS = 4
-# Starts after the first success, to find the branch nearest to the guess: of two branches that as
-# many starts end at, the nearer is missed in one of 256 cases. They are closed in one call.
+# Starts after the first success, for the branch nearest to the guess: if half of the starts end at
+# each of two branches, the nearer one is missed in one of 256 cases. They are closed in one call.
 MORE_STARTS = AT_ONCE
-# Times that drivers go for the loops that do not close where they stand: the first ones may take
-# them to where others do not.
-ROUNDS = 3
-# rad, characteristic lengths; drivers that go no further are just out of reach: by rounding of what
-# one reads off a drawing, not by a wrong value.
+ROUNDS = 3  # Repetitions for loops that stay open: the first released drivers may help the others.
+# Motion of drivers that are just out of reach [rad, characteristic lengths]: by rounded readings,
+# not by wrong values.
 OUT_OF_REACH = 0.05
 
 
 class Search:
-    """Attempts from several starts, and the best of what they found.
+    """Attempts from several starts, and the best result.
 
-    Groups of loops that share nothing that may move are searched one by one.
+    Groups of loops without common free coordinates are searched one by one.
 
     Args:
-        problem: what is to be closed.
-        limits: whether joint limits are kept.
+        problem: the assembly problem.
+        limits: whether joint limits count.
 
     Attributes:
-        worst: the search that has failed the most, of those of groups of loops or this one.
-        best: the nearest closed configuration, after its distance from what is named.
-        nearest_miss: closure error, configuration and what is at fault, of the best attempt else.
+        worst: the search with the largest error, of a group of loops or this one.
+        best: the nearest closed configuration, with its distance from the named values.
+        nearest_miss: closure error, configuration and fault of the best failed attempt.
     """
 
     def __init__(self, problem: AssemblyProblem, limits: bool) -> None:
@@ -57,12 +55,12 @@ class Search:
         self.best: tuple[float, Array] | None = None
         self.nearest_miss: tuple[float, Array, str] | None = None
         self._known: Examined | None = None
-        self._found_at = -1
+        self._first_success = -1
         self.worst: Search = self
 
     @cached_property
     def parts(self) -> list[tuple[LoopGroup, Search]]:
-        """Groups of loops, where there are several, and the search of each."""
+        """Groups of loops, if there are several, and the search of each."""
         groups = self.problem.free_set.groups
         return [(group, Search(self.problem.part(group), self.limits))
                 for group in (groups if len(groups) > 1 else ())]
@@ -73,12 +71,12 @@ class Search:
         """Try starts until one is surely the nearest, or all have failed.
 
         Args:
-            q: (nq,) the first one, where what is held has its values; default: the guess.
-            release: whether to give up where the drivers that stand cannot.
-            before: the search in which drivers stood that may go now: what it has closed stays.
+            q: (nq,) the first one, with the fixed values; default: the guess.
+            release: whether to stop early if fixed drivers cannot work.
+            before: the search with fixed drivers before their release: its closed loops stay.
         """
         if before is not None and before.parts:
-            q = self._beside(before, q)
+            q = _start_after(self, before, self.problem.goal if q is None else q)
         if not self.parts:
             self._run(self.problem.goal if q is None else q, release)
             return
@@ -89,36 +87,14 @@ class Search:
                 part.run(q, release)
         self._join()
 
-    def _beside(self, before: Search, q: Array | None) -> Array:
-        """Return a start (nq,) for where drivers may go that stood in the search before.
-
-        Groups of loops that were not closed are closed by themselves. Drivers stand where that
-        takes them, and the others are closed there.
-        """
-        q = before.put_together(self.problem.goal if q is None else q)
-        for _ in range(ROUNDS):
-            if before.best is not None:
-                break
-            for group in [group for group, part in before.parts if part.best is None]:
-                alone = Search(self.problem.part(group), self.limits)
-                alone.run(q)
-                if alone.best is None:
-                    return q
-                own = places_of(self.mechanism, group)
-                q[own] = alone.best[1][own]
-            before = Search(self.problem.standing_at(q), self.limits)
-            before.run(q)
-            q = before.put_together(q)
-        return q
-
     def has_closed(self, group: LoopGroup) -> bool:
-        """Whether all loops of a group are closed, which were searched group by group."""
+        """Whether all loops of a group were closed in the searches of groups."""
         return bool(self.parts) and all(
             part.best is not None for own, part in self.parts
             if not set(own.closures).isdisjoint(group.closures))
 
     def put_together(self, q: Array) -> Array:
-        """Return q (nq,) with each group of loops that is closed where it is then."""
+        """Return q (nq,) with the configurations of all closed groups of loops."""
         q = q.copy()
         for group, part in self.parts:
             if part.best is not None:
@@ -127,7 +103,7 @@ class Search:
         return q
 
     def _join(self) -> None:
-        """Put together what the groups of loops have led to."""
+        """Combine the results of the groups of loops."""
         q = self.put_together(self.problem.goal)
         failed = [(group, part) for group, part in self.parts if part.best is None]
         misses = [(*part.nearest_miss, group, part) for group, part in failed if part.nearest_miss]
@@ -145,10 +121,10 @@ class Search:
         if compared or self._done(0):
             return
         if self.best is None and release and problem.standing:
-            most = self._worth_trying(first)
-        if problem.further is None:
+            most = _starts_worth_trying(problem, first)
+        if problem.spread is None:
             return
-        starts = starts_from(self.mechanism, first, problem.held, problem.named, problem.further)
+        starts = starts_from(self.mechanism, first, problem.held, problem.named, problem.spread)
         for k in range(1, most):
             if self.best is None:
                 self.attempt(next(starts))
@@ -156,42 +132,17 @@ class Search:
                     break
                 continue
             more = list(islice(starts, min(MORE_STARTS, most - k)))  # mostly all of them count
-            for number, found in enumerate(problem.reached(more), start=k):
-                self.keep(found)
+            for number, result in enumerate(problem.reached(more), start=k):
+                self.keep(result)
                 if self._done(number):
                     break
             break
-
-    def _worth_trying(self, q: Array) -> int:
-        """Return how many starts the drivers that stand are worth, the first having failed at q.
-
-        None more where the loops near q would move them, and a few where they need go a little only
-        for the loops to close: their values are just out of reach then.
-        """
-        problem = self.problem
-        table = self.mechanism.coordinate_table
-        pinned = {name: x for name, x in problem.given.items() if table[name].q < 0}
-        free = problem.left_by(name for name in problem.given if name not in pinned)
-        if not problem.has_digits(q):
-            return MAX_STARTS
-        there, error, _ = problem.closed(q, free, pinned)
-        if not error <= ACCEPTED:
-            return MAX_STARTS
-        problem.evaluation.update(there)
-        if not can_stand(problem.evaluation, free, problem.standing, pinned):
-            return 1
-        there, _ = least_motion(
-            problem.evaluation, there, free, problem.standing, problem.tolerance, pinned)
-        gone = gone_from(self.mechanism, there, problem.standing)
-        sizes = self.mechanism.velocity_scale
-        far = max((abs(by) / sizes[table[name].v] for name, by in gone.items()), default=0.0)
-        return FEW_STARTS if far < OUT_OF_REACH else MAX_STARTS
 
     def attempt(self, q: Array, shaken: bool = False) -> bool:
         """Solve from one start and keep the result if it is the best so far.
 
         Returns:
-            Whether the further starts have been tried with it, see `AssemblyProblem.reached`.
+            Whether the perturbed starts were tried too, see `AssemblyProblem.reached`.
         """
         if self.parts:
             for _, part in self.parts:
@@ -200,54 +151,101 @@ class Search:
             return False
         if not self.problem.has_digits(q):
             return False
-        found = list(self.problem.reached([q], shaken))
-        for place in found:
-            self.keep(place)
-        return shaken and self.problem.is_sound(found[0])
+        results = list(self.problem.reached([q], shaken))
+        for result in results:
+            self.keep(result)
+        return shaken and self.problem.is_sound(results[0])
 
-    def keep(self, found: Reached) -> None:
-        """Keep where closing has led if it is the best so far."""
+    def keep(self, result: Reached) -> None:
+        """Keep a result if it is the best so far."""
         problem, free = self.problem, self.problem.free_set.free
-        if problem.let_go and found.error <= ACCEPTED and not self.parts:
-            least, _ = problem.least(found.q, free)
+        if problem.let_go and result.error <= ACCEPTED and not self.parts:
+            least, _ = problem.least(result.q, free)
             if problem.given or can_move(
                     problem.evaluation, free, problem.let_go, problem.pinned):
-                found = problem.seen(least)
-        error, fault = problem.judged(found)
-        violated = self._violated(found.q) if self.limits and not fault else ""
+                result = problem.seen(least)
+        error, fault = problem.judged(result)
+
+        def broken(q: Array) -> str:
+            return violated_limit(self.mechanism, q, problem.entries)
+
+        violated = broken(result.q) if self.limits and not fault else ""
         if violated:
-            q, loose_ones = within_limits(problem.evaluation, found.q, free, problem.let_go)
+            q, loose_ones = within_limits(problem.evaluation, result.q, free, problem.let_go)
             bounded = problem.seen(problem.least(q, loose_ones, True)[0] if problem.let_go else
                                    problem.closed(q, loose_ones, problem.pinned).q)
-            if problem.judged(bounded)[1] or self._violated(bounded.q):
+            if problem.judged(bounded)[1] or broken(bounded.q):
                 fault = violated
             else:
-                found = bounded
-        q = found.q
+                result = bounded
+        q = result.q
         if fault:
             if self.nearest_miss is None or error < self.nearest_miss[0]:
                 self.nearest_miss = (error, q, fault)
             return
-        distance = problem.distance(found)
+        distance = problem.distance(result)
         if self.best is None or is_nearer(distance, self.best[0]):
-            self.best, self._known = (distance, q), found.examined
-
-    def _violated(self, q: Array) -> str:
-        """Return which joint limit q (nq,) breaks, as text: of what the loops depend on."""
-        return violated_limit(self.mechanism, q, self.problem.entries)
+            self.best, self._known = (distance, q), result.examined
 
     def examined(self) -> Examined:
-        """Return what the best closed configuration is like, once there is one."""
+        """Return the properties of the best closed configuration."""
         if self._known is None:
             assert self.best is not None
             self._known = self.problem.examined(self.best[1])
         return self._known
 
     def _done(self, k: int) -> bool:
-        """Whether further starts can be spared after start number `k`."""
+        """Whether no more starts are needed after start number `k`."""
         if self.best is None:
             return False
-        if self._found_at < 0:
-            self._found_at = k
+        if self._first_success < 0:
+            self._first_success = k
         near = OUT_OF_REACH if self.problem.let_go else NEAR_GUESS
-        return self.best[0] < near or k - self._found_at >= MORE_STARTS
+        return self.best[0] < near or k - self._first_success >= MORE_STARTS
+
+
+def _start_after(search: Search, before: Search, q: Array) -> Array:
+    """Return a start (nq,) for drivers that may move now, from a search with fixed drivers.
+
+    Groups of open loops are closed alone. Drivers take the values of that, and the other groups are
+    closed with them.
+    """
+    q = before.put_together(q)
+    for _ in range(ROUNDS):
+        if before.best is not None:
+            break
+        for group in [group for group, part in before.parts if part.best is None]:
+            alone = Search(search.problem.part(group), search.limits)
+            alone.run(q)
+            if alone.best is None:
+                return q
+            own = places_of(search.mechanism, group)
+            q[own] = alone.best[1][own]
+        before = Search(search.problem.standing_at(q), search.limits)
+        before.run(q)
+        q = before.put_together(q)
+    return q
+
+
+def _starts_worth_trying(problem: AssemblyProblem, q: Array) -> int:
+    """Return the number of starts with fixed drivers, after the first one failed at q (nq,).
+
+    It is 1 if loops near q would move the drivers, and small if a small motion of the drivers
+    closes the loops: their values are then just out of reach.
+    """
+    table, sizes = problem.mechanism.coordinate_table, problem.mechanism.velocity_scale
+    pinned = {name: x for name, x in problem.given.items() if table[name].q < 0}
+    free = problem.free_without(name for name in problem.given if name not in pinned)
+    if not problem.has_digits(q):
+        return MAX_STARTS
+    there, error, _ = problem.closed(q, free, pinned)
+    if not error <= ACCEPTED:
+        return MAX_STARTS
+    problem.evaluation.update(there)
+    if not can_be_fixed(problem.evaluation, free, problem.standing, pinned):
+        return 1
+    there, _ = least_motion(
+        problem.evaluation, there, free, problem.standing, problem.tolerance, pinned)
+    moved = deviations(problem.mechanism, there, problem.standing)
+    far = max((abs(by) / sizes[table[name].v] for name, by in moved.items()), default=0.0)
+    return FEW_STARTS if far < OUT_OF_REACH else MAX_STARTS

@@ -1,4 +1,4 @@
-"""Angles that mean the same after a whole turn, taken to where they are meant."""
+"""Whole turns of periodic angles, reduced to the reference configuration."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ PERIODIC = ("revolute", "cylindrical", "universal", "planar")
 
 @made_once
 def periodic(mechanism: Mechanism) -> list[Coordinate]:
-    """Return the angles that mean the same after a whole turn: no closure counts it."""
+    """Return the periodic angles: no closure counts their turns."""
     coupled = [mechanism.coordinate(j).name for c in mechanism.closures for j in c.joints]
     counted = np.zeros(mechanism.model.nq, dtype=bool)
     for turns in constraints_of(mechanism).turns:
@@ -35,20 +35,20 @@ def periodic(mechanism: Mechanism) -> list[Coordinate]:
 
 
 def turned_apart(mechanism: Mechanism, q: Array, other: Array) -> Array:
-    """Return the way (nv,) from q to another configuration, whole turns of such angles taken off.
+    """Return the difference (nv,) of two configurations without whole turns of periodic angles.
 
     In radians and characteristic lengths.
     """
-    way: Array = pin.difference(mechanism.model, q, other)
+    difference: Array = pin.difference(mechanism.model, q, other)
     turning = [c.v for c in periodic(mechanism)]
-    way[turning] -= whole_turns(way[turning])
-    return way / mechanism.velocity_scale
+    difference[turning] -= whole_turns(difference[turning])
+    return difference / mechanism.velocity_scale
 
 
 def kinds_of(
     mechanism: Mechanism, held: Iterable[str], named: Iterable[str]
 ) -> NDArray[np.int64]:
-    """Return (nq,) the kinds of the entries of q, for `NamedCoordinates`; nothing of balls."""
+    """Return (nq,) flags of the entries of q, for `NamedCoordinates`; 0 for balls."""
     kinds = np.zeros(mechanism.model.nq, np.int64)
     kinds[[c.q for c in periodic(mechanism)]] = TURNS
     for names, bit in ((held, FIXED), (named, NAMED)):
@@ -65,7 +65,7 @@ def nearest_turn(
     for name, x in {**named, **held}.items():
         if table[name].q >= 0:
             value[table[name].q] = x
-    coordinates = NamedCoordinates(
+    reference = NamedCoordinates(
         value, kinds_of(mechanism, held, named), *position_limits(mechanism))
     with closer_of(mechanism) as closer:
-        return closer.judge(q, 0.0, coordinates).q
+        return closer.judge(q, 0.0, reference).q

@@ -41,9 +41,9 @@ from spatial_pin.cli.options import (
 from spatial_pin.cli.printing import print_result
 from spatial_pin.cli.tables import check_sigma, read_measurements
 from spatial_pin.units import LENGTHS
-from spatial_pin.workspace_map.grid_axes import PARTS
-from spatial_pin.workspace_map.section_curves import curve_columns
-from spatial_pin.workspace_map.workspace_result import unit_of
+from spatial_pin.workspace.grid_axes import PARTS
+from spatial_pin.workspace.section_curves import curve_columns
+from spatial_pin.workspace.workspace_result import unit_of
 
 
 def workspace(options: argparse.Namespace) -> None:

@@ -135,12 +135,7 @@ def dynamics_derivatives(
         array([ 105.3, -130.9,   20.4])
     """
     state = moving_in_time(mechanism, state)
-    mechanism = state.mechanism
-    if mechanism.whole is not None:
-        raise SpatialPinError(
-            f"mechanism {mechanism.name!r}: its file's numbers are rounded (state.gap is "
-            f"{float(state.gap):.1e}), and derivatives of dynamics are made for exact ones only: "
-            "write more digits into the file")
+    mechanism = exact_numbers(state)
     springs = Springs(mechanism, laws, slopes, slip_speed)
     answer = forward_dynamics(mechanism, state, efforts, external=external, laws=laws,
                               slip_speed=slip_speed)
@@ -160,6 +155,17 @@ def dynamics_derivatives(
     a, lam = Linear(answer.a, *by[0]), Linear(multipliers, *(x[chosen] for x in by[1]))
     return Derivatives(a, chosen, lam, ReactionChanges(
         answer, rows, springs, outside, effort, a, lam, chosen))
+
+
+def exact_numbers(state: State) -> Mechanism:
+    """Return the mechanism of a state; refuse one whose file's numbers are rounded."""
+    mechanism = state.mechanism
+    if mechanism.whole is not None:
+        raise SpatialPinError(
+            f"mechanism {mechanism.name!r}: its file's numbers are rounded (state.gap is "
+            f"{float(state.gap):.1e}), and derivatives of forces are made for exact ones only: "
+            "write more digits into the file")
+    return mechanism
 
 
 def changes_of_forces(

@@ -28,6 +28,7 @@ from spatial_pin.dynamics.solvers.equations_of_motion import equations_of
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.coordinates import finite_number
+from spatial_pin.mechanism.inertia import fall_energy
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.mobility.idle_freedoms import PassiveFreedom, described, idle_freedoms
@@ -157,9 +158,8 @@ class SmallMotions:
 
         A change of the pose by a unit is among what makes them, so that it is no zero at rest.
         """
-        model, scale, at = self.loads.mechanism.model, self._scale, self.state
-        weight = sum(inertia.mass for inertia in model.inertias) * float(
-            np.linalg.norm(model.gravity.linear)) * self.loads.mechanism.characteristic_length
+        mechanism, scale, at = self.loads.mechanism, self._scale, self.state
+        weight = fall_energy(mechanism.model, mechanism.characteristic_length)
         rates = np.abs(at.a / scale).max(initial=0.0) + np.abs(at.v / scale).max(initial=0.0) ** 2
         inertia = np.abs(scale[:, None] * self.mass * scale).max(initial=0.0)
         stiff = np.abs(scale[:, None] * self.by_q * scale).max(initial=0.0)

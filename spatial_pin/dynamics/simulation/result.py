@@ -13,6 +13,7 @@ import numpy as np
 from spatial_pin._support.checks import checked
 from spatial_pin._support.columns import Quantity, write_npz
 from spatial_pin.errors import SpatialPinError, UnknownNameError
+from spatial_pin.mechanism.inertia import fall_energy
 from spatial_pin.mechanism.joint_limits import JointLimit
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.joint_limit_events import Passing
@@ -288,15 +289,15 @@ class LeastExchange:
 
     def __init__(self, mechanism: Mechanism, efforts: Array) -> None:
         size, scale = mechanism.characteristic_length, mechanism.velocity_scale
-        gravity = float(np.linalg.norm(mechanism.model.gravity.linear))
-        self._falling = gravity * sum(body.mass for body in mechanism.model.inertias) * size
+        self._falling = fall_energy(mechanism.model, size)
         stretching = 0.0
         for spring in mechanism.springs:
             unit = scale[mechanism.coordinate(spring.joint).v] if spring.joint else size
             if spring.is_bushing:
                 stretching += float(np.max(spring.stiffness)) * max(size, 1.0) ** 2
                 continue
-            stretching += spring.slopes(spring.free + unit, 0.0)[0] * (abs(spring.free) + unit) ** 2
+            stiffness = max(spring.slopes(spring.free + way, 0.0)[0] for way in (unit, -unit))
+            stretching += stiffness * (abs(spring.free) + unit) ** 2
         self._pulling = EPS * (stretching + float(np.abs(efforts) @ scale))
 
     def __call__(self, *energies: float) -> float:

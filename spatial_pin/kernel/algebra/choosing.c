@@ -7,7 +7,7 @@
 
 #define FAINT 1e-34   /* square of an entry, relative to its row's, that is below round-off of it */
 
-/* Rows among which independent ones are chosen. Columns stand in the order in which rows have them,
+/* Rows among which independent ones are chosen. Columns have the order in which rows have them,
  * and a row is zero outside of those from `first` to before `end`: loops far from each other cost
  * each other nothing. */
 typedef struct {

@@ -143,7 +143,7 @@ void dense_lu_solve(Int n, const Real *lu, const Int *order, Int transposed, Int
         solve_plain(n, lu, order, columns, x);
 }
 
-/* x := signs of x; return whether any differs from those in `signs`, which are kept there. */
+/* x := signs of x; return whether any differs from those in `signs`, which is where they go. */
 static int take_signs(Int n, Real *x, Real *signs)
 {
     int differ = 0;

@@ -20,7 +20,7 @@
 typedef struct {
     Int n, room;
     Int *at;
-    Real *value;  /* NULL: only numbers are kept */
+    Real *value;  /* NULL: numbers alone */
     int is_alone; /* whether these are its own memory, not parts of a larger block */
 } List;
 
@@ -32,7 +32,7 @@ struct SparseLU {
     Int *upper_start, *upper_column, *upper_at;
     Int *target;                        /* places that the multiply-adds change, in their order */
     Real *value, *inverse, *work;
-    Real *marked;                       /* pivots from which changes are told */
+    Real *marked;                       /* pivots that changes are relative to */
     Int is_marked;
     Real least_change, most_change;
     Real parity, first_ratio;

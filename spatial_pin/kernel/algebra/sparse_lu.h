@@ -24,7 +24,7 @@ void lu_forget(SparseLU *lu);    /* the order is chosen anew at the next factori
 int lu_has_order(const SparseLU *lu);
 void lu_determinant(const SparseLU *lu, Real *sign, Real *mantissa, Int *exponent);
 Real lu_pivot_ratio(const SparseLU *lu); /* smallest over largest */
-void lu_mark(SparseLU *lu); /* changes of the pivots are told from those of now on */
+void lu_mark(SparseLU *lu); /* changes of the pivots count from here */
 /* Bounds of their changes, relative to what they are now; infinite where they are not known. Where
    another order was chosen since, they are those by the former one. */
 void lu_changes(const SparseLU *lu, Real *least, Real *most);

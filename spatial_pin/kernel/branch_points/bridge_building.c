@@ -1,4 +1,5 @@
-/* A new bridge: nodes before a branch point, those behind it found by continuing the curve. */
+/* A new bridge: nodes before a branch point, and nodes behind it, which the continued curve leads to.
+ */
 #include <string.h>
 
 #include "bridge.h"
@@ -9,7 +10,7 @@
 /* Part of the way across that the continued curve may be off */
 #define OFF_CURVE TOLERANCE_REGULAR
 #define BRIDGED 4.0 /* way to a known branch point, by an estimate: none other is before it */
-#define REFUSED 0.1 /* change of x from where no bridge was found, at which one may be */
+#define REFUSED 0.1 /* change of x from where no bridge could be built, at which one may be */
 
 enum { ASTRAY = 42 };
 
@@ -76,7 +77,7 @@ static int is_accurate(Dynamics *d, Bridge *s)
     return 1;
 }
 
-/* About where the equations lose rank, told from ever nearer: in the end from about a reach away. */
+/* Estimate where the equations lose rank, from ever nearer: in the end from about a reach away. */
 static int look_closer(Dynamics *d, Real *about, Real sense, Real reach)
 {
     for (int i = 0; i < VIEWS; i++) {
@@ -137,7 +138,7 @@ static int is_known(const Dynamics *d, Real ahead)
     return 0;
 }
 
-/* Bridge the branch point so far `ahead`; the branch stands where it stood. */
+/* Bridge the branch point so far `ahead`; the position does not change. */
 int bridge_build(Dynamics *d, Real ahead)
 {
     const Real about = d->x[0] + ahead, sense = copysign(1.0, ahead);
@@ -157,7 +158,7 @@ int bridge_build(Dynamics *d, Real ahead)
         if (independent_restore(d, &d->work.saved) != DONE)
             code = ASTRAY;
     }
-    /* Once at a place: where it is told again at every step, with the equations that hold, five
+    /* Once at a place: where it is tried again at every step, with the equations that hold, five
        parallel cranks all but in a line take fifty times as long, and are given up. */
     if (code == CHOSEN_ANEW &&
         !(d->branches.n_renewed && fabs(about - d->branches.renewed) < REFUSED)) {

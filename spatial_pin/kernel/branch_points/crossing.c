@@ -7,7 +7,7 @@
  * At a branch point (a change point) the equations lose rank and near it they are ill conditioned;
  * on either side each branch is a smooth curve. Falling pivots announce a branch point. It is
  * passed by interpolation, on a Bridge: polynomials through eight closed configurations before it
- * and eight behind, found by extrapolating the curve before it. Bridges are used again after
+ * and eight behind, which extrapolating the curve before it leads to. Bridges are used again after
  * whole turns. */
 #include <string.h>
 
@@ -93,7 +93,7 @@ static Int nearest_bridge(const Dynamics *d, Real x, Int *turn)
     return best;
 }
 
-/* Whether the branch is the same after whole turns: told where the bridge's image begins. */
+/* Whether the branch is the same after whole turns: compared where the bridge's image begins. */
 static int image_is_same(Dynamics *d, Int which, Int turn, Real x)
 {
     Kernel *k = d->k;
@@ -205,7 +205,7 @@ static int try_to(Dynamics *d, const Real *x)
 }
 
 /* Move to coordinates x. A wild trial of an integrator may end where there is hardly a way
- * back: then the way begins at the place that was kept last. That place itself, which a loose
+ * back: then the way begins at the position that was saved last. That position itself, which a loose
  * tolerance may have taken just beyond where the loops close exactly, is as good as it was. */
 int crossing_travel(Dynamics *d, const Real *x)
 {
@@ -242,9 +242,9 @@ Int crossing_points(const Dynamics *d, Real from, Real to, Real *x, Int n_most)
             const Real keep = x[j];
             x[j] = x[j - 1], x[j - 1] = keep;
         }
-    Int kept = 0; /* bridges may overlap */
+    Int n_apart = 0; /* bridges may overlap */
     for (Int i = 0; i < n; i++)
-        if (kept == 0 || fabs(x[i] - x[kept - 1]) > NEARBY)
-            x[kept++] = x[i];
-    return kept;
+        if (n_apart == 0 || fabs(x[i] - x[n_apart - 1]) > NEARBY)
+            x[n_apart++] = x[i];
+    return n_apart;
 }

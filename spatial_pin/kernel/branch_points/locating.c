@@ -109,7 +109,7 @@ static void look_for_zeros(Dynamics *d, Bridge *s, Real low, Real high)
     Real sign[LOOKS + 1], size[LOOKS + 1], most = -INFINITY;
     for (int level = 0; level < 6; level++) {
         const Real apart = (high - low) / LOOKS;
-        int found = 0, least = 0;
+        int has_zero = 0, least = 0;
         for (int i = 0; i <= LOOKS; i++) {
             sign[i] = determinant(d, s, low + i * apart, size + i);
             most = fmax(most, size[i]);
@@ -118,11 +118,11 @@ static void look_for_zeros(Dynamics *d, Bridge *s, Real low, Real high)
         }
         for (int i = 0; i < LOOKS; i++)
             if (sign[i] * sign[i + 1] < 0.0) {
-                found = 1;
+                has_zero = 1;
                 const Real from = low + i * apart, to = from + apart;
                 note_branch_point(d, s, from, to, 1);
             }
-        if (found)
+        if (has_zero)
             return;
         if (least == 0 || least == LOOKS)
             return; /* it only falls: with many loops by many orders of magnitude */

@@ -13,9 +13,7 @@
 
 #include "choosing.h"
 #include "closing.h"
-#include "envelope.h"
-#include "far_rotations.h"
-#include "least_motion.h"
+#include "closing_parts.h"
 #include "memory.h"
 #include "pins.h"
 
@@ -132,7 +130,7 @@ static void let_move(Closer *c, const Int *free)
 }
 
 /* The derivatives with respect to free velocities as a matrix. What is held takes no part, nor what
-   no equation depends on: it is to stand to the last bit. */
+   no equation depends on: it is not to move by the last bit. */
 static void fill_dense(Closer *c)
 {
     memset(c->dense, 0, (size_t)(c->n * c->n_free) * sizeof(Real));
@@ -237,7 +235,7 @@ static int damped_step(Closer *c, const Descent *d, Real *error, Real *damping)
     return 0;
 }
 
-/* Damped steps from c->q until the residual is as short as asked for, or no step helps. */
+/* Damped steps from c->q until the residual is as short as the tolerance, or no step helps. */
 static Real descend(Closer *c, const Descent *d)
 {
     Real damping = DAMPING, error = residual_at(c, c->q, d->far), marked = INFINITY;
@@ -328,10 +326,10 @@ static int make_pattern(Closer *c)
     Kernel *k = c->k;
     const Int closures = k->n_closure, entries = k->entry_start[closures];
     c->n = closures + c->n_pins;
-    c->start = kernel_memory(k, c->n + 1, sizeof(Int));
-    c->column = kernel_memory(k, entries + 3 * c->n_pins, sizeof(Int));
-    c->value = kernel_memory(k, entries + 3 * c->n_pins, sizeof(Real));
-    if (!c->start || !c->column || !c->value)
+    c->start = kernel_ints(k, c->n + 1);
+    c->column = kernel_ints(k, entries + 3 * c->n_pins);
+    c->value = kernel_reals(k, entries + 3 * c->n_pins);
+    if (!kernel_had_memory(k))
         return NO_MEMORY;
     memcpy(c->start, k->entry_start, (size_t)(closures + 1) * sizeof(Int));
     memcpy(c->column, k->entry_v, (size_t)entries * sizeof(Int));
@@ -346,22 +344,20 @@ static int make_pattern(Closer *c)
 static int make_room(Closer *c)
 {
     Kernel *k = c->k;
-    c->residual = kernel_memory(k, c->n, sizeof(Real)); /* that of pinned ones stays zero */
-    c->multiplier = kernel_memory(k, c->n, sizeof(Real));
-    c->q = kernel_memory(k, k->nq, sizeof(Real));
-    c->trial = kernel_memory(k, k->nq, sizeof(Real));
-    c->step = kernel_memory(k, k->nv, sizeof(Real));
-    c->begin = kernel_memory(k, k->nq, sizeof(Real));
-    c->order = kernel_memory(k, c->n, sizeof(Int));
-    if (!c->residual || !c->multiplier || !c->q || !c->trial || !c->step || !c->begin || !c->order)
-        return NO_MEMORY;
+    c->residual = kernel_reals(k, c->n); /* that of pinned ones stays zero */
+    c->multiplier = kernel_reals(k, c->n);
+    c->q = kernel_reals(k, k->nq);
+    c->trial = kernel_reals(k, k->nq);
+    c->begin = kernel_reals(k, k->nq);
+    c->step = kernel_reals(k, k->nv);
+    c->order = kernel_ints(k, c->n);
     if (c->n > FEW_EQUATIONS)
-        return DONE;
-    c->dense = kernel_memory(k, c->n * k->nv, sizeof(Real));
-    c->few = kernel_memory(k, k->nv, sizeof(Real));
-    c->moves = kernel_memory(k, k->nv, sizeof(Int));
-    c->free_index = kernel_memory(k, k->nv, sizeof(Int));
-    if (!c->dense || !c->few || !c->moves || !c->free_index)
+        return kernel_had_memory(k) ? DONE : NO_MEMORY;
+    c->dense = kernel_reals(k, c->n * k->nv);
+    c->few = kernel_reals(k, k->nv);
+    c->moves = kernel_ints(k, k->nv);
+    c->free_index = kernel_ints(k, k->nv);
+    if (!kernel_had_memory(k))
         return NO_MEMORY;
     for (Int i = 0; i < c->start[c->n]; i++)
         c->moves[c->column[i]] = 1;
@@ -520,7 +516,7 @@ static int reaches_nearer(Closer *c, ClosureTask *r, Int nearest)
     return !is_sound(r, r->m) || r->distance[r->m] < nearer_than(r->distance[nearest]);
 }
 
-/* Put a further start into q: the nearest place so far, a group of loops displaced from where the
+/* Put a further start into q: the nearest result so far, a group of loops displaced from where the
    first start was. */
 static void put_start(const Closer *c, const ClosureTask *r, Int step, Int nearest, Real *q)
 {
@@ -534,8 +530,8 @@ static void put_start(const Closer *c, const ClosureTask *r, Int step, Int neare
     tree_integrate(k, q, r->steps + step * k->nv);
 }
 
-/* Close from further starts, until one leads near to what is named. Of places where nothing is at
-   fault only those nearer than all before them are kept. */
+/* Close from further starts, until one leads near to what is named. Of results where nothing is at
+   fault only those nearer than all before them stay. */
 static void reach_nearer(Closer *c, ClosureTask *r)
 {
     Int nearest = 0;

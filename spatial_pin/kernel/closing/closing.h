@@ -2,7 +2,7 @@
 #ifndef SPATIAL_PIN_CLOSING_H
 #define SPATIAL_PIN_CLOSING_H
 
-#include "unwrapping.h"
+#include "closing_parts.h"
 
 typedef struct Closer Closer;
 
@@ -15,7 +15,7 @@ typedef struct {
 
 /* What closer_close closes with, and what it finds: as `ClosureTask` in closer.py. */
 typedef struct {
-    Int m;                        /* starts, then rows found */
+    Int m;                        /* starts, then results */
     Real *q;                      /* (m, nq) */
     Closing how;
     const Real *pinned;           /* values of pinned coordinates */

@@ -29,7 +29,7 @@ typedef struct {
     const Real *varied; /* (m, n_varied) */
     const Int *free;    /* (nv) velocities that may move */
     const Int *joint;   /* (n_points) that carry the points */
-    const Real *speed, *acceleration; /* (n_driven) of the driven freedoms; NULL of what stands */
+    const Real *speed, *acceleration; /* (n_driven) of the driven freedoms; NULL: nothing moves */
     Real *q;            /* (m, nq) starts, then closed */
     Real *angle;        /* (m, n_angles) from which angles of screws count, then those reached */
     Real *v, *a;        /* (m, nv) */
@@ -108,7 +108,7 @@ static void scale_out(const Kernel *k, const Real *x, const Real *rate, Real *ou
     for (Int v = 0; v < k->nv; v++)
         out[v] = k->scale[v] * x[v];
     for (Int i = 0; i < k->system.n_driven; i++)
-        out[k->system.driven[i]] = rate[i]; /* as asked for, to the last digit */
+        out[k->system.driven[i]] = rate[i]; /* as prescribed, to the last digit */
 }
 
 /* Velocities and accelerations at the factored configuration; by how much the fastest joint would

@@ -2,7 +2,7 @@
  * the diagonal. Rows come in the order of Cuthill and McKee, reversed [GeorgeLiu1981, 4.3]: along
  * a chain of loops the envelope is a band, and the work grows with the number of loops; a few
  * loops have a full envelope, and this is Cholesky's method. */
-#include "envelope.h"
+#include "closing_parts.h"
 #include "memory.h"
 
 /* Which rows of J have an entry in each column. */

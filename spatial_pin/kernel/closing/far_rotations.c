@@ -1,16 +1,16 @@
 /* Products of directions x1 . y2 ... of a closure vanish where its axes are opposite, too, and grow
  * no more beyond a right angle: far from closure they lead to mirror images. There the rotation
- * vector phi that takes the axes of frame 1 to those of frame 2 stands in their place: of three
+ * vector phi that takes the axes of frame 1 to those of frame 2 replaces them: of three
  * axes the logarithm of the relative rotation, of one axis the shortest turn. Near closure both are
  * the same to first order:
  *
  *     x1 . y2 = -phi_z    y1 . z2 = -phi_x    z1 . x2 = -phi_y    (three axes)
  *     x1 . z2 =  phi_y    y1 . z2 = -phi_x                        (one axis, z)
  *
- * The relative angular velocity stands in the place of the derivative of phi. For |phi|^2 / 2 that
+ * The relative angular velocity replaces the derivative of phi. For |phi|^2 / 2 that
  * gives the exact gradient at any angle, half a turn included, where the derivative of phi itself
  * has no bound. */
-#include "far_rotations.h"
+#include "closing_parts.h"
 
 /* rad; the products of smaller angles differ from them in the third digit, and lead as well */
 #define FAR_ANGLE 0.1
@@ -135,7 +135,7 @@ int rotations_are_far(const Kernel *k, const Rotations *rotations)
     return 0;
 }
 
-/* The component of phi that stands for an equation is sign * phi[axis], see above. */
+/* The component of phi that replaces an equation is sign * phi[axis], see above. */
 static int axis_of(Int axes, Int i) { return axes == 3 ? (int)((i + 2) % 3) : (int)(1 - i); }
 
 static Real sign_of(Int axes, Int i) { return axes == 1 && i == 0 ? 1.0 : -1.0; }

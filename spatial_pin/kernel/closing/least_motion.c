@@ -7,7 +7,7 @@
  * platform on six legs (18 equations) takes 110 microseconds so, and 290 that way. */
 #include <string.h>
 
-#include "least_motion.h"
+#include "closing_parts.h"
 #include "memory.h"
 
 static Int smaller(Int a, Int b) { return a < b ? a : b; }
@@ -94,7 +94,7 @@ static void decompose(LeastMotion *e, const Real *J, Real cut)
     }
 }
 
-/* The rows of R: its diagonal is there, the rest stands above the vectors of the columns. */
+/* The rows of R: its diagonal is there, the rest is above the vectors of the columns. */
 static void gather(LeastMotion *e)
 {
     for (Int s = 0; s < e->rank; s++)

@@ -1,6 +1,6 @@
 /* Angle unwrapping: whole turns taken off the angles of configurations, which are then nearest to the
  * values that somebody has named; and how far configurations are from these. */
-#include "unwrapping.h"
+#include "closing_parts.h"
 
 static const Real WHOLE_TURN = 2.0 * PI;
 /* Turns, by which an angle half a turn away may be beyond it by round-off: it is +pi, not -pi */

@@ -154,7 +154,7 @@ typedef struct {
 /* What is freed with a kernel. */
 typedef struct {
     void **blocks;
-    Int n_blocks, room, was_short; /* was_short: of memory, since that was asked last */
+    Int n_blocks, room, was_short; /* was_short: of memory, since the last kernel_had_memory */
     Factors **factors;
     Int n_factors;
 } Memory;
@@ -212,7 +212,7 @@ int kernel_vary_numbers(Kernel *k, const Real *base, Int n_reals, const Int *pla
 EXPORT void kernel_destroy(Kernel *k);
 
 /* ---- tree.c ---- */
-void tree_place(Kernel *k, const Real *q);   /* R, p; q is kept */
+void tree_place(Kernel *k, const Real *q);   /* R, p; q is copied */
 void tree_columns(Kernel *k);                /* linear, angular, after tree_place */
 /* omega ... acceleration of bodies at joint rates v, without joint accelerations */
 void tree_rates(Kernel *k, const Real *v);
@@ -276,7 +276,7 @@ EXPORT int kernel_evaluate(Kernel *k, const Evaluation *e);
 /* ---- system.c ---- */
 /* Equations to be solved (NULL: the first ones), what is driven, and rows that fill the system up;
    n_chosen + n_idle + n_driven + n_fill must be nv. Driven is a freedom v, or, as nv + v, the
-   component of a ball or floating joint (pins.h) that stands at v. */
+   component of a ball or floating joint (pins.h) whose velocity entry is v. */
 int system_set(Kernel *k, const Int *chosen, Int n_chosen, const Int *driven, Int n_driven,
                const Real *fill, Int n_fill);
 /* Rows of a square matrix: of equations and of all idle rotations, at the evaluated point, with room
@@ -305,6 +305,6 @@ void system_put_accelerations(Kernel *k, const Real *v, const Real *acceleration
 /* dq/ds and d2q/ds2 (joint rates), at a factored point, where what is driven has derivatives
    `rate` and `bend` (n_driven) by s */
 void system_path_rates(Kernel *k, const Real *rate, const Real *bend, Real *first, Real *second);
-Int driven_at(const Kernel *k, Int i); /* the velocity entry at which what is driven stands */
+Int driven_at(const Kernel *k, Int i); /* the velocity entry of what is driven */
 
 #endif

@@ -8,7 +8,7 @@
 void *kernel_memory(Kernel *k, Int count, size_t size);
 Real *kernel_reals(Kernel *k, Int count);
 Int *kernel_ints(Kernel *k, Int count);
-/* Whether there was all the memory that was asked for since this was asked last. */
+/* Whether all memory was there that was needed since the last call of this. */
 int kernel_had_memory(Kernel *k);
 /* Give an array room for n things, to be freed by its owner; 0 if there is no memory. */
 int widen(void **array, Int n, size_t size);
@@ -20,7 +20,7 @@ typedef struct {
     Int n_ints;
     const Real *reals;
     Int n_reals;
-    int failed; /* whether more was asked for than there was, or there is no memory */
+    int failed; /* whether the arrays were too short, or there is no memory */
 } Source;
 
 /* Copies of the next n; NULL if that fails. */

@@ -34,8 +34,7 @@ int pins_are_sound(const Kernel *k, const Pin *pin, Int n)
     return 1;
 }
 
-/* Rotation vector, of length up to pi, of a quaternion x, y, z, w. */
-static void rotation_vector(const Real *quaternion, Real *phi)
+void rotation_vector(const Real *quaternion, Real *phi)
 {
     const Real w = quaternion[3], sine = sqrt(dot3(quaternion, quaternion));
     const Real factor = sine > 0.0 ? 2.0 * atan2(sine, fabs(w)) / sine : 2.0;
@@ -43,7 +42,7 @@ static void rotation_vector(const Real *quaternion, Real *phi)
         phi[i] = (w < 0.0 ? -factor : factor) * quaternion[i];
 }
 
-/* The quaternion of a rotation vector, of the two the one nearer to what stands there. */
+/* The quaternion of a rotation vector, of the two the one nearer to what it was. */
 static void put_rotation(const Real *phi, Real *quaternion)
 {
     const Real angle = sqrt(dot3(phi, phi));
@@ -123,11 +122,9 @@ static void position_row(const Real *q, Int component, Real *row)
         row[i] = axis[i] + 2.0 * w * once[i] + 2.0 * twice[i];
 }
 
-/* a . phi' = (a + a x phi / 2 + g (a x phi) x phi) . w for a unit vector a. */
-static void rotation_row(const Real *q, Int component, Real *row)
+void rotation_vector_row(const Real *phi, Int component, Real *row)
 {
-    Real phi[3], axis[3] = {0.0, 0.0, 0.0}, once[3], twice[3], g, slope;
-    rotation_vector(q, phi);
+    Real axis[3] = {0.0, 0.0, 0.0}, once[3], twice[3], g, slope;
     factors_of(dot3(phi, phi), &g, &slope);
     axis[component] = 1.0;
     cross3(axis, phi, once);
@@ -138,7 +135,13 @@ static void rotation_row(const Real *q, Int component, Real *row)
 
 void pin_row(const Pin *pin, const Real *q, Real *row)
 {
-    (pin->turns ? rotation_row : position_row)(q + pin->q, pin->component, row);
+    Real phi[3];
+    if (!pin->turns) {
+        position_row(q + pin->q, pin->component, row);
+        return;
+    }
+    rotation_vector(q + pin->q, phi);
+    rotation_vector_row(phi, pin->component, row);
 }
 
 void pin_scaled_row(const Kernel *k, const Pin *pin, Real *row)

@@ -12,12 +12,18 @@ struct Pin {
     Int q, v, component, turns;
 };
 
+/* Rotation vector, of length up to pi, of a quaternion x, y, z, w. */
+void rotation_vector(const Real *quaternion, Real *phi);
+/* Row of its derivative by the angular velocity w in the axes of what turns: for a unit vector a,
+ * a . phi' = (a + a x phi / 2 + g (a x phi) x phi) . w, with g of pins.c. */
+void rotation_vector_row(const Real *phi, Int component, Real *row);
+
 /* The component that velocity entry v is that of; 0 where it is the entry of a single freedom. */
 int pin_of(const Kernel *k, Int v, Pin *pin);
 
 int pins_are_sound(const Kernel *k, const Pin *pin, Int n);
 
-/* Give components their values in q: those of one rotation vector together, which stand side by
+/* Give components their values in q: those of one rotation vector together, which come side by
  * side. The quaternion keeps the sign that is nearer to what it was. */
 void pins_put(const Pin *pin, Int n, const Real *value, Real *q);
 

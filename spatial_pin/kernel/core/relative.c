@@ -1,24 +1,18 @@
 /* Coordinates of joints relative to a configuration. */
 #include <string.h>
 
+#include "pins.h"
 #include "relative.h"
 
 /* The rotation vector (3) from one quaternion to another. */
 static void rotation_between(const Real *from, const Real *to, Real *vector)
 {
-    Real side[3], w = from[3] * to[3] + dot3(from, to);
+    Real turn[4], side[3];
     cross3(from, to, side);
     for (int i = 0; i < 3; i++)
-        vector[i] = from[3] * to[i] - to[3] * from[i] - side[i];
-    if (w < 0.0) {
-        w = -w;
-        for (int i = 0; i < 3; i++)
-            vector[i] = -vector[i];
-    }
-    const Real size = sqrt(dot3(vector, vector));
-    const Real factor = size > 1e-10 ? 2.0 * atan2(size, w) / size : 2.0 / w;
-    for (int i = 0; i < 3; i++)
-        vector[i] *= factor;
+        turn[i] = from[3] * to[i] - to[3] * from[i] - side[i];
+    turn[3] = from[3] * to[3] + dot3(from, to);
+    rotation_vector(turn, vector);
 }
 
 /* Whether a component is a slide of a free joint. */
@@ -57,28 +51,13 @@ Real relative_coordinate(const Kernel *k, Int j, Int component, const Real *star
     return away[component % 3] / scale;
 }
 
-/* Row of the derivative of the rotation vector w with respect to the turn in body axes:
- * 1 + [w]/2 + f [w]^2, f = (1 - (t/2) cot(t/2)) / t^2, t = |w|. */
-static void turning_row(const Real *w, Int i, Real *row)
-{
-    const Real square = dot3(w, w), half = 0.5 * sqrt(square);
-    const Real f = square < 1e-4 ? (1.0 + square / 60.0) / 12.0
-                                 : (1.0 - half * cos(half) / sin(half)) / square;
-    Real unit[3] = {0.0, 0.0, 0.0}, once[3], twice[3];
-    unit[i] = 1.0;
-    cross3(unit, w, once); /* rows of [w] are e_i x w, negated twice */
-    cross3(once, w, twice);
-    for (int c = 0; c < 3; c++)
-        row[c] = unit[c] + 0.5 * once[c] + f * twice[c];
-}
-
 void relative_row(const Kernel *k, Int j, Int component, const Real *start, const Real *q,
                   Real *row)
 {
     Real away[3], R[9], base[9], axis[3];
     if (!slides(k, j, component)) {
         rotation_between(quaternion(k, j, start), quaternion(k, j, q), away);
-        turning_row(away, component % 3, row);
+        rotation_vector_row(away, component % 3, row);
         return;
     }
     quaternion_rotation(quaternion(k, j, start), base);

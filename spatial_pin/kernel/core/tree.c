@@ -56,7 +56,7 @@ static inline int are_same(const Real *a, const Real *b, Int n)
     return 1;
 }
 
-/* Joints that stand where they did, as those that are driven while others are corrected, and all
+/* Joints that have not moved, as those that are driven while others are corrected, and all
  * before them do, are placed already. */
 void tree_place(Kernel *k, const Real *q)
 {
@@ -162,7 +162,7 @@ void tree_rates(Kernel *k, const Real *v)
         Real arm[3], swing[3], slide[3], turn[3], more[3], body[3];
         Real *acceleration = k->acceleration + at;
         joint_rate(k, j, v, slide, turn);
-        if (up == 0) { /* the world stands still */
+        if (up == 0) { /* the world does not move */
             copy3(slide, k->velocity + at);
             copy3(turn, k->omega + at);
             cross3(turn, slide, acceleration);

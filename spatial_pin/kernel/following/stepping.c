@@ -137,13 +137,17 @@ static int is_driven(const Kernel *k, Int v)
 }
 
 /* Closure error that round-off of the unknown coordinates may leave: an angle that counts a million
- * turns is known to 1e-9 rad. What is driven has its value exactly. */
+ * turns is known to 1e-9 rad. What is driven has its value exactly; but all that hangs on a free base
+ * is known as well only as far as that is from the origin. */
 Real round_off_of(const Kernel *k, const Real *q)
 {
     Real most = 0.0;
-    for (Int j = 1; j < k->n_joints; j++)
-        if (joint_nv(k->kind[j]) == 1 && !is_driven(k, k->iv[j]))
-            most = larger_of(most, fabs(q[k->iq[j]]) / k->scale[k->iv[j]]);
+    for (Int j = 1; j < k->n_joints; j++) {
+        const Int n = k->kind[j] == FREE ? 3 : joint_nv(k->kind[j]) == 1;
+        for (Int i = 0; i < n; i++)
+            if (n == 3 || !is_driven(k, k->iv[j]))
+                most = larger_of(most, fabs(q[k->iq[j] + i]) / k->scale[k->iv[j] + i]);
+    }
     return 4.0 * DBL_EPSILON * most;
 }
 

@@ -41,7 +41,7 @@ int point_rates(Kernel *k, const Prescribed *prescribed, Point *point)
     point->size = determinant_size(k);
     point->error = equations_error(k);
     system_path_rates(k, prescribed->rate, prescribed->bend, point->t, point->c);
-    for (Int i = 0; i < k->system.n_driven; i++) { /* as asked for, to the last digit */
+    for (Int i = 0; i < k->system.n_driven; i++) { /* as prescribed, to the last digit */
         if (k->system.driven[i] >= k->nv)
             continue;
         point->t[k->system.driven[i]] = prescribed->rate[i];

@@ -142,7 +142,7 @@ static int accelerate(Dynamics *d, Real t, const Real *y)
     return DONE;
 }
 
-/* Efforts of prescribed drivers: what is missing at the accelerations found. */
+/* Efforts of prescribed drivers: what is missing at the accelerations. */
 static int drive_efforts(Dynamics *d)
 {
     Kernel *k = d->k;
@@ -219,7 +219,7 @@ int dynamics_rates(void *from, Real t, const Real *y, Real *rates)
     return are_finite(rates, d->n_unknowns) ? DONE : LOST;
 }
 
-/* ---- what is asked from outside ---- */
+/* ---- what Python calls ---- */
 
 /* Closure error, kinetic and total energy, work. */
 static void put_numbers(Dynamics *d, const Real *y, Real *numbers)

@@ -16,7 +16,7 @@
 enum { LOST = 20, CALLBACK_FAILED = 21 };
 
 /* What only Python knows. Each returns 0, or CALLBACK_FAILED where an exception waits to be raised;
- * `least` also LOST where masses differ too much. Any may be NULL where nothing is asked. */
+ * `least` also LOST where masses differ too much. Any may be NULL where it is not needed. */
 typedef struct {
     int (*efforts)(Real t, const Real *q, const Real *v, const Real *angles, Real *force);
     int (*spring)(Int which, Real length, Real rate, Real *force);
@@ -37,7 +37,7 @@ enum { BRIDGE_NODES = 8, MOST_BRIDGES = 8, MOST_BRANCH_POINTS = 6 };
 typedef struct {
     Real x[2 * BRIDGE_NODES], weight[2 * BRIDGE_NODES];
     Real *q, *t, *c, *angles; /* per node: configuration, derivatives with respect to x */
-    Real low, high;           /* between which the polynomials stand for the branch */
+    Real low, high;           /* between which the polynomials are the branch */
     Int near, far;            /* the nodes at the ends */
     Real branch_point[MOST_BRANCH_POINTS];
     Int n_branch_points;
@@ -71,7 +71,7 @@ typedef struct {
     Real power;
 } Forces;
 
-/* How near the equations are to losing rank, told by the determinant of their square system. */
+/* How near the equations are to losing rank, by the determinant of their square system. */
 typedef struct {
     Real sign, first_pivot; /* where the equations were chosen */
     Real spare;             /* residual of equations left out, at the start */
@@ -90,7 +90,7 @@ typedef struct {
     Real period;                     /* of x: a whole turn; 0: there is none */
     Int period_is_known;             /* 0: not yet, 1: yes, -1: there is none */
     Real *period_q, *period_angle;
-    Real refused[MOST_BRIDGES];     /* where no bridge was found */
+    Real refused[MOST_BRIDGES];     /* where no bridge could be built */
     Int n_refused, n_renewed;
     Real renewed; /* where other equations were chosen last instead of passing a branch point */
     Real *t, *c;                     /* (nv) derivatives by x on the present bridge */

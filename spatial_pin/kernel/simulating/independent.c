@@ -33,7 +33,7 @@
 
 /* ---- held coordinates ---- */
 
-/* Whether a held coordinate is told by an entry of q alone. */
+/* Whether a held coordinate is an entry of q. */
 static int is_plain(const Dynamics *d, Int i) { return d->held_q[i] >= 0; }
 
 /* Rate of a held coordinate at v / scale. */
@@ -128,8 +128,8 @@ static void predict(Dynamics *d, const Real *x)
         d->work.step[v] += 0.5 * way * way * d->bend[v];
 }
 
-/* One held coordinate moves along a curve: note the point of it where it stands, with the
- * derivatives by x that independent_bias has found. */
+/* One held coordinate moves along a curve: note the present point of it, with the
+ * derivatives by x of independent_bias. */
 static void note_point(Dynamics *d)
 {
     Kernel *k = d->k;
@@ -296,7 +296,7 @@ static void accept(Dynamics *d, const Real *x)
 }
 
 /* How the determinant of other equations, or with other held coordinates, has changed on the way
- * from the place that was kept: what was known of the former ones does not hold for it. */
+ * from the position that was saved: what was known of the former ones does not hold for it. */
 int independent_measure_change(Dynamics *d)
 {
     const size_t size = (size_t)d->n_held * sizeof *d->determinant.change;
@@ -351,18 +351,18 @@ static int step_from_here(Dynamics *d, const Real *x)
     return is_ill_conditioned(d) ? independent_choose_anew(d) : DONE;
 }
 
-/* Close the loops where it stands to round-off. UNSAFE where they are, where tolerances are tight, or
- * where that leads far. */
+/* Close the loops to round-off at the present position. UNSAFE where they are, where tolerances are
+ * tight, or where that leads far. */
 static int tighten(Dynamics *d)
 {
-    const Real asked = d->tolerance;
-    if (!(asked > TOLERANCE_CLOSED) || independent_evaluate(d) != DONE ||
+    const Real tolerance = d->tolerance;
+    if (!(tolerance > TOLERANCE_CLOSED) || independent_evaluate(d) != DONE ||
         chosen_residual(d->k) <= TOLERANCE_CLOSED)
         return UNSAFE;
     memcpy(d->work.trial, d->q, (size_t)d->k->nq * sizeof *d->q);
     d->tolerance = TOLERANCE_TIGHT;
-    const int code = newton(d, d->x, fmin(TIGHTENED_BY, sqrt(asked)) / PREDICTED_TO);
-    d->tolerance = asked;
+    const int code = newton(d, d->x, fmin(TIGHTENED_BY, sqrt(tolerance)) / PREDICTED_TO);
+    d->tolerance = tolerance;
     if (code != DONE || d->k->system.sign != d->determinant.sign)
         return UNSAFE;
     accept(d, d->x);
@@ -379,7 +379,7 @@ int independent_step(Dynamics *d, const Real *x)
     return step_from_here(d, x);
 }
 
-/* Newton's method from where it stands to x, moving by no more than allowed; on any branch. */
+/* Newton's method from the present position to x, moving by no more than allowed; on any branch. */
 int independent_settle(Dynamics *d, const Real *x, Real allowed)
 {
     memcpy(d->work.trial, d->q, (size_t)d->k->nq * sizeof *d->q);
@@ -423,7 +423,7 @@ void independent_read(Dynamics *d)
         d->x[i] = relative_coordinate(d->k, d->held_joint[i], d->held_component[i], d->start, d->q);
 }
 
-/* Move to x in as many steps as it takes; where it cannot it stands where it came to. */
+/* Move to x in as many steps as it takes; where it cannot, it stops where it came to. */
 int independent_follow(Dynamics *d, const Real *x)
 {
     Real *from = d->work.before, *goal = d->work.halfway, part = 1.0, done = 0.0;

@@ -2,7 +2,7 @@
  *
  * The coordinates that determine a motion best are those of the joints that move most: independent
  * rows of an orthonormal basis of the freedoms' motions [Wehage1982]. One freedom that crosses branch
- * points is told by a joint with one entry of q, the fastest. */
+ * points is the coordinate of a joint with one entry of q, the fastest. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -78,7 +78,7 @@ static int set_system(Dynamics *d, const Int *free_ones, const Int *chosen, Int 
     return code;
 }
 
-/* Let these coordinates count from where d stands, without memory of any other. */
+/* Let these coordinates count from the present position, without memory of any other. */
 static int begin(Dynamics *d, const Int *free_ones, const Int *chosen, Int n_chosen)
 {
     Kernel *k = d->k;
@@ -190,8 +190,8 @@ int partitioning_hold_better(Dynamics *d)
     return independent_measure_change(d);
 }
 
-/* Begin with these coordinates where it stands, with other equations if there are more: the former
- * ones may be nearly dependent. DONE or SINGULAR. */
+/* Begin with these coordinates at the present position, with other equations if there are more: the
+ * former ones may be nearly dependent. DONE or SINGULAR. */
 static int begin_anew(Dynamics *d, const Int *free_ones)
 {
     Kernel *k = d->k;

@@ -1,15 +1,16 @@
 /* Samples of a simulation within its steps.
  *
- * The loops of each are closed, its forces evaluated. Where the closure asked for is loose, the
+ * The loops of each are closed, its forces evaluated. Where the closure tolerance is loose, the
  * integrator tells the accelerations as well. Where then one freedom moves along a curve, most
  * samples lie on polynomials between a few others, the anchors, and the ends of steps. One whose
- * loops are not closed as asked is closed like an anchor, and the next anchors are taken nearer. */
+ * loops are not closed to the tolerance is closed like an anchor, and the next anchors are taken
+ * nearer. */
 #include <string.h>
 
 #include "correcting.h"
 #include "running.h"
 
-#define MAY_LEAVE 0.1 /* of the closure asked for, that polynomials may leave open */
+#define MAY_LEAVE 0.1 /* of the closure tolerance, that polynomials may leave open */
 /* Of that and the square of the way between two anchors: accelerations miss 24 times what is left by
    that square, which is to be a hundred times the closure at most */
 #define MAY_BEND 4.0
@@ -46,7 +47,7 @@ static void swap(Point *a, Point *b)
     *b = first;
 }
 
-/* Take the point of the curve where the mechanism stands for an anchor; none on a bridge. */
+/* Take the present point of the curve for an anchor; none on a bridge. */
 static void note_anchor(const Dynamics *d, Point *anchor)
 {
     const Kernel *k = d->k;

@@ -1,6 +1,6 @@
 /* Motion, forces and accelerations of a tree, body by body [Featherstone2008, 5.3, 6.2, 7.3].
  *
- * The time grows with the number of joints, the memory too. Wrenches and motions are told in world
+ * The time grows with the number of joints, the memory too. Wrenches and motions are in world
  * axes, about the origin of each joint's own frame, so that the tip of a long chain has all its
  * digits: linear before angular, accelerations of origins as one sees them (classical ones).
  *
@@ -16,7 +16,7 @@
 #include "articulated.h"
 #include "memory.h"
 
-/* Of the inertia about all axes, what a freedom must have to be told from round-off. */
+/* Of the inertia about all axes, what a freedom must have to be more than round-off. */
 #define LEAST_INERTIA TOLERANCE_ZERO
 
 struct Tree {
@@ -487,10 +487,10 @@ static void find_rounding(Tree *s, Real *rounding)
 
 static Real largest_of(const Kernel *k, const Real *a)
 {
-    Real found = 0.0;
+    Real most = 0.0;
     for (Int v = 0; v < k->nv; v++)
-        found = fmax(found, fabs(a[v] / k->scale[v]));
-    return found;
+        most = fmax(most, fabs(a[v] / k->scale[v]));
+    return most;
 }
 
 /* Accelerations (nv) of eliminated freedoms under joint forces (nv) alone, by scale the largest; the

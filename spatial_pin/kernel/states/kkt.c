@@ -5,10 +5,10 @@
  *
  * with independent closure equations J. The mass matrix M and the joint forces f - b are given: they
  * are Pinocchio's. Unknowns and equations are scaled so that each freedom's own inertia is one, and
- * the largest entry of each equation (Jacobi scaling): light bodies keep their digits beside heavy
+ * the largest entry of each equation (Jacobi scaling): light bodies keep their digits next to heavy
  * ones.
  *
- * Equations and pivots are chosen where they are asked for anew, so that answers depend on nothing
+ * Equations and pivots are chosen anew in each call, so that answers depend on nothing
  * else. */
 #include <float.h>
 #include <string.h>

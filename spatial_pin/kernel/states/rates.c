@@ -7,7 +7,7 @@
  * drivers and of the idle rotations, and clearly so. Where they are not, the caller has to find out
  * why, or chooses them. Equations and pivots are chosen anew at every configuration, so that answers
  * depend on nothing else. Where equations are left out, a step of the driven freedoms tells whether
- * they follow from the others beside the configuration too: if not, branches cross there. */
+ * they follow from the others near the configuration too: if not, branches cross there. */
 #include <float.h>
 #include <string.h>
 
@@ -122,7 +122,7 @@ static int is_pin(const Rates *r, Int i) { return r->driven[i] >= r->k->nv; }
 
 static Real driven_scale(const Rates *r, Int i) { return r->k->scale[r->driven[i] % r->k->nv]; }
 
-/* Where the rows, and right sides, of what is driven stand. */
+/* Where the rows, and right sides, of what is driven begin. */
 static Int first_driven(const Rates *r) { return r->n_chosen + r->k->n_idle; }
 
 /* Factor K, with rows that fill it up, at the evaluated configuration. */
@@ -192,7 +192,7 @@ static void answer(Rates *r, const Real *drive, Real *out)
         out[i] = k->scale[i] * r->x[i];
     for (Int i = 0; i < r->n_driven; i++)
         if (!is_pin(r, i))
-            out[r->driven[i]] = drive[i]; /* as asked for, to the last digit */
+            out[r->driven[i]] = drive[i]; /* as prescribed, to the last digit */
 }
 
 /* ---------------------------------------------------------------- round-off
@@ -276,7 +276,7 @@ static Real round_off(Rates *r, const Real *v, Real known)
 {
     const Real open = fmax(CLOSURE_ROUND_OFF, equations_error(r->k));
     if (open == CLOSURE_ROUND_OFF && is_known_anyway(r, known))
-        return known; /* which is more than what could be found out */
+        return known; /* which is more than the estimate could be */
     Real lost = 0.0;
     for (int pattern = 1; pattern <= PATTERNS; pattern++) {
         const Real off = open * direction_off(r, pattern, r->away);
@@ -294,7 +294,7 @@ static Real known_round_off(const Rates *r, Real pace)
 
 /* ---------------------------------------------------------------- what Python calls */
 
-/* Whether equations that are left out hold beside q too. Comes back to q. */
+/* Whether equations that are left out hold near q too. Comes back to q. */
 static int follow_beside(Rates *r, const Real *q)
 {
     Kernel *k = r->k;

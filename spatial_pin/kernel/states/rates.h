@@ -13,7 +13,7 @@ typedef struct {
     Int n_equations;
     const Real *fill; /* (n_fill, nv) rows, with respect to v / scale, that fill the system up */
     Int n_fill;
-    Int n_moving;              /* the first driven freedoms, which move: the others stand still */
+    Int n_moving;              /* the first driven freedoms, which move: the others do not */
     const Real *speed;         /* (n_driven) of the driven freedoms; NULL: rates are not wanted */
     const Real *acceleration;  /* (n_driven) likewise */
     Real *columns;             /* (n_moving, nv) joint velocities per unit speed of each that moves */

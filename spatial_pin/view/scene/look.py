@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from spatial_pin.proximity.clearance import Clearance
     from spatial_pin.synthesis.ranked_designs import Design, Designs
     from spatial_pin.view.scene.layers.arrows import Vectors
-    from spatial_pin.workspace_map.workspace_result import Workspace
+    from spatial_pin.workspace.workspace_result import Workspace
 
 
 @with_former_field("beside", "side_by_side")

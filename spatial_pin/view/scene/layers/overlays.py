@@ -25,7 +25,7 @@ from spatial_pin.view.scene.stage import (
     joined,
     rod_between,
 )
-from spatial_pin.workspace_map.workspace_result import Workspace
+from spatial_pin.workspace.workspace_result import Workspace
 
 TOUCHING = (0.86, 0.08, 0.10, 1.0)
 LINE = (0.10, 0.13, 0.17, 1.0)

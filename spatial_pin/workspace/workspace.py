@@ -1,4 +1,4 @@
-"""Where a frame can get to as drivers, or its own pose, go over a grid, and how well it moves."""
+"""Workspace: points that a frame reaches over a grid of drivers or poses, and its dexterity."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.proximity.distances import Distances
 from spatial_pin.rates.jacobians import jacobian
 from spatial_pin.rates.rates import check_not_held
-from spatial_pin.workspace_map.dexterity import (
+from spatial_pin.workspace.dexterity import (
     TASKS,
     aspects_of,
     crossed_cells,
@@ -33,13 +33,12 @@ from spatial_pin.workspace_map.dexterity import (
     measures,
     task_of,
 )
-from spatial_pin.workspace_map.filled_grid import Border, FilledGrid, one_of, other_starts, spread
-from spatial_pin.workspace_map.grid_axes import posed, read_ranges
-from spatial_pin.workspace_map.grid_lines import GridConfig, touching
-from spatial_pin.workspace_map.workspace_result import Borders, Workspace
+from spatial_pin.workspace.filled_grid import Border, FilledGrid, one_of, other_starts, spread
+from spatial_pin.workspace.grid_axes import posed, read_ranges
+from spatial_pin.workspace.grid_lines import GridConfig, touching
+from spatial_pin.workspace.workspace_result import Borders, Workspace
 
-# points of the grid that are tried first, the nearest ones to the assembled state
-STARTS_TRIED = 64
+STARTS_TRIED = 64  # points of the grid tried as first ones, the nearest to the assembled state
 
 
 @checked
@@ -125,35 +124,35 @@ def workspace(
     names, ticks, is_posed = read_ranges(mechanism, frame, ranges, points)
     start = assembled(mechanism, {}, guess)
     held = () if hold is None else tuple(names_of(hold, "hold"))
-    asked, start, task = _asked(start, frame, names, task, held, is_posed)
-    asked = asked._replace(limits=limits, on_crossing=on_crossing, apart=clearance)
-    first = FilledGrid(asked, ticks)
+    config, start, task = _configured(start, frame, names, task, held, is_posed)
+    config = config._replace(limits=limits, on_crossing=on_crossing, apart=clearance)
+    first = FilledGrid(config, ticks)
     _begin(first, start)
-    found = [(first, list[Border]())]
+    fillings = [(first, list[Border]())]
     is_whole = False
     with progress_bar(first.reached.size, f"{mechanism.name}: workspace", progress) as bar:
         bar.update(1)
         try:
-            _fill(*found[0], task, executor, bar.update)
+            _fill(*fillings[0], task, executor, bar.update)
             for index, other in other_starts(first) if sheets else ():
-                if any(filling.holds(index, other) for filling, _ in found):
+                if any(filling.holds(index, other) for filling, _ in fillings):
                     continue
                 bar.reset()
-                found.append((FilledGrid(asked, ticks), []))
-                found[-1][0].place(index, other, 0)
-                _fill(*found[-1], task, executor, bar.update)
+                fillings.append((FilledGrid(config, ticks), []))
+                fillings[-1][0].enter(index, other, 0)
+                _fill(*fillings[-1], task, executor, bar.update)
             is_whole = True
         except KeyboardInterrupt:  # what was found until then is the answer
             pass
-    others = tuple(_workspace(*x, task, names, is_whole) for x in found[1:])
-    return unless_cut(_workspace(*found[0], task, names, is_whole, others))
+    others = tuple(_workspace(*x, task, names, is_whole) for x in fillings[1:])
+    return unless_cut(_workspace(*fillings[0], task, names, is_whole, others))
 
 
-def _asked(
+def _configured(
     start: State, frame: str, names: tuple[str, ...], task: str | None, hold: tuple[str, ...],
     is_posed: bool,
 ) -> tuple[GridConfig, State, str | None]:
-    """Return what is asked for, where to begin with it, and the task."""
+    """Return the settings of the grid, the start, and the task."""
     mechanism = start.mechanism
     if not is_posed:
         check_not_held(mechanism, [mechanism.prescribed_coordinate(x) for x in names], hold)
@@ -172,11 +171,11 @@ def _fill(
     filling: FilledGrid, singular: list[Border], task: str | None, executor: Executor | None,
     tell: Any,
 ) -> None:
-    """Fill a grid from its first point, and add where its determinant vanishes to a list."""
+    """Fill a grid from its first point, and add zeros of its determinant to a list."""
     filling.fill(executor, tell)
-    asked_of = task_of(_flat(filling, "jacobians"), task)
-    cells = crossed_cells(filling, asked_of)
-    for border in spread(partial(located, asked_of), filling.asked, cells, executor):
+    frame_task = task_of(_flat(filling, "jacobians"), task)
+    cells = crossed_cells(filling, frame_task)
+    for border in spread(partial(located, frame_task), filling.config, cells, executor):
         if border is not None:
             singular.append(border)
 
@@ -184,7 +183,7 @@ def _fill(
 def _columns(
     mechanism: Mechanism, state: State, frame: str, names: tuple[str, ...], hold: Hold
 ) -> tuple[str, ...] | None:
-    """Return what Jacobians are taken with respect to: all drivers (None), if they determine it."""
+    """Return the coordinates of the Jacobians: all drivers (None), if they determine the motion."""
     drivers = {*driver_coordinates(mechanism).values()}
     if {mechanism.prescribed_coordinate(name) for name in names} <= drivers:
         try:
@@ -196,36 +195,36 @@ def _columns(
 
 
 def _begin(filling: FilledGrid, start: State) -> None:
-    """Go from the assembled state to the nearest point of the grid that the branch leads to."""
-    asked, shape = filling.asked, filling.shape
-    mechanism = asked.mechanism
+    """Move from the assembled state to the nearest point of the grid on the branch."""
+    config, shape = filling.config, filling.shape
+    mechanism = config.mechanism
     here = np.array([coordinate_value(mechanism, mechanism.prescribed_coordinate(name), start.q)
-                     for name in asked.names])
+                     for name in config.names])
     steps = np.array([ticks[1] - ticks[0] for ticks in filling.ticks])
     grid = grid_of(filling.ticks)
     far = np.linalg.norm((grid - here) / steps, axis=1)
     error: object = "joint limits are passed"
-    distances = None if asked.apart is None else Distances(asked.body)
+    distances = None if config.apart is None else Distances(config.body)
     for row in np.argsort(far, kind="stable")[:STARTS_TRIED].tolist():
         ways = {name: np.array([a, b]) for name, a, b in zip(
-            asked.names, here.tolist(), grid[row].tolist(), strict=True)}
+            config.names, here.tolist(), grid[row].tolist(), strict=True)}
         try:
-            motion = follow(mechanism, ways, guess=start, hold=[*asked.hold, *asked.standing],
+            motion = follow(mechanism, ways, guess=start, hold=[*config.hold, *config.standing],
                             on_crossing="raise")
         except SpatialPinError as caught:
             error = caught
             continue
-        beyond = beyond_limits(mechanism, motion.q[1]) if asked.limits else {}
+        beyond = beyond_limits(mechanism, motion.q[1]) if config.limits else {}
         if beyond:
             error = f"{next(iter(beyond))} is beyond its joint limit"
             continue
-        near = "" if distances is None else touching(asked, distances, motion.q[1])
+        near = "" if distances is None else touching(config, distances, motion.q[1])
         if near:
             error = near
             continue
         index = np.unravel_index(row, shape)
-        found = one_of(asked, motion.state(1))
-        filling.place(tuple(int(i) for i in index), found, 0)
+        point = one_of(config, motion.state(1))
+        filling.enter(tuple(int(i) for i in index), point, 0)
         return
     raise SpatialPinError(
         f"mechanism {mechanism.name!r}: the branch leads from the assembled state to no point of "
@@ -233,7 +232,7 @@ def _begin(filling: FilledGrid, start: State) -> None:
 
 
 def _flat(filling: FilledGrid, name: str) -> Array:
-    """Return what is known of the grid's points in rows."""
+    """Return data of the grid's points in rows."""
     data = filling.data[name]
     return data.reshape(filling.reached.size, *data.shape[len(filling.shape) :])
 
@@ -242,23 +241,24 @@ def _workspace(
     filling: FilledGrid, singular: list[Border], task: str | None, names: tuple[str, ...],
     is_whole: bool, sheets: tuple[Workspace, ...] = (),
 ) -> Workspace:
-    asked, jacobians = filling.asked, _flat(filling, "jacobians")
-    found = task_of(jacobians, task)
-    dexterity, least = measures(found, jacobians)
+    config, jacobians = filling.config, _flat(filling, "jacobians")
+    frame_task = task_of(jacobians, task)
+    dexterity, least = measures(frame_task, jacobians)
     why = tuple(filling.words(index, is_whole) for index in np.ndindex(*filling.shape))
     rows = {name: _flat(filling, name) for name in ("q", "angles", "errors")}
-    rows["q"] = rows["q"][:, : asked.body.model.nq]
+    rows["q"] = rows["q"][:, : config.body.model.nq]
     return Workspace(
-        mechanism=asked.body, frame=asked.frame, names=names, shape=filling.shape,
+        mechanism=config.body, frame=config.frame, names=names, shape=filling.shape,
         drivers=grid_of(filling.ticks), reached=filling.reached.ravel(),
         points=_flat(filling, "points"), rotations=_flat(filling, "rotations"),
         dexterity=dexterity, least=least, why=why,
         boundary=_borders(filling.borders, len(names)), singular=_borders(singular, len(names)),
-        aspects=aspects_of(filling, found).ravel(), sheets=sheets, task=found.name,
-        directions=len(found.directions), n_drivers=found.n_drivers, is_whole=is_whole,
-        _rows=rows, _source=(asked, filling.ticks, [*filling.borders, *singular], found))
+        aspects=aspects_of(filling, frame_task).ravel(), sheets=sheets, task=frame_task.name,
+        directions=len(frame_task.directions), n_drivers=frame_task.n_drivers, is_whole=is_whole,
+        _rows=rows, _source=(config, filling.ticks, [*filling.borders, *singular], frame_task))
 
 
-def _borders(found: list[Border], k: int) -> Borders:
-    return Borders(np.array([b.drivers for b in found]).reshape(-1, k),
-                   np.array([b.point for b in found]).reshape(-1, 3), tuple(b.why for b in found))
+def _borders(borders: list[Border], k: int) -> Borders:
+    return Borders(np.array([b.drivers for b in borders]).reshape(-1, k),
+                   np.array([b.point for b in borders]).reshape(-1, 3),
+                   tuple(b.why for b in borders))

@@ -1,4 +1,4 @@
-"""How well drivers move a frame over a grid, and where they lose a direction."""
+"""Dexterity over a grid, and singular configurations between its points."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from numpy.typing import NDArray
 from spatial_pin.numerics.linalg import Array, row_space, singular_values
 from spatial_pin.numerics.roots import sign_change
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.workspace_map.filled_grid import Border, FilledGrid, Index, signs
-from spatial_pin.workspace_map.grid_lines import (
+from spatial_pin.workspace.filled_grid import Border, FilledGrid, Index, signs
+from spatial_pin.workspace.grid_lines import (
     GridConfig,
     GridLine,
-    begun,
     motion_along,
     natural_jacobians,
+    restarted,
 )
 
 SINGULAR = "determinant is zero"
-LOCATED = 1e-9  # of a cell of the grid: where a determinant vanishes along it
+LOCATED = 1e-9  # accuracy of a zero of a determinant, relative to a cell of the grid
 TASKS = {"position": slice(0, 3), "pose": slice(0, 6)}
 
 
 class FrameTask(NamedTuple):
-    """What a frame is asked to do."""
+    """The motions of a frame that the drivers must control."""
 
     name: str  # "position" or "pose"
-    directions: Array  # (r, 3) or (r, 6) orthonormal, in which the frame moves at all
-    n_drivers: int  # how many move it
+    directions: Array  # (r, 3) or (r, 6) orthonormal directions of the frame's motion
+    n_drivers: int  # number of drivers that move it
 
     @property
     def is_square(self) -> bool:
@@ -44,11 +44,11 @@ class FrameTask(NamedTuple):
 
 
 def task_of(jacobians: Array, wanted: str | None) -> FrameTask:
-    """Return the task: the wanted one, or the one with a direction for each driver.
+    """Return the wanted task, or the one with a direction for each driver.
 
     Args:
         jacobians: (m, 6, c) in natural units.
-        wanted: "position" or "pose"; None: position, but if only poses have as many directions as
+        wanted: "position" or "pose"; None: position, unless only poses have as many directions as
             there are drivers.
     """
     n = jacobians.shape[-1]
@@ -80,7 +80,7 @@ def measures(task: FrameTask, jacobians: Array) -> tuple[Array, Array]:
 
 
 def determinant_signs(filling: FilledGrid, task: FrameTask) -> NDArray[np.int8] | None:
-    """Return the determinant's sign at each point of the grid; None where there is none."""
+    """Return the determinant's sign at each point of the grid; None without a determinant."""
     if not task.is_square or "jacobians" not in filling.data:
         return None
     jacobians = filling.data["jacobians"]
@@ -91,26 +91,26 @@ def determinant_signs(filling: FilledGrid, task: FrameTask) -> NDArray[np.int8] 
 
 
 def aspects_of(filling: FilledGrid, task: FrameTask) -> NDArray[np.intp]:
-    """Return numbers of the parts of the grid that hang together without a change of sign.
+    """Return numbers of the connected parts of the grid without a change of sign.
 
-    Where there is no determinant they are those of the points that are reached; -1 elsewhere.
+    Without a determinant they are connected parts of the reached points; -1 elsewhere.
     """
     from scipy.ndimage import label  # on use: it takes a while to import
 
-    found = np.full(filling.shape, -1)
+    numbers = np.full(filling.shape, -1)
     sign = determinant_signs(filling, task)
     parts = [filling.reached] if sign is None else [
         filling.reached & (sign == x) for x in (1, -1, 0)]
     count = 0
     for part in parts:
         labels, n = label(part)
-        found[part] = labels[part] - 1 + count
+        numbers[part] = labels[part] - 1 + count
         count += n
-    return found
+    return numbers
 
 
 def crossed_cells(filling: FilledGrid, task: FrameTask) -> list[tuple[GridLine, int]]:
-    """Return the edges of the grid along which the determinant changes its sign."""
+    """Return the edges of the grid with a change of the determinant's sign."""
     sign = determinant_signs(filling, task)
     cells: list[tuple[GridLine, int]] = []
     if sign is None:
@@ -119,36 +119,37 @@ def crossed_cells(filling: FilledGrid, task: FrameTask) -> list[tuple[GridLine, 
         first, last = (np.take(sign, range(k, sign.shape[axis] - 1 + k), axis=axis)
                        for k in (0, 1))
         for index in np.argwhere(first * last < 0).tolist():
-            place: Index = tuple(index)
-            to = filling.ticks[axis][[place[axis] + 1]]
-            cells.append((filling.run(axis, place, to), int(sign[place])))
+            point: Index = tuple(index)
+            to = filling.ticks[axis][[point[axis] + 1]]
+            cells.append((filling.run(axis, point, to), int(sign[point])))
     return cells
 
 
 def located(
-    task: FrameTask, asked: GridConfig, cells: Sequence[tuple[GridLine, int]]
+    task: FrameTask, config: GridConfig, cells: Sequence[tuple[GridLine, int]]
 ) -> list[Border | None]:
-    """Return where the determinant vanishes along edges; None where the branch ends before.
+    """Return zeros of the determinant along edges; None if the branch ends before.
 
-    Of a grid of poses it is the one of the drivers' speeds by the frame's: where it vanishes the
-    drivers do not determine the pose. Beside its zero that of the frame's by the drivers' changes
-    its sign through infinity.
+    For a grid of poses it is the determinant of the drivers' speeds by the frame's: at its zero the
+    drivers do not determine the pose. Near it, the determinant of the frame's speeds by the
+    drivers' changes its sign through infinity.
     """
-    return [_vanishing(task, asked._replace(limits=False), *cell) for cell in cells]
+    config = config._replace(limits=False)
+    return [_zero(task, config, *cell) for cell in cells]
 
 
-def _vanishing(task: FrameTask, asked: GridConfig, run: GridLine, sign: int) -> Border | None:
+def _zero(task: FrameTask, config: GridConfig, run: GridLine, sign: int) -> Border | None:
     begin, to = float(run.at[run.axis]), float(run.values[0])
 
     def determinant(value: float) -> float:
-        motion, n, _ = motion_along(asked, run, np.array([value]))
+        motion, n, _ = motion_along(config, run, np.array([value]))
         if motion is None or n < 2:
             return np.nan
-        jacobians = natural_jacobians(asked, [motion.state(1)])
+        jacobians = natural_jacobians(config, [motion.state(1)])
         if np.isnan(jacobians).any():  # drivers do not determine the pose: there it is infinite
-            return 0.0 if asked.is_posed else np.nan
-        found = float(np.linalg.det(task.matrices(jacobians)[0]))
-        return sign * (1.0 / found if asked.is_posed else found)
+            return 0.0 if config.is_posed else np.nan
+        size = float(np.linalg.det(task.matrices(jacobians)[0]))
+        return sign * (1.0 / size if config.is_posed else size)
 
     ends = np.array([begin + LOCATED * (to - begin), to])
     first, last = map(determinant, ends)
@@ -158,11 +159,11 @@ def _vanishing(task: FrameTask, asked: GridConfig, run: GridLine, sign: int) -> 
     if first > 0.0 > last:
         value = sign_change(determinant, ends[0], ends[1], first, last,
                             xtol=LOCATED * abs(to - begin), rtol=1e-15)
-    motion, n, _ = motion_along(asked, run, np.array([value]))
+    motion, n, _ = motion_along(config, run, np.array([value]))
     if motion is None or n < 2:
         return None
-    place = begun(run, float(value), motion, 1)
-    return Border(place.at, motion.frame(asked.frame).position[1], SINGULAR, place.q, place.angles)
+    zero = restarted(run, float(value), motion, 1)
+    return Border(zero.at, motion.frame(config.frame).position[1], SINGULAR, zero.q, zero.angles)
 
 
 def grid_of(ticks: Sequence[Array]) -> Array:

@@ -7,7 +7,7 @@ from five_bars import BARS, five_bar
 import spatial_pin as sp
 from spatial_pin.view.scene.film import film
 from spatial_pin.view.scene.meshcat_commands import scene
-from spatial_pin.workspace_map import workspace as module
+from spatial_pin.workspace import workspace as module
 
 
 @pytest.fixture(scope="module")

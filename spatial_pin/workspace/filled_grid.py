@@ -1,4 +1,4 @@
-"""Filling a grid of drivers or poses from one point of it, line by line."""
+"""Filling a grid of drivers or poses from one of its points, line by line."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from spatial_pin.mobility.assembly_modes import assembly_modes
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.proximity.distances import Distances
-from spatial_pin.workspace_map.grid_lines import (
+from spatial_pin.workspace.grid_lines import (
     GridConfig,
     GridLine,
     LinePoints,
@@ -30,36 +30,36 @@ from spatial_pin.workspace_map.grid_lines import (
     touching,
 )
 
-LINES_TOGETHER = 16  # runs that are sent to a worker at a time: the mechanism goes with them
+LINES_TOGETHER = 16  # lines that a worker gets at a time: the mechanism is sent with them
 NOT_CONNECTED = "no way along the grid"
 NOT_LOOKED_AT = "not looked at"
 Index = tuple[int, ...]
 
 
 class Border(NamedTuple):
-    """Where the branch ends on a line of the grid, or a determinant vanishes."""
+    """The end of the branch on a line of the grid, or a zero of a determinant."""
 
     drivers: Array  # (k,) values of the grid's coordinates
     point: Array  # (3,) of the frame
-    why: str  # what it is
-    q: Array | None = None  # a configuration there, or just before; None where none is known
+    why: str  # the reason
+    q: Array | None = None  # a configuration there, or just before; None if unknown
     angles: Array | None = None
 
 
 class FilledGrid:
-    """A grid, as far as it is reached.
+    """A grid with its reached points.
 
     Attributes:
         ticks: values by coordinate.
-        reached: (n_1, ..., n_k) whether.
+        reached: (n_1, ..., n_k) whether the point is reached.
         why: by index, why a point beyond an end is not reached.
-        borders: where the branch ends.
-        q, angles, errors, points, rotations, jacobians: at the grid's points, as `LinePoints` has
-            them; NaN where it is not reached.
+        borders: ends of the branch.
+        q, angles, errors, points, rotations, jacobians: at the grid's points, as in `LinePoints`;
+            NaN if not reached.
     """
 
-    def __init__(self, asked: GridConfig, ticks: Sequence[Array]) -> None:
-        self.asked, self.ticks = asked, ticks
+    def __init__(self, config: GridConfig, ticks: Sequence[Array]) -> None:
+        self.config, self.ticks = config, ticks
         self.shape = tuple(map(len, ticks))
         self.reached = np.zeros(self.shape, dtype=bool)
         self.why: dict[Index, str] = {}
@@ -67,10 +67,10 @@ class FilledGrid:
         self.data: dict[str, Array] = {}
         self._ended: set[tuple[int, int, Index]] = set()
 
-    def place(self, index: Index, found: LinePoints, row: int) -> None:
-        """Take a configuration for a point of the grid."""
+    def enter(self, index: Index, rows: LinePoints, row: int) -> None:
+        """Store a configuration at a point of the grid."""
         for name in LinePoints._fields[:-1]:
-            values = getattr(found, name)
+            values = getattr(rows, name)
             if name not in self.data:
                 self.data[name] = np.full((*self.shape, *values.shape[1:]), np.nan)
             self.data[name][index] = values[row]
@@ -78,10 +78,10 @@ class FilledGrid:
         self.why.pop(index, None)
 
     def holds(self, index: Index, other: LinePoints) -> bool:
-        """Whether a configuration is the one at a point of the grid, with all frames there."""
+        """Whether a configuration is the one at a point of the grid, with equal frames."""
         if not self.reached[index]:
             return False
-        mechanism, places = self.asked.mechanism, []
+        mechanism, places = self.config.mechanism, []
         for q in (self.data["q"][index], other.q[0]):  # idle rotations do not move origins
             data = mechanism.model.createData()
             pin.framesForwardKinematics(mechanism.model, data, q)
@@ -94,24 +94,25 @@ class FilledGrid:
         return np.array([ticks[i] for ticks, i in zip(self.ticks, index, strict=True)])
 
     def run(self, axis: int, index: Index, values: Array) -> GridLine:
-        """Return the run from a point of the grid to some values of one of its coordinates."""
+        """Return the line from a point of the grid to values of one of its coordinates."""
         q, angles, error = (self.data[x][index] for x in ("q", "angles", "errors"))
         return GridLine(axis, self.at(index), values, q, angles, float(error))
 
     def fill(self, executor: Executor | None, tell: Callable[[float], Any]) -> None:
-        """Go on along all coordinates in turn until nothing more is reached."""
+        """Follow lines along all coordinates in turn until nothing more is reached."""
         idle, axis = 0, 0
         while idle < len(self.shape):
-            ways = list(self._ways(axis))
-            runs = [self.run(axis, way[0], self.ticks[axis][[i[axis] for i in way[1:]]])
-                    for way in ways]
-            for way, found in zip(ways, spread(followed, self.asked, runs, executor), strict=False):
-                tell(self._take(axis, way, found))
-            idle = 0 if ways else idle + 1
+            lines = list(self._lines(axis))
+            runs = [self.run(axis, line[0], self.ticks[axis][[i[axis] for i in line[1:]]])
+                    for line in lines]
+            ends = spread(followed, self.config, runs, executor)
+            for line, rows in zip(lines, ends, strict=False):
+                tell(self._take(axis, line, rows))
+            idle = 0 if lines else idle + 1
             axis = (axis + 1) % len(self.shape)
 
-    def _ways(self, axis: int) -> Iterator[list[Index]]:
-        """Yield lists of neighbours along a coordinate: a reached one, then those that are not."""
+    def _lines(self, axis: int) -> Iterator[list[Index]]:
+        """Yield lists of neighbours along a coordinate: a reached one, then others."""
         n = self.shape[axis]
         lines = np.moveaxis(self.reached, axis, -1)
         for rest in np.ndindex(*lines.shape[:-1]):
@@ -123,72 +124,71 @@ class FilledGrid:
                     j = i + step
                     while 0 <= j < n and not line[j]:
                         j += step
-                    way = [(*rest[:axis], x, *rest[axis:]) for x in range(i, j, step)]
-                    if len(way) > 1 and (axis, step, way[0]) not in self._ended:
-                        yield way
+                    line_ahead = [(*rest[:axis], x, *rest[axis:]) for x in range(i, j, step)]
+                    if len(line_ahead) > 1 and (axis, step, line_ahead[0]) not in self._ended:
+                        yield line_ahead
 
-    def _take(self, axis: int, way: list[Index], found: LinePoints) -> int:
-        """Enter what was found along a way; return how many points are new."""
-        m, new = len(found.q), 0
-        step = way[1][axis] - way[0][axis]
-        for row, index in enumerate(way[1:m + 1]):
+    def _take(self, axis: int, line: list[Index], rows: LinePoints) -> int:
+        """Store the points of a line; return the number of new ones."""
+        m, new = len(rows.q), 0
+        step = line[1][axis] - line[0][axis]
+        for row, index in enumerate(line[1:m + 1]):
             if not self.reached[index]:  # by the way that comes from the other side
-                self.place(index, found, row)
+                self.enter(index, rows, row)
                 new += 1
-        if (end := found.end) is not None:
-            self._ended |= {(axis, step, way[0]), (axis, step, way[m])}
-            drivers = self.at(way[m])
+        if (end := rows.end) is not None:
+            self._ended |= {(axis, step, line[0]), (axis, step, line[m])}
+            drivers = self.at(line[m])
             drivers[axis] = end.value
             self.borders.append(Border(drivers, end.point, end.why, end.q, end.angles))
-            for index in way[m + 1 :]:
+            for index in line[m + 1 :]:
                 if not self.reached[index]:
                     self.why.setdefault(index, end.why)
         return new
 
     def words(self, index: Index, is_whole: bool) -> str:
-        """Return why a point is not reached; empty where it is."""
+        """Return why a point is not reached; empty if it is."""
         if self.reached[index]:
             return ""
         return self.why.get(index, NOT_CONNECTED if is_whole else NOT_LOOKED_AT)
 
 
 def spread(
-    work: Callable[[GridConfig, Sequence[Any]], list[Any]], asked: GridConfig, jobs: Sequence[Any],
+    work: Callable[[GridConfig, Sequence[Any]], list[Any]], config: GridConfig, jobs: Sequence[Any],
     executor: Executor | None,
 ) -> Iterator[Any]:
-    """Yield what some work makes of jobs, in their order, wherever it is done."""
-    parts = [(asked, jobs[k : k + LINES_TOGETHER]) for k in range(0, len(jobs), LINES_TOGETHER)]
-    for found in in_order(executor, work, parts):
-        yield from found
+    """Yield the results of jobs in their order, from this process or the executor."""
+    parts = [(config, jobs[k : k + LINES_TOGETHER]) for k in range(0, len(jobs), LINES_TOGETHER)]
+    for results in in_order(executor, work, parts):
+        yield from results
 
 
 def signs(values: Array) -> NDArray[np.int8]:
-    """Return 1 where values are from zero up, -1 below, 0 where they are not known."""
+    """Return 1 for values from zero up, -1 below, 0 for unknown ones."""
     return np.where(np.isnan(values), 0, np.where(values < 0.0, -1, 1)).astype(np.int8)
 
 
-SEEDS_A_COORDINATE = 3  # values of each, spread over its range, where modes are looked for
-MOST_LOOKED_AT = 30  # points in all
-PATIENCE = 200  # starts that find nothing new after which no more modes are looked for at a point
+SEEDS_A_COORDINATE = 3  # values of each coordinate at which assembly modes are searched
+MOST_LOOKED_AT = 30  # points of that search in all
+PATIENCE = 200  # starts without a new mode after which the search at a point ends
 
 
 def other_starts(filling: FilledGrid) -> Iterator[tuple[Index, LinePoints]]:
-    """Yield all configurations that assembly modes have at some points of a grid, in their order.
+    """Yield configurations of other assembly modes at points of a grid, in their order.
 
-    The first point that is reached on the branch that is known is looked at first, then some all
-    over the grid.
+    The first reached point of the known branch comes first, then points all over the grid.
     """
-    asked, mechanism = filling.asked, filling.asked.mechanism
+    config, mechanism = filling.config, filling.config.mechanism
     # what is held, but for free bases, which stand anyway
-    held = held_by(mechanism, [x for x in asked.hold if not is_base(mechanism, x)])
-    names = [*asked.names, *asked.standing, *(
+    held = held_by(mechanism, [x for x in config.hold if not is_base(mechanism, x)])
+    names = [*config.names, *config.standing, *(
         c.name for c in mechanism.coordinate_table.values()
         if c in held.coordinates or c.v in held.entries)]
     first: Index = tuple(np.argwhere(filling.reached)[0].tolist())
     begin = filling.data["q"][first]
     fixed = [coordinate_value(mechanism, mechanism.prescribed_coordinate(n), begin)
-             for n in names[len(asked.names):]]
-    distances = None if asked.apart is None else Distances(asked.body)
+             for n in names[len(config.names):]]
+    distances = None if config.apart is None else Distances(config.body)
     each = [sorted({round(x) for x in np.linspace(0, n - 1, SEEDS_A_COORDINATE + 2)[1:-1]})
             for n in filling.shape]
     seeds: list[Index] = list(product(*each))
@@ -200,14 +200,14 @@ def other_starts(filling: FilledGrid) -> Iterator[tuple[Index, LinePoints]]:
         except SpatialPinError:  # it cannot be closed there, or moves with all of them held
             continue
         for state in modes:
-            is_beyond = asked.limits and beyond_limits(mechanism, state.q)
-            if not is_beyond and not (distances and touching(asked, distances, state.q)):
-                yield index, one_of(asked, state)
+            is_beyond = config.limits and beyond_limits(mechanism, state.q)
+            if not is_beyond and not (distances and touching(config, distances, state.q)):
+                yield index, one_of(config, state)
 
 
-def one_of(asked: GridConfig, state: State) -> LinePoints:
+def one_of(config: GridConfig, state: State) -> LinePoints:
     """Return a configuration as what was followed."""
-    at = state.placement(asked.frame)
+    at = state.placement(config.frame)
     return LinePoints(state.q[None], np.asarray(state.angles)[None],
                     np.array([state.closure_error]), at.translation[None], at.rotation[None],
-                    natural_jacobians(asked, [state]), None)
+                    natural_jacobians(config, [state]), None)

@@ -1,4 +1,4 @@
-"""What a workspace is: points of a grid, how well each is moved, and where it ends."""
+"""The result of `workspace`: points of a grid, their dexterity, and the boundary."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from spatial_pin.assembly.state import State
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.workspace_map.dexterity import SINGULAR
-from spatial_pin.workspace_map.grid_axes import PARTS, SLIDES
+from spatial_pin.workspace.dexterity import SINGULAR
+from spatial_pin.workspace.grid_axes import PARTS, SLIDES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -35,21 +35,21 @@ def unit_of(mechanism: Mechanism, name: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """A polyline on which the branch ends, or a determinant vanishes.
+    """A polyline at the end of the branch, or along zeros of a determinant.
 
     Attributes:
         drivers: (m, k) values of the grid's coordinates at its points [rad or m].
         points: (m, 3) of the frame [m].
         why: (m - 1,) the reason of each piece, as in `Borders.why`.
-        is_closed: whether its last point is its first; coordinates may be whole turns apart there.
-        tolerance: how far the curve bends away from the straight pieces, at most [rad,
-            characteristic lengths]; its points are on it to 1e-10.
+        is_closed: whether its last point is its first; coordinates may differ by whole turns.
+        tolerance: largest distance between curve and polyline [rad, characteristic lengths]; its
+            points are on the curve to 1e-10.
 
     Example:
         >>> mech = sp.load("delta")
         >>> ranges = {"x": (-1.4, 0.0), "y": (-0.2, 0.2)}  # [m]
-        >>> places = sp.workspace(mech, "platform", ranges, points=5)
-        >>> curve = places.curves(tolerance=0.01)[0]
+        >>> points = sp.workspace(mech, "platform", ranges, points=5)
+        >>> curve = points.curves(tolerance=0.01)[0]
         >>> curve.why[0], curve.is_closed, curve.is_boundary
         ('limit', False, True)
     """
@@ -273,7 +273,7 @@ class Workspace(Tabular):
             >>> curve.is_boundary, curve.points.shape[1]  # (m, 3) [m]
             (True, 3)
         """
-        from spatial_pin.workspace_map.section_curves import curves
+        from spatial_pin.workspace.section_curves import curves
 
         return curves(self, at, tolerance)
 
@@ -307,7 +307,7 @@ class Workspace(Tabular):
             >>> figure.axes[0].get_xlabel()
             'x [m]'
         """
-        from spatial_pin.workspace_map.workspace_plot import plot
+        from spatial_pin.workspace.workspace_plot import plot
 
         return plot(self, path, plane, at, thickness)
 

@@ -1,4 +1,4 @@
-"""Curves in a section of a grid: where a branch ends, and where a determinant vanishes."""
+"""Curves in a section of a grid: the boundary, and zeros of a determinant."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from spatial_pin.assembly.search.whole_turns import turned_apart
 from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.workspace_map.dexterity import SINGULAR, FrameTask
-from spatial_pin.workspace_map.filled_grid import Border
-from spatial_pin.workspace_map.grid_lines import GridConfig
-from spatial_pin.workspace_map.locus import (
+from spatial_pin.workspace.dexterity import SINGULAR, FrameTask
+from spatial_pin.workspace.filled_grid import Border
+from spatial_pin.workspace.grid_lines import GridConfig
+from spatial_pin.workspace.locus import (
     AT_CORNER,
     LIMIT,
     RANGE,
@@ -23,9 +23,9 @@ from spatial_pin.workspace_map.locus import (
     Section,
     walk,
 )
-from spatial_pin.workspace_map.workspace_result import Curve, Workspace, unit_of
+from spatial_pin.workspace.workspace_result import Curve, Workspace, unit_of
 
-MEETS = 1e3 * AT_CORNER  # so near to each other ends of curves are one corner
+MEETS = 1e3 * AT_CORNER  # distance of two ends of curves at one corner
 
 
 class CurvePiece(NamedTuple):
@@ -37,23 +37,22 @@ class CurvePiece(NamedTuple):
 
 
 def curves_of(
-    asked: GridConfig, task: FrameTask, borders: Sequence[Border], free: tuple[int, int],
+    config: GridConfig, task: FrameTask, borders: Sequence[Border], free: tuple[int, int],
     spans: Array, tolerance: float,
 ) -> list[Curve]:
-    """Return the curves in a section of a grid, the pieces of the boundary joined at corners.
+    """Return the curves in a section of a grid, pieces of the boundary joined at corners.
 
     Args:
-        asked: the grid.
-        task: what is asked of the frame.
-        borders: places on lines of the grid in the section: curves begin there.
+        config: the grid.
+        task: the task of the frame.
+        borders: points on lines of the grid in the section, where curves begin.
         free: numbers of the two coordinates that span the section.
         spans: (k, 2) ranges of all coordinates.
-        tolerance: how far a curve may bend away from straight pieces [rad, characteristic
-            lengths].
+        tolerance: largest distance between curve and polyline [rad, characteristic lengths].
     """
     kinds = {LIMIT} | ({SINGULAR} if task.is_square else set())
-    with loops_of(asked.mechanism) as evaluation:
-        section = Section(asked, task, evaluation, free, spans)
+    with loops_of(config.mechanism) as evaluation:
+        section = Section(config, task, evaluation, free, spans)
         kinds |= set(section.limits)
         seeds: list[tuple[str, Array, Array]] = [
             (b.why, b.q, b.angles) for b in borders
@@ -67,7 +66,7 @@ def curves_of(
 
 
 def _follow(locus: Locus, q: Array, pieces: list[CurvePiece]) -> list[tuple[str, Array, Array]]:
-    """Add the curve near a configuration to the pieces; return where others go on from its ends."""
+    """Add the curve near a configuration to the pieces; return starts of curves at its ends."""
     start = locus.beginning(q)
     if start is None or any(  # on a curve that is known
             piece.why == locus.why and _distance(start.y, piece.y) <= 2.0 * locus.tolerance
@@ -83,8 +82,8 @@ def _follow(locus: Locus, q: Array, pieces: list[CurvePiece]) -> list[tuple[str,
     back = walk(locus, start._replace(t=-start.t, dy=-start.dy))
     spots = [*back.spots[:0:-1], *ahead.spots]
     if len(spots) > 1:  # the last point may be the first, but for whole turns of joints
-        way = turned_apart(locus.section.asked.mechanism, spots[0].q, spots[-1].q)
-        is_closed = ahead.end == back.end == RANGE and bool(np.linalg.norm(way) < MEETS)
+        difference = turned_apart(locus.section.config.mechanism, spots[0].q, spots[-1].q)
+        is_closed = ahead.end == back.end == RANGE and bool(np.linalg.norm(difference) < MEETS)
         pieces.append(CurvePiece(np.array([x.y for x in spots]), locus.why, is_closed))
     kinds = {LIMIT, *locus.section.limits}
     return [(end, spot.q, spot.angles) for end, spot in
@@ -92,21 +91,21 @@ def _follow(locus: Locus, q: Array, pieces: list[CurvePiece]) -> list[tuple[str,
 
 
 def _distance(y: Array, line: Array) -> float:
-    first, way = line[:-1], np.diff(line, axis=0)
-    part = np.einsum("ij,ij->i", y - first, way) / np.maximum(
-        np.einsum("ij,ij->i", way, way), TOLERANCES.nothing**2)
-    near = first + np.clip(part, 0.0, 1.0)[:, None] * way
+    first, edges = line[:-1], np.diff(line, axis=0)
+    part = np.einsum("ij,ij->i", y - first, edges) / np.maximum(
+        np.einsum("ij,ij->i", edges, edges), TOLERANCES.nothing**2)
+    near = first + np.clip(part, 0.0, 1.0)[:, None] * edges
     return float(np.linalg.norm(y - near, axis=1).min())
 
 
 def joined(pieces: Sequence[CurvePiece]) -> list[list[CurvePiece]]:
-    """Return pieces that meet at their ends as chains; curves of determinants stay alone."""
-    left = list(pieces)
+    """Return chains of pieces with common ends; curves of determinants stay alone."""
+    rest = list(pieces)
     chains: list[list[CurvePiece]] = []
-    while left:
-        chain = [left.pop(0)]
+    while rest:
+        chain = [rest.pop(0)]
         while not chain[0].is_closed and chain[0].why != SINGULAR:
-            grown = _grown(chain, left)
+            grown = _grown(chain, rest)
             if grown is None:
                 break
             chain = grown
@@ -114,18 +113,18 @@ def joined(pieces: Sequence[CurvePiece]) -> list[list[CurvePiece]]:
     return chains
 
 
-def _grown(chain: list[CurvePiece], left: list[CurvePiece]) -> list[CurvePiece] | None:
-    """Return a chain with one more piece, which is taken from those that are left."""
-    for k, piece in enumerate(left):
+def _grown(chain: list[CurvePiece], rest: list[CurvePiece]) -> list[CurvePiece] | None:
+    """Return a chain with one more piece, which is removed from the rest; None if none meets it."""
+    for k, piece in enumerate(rest):
         if piece.is_closed or piece.why == SINGULAR:
             continue
-        for way in (piece, piece._replace(y=piece.y[::-1])):
-            if np.linalg.norm(way.y[0] - chain[-1].y[-1]) < MEETS:
-                del left[k]
-                return [*chain, way]
-            if np.linalg.norm(way.y[-1] - chain[0].y[0]) < MEETS:
-                del left[k]
-                return [way, *chain]
+        for oriented in (piece, piece._replace(y=piece.y[::-1])):
+            if np.linalg.norm(oriented.y[0] - chain[-1].y[-1]) < MEETS:
+                del rest[k]
+                return [*chain, oriented]
+            if np.linalg.norm(oriented.y[-1] - chain[0].y[0]) < MEETS:
+                del rest[k]
+                return [oriented, *chain]
     return None
 
 
@@ -143,19 +142,22 @@ def _curve(section: Section, chain: list[CurvePiece], tolerance: float) -> Curve
     return Curve(drivers, points, tuple(why), is_closed, tolerance)
 
 
-def curves(found: Workspace, at: Mapping[str, float] | None, tolerance: float) -> tuple[Curve, ...]:
+def curves(
+    result: Workspace, at: Mapping[str, float] | None, tolerance: float
+) -> tuple[Curve, ...]:
     """Return the curves in a section of a grid; see `Workspace.curves`."""
-    asked, ticks, borders, task = found._source
+    config, ticks, borders, task = result._source
     positive_number(tolerance, "tolerance")
     fixed = dict(mapping({} if at is None else at, "at"))
     for name in fixed:
-        if name not in found.names:
-            raise ValueError(f"at: {name!r} is no coordinate of the grid: {', '.join(found.names)}")
-    free = [k for k, name in enumerate(found.names) if name not in fixed]
+        if name not in result.names:
+            raise ValueError(f"at: {name!r} is no coordinate of the grid: "
+                             f"{', '.join(result.names)}")
+    free = [k for k, name in enumerate(result.names) if name not in fixed]
     if len(free) != 2:
-        raise ValueError(f"at leaves {len(free)} coordinates free of {', '.join(found.names)}; a "
+        raise ValueError(f"at leaves {len(free)} coordinates free of {', '.join(result.names)}; a "
                          "section has two")
-    for k, name in enumerate(found.names):
+    for k, name in enumerate(result.names):
         if k not in free:
             value = finite_number(fixed[name], f"at: {name!r}")
             nearest = float(ticks[k][np.abs(ticks[k] - value).argmin()])
@@ -165,15 +167,15 @@ def curves(found: Workspace, at: Mapping[str, float] | None, tolerance: float) -
                                  f"is {nearest:.9g}")
             borders = [b for b in borders if abs(b.drivers[k] - nearest) < 0.5 * step]
     spans = np.array([[x[0], x[-1]] for x in ticks])
-    return tuple(curves_of(asked, task, borders, (free[0], free[1]), spans, tolerance))
+    return tuple(curves_of(config, task, borders, (free[0], free[1]), spans, tolerance))
 
 
-def curve_columns(found: Workspace, lines: Sequence[Curve]) -> dict[str, Any]:
-    """Return the table of curves: a row for each point, with what the piece behind it is."""
-    drivers = np.concatenate([c.drivers for c in lines] or [np.empty((0, len(found.names)))])
+def curve_columns(result: Workspace, lines: Sequence[Curve]) -> dict[str, Any]:
+    """Return the table of curves: a row for each point, with the reason of the next piece."""
+    drivers = np.concatenate([c.drivers for c in lines] or [np.empty((0, len(result.names)))])
     points = np.concatenate([c.points for c in lines] or [np.empty((0, 3))])
-    units = [unit_of(found.mechanism, name) for name in found.names]
+    units = [unit_of(result.mechanism, name) for name in result.names]
     table: dict[str, Any] = {"curve": np.repeat(np.arange(len(lines)), [len(c) for c in lines])}
-    table |= {f"{n} [{u}]": x for n, u, x in zip(found.names, units, drivers.T, strict=True)}
-    table |= {f"{found.frame}.{x} [m]": p for x, p in zip("xyz", points.T, strict=True)}
+    table |= {f"{n} [{u}]": x for n, u, x in zip(result.names, units, drivers.T, strict=True)}
+    table |= {f"{result.frame}.{x} [m]": p for x, p in zip("xyz", points.T, strict=True)}
     return table | {"why": np.array([w for c in lines for w in (*c.why, "")])}

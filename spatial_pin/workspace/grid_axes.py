@@ -1,4 +1,8 @@
-"""Poses of a frame as coordinates of a grid: a copy of the mechanism in which slides carry it."""
+"""Coordinates of a grid: drivers, or parts of a frame's pose.
+
+For poses the grid is followed on a copy of the mechanism, in which slides and hinges move the
+frame.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +28,7 @@ PARTS = (*SLIDES, *TURNS)  # of a pose: of the origin [m], and Cardan angles fro
 
 
 def pose_parts(mechanism: Mechanism, frame: str, names: Iterable[str]) -> tuple[str, ...] | None:
-    """Return what parts of a frame's pose names are; None where they are drivers or coordinates."""
+    """Return names as parts of a frame's pose; None for drivers or coordinates."""
     names = list(names)
     parts = [name.removeprefix(f"{frame}.") for name in names]
     known = {*mechanism.coordinate_table, *mechanism.drivers}
@@ -43,19 +47,19 @@ def pose_parts(mechanism: Mechanism, frame: str, names: Iterable[str]) -> tuple[
 def posed(
     start: State, frame: str, parts: Sequence[str], task: str | None, hold: Hold
 ) -> tuple[State, dict[str, str], tuple[str, ...], str]:
-    """Return the copy of a mechanism in which the pose of a frame is given by coordinates.
+    """Return a copy of the mechanism with the pose of a frame as coordinates.
 
     Returns:
         A state of the copy, absolute positions [m], angles zero; its names of the parts of the
-        pose; those parts that stand still besides those of the grid; "position" or "pose".
+        pose; fixed parts outside the grid; "position" or "pose".
 
     Args:
-        start: closed.
+        start: closed state.
         frame: link, frame or joint.
-        parts: of its pose that span a grid.
-        task: "position": its orientation is free; "pose": it is kept, as far as it is free to
-            change. None: position, if that determines the mechanism.
-        hold: what stands still in any case.
+        parts: parts of its pose that span the grid.
+        task: "position": its orientation is free; "pose": it is fixed, as far as it can change.
+            None: position, if that determines the mechanism.
+        hold: names of other fixed coordinates.
     """
     if task is None:
         mechanism = start.mechanism
@@ -81,22 +85,22 @@ def posed(
 
 
 def tangent(evaluation: LoopEquations, q: Array, hold: Hold) -> Array:
-    """Return orthonormal rows (m, nv) of scaled velocities that loops and what is held allow."""
+    """Return orthonormal rows (m, nv) of scaled velocities that loops and `hold` allow."""
     evaluation.update(q)
     held = held_by(evaluation.mechanism, hold)
     moves = np.ones(evaluation.model.nv, dtype=bool)
     moves[list(held.entries)] = False
     rows = [scaled_row(evaluation.mechanism, c, q) for c in held.coordinates]
     basis = decompose(np.vstack([evaluation.jacobian, *rows])[:, moves]).null_space
-    found = np.zeros((len(basis), len(moves)))
-    found[:, moves] = basis
-    return found
+    motions = np.zeros((len(basis), len(moves)))
+    motions[:, moves] = basis
+    return motions
 
 
 def _standing(
     state: State, frame: str, coordinates: dict[str, str], parts: Sequence[str], hold: Hold
 ) -> tuple[str, ...]:
-    """Return the parts that stand still: in their order, those that are free to change."""
+    """Return the fixed parts, in their order: those that could change."""
     mechanism = state.mechanism
     with loops_of(mechanism, state.angles) as evaluation:
         motions = tangent(evaluation, state.q, hold)
@@ -117,10 +121,8 @@ def _standing(
     return tuple(taken[len(parts):])
 
 
-# points of a grid: each keeps a configuration and a Jacobian, some 200 MB in all
-MOST_GRID_POINTS = 200_000
-# points of a grid where none are asked for, and of one coordinate
-USUAL_POINTS, FINEST_GRID = 10_000, 41
+MOST_GRID_POINTS = 200_000  # each stores a configuration and a Jacobian, about 200 MB in all
+USUAL_POINTS, FINEST_GRID = 10_000, 41  # default number of points of a grid, and of one coordinate
 
 
 def read_ranges(
