@@ -20,7 +20,7 @@ class Integrator(NamedTuple):
        name: "scipy.integrate:Radau", or one of your own.
     2. One of the kernel (Runge and Kutta's) is an entry of `METHODS` in
        `kernel/integrators/integrating.c`; these have the same order here.
-    3. "automatic" begins as DOP853, or as RK45 where the tolerance is loose; `succeed` in
+    3. "automatic" begins as DOP853; `succeed` in
        `dynamics.simulation.integrators` decides when Radau goes on, and when the first one again.
 
     Attributes:
@@ -79,8 +79,8 @@ class Accuracy:
             2e-7; a link that is 1 % too long leaves 1e-3 and more.
         formulation: of `simulate`: "independent" (coordinates, the loops closed inside) or
             "projected" (all joint coordinates, taken back to closed loops after every step).
-        integrator: of `simulate`: "automatic" (DOP853, or RK45 from a `time_tolerance` of 2e-8 on,
-            and where strong damping or dry friction would make these creep, Radau), "DOP853",
+        integrator: of `simulate`: "automatic" (DOP853, and where strong damping or dry
+            friction would make it creep, Radau), "DOP853",
             "RK45", "Radau", "BDF", "LSODA", "RK4", "Gauss".
         time_tolerance: error that adaptive integrators allow in one step, relative and absolute
             [rad, characteristic lengths, and these per natural time]: about the period of a turn,
@@ -247,10 +247,9 @@ MEASURED: dict[str, tuple[tuple[float, Accuracy], ...]] = {
         (4e-13, Accuracy()),
     ),
     "simulate": (
-        (0.01, Accuracy(tolerance=1e-08, time_tolerance=3e-07)),
-        (0.003, Accuracy(tolerance=1e-08, time_tolerance=1e-07)),
-        (0.001, Accuracy(tolerance=1e-08, time_tolerance=4e-08)),
-        (0.0003, Accuracy(tolerance=1e-08, time_tolerance=1e-08)),
+        (0.005, Accuracy(tolerance=1e-08, time_tolerance=1e-06)),
+        (0.002, Accuracy(tolerance=1e-09, time_tolerance=1e-07)),
+        (0.0002, Accuracy(tolerance=1e-08, time_tolerance=1e-08)),
         (9e-05, Accuracy(tolerance=1e-10, time_tolerance=1e-08)),
         (4e-05, Accuracy(tolerance=1e-11, time_tolerance=1e-09)),
         (5e-07, Accuracy(tolerance=1e-12, time_tolerance=1e-10)),
