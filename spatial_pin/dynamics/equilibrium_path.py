@@ -493,7 +493,7 @@ def _motion(
         mechanism, driver, name, None, q, tangents, a,
         np.array([x.state.closure_error for x in points]), np.ones(len(points)), events,
         np.array([x.state.angles for x in points]), per, (),
-        factor, np.array([x.negatives == 0 for x in points]))
+        load_factor=factor, stable=np.array([x.negatives == 0 for x in points]))
     passed = [p.event for p in joint_limits_passed(found)]
     rows = np.arange(len(points), dtype=float)
     found.events = sorted([*events, *(
