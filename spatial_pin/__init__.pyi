@@ -82,6 +82,7 @@ from .motion.follow import follow as follow
 from .motion.joint_limit_events import JointLimit as JointLimit, Passing as Passing
 from .motion.limits import Bound as Bound, Range as Range, limits as limits
 from .motion.motion import (
+    ErrorEstimate as ErrorEstimate,
     Event as Event,
     FrameMotion as FrameMotion,
     Motion as Motion,

@@ -18,8 +18,8 @@ BETWEEN = "length_between"
 TOP = "at the top of the file, before the first [table]"
 BELONGS = {  # where in a file each key has its place
     TOP: ("name", "title", "source", "tree", "complete", "gravity", "gap", "order", "joints",
-          "curves", "closures", "drivers", "springs", "passive", "frames", "masses", "guess", "bodies",
-          "points", "rods", "gears", "dimensions", "keep", "density", "radius"),
+          "curves", "closures", "drivers", "springs", "passive", "frames", "masses", "guess",
+          "bodies", "points", "rods", "gears", "dimensions", "keep", "density", "radius"),
     "in [joints.NAME]": ("type", "axis", "axis2", "lead", *RESISTANCES, *LIMITS, "between", "at"),
     "in [[closures]]": ("name", "type", "frames", "joints", *sorted(
         {"length", *(key.name for pair in PAIRS.values() for key in pair.keys)}, reverse=True),

@@ -63,7 +63,7 @@ def _check_spring(mechanism: Mechanism, spring: Spring, where: str) -> None:
             "body"
         )
     if spring.joint is not None:
-        coordinate = named(mechanism.driven_coordinate, spring.joint, f"{where}: ")
+        coordinate = named(mechanism.prescribed_coordinate, spring.joint, f"{where}: ")
         if spring.free_length and coordinate.unit == "rad":
             raise MechanismFileError(
                 f"{where}: {spring.joint!r} turns; give free_angle, not free_length")

@@ -233,7 +233,8 @@ class Spring:
     Attributes:
         name: the name in the mechanism file.
         frames: names of the two frames that it joins; or
-        joint: the joint or coordinate whose value is the spring's length or angle.
+        joint: the joint or coordinate whose value is the spring's length or angle, such as
+            "slide" or, of a ball, "hip.x": a component of its rotation vector.
         stiffness: [N/m], of a coordinate that turns [N·m/rad]; or six numbers, or (6, 6), of a
             bushing between two frames: forces [N], then moments [N·m], by the position [m] and the
             rotation vector [rad] of frame 2 in the axes of frame 1; symmetric and not negative.

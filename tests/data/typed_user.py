@@ -96,10 +96,12 @@ def moving(mech: sp.Mechanism) -> sp.Motion:
     text: str = motion.to_csv()
     file: Path = motion.save(motion.to_csv("motion.csv").with_suffix(".npz"))
     again: sp.Motion = sp.Motion.load(file, mech)
+    off: sp.ErrorEstimate = again.error
     print(angle.rate.max(), path.position.shape, motion.com("coupler").velocity.shape,
           output.unit.upper(), time is None, row.closure_error + 1.0, columns.keys(),
           quantity.unit.upper(), text.upper(),
-          again.closure_error.max(), stops[0].kind.upper(), bound.value + 1.0, bound.kind.upper(),
+          again.closure_error.max(), off.positions + off.largest, stops[0].kind.upper(),
+          bound.value + 1.0, bound.kind.upper(),
           len(both) + len(around), motion.events[0].text.upper(), span.full_turn is True)
     return motion
 

@@ -241,7 +241,13 @@ def add_springs(document: MjcfDocument) -> None:
                 f"mechanism {mech.name!r}: spring {spring.name!r} is a bushing, has a law, "
                 "or pulls or pushes only; springs of MuJoCo have a stiffness alone: leave it out "
                 "of the mechanism, or write a force of your own beside the model")
-        if not spring.frames:
+        if spring.joint is not None:  # told at the joint, if that has one coordinate
+            pair = mech.pair_of(mech.coordinate(spring.joint).joint)
+            if mech.coordinate(spring.joint).q < 0:
+                raise SpatialPinError(
+                    f"mechanism {mech.name!r}: spring {spring.name!r} is on one component of a "
+                    f"{pair} joint, where MuJoCo has none: leave it out of the mechanism, or "
+                    "write a force of your own beside the model")
             continue
         tendon = ET.SubElement(document.part("tendon"), "spatial", {
             "name": spring.name, "stiffness": repr(float(spring.stiffness)),

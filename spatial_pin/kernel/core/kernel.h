@@ -201,13 +201,12 @@ typedef struct Kernel {
 } Kernel;
 
 /* ---- model.c ---- */
-/* Make a kernel of two arrays, in the order in which read_structure and read_numbers read them. DONE,
-   BAD_ARRAYS, NO_MEMORY. */
-EXPORT int kernel_create(const Int *ints, Int n_ints, const Real *reals, Int n_reals, Kernel **out);
+/* Make a kernel of two arrays, in the order in which read_structure and read_numbers read them, and of
+   the caller's functions (n_called), NULL for those that have numbers. DONE, BAD_ARRAYS, NO_MEMORY. */
+EXPORT int kernel_create(const Int *ints, Int n_ints, const Real *reals, Int n_reals,
+                         const Called *called, Int n_called, Kernel **out);
 /* Take the numbers of other dimensions; the kernel is as if it had been made of them. */
 EXPORT int kernel_set_numbers(Kernel *k, const Real *reals, Int n_reals);
-/* Give one of its functions, which is one of the caller. */
-EXPORT void kernel_set_function(Kernel *k, Int i, Called function);
 /* The same numbers but for some, at places below n_reals; other places are not looked at. */
 int kernel_vary_numbers(Kernel *k, const Real *base, Int n_reals, const Int *place,
                         const Real *varied, Int n_varied);

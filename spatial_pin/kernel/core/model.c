@@ -214,7 +214,8 @@ static int make_room(Kernel *k)
     return kernel_had_memory(k) && k->system.lu;
 }
 
-EXPORT int kernel_create(const Int *ints, Int n_ints, const Real *reals, Int n_reals, Kernel **out)
+EXPORT int kernel_create(const Int *ints, Int n_ints, const Real *reals, Int n_reals,
+                         const Called *called, Int n_called, Kernel **out)
 {
     *out = NULL;
     Kernel *k = calloc(1, sizeof *k);
@@ -226,6 +227,8 @@ EXPORT int kernel_create(const Int *ints, Int n_ints, const Real *reals, Int n_r
         spins_are_sound(k) && equations_are_sound(k))
         code = make_room(k) ? read_numbers(k, reals, n_reals) : NO_MEMORY;
     if (code == DONE) {
+        for (Int i = 0; i < n_called && i < k->quantities.n_functions; i++)
+            k->quantities.called[i] = called[i];
         k->R[0] = k->R[4] = k->R[8] = 1.0; /* the ground */
         find_plain_joints(k);
         equations_begin(k);
@@ -254,12 +257,6 @@ int kernel_vary_numbers(Kernel *k, const Real *base, Int n_reals, const Int *pla
 EXPORT int kernel_set_numbers(Kernel *k, const Real *reals, Int n_reals)
 {
     return kernel_vary_numbers(k, reals, n_reals, NULL, NULL, 0);
-}
-
-EXPORT void kernel_set_function(Kernel *k, Int i, Called function)
-{
-    if (within(i, k->quantities.n_functions))
-        k->quantities.called[i] = function;
 }
 
 EXPORT void kernel_destroy(Kernel *k)
