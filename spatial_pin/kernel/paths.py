@@ -114,7 +114,8 @@ def path_accuracy(accuracy: Accuracy, has_redundant: bool, is_determined: bool) 
     tolerance, is_fixed = accuracy.tolerance, accuracy.corrections is not None
     loose = tolerance >= INTERPOLATED and accuracy.order == 3 and not is_fixed and is_determined
     wanted = min(tolerance, TIGHT) if has_redundant else tolerance
-    closed = max(NODE_RESIDUAL, NODE_PART * min(tolerance, 1.0)**1.5) if loose else max(wanted, FINEST)
+    node_residual = max(NODE_RESIDUAL, NODE_PART * min(tolerance, 1.0) ** 1.5)
+    closed = node_residual if loose else max(wanted, FINEST)
     return _AccuracyStruct(
         UNCORRECTED_PART * closed, CLOSED_PART * closed, max(LEFT, wanted, closed),
         np.inf if is_fixed else max(IDLE_ERROR, IDLE_PART * tolerance),
