@@ -79,7 +79,7 @@ FAIR, TWICE = 0.3, 2.0
 # of motion from the guess, over which equations stay within the gap
 HALF_RADIAN, PARTS_OF_MOTION = 0.5, 4
 PART = HALF_RADIAN / PARTS_OF_MOTION
-MOST_LOOKED_AT = 400  # configurations of a path: eight turns, in a tenth of a second
+MOST_SAMPLED = 400  # configurations of a path: eight turns, in a tenth of a second
 DIRECTIONS = 6  # of that motion, each taken both ways
 LONGER_MOTION = 4  # such motions in a row, over which it is seen how long equations are independent
 PROBES, STEPS_TO_POSE = 4, 3  # other poses tried, and steps to each
@@ -91,7 +91,7 @@ FEW_CHOICES = 300  # of equations, that are all looked at: in a fraction of a se
 # Samples from the guess on, in which sums of equations are to be independent where none are all
 # through: two radians, one and a half, one, half a radian; of ways ahead, none.
 HORIZONS = 17, 13, 9, 5, 1
-ROUNDS = 30  # of weights, after which the least independent sample gains no digit more
+CHOICE_ROUNDS = 30  # of weights, after which the least independent sample gains no digit more
 # Weight of the equations of screws and couplings, which are preferred: no other is as well
 # conditioned as to outweigh it.
 PREFERRED = 1e3
@@ -434,7 +434,7 @@ def independent_along(
     with loops_of(whole, carried_angles(mechanism, angles, whole)) as every, loops_of(
             mechanism, angles) as evaluation:
         path, rows, before = [], [], []
-        for k, point in list(_dense(mechanism, q))[-MOST_LOOKED_AT:]:
+        for k, point in list(_dense(mechanism, q))[-MOST_SAMPLED:]:
             every.update(point)
             evaluation.update(point)
             jacobian = every.jacobian[: every.constraints.n_closure].copy()
@@ -590,7 +590,7 @@ def _sums(
     minors = jacobians @ np.array([x.rows.T for x in samples])
     columns = column_spaces(minors)
     weights, best, most = np.ones(len(samples)), rows, 0.0
-    for _ in range(ROUNDS):
+    for _ in range(CHOICE_ROUNDS):
         for block in blocks:
             mine = np.flatnonzero(np.any(rows[:, block] != 0.0, axis=1))
             count = len(mine)

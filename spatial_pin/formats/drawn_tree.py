@@ -35,7 +35,7 @@ from spatial_pin.formats.urdf.urdf_model import RESISTANCES
 from spatial_pin.mechanism.pairs import PAIRS
 
 OWN = ("dimensions", "bodies", "joints", "points", "rods", "gears", "density", "radius", "keep")
-THICKNESS = 0.03  # radius of bars, of the root mean square distance of the drawing from its centre
+BAR_THICKNESS = 0.03  # radius of bars, of the root mean square distance of the drawing from its centre
 SAME = 1e-9  # of the size of a drawing: places nearer than this are one
 MOST_PAIRS = 3  # ends of a body that bars join two by two; more are joined to their mean
 URDF_TYPES = {"revolute": "continuous", "prismatic": "prismatic", "fixed": "fixed"}
@@ -396,11 +396,11 @@ class DrawnShapes:
         if self._drawing.radius is not None:
             return self._drawing.radius
         if len(places) < 2:
-            return THICKNESS
+            return BAR_THICKNESS
         centre = _mean(places)
         squares = " + ".join(f"(({x}) - ({c}))**2" for place in places
                              for x, c in zip(place, centre, strict=True))
-        radius = f"{THICKNESS} * sqrt(({squares}) / {len(places)})"
+        radius = f"{BAR_THICKNESS} * sqrt(({squares}) / {len(places)})"
         return radius if is_varied([x for place in places for x in place]) else float(
             self._drawing.numbers.values([radius])[0])
 

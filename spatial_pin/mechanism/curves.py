@@ -31,7 +31,7 @@ __all__ = ["circle", "ellipse", "helix", "line", "spline"]
 CELLS = 96  # of a turn, each with a polynomial of degree 9: the rest is below round-off
 ORDER = 4  # of the derivatives that these have at their ends
 FLAT = 1e-6  # of its size: how far points of rounded numbers may be off their plane
-FLATTEST = 0.02  # sine of the angle at which a curve is seen from its centre
+FLATTEST_CURVE = 0.02  # sine of the angle at which a curve is seen from its centre
 FORMS = ("circle", "ellipse", "line", "helix", "points", "table")
 
 
@@ -154,7 +154,7 @@ class CurveShape:
             vx, vy, quantity = of(x, y, dx, dy)
             turned = argument(vy, vx)
             size = np.hypot(vx.values[0], vy.values[0]) * np.hypot(vx.values[1], vy.values[1])
-            if np.any(turned.values[1] * (vx.values[0]**2 + vy.values[0]**2) < FLATTEST * size):
+            if np.any(turned.values[1] * (vx.values[0]**2 + vy.values[0]**2) < FLATTEST_CURVE * size):
                 raise ValueError("its centre does not see all of it: a ray from there must meet it "
                                  "once, and not along it")
             speed = power(dx * dx + dy * dy, 0.5).values

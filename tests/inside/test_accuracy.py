@@ -57,7 +57,7 @@ def test_exact_rows_of_the_rssr_are_those_of_the_closed_form():
     want = np.array([closed_forms.long(p.coordinates["rocker_pin"] for p in level)
                      for level in zip(*poses, strict=True)])
     got = np.array([exact.q[:, rocker.q], exact.v[:, rocker.v], exact.a[:, rocker.v]])
-    assert exact.good.all() and exact.left.max() < 30 * EPS
+    assert exact.good.all() and exact.remainder.max() < 30 * EPS
     assert np.abs(got - want).max() < 300 * EPS
 
 

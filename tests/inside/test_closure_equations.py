@@ -44,6 +44,8 @@ def _the_same_numbers_in_any_order():
 
 
 every_type = pytest.mark.parametrize("kind", TYPES)
+by_formula = pytest.mark.parametrize(  # a curve's value is zero on it, and any off it
+    "kind", [kind for kind in TYPES if kind not in ("point_on_curve", "cam")])
 
 
 # ---------------------------------------------------------------- the truth
@@ -56,6 +58,8 @@ def rows_of(kind: str, M: pin.SE3, scale: float) -> list[float]:
     parallel, oriented = [R[0, 2], R[1, 2]], [R[0, 1], R[1, 2], R[2, 0]]
     if kind == "distance":
         return [(M.translation @ M.translation - LENGTH**2) / (2 * LENGTH) * scale]
+    if kind == "rope":
+        return [(np.linalg.norm(M.translation) - LENGTH) * scale]
     if kind == "screw":
         slide = LEAD / (2 * np.pi) * np.arctan2(R[1, 0], R[0, 0])
         return [*on_line, *parallel, (M.translation[2] - slide) * scale]
@@ -84,6 +88,9 @@ def placed_in(kind: str, rng: np.random.Generator) -> pin.SE3:
     a, b, s, t = rng.uniform(-2.0, 2.0, 4)
     anywhere, random = pin.SE3.Random().rotation, rng.uniform(-1.0, 1.0, 3)
     turned, eye, zero = about("z", a), np.eye(3), np.zeros(3)
+    ellipse = np.array([0.3 * np.cos(a), 0.2 * np.sin(a), 0.0])
+    normal = np.array([0.2 * np.cos(a), 0.3 * np.sin(a), 0.0])
+    roller = ellipse + 0.02 * normal / np.linalg.norm(normal)
     return pin.SE3(*{
         "revolute": (turned, zero),
         "prismatic": (eye, np.array([0, 0, s])),
@@ -95,6 +102,9 @@ def placed_in(kind: str, rng: np.random.Generator) -> pin.SE3:
         "weld": (eye, zero),
         "fixed": (eye, zero),
         "distance": (anywhere, LENGTH * random / np.linalg.norm(random)),
+        "rope": (anywhere, LENGTH * random / np.linalg.norm(random)),
+        "point_on_curve": (anywhere, ellipse),
+        "cam": (anywhere, roller + np.array([0.0, 0.0, s])),
         "point_on_line": (anywhere, np.array([0, 0, s])),
         "point_on_plane": (anywhere, np.array([s, t, 0])),
         "parallel": (turned, random),
@@ -121,7 +131,7 @@ def settle(evaluation: LoopEquations, q: np.ndarray) -> None:
 # ---------------------------------------------------------------- value, Jacobian, bias
 
 
-@every_type
+@by_formula
 @pytest.mark.parametrize("frames", [("left", "leaf"), ("leaf", "left"), ("leaf", "right")],
                          ids=["child of child", "child to parent", "two branches"])
 def test_value_is_that_of_the_relative_placement(tmp_path, kind, frames):

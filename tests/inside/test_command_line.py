@@ -98,7 +98,7 @@ OF_CALLERS = (
     ("columns.py", "pip install"), ("state.py", "a State is needed"),
     ("motion.py", "a Motion is needed"), ("coordinates.py", "a Mechanism is needed"),
     ("film.py", ""), ("overlays.py", "another motion"), ("overlays.py", "another one"),
-    ("pair_tree.py", "sp.closures"), ("closures.py", "sp.closures"),
+    ("pair_tree.py", "sp.closures"), ("closures.py", ""), ("mechanism_writer.py", "tabulate="),
     ("mechanism_writer.py", "from_model"),
     ("tolerance.py", "to make a table of"), ("sweep.py", "speed=0.0 at rest"),
     ("sweep.py", "a sweep goes through a list"),

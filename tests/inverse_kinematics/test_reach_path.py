@@ -519,7 +519,7 @@ def test_bad_files_are_refused_in_words(tmp_path, run, head, numbers, words):
     (["reach", "delta"], "there is no target"),
     (["reach", "delta", "arm_1=1", "--csv", "x.csv"], "need --path"),
     (["reach", "delta", "platform.position=0,0,1", "--path", "x.csv"], "columns of the table"),
-    (["reach", "delta", "--no-limits", "--path", "x.csv"], "of single targets"),
+    (["reach", "delta", "--no-limits", "--path", "x.csv"], "for single targets"),
 ])
 def test_what_does_not_go_together_is_refused(run, arguments, words):
     code, _, told = run(*arguments)
