@@ -63,7 +63,8 @@ def test_turns_are_those_of_whatever_joint_a_guess_or_a_target_names(name, turns
                         ("gear", pin.JointModelRX())):
         model.addJoint(0, kind, HERE, joint)
     mechanism = sp.Mechanism.from_model(model, [
-        sp.closures.screw("screw", "slide", LEAD), sp.closures.coupling("screw", "gear", -2.0)], drivers=[])
+        sp.closures.screw("screw", "slide", LEAD), sp.closures.coupling("screw", "gear", -2.0),
+    ], drivers=[])
     angle = 2.0 * np.pi * turns
     values = {"screw": angle, "slide": -turns * LEAD, "gear": -2.0 * angle}
     given = {name: values[name]}
