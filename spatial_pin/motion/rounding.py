@@ -103,7 +103,7 @@ def _ended(
 
 def independent_on(
     motion: AnyMotion, accuracy: Accuracy, ahead: Array, end: Array | None = None,
-    opens: bool = False,
+    opens_after: int | None = None,
 ) -> tuple[Mechanism, int | None]:
     """Return a mechanism whose equations are independent on a motion, and for some way ahead.
 
@@ -112,7 +112,7 @@ def independent_on(
         accuracy: its settings.
         ahead: (nv,) the direction in which it goes on.
         end: (nq,) where it ends beyond its last sample.
-        opens: whether redundant equations open beyond the gap at the next sample.
+        opens_after: how many samples come before one at which redundant equations open too far.
 
     Returns:
         The motion's own mechanism where that is one, or of a rounded file no choice of equations
@@ -123,6 +123,6 @@ def independent_on(
     if mechanism.whole is None or not len(motion):
         return mechanism, None
     gap = allowed_from(motion.state(0), gap_allowed(mechanism, accuracy))
-    q = motion.q if end is None else np.vstack([motion.q, end])
+    q = motion.q[:opens_after] if end is None else np.vstack([motion.q, end])
     return independent_along(mechanism, q, motion.angles[0] if motion.angles.size else NO_ANGLES,
-                             ahead / mechanism.velocity_scale, gap, opens)
+                             ahead / mechanism.velocity_scale, gap, opens_after is not None)

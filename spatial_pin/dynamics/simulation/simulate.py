@@ -55,7 +55,6 @@ from spatial_pin.mechanism.inertia import KineticEnergy
 from spatial_pin.mechanism.laws import DriverLaw
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
-from spatial_pin.motion.motion import first_samples
 from spatial_pin.motion.rounding import CHOICES, first_opened, independent_on, within_gap
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import INTEGRATORS, Accuracy, accuracy_of
@@ -303,10 +302,6 @@ def simulate(
     accuracy = accuracy_of(accuracy)
     state = moving_in_time(mechanism, state)
     times = _times(duration, times)
-    other = partial(
-        simulate, mechanism, state, duration, efforts, times, comparison(accuracy), drives=drives,
-        external=external, laws=laws, slip_speed=slip_speed, stop_when=stop_when,
-        on_joint_limit=on_joint_limit)
     _check_accuracy(accuracy, float(times[-1]))
     if on_joint_limit not in AT_LIMITS:
         raise ValueError(f"on_joint_limit is {on_joint_limit!r}; it is one of "
@@ -314,13 +309,16 @@ def simulate(
     warn_of_no_inertia(state.mechanism, efforts, external)
     good = None
     for _ in range(CHOICES):
+        other = partial(
+            simulate, mechanism, state, duration, efforts, times, comparison(accuracy),
+            drives=drives, external=external, laws=laws, slip_speed=slip_speed,
+            stop_when=stop_when, on_joint_limit=on_joint_limit)
         whole = _followed(state, times, accuracy, (efforts, drives, external, laws), slip_speed,
-                          stop_when, on_joint_limit, progress)
+                          stop_when, on_joint_limit, progress, other)
         n, opened = first_opened(whole, accuracy)
         if not n or opened is None:
             break
-        chosen, good = independent_on(
-            first_samples(whole, n), accuracy, whole.v[n - 1], opens=True)
+        chosen, good = independent_on(whole, accuracy, whole.v[n - 1], opens_after=n)
         if chosen is whole.mechanism:
             break
         state = State(chosen, state.q, state.v,
@@ -331,11 +329,12 @@ def simulate(
 def _followed(
     state: State, times: Array, accuracy: Accuracy, forces: tuple[Any, Any, Any, Any],
     slip_speed: SlipSpeed | None, stop_when: Callable[[float, State], float] | None,
-    on_joint_limit: str, progress: bool,
+    on_joint_limit: str, progress: bool, other: Callable[[], Simulation],
 ) -> Simulation:
     """Return the motion from a state, with the arguments of `simulate`.
 
-    `forces` are efforts, drives, external forces and laws.
+    `forces` are efforts, drives, external forces and laws; `other` follows it with other
+    tolerances.
     """
     mechanism, (efforts, drives, external, laws) = state.mechanism, forces
     problem = Problem(mechanism, efforts, drives, laws, accuracy.tolerance, slip_speed,
