@@ -407,8 +407,8 @@ def _dense(mechanism: Mechanism, q: Array) -> Iterator[tuple[int, Array]]:
 
 
 def independent_along(
-    mechanism: Mechanism, q: Array, angles: Array, ahead: Array, gap: float
-) -> tuple[Mechanism, int]:
+    mechanism: Mechanism, q: Array, angles: Array, ahead: Array, gap: float, opens: bool = False
+) -> tuple[Mechanism, int | None]:
     """Return the mechanism of a rounded file with equations that are independent along a path.
 
     Those that are so near the guess may depend on each other elsewhere, at what seems a limit
@@ -420,45 +420,47 @@ def independent_along(
         angles: (n_angles,) of its screw closures at the first one.
         ahead: (nv,) direction in which it goes on from the last, scaled.
         gap: the largest closure error that other equations may keep [-].
+        opens: whether other equations open beyond it just ahead of the last.
 
     Returns:
         The same one where its equations do, or no others do better; else one with equations that
         are independent for some way ahead as well. And how many configurations come before the
-        first at which the given ones are not.
+        first at which the given ones are not, which may be ahead if others open there; None: they
+        are so at all.
     """
     whole, selection = mechanism.whole, mechanism.selection
     assert whole is not None and selection is not None
     rank, cut = sum(selection.counts()), min(GAPS_WIDE * gap, WIDEST_GAP)
     if not rank:
-        return mechanism, len(q)
+        return mechanism, None
     with loops_of(whole, carried_angles(mechanism, angles, whole)) as every, loops_of(
             mechanism, angles) as evaluation:
-        path, rows, before = [], [], []
+        path, before = [], []
         for k, point in list(_dense(mechanism, q))[-MOST_SAMPLED:]:
             every.update(point)
-            evaluation.update(point)
             jacobian = every.jacobian[: every.constraints.n_closure].copy()
             path.append(Sample(point, jacobian, singular_values(jacobian), every.closure_error))
-            rows.append(evaluation.jacobian[: evaluation.constraints.n_closure].copy())
             before.append(k)
         path = list(takewhile(lambda x: _rank(x.s, CLEAR_OF_CUT * cut) == rank,
                               _oriented(path[0], path, rank)))
         if not path:
-            return mechanism, len(q)
-        independence = _independence(np.array(rows[: len(path)]), path)
-        independence *= np.sign(independence[0])
-        bad = np.flatnonzero(independence < USELESS)
-        n, worth = before[bad[0]] if bad.size else len(q), max(0.0, float(independence.min()))
-        if worth >= FAIR:
+            return mechanism, None
+        along = _signed_independence(evaluation, path)
+        bad = np.flatnonzero(along < USELESS)
+        n, worth = before[bad[0]] if bad.size else None, max(0.0, float(along.min()))
+        if worth >= FAIR and not opens:
             return mechanism, n
-        for x in q[-2::-1]:
-            remaining = pin.difference(whole.model, x, q[-1]) / whole.velocity_scale
-            if np.abs(remaining).max() > TOLERANCES.half_precision:
-                ahead = remaining
-                break
+        travelled = (pin.difference(whole.model, x, q[-1]) / whole.velocity_scale
+                     for x in q[-2::-1])
+        ahead = next((x for x in travelled if np.abs(x).max() > TOLERANCES.half_precision), ahead)
         beyond = _oriented(path[-1], list(_walk(
             whole, path[-1].q, ahead, LONGER_MOTION * PARTS_OF_MOTION,
             lambda point: _sample(every, point, cut, gap)))) if ahead.any() else []
+        if opens:
+            worth = max(0.0, float(_signed_independence(evaluation, [*path, *beyond]).min()))
+            if worth >= FAIR:
+                return mechanism, n
+            n = len(q) if n is None and worth < USELESS else n
         best = max(USELESS, TWICE * worth), selection
         for some in HORIZONS:
             chosen, better = _independent(whole, [], path + beyond[: some - 1])
@@ -617,6 +619,16 @@ def _independence(jacobians: list[Array] | Array, samples: list[Sample]) -> Arra
     sizes = np.array([x.s[len(x.rows) - 1] for x in samples])
     least: Array = singular_values(minors)[:, -1] / sizes
     return least * np.sign(np.linalg.det(minors))
+
+
+def _signed_independence(evaluation: LoopEquations, samples: list[Sample]) -> Array:
+    """Return `_independence` (n,) of equations at samples along a path, from a positive one on."""
+    rows = []
+    for x in samples:
+        evaluation.update(x.q)
+        rows.append(evaluation.jacobian[: evaluation.constraints.n_closure].copy())
+    signed = _independence(rows, samples)
+    return signed * np.sign(signed[0])
 
 
 def _worth(rows: Array, paths: list[list[Sample]]) -> tuple[float, float, int, float]:

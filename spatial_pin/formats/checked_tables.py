@@ -238,8 +238,8 @@ class TomlTable(CheckedValues):
     def __init__(self, content: Any, where: str, place: str = TOP) -> None:
         if not isinstance(content, dict):
             table, _, key = where.rpartition(": ")[2].rpartition(".")
-            hint = f"; {heading(table or key, content, key if table else 'NAME')}" * (
-                (table or key) in HEADINGS)
+            hint = f"; {heading(table or key, content, key if table else 'NAME')}" if (
+                (table or key) in HEADINGS) else ""
             if place != TOP and key in BELONGS[TOP]:
                 hint = f"; {belongs(key, content)}"
             raise MechanismFileError(f"{where}: must be a table of key = value lines{hint}")

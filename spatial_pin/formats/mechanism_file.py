@@ -390,9 +390,10 @@ def _law(table: TomlTable, trust: Trust) -> tuple[tuple[float, float], ...]:
         return ()
     if "stiffness" in table:
         table.fail("law", "or stiffness: a spring has one of the two")
-    inner = table.table("law")
-    if ("points" in inner) == ("table" in inner):
+    given = table.get("law")
+    if not isinstance(given, dict) or ("points" in given) == ("table" in given):
         table.fail("law", 'is {points = [[0.0, 0.0], [0.01, 40.0]]} or {table = "gas.csv"}')
+    inner = table.table("law")
     if "table" in inner:
         values: Any = rows_of(trust.checked(trust.home / inner.text("table")))
     else:

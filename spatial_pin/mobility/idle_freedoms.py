@@ -159,7 +159,8 @@ def _idles(evaluation: LoopEquations, q: Array, joint: str, velocities: Array) -
 
     starts = np.random.default_rng(3).normal(size=(IDLE_STARTS, len(velocities)))
     return any(_goes_on(evaluation, q, joint, part @ velocities) for part in (
-        least_squares(opened, start, max_nfev=IDLE_STEPS).x for start in starts))
+        least_squares(opened, start, max_nfev=IDLE_STEPS, xtol=TOLERANCES.last_digit,
+                      ftol=None, gtol=None).x for start in starts))
 
 
 def _gone(evaluation: LoopEquations, q: Array, joint: str, v: Array) -> tuple[Array, Array]:

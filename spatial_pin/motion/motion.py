@@ -666,8 +666,16 @@ def first_samples(motion: AnyMotion, n: int) -> AnyMotion:
             return {key: cut(value) for key, value in x.items()}
         return x[:n] if isinstance(x, np.ndarray) and len(x) == len(motion) else x
 
-    parts = {f.name: cut(getattr(motion, f.name)) for f in fields(motion)}
-    return replace(motion, **{**parts, "events": [e for e in motion.events if e.row < n]})
+    later = LATER["error_estimates"]
+    is_known = later not in motion.__dict__
+    parts = {f.name: cut(getattr(motion, f.name)) for f in fields(motion)
+             if is_known or f.name != "error_estimates"}
+    none = {} if is_known else {"error_estimates": np.empty((0, 3))}
+    first = replace(motion, **{**parts, **none, "events": [e for e in motion.events if e.row < n]})
+    if not is_known:  # a simulation makes another one for them
+        del first.error_estimates
+        first.__dict__[later] = lambda _: motion.error_estimates[:n]
+    return first
 
 
 def made(**fields: Any) -> Motion:

@@ -25,6 +25,24 @@ GAP = "gap"  # kind of event
 CHOICES = 8
 
 
+def first_opened(
+    motion: AnyMotion, accuracy: Accuracy, end: int | None = None
+) -> tuple[int, int | None]:
+    """Return at how many of the first `end` samples equations hold to the gap, and where not.
+
+    At most a thousand are checked.
+    """
+    end = len(motion) if end is None else end
+    if motion.mechanism.whole is None or not end:
+        return end, None
+    gap, before = allowed_from(motion.state(0), gap_allowed(motion.mechanism, accuracy)), 0
+    for row in np.unique(np.linspace(0, end - 1, min(end, MOST_SAMPLES)).astype(int)).tolist():
+        if motion.state(row).gap > gap:
+            return before, row
+        before = row + 1
+    return end, None
+
+
 def within_gap(
     motion: AnyMotion, accuracy: Accuracy, on_limit: str, independent: int | None = None
 ) -> AnyMotion:
@@ -46,21 +64,16 @@ def within_gap(
     if motion.mechanism.whole is None or not len(motion):
         return motion
     gap = allowed_from(motion.state(0), gap_allowed(motion.mechanism, accuracy))
-    end, before, opened = len(motion) if independent is None else independent, 0, None
-    for row in np.unique(np.linspace(0, end - 1, min(end, MOST_SAMPLES)).astype(int)).tolist():
-        if (state := motion.state(row)).gap > gap:
-            end, opened = before, state
-            break
-        before = row + 1
-    at = opened or motion.state(max(0, end - 1))
+    end, row = first_opened(motion, accuracy, independent)
+    at = motion.state(max(0, end - 1) if row is None else row)
     if independent is not None:
         return _ended(motion, end, at, on_limit, (
             "the file's numbers are rounded, and no choice of its redundant equations is "
-            f"independent from the first sample to beyond {at}; begin another motion there, with "
-            "guess="))
-    if opened is None:
+            f"independent from the first sample to beyond {at}; begin another motion there: its "
+            "last State is guess=, of simulate the state"))
+    if row is None:
         return motion
-    worst = max(opened.gap.closures.items(), key=lambda x: x[1])[0]
+    worst = max(at.gap.closures.items(), key=lambda x: x[1])[0]
     return _ended(motion, end, at, on_limit, (
         f"the file's numbers are rounded, and redundant equations of closure {worst!r} open by "
         f"{float(at.gap):.1e} at {at}, beyond the gap of {gap:.0e} (load(..., gap="
@@ -89,7 +102,8 @@ def _ended(
 
 
 def independent_on(
-    motion: AnyMotion, accuracy: Accuracy, ahead: Array, end: Array | None = None
+    motion: AnyMotion, accuracy: Accuracy, ahead: Array, end: Array | None = None,
+    opens_after: int | None = None,
 ) -> tuple[Mechanism, int | None]:
     """Return a mechanism whose equations are independent on a motion, and for some way ahead.
 
@@ -98,6 +112,7 @@ def independent_on(
         accuracy: its settings.
         ahead: (nv,) the direction in which it goes on.
         end: (nq,) where it ends beyond its last sample.
+        opens_after: how many samples come before one at which redundant equations open too far.
 
     Returns:
         The motion's own mechanism where that is one, or of a rounded file no choice of equations
@@ -108,7 +123,6 @@ def independent_on(
     if mechanism.whole is None or not len(motion):
         return mechanism, None
     gap = allowed_from(motion.state(0), gap_allowed(mechanism, accuracy))
-    q = motion.q if end is None else np.vstack([motion.q, end])
-    chosen, n = independent_along(mechanism, q, motion.angles[0] if motion.angles.size
-                                  else NO_ANGLES, ahead / mechanism.velocity_scale, gap)
-    return chosen, None if n == len(q) else n
+    q = motion.q[:opens_after] if end is None else np.vstack([motion.q, end])
+    return independent_along(mechanism, q, motion.angles[0] if motion.angles.size else NO_ANGLES,
+                             ahead / mechanism.velocity_scale, gap, opens_after is not None)

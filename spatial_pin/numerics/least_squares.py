@@ -32,6 +32,8 @@ HARDENING = 4.0  # factor of the damping after a step that failed
 # Gains of a step, relative to the predicted gain [NocedalWright2006, 4.1]. Below the first the
 # damping grows, above the second it falls.
 POOR_GAIN, GOOD_GAIN = 0.25, 0.75
+# Rounds of steps more, while all are long: a spindle is reached 150 turns away.
+MORE_ROUNDS = 9
 NO_LONGER = 1e-9  # largest step at a minimum, relative to the unknowns
 # Largest constraint residual between steps, relative to the square of a Gauss step. Such a step
 # itself misses by its square. The last steps are so short that all digits are right.
@@ -351,6 +353,10 @@ def minimised(problem: LeastSquares, x: Array, active: Bounds) -> Minimum:
     """Minimise from unknowns that meet the constraints and the active bounds."""
     for off in (OFF_ON_THE_WAY, 0.0):
         result = Descent(problem, off).run(Iterate(problem, x), active)
+        for _ in range(MORE_ROUNDS if result.is_on_its_way else 0):
+            result = Descent(problem, off).run(result.at, result.active)
+            if not result.is_on_its_way:
+                break
         end = result.at.x
         met = problem.corrected(end, problem.free(result.active), 0.0)
         if met is not None:  # else it went where constraints cannot be met

@@ -350,3 +350,22 @@ def test_what_rounded_numbers_cannot_have_is_refused_in_words():
     state = sp.assemble(mechanism, {"crank": 0.5})
     with pytest.raises(sp.SpatialPinError, match=r"numbers are rounded .* write more digits"):
         sp.dynamics_derivatives(mechanism, state)
+
+
+@pytest.mark.parametrize(("seed", "rate"), [(1, 1.0), (6, 1.0), (23, -1.0)])
+def test_a_simulation_ends_where_equations_become_dependent_and_goes_on_from_there(seed, rate):
+    """A wider gap would be wrong advice: no number of the file contradicts another so far."""
+    exact, loop = (rounded.line_symmetric(seed, r)
+                   for r in (rounded.exactly, rounded.to_digits(7)))
+    times, state = np.linspace(0.0, 3.0, 61), sp.solve_rates(loop, assembled(loop), {"h0": rate})
+    meant = sp.simulate(exact, sp.solve_rates(exact, sp.assemble(exact), {"h0": rate}), 3.0,
+                        times=times)
+    first = sp.simulate(loop, state, 3.0, times=times)
+    n = len(first)
+    if n < len(times):
+        assert first.events[-1].kind == "gap" and "gap=" not in first.events[-1].text
+        rest = sp.simulate(loop, first.state(-1), times[-1] - times[n - 1],
+                           times=times[n - 1 :] - times[n - 1])
+        assert len(rest) > 10
+        assert np.abs(rest.q - meant.q[n - 1 : n - 1 + len(rest)]).max() < 1e-4
+    assert np.abs(first.q - meant.q[:n]).max() < 1e-4

@@ -54,6 +54,26 @@ def test_a_nut_advances_by_its_lead_each_turn(turns, swapped, tilt):
     assert state.lost_turns == ()
 
 
+@pytest.mark.parametrize("turns", [3.5, -4.25, 60.0])
+@pytest.mark.parametrize("name", ["screw", "gear", "slide"])
+def test_turns_are_those_of_whatever_joint_a_guess_or_a_target_names(name, turns):
+    """A screw that a gear turns, without drivers: any one joint tells where the others are."""
+    model = pin.Model()
+    for joint, kind in (("screw", pin.JointModelRZ()), ("slide", pin.JointModelPZ()),
+                        ("gear", pin.JointModelRX())):
+        model.addJoint(0, kind, HERE, joint)
+    mechanism = sp.Mechanism.from_model(model, [
+        sp.closures.screw("screw", "slide", LEAD), sp.closures.coupling("screw", "gear", -2.0),
+    ], drivers=[])
+    angle = 2.0 * np.pi * turns
+    values = {"screw": angle, "slide": -turns * LEAD, "gear": -2.0 * angle}
+    given = {name: values[name]}
+    for state in (sp.assemble(mechanism, {}, given), sp.assemble(mechanism, given),
+                  sp.reach(mechanism, given)):
+        assert {joint: value(state, joint) for joint in values} == pytest.approx(values, rel=1e-9)
+        assert state.lost_turns == ()
+
+
 def test_a_nut_whose_frame_is_turned_begins_there():
     """At zero of the hinge its frame is turned by 2 rad, and the nut is 2 rad of a lead on."""
     mechanism = nut(["turn"], facing=(0.0, 0.0, 2.0))

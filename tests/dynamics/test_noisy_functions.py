@@ -24,3 +24,11 @@ def test_a_simulation_ends_where_the_sign_of_a_function_has_changed_whatever_it_
     motion = sp.simulate(mech, state, 0.5, stop_when=function)
     assert motion.events[-1].kind == "stopped"
     assert 0.85 < motion.coordinate("crank").value[-1] < 0.95
+
+
+def test_a_simulation_ends_at_the_change_of_sign_of_a_function_of_any_size():
+    """A product of two values of it would be zero."""
+    mech = sp.load("four_bar")
+    motion = sp.simulate(mech, sp.assemble(mech, {"crank": 1.0}), 0.2,
+                         stop_when=lambda t, at: 1e-250 * (t - 0.1))
+    assert motion.time[-1] == pytest.approx(0.1, abs=1e-12)

@@ -65,6 +65,7 @@ def test_a_file_states_the_points_or_names_a_table_of_two_columns(tmp_path):
     ("law = {points = [[0.0, 0.0], [0.0, 1.0]]}", "rising"),
     ("law = {points = [[0.0, 0.0], [1.0]]}", "two numbers"),
     ("law = {}", "points = "),
+    ('law = "gas.csv"', "points = "),
     ('law = {table = "../gas.csv"}', "lies neither"),
     ('law = {table = "none.csv"}', "none.csv"),
     ("law = {points = [[0.0, 0.0], [1.0, 1.0]]}\nstiffness = 2.0", "one of the two"),

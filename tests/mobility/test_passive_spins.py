@@ -179,6 +179,8 @@ POINT, OTHER, FAR = (0.3, 0.2, 0.5), (0.6, 0.1, 0.4), (0.0, 0.0, 0.0)
 HELD = {  # closures: kind, point on the ground and on the body; freedoms, all of them idle
     "ball": ([("spherical", POINT, POINT)], 3),
     "rod": ([("distance", FAR, POINT)], 5),
+    "short rod": ([("distance", (0.25, 0.35, 0.1), (0.4, 0.1, 0.5))], 5),
+    "rod at the middle": ([("distance", FAR, (0.3, 0.1, 0.5))], 5),
     "two rods": ([("distance", FAR, POINT), ("distance", (1.0, 0.0, 0.0), OTHER)], 4),
     "two rods at one point": ([("distance", FAR, POINT), ("distance", (1, 0, 0), POINT)], 4),
     "ball and rod": ([("spherical", POINT, POINT), ("distance", FAR, OTHER)], 2),

@@ -350,7 +350,7 @@ class Watch:
         before, since, time = self._last, step.first, None
         for t in sorted({*times.tolist(), step.last}):
             value = _stop_value(function, t, step.state(t))
-            if before != 0.0 and before * value <= 0.0:
+            if before and (value <= 0.0 if before > 0.0 else value >= 0.0):
                 time = sign_change(lambda t: _stop_value(function, t, step.state(t)),
                                     since, t, before, value)
                 break

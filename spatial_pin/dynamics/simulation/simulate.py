@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from spatial_pin._support.checks import as_array, checked, positive_number
 from spatial_pin._support.progress import progress_bar
 from spatial_pin.assembly.close import close
-from spatial_pin.assembly.state import State, moving_in_time
+from spatial_pin.assembly.state import State, carried_angles, moving_in_time
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
 from spatial_pin.dynamics.simulation.events import AT_LIMITS, Watch
 from spatial_pin.dynamics.simulation.formulations import Lost
@@ -55,7 +55,7 @@ from spatial_pin.mechanism.inertia import KineticEnergy
 from spatial_pin.mechanism.laws import DriverLaw
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
-from spatial_pin.motion.rounding import within_gap
+from spatial_pin.motion.rounding import CHOICES, first_opened, independent_on, within_gap
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import INTEGRATORS, Accuracy, accuracy_of
 
@@ -301,17 +301,42 @@ def simulate(
     """
     accuracy = accuracy_of(accuracy)
     state = moving_in_time(mechanism, state)
-    mechanism = state.mechanism
     times = _times(duration, times)
-    other = partial(
-        simulate, mechanism, state, duration, efforts, times, comparison(accuracy), drives=drives,
-        external=external, laws=laws, slip_speed=slip_speed, stop_when=stop_when,
-        on_joint_limit=on_joint_limit)
     _check_accuracy(accuracy, float(times[-1]))
     if on_joint_limit not in AT_LIMITS:
         raise ValueError(f"on_joint_limit is {on_joint_limit!r}; it is one of "
                          f"{', '.join(map(repr, AT_LIMITS))}")
-    warn_of_no_inertia(mechanism, efforts, external)
+    warn_of_no_inertia(state.mechanism, efforts, external)
+    good = None
+    for _ in range(CHOICES):
+        other = partial(
+            simulate, mechanism, state, duration, efforts, times, comparison(accuracy),
+            drives=drives, external=external, laws=laws, slip_speed=slip_speed,
+            stop_when=stop_when, on_joint_limit=on_joint_limit)
+        whole = _followed(state, times, accuracy, (efforts, drives, external, laws), slip_speed,
+                          stop_when, on_joint_limit, progress, other)
+        n, opened = first_opened(whole, accuracy)
+        if not n or opened is None:
+            break
+        chosen, good = independent_on(whole, accuracy, whole.v[n - 1], opens_after=n)
+        if chosen is whole.mechanism:
+            break
+        state = State(chosen, state.q, state.v,
+                      angles=carried_angles(state.mechanism, state.angles, chosen))
+    return within_gap(whole, accuracy, "stop", good)
+
+
+def _followed(
+    state: State, times: Array, accuracy: Accuracy, forces: tuple[Any, Any, Any, Any],
+    slip_speed: SlipSpeed | None, stop_when: Callable[[float, State], float] | None,
+    on_joint_limit: str, progress: bool, other: Callable[[], Simulation],
+) -> Simulation:
+    """Return the motion from a state, with the arguments of `simulate`.
+
+    `forces` are efforts, drives, external forces and laws; `other` follows it with other
+    tolerances.
+    """
+    mechanism, (efforts, drives, external, laws) = state.mechanism, forces
     problem = Problem(mechanism, efforts, drives, laws, accuracy.tolerance, slip_speed,
                       external_forces(mechanism, external, times))
     _check_start(problem, state)
@@ -336,7 +361,6 @@ def simulate(
         moved = motion()
         if moved.energy_drift > LOST_SHARE:
             run.record.refuse_samples()
-        moved = within_gap(moved, accuracy, "stop")
     except (Lost, SingularError, StepLimitError) as error:
         if not run.end_without_inertia():
             raise _ended(error, run, motion(), fall) from None

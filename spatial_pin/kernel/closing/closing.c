@@ -306,7 +306,9 @@ static int begin_from(Closer *c, const Closing *how, const Real *q, Real worthwh
     if (!how->first)
         return 1;
     const Real left = come_near(c, how->first, how->loose, how->iterations, worthwhile);
-    return isfinite(left <= how->loose ? polish(c) : left);
+    /* Joints that count their turns may be further than short steps go, and are linear */
+    const int counts = c->k->n_angles || c->k->equations.term_start[c->k->n_equations];
+    return isfinite(left <= how->loose || counts ? polish(c) : left);
 }
 
 /* ---------------------------------------------------------------- what Python calls */
