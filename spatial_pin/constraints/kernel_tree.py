@@ -196,6 +196,25 @@ class KernelTree:
         forces[0] = 0.0
         return forces
 
+    def derivatives(self, q: Array, v: Array, a: Array, outside: Array) -> tuple[Array, Array]:
+        """Return q and v derivatives (nv, nv) of `forces`, as `pin.computeRNEADerivatives` has them.
+
+        They are right for joints whose motion subspace is constant.
+
+        Args:
+            q: configuration.
+            v: joint velocities.
+            a: joint accelerations.
+            outside: (njoints, 6) wrenches on the bodies, world axes, about the joints' origins,
+                that turn with their bodies.
+        """
+        self._take_masses()
+        self._q[:], self._v[:], self._a[:] = q, v, a
+        by_q, by_v = np.empty((2, self.model.nv, self.model.nv))
+        check(self._library.tree_derivatives(
+            self._handle, *map(address, (self._q, self._v, self._a, outside, by_q, by_v))))
+        return by_q, by_v
+
     def mass_entries(self, all_joints: bool = True) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Return rows and columns of the numbers of `masses`, or of those of the core."""
         t, rows, columns = self._tree, [], []
@@ -247,6 +266,16 @@ class KernelTree:
         if code not in (DONE, SINGULAR):
             check(code)
         return not code
+
+    def respond(self, forces: Array) -> Array:
+        """Return the accelerations (n, nv) under joint forces (n, nv) alone, after `eliminate`.
+
+        Those of the core are zero.
+        """
+        accelerations = np.empty_like(forces)
+        self._library.tree_responses(
+            self._handle, len(forces), address(forces), address(accelerations))
+        return accelerations
 
     def complete(
         self, force: Array, off: Array, a: Array

@@ -14,18 +14,14 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.constraints.composite_joints import SplitModel
-from spatial_pin.constraints.pinocchio_views import own_jacobian
-from spatial_pin.constraints.trees import Subtree
-from spatial_pin.dynamics.derivatives.row_derivatives import (
-    BodiesOfTree,
-    RowDerivatives,
-)
+from spatial_pin.constraints.tree_motion import TreeMotion
+from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
 from spatial_pin.dynamics.forces import Forces, Law, Line
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.stacked import cross
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 Slopes = Callable[[float, float], tuple[float, float]]
@@ -35,13 +31,12 @@ CENTRAL, ONE_SIDED = 4.0, 2.0  # halving the step divides the error of a differe
 
 
 class Pull(NamedTuple):
-    """The force of a spring, along or about its line, and how it changes.
+    """The force of a spring along its line, and how it changes.
 
     Attributes:
-        force: as its law says [N, N·m].
-        per_length: of a line, force divided by length [N/m].
-        row: (nv,) derivative of the length, or of the joint coordinate; of a line without length
-            it is zero.
+        force: as its law says [N].
+        per_length: force divided by length [N/m].
+        row: (nv,) derivative of the length; of a line without length it is zero.
         by_q, by_v: (nv,) of the force.
     """
 
@@ -64,11 +59,12 @@ class Springs:
     Attributes:
         forces: the springs.
         lines: those between frames, in the order of `forces.lines`, at a motion.
-        turns: those about joints, in the order of `forces.turns`, then what resists.
+        turning: (3, nv) forces of those about joints and of what resists, and their derivatives by
+            the joint's own coordinate and velocity.
     """
 
     lines: list[Pull]
-    turns: list[Pull]
+    turning: Array
     bushings: list[tuple[Array, Array, Array]]
 
     def __init__(
@@ -106,7 +102,7 @@ class Springs:
         Raises:
             SpatialPinError: a spring has no length, and its force no direction.
         """
-        self.lines, self.turns = [], []
+        self.lines, self.turning = [], np.zeros((3, rows.nv))
         products, (q, v, _) = rows.products, rows.motion
         for at, line in enumerate(self.forces.lines, start=rows.closed):
             length, _ = self.forces.along(*(x @ products.placements[i] for i, x in zip(
@@ -123,16 +119,12 @@ class Springs:
         self.bushings = [
             bushing.pull(products.values[:2, at : at + 12], products.by_q[:2, at : at + 12])
             for at, bushing in zip(count(first, 12), self.forces.bushings, strict=False)]
-        unit = np.eye(rows.nv)
         for turn in self.forces.turns:
             x, rate = float(q[turn.q]), float(v[turn.v])
-            by_length, by_rate = self._slopes(turn.name, x, rate)
-            row = unit[turn.v]
-            self.turns.append(Pull(turn.law(x, rate), 0.0, row, by_length * row, by_rate * row))
+            self.turning[:, turn.v] += turn.law(x, rate), *self._slopes(turn.name, x, rate)
         resistance = self.forces.resistance
-        forces, slopes = resistance.forces(v), resistance.slopes(v)
-        self.turns += [Pull(-forces[k], 0.0, unit[k], 0.0 * unit[k], slopes[k] * unit[k])
-                       for k in resistance.at]
+        self.turning[0] -= resistance.forces(v)
+        self.turning[2] += resistance.slopes(v)
 
     def _at_a_point(self, line: Line, rows: RowDerivatives, at: int) -> Pull:
         """Return a spring whose frames coincide: its force is stiffness times what parts them.
@@ -169,12 +161,14 @@ class Springs:
         by_q, by_v = np.zeros((2, nv, nv))
         for pull in self.lines:
             by_q += np.outer(pull.row, pull.per_length * pull.row)
-        for pull in (*self.lines, *self.turns):
+        for pull in self.lines:
             by_q -= np.outer(pull.row, pull.by_q)
             by_v -= np.outer(pull.row, pull.by_v)
         for _, bent, damped in self.bushings:
             by_q += bent
             by_v += damped
+        for total, slopes in zip((by_q, by_v), self.turning[1:], strict=True):
+            total[np.diag_indices(nv)] -= slopes
         return by_q, by_v
 
 
@@ -205,42 +199,37 @@ def extrapolated(difference: Callable[[float], float], step: float, ratio: float
 
 
 class Outside:
-    """Wrenches at frames, world axes, as forces in joint axes.
+    """Wrenches at frames, world axes, as forces on joints.
 
     Args:
         mechanism: the mechanism.
         external: by link, frame or joint.
     """
 
-    def __init__(
-        self, mechanism: Mechanism, whole: SplitModel, external: Mapping[str, pin.Force] | None
-    ) -> None:
-        self.whole = whole
+    def __init__(self, mechanism: Mechanism, external: Mapping[str, pin.Force] | None) -> None:
         self.given = [(*mechanism.centred_frame(name), force)
                       for name, force in (external or {}).items()]
         self._moving = [x for x in self.given if x[0]]
 
-    def on_joints(self, part: Subtree, placements: Array) -> pin.StdVec_Force:
-        """Return the forces on the joints of a part of the tree, joint axes."""
-        total = {int(joint): pin.Force.Zero() for joint in part.joints}
+    def on_joints(self, bodies: TreeMotion) -> Array:
+        """Return the wrenches (joints, 6), world axes, about the origins of the single joints."""
+        total = np.zeros((len(bodies.at), 6))
         for joint, placement, force in self._moving:
-            at = int(self.whole.joint[joint])
-            if at in total:
-                back = placements[joint, :3]
-                linear = back @ force.linear
-                total[at] += pin.Force(linear, back @ force.angular
-                                       + np.cross(placement.translation, linear))
-        return pin.StdVec_Force([pin.Force.Zero(), *total.values()])
+            lever = placement.translation @ bodies.placements[joint, :3]
+            total[bodies.joints[joint], :3] += force.linear
+            total[bodies.joints[joint], 3:] += force.angular + np.cross(lever, force.linear)
+        return total
 
-    def turning(self, bodies: BodiesOfTree) -> Array:
-        """Return q derivatives (nv, nv) of the joint forces, as the forces turn in joint axes."""
-        total = np.zeros((bodies.nv, bodies.nv))
+    def turning(self, bodies: TreeMotion) -> Array:
+        """Return q derivatives (nv, nv) of the joint forces, as bodies turn below the forces."""
+        nv = bodies.model.nv
+        total = np.zeros((nv, nv))
         for joint, placement, force in self._moving:
-            part, at = bodies.at(joint)
-            columns = own_jacobian(part.model, part.data, at)
-            back = part.data.oMi[at].rotation.T
-            local = [pin.skew(back @ x) for x in (force.linear, force.angular)]
-            lever = pin.skew(placement.translation)
-            change = np.vstack([local[0], local[1] + lever @ local[0]]) @ columns[3:]
-            total[np.ix_(part.v, part.v)] += columns.T @ change
+            at = bodies.joints[joint]
+            own = np.flatnonzero(bodies.moved_by[at])
+            point = np.append(placement.translation, 1.0) @ bodies.placements[joint]
+            linear, spins = bodies.columns[own, :3], bodies.columns[own, 3:]
+            turned = cross(force.linear, spins), cross(force.angular, spins)
+            total[np.ix_(own, own)] += (
+                (linear + cross(spins, point)) @ turned[0].T + spins @ turned[1].T)
         return total

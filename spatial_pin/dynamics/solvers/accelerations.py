@@ -113,6 +113,15 @@ class Limbs:
         self.error = max(self.error, LEAST_ERROR, (corrected + rounding) / largest)
         return True
 
+    def responses(self, state: State, forces: Array) -> Array | None:
+        """Return accelerations (n, nv) of an open tree under joint forces (n, nv) alone.
+
+        None where a limb has no inertia.
+        """
+        if not self._tree.eliminate(state.q, state.v, self._force, self._masses, self._needed):
+            return None
+        return self._tree.respond(forces)
+
     @property
     def is_of_forces(self) -> bool:
         """Whether round-off of the joint forces is most of `error`: no solver can know more."""

@@ -15,26 +15,10 @@
 
 #include "articulated.h"
 #include "memory.h"
+#include "tree_bodies.h"
 
 /* Of the inertia about all axes, what a freedom must have to be more than round-off. */
 #define LEAST_INERTIA TOLERANCE_ZERO
-
-struct Tree {
-    Kernel *k;
-    Int *is_core;     /* (n_joints) whether loops are built on it */
-    Real *armature;   /* (nv) */
-    Real *column;     /* (6 nv) motion of the body per unit of each freedom */
-    Real *arm;        /* (3) from the parent's origin to the joint's */
-    Real *bias;       /* (6) acceleration of the body relative to that of its parent, at no joint's */
-    Real *wrench;     /* (6) that the body needs without acceleration; with all beyond it */
-    Real *inertia;    /* (27) lin-lin, lin-ang, ang-ang by rows; with all beyond it */
-    Real *needed;     /* (6) of the core's bodies */
-    Real *motion;     /* (6) accelerations of the bodies */
-    Real *pull;       /* (6 nv) wrench per unit acceleration of each eliminated freedom */
-    Real *own;        /* (nv) its inertia, */
-    Real *missing;    /* (nv) and its force that is not borne */
-    Real *velocity;   /* (6) of the bodies */
-};
 
 static int make_room(Tree *s)
 {
@@ -110,20 +94,9 @@ static void add_freedoms(const Tree *s, Int j, const Real *rate, Real *motion)
     }
 }
 
-/* What a body's motion gives the next one, whose origin is an arm away. */
-static void carry_motion(const Real *from, const Real *arm, Real *motion)
-{
-    Real swing[3];
-    cross3(from + 3, arm, swing);
-    for (int i = 0; i < 3; i++) {
-        motion[i] = from[i] + swing[i];
-        motion[3 + i] = from[3 + i];
-    }
-}
-
 /* Places, velocities, and accelerations relative to the parents', with no joint's own; see
  * `tree_rates`. */
-static void move_bodies(Tree *s, const Real *q, const Real *v)
+void move_bodies(Tree *s, const Real *q, const Real *v)
 {
     Kernel *k = s->k;
     tree_place(k, q);
@@ -147,7 +120,7 @@ static void move_bodies(Tree *s, const Real *q, const Real *v)
 }
 
 /* Accelerations of all bodies at those of the joints; of no joint's own where a is NULL. */
-static void accelerate_bodies(Tree *s, const Real *a)
+void accelerate_bodies(Tree *s, const Real *a)
 {
     const Kernel *k = s->k;
     for (Int j = 1; j < k->n_joints; j++) {
@@ -197,26 +170,6 @@ static void put_body(Tree *s, Int j)
     add3(1.0, moment, p + 3);
 }
 
-/* out += the wrench that accelerations need of an inertia. */
-static void add_inertia_times(const Real *inertia, const Real *motion, Real *out)
-{
-    const Real *A = inertia, *B = A + 9, *C = A + 18, *a = motion, *alpha = motion + 3;
-    for (int i = 0; i < 3; i++) {
-        out[i] += dot3(A + 3 * i, a) + dot3(B + 3 * i, alpha);
-        out[3 + i] += B[i] * a[0] + B[3 + i] * a[1] + B[6 + i] * a[2] + dot3(C + 3 * i, alpha);
-    }
-}
-
-/* A wrench about a joint's origin, added to one about its parent's. */
-static void add_wrench(const Real *wrench, const Real *arm, Real *out)
-{
-    Real moment[3];
-    cross3(arm, wrench, moment);
-    add3(1.0, wrench, out);
-    add3(1.0, wrench + 3, out + 3);
-    add3(1.0, moment, out + 3);
-}
-
 /* X r x, the rows of X times the matrix of the cross product. */
 static void times_cross(const Real *X, const Real *r, Real *out)
 {
@@ -257,7 +210,7 @@ static void add_inertia(const Real *from, const Real *r, Real *to)
 /* ---------------------------------------------------------------- forces of a motion */
 
 /* Wrenches that the bodies need at their accelerations, each without what it carries. */
-static void put_needed(Tree *s)
+void put_needed(Tree *s)
 {
     for (Int j = 1; j < s->k->n_joints; j++) {
         put_body(s, j);
@@ -267,7 +220,7 @@ static void put_needed(Tree *s)
 }
 
 /* Wrenches that all bodies need with all that they carry, about their origins. */
-static void gather_wrenches(Tree *s, Real *tau, const Real *a)
+void gather_wrenches(Tree *s, Real *tau, const Real *a)
 {
     const Kernel *k = s->k;
     for (Int j = k->n_joints - 1; j > 0; j--) {
@@ -348,7 +301,7 @@ static void put_masses(const Tree *s, int all, Real *out)
 
 /* Add the inertias of bodies, from the tips inwards, to those that carry them: of all joints, or of the
  * core's. */
-static void gather_inertias(Tree *s, int all)
+void gather_inertias(Tree *s, int all)
 {
     const Kernel *k = s->k;
     for (Int j = k->n_joints - 1; j > 0; j--)
@@ -522,6 +475,12 @@ static Real respond(Tree *s, const Real *force, Real *a)
         restore(s, j, motion, a);
     }
     return largest_of(k, a);
+}
+
+EXPORT void tree_responses(Tree *s, Int n, const Real *forces, Real *a)
+{
+    for (Int i = 0; i < n; i++)
+        respond(s, forces + i * s->k->nv, a + i * s->k->nv);
 }
 
 EXPORT void tree_accelerations(Tree *s, const Real *force, const Real *off, Real *a, Real *scratch,

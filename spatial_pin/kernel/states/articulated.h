@@ -36,5 +36,13 @@ EXPORT int tree_masses(Tree *s, const Real *q, const Real *v, const Real *force,
    be NULL), make by themselves. `scratch` (3 nv), for the core zeros. */
 EXPORT void tree_accelerations(Tree *s, const Real *force, const Real *off, Real *a, Real *scratch,
                                Real *facts);
+/* Accelerations (n, nv) of the eliminated freedoms under joint forces (n, nv) alone, after
+   `tree_masses` with any. */
+EXPORT void tree_responses(Tree *s, Int n, const Real *forces, Real *a);
+
+/* How the joint forces of a motion change with q and v, each (nv, nv), under wrenches (n_joints, 6)
+   from outside, world axes, about the joints' origins, that turn with their bodies. */
+EXPORT int tree_derivatives(Tree *s, const Real *q, const Real *v, const Real *a,
+                            const Real *outside, Real *by_q, Real *by_v);
 
 #endif
