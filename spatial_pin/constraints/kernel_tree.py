@@ -73,7 +73,7 @@ class KernelTree:
         self.data = SimpleNamespace(J=self.columns, oMi=TreePlacements(self.placements))
         n, nv = self._split.njoints, model.nv
         self._q, self._v, self._a = np.empty(model.nq), np.empty(nv), np.empty(nv)
-        self._tau, self._scratch, self._facts = np.empty(nv), np.zeros((3, nv)), np.empty(4)
+        self._tau, self._scratch, self._facts = np.empty(nv), np.zeros((4, nv)), np.empty(4)
         self._R, self._p = np.empty((n, 3, 3)), np.empty((n, 3))
         self._moving = np.empty((2, n, 6))
         self._at = dict(zip(("q", "v", "a", "armature", "R", "p"), map(address, (
@@ -267,15 +267,13 @@ class KernelTree:
             check(code)
         return not code
 
-    def respond(self, forces: Array) -> Array:
-        """Return the accelerations (n, nv) under joint forces (n, nv) alone, after `eliminate`.
+    def respond(self, forces: Array) -> None:
+        """Make joint forces (n, nv) the accelerations under them alone, after `eliminate`.
 
         Those of the core are zero.
         """
-        accelerations = np.empty_like(forces)
-        self._library.tree_responses(
-            self._handle, len(forces), address(forces), address(accelerations))
-        return accelerations
+        at = address(forces)
+        self._library.tree_responses(self._handle, len(forces), at, at)
 
     def complete(
         self, force: Array, off: Array, a: Array

@@ -175,10 +175,10 @@ def changes_of_forces(
     """
     bodies = rows.products.bodies
     by_q, by_v = bodies.forces_by_motion(outside.on_joints(bodies))
-    spring_by_q, spring_by_v = springs.by_motion()
-    by_q -= outside.turning(bodies)
-    by_q -= rows.bending(multipliers, springs.pulls) + spring_by_q
-    return by_q, by_v - spring_by_v
+    outside.take_turning(by_q, bodies)
+    springs.take_slopes(by_q, by_v)
+    rows.take_bending(by_q, multipliers, springs.pulls)
+    return by_q, by_v
 
 
 def _independent(equations: Equations, borne: Array) -> tuple[NDArray[np.intp], Array]:
@@ -204,14 +204,15 @@ def _changes(
         SingularError: a motion has no inertia.
     """
     nv, n, state, limbs = rows.nv, equations.n_closure, equations.state, equations.limbs
-    borne, by = np.zeros(n), None
+    borne = np.zeros(n)
     borne[chosen] = multipliers
     force_by_q, force_by_v = changes_of_forces(rows, springs, outside, borne)
-    work = np.vstack([-force_by_q.T, -force_by_v.T, np.eye(nv)])
-    if limbs and not n:
-        by = limbs.responses(state, work)
-    if by is not None:
-        return [x.T for x in np.split(by, 3)], [np.zeros((0, nv))] * 3
+    work = np.zeros((3 * nv, nv))
+    np.negative(force_by_q.T, out=work[:nv])
+    np.negative(force_by_v.T, out=work[nv : 2 * nv])
+    np.fill_diagonal(work[2 * nv :], 1.0)
+    if limbs and not n and limbs.respond(state, work):
+        return [x.T for x in np.split(work, 3)], [np.zeros((0, nv))] * 3
     if not n:
         equations.by_kkt(state.q, state.v, state.angles, np.zeros(nv), np.zeros(nv))
     if equations.kkt.pivot < TOLERANCES.zero:

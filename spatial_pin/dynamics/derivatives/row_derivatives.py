@@ -257,22 +257,24 @@ class RowDerivatives:
                  np.broadcast_to(x.values[1], (m, 1, self.nv))[:, 0])
                 for x in group.slopes(products, coordinates)]
 
-    def bending(self, multipliers: Array, pulls: Array) -> Array:
-        """Return q derivatives (nv, nv) of the joint forces of rows and springs, kept as strong.
+    def take_bending(self, total: Array, multipliers: Array, pulls: Array) -> None:
+        """Subtract the q derivatives (nv, nv) of joint forces of rows and springs, kept as strong.
 
         Args:
+            total: what they are subtracted from.
             multipliers: (n_closure,) of the closure rows.
             pulls: of the springs, by half their squared lengths, and by the products of bushings.
         """
         c, by_q = self.constraints, self.products.by_q[0]
-        weights, along = np.zeros(len(by_q)), np.zeros((self.nv, self.nv))
+        weights = np.zeros(len(by_q))
         weights[c.plain], weights[self.closed :] = multipliers[c.plain], pulls
         for group in c.composed:
             own, slopes = multipliers[group.rows], self._slopes(group)
             for at, (by, change) in zip(group.products, slopes, strict=False):
                 np.add.at(weights, at, own * by)
-                along += (own[:, None] * by_q[at]).T @ change
+                total -= (own[:, None] * by_q[at]).T @ change
             n = len(group.products)
             for v, (_, change) in zip(group.coordinates[1], slopes[n:], strict=True):
-                np.add.at(along, v, own[:, None] * change)
-        return along + self.products.bending(weights)
+                np.subtract.at(total, v, own[:, None] * change)
+        if len(weights):
+            total -= self.products.bending(weights)

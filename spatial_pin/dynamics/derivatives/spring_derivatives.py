@@ -151,25 +151,22 @@ class Springs:
         return np.concatenate([[-x.per_length for x in self.lines],
                                *(pull for pull, _, _ in self.bushings)])
 
-    def by_motion(self) -> tuple[Array, Array]:
-        """Return the derivatives (nv, nv) of the springs' joint forces with respect to q and v.
+    def take_slopes(self, by_q: Array, by_v: Array) -> None:
+        """Subtract the q and v derivatives (nv, nv) of the springs' joint forces.
 
         Those along lines that bend, at the same force by half the squared length, are left out: see
-        `RowDerivatives.bending`.
+        `RowDerivatives.take_bending`.
         """
-        nv = self.forces.mechanism.model.nv
-        by_q, by_v = np.zeros((2, nv, nv))
-        for pull in self.lines:
-            by_q += np.outer(pull.row, pull.per_length * pull.row)
-        for pull in self.lines:
-            by_q -= np.outer(pull.row, pull.by_q)
-            by_v -= np.outer(pull.row, pull.by_v)
+        if self.lines:
+            rows = np.stack([pull.row for pull in self.lines])
+            per_length = np.array([[pull.per_length] for pull in self.lines])
+            by_q += rows.T @ (np.stack([pull.by_q for pull in self.lines]) - per_length * rows)
+            by_v += rows.T @ np.stack([pull.by_v for pull in self.lines])
         for _, bent, damped in self.bushings:
-            by_q += bent
-            by_v += damped
+            by_q -= bent
+            by_v -= damped
         for total, slopes in zip((by_q, by_v), self.turning[1:], strict=True):
-            total[np.diag_indices(nv)] -= slopes
-        return by_q, by_v
+            total.reshape(-1)[:: len(total) + 1] += slopes
 
 
 def slope(f: Callable[[float], float], x: float, step: float) -> float:
@@ -220,16 +217,12 @@ class Outside:
             total[bodies.joints[joint], 3:] += force.angular + np.cross(lever, force.linear)
         return total
 
-    def turning(self, bodies: TreeMotion) -> Array:
-        """Return q derivatives (nv, nv) of the joint forces, as bodies turn below the forces."""
-        nv = bodies.model.nv
-        total = np.zeros((nv, nv))
+    def take_turning(self, by_q: Array, bodies: TreeMotion) -> None:
+        """Subtract the q derivatives (nv, nv) of joint forces as bodies turn below the wrenches."""
         for joint, placement, force in self._moving:
-            at = bodies.joints[joint]
-            own = np.flatnonzero(bodies.moved_by[at])
+            own = np.flatnonzero(bodies.moved_by[bodies.joints[joint]])
             point = np.append(placement.translation, 1.0) @ bodies.placements[joint]
             linear, spins = bodies.columns[own, :3], bodies.columns[own, 3:]
             turned = cross(force.linear, spins), cross(force.angular, spins)
-            total[np.ix_(own, own)] += (
+            by_q[np.ix_(own, own)] -= (
                 (linear + cross(spins, point)) @ turned[0].T + spins @ turned[1].T)
-        return total

@@ -113,14 +113,15 @@ class Limbs:
         self.error = max(self.error, LEAST_ERROR, (corrected + rounding) / largest)
         return True
 
-    def responses(self, state: State, forces: Array) -> Array | None:
-        """Return accelerations (n, nv) of an open tree under joint forces (n, nv) alone.
+    def respond(self, state: State, forces: Array) -> bool:
+        """Make joint forces (n, nv) the accelerations of an open tree under them alone.
 
-        None where a limb has no inertia.
+        False where a limb has no inertia.
         """
         if not self._tree.eliminate(state.q, state.v, self._force, self._masses, self._needed):
-            return None
-        return self._tree.respond(forces)
+            return False
+        self._tree.respond(forces)
+        return True
 
     @property
     def is_of_forces(self) -> bool:

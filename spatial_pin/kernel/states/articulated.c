@@ -25,9 +25,12 @@ static int make_room(Tree *s)
     Kernel *k = s->k;
     const Int n = k->n_joints, nv = k->nv;
     s->is_core = kernel_ints(k, n);
+    s->loads = kernel_memory(k, n, sizeof *s->loads);
     Real **const parts[] = {&s->armature, &s->own, &s->missing, &s->column, &s->pull, &s->arm,
-                            &s->bias, &s->wrench, &s->needed, &s->motion, &s->velocity, &s->inertia};
-    const Int sizes[] = {nv, nv, nv, 6 * nv, 6 * nv, 3 * n, 6 * n, 6 * n, 6 * n, 6 * n, 6 * n, 27 * n};
+                            &s->bias, &s->wrench, &s->needed, &s->motion, &s->velocity, &s->inertia,
+                            &s->lacking};
+    const Int sizes[] = {nv, nv, nv, 6 * nv, 6 * nv, 3 * n, 6 * n, 6 * n, 6 * n, 6 * n, 6 * n, 27 * n,
+                         LANES * nv};
     for (size_t i = 0; i < sizeof parts / sizeof *parts; i++)
         *parts[i] = kernel_reals(k, sizes[i]);
     return kernel_had_memory(k) ? DONE : NO_MEMORY;
@@ -438,6 +441,52 @@ static void find_rounding(Tree *s, Real *rounding)
     gather_wrenches(s, rounding, NULL);
 }
 
+/* ---------------------------------------------------------------- responses */
+
+/* Wrenches about a joint's origin, added to those about its parent's. */
+static void add_loads(const Lanes *from, const Real *arm, Lanes *to)
+{
+    for (int i = 0; i < 6; i++)
+        for (int l = 0; l < LANES; l++)
+            to->x[i][l] += from->x[i][l];
+    for (int i = 0; i < 3; i++) {
+        const int y = (i + 1) % 3, z = (i + 2) % 3;
+        for (int l = 0; l < LANES; l++)
+            to->x[3 + i][l] += arm[y] * from->x[z][l] - arm[z] * from->x[y][l];
+    }
+}
+
+/* As `carry_motion`. */
+static void carry_lanes(const Lanes *from, const Real *arm, Lanes *motion)
+{
+    for (int i = 0; i < 3; i++) {
+        const int y = (i + 1) % 3, z = (i + 2) % 3;
+        for (int l = 0; l < LANES; l++) {
+            motion->x[i][l] = from->x[i][l] + from->x[3 + y][l] * arm[z] - from->x[3 + z][l] * arm[y];
+            motion->x[3 + i][l] = from->x[3 + i][l];
+        }
+    }
+}
+
+/* As `restore`, of one freedom. */
+static void restore_lanes(const Tree *s, Int v, Lanes *motion, Real *const a[LANES])
+{
+    const Real *column = s->column + 6 * v, *pull = s->pull + 6 * v;
+    Real own[LANES];
+    memcpy(own, s->lacking + LANES * v, sizeof own);
+    for (int i = 0; i < 6; i++)
+        for (int l = 0; l < LANES; l++)
+            own[l] -= pull[i] * motion->x[i][l];
+    for (int l = 0; l < LANES; l++) {
+        own[l] /= s->own[v];
+        if (a[l])
+            a[l][v] = own[l];
+    }
+    for (int i = 0; i < 6; i++)
+        for (int l = 0; l < LANES; l++)
+            motion->x[i][l] += column[i] * own[l];
+}
+
 static Real largest_of(const Kernel *k, const Real *a)
 {
     Real most = 0.0;
@@ -446,41 +495,58 @@ static Real largest_of(const Kernel *k, const Real *a)
     return most;
 }
 
-/* Accelerations (nv) of eliminated freedoms under joint forces (nv) alone, by scale the largest; the
- * core rests. */
-static Real respond(Tree *s, const Real *force, Real *a)
+/* Accelerations (nv) of eliminated freedoms under joint forces (nv) alone, several at once, which
+ * takes little longer than one; the core rests. Where a force is NULL, there is none. */
+static void respond(Tree *s, const Real *const force[LANES], Real *const a[LANES])
 {
     const Kernel *k = s->k;
-    memset(s->wrench, 0, (size_t)(6 * k->n_joints) * sizeof *s->wrench);
+    memset(s->loads, 0, (size_t)k->n_joints * sizeof *s->loads);
     for (Int j = k->n_joints - 1; j > 0; j--) {
-        Real *p = s->wrench + 6 * j;
+        Lanes *p = s->loads + j;
         if (s->is_core[j])
             continue;
         for (Int v = k->iv[j]; v < k->iv[j] + joint_nv(k->kind[j]); v++) {
-            s->missing[v] = force[v] - dot(p, s->column + 6 * v, 6);
+            const Real *column = s->column + 6 * v, *pull = s->pull + 6 * v, by = 1.0 / s->own[v];
+            Real *missing = s->lacking + LANES * v;
+            for (int l = 0; l < LANES; l++)
+                missing[l] = force[l] ? force[l][v] : 0.0;
             for (int i = 0; i < 6; i++)
-                p[i] += s->pull[6 * v + i] * (s->missing[v] / s->own[v]);
+                for (int l = 0; l < LANES; l++)
+                    missing[l] -= column[i] * p->x[i][l];
+            for (int i = 0; i < 6; i++)
+                for (int l = 0; l < LANES; l++)
+                    p->x[i][l] += pull[i] * (missing[l] * by);
         }
         if (k->parent[j])
-            add_wrench(p, s->arm + 3 * j, s->wrench + 6 * k->parent[j]);
+            add_loads(p, s->arm + 3 * j, s->loads + k->parent[j]);
     }
     for (Int j = 1; j < k->n_joints; j++) {
-        Real *motion = s->motion + 6 * j;
-        memset(motion, 0, 6 * sizeof *motion);
+        Lanes *motion = s->loads + j; /* whose load nobody needs any more */
         if (s->is_core[j]) {
-            memset(a + k->iv[j], 0, (size_t)joint_nv(k->kind[j]) * sizeof *a);
+            memset(motion, 0, sizeof *motion);
+            for (int l = 0; l < LANES; l++)
+                if (a[l])
+                    memset(a[l] + k->iv[j], 0, (size_t)joint_nv(k->kind[j]) * sizeof(Real));
             continue;
         }
-        carry_motion(s->motion + 6 * k->parent[j], s->arm + 3 * j, motion);
-        restore(s, j, motion, a);
+        carry_lanes(s->loads + k->parent[j], s->arm + 3 * j, motion);
+        for (Int v = k->iv[j] + joint_nv(k->kind[j]) - 1; v >= k->iv[j]; v--)
+            restore_lanes(s, v, motion, a);
     }
-    return largest_of(k, a);
 }
 
 EXPORT void tree_responses(Tree *s, Int n, const Real *forces, Real *a)
 {
-    for (Int i = 0; i < n; i++)
-        respond(s, forces + i * s->k->nv, a + i * s->k->nv);
+    const Int nv = s->k->nv;
+    for (Int i = 0; i < n; i += LANES) {
+        const Real *force[LANES] = {NULL};
+        Real *to[LANES] = {NULL};
+        for (Int l = 0; l < LANES && i + l < n; l++) {
+            force[l] = forces + (i + l) * nv;
+            to[l] = a + (i + l) * nv;
+        }
+        respond(s, force, to);
+    }
 }
 
 EXPORT void tree_accelerations(Tree *s, const Real *force, const Real *off, Real *a, Real *scratch,
@@ -488,6 +554,7 @@ EXPORT void tree_accelerations(Tree *s, const Real *force, const Real *off, Real
 {
     const Kernel *k = s->k;
     Real *missing = scratch, *rounding = missing + k->nv, *more = rounding + k->nv;
+    Real *off_by = more + k->nv;
     for (Int j = 1; j < k->n_joints; j++) {
         Real *motion = s->motion + 6 * j;
         carry_motion(s->motion + 6 * k->parent[j], s->arm + 3 * j, motion);
@@ -500,9 +567,11 @@ EXPORT void tree_accelerations(Tree *s, const Real *force, const Real *off, Real
     }
     find_missing(s, a, force, missing);
     find_rounding(s, rounding);
-    facts[2] = respond(s, rounding, more);
-    facts[3] = off ? respond(s, off, more) : 0.0;
-    facts[1] = respond(s, missing, more);
+    const Real *forces[LANES] = {missing, rounding, off};
+    Real *const by[LANES] = {more, rounding, off_by};
+    respond(s, forces, by);
+    for (int l = 0; l < 3; l++)
+        facts[1 + l] = largest_of(k, by[l]);
     for (Int v = 0; v < k->nv; v++)
         a[v] += more[v];
     facts[0] = largest_of(k, a);

@@ -33,11 +33,11 @@ EXPORT int tree_masses(Tree *s, const Real *q, const Real *v, const Real *force,
 /* Accelerations (nv) of the eliminated freedoms, those of the core given, after `tree_masses` with
    these forces; corrected once by what is missing in the forces. facts (4), by scale: the largest,
    the largest correction, and the largest that round-off of wrenches, and joint forces `off` (nv; may
-   be NULL), make by themselves. `scratch` (3 nv), for the core zeros. */
+   be NULL), make by themselves. `scratch` (4 nv), for the core zeros. */
 EXPORT void tree_accelerations(Tree *s, const Real *force, const Real *off, Real *a, Real *scratch,
                                Real *facts);
 /* Accelerations (n, nv) of the eliminated freedoms under joint forces (n, nv) alone, after
-   `tree_masses` with any. */
+   `tree_masses` with any; `a` may be `forces`. */
 EXPORT void tree_responses(Tree *s, Int n, const Real *forces, Real *a);
 
 /* How the joint forces of a motion change with q and v, each (nv, nv), under wrenches (n_joints, 6)

@@ -4,6 +4,13 @@
 
 #include "articulated.h"
 
+enum { LANES = 4 }; /* right sides that are solved for at once */
+
+/* Wrenches or motions of a body, one of each right side. */
+typedef struct {
+    Real x[6][LANES];
+} Lanes;
+
 struct Tree {
     Kernel *k;
     Int *is_core;     /* (n_joints) whether loops are built on it */
@@ -19,6 +26,8 @@ struct Tree {
     Real *own;        /* (nv) its inertia, */
     Real *missing;    /* (nv) and its force that is not borne */
     Real *velocity;   /* (6) of the bodies */
+    Lanes *loads;     /* of the bodies, of each right side */
+    Real *lacking;    /* (nv, LANES) `missing` of each right side */
 };
 
 /* What a body's motion gives the next one, whose origin is an arm away. */
