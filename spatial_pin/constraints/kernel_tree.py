@@ -197,7 +197,7 @@ class KernelTree:
         return forces
 
     def derivatives(self, q: Array, v: Array, a: Array, outside: Array) -> tuple[Array, Array]:
-        """Return q and v derivatives (nv, nv) of `forces`, as `pin.computeRNEADerivatives` has them.
+        """Return q and v derivatives (nv, nv) of `forces`, as `pin.computeRNEADerivatives` does.
 
         They are right for joints whose motion subspace is constant.
 
