@@ -18,6 +18,7 @@ from spatial_pin.constraints.composite_joints import TreeArrays, split
 from spatial_pin.constraints.pinocchio_views import inertias
 from spatial_pin.kernel.library import DONE, POINTER, SINGULAR, address, check, library
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.stacked import cross
 
 SYMMETRIC = np.array([4, 5, 7, 5, 6, 8, 7, 8, 9])  # places of a (3, 3) inertia in `inertias`
 
@@ -89,7 +90,8 @@ class KernelTree:
         self._reals = np.concatenate([np.asarray(x, float).ravel() for x in parts])
         handle, tree = ctypes.c_void_p(), ctypes.c_void_p()
         check(self._library.kernel_create(
-            address(ints), len(ints), address(self._reals), len(self._reals), ctypes.byref(handle)))
+            address(ints), len(ints), address(self._reals), len(self._reals), None, 0,
+            ctypes.byref(handle)))
         weakref.finalize(self, self._library.kernel_destroy, handle)
         self._kernel = handle
         own = np.zeros(n, np.int64)
@@ -134,7 +136,7 @@ class KernelTree:
         self._evaluate(q, v, a, velocity=velocity, acceleration=acceleration)
         self._put_placements()
         seen, felt = velocity[self._carriers], acceleration[self._carriers].copy()
-        felt[:, :3] -= np.cross(seen[:, 3:], seen[:, :3])
+        felt[:, :3] -= cross(seen[:, 3:], seen[:, :3])
         self._in_joint_axes(seen, self.twists)
         self._in_joint_axes(felt, self.accelerations)
 
@@ -196,8 +198,8 @@ class KernelTree:
         forces[0] = 0.0
         return forces
 
-    def derivatives(self, q: Array, v: Array, a: Array, outside: Array) -> tuple[Array, Array]:
-        """Return q and v derivatives (nv, nv) of `forces`, as `pin.computeRNEADerivatives` does.
+    def derivatives(self, q: Array, v: Array, a: Array, outside: Array, out: Array) -> None:
+        """Find how `forces` change with q and v, as `pin.computeRNEADerivatives` does.
 
         They are right for joints whose motion subspace is constant.
 
@@ -207,13 +209,12 @@ class KernelTree:
             a: joint accelerations.
             outside: (njoints, 6) wrenches on the bodies, world axes, about the joints' origins,
                 that turn with their bodies.
+            out: (2, nv, nv) zeros, to be filled with the transposed derivatives by q and by v.
         """
         self._take_masses()
         self._q[:], self._v[:], self._a[:] = q, v, a
-        by_q, by_v = np.empty((2, self.model.nv, self.model.nv))
         check(self._library.tree_derivatives(
-            self._handle, *map(address, (self._q, self._v, self._a, outside, by_q, by_v))))
-        return by_q, by_v
+            self._handle, *map(address, (self._q, self._v, self._a, outside, out[0], out[1]))))
 
     def mass_entries(self, all_joints: bool = True) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Return rows and columns of the numbers of `masses`, or of those of the core."""

@@ -60,10 +60,11 @@ class TreeMotion:
             self.at, columns = tree.placements.copy(), tree.columns.T.copy()
             self.v, self.a = (self._in_world(x) for x in (tree.twists, tree.accelerations))
         carrier = parents[self.joint_of]
-        turned = _crossed(self.v[carrier], columns)
-        twice = _crossed(self.a[carrier], columns) + _crossed(self.v[carrier], turned)
-        self.columns, self.turned, self.twice = columns, turned, twice
-        self.paced = turned + _crossed(self.v[self.joint_of], columns)
+        around = motion_cross(np.stack([
+            self.v[carrier], self.a[carrier], self.v[self.joint_of]]))
+        self.columns, (turned, twice, paced) = columns, (around @ columns[..., None])[..., 0]
+        self.turned, self.paced = turned, turned + paced
+        self.twice = twice + (around[0] @ turned[..., None])[..., 0]
         self.placements = self.at[self.joints]
 
     def _in_world(self, local: Array) -> Array:
@@ -99,15 +100,16 @@ class TreeMotion:
                 np.where(is_moved, back @ paced - spun @ columns, 0.0),
                 np.where(is_moved, back @ columns, 0.0))
 
-    def forces_by_motion(self, outside: Array) -> tuple[Array, Array]:
-        """Return q and v derivatives (nv, nv) of the joint forces that the motion needs.
+    def forces_by_motion(self, outside: Array, out: Array) -> None:
+        """Find how the joint forces that the motion needs change with q and v.
 
         Args:
             outside: (joints, 6) wrenches that act on the bodies, world axes, about the joints'
                 origins, and turn with them.
+            out: (2, nv, nv) zeros, to be filled with the transposed derivatives by q and by v.
         """
         with acquired(self.mechanism, _tree_of_single_joints) as tree:
-            return tree.derivatives(*self._motion, outside)
+            tree.derivatives(*self._motion, outside, out)
 
 
 def _tree_of_single_joints(mechanism: Mechanism) -> KernelTree:
@@ -125,12 +127,4 @@ def motion_cross(v: Array) -> Array:
     out = np.zeros((*v.shape[:-1], 6, 6))
     out[..., :3, :3] = out[..., 3:, 3:] = skewed(v[..., 3:])
     out[..., :3, 3:] = skewed(v[..., :3])
-    return out
-
-
-def _crossed(a: Array, b: Array) -> Array:
-    """Return the cross products a x b of twists (n, 6)."""
-    out = np.empty_like(b)
-    out[:, :3] = cross(a[:, 3:], b[:, :3]) + cross(a[:, :3], b[:, 3:])
-    out[:, 3:] = cross(a[:, 3:], b[:, 3:])
     return out

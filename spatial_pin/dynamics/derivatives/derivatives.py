@@ -163,7 +163,8 @@ def exact_numbers(state: State) -> Mechanism:
 
 
 def changes_of_forces(
-    rows: RowDerivatives, springs: Springs, outside: Outside, multipliers: Array
+    rows: RowDerivatives, springs: Springs, outside: Outside, multipliers: Array,
+    out: Array | None = None,
 ) -> tuple[Array, Array]:
     """Return q and v derivatives (nv, nv) of M a + b - f - J^T multipliers, these kept.
 
@@ -172,9 +173,11 @@ def changes_of_forces(
         springs: the springs there.
         outside: wrenches at frames.
         multipliers: (n_closure,) of the closure equations.
+        out: (2, nv, nv) zeros, to be filled with the transposed derivatives.
     """
-    bodies = rows.products.bodies
-    by_q, by_v = bodies.forces_by_motion(outside.on_joints(bodies))
+    bodies, total = rows.products.bodies, np.zeros((2, rows.nv, rows.nv)) if out is None else out
+    bodies.forces_by_motion(outside.on_joints(bodies), total)
+    by_q, by_v = total[0].T, total[1].T
     outside.take_turning(by_q, bodies)
     springs.take_slopes(by_q, by_v)
     rows.take_bending(by_q, multipliers, springs.pulls)
@@ -206,11 +209,11 @@ def _changes(
     nv, n, state, limbs = rows.nv, equations.n_closure, equations.state, equations.limbs
     borne = np.zeros(n)
     borne[chosen] = multipliers
-    force_by_q, force_by_v = changes_of_forces(rows, springs, outside, borne)
-    work = np.zeros((3 * nv, nv))
-    np.negative(force_by_q.T, out=work[:nv])
-    np.negative(force_by_v.T, out=work[nv : 2 * nv])
-    np.fill_diagonal(work[2 * nv :], 1.0)
+    work = np.zeros((3, nv, nv))
+    changes_of_forces(rows, springs, outside, borne, work[:2])
+    np.negative(work[:2], out=work[:2])
+    np.fill_diagonal(work[2], 1.0)
+    work = work.reshape(3 * nv, nv)
     if limbs and not n and limbs.respond(state, work):
         return [x.T for x in np.split(work, 3)], [np.zeros((0, nv))] * 3
     if not n:

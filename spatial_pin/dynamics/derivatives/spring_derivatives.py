@@ -61,11 +61,13 @@ class Springs:
         lines: those between frames, in the order of `forces.lines`, at a motion.
         turning: (3, nv) forces of those about joints and of what resists, and their derivatives by
             the joint's own coordinate and velocity.
+        bushings: in the order of `forces.bushings`, the derivatives (12, nv) of their products by
+            q, then what `Bushing.pull` returns.
     """
 
     lines: list[Pull]
     turning: Array
-    bushings: list[tuple[Array, Array, Array]]
+    bushings: list[tuple[Array, Array, Array, Array]]
 
     def __init__(
         self, mechanism: Mechanism, laws: Mapping[str, Law] | None = None,
@@ -117,7 +119,8 @@ class Springs:
             self.lines.append(Pull(force, force / length, row, by_q, by_rate * row))
         first = rows.closed + len(self.forces.lines)
         self.bushings = [
-            bushing.pull(products.values[:2, at : at + 12], products.by_q[:2, at : at + 12])
+            (products.by_q[0, at : at + 12], *bushing.pull(
+                products.values[:2, at : at + 12], products.by_q[:2, at : at + 12], self._slopes))
             for at, bushing in zip(count(first, 12), self.forces.bushings, strict=False)]
         for turn in self.forces.turns:
             x, rate = float(q[turn.q]), float(v[turn.v])
@@ -149,7 +152,7 @@ class Springs:
     def pulls(self) -> Array:
         """Forces of the springs by half their squared lengths, and of bushings by products."""
         return np.concatenate([[-x.per_length for x in self.lines],
-                               *(pull for pull, _, _ in self.bushings)])
+                               *(pull for _, pull, _, _ in self.bushings)])
 
     def take_slopes(self, by_q: Array, by_v: Array) -> None:
         """Subtract the q and v derivatives (nv, nv) of the springs' joint forces.
@@ -162,11 +165,12 @@ class Springs:
             per_length = np.array([[pull.per_length] for pull in self.lines])
             by_q += rows.T @ (np.stack([pull.by_q for pull in self.lines]) - per_length * rows)
             by_v += rows.T @ np.stack([pull.by_v for pull in self.lines])
-        for _, bent, damped in self.bushings:
-            by_q -= bent
-            by_v -= damped
+        for rows, _, bent, damped in self.bushings:
+            by_q -= rows.T @ bent
+            by_v -= rows.T @ damped
+        own = np.arange(len(by_q))
         for total, slopes in zip((by_q, by_v), self.turning[1:], strict=True):
-            total.reshape(-1)[:: len(total) + 1] += slopes
+            total[own, own] += slopes
 
 
 def slope(f: Callable[[float], float], x: float, step: float) -> float:

@@ -46,6 +46,7 @@ class Record:
     """
 
     start = Energies(0.0, 0.0, 0.0)
+    _time_tolerance = 0.0
 
     def __init__(self, problem: Problem, times: Array, watch: Watch) -> None:
         self._problem, self._watch, self.filled = problem, watch, 0
@@ -64,6 +65,8 @@ class Record:
     def begin(self, start: Energies, accuracy: Accuracy) -> None:
         """Let the energies at the start be those that are there now."""
         self.start, self.balance = start, Balance(self._problem, accuracy, start)
+        self._time_tolerance = (
+            0.0 if INTEGRATORS[accuracy.integrator].is_fixed else accuracy.time_tolerance)
 
     def until(self, end: float) -> Array:
         """Return the times of samples that are not yet there, up to `end`."""
@@ -151,7 +154,7 @@ class Record:
             efforts=ByDriver(problem.mechanism, dict(zip(names, efforts.T.copy(), strict=True))),
             coordinates=list(dict.fromkeys(self._coordinates)), evaluations=evaluations,
             steps=self.steps, by_drivers=problem.by_drivers, joint_limits=self._passed,
-            projection=projection, integrators=integrators,
+            projection=projection, integrators=integrators, time_tolerance=self._time_tolerance,
         )
 
     def refuse_samples(self) -> None:

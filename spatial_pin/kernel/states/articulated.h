@@ -40,8 +40,9 @@ EXPORT void tree_accelerations(Tree *s, const Real *force, const Real *off, Real
    `tree_masses` with any; `a` may be `forces`. */
 EXPORT void tree_responses(Tree *s, Int n, const Real *forces, Real *a);
 
-/* How the joint forces of a motion change with q and v, each (nv, nv), under wrenches (n_joints, 6)
-   from outside, world axes, about the joints' origins, that turn with their bodies. */
+/* How the joint forces of a motion change with q and v, a row for each entry of these, each (nv, nv)
+   and zeros before; under wrenches (n_joints, 6) from outside, world axes, about the joints' origins,
+   that turn with their bodies. */
 EXPORT int tree_derivatives(Tree *s, const Real *q, const Real *v, const Real *a,
                             const Real *outside, Real *by_q, Real *by_v);
 

@@ -163,12 +163,12 @@ static void put_entries(const Tree *s, const Freedom *of, Int j, Int v, Real *by
         for (Int w = k->iv[i]; w < k->iv[i] + joint_nv(k->kind[i]); w++) {
             const Real *S = s->column + 6 * w;
             const Freedom *g = of + w;
-            by_q[v * nv + w] = dot3(f.by_spin, g->turned + 3) + dot(f.force, g->twice, 6);
-            by_v[v * nv + w] = dot3(f.by_spin, S + 3) + dot(f.force, g->paced, 6);
+            by_q[w * nv + v] = dot3(f.by_spin, g->turned + 3) + dot(f.force, g->twice, 6);
+            by_v[w * nv + v] = dot3(f.by_spin, S + 3) + dot(f.force, g->paced, 6);
             if (i == j)
                 continue;
-            by_q[w * nv + v] = dot(f.bent, S, 6);
-            by_v[w * nv + v] = dot(f.damped, S, 6);
+            by_q[v * nv + w] = dot(f.bent, S, 6);
+            by_v[v * nv + w] = dot(f.damped, S, 6);
         }
         carry_wrench(s->arm + 3 * i, f.force);
         carry_wrench(s->arm + 3 * i, f.bent);
@@ -197,8 +197,6 @@ EXPORT int tree_derivatives(Tree *s, const Real *q, const Real *v, const Real *a
         gather_speeds(k, s->arm, speed);
         for (Int j = 1; j < k->n_joints; j++)
             put_freedoms(s, j, speed + j, of);
-        memset(by_q, 0, (size_t)(k->nv * k->nv) * sizeof *by_q);
-        memset(by_v, 0, (size_t)(k->nv * k->nv) * sizeof *by_v);
         for (Int j = 1; j < k->n_joints; j++)
             for (Int i = k->iv[j]; i < k->iv[j] + joint_nv(k->kind[j]); i++)
                 put_entries(s, of, j, i, by_q, by_v);
