@@ -39,7 +39,7 @@ class _TreeTask(ctypes.Structure):
 
     _fields_ = [(name, POINTER) for name in (
         "q", "v", "a", "armature", "R", "p", "jacobian", "velocity", "acceleration", "tau",
-        "wrench")]
+        "wrench", "outside", "by_q", "by_v")]
 
 
 class KernelTree:
@@ -212,9 +212,7 @@ class KernelTree:
             out: (2, nv, nv) zeros, to be filled with the transposed derivatives by q and by v.
         """
         self._take_masses()
-        self._q[:], self._v[:], self._a[:] = q, v, a
-        check(self._library.tree_derivatives(
-            self._handle, *map(address, (self._q, self._v, self._a, outside, out[0], out[1]))))
+        self._evaluate(q, v, a, outside=outside, by_q=out[0], by_v=out[1])
 
     def mass_entries(self, all_joints: bool = True) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Return rows and columns of the numbers of `masses`, or of those of the core."""
@@ -274,7 +272,7 @@ class KernelTree:
         Those of the core are zero.
         """
         at = address(forces)
-        self._library.tree_responses(self._handle, len(forces), at, at)
+        self._library.tree_accelerations(self._handle, len(forces), at, None, at, None, None)
 
     def complete(
         self, force: Array, off: Array, a: Array
@@ -291,6 +289,6 @@ class KernelTree:
             and wrenches makes, and the largest that joint forces `off` make by themselves.
         """
         self._library.tree_accelerations(
-            self._handle, *map(address, (force, off, a, self._scratch, self._facts)))
+            self._handle, 0, *map(address, (force, off, a, self._scratch, self._facts)))
         largest, corrected, rounding, given = self._facts.tolist()
         return largest, corrected, rounding, given

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from memory import peak_memory
-from test_open_trees import KINDS, bushy, efforts_of, moving, straight, tree
+from open_trees import KINDS, bushy, efforts_of, moving, straight, tree
 
 import spatial_pin as sp
 

@@ -26,6 +26,8 @@ static int make_room(Tree *s)
     const Int n = k->n_joints, nv = k->nv;
     s->is_core = kernel_ints(k, n);
     s->loads = kernel_memory(k, n, sizeof *s->loads);
+    s->speeds = kernel_memory(k, n, sizeof *s->speeds);
+    s->freedoms = kernel_memory(k, nv, sizeof *s->freedoms);
     Real **const parts[] = {&s->armature, &s->own, &s->missing, &s->column, &s->pull, &s->arm,
                             &s->bias, &s->wrench, &s->needed, &s->motion, &s->velocity, &s->inertia,
                             &s->lacking};
@@ -233,47 +235,6 @@ void gather_wrenches(Tree *s, Real *tau, const Real *a)
         if (k->parent[j])
             add_wrench(wrench, s->arm + 3 * j, s->needed + 6 * k->parent[j]);
     }
-}
-
-/* World joint Jacobian (6, nv), where the tree was placed last. */
-static void put_jacobian(Kernel *k, Real *out)
-{
-    tree_columns(k);
-    for (Int v = 0; v < k->nv; v++)
-        for (int i = 0; i < 3; i++) {
-            out[i * k->nv + v] = k->linear[3 * v + i];
-            out[(3 + i) * k->nv + v] = k->angular[3 * v + i];
-        }
-}
-
-static void copy_out(Real *out, const Real *from, Int n)
-{
-    if (out)
-        memcpy(out, from, (size_t)n * sizeof *out);
-}
-
-EXPORT void tree_evaluate(Tree *s, const TreeTask *task)
-{
-    Kernel *k = s->k;
-    const Int n = k->n_joints;
-    if (task->v) {
-        move_bodies(s, task->q, task->v);
-        accelerate_bodies(s, task->a);
-        copy_out(task->velocity, s->velocity, 6 * n);
-        copy_out(task->acceleration, s->motion, 6 * n);
-    } else {
-        tree_place(k, task->q);
-    }
-    if (task->tau) {
-        memcpy(s->armature, task->armature, (size_t)k->nv * sizeof(Real));
-        put_needed(s);
-        gather_wrenches(s, task->tau, task->a);
-        copy_out(task->wrench, s->needed, 6 * n);
-    }
-    if (task->jacobian)
-        put_jacobian(k, task->jacobian);
-    copy_out(task->R, k->R, 9 * n);
-    copy_out(task->p, k->p, 3 * n);
 }
 
 /* Entries of the mass matrix of some joints, whose inertias are those of all that they carry: for
@@ -535,7 +496,7 @@ static void respond(Tree *s, const Real *const force[LANES], Real *const a[LANES
     }
 }
 
-EXPORT void tree_responses(Tree *s, Int n, const Real *forces, Real *a)
+static void respond_to_all(Tree *s, Int n, const Real *forces, Real *a)
 {
     const Int nv = s->k->nv;
     for (Int i = 0; i < n; i += LANES) {
@@ -549,9 +510,13 @@ EXPORT void tree_responses(Tree *s, Int n, const Real *forces, Real *a)
     }
 }
 
-EXPORT void tree_accelerations(Tree *s, const Real *force, const Real *off, Real *a, Real *scratch,
-                               Real *facts)
+EXPORT void tree_accelerations(Tree *s, Int n, const Real *force, const Real *off, Real *a,
+                               Real *scratch, Real *facts)
 {
+    if (n) {
+        respond_to_all(s, n, force, a);
+        return;
+    }
     const Kernel *k = s->k;
     Real *missing = scratch, *rounding = missing + k->nv, *more = rounding + k->nv;
     Real *off_by = more + k->nv;

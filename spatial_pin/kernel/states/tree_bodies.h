@@ -1,4 +1,4 @@
-/* The bodies of a tree as the algorithms in articulated.c and tree_derivatives.c have them. */
+/* The bodies of a tree as the algorithms in articulated.c and tree_evaluation.c have them. */
 #ifndef SPATIAL_PIN_TREE_BODIES_H
 #define SPATIAL_PIN_TREE_BODIES_H
 
@@ -10,6 +10,18 @@ enum { LANES = 4 }; /* right sides that are solved for at once */
 typedef struct {
     Real x[6][LANES];
 } Lanes;
+
+/* Of a freedom, about the origin of its joint. */
+typedef struct {
+    Real turned[6], twice[6], paced[6]; /* dS, ddS, dS + v x S */
+    Real by_spin[3];                    /* S . 2 B on rotations */
+    Real force[6], bent[6], damped[6];  /* I S, and the wrenches that all joints before it bear */
+} Freedom;
+
+/* What 2 B of a body is made of, with all that it carries. */
+typedef struct {
+    Real momentum[3], D[9];
+} Speed;
 
 struct Tree {
     Kernel *k;
@@ -27,6 +39,8 @@ struct Tree {
     Real *missing;    /* (nv) and its force that is not borne */
     Real *velocity;   /* (6) of the bodies */
     Lanes *loads;     /* of the bodies, of each right side */
+    Speed *speeds;    /* of the bodies */
+    Freedom *freedoms; /* (nv) */
     Real *lacking;    /* (nv, LANES) `missing` of each right side */
 };
 

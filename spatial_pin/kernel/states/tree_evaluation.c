@@ -1,4 +1,5 @@
-/* How the joint forces of a motion change with q and v [SinghRussellWensing2022].
+/* What a motion of a tree gives: its joint forces, and how they change with q and v
+ * [SinghRussellWensing2022].
  *
  * Of joints j that carry joint i, or are it, with S the motions of freedoms, x and x* the cross
  * products of motions and of wrenches, I, B and f the inertia, the matrix of velocities and the
@@ -13,23 +14,9 @@
  * As everywhere in a tree, all is in world axes about the origins of the joints' frames, so that
  * the tip of a long chain has all its digits. Of 2 B only the columns of rotations are not zero:
  * -2 h x with the momentum h, and D. */
-#include <stdlib.h>
 #include <string.h>
 
-#include "memory.h"
 #include "tree_bodies.h"
-
-/* Of a freedom, about the origin of its joint. */
-typedef struct {
-    Real turned[6], twice[6], paced[6]; /* dS, ddS, dS + v x S */
-    Real by_spin[3];                    /* S . 2 B on rotations */
-    Real force[6], bent[6], damped[6];  /* I S, and the wrenches that all joints before it bear */
-} Freedom;
-
-/* What 2 B of a body is made of, with all that it carries. */
-typedef struct {
-    Real momentum[3], D[9];
-} Speed;
 
 static void cross_motion(const Real *a, const Real *b, Real *out)
 {
@@ -176,32 +163,66 @@ static void put_entries(const Tree *s, const Freedom *of, Int j, Int v, Real *by
     }
 }
 
-EXPORT int tree_derivatives(Tree *s, const Real *q, const Real *v, const Real *a,
-                            const Real *outside, Real *by_q, Real *by_v)
+/* Where the bodies have their accelerations. */
+static void put_derivatives(Tree *s, const Real *outside, Real *by_q, Real *by_v)
 {
     const Kernel *k = s->k;
-    Speed *speed = calloc((size_t)k->n_joints, sizeof *speed);
-    Freedom *of = calloc((size_t)k->nv + 1, sizeof *of);
-    const int code = speed && of ? DONE : NO_MEMORY;
-    if (code == DONE) {
-        move_bodies(s, q, v);
-        accelerate_bodies(s, a);
-        put_needed(s);
-        for (Int j = 1; j < k->n_joints; j++) {
-            put_speed(s, j, speed + j);
-            for (int i = 0; i < 6; i++)
-                s->needed[6 * j + i] -= outside[6 * j + i];
-        }
-        gather_wrenches(s, s->missing, NULL);
-        gather_inertias(s, 1);
-        gather_speeds(k, s->arm, speed);
-        for (Int j = 1; j < k->n_joints; j++)
-            put_freedoms(s, j, speed + j, of);
-        for (Int j = 1; j < k->n_joints; j++)
-            for (Int i = k->iv[j]; i < k->iv[j] + joint_nv(k->kind[j]); i++)
-                put_entries(s, of, j, i, by_q, by_v);
+    put_needed(s);
+    for (Int j = 1; j < k->n_joints; j++) {
+        put_speed(s, j, s->speeds + j);
+        for (int i = 0; i < 6; i++)
+            s->needed[6 * j + i] -= outside[6 * j + i];
     }
-    free(speed);
-    free(of);
-    return code;
+    gather_wrenches(s, s->missing, NULL);
+    gather_inertias(s, 1);
+    gather_speeds(k, s->arm, s->speeds);
+    for (Int j = 1; j < k->n_joints; j++)
+        put_freedoms(s, j, s->speeds + j, s->freedoms);
+    for (Int j = 1; j < k->n_joints; j++)
+        for (Int i = k->iv[j]; i < k->iv[j] + joint_nv(k->kind[j]); i++)
+            put_entries(s, s->freedoms, j, i, by_q, by_v);
 }
+
+/* World joint Jacobian (6, nv), where the tree was placed last. */
+static void put_jacobian(Kernel *k, Real *out)
+{
+    tree_columns(k);
+    for (Int v = 0; v < k->nv; v++)
+        for (int i = 0; i < 3; i++) {
+            out[i * k->nv + v] = k->linear[3 * v + i];
+            out[(3 + i) * k->nv + v] = k->angular[3 * v + i];
+        }
+}
+
+static void copy_out(Real *out, const Real *from, Int n)
+{
+    if (out)
+        memcpy(out, from, (size_t)n * sizeof *out);
+}
+
+EXPORT void tree_evaluate(Tree *s, const TreeTask *task)
+{
+    Kernel *k = s->k;
+    const Int n = k->n_joints;
+    if (task->v) {
+        move_bodies(s, task->q, task->v);
+        accelerate_bodies(s, task->a);
+        copy_out(task->velocity, s->velocity, 6 * n);
+        copy_out(task->acceleration, s->motion, 6 * n);
+    } else {
+        tree_place(k, task->q);
+    }
+    if (task->tau) {
+        memcpy(s->armature, task->armature, (size_t)k->nv * sizeof(Real));
+        put_needed(s);
+        gather_wrenches(s, task->tau, task->a);
+        copy_out(task->wrench, s->needed, 6 * n);
+    }
+    if (task->by_q)
+        put_derivatives(s, task->outside, task->by_q, task->by_v);
+    if (task->jacobian)
+        put_jacobian(k, task->jacobian);
+    copy_out(task->R, k->R, 9 * n);
+    copy_out(task->p, k->p, 3 * n);
+}
+
