@@ -18,6 +18,7 @@ from spatial_pin.constraints.composite_joints import TreeArrays, split
 from spatial_pin.constraints.pinocchio_views import inertias
 from spatial_pin.kernel.library import DONE, POINTER, SINGULAR, address, check, library
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.stacked import cross
 
 SYMMETRIC = np.array([4, 5, 7, 5, 6, 8, 7, 8, 9])  # places of a (3, 3) inertia in `inertias`
 
@@ -38,7 +39,7 @@ class _TreeTask(ctypes.Structure):
 
     _fields_ = [(name, POINTER) for name in (
         "q", "v", "a", "armature", "R", "p", "jacobian", "velocity", "acceleration", "tau",
-        "wrench")]
+        "wrench", "outside", "by_q", "by_v")]
 
 
 class KernelTree:
@@ -73,7 +74,7 @@ class KernelTree:
         self.data = SimpleNamespace(J=self.columns, oMi=TreePlacements(self.placements))
         n, nv = self._split.njoints, model.nv
         self._q, self._v, self._a = np.empty(model.nq), np.empty(nv), np.empty(nv)
-        self._tau, self._scratch, self._facts = np.empty(nv), np.zeros((3, nv)), np.empty(4)
+        self._tau, self._scratch, self._facts = np.empty(nv), np.zeros((4, nv)), np.empty(4)
         self._R, self._p = np.empty((n, 3, 3)), np.empty((n, 3))
         self._moving = np.empty((2, n, 6))
         self._at = dict(zip(("q", "v", "a", "armature", "R", "p"), map(address, (
@@ -135,7 +136,7 @@ class KernelTree:
         self._evaluate(q, v, a, velocity=velocity, acceleration=acceleration)
         self._put_placements()
         seen, felt = velocity[self._carriers], acceleration[self._carriers].copy()
-        felt[:, :3] -= np.cross(seen[:, 3:], seen[:, :3])
+        felt[:, :3] -= cross(seen[:, 3:], seen[:, :3])
         self._in_joint_axes(seen, self.twists)
         self._in_joint_axes(felt, self.accelerations)
 
@@ -197,6 +198,22 @@ class KernelTree:
         forces[0] = 0.0
         return forces
 
+    def derivatives(self, q: Array, v: Array, a: Array, outside: Array, out: Array) -> None:
+        """Find how `forces` change with q and v, as `pin.computeRNEADerivatives` does.
+
+        They are right for joints whose motion subspace is constant.
+
+        Args:
+            q: configuration.
+            v: joint velocities.
+            a: joint accelerations.
+            outside: (njoints, 6) wrenches on the bodies, world axes, about the joints' origins,
+                that turn with their bodies.
+            out: (2, nv, nv) zeros, to be filled with the transposed derivatives by q and by v.
+        """
+        self._take_masses()
+        self._evaluate(q, v, a, outside=outside, by_q=out[0], by_v=out[1])
+
     def mass_entries(self, all_joints: bool = True) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Return rows and columns of the numbers of `masses`, or of those of the core."""
         t, rows, columns = self._tree, [], []
@@ -249,6 +266,14 @@ class KernelTree:
             check(code)
         return not code
 
+    def respond(self, forces: Array) -> None:
+        """Make joint forces (n, nv) the accelerations under them alone, after `eliminate`.
+
+        Those of the core are zero.
+        """
+        at = address(forces)
+        self._library.tree_accelerations(self._handle, len(forces), at, None, at, None, None)
+
     def complete(
         self, force: Array, off: Array, a: Array
     ) -> tuple[float, float, float, float]:
@@ -264,6 +289,6 @@ class KernelTree:
             and wrenches makes, and the largest that joint forces `off` make by themselves.
         """
         self._library.tree_accelerations(
-            self._handle, *map(address, (force, off, a, self._scratch, self._facts)))
+            self._handle, 0, *map(address, (force, off, a, self._scratch, self._facts)))
         largest, corrected, rounding, given = self._facts.tolist()
         return largest, corrected, rounding, given

@@ -66,7 +66,6 @@ def _stride(items: Any) -> int:
 
 
 # Pinocchio gives matrices of one column as vectors, and ends the interpreter over some without any.
-LOCAL = pin.ReferenceFrame.LOCAL
 
 
 def frame_jacobian(model: pin.Model, data: pin.Data, frame: int) -> Array:
@@ -75,21 +74,3 @@ def frame_jacobian(model: pin.Model, data: pin.Data, frame: int) -> Array:
         return np.zeros((6, 0))
     J: Array = pin.getFrameJacobian(model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
     return J.reshape(6, model.nv)
-
-
-def own_jacobian(model: pin.Model, data: pin.Data, joint: int) -> Array:
-    """Return the Jacobian (6, nv) of a joint in its own axes; joints' are known."""
-    jacobian: Array = pin.getJointJacobian(model, data, joint, LOCAL)
-    return jacobian.reshape(6, model.nv)
-
-
-def twist_derivatives(model: pin.Model, data: pin.Data, joint: int) -> list[Array]:
-    """Return `pin.getJointVelocityDerivatives` of a joint in its own axes, each (6, nv)."""
-    return [x.reshape(6, model.nv)
-            for x in pin.getJointVelocityDerivatives(model, data, joint, LOCAL)]
-
-
-def acceleration_derivatives(model: pin.Model, data: pin.Data, joint: int) -> list[Array]:
-    """Return `pin.getJointAccelerationDerivatives` of a joint in its own axes, each (6, nv)."""
-    return [x.reshape(6, model.nv)
-            for x in pin.getJointAccelerationDerivatives(model, data, joint, LOCAL)]

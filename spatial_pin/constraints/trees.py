@@ -1,14 +1,10 @@
 """Kinematics of trees: of small ones by Pinocchio, of others by the kernel.
 
 A `pin.Data` takes memory with the cube of the number of freedoms (4 GB for 400), and some of its
-algorithms time with the square. For its derivatives a tree is taken one subtree at a time: branches
-that meet only at the ground do not depend on each other. Results are those of the whole model, in
-its order.
+algorithms time with the square.
 """
 
 from __future__ import annotations
-
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -22,10 +18,8 @@ from spatial_pin.constraints.pinocchio_views import (
     placements,
     twists,
 )
-from spatial_pin.mechanism.inertia import MassMatrix, depth_first, part_of
 from spatial_pin.numerics.linalg import Array
 
-FREEDOMS = 32  # of a subtree, at least, if there are so many branches
 WHOLE = 60  # freedoms from which on the kernel moves a tree: a `pin.Data` has 10 MB there
 BRANCHES = 4  # at the ground, from which on each subtree is small beside the tree
 
@@ -71,56 +65,6 @@ class Tree:
 def tree_of(model: pin.Model) -> Tree | KernelTree:
     """Return what places and moves the bodies of a tree."""
     return KernelTree(model) if is_in_kernel(model) else Tree(model)
-
-
-class Subtree(NamedTuple):
-    """Some branches of a tree as a model of their own.
-
-    Attributes:
-        model, data: of the branches.
-        joints, q, v: places of its joints (but the ground), configuration and velocity in the
-            whole model.
-        mass: its mass matrix at a configuration.
-        columns: (6, nv) world joint Jacobian, a view on `data`.
-    """
-
-    model: pin.Model
-    data: pin.Data
-    joints: NDArray[np.intp]
-    q: NDArray[np.intp]
-    v: NDArray[np.intp]
-    mass: MassMatrix
-    columns: Array
-
-
-def parts_of(model: pin.Model) -> list[Subtree]:
-    """Return the subtrees of a large tree; any other as one subtree."""
-    if is_large(model):
-        return subtrees_of(model)
-    return [_subtree(model, depth_first(model))] if model.njoints > 1 else []
-
-
-def subtrees_of(model: pin.Model) -> list[Subtree]:
-    """Return the subtrees of a model, each of one or more branches at the ground."""
-    groups: list[list[int]] = [[]]
-    size = 0
-    for root in model.children[0]:
-        if size >= FREEDOMS:
-            groups.append([])
-            size = 0
-        branch = [int(i) for i in model.subtrees[root]]
-        groups[-1] += branch
-        size += sum(model.nvs[i] for i in branch)
-    order = depth_first(model)
-    return [_subtree(model, [i for i in order if i in group])
-            for group in map(set, groups) if group]
-
-
-def _subtree(whole: pin.Model, joints: list[int]) -> Subtree:
-    model, q, v = part_of(whole, joints)
-    data = model.createData()
-    return Subtree(model, data, np.array(joints), q, v, MassMatrix(model),
-                   joint_jacobian(data, model.nv))
 
 
 def related(model: pin.Model) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

@@ -2,7 +2,7 @@
 
 With the twist nu of a body in its own axes and H its 4 x 4 matrix, the stacked placements of
 `spatial_pin.constraints` have G' = H^T G, G'' = H^T G' + H'^T G and
-G''' = H^T G'' + 2 H'^T G' + H''^T G. nu'' follows from Pinocchio's derivatives of nu'.
+G''' = H^T G'' + 2 H'^T G' + H''^T G. nu'' follows from the derivatives of nu' (`TreeMotion`).
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from spatial_pin._support.checks import checked, finite_number
 from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State, center_of_mass, mass_shares, of_mechanism
 from spatial_pin.constraints.compiled_equations import composed_rates
-from spatial_pin.constraints.composite_joints import split_of
-from spatial_pin.constraints.pinocchio_views import TWIST_MATRIX, acceleration_derivatives
+from spatial_pin.constraints.pinocchio_views import TWIST_MATRIX
+from spatial_pin.constraints.tree_motion import TreeMotion
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
@@ -165,14 +165,9 @@ def solve_jerks(
     jerks = jerks or {}
     j_of = {mechanism.driven_coordinate(name).name: finite_number(x, f"jerk of {name!r}")
             for name, x in jerks.items()}
-    model, joints = split_of(mechanism)
-    data = model.createData()
-    pin.computeForwardKinematicsDerivatives(model, data, state.q, state.v, state.a)
-    # second derivatives of all twists at zero joint jerk, joint axes, and what that adds to them
-    bodies, columns = np.zeros((len(joints), 6)), np.zeros((len(joints), 6, model.nv))
-    for i, joint in enumerate(joints[1:].tolist(), start=1):
-        _, by_q, by_v, by_a = acceleration_derivatives(model, data, joint)
-        bodies[i], columns[i] = by_q @ state.v + by_v @ state.a, by_a
+    tree = TreeMotion(mechanism, (state.q, state.v, state.a))
+    _, by_q, by_v, columns = tree.by_motion(np.arange(len(tree.joints)))
+    bodies = by_q @ state.v + by_v @ state.a  # (njoints, 6) at zero joint jerk, joint axes
     given = Prescription.of(mechanism, driven_coordinates(mechanism, jerks), hold)
     refuse_components(mechanism, given.driven)
     drive = np.array([j_of.get(c.name, 0.0) for c in given.driven])

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.checks import checked
 from spatial_pin.assembly.state import State, moving_in_time
-from spatial_pin.constraints.composite_joints import split_of
 from spatial_pin.dynamics.derivatives.reaction_derivatives import Linear, ReactionChanges
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
 from spatial_pin.dynamics.derivatives.spring_derivatives import Outside, Slopes, Springs
@@ -139,18 +138,13 @@ def dynamics_derivatives(
     springs = Springs(mechanism, laws, slopes, slip_speed)
     answer = forward_dynamics(mechanism, state, efforts, external=external, laws=laws,
                               slip_speed=slip_speed)
-    whole = split_of(mechanism)
-    rows = RowDerivatives(mechanism, whole, springs.forces, (state.q, state.v, answer.a))
+    rows = RowDerivatives(mechanism, springs.forces, (state.q, state.v, answer.a))
     springs.move(rows)
-    outside, effort = Outside(mechanism, whole, external), joint_efforts(mechanism, efforts)
-    jacobian = closure_jacobian(mechanism, state.q)
-    borne = jacobian.T @ answer.multipliers
+    outside, effort = Outside(mechanism, external), joint_efforts(mechanism, efforts)
+    borne = closure_jacobian(mechanism, state.q).T @ answer.multipliers
     with equations_of(mechanism) as equations:
         equations.place(state)
-        equations.by_kkt(state.q, state.v, state.angles, borne, borne)
-        chosen = equations.kkt.rows
-        at_rest = np.zeros((1, equations.n_closure))
-        multipliers = equations.kkt.solve(-borne[None], at_rest)[1][0, chosen]
+        chosen, multipliers = _independent(equations, borne)
         by = _changes(equations, rows, springs, outside, chosen, multipliers)
     a, lam = Linear(answer.a, *by[0]), Linear(multipliers, *(x[chosen] for x in by[1]))
     return Derivatives(a, chosen, lam, ReactionChanges(
@@ -169,7 +163,8 @@ def exact_numbers(state: State) -> Mechanism:
 
 
 def changes_of_forces(
-    rows: RowDerivatives, springs: Springs, outside: Outside, multipliers: Array
+    rows: RowDerivatives, springs: Springs, outside: Outside, multipliers: Array,
+    out: Array | None = None,
 ) -> tuple[Array, Array]:
     """Return q and v derivatives (nv, nv) of M a + b - f - J^T multipliers, these kept.
 
@@ -178,21 +173,25 @@ def changes_of_forces(
         springs: the springs there.
         outside: wrenches at frames.
         multipliers: (n_closure,) of the closure equations.
+        out: (2, nv, nv) zeros, to be filled with the transposed derivatives.
     """
-    bodies, (q, v, a) = rows.products.bodies, rows.motion
-    by_q, by_v = np.zeros((2, bodies.nv, bodies.nv))
-    for p in bodies.parts:
-        model, unit = p.mass.model, p.mass.unit
-        pulls = pin.StdVec_Force([
-            force * (1.0 / unit) for force in outside.on_joints(p, rows.products.placements)])
-        derivatives = pin.computeRNEADerivatives(model, p.data, q[p.q], v[p.v], a[p.v], pulls)
-        for total, x in zip((by_q, by_v), derivatives[:2], strict=True):
-            total[np.ix_(p.v, p.v)] = unit * x
-        pin.computeJointJacobians(model, p.data, q[p.q])
-    spring_by_q, spring_by_v = springs.by_motion()
-    by_q -= outside.turning(bodies)
-    by_q -= rows.bending(multipliers, springs.pulls) + spring_by_q
-    return by_q, by_v - spring_by_v
+    bodies, total = rows.products.bodies, np.zeros((2, rows.nv, rows.nv)) if out is None else out
+    bodies.forces_by_motion(outside.on_joints(bodies), total)
+    by_q, by_v = total[0].T, total[1].T
+    outside.take_turning(by_q, bodies)
+    springs.take_slopes(by_q, by_v)
+    rows.take_bending(by_q, multipliers, springs.pulls)
+    return by_q, by_v
+
+
+def _independent(equations: Equations, borne: Array) -> tuple[NDArray[np.intp], Array]:
+    """Return independent closure equations (k,), and their multipliers, of joint forces (nv,)."""
+    if not equations.n_closure:
+        return np.zeros(0, np.intp), np.zeros(0)
+    state, at_rest = equations.state, np.zeros((1, equations.n_closure))
+    equations.by_kkt(state.q, state.v, state.angles, borne, borne)
+    chosen = equations.kkt.rows
+    return chosen, equations.kkt.solve(-borne[None], at_rest)[1][0, chosen]
 
 
 def _changes(
@@ -202,11 +201,23 @@ def _changes(
     """Return derivatives with respect to q, v, efforts: of accelerations, and of multipliers.
 
     The former are (nv, nv), the latter (n_closure, nv); `multipliers` are those of the rows
-    `chosen`, and the KKT system is factored at the state.
+    `chosen`.
 
     Raises:
         SingularError: a motion has no inertia.
     """
+    nv, n, state, limbs = rows.nv, equations.n_closure, equations.state, equations.limbs
+    borne = np.zeros(n)
+    borne[chosen] = multipliers
+    work = np.zeros((3, nv, nv))
+    changes_of_forces(rows, springs, outside, borne, work[:2])
+    np.negative(work[:2], out=work[:2])
+    np.fill_diagonal(work[2], 1.0)
+    work = work.reshape(3 * nv, nv)
+    if limbs and not n and limbs.respond(state, work):
+        return [x.T for x in np.split(work, 3)], [np.zeros((0, nv))] * 3
+    if not n:
+        equations.by_kkt(state.q, state.v, state.angles, np.zeros(nv), np.zeros(nv))
     if equations.kkt.pivot < TOLERANCES.zero:
         freedoms = null_space(equations.scaled) * equations.scale
         inertias = freedoms @ equations.mass() @ freedoms.T
@@ -214,14 +225,10 @@ def _changes(
         sizes = np.abs(motion / equations.scale)
         names = equations.moving((sizes / sizes.max())[None])
         raise SingularError(
-            f"mechanism {equations.mechanism.name!r}: {equations.state}: beside others a motion of "
+            f"mechanism {equations.mechanism.name!r}: {state}: beside others a motion of "
             f"{', '.join(names)} has no inertia, so accelerations have no "
-            "derivatives there: give its links more mass", state=equations.state)
-    nv, borne = rows.nv, np.zeros(equations.n_closure)
-    borne[chosen] = multipliers
-    force_by_q, force_by_v = changes_of_forces(rows, springs, outside, borne)
+            "derivatives there: give its links more mass", state=state)
     closed_by_q, closed_by_v = rows.changes(2)
-    work = np.vstack([-force_by_q.T, -force_by_v.T, np.eye(nv)])
-    gamma = np.vstack([closed_by_q.T, closed_by_v.T, np.zeros((nv, equations.n_closure))])
+    gamma = np.vstack([closed_by_q.T, closed_by_v.T, np.zeros((nv, n))])
     a_by, multipliers_by = equations.kkt.solve(work, gamma)
     return ([x.T for x in np.split(a_by, 3)], [x.T for x in np.split(multipliers_by, 3)])

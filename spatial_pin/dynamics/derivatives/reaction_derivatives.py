@@ -4,7 +4,7 @@ A joint of the tree hands on what the bodies it carries need, less what else act
 
     F_i = sum over the carried bodies j of (W_j - w_j)
 
-at the world's origin, with W_j what moves body j (`BodiesOfTree.needed`), and w_j the wrenches on
+at the world's origin, with W_j what moves body j (`_needed`), and w_j the wrenches on
 it of springs, closures and from outside.
 """
 
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.brief import brief
 from spatial_pin.constraints.compiled_equations import combined_wrenches
+from spatial_pin.constraints.tree_motion import motion_cross, skewed
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
 from spatial_pin.dynamics.derivatives.spring_derivatives import Outside, Springs
 from spatial_pin.dynamics.forward import Dynamics
@@ -75,10 +76,19 @@ class ReactionChanges:
         self.nv, self.placements = rows.nv, rows.products.placements
         self.by_q = slice(1, 1 + self.nv)
         self.by_v = slice(1 + self.nv, 1 + 2 * self.nv)
-        self.a = np.column_stack([a.value, a.by_q, a.by_v, a.by_effort])
-        self.multipliers = np.zeros((rows.constraints.n_closure, 1 + 3 * self.nv))
-        self.multipliers[chosen] = np.column_stack([
-            multipliers.value, multipliers.by_q, multipliers.by_v, multipliers.by_effort])
+        self._a, self._multipliers, self._chosen = a, multipliers, chosen
+
+    @cached_property
+    def a(self) -> Array:
+        """(nv, ...) the accelerations."""
+        return np.column_stack(self._a)
+
+    @cached_property
+    def multipliers(self) -> Array:
+        """(n_closure, ...) of all rows."""
+        multipliers = self._new(self.rows.constraints.n_closure)
+        multipliers[self._chosen] = np.column_stack(self._multipliers)
+        return multipliers
 
     @cached_property
     def placements_by_q(self) -> Array:
@@ -102,14 +112,12 @@ class ReactionChanges:
                 "differences of `forward_dynamics`")
         closed, on_bodies = self._of_closures(pairs)
         self._add_given(on_bodies)
-        bodies = self.rows.products.bodies
-        bodies.move(*self.rows.motion)
-        forces = pairs.carried(bodies.needed(self.a[:, 1:]) - on_bodies)
-        efforts, columns = self._efforts(), bodies.axes()
+        forces = pairs.carried(self._needed() - on_bodies)
+        efforts = self._efforts()
         wrenches = {}
         for i in range(1, self.mechanism.model.njoints):
             force = _moved(forces[i], self.placements[i, 3], self.placements_by_q[i, :, 3])
-            wrenches[pairs.names[i - 1]] = self._without_effort(pairs, i, force, columns, efforts)
+            wrenches[pairs.names[i - 1]] = self._without_effort(pairs, i, force, efforts)
         for (name, _, (_, body), point), wrench in zip(pairs.closed, closed, strict=True):
             wrenches[name] = _moved(wrench, point @ self.placements[body],
                                  point @ self.placements_by_q[body])
@@ -126,7 +134,38 @@ class ReactionChanges:
     def _new(self, *shape: int) -> Array:
         return np.zeros((*shape, 1 + 3 * self.nv))
 
-    # ------------------------------------------------------------ what else acts
+    # ------------------------------------------------------------ what acts
+
+    def _needed(self) -> Array:
+        """Return (njoints, 6, ...) what moves the bodies, and how it changes.
+
+        The wrenches W = X (I a + v x* I v) at the world's origin, with X the force transformation
+        of a body and a its acceleration less gravity. As it moves by a twist d of its own axes,
+        d(X f) = X (df + d x* f) [Featherstone2008, 2.9].
+        """
+        tree, total = self.rows.products.bodies, self._new(len(self.placements), 6)
+        model = tree.model
+        carried = [np.zeros((6, 3 * self.nv))]  # world twists of a joint's accelerations that move
+        for joint in range(1, model.njoints):
+            own = tree.joint_of == joint
+            carried.append(carried[model.parents[joint]] + tree.columns[own].T @ self.a[own, 1:])
+        for i, out in enumerate(total[1:], start=1):
+            joint = tree.joints[i]
+            (v_by_q,), (a_by_q,), (a_by_v,), (columns,) = tree.by_motion(np.array([i]))
+            (back,) = tree.to_bodies(np.array([joint]))
+            inertia, v = model.inertias[int(joint)].matrix(), back @ tree.v[joint]
+            pull = self.placements[i, :3] @ model.gravity.linear
+            falling = np.zeros((6, self.nv))
+            falling[:3] = skewed(pull) @ columns[3:]
+            momentum, dual = inertia @ v, -motion_cross(v).T
+            f = inertia @ (back @ tree.a[joint] - np.append(pull, np.zeros(3))) + dual @ momentum
+            turning = _bar(momentum) + dual @ inertia
+            out[:, 0] = f
+            out[:, self.by_q] = inertia @ (a_by_q - falling) + turning @ v_by_q + _bar(f) @ columns
+            out[:, self.by_v] = inertia @ a_by_v + turning @ columns
+            out[:, 1:] += inertia @ back @ carried[joint]
+            out[:] = back.T @ out
+        return total
 
     def _of_closures(self, pairs: Pairs) -> tuple[list[Array], Array]:
         """Return the wrenches of the closures on their second bodies, and those on all bodies."""
@@ -210,10 +249,10 @@ class ReactionChanges:
         total[:, 0] = self.effort
         total[:, 1 + 2 * self.nv :] = np.eye(self.nv)
         total -= self.mechanism.model.armature[:, None] * self.a
-        for pull in self.springs.turns:
-            total[:, 0] -= pull.force * pull.row
-            total[:, self.by_q] -= np.outer(pull.row, pull.by_q)
-            total[:, self.by_v] -= np.outer(pull.row, pull.by_v)
+        own, (force, by_q, by_v) = np.arange(self.nv), self.springs.turning
+        total[:, 0] -= force
+        total[own, 1 + own] -= by_q
+        total[own, 1 + self.nv + own] -= by_v
         rows, changes = self.rows.joint_rows()
         borne = self.multipliers[self.rows.constraints.of_joints]
         total += rows.T @ borne
@@ -221,18 +260,28 @@ class ReactionChanges:
         return total
 
     def _without_effort(
-        self, pairs: Pairs, joint: int, force: Array, columns: tuple[Array, Array], efforts: Array
+        self, pairs: Pairs, joint: int, force: Array, efforts: Array
     ) -> Array:
         """Return what the pair itself bears: `force` less what the joint's effort does."""
-        model = self.mechanism.model
+        model, tree = self.mechanism.model, self.rows.products.bodies
         own = np.arange(model.idx_vs[joint], model.idx_vs[joint] + model.nvs[joint])
         turns = pairs.turns[own]
         for part, chosen in ((slice(3, 6), own[turns]), (slice(0, 3), own[~turns])):
             if len(chosen):
-                axes = columns[0][part, chosen]
-                spun = np.cross(columns[1][chosen], axes.T[:, :, None], axis=1)
+                axes = tree.columns[chosen, part].T
+                is_turned = tree.moved_by[tree.joint_of[chosen]]
+                spins = np.where(is_turned[:, None], tree.columns[:, 3:].T, 0.0)  # (k, 3, nv)
+                spun = np.cross(spins, axes.T[:, :, None], axis=1)
                 force[part] -= _along(axes, spun, efforts[chosen])
         return force
+
+
+def _bar(f: Array) -> Array:
+    """Return the matrix of d x* f on twists d, for a force f (6,)."""
+    out = np.zeros((6, 6))
+    out[:3, 3:] = out[3:, :3] = -skewed(f[:3])
+    out[3:, 3:] = -skewed(f[3:])
+    return out
 
 
 def _along(axes: Array, spun: Array, values: Array) -> Array:

@@ -4,9 +4,15 @@ Rows are products A . B of vectors linear in the placements G of the bodies, so 
 
     d r'' = dA'' . B + A'' . dB + 2 (dA' . B' + A' . dB') + dA . B'' + A . dB''
 
-with dG, dG' and dG'' from Pinocchio's derivatives of twists and accelerations, on joints whose
-motion subspace is constant (`constraints.composite_joints`). Rows are worked out by blocks of the
-same bodies, with the joints that carry these alone: the work grows with the loops.
+and of a body's placement G with the matrices S, dS, ... of `TreeMotion` and those of its own twist
+V and acceleration A,
+
+    G' = V G,  G'' = (V V + A) G
+    by q: dG = S G, dG' = S G' + dS G, dG'' = S G'' + 2 dS G' + (A x S + V x dS) G
+    by v: dG' = S G, dG'' = 2 S G' + (dS + v x S) G
+
+Rows are worked out by blocks of the same bodies, with the joints that carry these alone: the work
+grows with the loops.
 
 Second derivatives are wanted of weighted sums of rows only. A body's placement M moves with the
 world twists S of its joints as S M; a joint m moves with those before it, and its own l, as
@@ -22,25 +28,18 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.composed_equations import Composed
-from spatial_pin.constraints.composite_joints import SplitModel
-from spatial_pin.constraints.pinocchio_views import (
-    TWIST_MATRIX,
-    acceleration_derivatives,
-    twist_derivatives,
-)
-from spatial_pin.constraints.trees import Subtree, parts_of
+from spatial_pin.constraints.pinocchio_views import TWIST_MATRIX
+from spatial_pin.constraints.tree_motion import Motion, TreeMotion
 from spatial_pin.dynamics.forces import Forces
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 
 Product = Callable[[int, int], Array]
 Coefficients = dict[int, Array]  # of a vector: (4,) by joint
-Motion = tuple[Array, Array, Array]  # q (nq,), v and a (nv,)
 # Products of vectors of the same bodies: their numbers (k,), the bodies, the velocity entries (c,)
 # that move these, coefficients (2, k, 4 bodies) of A and B; A and B (k, 3), and their q derivatives
 # (c, k, 3).
@@ -48,146 +47,11 @@ Block = tuple[NDArray[np.intp], tuple[int, ...], NDArray[np.intp], Array,
               tuple[Array, Array], tuple[Array, Array]]
 
 
-class BodiesOfTree:
-    """Bodies of a tree that move, each told by the part of the tree that it is in.
-
-    Args:
-        whole: the tree with single joints.
-
-    Attributes:
-        parts: of the tree, see `constraints.trees`.
-    """
-
-    def __init__(self, whole: SplitModel) -> None:
-        model, self.joints = whole
-        self._model = model
-        self.nv, self.parts = model.nv, parts_of(model)
-        self.part, self.own = np.zeros((2, model.njoints), np.intp)
-        self.column = np.zeros((2, model.nv), np.intp)  # part, and place there
-        for k, part in enumerate(self.parts):
-            self.part[part.joints], self.own[part.joints] = k, range(1, part.model.njoints)
-            self.column[:, part.v] = np.array([[k] * len(part.v), range(len(part.v))])
-
-    def at(self, body: int) -> tuple[Subtree, int]:
-        """Return the part of the tree that a body is in, and the number of its joint there."""
-        joint = self.joints[body]
-        return self.parts[self.part[joint]], int(self.own[joint])
-
-    def move(self, q: Array, v: Array, acceleration: Array) -> None:
-        """Take the bodies to a motion."""
-        for p in self.parts:
-            pin.computeForwardKinematicsDerivatives(
-                p.model, p.data, q[p.q], v[p.v], acceleration[p.v])
-
-    def places(self) -> tuple[Array, Array]:
-        """Return placements (njoints, 4, 3), and the world joint Jacobian (6, nv)."""
-        placements, columns = np.zeros((len(self.joints), 4, 3)), np.zeros((6, self.nv))
-        placements[0, :3] = np.eye(3)
-        for body in range(1, len(self.joints)):
-            p, joint = self.at(body)
-            placements[body] = p.data.oMi[joint].homogeneous[:3].T
-        for p in self.parts:
-            columns[:, p.v] = p.columns
-        return placements, columns
-
-    def body(
-        self, body: int, columns: NDArray[np.intp]
-    ) -> tuple[NDArray[np.bool_], Array, Array, Array]:
-        """Return G, G', G'' (3, 4, 3) of a body, and how they change.
-
-        Args:
-            body: its joint.
-            columns: (c,) velocity entries.
-
-        Returns:
-            Which of the columns are in its part of the tree; G with its rates; their derivatives
-            (3, k, 4, 3) with respect to q and to v of these.
-        """
-        p, joint = self.at(body)
-        is_own = self.column[0, columns] == self.part[self.joints[body]]
-        at = self.column[1, columns[is_own]]
-        nu_by_q, _ = twist_derivatives(p.model, p.data, joint)
-        g0 = p.data.oMi[joint].homogeneous[:3].T
-        _, accel_by_q, accel_by_v, moving = acceleration_derivatives(p.model, p.data, joint)
-        h, dh = _matrix(p.data.v[joint].vector), _matrix(p.data.a[joint].vector)
-        g1 = h @ g0
-        g2 = h @ g1 + dh @ g0
-        pace, turned, by_q, by_v = (
-            _matrix(x[:, at].T) for x in (moving, nu_by_q, accel_by_q, accel_by_v))
-        moved = pace @ g0
-        first = turned @ g0 + h @ moved
-        second = turned @ g1 + h @ first + by_q @ g0 + dh @ moved
-        of_v = np.stack([np.zeros_like(moved), moved, pace @ g1 + h @ moved + by_v @ g0])
-        return is_own, np.stack([g0, g1, g2]), np.stack([moved, first, second]), of_v
-
-    def needed(self, a_by: Array) -> Array:
-        """Return (njoints, 6, 1 + 3 nv) what moves the bodies, and how it changes.
-
-        The wrenches W = X (I a + v x* I v) at the world's origin, then their derivatives by q, v
-        and efforts, with X the force transformation of a body and a its acceleration less
-        gravity. As it moves by a twist d of its own axes, d(X f) = X (df + d x* f)
-        [Featherstone2008, 2.9].
-
-        Args:
-            a_by: (nv, 3 nv) derivatives of the joints' accelerations.
-        """
-        total = np.zeros((len(self.joints), 6, 1 + 3 * self.nv))
-        for i, out in enumerate(total[1:], start=1):
-            part, joint = self.at(i)
-            model, data, at = part.model, part.data, 1 + part.v
-            v_by_q, a_by_q, a_by_v, columns = acceleration_derivatives(model, data, joint)
-            inertia, v = model.inertias[joint].matrix(), data.v[joint].vector
-            pull = data.oMi[joint].rotation.T @ model.gravity.linear
-            falling = np.zeros((6, model.nv))
-            falling[:3] = pin.skew(pull) @ columns[3:]
-            momentum = inertia @ v
-            f = inertia @ (data.a[joint].vector - np.append(pull, np.zeros(3)))
-            f += _dual(v) @ momentum
-            turning = _bar(momentum) + _dual(v) @ inertia
-            out[:, 0] = f
-            out[:, at] = inertia @ (a_by_q - falling) + turning @ v_by_q + _bar(f) @ columns
-            out[:, self.nv + at] = inertia @ a_by_v + turning @ columns
-            out[:, 1:] += inertia @ columns @ a_by[part.v]
-            out[:] = data.oMi[joint].toDualActionMatrix() @ out
-        return total
-
-    def axes(self) -> tuple[Array, Array]:
-        """Return the world joint Jacobian (6, nv) and the angular velocities, (nv, 3, nv).
-
-        The latter of what each coordinate's axis is fixed in.
-        """
-        model, columns = self._model, self.places()[1]
-        turned = np.zeros((self.nv, 3, self.nv))
-        for i in range(1, model.njoints):
-            own = slice(model.idx_vs[i], model.idx_vs[i] + model.nvs[i])
-            for j in list(model.supports[i])[1:]:
-                at = slice(model.idx_vs[j], model.idx_vs[j] + model.nvs[j])
-                turned[own, :, at] = columns[3:, at]
-        return columns, turned
-
-
-def _dual(v: Array) -> Array:
-    """Return the matrix of v x* on forces, for a twist v (6,)."""
-    out = np.zeros((6, 6))
-    out[:3, :3] = out[3:, 3:] = pin.skew(v[3:])
-    out[3:, :3] = pin.skew(v[:3])
-    return out
-
-
-def _bar(f: Array) -> Array:
-    """Return the matrix of d x* f on twists d, for a force f (6,)."""
-    out = np.zeros((6, 6))
-    out[:3, 3:] = out[3:, :3] = -pin.skew(f[:3])
-    out[3:, 3:] = -pin.skew(f[3:])
-    return out
-
-
 class ProductDerivatives:
     """Products A . B of vectors linear in the placements, at a motion, and how they change.
 
     Args:
         mechanism: the mechanism.
-        whole: its model with single joints.
         a, b: of each product, its vectors.
         motion: q (nq,), v and a (nv,).
 
@@ -200,28 +64,51 @@ class ProductDerivatives:
     """
 
     def __init__(
-        self, mechanism: Mechanism, whole: SplitModel, a: Sequence[Coefficients],
-        b: Sequence[Coefficients], motion: Motion,
+        self, mechanism: Mechanism, a: Sequence[Coefficients], b: Sequence[Coefficients],
+        motion: Motion,
     ) -> None:
-        self.model, self.joints = whole
-        self.nv, n = mechanism.model.nv, len(a)
-        self.bodies = BodiesOfTree(whole)
-        self.bodies.move(*motion)
+        self.bodies = tree = TreeMotion(mechanism, motion)
+        self.nv, n, self.placements = mechanism.model.nv, len(a), tree.placements
+        self.twists = _matrix(tree.columns).swapaxes(1, 2)
+        self._rates = _matrix(np.stack([tree.columns, tree.turned, tree.twice, tree.paced]))
         self.values, (self.by_q, self.by_v) = np.zeros((3, n)), np.zeros((2, 3, n, self.nv))
         rows_of: dict[tuple[int, ...], list[int]] = {}
         for row, vectors in enumerate(zip(a, b, strict=True)):
             rows_of.setdefault(tuple(sorted(set().union(*vectors))), []).append(row)
         self._blocks = [self._block(np.array(rows), bodies, a, b)
                         for bodies, rows in rows_of.items()]
-        self.placements, columns = self.bodies.places()
-        self.twists = _matrix(columns.T).swapaxes(1, 2)
 
     def columns(self, bodies: Sequence[int]) -> NDArray[np.intp]:
         """Return the velocity entries that move some bodies, ascending."""
-        model = self.model
-        before = {j for body in bodies for j in model.supports[int(self.joints[body])]}
-        return np.array([v for j in sorted(before - {0})
-                         for v in range(model.idx_vs[j], model.idx_vs[j] + model.nvs[j])], np.intp)
+        tree = self.bodies
+        return np.flatnonzero(tree.moved_by[tree.joints[list(bodies)]].any(axis=0))
+
+    def _body(
+        self, body: int, columns: NDArray[np.intp]
+    ) -> tuple[NDArray[np.bool_], Array, Array, Array]:
+        """Return G, G', G'' (3, 4, 3) of a body, and how they change.
+
+        Args:
+            body: its joint.
+            columns: (c,) velocity entries.
+
+        Returns:
+            Which of the columns move it; G with its rates; their derivatives (3, k, 4, 3) with
+            respect to q and to v of these.
+        """
+        tree, joint = self.bodies, self.bodies.joints[body]
+        is_own = tree.moved_by[joint, columns]
+        s, turned, twice, paced = self._rates[:, columns[is_own], :, :3]
+        twist, accel = _matrix(np.stack([tree.v[joint], tree.a[joint]]))[..., :3]
+        g = np.zeros((3, 4, 4))
+        g[0, :, :3], g[0, 3, 3] = self.placements[body], 1.0
+        g[1, :, :3] = g[0] @ twist
+        g[2, :, :3] = g[1] @ twist + g[0] @ accel
+        moved = g[0] @ s
+        by_q = np.stack([
+            moved, g[1] @ s + g[0] @ turned, g[2] @ s + 2.0 * (g[1] @ turned) + g[0] @ twice])
+        by_v = np.stack([np.zeros_like(moved), moved, 2.0 * (g[1] @ s) + g[0] @ paced])
+        return is_own, g[..., :3], by_q, by_v
 
     def _block(
         self, rows: NDArray[np.intp], bodies: tuple[int, ...], a: Sequence[Coefficients],
@@ -239,7 +126,7 @@ class ProductDerivatives:
         for k, body in enumerate(bodies):
             own = slice(4 * k, 4 * k + 4)
             if body:
-                moved, g[:, own], *changes = self.bodies.body(body, columns)
+                moved, g[:, own], *changes = self._body(body, columns)
                 by_q[:, moved, own], by_v[:, moved, own] = changes
             else:
                 g[0, 4 * k : 4 * k + 3] = np.eye(3)
@@ -262,7 +149,8 @@ class ProductDerivatives:
 
     def bending(self, weights: Array) -> Array:
         """Return q derivatives (nv, nv) of the q derivatives of the products' sum by weights."""
-        total, carried = np.zeros((self.nv, self.nv)), np.zeros((self.model.njoints, 4, 4))
+        tree, joint_of = self.bodies, self.bodies.joint_of
+        total, carried = np.zeros((self.nv, self.nv)), np.zeros((tree.model.njoints, 4, 4))
         for rows, bodies, columns, coefficients, (a, b), (da, db) in self._blocks:
             weight = weights[rows, None]
             both = (da * weight).reshape(len(da), -1) @ db.reshape(len(db), -1).T
@@ -270,32 +158,17 @@ class ProductDerivatives:
             slopes = coefficients[0].T @ (weight * b) + coefficients[1].T @ (weight * a)
             for body, slope in zip(bodies, slopes.reshape(-1, 4, 3), strict=True):
                 placed = self.placements[body].T @ slope
-                carried[self.joints[body], :3, :3] += placed
-                carried[self.joints[body], 3, :3] += slope[3]
-        for joint in range(self.model.njoints - 1, 0, -1):
-            carried[self.model.parents[joint]] += carried[joint]
-        joint_of = np.repeat(np.arange(self.model.njoints), self.model.nvs)
+                carried[tree.joints[body], :3, :3] += placed
+                carried[tree.joints[body], 3, :3] += slope[3]
+        for joint in range(tree.model.njoints - 1, 0, -1):
+            carried[tree.model.parents[joint]] += carried[joint]
         moved = (self.twists @ carried[joint_of]).swapaxes(1, 2)
         by_turning: Array = self.twists.reshape(-1, 16) @ moved.reshape(-1, 16).T
-        is_before = self._are_before(joint_of)
-        same = joint_of[:, None] == joint_of
-        total += np.where(is_before | same, by_turning, 0.0).T
+        is_up_to = tree.moved_by[joint_of].T
+        total += np.where(is_up_to, by_turning, 0.0).T
+        is_before = is_up_to & (joint_of[:, None] != joint_of)
         return total + np.where(is_before, by_turning, 0.0)
 
-    def _are_before(self, joint_of: NDArray[np.intp]) -> NDArray[np.bool_]:
-        """Return (nv, nv) whether a velocity entry is of a joint that carries that of another.
-
-        Args:
-            joint_of: (nv,) the joint of every entry.
-        """
-        model, is_before = self.model, np.zeros((self.nv, self.nv), dtype=bool)
-        for joint in range(1, model.njoints):
-            own = slice(model.idx_vs[joint], model.idx_vs[joint] + model.nvs[joint])
-            parent = model.parents[joint]
-            if parent:
-                is_before[:, own] = is_before[:, [model.idx_vs[parent]]]
-                is_before[joint_of == parent, own] = True
-        return is_before
 
 
 def _matrix(twist: Array) -> Array:
@@ -316,16 +189,13 @@ class RowDerivatives:
 
     Args:
         mechanism: the mechanism.
-        whole: its model with single joints.
         forces: its springs.
         motion: q (nq,), v and a (nv,).
     """
 
-    def __init__(
-        self, mechanism: Mechanism, whole: SplitModel, forces: Forces, motion: Motion
-    ) -> None:
+    def __init__(self, mechanism: Mechanism, forces: Forces, motion: Motion) -> None:
         self.constraints = c = constraints_of(mechanism)
-        self.whole, self.motion, self.nv = whole, motion, mechanism.model.nv
+        self.motion, self.nv = motion, mechanism.model.nv
         self.closed, self.forces = c.passive_at, forces
         n = len(c.constants)
         vectors: list[Coefficients] = [{} for _ in range(c.c_abx.shape[0])]
@@ -348,7 +218,7 @@ class RowDerivatives:
             more = bushing.products
             a += more[0]
             b += more[1]
-        self.products = ProductDerivatives(mechanism, whole, a, b, motion)
+        self.products = ProductDerivatives(mechanism, a, b, motion)
         self.products.values[0][: self.closed] -= c.constants[: self.closed]
 
     def changes(self, order: int) -> tuple[Array, Array]:
@@ -388,22 +258,24 @@ class RowDerivatives:
                  np.broadcast_to(x.values[1], (m, 1, self.nv))[:, 0])
                 for x in group.slopes(products, coordinates)]
 
-    def bending(self, multipliers: Array, pulls: Array) -> Array:
-        """Return q derivatives (nv, nv) of the joint forces of rows and springs, kept as strong.
+    def take_bending(self, total: Array, multipliers: Array, pulls: Array) -> None:
+        """Subtract the q derivatives (nv, nv) of joint forces of rows and springs, kept as strong.
 
         Args:
+            total: what they are subtracted from.
             multipliers: (n_closure,) of the closure rows.
             pulls: of the springs, by half their squared lengths, and by the products of bushings.
         """
         c, by_q = self.constraints, self.products.by_q[0]
-        weights, along = np.zeros(len(by_q)), np.zeros((self.nv, self.nv))
+        weights = np.zeros(len(by_q))
         weights[c.plain], weights[self.closed :] = multipliers[c.plain], pulls
         for group in c.composed:
             own, slopes = multipliers[group.rows], self._slopes(group)
             for at, (by, change) in zip(group.products, slopes, strict=False):
                 np.add.at(weights, at, own * by)
-                along += (own[:, None] * by_q[at]).T @ change
+                total -= (own[:, None] * by_q[at]).T @ change
             n = len(group.products)
             for v, (_, change) in zip(group.coordinates[1], slopes[n:], strict=True):
-                np.add.at(along, v, own[:, None] * change)
-        return along + self.products.bending(weights)
+                np.subtract.at(total, v, own[:, None] * change)
+        if len(weights):
+            total -= self.products.bending(weights)

@@ -19,7 +19,6 @@ import pinocchio as pin
 from spatial_pin.assembly.close import scaled_row
 from spatial_pin.assembly.holding import held_by
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.composite_joints import split_of
 from spatial_pin.dynamics.derivatives.derivatives import changes_of_forces
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
 from spatial_pin.dynamics.derivatives.spring_derivatives import Outside, Springs
@@ -149,12 +148,11 @@ class SmallMotions:
         self.wanted = needed - given
         self.freedoms = svd.null_space
         self._inverse = (svd.vt[: svd.rank].T / svd.s[: svd.rank]) @ svd.u[:, : svd.rank].T
-        whole = split_of(mechanism)
-        self._rows = rows = RowDerivatives(mechanism, whole, loads.springs.forces, (q, v, a))
+        self._rows = rows = RowDerivatives(mechanism, loads.springs.forces, (q, v, a))
         loads.springs.move(rows)
         multipliers = svd.minimum_norm_transposed(scale * self.wanted)
         self.by_q, self.by_v = changes_of_forces(
-            rows, loads.springs, Outside(mechanism, whole, loads.external), multipliers[:n])
+            rows, loads.springs, Outside(mechanism, loads.external), multipliers[:n])
         for c, x in zip(loads.components, multipliers[n + len(loads.entries) :], strict=True):
             self.by_q -= x / scale[c.v] * coordinate_curvature(mechanism, c, q)
         self.size = self._size(np.abs(given) + np.abs(loads.effort))

@@ -14,18 +14,14 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.constraints.composite_joints import SplitModel
-from spatial_pin.constraints.pinocchio_views import own_jacobian
-from spatial_pin.constraints.trees import Subtree
-from spatial_pin.dynamics.derivatives.row_derivatives import (
-    BodiesOfTree,
-    RowDerivatives,
-)
+from spatial_pin.constraints.tree_motion import TreeMotion
+from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
 from spatial_pin.dynamics.forces import Forces, Law, Line
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.stacked import cross
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 Slopes = Callable[[float, float], tuple[float, float]]
@@ -35,13 +31,12 @@ CENTRAL, ONE_SIDED = 4.0, 2.0  # halving the step divides the error of a differe
 
 
 class Pull(NamedTuple):
-    """The force of a spring, along or about its line, and how it changes.
+    """The force of a spring along its line, and how it changes.
 
     Attributes:
-        force: as its law says [N, N·m].
-        per_length: of a line, force divided by length [N/m].
-        row: (nv,) derivative of the length, or of the joint coordinate; of a line without length
-            it is zero.
+        force: as its law says [N].
+        per_length: force divided by length [N/m].
+        row: (nv,) derivative of the length; of a line without length it is zero.
         by_q, by_v: (nv,) of the force.
     """
 
@@ -64,13 +59,14 @@ class Springs:
     Attributes:
         forces: the springs.
         lines: those between frames, in the order of `forces.lines`, at a motion.
-        turns: those about joints, in the order of `forces.turns`, then what resists.
+        turning: (3, nv) forces of those about joints and of what resists, and their derivatives by
+            the joint's own coordinate and velocity.
         bushings: in the order of `forces.bushings`, the derivatives (12, nv) of their products by
             q, then what `Bushing.pull` returns.
     """
 
     lines: list[Pull]
-    turns: list[Pull]
+    turning: Array
     bushings: list[tuple[Array, Array, Array, Array]]
 
     def __init__(
@@ -108,7 +104,7 @@ class Springs:
         Raises:
             SpatialPinError: a spring has no length, and its force no direction.
         """
-        self.lines, self.turns = [], []
+        self.lines, self.turning = [], np.zeros((3, rows.nv))
         products, (q, v, _) = rows.products, rows.motion
         for at, line in enumerate(self.forces.lines, start=rows.closed):
             length, _ = self.forces.along(*(x @ products.placements[i] for i, x in zip(
@@ -126,16 +122,12 @@ class Springs:
             (products.by_q[0, at : at + 12], *bushing.pull(
                 products.values[:2, at : at + 12], products.by_q[:2, at : at + 12], self._slopes))
             for at, bushing in zip(count(first, 12), self.forces.bushings, strict=False)]
-        unit = np.eye(rows.nv)
         for turn in self.forces.turns:
             x, rate = float(q[turn.q]), float(v[turn.v])
-            by_length, by_rate = self._slopes(turn.name, x, rate)
-            row = unit[turn.v]
-            self.turns.append(Pull(turn.law(x, rate), 0.0, row, by_length * row, by_rate * row))
+            self.turning[:, turn.v] += turn.law(x, rate), *self._slopes(turn.name, x, rate)
         resistance = self.forces.resistance
-        forces, slopes = resistance.forces(v), resistance.slopes(v)
-        self.turns += [Pull(-forces[k], 0.0, unit[k], 0.0 * unit[k], slopes[k] * unit[k])
-                       for k in resistance.at]
+        self.turning[0] -= resistance.forces(v)
+        self.turning[2] += resistance.slopes(v)
 
     def _at_a_point(self, line: Line, rows: RowDerivatives, at: int) -> Pull:
         """Return a spring whose frames coincide: its force is stiffness times what parts them.
@@ -162,23 +154,23 @@ class Springs:
         return np.concatenate([[-x.per_length for x in self.lines],
                                *(pull for _, pull, _, _ in self.bushings)])
 
-    def by_motion(self) -> tuple[Array, Array]:
-        """Return the derivatives (nv, nv) of the springs' joint forces with respect to q and v.
+    def take_slopes(self, by_q: Array, by_v: Array) -> None:
+        """Subtract the q and v derivatives (nv, nv) of the springs' joint forces.
 
         Those along lines that bend, at the same force by half the squared length, are left out: see
-        `RowDerivatives.bending`.
+        `RowDerivatives.take_bending`.
         """
-        nv = self.forces.mechanism.model.nv
-        by_q, by_v = np.zeros((2, nv, nv))
-        for pull in self.lines:
-            by_q += np.outer(pull.row, pull.per_length * pull.row)
-        for pull in (*self.lines, *self.turns):
-            by_q -= np.outer(pull.row, pull.by_q)
-            by_v -= np.outer(pull.row, pull.by_v)
+        if self.lines:
+            rows = np.stack([pull.row for pull in self.lines])
+            per_length = np.array([[pull.per_length] for pull in self.lines])
+            by_q += rows.T @ (np.stack([pull.by_q for pull in self.lines]) - per_length * rows)
+            by_v += rows.T @ np.stack([pull.by_v for pull in self.lines])
         for rows, _, bent, damped in self.bushings:
-            by_q += rows.T @ bent
-            by_v += rows.T @ damped
-        return by_q, by_v
+            by_q -= rows.T @ bent
+            by_v -= rows.T @ damped
+        own = np.arange(len(by_q))
+        for total, slopes in zip((by_q, by_v), self.turning[1:], strict=True):
+            total[own, own] += slopes
 
 
 def slope(f: Callable[[float], float], x: float, step: float) -> float:
@@ -208,42 +200,33 @@ def extrapolated(difference: Callable[[float], float], step: float, ratio: float
 
 
 class Outside:
-    """Wrenches at frames, world axes, as forces in joint axes.
+    """Wrenches at frames, world axes, as forces on joints.
 
     Args:
         mechanism: the mechanism.
         external: by link, frame or joint.
     """
 
-    def __init__(
-        self, mechanism: Mechanism, whole: SplitModel, external: Mapping[str, pin.Force] | None
-    ) -> None:
-        self.whole = whole
+    def __init__(self, mechanism: Mechanism, external: Mapping[str, pin.Force] | None) -> None:
         self.given = [(*mechanism.centred_frame(name), force)
                       for name, force in (external or {}).items()]
         self._moving = [x for x in self.given if x[0]]
 
-    def on_joints(self, part: Subtree, placements: Array) -> pin.StdVec_Force:
-        """Return the forces on the joints of a part of the tree, joint axes."""
-        total = {int(joint): pin.Force.Zero() for joint in part.joints}
+    def on_joints(self, bodies: TreeMotion) -> Array:
+        """Return the wrenches (joints, 6), world axes, about the origins of the single joints."""
+        total = np.zeros((len(bodies.at), 6))
         for joint, placement, force in self._moving:
-            at = int(self.whole.joint[joint])
-            if at in total:
-                back = placements[joint, :3]
-                linear = back @ force.linear
-                total[at] += pin.Force(linear, back @ force.angular
-                                       + np.cross(placement.translation, linear))
-        return pin.StdVec_Force([pin.Force.Zero(), *total.values()])
-
-    def turning(self, bodies: BodiesOfTree) -> Array:
-        """Return q derivatives (nv, nv) of the joint forces, as the forces turn in joint axes."""
-        total = np.zeros((bodies.nv, bodies.nv))
-        for joint, placement, force in self._moving:
-            part, at = bodies.at(joint)
-            columns = own_jacobian(part.model, part.data, at)
-            back = part.data.oMi[at].rotation.T
-            local = [pin.skew(back @ x) for x in (force.linear, force.angular)]
-            lever = pin.skew(placement.translation)
-            change = np.vstack([local[0], local[1] + lever @ local[0]]) @ columns[3:]
-            total[np.ix_(part.v, part.v)] += columns.T @ change
+            lever = placement.translation @ bodies.placements[joint, :3]
+            total[bodies.joints[joint], :3] += force.linear
+            total[bodies.joints[joint], 3:] += force.angular + np.cross(lever, force.linear)
         return total
+
+    def take_turning(self, by_q: Array, bodies: TreeMotion) -> None:
+        """Subtract the q derivatives (nv, nv) of joint forces as bodies turn below the wrenches."""
+        for joint, placement, force in self._moving:
+            own = np.flatnonzero(bodies.moved_by[bodies.joints[joint]])
+            point = np.append(placement.translation, 1.0) @ bodies.placements[joint]
+            linear, spins = bodies.columns[own, :3], bodies.columns[own, 3:]
+            turned = cross(force.linear, spins), cross(force.angular, spins)
+            by_q[np.ix_(own, own)] -= (
+                (linear + cross(spins, point)) @ turned[0].T + spins @ turned[1].T)

@@ -113,6 +113,16 @@ class Limbs:
         self.error = max(self.error, LEAST_ERROR, (corrected + rounding) / largest)
         return True
 
+    def respond(self, state: State, forces: Array) -> bool:
+        """Make joint forces (n, nv) the accelerations of an open tree under them alone.
+
+        False where a limb has no inertia.
+        """
+        if not self._tree.eliminate(state.q, state.v, self._force, self._masses, self._needed):
+            return False
+        self._tree.respond(forces)
+        return True
+
     @property
     def is_of_forces(self) -> bool:
         """Whether round-off of the joint forces is most of `error`: no solver can know more."""

@@ -116,7 +116,7 @@ static int tree_solve(Dynamics *d)
         force[v] -= d->forces.tau[v];
     if (tree_masses(d->work.tree, d->q, d->v, force, d->forces.armature, d->work.mass, needed) != DONE)
         return 0;
-    tree_accelerations(d->work.tree, force, NULL, a, scratch, facts);
+    tree_accelerations(d->work.tree, 0, force, NULL, a, scratch, facts);
     for (Int i = 0; i < d->n_free; i++)
         d->z[i] = a[d->held[i]] / k->scale[d->held[i]];
     return facts[1] + facts[2] <= DOUBTFUL * facts[0];

@@ -15,35 +15,24 @@
 
 #include "articulated.h"
 #include "memory.h"
+#include "tree_bodies.h"
 
 /* Of the inertia about all axes, what a freedom must have to be more than round-off. */
 #define LEAST_INERTIA TOLERANCE_ZERO
-
-struct Tree {
-    Kernel *k;
-    Int *is_core;     /* (n_joints) whether loops are built on it */
-    Real *armature;   /* (nv) */
-    Real *column;     /* (6 nv) motion of the body per unit of each freedom */
-    Real *arm;        /* (3) from the parent's origin to the joint's */
-    Real *bias;       /* (6) acceleration of the body relative to that of its parent, at no joint's */
-    Real *wrench;     /* (6) that the body needs without acceleration; with all beyond it */
-    Real *inertia;    /* (27) lin-lin, lin-ang, ang-ang by rows; with all beyond it */
-    Real *needed;     /* (6) of the core's bodies */
-    Real *motion;     /* (6) accelerations of the bodies */
-    Real *pull;       /* (6 nv) wrench per unit acceleration of each eliminated freedom */
-    Real *own;        /* (nv) its inertia, */
-    Real *missing;    /* (nv) and its force that is not borne */
-    Real *velocity;   /* (6) of the bodies */
-};
 
 static int make_room(Tree *s)
 {
     Kernel *k = s->k;
     const Int n = k->n_joints, nv = k->nv;
     s->is_core = kernel_ints(k, n);
+    s->loads = kernel_memory(k, n, sizeof *s->loads);
+    s->speeds = kernel_memory(k, n, sizeof *s->speeds);
+    s->freedoms = kernel_memory(k, nv, sizeof *s->freedoms);
     Real **const parts[] = {&s->armature, &s->own, &s->missing, &s->column, &s->pull, &s->arm,
-                            &s->bias, &s->wrench, &s->needed, &s->motion, &s->velocity, &s->inertia};
-    const Int sizes[] = {nv, nv, nv, 6 * nv, 6 * nv, 3 * n, 6 * n, 6 * n, 6 * n, 6 * n, 6 * n, 27 * n};
+                            &s->bias, &s->wrench, &s->needed, &s->motion, &s->velocity, &s->inertia,
+                            &s->lacking};
+    const Int sizes[] = {nv, nv, nv, 6 * nv, 6 * nv, 3 * n, 6 * n, 6 * n, 6 * n, 6 * n, 6 * n, 27 * n,
+                         LANES * nv};
     for (size_t i = 0; i < sizeof parts / sizeof *parts; i++)
         *parts[i] = kernel_reals(k, sizes[i]);
     return kernel_had_memory(k) ? DONE : NO_MEMORY;
@@ -110,20 +99,9 @@ static void add_freedoms(const Tree *s, Int j, const Real *rate, Real *motion)
     }
 }
 
-/* What a body's motion gives the next one, whose origin is an arm away. */
-static void carry_motion(const Real *from, const Real *arm, Real *motion)
-{
-    Real swing[3];
-    cross3(from + 3, arm, swing);
-    for (int i = 0; i < 3; i++) {
-        motion[i] = from[i] + swing[i];
-        motion[3 + i] = from[3 + i];
-    }
-}
-
 /* Places, velocities, and accelerations relative to the parents', with no joint's own; see
  * `tree_rates`. */
-static void move_bodies(Tree *s, const Real *q, const Real *v)
+void move_bodies(Tree *s, const Real *q, const Real *v)
 {
     Kernel *k = s->k;
     tree_place(k, q);
@@ -147,7 +125,7 @@ static void move_bodies(Tree *s, const Real *q, const Real *v)
 }
 
 /* Accelerations of all bodies at those of the joints; of no joint's own where a is NULL. */
-static void accelerate_bodies(Tree *s, const Real *a)
+void accelerate_bodies(Tree *s, const Real *a)
 {
     const Kernel *k = s->k;
     for (Int j = 1; j < k->n_joints; j++) {
@@ -197,26 +175,6 @@ static void put_body(Tree *s, Int j)
     add3(1.0, moment, p + 3);
 }
 
-/* out += the wrench that accelerations need of an inertia. */
-static void add_inertia_times(const Real *inertia, const Real *motion, Real *out)
-{
-    const Real *A = inertia, *B = A + 9, *C = A + 18, *a = motion, *alpha = motion + 3;
-    for (int i = 0; i < 3; i++) {
-        out[i] += dot3(A + 3 * i, a) + dot3(B + 3 * i, alpha);
-        out[3 + i] += B[i] * a[0] + B[3 + i] * a[1] + B[6 + i] * a[2] + dot3(C + 3 * i, alpha);
-    }
-}
-
-/* A wrench about a joint's origin, added to one about its parent's. */
-static void add_wrench(const Real *wrench, const Real *arm, Real *out)
-{
-    Real moment[3];
-    cross3(arm, wrench, moment);
-    add3(1.0, wrench, out);
-    add3(1.0, wrench + 3, out + 3);
-    add3(1.0, moment, out + 3);
-}
-
 /* X r x, the rows of X times the matrix of the cross product. */
 static void times_cross(const Real *X, const Real *r, Real *out)
 {
@@ -257,7 +215,7 @@ static void add_inertia(const Real *from, const Real *r, Real *to)
 /* ---------------------------------------------------------------- forces of a motion */
 
 /* Wrenches that the bodies need at their accelerations, each without what it carries. */
-static void put_needed(Tree *s)
+void put_needed(Tree *s)
 {
     for (Int j = 1; j < s->k->n_joints; j++) {
         put_body(s, j);
@@ -267,7 +225,7 @@ static void put_needed(Tree *s)
 }
 
 /* Wrenches that all bodies need with all that they carry, about their origins. */
-static void gather_wrenches(Tree *s, Real *tau, const Real *a)
+void gather_wrenches(Tree *s, Real *tau, const Real *a)
 {
     const Kernel *k = s->k;
     for (Int j = k->n_joints - 1; j > 0; j--) {
@@ -277,47 +235,6 @@ static void gather_wrenches(Tree *s, Real *tau, const Real *a)
         if (k->parent[j])
             add_wrench(wrench, s->arm + 3 * j, s->needed + 6 * k->parent[j]);
     }
-}
-
-/* World joint Jacobian (6, nv), where the tree was placed last. */
-static void put_jacobian(Kernel *k, Real *out)
-{
-    tree_columns(k);
-    for (Int v = 0; v < k->nv; v++)
-        for (int i = 0; i < 3; i++) {
-            out[i * k->nv + v] = k->linear[3 * v + i];
-            out[(3 + i) * k->nv + v] = k->angular[3 * v + i];
-        }
-}
-
-static void copy_out(Real *out, const Real *from, Int n)
-{
-    if (out)
-        memcpy(out, from, (size_t)n * sizeof *out);
-}
-
-EXPORT void tree_evaluate(Tree *s, const TreeTask *task)
-{
-    Kernel *k = s->k;
-    const Int n = k->n_joints;
-    if (task->v) {
-        move_bodies(s, task->q, task->v);
-        accelerate_bodies(s, task->a);
-        copy_out(task->velocity, s->velocity, 6 * n);
-        copy_out(task->acceleration, s->motion, 6 * n);
-    } else {
-        tree_place(k, task->q);
-    }
-    if (task->tau) {
-        memcpy(s->armature, task->armature, (size_t)k->nv * sizeof(Real));
-        put_needed(s);
-        gather_wrenches(s, task->tau, task->a);
-        copy_out(task->wrench, s->needed, 6 * n);
-    }
-    if (task->jacobian)
-        put_jacobian(k, task->jacobian);
-    copy_out(task->R, k->R, 9 * n);
-    copy_out(task->p, k->p, 3 * n);
 }
 
 /* Entries of the mass matrix of some joints, whose inertias are those of all that they carry: for
@@ -348,7 +265,7 @@ static void put_masses(const Tree *s, int all, Real *out)
 
 /* Add the inertias of bodies, from the tips inwards, to those that carry them: of all joints, or of the
  * core's. */
-static void gather_inertias(Tree *s, int all)
+void gather_inertias(Tree *s, int all)
 {
     const Kernel *k = s->k;
     for (Int j = k->n_joints - 1; j > 0; j--)
@@ -485,6 +402,52 @@ static void find_rounding(Tree *s, Real *rounding)
     gather_wrenches(s, rounding, NULL);
 }
 
+/* ---------------------------------------------------------------- responses */
+
+/* Wrenches about a joint's origin, added to those about its parent's. */
+static void add_loads(const Lanes *from, const Real *arm, Lanes *to)
+{
+    for (int i = 0; i < 6; i++)
+        for (int l = 0; l < LANES; l++)
+            to->x[i][l] += from->x[i][l];
+    for (int i = 0; i < 3; i++) {
+        const int y = (i + 1) % 3, z = (i + 2) % 3;
+        for (int l = 0; l < LANES; l++)
+            to->x[3 + i][l] += arm[y] * from->x[z][l] - arm[z] * from->x[y][l];
+    }
+}
+
+/* As `carry_motion`. */
+static void carry_lanes(const Lanes *from, const Real *arm, Lanes *motion)
+{
+    for (int i = 0; i < 3; i++) {
+        const int y = (i + 1) % 3, z = (i + 2) % 3;
+        for (int l = 0; l < LANES; l++) {
+            motion->x[i][l] = from->x[i][l] + from->x[3 + y][l] * arm[z] - from->x[3 + z][l] * arm[y];
+            motion->x[3 + i][l] = from->x[3 + i][l];
+        }
+    }
+}
+
+/* As `restore`, of one freedom. */
+static void restore_lanes(const Tree *s, Int v, Lanes *motion, Real *const a[LANES])
+{
+    const Real *column = s->column + 6 * v, *pull = s->pull + 6 * v;
+    Real own[LANES];
+    memcpy(own, s->lacking + LANES * v, sizeof own);
+    for (int i = 0; i < 6; i++)
+        for (int l = 0; l < LANES; l++)
+            own[l] -= pull[i] * motion->x[i][l];
+    for (int l = 0; l < LANES; l++) {
+        own[l] /= s->own[v];
+        if (a[l])
+            a[l][v] = own[l];
+    }
+    for (int i = 0; i < 6; i++)
+        for (int l = 0; l < LANES; l++)
+            motion->x[i][l] += column[i] * own[l];
+}
+
 static Real largest_of(const Kernel *k, const Real *a)
 {
     Real most = 0.0;
@@ -493,42 +456,70 @@ static Real largest_of(const Kernel *k, const Real *a)
     return most;
 }
 
-/* Accelerations (nv) of eliminated freedoms under joint forces (nv) alone, by scale the largest; the
- * core rests. */
-static Real respond(Tree *s, const Real *force, Real *a)
+/* Accelerations (nv) of eliminated freedoms under joint forces (nv) alone, several at once, which
+ * takes little longer than one; the core rests. Where a force is NULL, there is none. */
+static void respond(Tree *s, const Real *const force[LANES], Real *const a[LANES])
 {
     const Kernel *k = s->k;
-    memset(s->wrench, 0, (size_t)(6 * k->n_joints) * sizeof *s->wrench);
+    memset(s->loads, 0, (size_t)k->n_joints * sizeof *s->loads);
     for (Int j = k->n_joints - 1; j > 0; j--) {
-        Real *p = s->wrench + 6 * j;
+        Lanes *p = s->loads + j;
         if (s->is_core[j])
             continue;
         for (Int v = k->iv[j]; v < k->iv[j] + joint_nv(k->kind[j]); v++) {
-            s->missing[v] = force[v] - dot(p, s->column + 6 * v, 6);
+            const Real *column = s->column + 6 * v, *pull = s->pull + 6 * v, by = 1.0 / s->own[v];
+            Real *missing = s->lacking + LANES * v;
+            for (int l = 0; l < LANES; l++)
+                missing[l] = force[l] ? force[l][v] : 0.0;
             for (int i = 0; i < 6; i++)
-                p[i] += s->pull[6 * v + i] * (s->missing[v] / s->own[v]);
+                for (int l = 0; l < LANES; l++)
+                    missing[l] -= column[i] * p->x[i][l];
+            for (int i = 0; i < 6; i++)
+                for (int l = 0; l < LANES; l++)
+                    p->x[i][l] += pull[i] * (missing[l] * by);
         }
         if (k->parent[j])
-            add_wrench(p, s->arm + 3 * j, s->wrench + 6 * k->parent[j]);
+            add_loads(p, s->arm + 3 * j, s->loads + k->parent[j]);
     }
     for (Int j = 1; j < k->n_joints; j++) {
-        Real *motion = s->motion + 6 * j;
-        memset(motion, 0, 6 * sizeof *motion);
+        Lanes *motion = s->loads + j; /* whose load nobody needs any more */
         if (s->is_core[j]) {
-            memset(a + k->iv[j], 0, (size_t)joint_nv(k->kind[j]) * sizeof *a);
+            memset(motion, 0, sizeof *motion);
+            for (int l = 0; l < LANES; l++)
+                if (a[l])
+                    memset(a[l] + k->iv[j], 0, (size_t)joint_nv(k->kind[j]) * sizeof(Real));
             continue;
         }
-        carry_motion(s->motion + 6 * k->parent[j], s->arm + 3 * j, motion);
-        restore(s, j, motion, a);
+        carry_lanes(s->loads + k->parent[j], s->arm + 3 * j, motion);
+        for (Int v = k->iv[j] + joint_nv(k->kind[j]) - 1; v >= k->iv[j]; v--)
+            restore_lanes(s, v, motion, a);
     }
-    return largest_of(k, a);
 }
 
-EXPORT void tree_accelerations(Tree *s, const Real *force, const Real *off, Real *a, Real *scratch,
-                               Real *facts)
+static void respond_to_all(Tree *s, Int n, const Real *forces, Real *a)
 {
+    const Int nv = s->k->nv;
+    for (Int i = 0; i < n; i += LANES) {
+        const Real *force[LANES] = {NULL};
+        Real *to[LANES] = {NULL};
+        for (Int l = 0; l < LANES && i + l < n; l++) {
+            force[l] = forces + (i + l) * nv;
+            to[l] = a + (i + l) * nv;
+        }
+        respond(s, force, to);
+    }
+}
+
+EXPORT void tree_accelerations(Tree *s, Int n, const Real *force, const Real *off, Real *a,
+                               Real *scratch, Real *facts)
+{
+    if (n) {
+        respond_to_all(s, n, force, a);
+        return;
+    }
     const Kernel *k = s->k;
     Real *missing = scratch, *rounding = missing + k->nv, *more = rounding + k->nv;
+    Real *off_by = more + k->nv;
     for (Int j = 1; j < k->n_joints; j++) {
         Real *motion = s->motion + 6 * j;
         carry_motion(s->motion + 6 * k->parent[j], s->arm + 3 * j, motion);
@@ -541,9 +532,11 @@ EXPORT void tree_accelerations(Tree *s, const Real *force, const Real *off, Real
     }
     find_missing(s, a, force, missing);
     find_rounding(s, rounding);
-    facts[2] = respond(s, rounding, more);
-    facts[3] = off ? respond(s, off, more) : 0.0;
-    facts[1] = respond(s, missing, more);
+    const Real *forces[LANES] = {missing, rounding, off};
+    Real *const by[LANES] = {more, rounding, off_by};
+    respond(s, forces, by);
+    for (int l = 0; l < 3; l++)
+        facts[1 + l] = largest_of(k, by[l]);
     for (Int v = 0; v < k->nv; v++)
         a[v] += more[v];
     facts[0] = largest_of(k, a);

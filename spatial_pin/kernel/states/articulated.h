@@ -16,6 +16,10 @@ typedef struct {
     Real *tau;               /* (nv) joint forces that the motion needs, as `pin.rnea` */
     Real *wrench;            /* (n_joints, 6) that joints hand on, world axes, about their origins;
                                 where `tau` is wanted too */
+    const Real *outside;     /* (n_joints, 6) wrenches on bodies, world axes, about the joints' origins,
+                                that turn with the bodies: for by_q and by_v, where v and a are given */
+    Real *by_q, *by_v;       /* (nv, nv) zeros before; a row for each entry of q and v: how `tau`,
+                                less what is outside, changes, as `pin.computeRNEADerivatives` */
 } TreeTask;
 
 /* Memory for the motions and forces of a kernel's tree, freed with the kernel. is_core: (n_joints)
@@ -33,8 +37,8 @@ EXPORT int tree_masses(Tree *s, const Real *q, const Real *v, const Real *force,
 /* Accelerations (nv) of the eliminated freedoms, those of the core given, after `tree_masses` with
    these forces; corrected once by what is missing in the forces. facts (4), by scale: the largest,
    the largest correction, and the largest that round-off of wrenches, and joint forces `off` (nv; may
-   be NULL), make by themselves. `scratch` (3 nv), for the core zeros. */
-EXPORT void tree_accelerations(Tree *s, const Real *force, const Real *off, Real *a, Real *scratch,
-                               Real *facts);
-
+   be NULL), make by themselves. `scratch` (4 nv). If n is not 0, those (n, nv) under joint
+   forces (n, nv) alone, the core at rest, after `tree_masses` with any; `a` may be `force`. */
+EXPORT void tree_accelerations(Tree *s, Int n, const Real *force, const Real *off, Real *a,
+                               Real *scratch, Real *facts);
 #endif
