@@ -36,7 +36,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.mobility.idle_freedoms import PassiveFreedom
 from spatial_pin.mobility.mode_list import missing_by
-from spatial_pin.numerics.linalg import Array, common_rows, decompose
+from spatial_pin.numerics.linalg import Array, decompose, pivoted_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy, accuracy_of
 
@@ -615,11 +615,10 @@ def independent_motions(
         return list(chosen), rates, np.linalg.solve(scaled @ rates.T, scaled)
     drivers = {name: c for name, c in driver_coordinates(mechanism).items()
                if at.loads.leaves(c)}
-    plain = {name: c for name, c in table.items() if c.q >= 0}
-    for known in (drivers, plain, table):
+    for known in (drivers, table):
         rates, own = rates_of(known.values())
         if decompose(own, TOLERANCES.near_singular).rank == n:
-            best = sorted(common_rows(own[None], np.zeros((0, n)), n))
+            best = pivoted_rows(own, n)
             rates = rates[best]
             return ([list(known)[k] for k in best], rates,
                     np.linalg.solve(scaled @ rates.T, scaled))
