@@ -353,7 +353,8 @@ def equilibrium_path(
 
     The path begins at the pose at rest to which the guess leads at the first factor, and ends at
     the last factor; on the way it may turn back any number of times. It also ends where it is
-    closed. With `over` a coordinate goes through values, and the load factor is what holds it there (displacement control).
+    closed. With `over` a coordinate goes through values, and the load factor is what holds it
+    there (displacement control).
 
     Args:
         mechanism: the mechanism.
