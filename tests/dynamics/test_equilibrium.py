@@ -362,3 +362,16 @@ def test_without_drivers_the_coordinates_are_those_that_move_best():
     found = sp.equilibrium(mechanism, {"slide": 0.4, "crank": 0.005})
     assert found.coordinates == ("crank",) and found.stiffness[0, 0] == pytest.approx(3.0)
     assert sp.linearize(mechanism, found.state).coordinates == ("crank",)
+
+
+def test_nothing_rests_where_a_rotation_vector_jumps():
+    """Its spring pulls the ball beyond half a turn, where the vector takes the other sense."""
+    model = pin.Model()
+    model.gravity.linear = np.zeros(3)
+    ball = model.addJoint(0, pin.JointModelSpherical(), pin.SE3.Identity(), "ball")
+    model.appendBodyToJoint(ball, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    springs = [sp.Spring("twist", joint="ball.x", stiffness=3.0, free_angle=4.0)]
+    springs += [sp.Spring(c, joint=f"ball.{c}", stiffness=1.0) for c in "yz"]
+    mechanism = sp.Mechanism.from_model(model, springs=springs)
+    with pytest.raises(sp.SpatialPinError, match="'twist' is wound by half a turn"):
+        sp.equilibrium(mechanism, {"ball": [2.0, 0.1, 0.0]})
