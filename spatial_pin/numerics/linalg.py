@@ -237,7 +237,7 @@ def common_rows(a: Array, given: Array, count: int) -> list[int]:
 def pivoted_rows(a: Array, count: int) -> list[int]:
     """Return the sorted indices of `count` independent rows, by threshold pivoting.
 
-    Each is the first whose part independent of those before is at least half of the largest
+    Each is the first whose part independent of those before is at least a tenth of the largest
     [DuffErismanReid1986], so that round-off has no say where several are as good.
 
     Args:
@@ -247,7 +247,7 @@ def pivoted_rows(a: Array, count: int) -> list[int]:
     rest, chosen = a.copy(), []
     for _ in range(count):
         sizes = np.linalg.norm(rest, axis=1)
-        chosen.append(int(np.argmax(sizes >= 0.5 * sizes.max())))
+        chosen.append(int(np.argmax(sizes >= 0.1 * sizes.max())))
         along = rest[chosen[-1]] / sizes[chosen[-1]]
         for _ in range(2):  # once more for the digits that the first time has lost
             rest = rest - np.outer(rest @ along, along)
