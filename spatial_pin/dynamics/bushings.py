@@ -87,6 +87,12 @@ class Bushing(NamedTuple):
         """Whether its force is linear in x and its rate."""
         return self.law is None
 
+    @property
+    def jumps(self) -> bool:
+        """Whether its energy jumps where it is wound beyond half a turn."""
+        turns_by_law = self.law is not None and self.component is not None and self.component > 2
+        return turns_by_law or bool(self.stiffness[:3, 3:].any() or self.preload[3:].any())
+
     def pose(self, placements: Array) -> tuple[Array, pin.SE3, pin.SE3]:
         """Return x (6,) and where its frames are, given (njoints, 4, 3) placements of joints."""
         first, second = (pin.SE3(placements[i, :3].T, placements[i, 3]) * m

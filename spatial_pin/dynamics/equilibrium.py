@@ -26,7 +26,7 @@ from spatial_pin.dynamics.forces import Law
 from spatial_pin.dynamics.forward import Dynamics, Load
 from spatial_pin.dynamics.solvers.equations_of_motion import equations_of
 from spatial_pin.errors import Interrupted, SpatialPinError
-from spatial_pin.kernel.loop_equations import loops_of
+from spatial_pin.kernel.loop_equations import loops_at, loops_of
 from spatial_pin.mechanism.coordinates import (
     coordinate_gradient,
     coordinate_value,
@@ -36,7 +36,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.mobility.idle_freedoms import PassiveFreedom
 from spatial_pin.mobility.mode_list import missing_by
-from spatial_pin.numerics.linalg import Array, common_rows, decompose
+from spatial_pin.numerics.linalg import Array, decompose, pivoted_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy, accuracy_of
 
@@ -54,6 +54,7 @@ PASSING = 1e-6  # change of accelerations and forces as a shaft turns that count
 NUDGE = 0.05  # rad, characteristic lengths: displacement from an unstable pose, to descend from it
 # Two searches that differ by less have one equilibrium: they agree to 1e-9 and better.
 SAME_POSE = 1e-6
+HALF_A_TURN = 1e-4  # rad: nearer to it the second derivatives of the rotation vector are lost
 # Largest distances of start values from the guess [rad, characteristic lengths].
 FAR_STARTS = (np.pi, 1.0, 0.3)
 # Half of them descend: they meet a basin of a tenth of the space with a chance of 96 %.
@@ -448,6 +449,7 @@ def settled(
         step = _newton_step(at, bool(stable))
         length = float(np.abs(step).max(initial=0.0))
         if length <= ARRIVED or (last <= NEAR_REST and length >= 0.5 * last):
+            _refuse_half_a_turn(at)
             verdict = judged(at)
             down = verdict.down
             if not stable or down is None:
@@ -460,6 +462,25 @@ def settled(
         if np.abs(gone).max(initial=0.0) > WITHOUT_END:
             break
     raise SpatialPinError(_falls(loads, gone, step))
+
+
+def _refuse_half_a_turn(at: SmallMotions) -> None:
+    """Refuse a pose where a spring by a rotation vector is wound by half a turn: its moment jumps.
+
+    Raises:
+        SpatialPinError: names the spring.
+    """
+    mechanism = at.loads.mechanism
+    placements = loops_at(mechanism, at.state.q).placements
+    for spring in at.loads.springs.forces.bushings:
+        x, _, _ = spring.pose(placements)
+        moment = np.abs(spring.force(x, np.zeros(6))[3:]).max()
+        size = np.abs(spring.stiffness[3:]).max() + np.abs(spring.preload[3:]).max()
+        if np.linalg.norm(x[3:]) > np.pi - HALF_A_TURN and moment > NEUTRAL * size:
+            raise SpatialPinError(
+                f"mechanism {mechanism.name!r}: spring {spring.name!r} is wound by half a turn, "
+                f"where its moment jumps, so that nothing rests at {at.state}: start from another "
+                "guess")
 
 
 def _newton_step(at: SmallMotions, descends: bool) -> Array:
@@ -615,11 +636,10 @@ def independent_motions(
         return list(chosen), rates, np.linalg.solve(scaled @ rates.T, scaled)
     drivers = {name: c for name, c in driver_coordinates(mechanism).items()
                if at.loads.leaves(c)}
-    plain = {name: c for name, c in table.items() if c.q >= 0}
-    for known in (drivers, plain, table):
+    for known in (drivers, table):
         rates, own = rates_of(known.values())
         if decompose(own, TOLERANCES.near_singular).rank == n:
-            best = sorted(common_rows(own[None], np.zeros((0, n)), n))
+            best = pivoted_rows(own, n)
             rates = rates[best]
             return ([list(known)[k] for k in best], rates,
                     np.linalg.solve(scaled @ rates.T, scaled))

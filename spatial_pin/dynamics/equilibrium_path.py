@@ -50,6 +50,7 @@ MOST_RANGES = 11.0  # a load factor that leaves its range by so many ranges does
 POSE_CORRECTIONS = 12  # Newton steps: beyond, a shorter step of the path costs less
 # After at most so many corrections the next step is longer, after more than so many it is shorter.
 FEW_CORRECTIONS, MANY_CORRECTIONS = 4, 7
+AT_ORIGIN = 1e-3  # distance at which a path is where it began: at a branch point half of the digits
 LOAD_FACTOR = "load_factor"  # an output
 BENT = 0.95  # least cosine between two tangents: with less the step is halved
 # Correction that ends a search, and largest last one that is accepted where round-off is larger.
@@ -294,15 +295,28 @@ class LoadPath:
             elif there.corrections > MANY_CORRECTIONS:
                 length *= 0.6
 
+    def comes_back(self, origin: LoadPoint, before: LoadPoint, after: LoadPoint) -> bool:
+        """Whether a path passes a pose again between two points, in the sense that it had there."""
+        if origin.tangent @ before.tangent < BENT:
+            return False
+        length = float(self._way(before, origin) @ before.tangent)
+        if not 0.0 <= length <= float(self._way(before, after) @ before.tangent):
+            return False
+        there = self.corrected(before, before.tangent, length, before.tangent)
+        return there is not None and float(np.abs(self._way(there, origin)).max()) < AT_ORIGIN
+
+    def _way(self, start: LoadPoint, end: LoadPoint) -> Array:
+        """Return how far (nv + 1,) one point is from another, whole turns of angles apart."""
+        return np.append(turned_apart(self.mechanism, start.state.q, end.state.q),
+                         (end.factor - start.factor) / self.unit)
+
     def met(self, before: LoadPoint, after: LoadPoint, row: int) -> tuple[Event, LoadPoint] | None:
         """Return the limit or branch point between two points, and the pose there."""
         turns = before.tangent[-1] * after.tangent[-1] < 0.0
         if not turns and before.negatives == after.negatives:
             return None
         which = min(before.negatives, after.negatives)
-        whole = float(before.tangent[:-1] @ turned_apart(
-            self.mechanism, before.state.q, after.state.q)
-            + before.tangent[-1] * (after.factor - before.factor) / self.unit)
+        whole = float(before.tangent @ self._way(before, after))
 
         def at(part: float) -> LoadPoint:
             found = self.corrected(before, before.tangent, part * whole, before.tangent)
@@ -338,8 +352,9 @@ def equilibrium_path(
     """Follow the poses at rest as a load grows, through snap-through, snap-back and buckling.
 
     The path begins at the pose at rest to which the guess leads at the first factor, and ends at
-    the last factor; on the way it may turn back any number of times. With `over` a coordinate goes
-    through values, and the load factor is what holds it there (displacement control).
+    the last factor; on the way it may turn back any number of times. It also ends where it is
+    closed. With `over` a coordinate goes through values, and the load factor is what holds it
+    there (displacement control).
 
     Args:
         mechanism: the mechanism.
@@ -396,9 +411,14 @@ def _along(
     path: LoadPath, first: LoadPoint, ends: tuple[float, float], branch: int
 ) -> tuple[list[LoadPoint], list[Event]]:
     points, events, crossed = [first], list[Event](), 0
-    going = path.steps(first, ends)
+    going, origin, since, end = path.steps(first, ends), first, 1, ""
     while (there := next(going, None)) is not None and len(points) < MOST_POSES:
-        met = path.met(points[-1], there, len(points))
+        if len(points) > since + 1 and path.comes_back(origin, points[-1], there):
+            points.append(origin)
+            end = ": the path is closed, and is where it began"
+            break
+        leaves = crossed and points[-1] is origin  # the branch point itself has been met
+        met = None if leaves else path.met(points[-1], there, len(points))
         if met is not None:
             event, at = met
             events.append(event)
@@ -408,13 +428,16 @@ def _along(
                 mode = at.modes[int(np.argmin(np.abs(at.stiffnesses)))]
                 mode = np.append(mode / np.linalg.norm(mode), 0.0)
                 mode *= np.sign(branch) * np.sign(mode[np.argmax(np.abs(mode))])
-                going = path.steps(at._replace(tangent=mode), ends)
+                origin = at._replace(tangent=mode)
+                points = [x for x in points if x is not at] + [origin]
+                since = len(points)
+                going = path.steps(origin, ends)
                 continue
         points.append(there)
     if points[-1].factor != ends[1]:
         events.append(Event("stopped", points[-1].factor, len(points),
                             f"the load factor does not come to {ends[1]:.6g}: after "
-                            f"{len(points)} poses it is {points[-1].factor:.6g}"))
+                            f"{len(points)} poses it is {points[-1].factor:.6g}{end}"))
     return points, events
 
 

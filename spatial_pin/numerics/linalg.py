@@ -234,6 +234,26 @@ def common_rows(a: Array, given: Array, count: int) -> list[int]:
     return sorted(chosen)
 
 
+def pivoted_rows(a: Array, count: int) -> list[int]:
+    """Return the sorted indices of `count` independent rows, by threshold pivoting.
+
+    Each is the first whose part independent of those before is at least a tenth of the largest
+    [DuffErismanReid1986], so that round-off has no say where several are as good.
+
+    Args:
+        a: (r, n) matrix of rank `count` or more.
+        count: how many are wanted.
+    """
+    rest, chosen = a.copy(), []
+    for _ in range(count):
+        sizes = np.linalg.norm(rest, axis=1)
+        chosen.append(int(np.argmax(sizes >= 0.1 * sizes.max())))
+        along = rest[chosen[-1]] / sizes[chosen[-1]]
+        for _ in range(2):  # once more for the digits that the first time has lost
+            rest = rest - np.outer(rest @ along, along)
+    return sorted(chosen)
+
+
 def determinant_signs(a: Array) -> list[int]:
     """Return the signs (-1, 0, 1) of the determinants of matrices (m, n, n)."""
     return [int(x) for x in np.linalg.slogdet(a)[0]]

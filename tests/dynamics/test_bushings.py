@@ -190,6 +190,26 @@ def test_a_bushing_takes_no_law_of_one_length():
         sp.forward_dynamics(mechanism, somewhere(mechanism), laws={"six": lambda x, rate: 0.0})
 
 
+def test_a_bushing_that_is_wound_beyond_half_a_turn_is_named_where_its_energy_jumps():
+    model, stiffness = pin.Model(), np.diag([50.0, 50.0, 50.0, 5.0, 5.0, 5.0])
+    model.gravity.linear = np.zeros(3)
+    disc = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), "disc")
+    slide = model.addJoint(disc, pin.JointModelPX(), pin.SE3.Identity(), "slide")
+    for joint in (disc, slide):
+        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)),
+                                pin.SE3.Identity())
+
+    def wound(coupled):
+        stiffness[0, 5] = stiffness[5, 0] = coupled
+        mechanism = sp.Mechanism.from_model(model, springs=[
+            sp.Spring("mount", ("universe", "slide"), stiffness=stiffness)])
+        return sp.simulate(mechanism, sp.State(
+            mechanism, np.array([0.0, 0.05]), np.array([10.0, 0.0])), 0.6)
+    assert wound(0.0).energy_drift < 1e-8
+    with pytest.raises(sp.EnergyError, match="'mount' was wound beyond half a turn"):
+        wound(8.0)
+
+
 def test_pages_and_pictures_draw_a_bushing(tmp_path):
     mechanism = sp.load(file(tmp_path, f"stiffness = {list(SIX)}"))
     motion = sp.simulate(mechanism, sp.equilibrium(mechanism).state, 0.01, times=[0.0, 0.01])

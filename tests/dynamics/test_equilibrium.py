@@ -322,3 +322,56 @@ def test_starts_are_a_number_of_at_least_one(starts):
 def test_a_crank_that_turns_leaves_nothing_at_rest():
     with pytest.raises(sp.SpatialPinError, match=r"nothing stays at rest relative to crank"):
         sp.equilibrium(sp.load("four_bar"), speeds={"crank": 1.0})
+
+
+def test_a_rope_with_a_part_between_two_points_of_the_ground():
+    """From the wall over a pulley to a weight: the first part moves nothing."""
+    model = pin.Model()
+    lift = model.addJoint(0, pin.JointModelPZ(), pin.SE3.Identity(), "lift")
+    swing = model.addJoint(lift, pin.JointModelRX(), pin.SE3.Identity(), "swing")
+    for joint in (lift, swing):
+        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.array([0.0, 0.1, -0.1]), np.eye(3)),
+                                pin.SE3.Identity())
+    frames = {name: (body, pin.SE3(np.eye(3), np.array(point))) for name, body, point in (
+        ("wall", "universe", [0.0, -1.0, 1.0]), ("pulley", "universe", [0.0, 0.0, 1.0]),
+        ("hook", "swing", [0.0, 0.3, -0.1]))}
+    mechanism = sp.Mechanism.from_model(
+        model, [sp.closures.rope(["wall", "pulley", "hook"], 2.2)], frames=frames,
+        springs=[sp.Spring("stay", joint="swing", stiffness=3.0)])
+    found = sp.equilibrium(mechanism)
+    assert found.stable and force(found) < 1e-12
+    alone = sp.Mechanism.from_model(
+        model, [sp.closures.rope(["pulley", "hook"], 1.2)], frames=frames,
+        springs=mechanism.springs)
+    assert found.stiffness == pytest.approx(sp.equilibrium(alone).stiffness, rel=1e-12)
+
+
+def test_without_drivers_the_coordinates_are_those_that_move_best():
+    """Near its dead centre a crank moves, and its slide hardly does."""
+    model = pin.Model()
+    model.gravity.linear = np.zeros(3)
+    for name, kind in (("slide", pin.JointModelPX()), ("crank", pin.JointModelRZ())):
+        joint = model.addJoint(0, kind, pin.SE3.Identity(), name)
+        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)),
+                                pin.SE3.Identity())
+    frames = {"pin": ("crank", pin.SE3(np.eye(3), np.array([0.1, 0.0, 0.0])))}
+    mechanism = sp.Mechanism.from_model(
+        model, [sp.closures.distance("slide", "pin", 0.3)], frames=frames,
+        guess={"slide": 0.4, "crank": 0.0},
+        springs=[sp.Spring("stay", joint="crank", stiffness=3.0, free_angle=0.01)])
+    found = sp.equilibrium(mechanism, {"slide": 0.4, "crank": 0.005})
+    assert found.coordinates == ("crank",) and found.stiffness[0, 0] == pytest.approx(3.0)
+    assert sp.linearize(mechanism, found.state).coordinates == ("crank",)
+
+
+def test_nothing_rests_where_a_rotation_vector_jumps():
+    """Its spring pulls the ball beyond half a turn, where the vector takes the other sense."""
+    model = pin.Model()
+    model.gravity.linear = np.zeros(3)
+    ball = model.addJoint(0, pin.JointModelSpherical(), pin.SE3.Identity(), "ball")
+    model.appendBodyToJoint(ball, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    springs = [sp.Spring("twist", joint="ball.x", stiffness=3.0, free_angle=4.0)]
+    springs += [sp.Spring(c, joint=f"ball.{c}", stiffness=1.0) for c in "yz"]
+    mechanism = sp.Mechanism.from_model(model, springs=springs)
+    with pytest.raises(sp.SpatialPinError, match="'twist' is wound by half a turn"):
+        sp.equilibrium(mechanism, {"ball": [2.0, 0.1, 0.0]})

@@ -7,6 +7,7 @@ import pickle
 import numpy as np
 import pinocchio as pin
 import pytest
+from loaded_library import library
 from scipy.optimize import brentq
 
 import spatial_pin as sp
@@ -183,6 +184,40 @@ def test_a_load_that_never_comes_to_its_end_says_so():
     assert path.load_factor[-1] == -5.0  # nothing can move: the loads are borne
     slack = sp.equilibrium_path(truss(), {"y": 0.1}, efforts={"y": 1.0}, factors=(0.0, 5.0))
     assert slack.load_factor[-1] == 5.0
+
+
+def test_a_closed_path_ends_where_it_began():
+    """A crank goes round under a torque beyond what its weights take."""
+    path = sp.equilibrium_path(library("four_bar"), efforts={"crank": 1.0}, factors=(0.0, 5.0))
+    assert "the path is closed" in path.events[-1].text and len(path) < 200
+    assert path.load_factor[-1] == 0.0 and path.load_factor.max() == pytest.approx(1.3326, abs=1e-4)
+    assert [event.kind for event in path.events] == ["limit point", "limit point", "stopped"]
+
+
+@pytest.mark.slow
+def test_the_branch_of_a_steep_truss_is_closed():
+    """It buckles sideways before it snaps, where L^3 = L_0 y^2, and the two branch points join."""
+    model = pin.Model()
+    model.gravity.linear = np.zeros(3)
+    x = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "x")
+    y = model.addJoint(x, pin.JointModelPY(), pin.SE3.Identity(), "y")
+    model.appendBodyToJoint(y, pin.Inertia(1.0, np.zeros(3), np.zeros((3, 3))),
+                            pin.SE3.Identity())
+    frames = {name: ("universe", pin.SE3(np.eye(3), np.array([at, 0.0, 0.0])))
+              for name, at in (("left", -0.3), ("right", 0.3))}
+    free = float(np.hypot(0.3, 1.2))
+    mechanism = sp.Mechanism.from_model(
+        model, frames=frames, drivers=["y"], guess={"y": 1.2},
+        springs=[sp.Spring(name, (name, "y"), stiffness=1000.0, free_length=free)
+                 for name in frames])
+    path = sp.equilibrium_path(mechanism, efforts={"y": -1.0}, factors=(0.0, 900.0), branch=1)
+    first, other, end = path.events
+    height = brentq(lambda h: np.hypot(0.3, h) ** 3 - free * h**2, 1.0, 1.2, xtol=1e-14)
+    load = 2000.0 * height * (free / np.hypot(0.3, height) - 1.0)
+    assert first.kind == "branch point" and first.value == pytest.approx(load, rel=1e-9)
+    assert other.kind == "limit point" and other.value == pytest.approx(-load, rel=1e-7)
+    assert "the path is closed" in end.text and len(path) < 300
+    assert path.q[-1, 1] == pytest.approx(height, abs=1e-6)
 
 
 def test_wrong_arguments_are_refused_by_name():

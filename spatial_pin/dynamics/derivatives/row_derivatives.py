@@ -153,7 +153,7 @@ class ProductDerivatives:
         total, carried = np.zeros((self.nv, self.nv)), np.zeros((tree.model.njoints, 4, 4))
         for rows, bodies, columns, coefficients, (a, b), (da, db) in self._blocks:
             weight = weights[rows, None]
-            both = (da * weight).reshape(len(da), -1) @ db.reshape(len(db), -1).T
+            both = np.tensordot(da * weight, db, ((1, 2), (1, 2)))
             total[np.ix_(columns, columns)] += both + both.T
             slopes = coefficients[0].T @ (weight * b) + coefficients[1].T @ (weight * a)
             for body, slope in zip(bodies, slopes.reshape(-1, 4, 3), strict=True):

@@ -191,6 +191,10 @@ class Balance:
         self._remedy = ("take a smaller time_tolerance or step, or formulation='independent'"
                         if accuracy.formulation == "projected"
                         else "take a smaller time_tolerance or step")
+        jumping = [repr(x.name) for x in problem.forces.bushings if x.jumps]
+        if jumping:
+            self._remedy += (f"; or {', '.join(jumping)} was wound beyond half a turn, where its "
+                             "energy jumps: a spring about a joint counts turns")
         self._name, self._least_exchange = problem.mechanism.name, problem.least_exchange
         self._keeps(start)
 
