@@ -406,6 +406,10 @@ class Mechanism:
 
         It is the round-off of positions, one rounding for each joint on the two chains that a
         closure joins, or of coordinates in the world if that is more; 0 without closures.
+
+        Example:
+            >>> f"{sp.load('four_bar').closure_resolution:.1e}"  # two joints on each chain
+            '8.9e-16'
         """
         if not self.closures:
             return 0.0
