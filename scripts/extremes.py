@@ -355,6 +355,25 @@ def short_crank() -> float:
     return worst
 
 
+def long_links(names: tuple[str, ...]) -> float:
+    """Return the worst angle of a turn; some links are 1e2 to 1e6 times as long as the crank."""
+    worst, crank = 0.0, FOUR_BAR[1]
+    for ratio in (1e2, 1e4, 1e6):
+        dims = dict(zip(("r1", "r2", "r3", "r4"), FOUR_BAR, strict=True))
+        dims |= {name: (dims[name] if "r1" in names else crank) * ratio for name in names}
+        form, mech = partial(forms.four_bar, **dims), sp.load("four_bar", **dims)
+        guess = {name: float(x) for name, x in form(mpf(0.3)).coordinates.items()}
+        motion = sp.sweep(mech, "crank", np.linspace(0.3, 6.2, 60), speed=1.0, guess=guess)
+        got, fastest = motion.coordinate("rocker_pin"), np.abs(motion.v).max()
+        for row in range(0, 60, 12):
+            want = forms.rates(form, motion.driver[row], 1.0, 0.0)
+            error = far(got.value[row], want.value.coordinates["rocker_pin"])
+            worst = max(worst, honest(error, motion.error.positions))
+            honest(far(got.rate[row], want.rate.coordinates["rocker_pin"], fastest),
+                   motion.error.rates)
+    return worst
+
+
 def short_coupler(r3: float) -> tuple[sp.Mechanism, sp.State, Callable[[Any], Any]]:
     dims = {"r1": 0.30, "r2": 0.06 + 0.5 * r3, "r3": r3, "r4": 0.24}
     coupler = lambda x: forms.four_bar(x, **dims).coordinates["coupler_pin"]  # noqa: E731
@@ -673,6 +692,7 @@ def many_steps_in_time() -> float:
 HEAVY_ENDS = (1e-100, 1e-20, 1e-12, 1e-6, 1.0, 1e6, 1e9, 1e12, 1e15, 1e17, 1e20)
 SAID_BY_RATES = "`rate_error` bounds it"
 SAID_BY_FORCES = "`Dynamics.error` bounds it"
+SAID_BY_MOTIONS = "`motion.error` bounds it"
 BY_CLOSURE_ERROR = "`closure_error` says it"
 EXTREMES = (
     Extreme("size", "RSSR of 0.6 nm to 600 km, a turn: points, angles and their rates",
@@ -722,6 +742,10 @@ EXTREMES = (
             SAID_BY_RATES),
     Extreme("short link", "four-bar, coupler of 1e-9 to 1e-12 m: rates", shorter_couplers, None,
             refusal=sp.SingularError),
+    Extreme("link ratio", "four-bar, links 1e2 to 1e6 times as long as the crank: a turn",
+            partial(long_links, ("r1", "r3", "r4")), 1e-14, SAID_BY_MOTIONS),
+    Extreme("link ratio", "the same, coupler and rocker alone, nearly in line: a turn",
+            partial(long_links, ("r3", "r4")), 1e-9, SAID_BY_MOTIONS),
     Extreme("redundant", "four-bar closed by 200 hinges: 1000 equations, rank 2",
             partial(repeated, 200), 1e-12),
     Extreme("guess", "RSSR, rocker and coupler turned at random, 30 times", upside_down, 1e-12),

@@ -135,8 +135,9 @@ class State:
         q: (nq,) configuration as Pinocchio orders it.
         v, a: (nv,) joint velocities and accelerations [rad/s, m/s; rad/s², m/s²].
         closure_error: largest residual of a constraint equation [-]: lengths relative to the
-            characteristic length, angles in rad. Measured, where it is not given. Far from the
-            world's origin it is at least what coordinates there can resolve.
+            characteristic length, angles in rad. Measured, where it is not given. It is at least
+            round-off: a rounding for each joint of the chains that a closure joins, or, far from
+            the world's origin, what coordinates there can resolve. Without closures it is 0.
         angles: relative angle of every screw closure [rad], counting turns.
         branch: label of the assembly mode, from `assembly_modes`.
         released: {driver: displacement [rad or m]} of drivers that were given no value, and had to
@@ -201,7 +202,7 @@ class State:
         in_time: bool = True,
     ) -> None:
         self.mechanism, self.q, self.v, self.a = mechanism, q, v, a
-        self.closure_error = max(closure_error, mechanism.extent.resolution)
+        self.closure_error = max(closure_error, mechanism.closure_resolution)
         self.angles, self._rate_error = angles, rate_error
         self.released, self.branch, self.in_time = dict(released), branch, in_time
         self.lost_turns = tuple(lost_turns)

@@ -22,7 +22,7 @@ def opposite_axes(mechanism: Mechanism, data: pin.Data) -> dict[str, bool]:
         data: of its model, with the joint placements.
     """
     opposite = {}
-    for name, ends in _axis_pairs(mechanism):
+    for name, ends in axis_pairs(mechanism):
         one, two = (data.oMi[joint].rotation @ axes for joint, axes in ends)
         cosines = np.vecdot(one.T, two.T)
         if np.any(cosines < 0.5):
@@ -31,7 +31,7 @@ def opposite_axes(mechanism: Mechanism, data: pin.Data) -> dict[str, bool]:
 
 
 @made_once
-def _axis_pairs(mechanism: Mechanism) -> list[tuple[str, list[tuple[int, Array]]]]:
+def axis_pairs(mechanism: Mechanism) -> list[tuple[str, list[tuple[int, Array]]]]:
     """Return closures with axes: name, and of each end its joint and axes (3, n) fixed to it."""
     pairs = []
     for closure in mechanism.closures:

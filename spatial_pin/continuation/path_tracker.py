@@ -346,7 +346,7 @@ class PathTracker(Branch):
         closer = workspaces.acquire(closer_of(mechanism))
         k = tracker.kernel = closer.kernel
         tracker._path = path = path_of(closer, indices, accuracy)
-        if path is not None and closer.knows_mirrors:
+        if path is not None:
             samples = tracker._samples = PathSamples.empty(n, k.nq, k.nv, k.n_angles)
             closer.set_task([problem.goal], problem.settings, problem.goal, problem.reference,
                             further=True)

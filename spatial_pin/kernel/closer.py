@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from spatial_pin.constraints.opposite_axes import axis_pairs
 from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import Kernel
@@ -164,14 +165,13 @@ class Closer:
         handle: of the C structure.
         at_task: where C reads how to close.
         paths: those that start where it closes the loops, by what is prescribed.
-        knows_mirrors: whether mirror images can be detected for every closure: not for closures
-            with some equations left out.
     """
 
     def __init__(self, mechanism: Mechanism, pinned: Iterable[str] = ()) -> None:
         self.kernel = kernel = Kernel(mechanism)
         self._library = kernel.library
-        rotations = np.array(list(_rotations(mechanism)), np.int64).reshape(-1, 2).T.copy()
+        turning = dict(_rotations(mechanism))
+        rotations = np.array([*turning.values()], np.int64).reshape(-1, 2).T.copy()
         pins = np.array([_pin(mechanism, name) for name in pinned], np.int64).reshape(-1, 4)
         self._order = np.lexsort(pins.T[::-1])  # those of one joint side by side
         pins = pins[self._order]
@@ -180,8 +180,7 @@ class Closer:
             kernel.handle, address(rotations), rotations.shape[1], address(pins), len(pins),
             ctypes.byref(handle)))
         self.handle, self.paths = handle, dict[tuple[int, ...], Any]()
-        self.knows_mirrors = rotations.shape[1] == sum(
-            bool(c.pair.aligned) for c in mechanism.closures)
+        self._judge_axes([ends for name, ends in axis_pairs(mechanism) if name not in turning])
         rows = 1 + MOST_GROUPS * AT_ONCE
         self._q, self._value = np.empty((rows, kernel.nq)), np.empty(kernel.nq)
         self._kinds, self._mirrored = np.empty(kernel.nq, np.int64), np.empty(rows, np.int64)
@@ -189,7 +188,6 @@ class Closer:
         self._reference, self._angles = np.empty((2, kernel.n_angles))
         self._pinned, self._facts = np.empty(len(pins)), np.empty(4)
         self._errors, self._distances = np.empty((2, rows))
-        self._all_may_be = [1] * rows
         self._at_value, self._at_kinds, self._at_first, self._at_facts, self._at_angles = map(
             address, (self._value, self._kinds, self._first, self._facts, self._angles))
         self._task = ClosureTask(
@@ -231,6 +229,21 @@ class Closer:
             raise SingularError(NOT_FINITE)
         return Closed(self._q[0].copy(), error, self._may_be_mirrored)
 
+    def _judge_axes(self, pairs: Sequence[Sequence[tuple[int, Array]]]) -> None:
+        """Let C judge, too, which way axes point; of each pair the joints and axes (3, n)."""
+        known, body, axis = self.kernel.packed, list[int](), list[Array]()
+        for ends in pairs:
+            carriers = [int(known.carriers[joint]) for joint, _ in ends]
+            one, two = (known.frames[i].T @ axes
+                        for i, (_, axes) in zip(carriers, ends, strict=True))
+            for column in range(one.shape[1]):
+                body += carriers
+                axis += [one[:, column], two[:, column]]
+        if body:
+            joints, axes = np.array(body, np.int64), np.array(axis)
+            check(self._library.closer_judge_axes(
+                self.handle, len(body) // 2, address(joints), address(axes)))
+
     def reach(
         self, q: Sequence[Array], settings: ClosureSettings, value: Array,
         reference: Array | float = 0.0, pinned: Iterable[float] = (), further: bool = False,
@@ -256,7 +269,7 @@ class Closer:
 
     def reached(self) -> list[Reached]:
         """Return where C has closed the loops to; raises as `reach`."""
-        mirrored = self._mirrored.tolist() if self.knows_mirrors else self._all_may_be
+        mirrored = self._mirrored.tolist()
         examined = self._examined(mirrored[0] != 0) if self._facts.item(0) < np.inf else None
         errors = self._errors[: self._task.m].tolist()
         if not all(map(math.isfinite, errors)):
@@ -283,7 +296,7 @@ class Closer:
             self._q[row] = start
         self._value[:] = value
         task.m = len(q)
-        task.n_steps = len(starts.steps) if further and starts and self.knows_mirrors else 0
+        task.n_steps = len(starts.steps) if further and starts else 0
 
     def _set_method(
         self, free: NDArray[np.bool_], first: NDArray[np.bool_] | None, tolerance: float,
@@ -334,7 +347,7 @@ class Closer:
 
     @property
     def _may_be_mirrored(self) -> bool:
-        return not self.knows_mirrors or self._mirrored.item(0) != 0
+        return self._mirrored.item(0) != 0
 
     def _examined(self, mirrored: bool) -> Examined:
         error, _, least, left_out = self._facts.tolist()
@@ -361,8 +374,8 @@ def closer_of(mechanism: Mechanism, pinned: Iterable[str] = ()) -> acquired[Clos
     return acquired(mechanism, Closer, tuple(pinned))
 
 
-def _rotations(mechanism: Mechanism) -> Iterator[tuple[int, int]]:
-    """Yield, per closure, its first equation of directions and how many axes these align."""
+def _rotations(mechanism: Mechanism) -> Iterator[tuple[str, tuple[int, int]]]:
+    """Yield closures with all equations of directions: the first, and how many axes they align."""
     at = 0
     for closure in mechanism.closures:
         if not closure.frames:
@@ -371,7 +384,7 @@ def _rotations(mechanism: Mechanism) -> Iterator[tuple[int, int]]:
         at += closure.n_rows
         axes = AGREEING.get(closure.pair.aligned, 0)
         if axes and len(rows) == EQUATIONS[axes] and not closure.sums:
-            yield int(rows[0]), axes
+            yield closure.name, (int(rows[0]), axes)
 
 
 def _pin(mechanism: Mechanism, name: str) -> tuple[int, int, int, int]:

@@ -229,7 +229,7 @@ class Motion(Tabular):
     error_estimates: Array = field(default_factory=lambda: np.empty((0, 3)))
 
     def __post_init__(self) -> None:
-        resolved = self.mechanism.extent.resolution
+        resolved = self.mechanism.closure_resolution
         if resolved:
             self.__dict__["closure_error"] = np.maximum(self.closure_error, resolved)
         for name, x in self.__dict__.items():
@@ -685,7 +685,7 @@ def made(**fields: Any) -> Motion:
     functions of the motion that make them when they are asked for: see `LATER`.
     """
     motion = Motion.__new__(Motion)
-    resolved = fields["mechanism"].extent.resolution
+    resolved = fields["mechanism"].closure_resolution
     if resolved:
         fields["closure_error"] = np.maximum(fields["closure_error"], resolved)
     for x in fields.values():

@@ -173,8 +173,9 @@ class Reduced(Mechanism):
             f"{len(full.links)} -> {len(self.links)}",
         ]
         if len(self.coordinates) == len(full.coordinates) and rows[0] == rows[1]:
-            lines.append("  nothing is gained: all coordinates and equations move these outputs; "
-                         "sweeps take as long")
+            moved = "these outputs, or what has mass" if self.dynamics else "these outputs"
+            lines.append(f"  nothing is gained: all coordinates and equations move {moved}; "
+                         f"{'simulations' if self.dynamics else 'sweeps'} take as long")
         return "\n".join([*lines, *(f"  left out: {x}" for x in self.omissions)])
 
 

@@ -15,6 +15,7 @@ from variety import each
 import spatial_pin as sp
 from spatial_pin.assembly.close import close, pinned_rows
 from spatial_pin.constraints.compiled_equations import constraints_of
+from spatial_pin.constraints.opposite_axes import opposite_axes
 from spatial_pin.kernel.closer import (
     NAMED,
     TURNS,
@@ -22,6 +23,7 @@ from spatial_pin.kernel.closer import (
     ClosureSettings,
     FurtherStarts,
     NamedCoordinates,
+    closer_of,
 )
 from spatial_pin.numerics.linalg import decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -207,3 +209,22 @@ def test_distance_from_a_named_orientation_is_its_angle() -> None:
     found = Closer(mechanism).judge(q, 0.0, NamedCoordinates(goal, kinds, at_rest, at_rest))
     assert found.distance == pytest.approx(0.4, abs=1e-15)
     assert np.array_equal(found.q, q)
+
+
+@pytest.mark.parametrize("name, output", [
+    ("excavator", "boom_base"), ("oldham", "output_pin"), ("sarrus", "a_top"),
+    ("scotch_yoke", "slot"), ("screw_press", "slide")])
+def test_opposite_axes_are_detected_where_equations_are_left_out(name, output):
+    mechanism = sp.reduce(sp.load(name), output)
+    assert any(c.equations is not None for c in mechanism.closures)
+    rng, counts = np.random.default_rng(3), [0, 0]
+    with closer_of(mechanism) as closer:
+        for _ in range(40):
+            q = pin.integrate(mechanism.model, pin.neutral(mechanism.model),
+                              rng.uniform(-3.0, 3.0, mechanism.model.nv))
+            data = mechanism.model.createData()
+            pin.forwardKinematics(mechanism.model, data, q)
+            opposite = bool(opposite_axes(mechanism, data))
+            assert closer.examine(q, np.zeros(closer.kernel.n_angles)).may_be_mirrored == opposite
+            counts[opposite] += 1
+    assert max(counts) == 40 or min(counts) > 2

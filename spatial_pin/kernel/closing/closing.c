@@ -390,6 +390,20 @@ EXPORT int closer_create(Kernel *k, const Int *rotations, Int n_rotations, const
     return *out ? DONE : NO_MEMORY;
 }
 
+EXPORT int closer_judge_axes(Closer *c, Int n, const Int *body, const Real *axis)
+{
+    for (Int end = 0; end < 2 * n; end++)
+        if (!within(body[end], c->k->n_joints))
+            return BAD_ARRAYS;
+    Real *copy = kernel_reals(c->k, 6 * n);
+    if (!copy || !take(c->k, body, 2 * n, &c->rotations.body))
+        return NO_MEMORY;
+    memcpy(copy, axis, (size_t)(6 * n) * sizeof(Real));
+    c->rotations.axis = copy;
+    c->rotations.n_pairs = n;
+    return DONE;
+}
+
 static void begin(Closer *c, const Real *pinned, const Real *reference, Real cut)
 {
     c->wanted = pinned;

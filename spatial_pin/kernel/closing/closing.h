@@ -36,6 +36,9 @@ typedef struct {
    side by side. */
 EXPORT int closer_create(Kernel *k, const Int *rotations, Int n_rotations, const Int *pins,
                          Int n_pins, Closer **out);
+/* Judge whether axes point opposite ways of closures that some equations of directions are left out
+   of, too. body: (n, 2) joints; axis: (n, 2, 3) axes that are parallel, in those of the joints. */
+EXPORT int closer_judge_axes(Closer *c, Int n, const Int *body, const Real *axis);
 
 /* Close the loops from each start by itself, and judge where that leads. Of a single start, what is
    closed is examined too, else facts[0] is infinite; and where nothing is at fault there, further

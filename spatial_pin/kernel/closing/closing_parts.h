@@ -9,6 +9,9 @@
 typedef struct {
     Int n;                  /* closures */
     const Int *first, *axes; /* their first equation of directions, and whether 1 or 3 axes agree */
+    Int n_pairs;            /* of axes that other closures make parallel */
+    const Int *body;        /* (n_pairs, 2) joints that carry them */
+    const Real *axis;       /* (n_pairs, 2, 3) in these joints' axes */
 } Rotations;
 
 int rotations_are_sound(const Kernel *k, const Rotations *rotations);

@@ -121,6 +121,14 @@ int rotations_are_mirrored(const Kernel *k, const Rotations *rotations)
             if (r[4 * a] < SAME_WAY)
                 return 1;
     }
+    for (Int i = 0; i < rotations->n_pairs; i++) {
+        Real axes[6];
+        for (Int end = 2 * i; end < 2 * i + 2; end++)
+            rotate3(k->R + 9 * rotations->body[end], rotations->axis + 3 * end,
+                    axes + 3 * (end - 2 * i));
+        if (dot3(axes, axes + 3) < SAME_WAY)
+            return 1;
+    }
     return 0;
 }
 
