@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from spatial_pin.constraints.compiled_equations import constraints_of
+from spatial_pin.dynamics.lift_off import contacts_of, lift_offs, multipliers_of
 from spatial_pin.dynamics.simulation.events import IntegrationStep, Watch
 from spatial_pin.dynamics.simulation.formulations import Independent
 from spatial_pin.dynamics.simulation.problem import Problem
@@ -146,9 +147,12 @@ class Record:
         problem, names = self._problem, [c.name for c, _ in self._problem.drives]
         times, (q, v, a, numbers, efforts, angles) = self.all()
         error, kinetic, energy, work = numbers.T.copy()
+        lifted = lift_offs(problem.mechanism, multipliers_of(problem, *self.all()), times,
+                           "at {:.9g} s") if contacts_of(problem.mechanism) else []
+        events = sorted([*self.events, *lifted], key=lambda event: event.row)
         return Simulation(
             mechanism=problem.mechanism, driver=None, driver_name="", time=times, q=q, v=v, a=a,
-            closure_error=error, driver_speed=np.empty(0), events=self.events,
+            closure_error=error, driver_speed=np.empty(0), events=events,
             angles=angles, energy=energy, work=work,
             energy_drift=energy_drift(problem.least_exchange, kinetic, energy, work, self.start),
             efforts=ByDriver(problem.mechanism, dict(zip(names, efforts.T.copy(), strict=True))),

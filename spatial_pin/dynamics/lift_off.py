@@ -1,0 +1,91 @@
+"""Where cams and their followers lift off: the contact would have to pull from there on."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from spatial_pin.assembly.state import State
+from spatial_pin.constraints.compiled_equations import constraints_of
+from spatial_pin.dynamics.simulation.problem import Problem
+from spatial_pin.dynamics.solvers.equations_of_motion import equations_of
+from spatial_pin.kernel.integrating import SimulationSamples
+from spatial_pin.mechanism.inertia import moving_mass
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.motion.motion import Event
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
+
+KIND = "lift off"
+NO_FORCE = 1e-9  # of the largest multiplier, or of the weight: what rounding leaves of none
+
+
+def contacts_of(mechanism: Mechanism) -> dict[str, tuple[int, int]]:
+    """Return by cam closure the number of its equation, and the sign of a multiplier that pushes.
+
+    The equation of a roller grows outwards of the cam, that of a face away from the cam.
+    """
+    whole = mechanism.whole or mechanism
+    rows = {x.closure: k for k, x in enumerate(constraints_of(whole).labels)}
+    followers = {c.name: c.numbers["follower"] for c in whole.closures if "follower" in c.numbers}
+    return {name: (rows[name], x.side if x.flat is None else 1) for name, x in followers.items()}
+
+
+def lift_offs(mechanism: Mechanism, multipliers: Array, at: Array, what: str) -> list[Event]:
+    """Return an event where each contact of a cam begins to pull, in their order.
+
+    Args:
+        mechanism: what moves.
+        multipliers: (N, n_closure) of the equations of its file.
+        at: (N,) time or driver of each sample.
+        what: a format of these as text: "at {:.9g} s".
+    """
+    size = mechanism.characteristic_length * moving_mass(mechanism.model)
+    size = max(9.81 * size, float(np.abs(multipliers).max(initial=0.0)))
+    events = []
+    for name, (row, sign) in contacts_of(mechanism).items():
+        push = sign * multipliers[:, row]
+        pulls = push < -NO_FORCE * size
+        for k in np.flatnonzero(pulls & ~np.append(False, pulls[:-1])).tolist():
+            ends = np.flatnonzero(~pulls[k:])
+            until = _zero(at, push, k + int(ends[0])) if len(ends) else None
+            value = _zero(at, push, k) if k else float(at[0])
+            events.append(Event(KIND, value, k, (
+                f"{name} lifts off {what.format(value) if k else 'from the start'}: the contact "
+                "would have to pull " + (f"until {what.format(until)}" if until is not None
+                                         else "from there on"))))
+    return sorted(events, key=lambda event: event.row)
+
+
+def _zero(at: Array, values: Array, k: int) -> float:
+    """Return where samples change their sign before number k, by the cubic through four."""
+    first = max(0, min(k - 2, len(at) - 4))
+    x, y = at[first : first + 4] - at[k - 1], values[first : first + 4]
+    width = at[k] - at[k - 1]
+    steps = np.diff(x)
+    if width and len(x) == 4 and (np.all(steps > 0.0) or np.all(steps < 0.0)):
+        roots = np.roots(np.polyfit(x / width, y, 3))
+        real = roots.real[(np.abs(roots.imag) < TOLERANCES.round_off)
+                          & (roots.real >= 0.0) & (roots.real <= 1.0)]
+        if len(real):
+            return float(at[k - 1] + width * real[0])
+    return float(at[k - 1] + width * values[k - 1] / (values[k - 1] - values[k]))
+
+
+def multipliers_of(problem: Problem, times: Array, samples: SimulationSamples) -> Array:
+    """Return the multipliers (N, n_closure) of the samples of a simulation.
+
+    Args:
+        problem: what was simulated.
+        times: (N,) [s].
+        samples: at these.
+    """
+    mechanism, found = problem.mechanism, []
+    driven = [c.v for c, _ in problem.drives]
+    with equations_of(mechanism.whole or mechanism) as equations:
+        for t, q, v, a, efforts, angles in zip(times.tolist(), samples.q, samples.v, samples.a,
+                                               samples.efforts, samples.angles, strict=True):
+            equations.update(State(mechanism, q, v, a, angles=angles))
+            closures = equations.motion_forces(a) - problem.given(t, q, v, equations.evaluation)
+            closures[driven] -= efforts
+            found.append(equations.multipliers(closures))
+    return np.array(found).reshape(len(times), -1)
