@@ -32,6 +32,7 @@ CELLS = 96  # of a turn, each with a polynomial of degree 9: the rest is below r
 ORDER = 4  # of the derivatives that these have at their ends
 FLAT = 1e-6  # of its size: how far points of rounded numbers may be off their plane
 FLATTEST = 0.02  # sine of the angle at which a curve is seen from its centre
+MOST_TURNS = 60.0  # of a helix that is drawn
 FORMS = ("circle", "ellipse", "line", "helix", "points", "table")
 
 
@@ -88,6 +89,25 @@ class CurveShape:
         u = (self.breaks[:-1, None] + half[:, None] * (x + 1.0)).ravel()
         speed = np.linalg.norm(self._at(u, u)[1], axis=1).reshape(len(half), -1)
         return np.concatenate([[0.0], np.cumsum(half * (speed @ w))])
+
+    def points(self, along: tuple[float, float] = (0.0, 1.0)) -> Array:
+        """Return points (n, 3) of it to draw it by, of a closed one the first is the last [m].
+
+        Args:
+            along: from where to where, on a line or on the axis of a helix [m].
+        """
+        if self.at is not None:
+            u = np.linspace(0.0, self.breaks[-1], 2 * CELLS + 1)
+            flat = self.at(u, u)[0]
+            return self.centre + flat @ self.axes[:, :2].T
+        if not self.numbers:
+            return self.centre + np.outer(along, self.axes[:, 2])
+        radius, lead = self.numbers
+        turns = abs((along[1] - along[0]) / lead)
+        z = np.linspace(*along, int(CELLS * min(turns, MOST_TURNS)) + 2)
+        angle = 2.0 * np.pi * z / lead
+        local = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), z])
+        return self.centre + local @ self.axes.T
 
     def radial(self, offset: float = 0.0) -> tuple[Piecewise, Piecewise]:
         """Return the squared distance [m^2] and the arc length [m] by direction from the centre.
