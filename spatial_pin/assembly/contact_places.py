@@ -55,6 +55,9 @@ def contact_rates(
     a_seen = a - np.cross(e, d) - 2.0 * np.cross(w, v_seen) - np.cross(w, np.cross(w, d))
     local = [np.einsum("nij,ni->nj", one.rotation, x) @ curve.axes for x in (d, v_seen, a_seen)]
     x, y, z = (Taylor.of([part[:, k] for part in local]) for k in range(3))
+    if curve.graph:
+        s = curve.graph[2](z)
+        return CoordinateRates(*(s.derivative(k) for k in range(3)))
     if curve.at is None and not curve.numbers:  # a line
         return CoordinateRates(*(z.derivative(k) for k in range(3)))
     constraints = constraints_of(mechanism)
@@ -97,6 +100,13 @@ def contact_shape(closure: Closure, seen: tuple[Array, Array]) -> ContactShape:
     curve: Any = closure.numbers["curve"]
     follower: Any = closure.numbers.get("follower")
     position, rotation = seen
+    if curve.graph:
+        z = (position - curve.centre) @ curve.axes[:, 2]
+        series = [f(Taylor.of([z, np.ones_like(z), np.zeros_like(z)])) for f in curve.graph[:2]]
+        rate, rise = (np.column_stack([*(x.derivative(k) for x in series), (2 - k) + 0.0 * z])
+                      for k in (1, 2))
+        bent = np.linalg.norm(np.cross(rate, rise), axis=1) / np.linalg.norm(rate, axis=1)**3
+        return ContactShape(np.full_like(position, np.nan), position, bent)
     if curve.at is None:
         radius, lead = curve.numbers or (0.0, 1.0)
         bent = radius / (radius**2 + (lead / (2.0 * np.pi))**2)

@@ -13,7 +13,7 @@ from spatial_pin.mechanism.inertia import moving_mass
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Event
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.numerics.roots import between_samples
 
 KIND = "lift off"
 NO_FORCE = 1e-9  # of the largest multiplier, or of the weight: what rounding leaves of none
@@ -47,28 +47,13 @@ def lift_offs(mechanism: Mechanism, multipliers: Array, at: Array, what: str) ->
         pulls = push < -NO_FORCE * size
         for k in np.flatnonzero(pulls & ~np.append(False, pulls[:-1])).tolist():
             ends = np.flatnonzero(~pulls[k:])
-            until = _zero(at, push, k + int(ends[0])) if len(ends) else None
-            value = _zero(at, push, k) if k else float(at[0])
+            until = between_samples(at, push, k + int(ends[0])) if len(ends) else None
+            value = between_samples(at, push, k) if k else float(at[0])
             events.append(Event(KIND, value, k, (
                 f"{name} lifts off {what.format(value) if k else 'from the start'}: the contact "
                 "would have to pull " + (f"until {what.format(until)}" if until is not None
                                          else "from there on"))))
     return sorted(events, key=lambda event: event.row)
-
-
-def _zero(at: Array, values: Array, k: int) -> float:
-    """Return where samples change their sign before number k, by the cubic through four."""
-    first = max(0, min(k - 2, len(at) - 4))
-    x, y = at[first : first + 4] - at[k - 1], values[first : first + 4]
-    width = at[k] - at[k - 1]
-    steps = np.diff(x)
-    if width and len(x) == 4 and (np.all(steps > 0.0) or np.all(steps < 0.0)):
-        roots = np.roots(np.polyfit(x / width, y, 3))
-        real = roots.real[(np.abs(roots.imag) < TOLERANCES.round_off)
-                          & (roots.real >= 0.0) & (roots.real <= 1.0)]
-        if len(real):
-            return float(at[k - 1] + width * real[0])
-    return float(at[k - 1] + width * values[k - 1] / (values[k - 1] - values[k]))
 
 
 def multipliers_of(problem: Problem, times: Array, samples: SimulationSamples) -> Array:

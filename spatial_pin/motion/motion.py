@@ -37,9 +37,10 @@ class Event(NamedTuple):
             "not closed" (a traced curve, within its samples), "released" (a driver that nobody
             named, or a joint held by name, that the loops do not let stand), "gap" (redundant
             equations of a rounded file open beyond the gap allowed), "lift off" (the contact of a
-            cam would have to pull, in a simulation or loads), or "stopped" (a simulation).
+            cam would have to pull, in a simulation or loads), "end of curve" (a point leaves its
+            slot or track), or "stopped" (a simulation).
         value: driver value of it [rad or m]; in a simulation the time of "stopped", "gap",
-            "singular", "lift off" and of limits of the URDF [s].
+            "singular", "lift off", "end of curve" and of limits of the URDF [s].
         row: number of samples of the motion before it.
         text: the event as a sentence.
 

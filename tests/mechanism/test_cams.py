@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from derivative_cases import check
+from scipy.integrate import quad
 from scipy.optimize import brentq
 
 import spatial_pin as sp
@@ -349,3 +350,69 @@ def test_a_heavy_beam_stays_on_its_cam_and_a_light_follower_in_a_groove_is_told_
     motion = sp.sweep(groove, "cam", np.linspace(2.0, 4.0, 21), speed=3.0)
     (event,) = sp.kinetostatics(groove, motion).events  # the outer wall would have to pull outwards
     assert event.row == 0 and "from the start" in event.text
+
+
+def arch(t):
+    """A track in space: y and z by the way along x, with their derivatives."""
+    y, z = np.sin(t), 0.2 * np.cos(2.0 * t)
+    return np.array([y, z]), np.array([np.cos(t), -0.4 * np.sin(2.0 * t)]), np.array(
+        [-np.sin(t), -0.8 * np.cos(2.0 * t)])
+
+
+def test_a_point_goes_along_an_open_spline_in_space(tmp_path):
+    t = np.linspace(0.0, 2.0, 201)
+    track = sp.curves.spline(np.column_stack([t, *arch(t)[0]]), closed=False)
+    mech = trammel(track, {"x": 0.1, "y": 0.1, "z": 0.2})
+    state = sp.solve_rates(mech, sp.assemble(mech, {"x": 1.3}), {"x": 1.0})
+    place, slope, bend = arch(1.3)
+    for k, name in enumerate("yz"):
+        found = state.coordinate(name)
+        assert found.value == pytest.approx(place[k], abs=1e-11)
+        assert found.rate == pytest.approx(slope[k], abs=1e-8)
+        assert found.acceleration == pytest.approx(bend[k], abs=1e-6)
+
+    def speed(x):
+        return np.sqrt(1.0 + np.square(arch(x)[1]).sum())
+
+    s = state.coordinate("track.s")
+    assert s.value == pytest.approx(quad(speed, 0.0, 1.3)[0], abs=1e-10)
+    assert s.rate == pytest.approx(speed(1.3), abs=1e-9)
+    assert track.length == pytest.approx(quad(speed, 0.0, 2.0)[0], abs=1e-9)
+    again = sp.load(mech.save(tmp_path))
+    assert sp.assemble(again, {"x": 1.3}).q == pytest.approx(state.q, abs=1e-13)
+    check(mech, state, {"x": 0.3}, 3e-4, 1e-8)
+    motion = sp.sweep(mech, "x", [1.2, 1.3], speed=1.0)
+    first, second = np.array([1.0, *slope]), np.array([0.0, *bend])
+    curvature = np.linalg.norm(np.cross(first, second)) / np.linalg.norm(first)**3
+    assert motion.output("track.curvature").values[1] == pytest.approx(curvature, rel=1e-6)
+    running = sp.simulate(mech, state, 0.3, accuracy=sp.Accuracy.named("reference"))
+    assert abs(running.energy_drift) < 1e-8
+
+
+def test_an_open_spline_that_turns_back_is_refused():
+    u = np.linspace(0.0, 5.0, 30)
+    with pytest.raises(ValueError, match="is not further along"):
+        sp.curves.spline(np.column_stack([np.cos(u), np.sin(u), 0.0 * u]), closed=False)
+
+
+def geneva() -> sp.Mechanism:
+    """A driving pin in the slot of a Geneva wheel with four of them, 1 m between the axes."""
+    model = pin.Model()
+    model.addJoint(0, pin.JointModelRZ(), at(), "crank")
+    model.addJoint(0, pin.JointModelRZ(), at(1.0), "wheel")
+    radius = np.sin(np.pi / 4.0)
+    depth = 1.0 - radius  # of the bottom of the slot from the axis of the wheel
+    slot = sp.curves.line([-radius, 0.0, 0.0], [1.0, 0.0, 0.0], length=radius - depth)
+    return sp.Mechanism.from_model(model, [sp.closures.point_on_curve(
+        "wheel", ("crank", at(radius)), slot, "slot")], drivers=["crank"])
+
+
+def test_a_geneva_wheel_is_engaged_for_a_quarter_turn_of_its_crank():
+    mech = geneva()
+    motion = sp.sweep(mech, "crank", np.radians(np.linspace(0.0, 50.0, 101)), speed=1.0)
+    ratio = motion.output("wheel.ratio").values
+    assert abs(ratio[0]) == pytest.approx(2.414213562373, abs=1e-12)
+    assert abs(ratio[40]) == pytest.approx(0.9613563211306, abs=1e-12)
+    (event,) = [e for e in motion.events if e.kind == "end of curve"]
+    assert event.value == pytest.approx(np.pi / 4.0, abs=1e-8)
+    assert "slot leaves its curve at the end at 0 m" in event.text

@@ -18,6 +18,7 @@ from spatial_pin.dynamics.simulation.result import (
 )
 from spatial_pin.errors import EnergyError
 from spatial_pin.kernel.integrating import SimulationSamples
+from spatial_pin.motion.curve_ends import curve_end_events
 from spatial_pin.motion.joint_limit_events import Passing
 from spatial_pin.motion.motion import Event
 from spatial_pin.numerics.linalg import Array
@@ -149,10 +150,9 @@ class Record:
         error, kinetic, energy, work = numbers.T.copy()
         lifted = lift_offs(problem.mechanism, multipliers_of(problem, *self.all()), times,
                            "at {:.9g} s") if contacts_of(problem.mechanism) else []
-        events = sorted([*self.events, *lifted], key=lambda event: event.row)
-        return Simulation(
+        found = Simulation(
             mechanism=problem.mechanism, driver=None, driver_name="", time=times, q=q, v=v, a=a,
-            closure_error=error, driver_speed=np.empty(0), events=events,
+            closure_error=error, driver_speed=np.empty(0), events=[*self.events, *lifted],
             angles=angles, energy=energy, work=work,
             energy_drift=energy_drift(problem.least_exchange, kinetic, energy, work, self.start),
             efforts=ByDriver(problem.mechanism, dict(zip(names, efforts.T.copy(), strict=True))),
@@ -160,6 +160,8 @@ class Record:
             steps=self.steps, by_drivers=problem.by_drivers, joint_limits=self._passed,
             projection=projection, integrators=integrators, time_tolerance=self._time_tolerance,
         )
+        found.events = sorted([*found.events, *curve_end_events(found)], key=lambda x: x.row)
+        return found
 
     def refuse_samples(self) -> None:
         """Refuse samples whose energy balance is wrong; they are dropped.
