@@ -4,11 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.dynamics.simulation.problem import Problem
-from spatial_pin.dynamics.solvers.equations_of_motion import equations_of
-from spatial_pin.kernel.integrating import SimulationSamples
 from spatial_pin.mechanism.inertia import moving_mass
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Event
@@ -54,23 +50,3 @@ def lift_offs(mechanism: Mechanism, multipliers: Array, at: Array, what: str) ->
                 "would have to pull " + (f"until {what.format(until)}" if until is not None
                                          else "from there on"))))
     return sorted(events, key=lambda event: event.row)
-
-
-def multipliers_of(problem: Problem, times: Array, samples: SimulationSamples) -> Array:
-    """Return the multipliers (N, n_closure) of the samples of a simulation.
-
-    Args:
-        problem: what was simulated.
-        times: (N,) [s].
-        samples: at these.
-    """
-    mechanism, found = problem.mechanism, []
-    driven = [c.v for c, _ in problem.drives]
-    with equations_of(mechanism.whole or mechanism) as equations:
-        for t, q, v, a, efforts, angles in zip(times.tolist(), samples.q, samples.v, samples.a,
-                                               samples.efforts, samples.angles, strict=True):
-            equations.update(State(mechanism, q, v, a, angles=angles))
-            closures = equations.motion_forces(a) - problem.given(t, q, v, equations.evaluation)
-            closures[driven] -= efforts
-            found.append(equations.multipliers(closures))
-    return np.array(found).reshape(len(times), -1)

@@ -11,7 +11,7 @@ from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Closure
-from spatial_pin.numerics.linalg import Array, null_space
+from spatial_pin.numerics.linalg import Array, null_space, row_space
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 UNITS = {"pressure_angle": "rad", "curvature": "1/m", "undercut": "1"}
@@ -81,9 +81,8 @@ def _pressure_angle(loops: LoopEquations, closure: Closure, normal: Array, point
         for held in (driven, []):
             free = null_space(np.vstack([others, still, np.eye(len(scale))[held]]))
             moved = free @ (paths[1] - paths[0]).T  # (k, 3)
-            _, sizes, directions = np.linalg.svd(moved, full_matrices=False)
-            basis = directions[sizes > TOLERANCES.rank]
-            if len(basis):
+            if np.linalg.norm(moved) > TOLERANCES.rank:
+                basis = row_space(moved)
                 along = basis.T @ (basis @ normal)
                 return math.atan2(float(np.linalg.norm(normal - along)),
                                   float(np.linalg.norm(along)))

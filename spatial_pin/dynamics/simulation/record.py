@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.dynamics.lift_off import contacts_of, lift_offs, multipliers_of
+from spatial_pin.dynamics.lift_off import contacts_of, lift_offs
 from spatial_pin.dynamics.simulation.events import IntegrationStep, Watch
 from spatial_pin.dynamics.simulation.formulations import Independent
 from spatial_pin.dynamics.simulation.problem import Problem
@@ -16,6 +17,7 @@ from spatial_pin.dynamics.simulation.result import (
     Simulation,
     energy_drift,
 )
+from spatial_pin.dynamics.solvers.equations_of_motion import equations_of
 from spatial_pin.errors import EnergyError
 from spatial_pin.kernel.integrating import SimulationSamples
 from spatial_pin.motion.curve_ends import curve_end_events
@@ -148,7 +150,7 @@ class Record:
         problem, names = self._problem, [c.name for c, _ in self._problem.drives]
         times, (q, v, a, numbers, efforts, angles) = self.all()
         error, kinetic, energy, work = numbers.T.copy()
-        lifted = lift_offs(problem.mechanism, multipliers_of(problem, *self.all()), times,
+        lifted = lift_offs(problem.mechanism, _multipliers(problem, *self.all()), times,
                            "at {:.9g} s") if contacts_of(problem.mechanism) else []
         found = Simulation(
             mechanism=problem.mechanism, driver=None, driver_name="", time=times, q=q, v=v, a=a,
@@ -222,3 +224,23 @@ class Balance:
             self._size, self._least_exchange(now.total, self._start.total))
         gap = abs(now.total - now.work - self._start.total + self._start.work)
         return not self._watches or gap <= allowed
+
+
+def _multipliers(problem: Problem, times: Array, samples: SimulationSamples) -> Array:
+    """Return the multipliers (N, n_closure) of the samples of a simulation.
+
+    Args:
+        problem: what was simulated.
+        times: (N,) [s].
+        samples: at these.
+    """
+    mechanism, found = problem.mechanism, []
+    driven = [c.v for c, _ in problem.drives]
+    with equations_of(mechanism.whole or mechanism) as equations:
+        for t, q, v, a, efforts, angles in zip(times.tolist(), samples.q, samples.v, samples.a,
+                                               samples.efforts, samples.angles, strict=True):
+            equations.update(State(mechanism, q, v, a, angles=angles))
+            closures = equations.motion_forces(a) - problem.given(t, q, v, equations.evaluation)
+            closures[driven] -= efforts
+            found.append(equations.multipliers(closures))
+    return np.array(found).reshape(len(times), -1)
