@@ -47,6 +47,6 @@ def lift_offs(mechanism: Mechanism, multipliers: Array, at: Array, what: str) ->
             value = between_samples(at, push, k) if k else float(at[0])
             events.append(Event(KIND, value, k, (
                 f"{name} lifts off {what.format(value) if k else 'from the start'}: the contact "
-                "would have to pull " + (f"until {what.format(until)}" if until is not None
-                                         else "from there on"))))
+                "would have to pull" + (f", and pushes again {what.format(until)}"
+                                        if until is not None else ""))))
     return sorted(events, key=lambda event: event.row)
