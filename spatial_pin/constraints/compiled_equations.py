@@ -44,7 +44,7 @@ from spatial_pin.mechanism.equations import (
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Closure, Coordinate
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.numerics.piecewise import ROOT
+from spatial_pin.numerics.piecewise import ROOT, Piecewise
 from spatial_pin.numerics.taylor import Taylor
 
 # Ratio of a coupling, of coordinates relative to their sizes, beyond which it is an equation of the
@@ -228,7 +228,10 @@ class _Composing:
     def factor(self, quantity: Quantity) -> Factor:
         """Return a quantity as one of those of the equation, to which it is added."""
         if isinstance(quantity, FunctionOf):
-            return self.factor(quantity.argument)._replace(function=quantity.function)
+            function = quantity.function
+            if isinstance(quantity.argument, Displacement) and isinstance(function, Piecewise):
+                function = function.of_scaled(self.all_products.scale)
+            return self.factor(quantity.argument)._replace(function=function)
         if isinstance(quantity, JointCoordinate):
             name = self.closure.joints[quantity.joint]
             self.coordinates.append(self.mechanism.coordinate(name))

@@ -16,12 +16,13 @@ from spatial_pin._support.columns import Quantity, Tabular, read_only
 from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
 from spatial_pin.dynamics.inverse import Actuation, actuation_of, balance, pressing
+from spatial_pin.dynamics.lift_off import lift_offs
 from spatial_pin.dynamics.reactions import Poses, one_of_many, why_not_unique
 from spatial_pin.dynamics.solvers.equations_of_motion import Equations, equations_of
 from spatial_pin.errors import Interrupted, SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
-from spatial_pin.motion.motion import Motion, Output, first_samples, motion_needed
+from spatial_pin.motion.motion import Event, Motion, Output, first_samples, motion_needed
 from spatial_pin.motion.rated_limits import (
     BeyondLimit,
     beyond,
@@ -47,6 +48,7 @@ class _Loads(NamedTuple):
     determined: dict[str, NDArray[np.bool_]]
     unique: dict[str, NDArray[np.bool_]]
     beyond_limits: tuple[BeyondLimit, ...] = ()
+    events: tuple[Event, ...] = ()
 
 
 class Kinetostatics(_Loads, Tabular):
@@ -67,6 +69,7 @@ class Kinetostatics(_Loads, Tabular):
         unique: (N, 6) by pair, which components of its reaction are unique, world axes.
         beyond_limits: efforts, and velocities of a motion in time, beyond the URDF's limits, each
             with the samples, the worst of them, and how much it is.
+        events: "lift off" where the contact of a cam would have to pull, between its samples.
 
     Example:
         >>> mech = sp.load("four_bar")
@@ -141,6 +144,7 @@ class Kinetostatics(_Loads, Tabular):
         parts = [heading(self.motion), f"efforts{statics}:", *first_of(
             effort_lines(self.motion, self.efforts), "efforts")]
         parts += first_of([f"  {x.text(self.motion)}" for x in self.beyond_limits], "limits")
+        parts += first_of([f"  {x.text}" for x in self.events], "events")
         loads = [self._largest(name, x) for name, x in self.reactions.items()]
         parts += ["largest reactions:", *first_of(loads, "pairs"),
                   self._largest("on the fixed link, all together", self.on_ground)]
@@ -313,10 +317,22 @@ def kinetostatics(
                           {name: read_only(x) for name, x in reactions.items()},
                           read_only(ground), read_only(rows.multipliers),
                           {name: each.all(axis=1) for name, each in unique.items()}, unique,
-                          _beyond_limits(motion, actuation, rows.efforts))
+                          _beyond_limits(motion, actuation, rows.efforts),
+                          _lift_offs(motion, rows.multipliers))
     if is_cut:
         raise Interrupted(motion, found)
     return found
+
+
+def _lift_offs(motion: Motion, multipliers: Array) -> tuple[Event, ...]:
+    """Return where contacts of cams begin to pull, given multipliers (N, n_closure)."""
+    if motion.driver is not None:
+        at, what = motion.driver, f"at {motion.driver_name} = {{:.9g}} {motion.driver_unit}"
+    elif motion.time is not None:
+        at, what = motion.time, "at {:.9g} s"
+    else:
+        at, what = np.arange(len(motion), dtype=float), "in sample {:.9g}"
+    return tuple(lift_offs(motion.mechanism, multipliers, at, what))
 
 
 def _beyond_limits(motion: Motion, actuation: Actuation, efforts: Array) -> tuple[BeyondLimit, ...]:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -32,6 +32,8 @@ CELLS = 96  # of a turn, each with a polynomial of degree 9: the rest is below r
 ORDER = 4  # of the derivatives that these have at their ends
 FLAT = 1e-6  # of its size: how far points of rounded numbers may be off their plane
 FLATTEST_CURVE = 0.02  # sine of the angle at which a curve is seen from its centre
+MOST_TURNS = 60.0  # of a helix that is drawn
+STEEPEST = 0.05  # cosine of the steepest part of an open spline to its direction
 FORMS = ("circle", "ellipse", "line", "helix", "points", "table")
 
 
@@ -51,6 +53,8 @@ class CurveShape:
             plane, from the centre, and their first five derivatives, (6, n, 2); anticlockwise.
         breaks: (k,) u between which all derivatives are continuous, from 0 on.
         numbers: radius and lead of a helix.
+        graph: of an open spline: x, y and arc length as functions of z, from its first point.
+        end: arc length at its end [m]; infinite of a line without one, and of a helix.
         name: in a mechanism file.
 
     Example:
@@ -64,6 +68,8 @@ class CurveShape:
     at: Callable[[Array, Array], Array] | None = None
     breaks: Array = field(default_factory=lambda: np.linspace(0.0, 2.0 * np.pi, CELLS + 1))
     numbers: tuple[float, ...] = ()
+    graph: tuple[Piecewise, ...] = ()
+    end: float = np.inf
     name: str = ""
 
     def __reduce__(self) -> Any:
@@ -72,13 +78,13 @@ class CurveShape:
 
     @property
     def length(self) -> float:
-        """Its length [m]; infinite of a line and of a helix.
+        """Its length [m]; infinite of a line without one, and of a helix.
 
         Example:
             >>> print(f"{sp.curves.circle(0.5).length:.6f} m")
             3.141593 m
         """
-        return np.inf if self.at is None else float(self._arcs[-1])
+        return self.end if self.at is None else float(self._arcs[-1])
 
     @cached_property
     def _arcs(self) -> Array:
@@ -88,6 +94,30 @@ class CurveShape:
         u = (self.breaks[:-1, None] + half[:, None] * (x + 1.0)).ravel()
         speed = np.linalg.norm(self._at(u, u)[1], axis=1).reshape(len(half), -1)
         return np.concatenate([[0.0], np.cumsum(half * (speed @ w))])
+
+    def points(self, along: tuple[float, float] = (0.0, 1.0)) -> Array:
+        """Return points (n, 3) of it to draw it by, of a closed one the first is the last [m].
+
+        Args:
+            along: from where to where, on a line without an end or the axis of a helix [m].
+        """
+        if self.at is not None:
+            u = np.linspace(0.0, self.breaks[-1], 2 * CELLS + 1)
+            flat = self.at(u, u)[0]
+            return self.centre + flat @ self.axes[:, :2].T
+        if self.graph:
+            z = np.linspace(0.0, float(self.graph[0].breaks[-1]), 2 * CELLS + 1)
+            x, y = (f(Taylor.of([z])).values[0] for f in self.graph[:2])
+            return self.centre + np.column_stack([x, y, z]) @ self.axes.T
+        if not self.numbers:
+            ends = (0.0, self.end) if np.isfinite(self.end) else along
+            return self.centre + np.outer(ends, self.axes[:, 2])
+        radius, lead = self.numbers
+        turns = abs((along[1] - along[0]) / lead)
+        z = np.linspace(*along, int(CELLS * min(turns, MOST_TURNS)) + 2)
+        angle = 2.0 * np.pi * z / lead
+        local = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), z])
+        return self.centre + local @ self.axes.T
 
     def radial(self, offset: float = 0.0) -> tuple[Piecewise, Piecewise]:
         """Return the squared distance [m^2] and the arc length [m] by direction from the centre.
@@ -258,12 +288,14 @@ def ellipse(semi_axes: ArrayLike, centre: ArrayLike = (0.0, 0.0, 0.0),
     return _conic({"ellipse": form}, (a, b), form)
 
 
-def line(point: ArrayLike, direction: ArrayLike) -> CurveShape:
-    """Return a straight line.
+def line(point: ArrayLike, direction: ArrayLike, length: float | None = None) -> CurveShape:
+    """Return a straight line, as of a slot.
 
     Args:
         point: (3,) of it, where its arc length begins [m].
         direction: (3,) along it.
+        length: where it ends, positive [m]; default nowhere. Motions have an event where their
+            point leaves it.
 
     Raises:
         ValueError: a number is none, or the direction is zero.
@@ -274,7 +306,11 @@ def line(point: ArrayLike, direction: ArrayLike) -> CurveShape:
     """
     p = finite_array(point, (3,), "point")
     axes = _axes(finite_array(direction, (3,), "direction"), None)
-    return CurveShape({"line": {"point": p.tolist(), "direction": axes[:, 2].tolist()}}, axes, p)
+    form = {"point": p.tolist(), "direction": axes[:, 2].tolist()}
+    if length is None:
+        return CurveShape({"line": form}, axes, p)
+    end = positive_number(length, "length")
+    return CurveShape({"line": {**form, "length": end}}, axes, p, end=end)
 
 
 def helix(radius: float, lead: float, axis: ArrayLike = (0.0, 0.0, 1.0),
@@ -305,15 +341,18 @@ def helix(radius: float, lead: float, axis: ArrayLike = (0.0, 0.0, 1.0),
 
 
 def spline(points: ArrayLike, closed: bool = True) -> CurveShape:
-    """Return the quintic spline through points of a plane closed curve, by chord length.
+    """Return the quintic spline through points.
+
+    A closed one is plane, a function of chord length. An open one, plane or not, is a function of
+    the way along the line from its first point to its last, on which every next point is further.
 
     Args:
-        points: (n, 3), four or more, none twice [m]; the last one is followed by the first.
-        closed: an open spline is not yet among the curves.
+        points: (n, 3), four or more, none twice [m].
+        closed: whether the last one is followed by the first.
 
     Raises:
-        ValueError: fewer than four points, two at the same place, points not in one plane; or the
-            curve is open, or crosses itself.
+        ValueError: fewer than four points, or two at the same place; of a closed curve points not
+            in one plane, or one that crosses itself; of an open one points that turn back.
 
     Example:
         >>> turn = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
@@ -323,7 +362,7 @@ def spline(points: ArrayLike, closed: bool = True) -> CurveShape:
         0.125664 m
     """
     if not closed:
-        raise ValueError("points: an open spline is no curve here: closed = true")
+        return _open_spline(points)
     p, chords, middle, axes = _profile(points)
     around = np.vstack([p, p[:1]])
     u = np.concatenate([[0.0], np.cumsum(chords)])
@@ -354,11 +393,54 @@ def spline(points: ArrayLike, closed: bool = True) -> CurveShape:
     return made
 
 
-def _profile(points: ArrayLike) -> tuple[Array, Array, Array, Array]:
-    """Return points (n, 3) of a plane curve, the chords (n,), their middle and axes (3, 3)."""
+def _open_spline(points: ArrayLike) -> CurveShape:
+    p = _points(points)
+    chords = np.linalg.norm(np.diff(p, axis=0), axis=1)
+    axes = _axes(p[-1] - p[0], None) if np.any(p[-1] != p[0]) else np.eye(3)
+    x, y, z = ((p - p[0]) @ axes).T
+    if np.any(np.diff(z) < STEEPEST * chords):
+        k = int(np.argmin(np.diff(z) / chords))
+        raise ValueError(f"points: number {k + 2} of an open curve is not further along the line "
+                         "from the first point to the last: a track that turns back is made of "
+                         "several curves, or closed")
+    graph = quintic_spline(z, x), quintic_spline(z, y)
+    cells = np.unique(np.concatenate([np.linspace(a, b, max(2, 1 + CELLS // len(p)))
+                                      for a, b in pairwise(z)]))
+    nodes, weights = np.polynomial.legendre.leggauss(16)
+    half = 0.5 * np.diff(cells)
+    at = (cells[:-1, None] + half[:, None] * (nodes + 1.0)).ravel()
+    speeds = _speed(graph, at)[0].reshape(-1, 16)
+    arcs = np.concatenate([[0.0], np.cumsum(half * (speeds @ weights))])
+    ends = []
+    for side, start in ((cells[:-1], arcs[:-1]), (cells[1:], arcs[1:])):
+        speed = _speed(graph, side)
+        ends.append(np.array([start, *(v / (k + 1) for k, v in enumerate(speed[:ORDER]))]))
+    arc = Piecewise(cells, hermite(np.diff(cells), *ends))
+    return CurveShape({"points": p.tolist(), "closed": False}, axes, p[0], graph=(*graph, arc),
+                      end=float(arcs[-1]))
+
+
+def _speed(graph: Sequence[Piecewise], z: Array) -> list[Array]:
+    """Return the series of the arc length's derivative by z (n,), whose first term is it."""
+    still = [0.0 * z] * (ORDER - 1)
+    square: Any = 1.0
+    for f in graph:
+        slope = f(Taylor([z, 1.0 + 0.0 * z, *still])).values
+        rates = Taylor([(k + 1) * x for k, x in enumerate(slope[1:])])
+        square = rates * rates + square
+    return list(power(square, 0.5).values)
+
+
+def _points(points: ArrayLike) -> Array:
     p = np.array(points, float)
     if p.ndim != 2 or p.shape[1:] != (3,) or len(p) < 4 or not np.isfinite(p).all():
         raise ValueError("points: four or more are needed, each of three finite numbers")
+    return p
+
+
+def _profile(points: ArrayLike) -> tuple[Array, Array, Array, Array]:
+    """Return points (n, 3) of a plane curve, the chords (n,), their middle and axes (3, 3)."""
+    p = _points(points)
     around = np.vstack([p, p[:1]])
     chords = np.linalg.norm(np.diff(around, axis=0), axis=1)
     if np.any(chords <= 1e-9 * chords.max()):
@@ -403,7 +485,7 @@ def curve_of(name: str, given: Any, read: Callable[[str], Any] | None = None) ->
             made = makers[kind](**value)
         except TypeError as error:
             raise ValueError(f"{kind}: {error}") from error
-    return CurveShape(made.form, made.axes, made.centre, made.at, made.breaks, made.numbers, name)
+    return replace(made, name=name)
 
 
 def _place(

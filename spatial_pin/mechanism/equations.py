@@ -102,7 +102,7 @@ class FunctionOf(NamedTuple):
     """A function of another quantity."""
 
     function: Function
-    argument: Angle | Bearing | JointCoordinate
+    argument: Angle | Bearing | JointCoordinate | Displacement
 
 
 class PointDistance(NamedTuple):

@@ -290,6 +290,10 @@ def _on_curve(c: ClosureData) -> Rows:
     x, y, z = (Displacement(u, offset=float(u @ curve.centre)) for u in curve.axes.T)
     if curve.at is not None:
         return _around(curve), ConstraintEquation(((1.0, (z,)),), is_length=True)
+    if curve.graph:
+        return tuple(ConstraintEquation(((1.0, (u,)), (-1.0, (FunctionOf(f, z),))),
+                                        is_length=True)
+                     for u, f in zip((x, y), curve.graph, strict=False))
     if not curve.numbers:  # a line
         return tuple(ConstraintEquation(((1.0, (u,)),), is_length=True) for u in (x, y))
     radius, lead = curve.numbers

@@ -36,9 +36,11 @@ class Event(NamedTuple):
             "velocity limit", "effort limit" (of the URDF, passed, or the first sample beyond),
             "not closed" (a traced curve, within its samples), "released" (a driver that nobody
             named, or a joint held by name, that the loops do not let stand), "gap" (redundant
-            equations of a rounded file open beyond the gap allowed), or "stopped" (a simulation).
+            equations of a rounded file open beyond the gap allowed), "lift off" (the contact of a
+            cam would have to pull, in a simulation or loads), "end of curve" (a point leaves its
+            slot or track), or "stopped" (a simulation).
         value: driver value of it [rad or m]; in a simulation the time of "stopped", "gap",
-            "singular" and of limits of the URDF [s].
+            "singular", "lift off", "end of curve" and of limits of the URDF [s].
         row: number of samples of the motion before it.
         text: the event as a sentence.
 
@@ -464,6 +466,8 @@ class Motion(Tabular):
         theirs.
         `LINK.angle` is the direction of a link's x axis in its plane, `LINK.angle.z` that about an
         axis of the world. `.x`, `.y` or `.z` behind a vector is a component, as `tip.position.z`.
+        `CLOSURE.s`, `.pressure_angle`, `.curvature` and `.undercut` are those of a contact on a
+        curve.
         Jerks are those of a driver whose own jerk is zero. Efforts and reactions are outputs of
         what `kinetostatics` returns.
 

@@ -19,6 +19,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import FRAME_UNITS, FrameMotion, Motion, Output
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.rates.jerks import Jerks, solve_jerks
+from spatial_pin.rates.pressure_angle import UNITS as CONTACT_UNITS, contact_quantity
 from spatial_pin.rates.transmission import transmission_angle
 
 RATES = ("rate", "velocity")  # two words for the first derivative of a coordinate
@@ -29,7 +30,7 @@ ENDINGS = tuple(f".{kind}" for kind in FORCES)
 ON_GROUND = ("on_ground", "on_ground.force", "on_ground.moment")
 MASS, WHOLE = "mass", "com"  # of all moving links: their mass; WHOLE.position, ... of its centre
 VECTORS = (*FRAME_UNITS, "force", "moment")  # NAME.position.z, ... is a component
-KINDS = sorted({*COORDINATE_OUTPUTS, *FORCES, *FRAME_UNITS}, key=len, reverse=True)
+KINDS = sorted({*COORDINATE_OUTPUTS, *FORCES, *FRAME_UNITS, *CONTACT_UNITS}, key=len, reverse=True)
 
 
 def frame(motion: Motion, name: str) -> FrameMotion:
@@ -99,6 +100,10 @@ def output(motion: Motion, spec: str) -> Output:
         order = CONTACT_RATES.index(kind)
         unit = motion.rate_unit("m", order) if order else "m"
         return Output(motion.coordinate(contact)[order], spec.replace(".", " "), unit)
+    touched = contact_closure(mechanism, f"{contact}.s") if kind in CONTACT_UNITS else None
+    if touched is not None:
+        values = contact_quantity(mechanism, touched, kind, motion.q, motion.angles)
+        return Output(values, f"{contact} {kind.replace('_', ' ')}", CONTACT_UNITS[kind])
     angle = link_angle(mechanism, spec)
     if angle is not None:
         rotations = motion.frame(mechanism.model.frames[angle.frame].name).rotation
@@ -118,7 +123,9 @@ def output(motion: Motion, spec: str) -> Output:
              MASS, *(f"{WHOLE}.{k}" for k in FRAME_UNITS if not k.startswith("angular")),
              *(f"{n}.{k}" for n in mechanism.frame_ids for k in (*FRAME_UNITS, ANGLE)),
              *(f"{n}.{k}" for n in (*mechanism.coordinate_table, *mechanism.drivers)
-               for k in COORDINATE_OUTPUTS)]
+               for k in COORDINATE_OUTPUTS),
+             *(f"{c.name}.{k}" for c in (mechanism.whole or mechanism).closures
+               if "curve" in c.numbers for k in ("s", *CONTACT_UNITS))]
     raise UnknownNameError("output", spec, valid, f"mechanism {mechanism.name!r}: ")
 
 

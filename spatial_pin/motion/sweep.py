@@ -42,6 +42,7 @@ from spatial_pin.errors import Interrupted, LimitError, SingularError, SpatialPi
 from spatial_pin.mechanism.coordinates import coordinate_value, driver_coordinates, needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
+from spatial_pin.motion.curve_ends import curve_end_events
 from spatial_pin.motion.joint_limit_events import joint_limit_events
 from spatial_pin.motion.motion import UNRESOLVED, Event, Motion, made
 from spatial_pin.motion.rated_limits import velocity_limit_events
@@ -165,7 +166,8 @@ def sweep(
     motion = within_gap(motion, accuracy, on_limit, good)
     if len(motion) < n or good is not None:
         return motion
-    if passed := [*joint_limit_events(motion), *velocity_limit_events(motion)]:
+    if passed := [*joint_limit_events(motion), *velocity_limit_events(motion),
+                  *curve_end_events(motion)]:
         motion.events += passed
     if result.is_cut:
         raise Interrupted(motion)

@@ -45,6 +45,12 @@ class Piecewise:
             total = total * local + self.coefficients[piece, k]
         return total + self.rise * periods
 
+    def of_scaled(self, scale: float) -> Piecewise:
+        """Return the same function of scale times x."""
+        powers = scale ** -np.arange(self.coefficients.shape[1], dtype=float)
+        return Piecewise(self.breaks * scale, self.coefficients * powers, self.is_periodic,
+                         self.rise)
+
 
 def composed(x: Taylor, start: Array, derivatives: Sequence[Any]) -> Taylor:
     """Return a function of a series from its derivatives 0, 1, ... near where it starts."""

@@ -5,6 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+import numpy as np
+
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
+
 MOST_EVALUATIONS = 1000  # bisection needs sixty; Brent's method needs most at a jump
 
 
@@ -43,3 +48,18 @@ def sign_change(
                       full_output=True, disp=False)
     off = 2.0 * (xtol + rtol * abs(root))
     return next((end for end in (first, last) if abs(root - end) <= off), float(root))
+
+
+def between_samples(at: Array, values: Array, k: int) -> float:
+    """Return where samples change their sign before number k, by the cubic through four."""
+    first = max(0, min(k - 2, len(at) - 4))
+    x, y = at[first : first + 4] - at[k - 1], values[first : first + 4]
+    width = at[k] - at[k - 1]
+    steps = np.diff(x)
+    if width and len(x) == 4 and (np.all(steps > 0.0) or np.all(steps < 0.0)):
+        roots = np.roots(np.polyfit(x / width, y, 3))
+        real = roots.real[(np.abs(roots.imag) < TOLERANCES.round_off)
+                          & (roots.real >= 0.0) & (roots.real <= 1.0)]
+        if len(real):
+            return float(at[k - 1] + width * real[0])
+    return float(at[k - 1] + width * values[k - 1] / (values[k - 1] - values[k]))

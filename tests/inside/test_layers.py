@@ -45,6 +45,7 @@ from spatial_pin.view.scene.film import film, length_words, nice
 from spatial_pin.view.scene.framing import ASPECT, FIELD_OF_VIEW, Framing, frame, occupied, rotate
 from spatial_pin.view.scene.layers import arrows
 from spatial_pin.view.scene.layers.arrows import TRACE_COLOURS
+from spatial_pin.view.scene.layers.contacts import contacts
 from spatial_pin.view.scene.layers.glyphs import GLYPHS, glyphs
 from spatial_pin.view.scene.layers.pair_axes import pairs_of
 from spatial_pin.view.scene.layers.visuals import (
@@ -181,6 +182,30 @@ def test_sign_of_a_closure_stands_on_its_frames(tmp_path, kind):
         np.testing.assert_allclose(world[:3, 3], frame.translation, atol=1e-12)
         if kind != "spherical":
             np.testing.assert_allclose(world[:3, :3], frame.rotation @ axes, atol=1e-12)
+
+
+@pytest.mark.parametrize(("follower", "sign"), [
+    ({"roller": 0.02}, "roller"), ({"flat": [0.0, 1.0, 0.0]}, "face")])
+def test_a_cam_is_drawn_with_its_follower_and_where_they_touch(follower, sign):
+    model = pin.Model()
+    model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), "cam")
+    model.addJoint(0, pin.JointModelPY(), pin.SE3.Identity(), "rod")
+    profile = sp.curves.circle(0.1, [0.03, 0.0, 0.0])
+    mech = sp.Mechanism.from_model(
+        model, [sp.closures.cam("cam", "rod", profile, follower, "contact")], drivers=["cam"],
+        guess={"rod": 0.2})
+    stage = stage_of(sp.sweep(mech, "cam", [0.0, 1.0, 2.0]))
+    layer = contacts(stage)
+    items = {item.name: item for item in layer.items}
+    assert set(items) == {"curve contact", "contact contact", f"{sign} contact"}
+    turn, rod = np.array([0.0, 1.0, 2.0]), stage.points(2, np.zeros(3))
+    centre = 0.03 * np.column_stack([np.cos(turn), np.sin(turn), 0.0 * turn])
+    normal = np.array([[0.0, 1.0, 0.0]] * 3) if sign == "face" else (rod - centre) / 0.12
+    np.testing.assert_allclose(items["contact contact"].track.poses[:, :3],
+                               centre + 0.1 * normal, atol=1e-12)
+    corners = items["curve contact"].solid.geometry.vertices
+    away = np.linalg.norm(np.asarray(corners).reshape(-1, 3) - [0.03, 0.0, 0.0], axis=1)
+    assert away == pytest.approx(0.1, abs=0.01 * stage.size)
 
 
 def test_rail_of_a_slider_reaches_as_far_as_it_goes():

@@ -8,6 +8,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from derivative_cases import check
+from scipy.integrate import quad
+from scipy.optimize import brentq
 
 import spatial_pin as sp
 
@@ -49,6 +51,71 @@ def test_a_roller_on_an_eccentric_circle_moves_as_a_slider_crank():
     np.testing.assert_allclose(s - s[0], R * (seen - seen[0]), atol=1e-13)
     np.testing.assert_allclose(rate, R * 3.0 * (-E * np.cos(a) / root - 1.0), atol=1e-13)
     assert motion.output("contact.s").unit == "m"
+
+
+def test_the_pressure_angle_is_that_of_the_slider_crank():
+    mech = follower(sp.curves.circle(R, [E, 0, 0]), {"roller": ROLLER})
+    motion = sp.sweep(mech, "cam", np.radians([-90.0, -50.0, 0.0, 50.0]))
+    found = motion.output("contact.pressure_angle")
+    exact = np.arcsin(E * np.sin(np.radians([90.0, 50.0, 0.0, 50.0])) / (R + ROLLER))
+    np.testing.assert_allclose(found.values, exact, atol=1e-14)
+    assert np.degrees(found.values[3]) == pytest.approx(11.62999093099, abs=1e-11)
+    assert (found.label, found.unit) == ("contact pressure angle", "rad")
+    assert motion.output("contact.curvature").values == pytest.approx(1.0 / R)
+    assert not motion.output("contact.undercut").values.any()
+    table = motion.quantities(["contact.pressure_angle", "contact.curvature"])
+    assert [x.unit for x in table.values()][-2:] == ["rad", "1/m"]
+
+
+def test_the_pressure_angle_of_a_swinging_roller_is_of_the_path_of_its_centre():
+    model = pin.Model()
+    model.addJoint(0, pin.JointModelRZ(), at(), "cam")
+    arm = model.addJoint(0, pin.JointModelRZ(), at(0.06), "arm")
+    model.addJoint(arm, pin.JointModelRZ(), at(0.0, 0.05), "roller")
+    touch = sp.closures.cam("cam", "roller", sp.curves.circle(R, [E, 0, 0]), {"roller": ROLLER},
+                            "contact")
+    mech = sp.Mechanism.from_model(model, [touch], drivers=["cam", "roller"], guess={"arm": 0.6})
+    motion = sp.sweep(mech, "cam", np.linspace(0.0, 6.0, 13))
+    centre = motion.frame("roller").position
+    turn = motion.coordinate("cam").value
+    normal = centre - E * np.column_stack([np.cos(turn), np.sin(turn), 0.0 * turn])
+    along = np.cross([0.0, 0.0, 1.0], centre - [0.06, 0.0, 0.0])
+    cosine = np.abs(np.vecdot(normal, along)) / np.linalg.norm(normal, axis=1) / 0.05
+    np.testing.assert_allclose(np.cos(motion.output("contact.pressure_angle").values), cosine,
+                               atol=1e-13)
+
+
+def test_a_face_presses_along_its_path_on_the_curvature_of_its_ellipse():
+    mech = follower(sp.curves.ellipse([0.04, 0.03]), {"flat": [1.0, 0.0, 0.0]})
+    motion = sp.sweep(mech, "cam", np.linspace(0.0, 3.0, 7))
+    np.testing.assert_allclose(motion.output("contact.pressure_angle").values, 0.0, atol=1e-14)
+    turn = motion.coordinate("cam").value
+    reach = np.hypot(0.04 * np.cos(turn), 0.03 * np.sin(turn))
+    np.testing.assert_allclose(motion.output("contact.curvature").values,
+                               reach**3 / (0.04 * 0.03)**2, rtol=1e-11)
+
+
+def test_a_roller_in_a_hollow_tells_how_near_it_is_to_undercut():
+    turn = np.linspace(0.0, 2.0 * np.pi, 240, endpoint=False)
+    r = 0.05 + 0.01 * np.cos(3.0 * turn)
+    wave = sp.curves.spline(np.column_stack([r * np.cos(turn), r * np.sin(turn), 0.0 * turn]))
+    motion = sp.sweep(follower(wave, {"roller": ROLLER}, guess=0.07), "cam",
+                      np.radians([0.0, 30.0, 60.0]))
+    crest, hollow = (0.06 + 0.09) / 0.06**2, (0.04 - 0.09) / 0.04**2  # (r - r'') / r^2
+    found = motion.output("contact.curvature").values
+    assert found[[0, 2]] == pytest.approx([crest, hollow], rel=1e-5)
+    assert motion.output("contact.undercut").values[[0, 2]] == pytest.approx(
+        [0.0, -ROLLER * hollow], rel=1e-5)
+
+
+def test_a_helix_has_a_curvature_and_no_pressure_angle():
+    mech = trammel(sp.curves.helix(0.5, 0.2), {"x": 0.5, "y": 0.0, "z": 0.0})
+    lifted = sp.Mechanism.from_model(mech.model, mech.closures, drivers=["z"], guess=mech.guess)
+    motion = sp.sweep(lifted, "z", [0.0, 0.1])
+    bent = 0.5 / (0.5**2 + (0.2 / (2.0 * np.pi))**2)
+    assert motion.output("track.curvature").values == pytest.approx(bent, rel=1e-14)
+    with pytest.raises(sp.SpatialPinError, match="a pressure angle is that of a closed curve"):
+        motion.output("track.pressure_angle")
 
 
 BEAM = {0.0: (-0.26223100125846, -0.259742945279, -1.5903533181, 76.898560671),
@@ -252,3 +319,100 @@ def test_a_curve_that_is_not_there_is_refused_by_its_name(tmp_path):
     path.write_text(CAM.replace('curve = "profile"', 'curve = "other"'))
     with pytest.raises(sp.MechanismFileError, match=r"names \[curves.NAME\].*profile"):
         sp.load(path)
+
+
+def test_a_follower_without_a_spring_lifts_off_where_the_cam_slows_it_down():
+    mech, speed = follower(sp.curves.circle(R, [E, 0, 0]), {"roller": ROLLER}), 3.0
+    length = R + ROLLER
+
+    def acceleration(turn):  # of a slider-crank
+        root = np.sqrt(length**2 - (E * np.sin(turn))**2)
+        return -E * np.cos(turn) - E**2 * np.cos(2 * turn) / root - (
+            E**2 * np.sin(2 * turn) / 2.0)**2 / root**3
+
+    exact = brentq(acceleration, np.pi, 2.0 * np.pi, xtol=1e-14)  # slowed down from here on
+    motion = sp.sweep(mech, "cam", np.linspace(np.pi, 7.0, 300), speed=speed)
+    (event,) = sp.kinetostatics(mech, motion).events
+    assert event.kind == "lift off" and "would have to pull" in event.text
+    assert event.value == pytest.approx(exact, abs=1e-8)
+    assert motion.driver[event.row - 1] < event.value < motion.driver[event.row]
+    start = sp.solve_rates(mech, sp.assemble(mech, {"cam": np.pi}), {"cam": speed})
+    run = sp.simulate(mech, start, 1.0, drives={"cam": lambda t: (np.pi + speed * t, speed, 0.0)})
+    found = [e for e in run.events if e.kind == "lift off"]
+    assert [e.value for e in found] == pytest.approx([(exact - np.pi) / speed], abs=1e-9)
+
+
+def test_a_heavy_beam_stays_on_its_cam_and_a_light_follower_in_a_groove_is_told_of():
+    mech = beam()
+    motion = sp.sweep(mech, "cam", np.linspace(0.0, 6.0, 61), speed=0.5 * np.pi)
+    assert sp.kinetostatics(mech, motion).events == ()
+    groove = follower(sp.curves.circle(0.05, [E, 0, 0]), {"roller": ROLLER}, guess=0.03)
+    motion = sp.sweep(groove, "cam", np.linspace(2.0, 4.0, 21), speed=3.0)
+    (event,) = sp.kinetostatics(groove, motion).events  # the outer wall would have to pull outwards
+    assert event.row == 0 and "from the start" in event.text
+
+
+def arch(t):
+    """A track in space: y and z by the way along x, with their derivatives."""
+    y, z = np.sin(t), 0.2 * np.cos(2.0 * t)
+    return np.array([y, z]), np.array([np.cos(t), -0.4 * np.sin(2.0 * t)]), np.array(
+        [-np.sin(t), -0.8 * np.cos(2.0 * t)])
+
+
+def test_a_point_goes_along_an_open_spline_in_space(tmp_path):
+    t = np.linspace(0.0, 2.0, 201)
+    track = sp.curves.spline(np.column_stack([t, *arch(t)[0]]), closed=False)
+    mech = trammel(track, {"x": 0.1, "y": 0.1, "z": 0.2})
+    state = sp.solve_rates(mech, sp.assemble(mech, {"x": 1.3}), {"x": 1.0})
+    place, slope, bend = arch(1.3)
+    for k, name in enumerate("yz"):
+        found = state.coordinate(name)
+        assert found.value == pytest.approx(place[k], abs=1e-11)
+        assert found.rate == pytest.approx(slope[k], abs=1e-8)
+        assert found.acceleration == pytest.approx(bend[k], abs=1e-6)
+
+    def speed(x):
+        return np.sqrt(1.0 + np.square(arch(x)[1]).sum())
+
+    s = state.coordinate("track.s")
+    assert s.value == pytest.approx(quad(speed, 0.0, 1.3)[0], abs=1e-10)
+    assert s.rate == pytest.approx(speed(1.3), abs=1e-9)
+    assert track.length == pytest.approx(quad(speed, 0.0, 2.0)[0], abs=1e-9)
+    again = sp.load(mech.save(tmp_path))
+    assert sp.assemble(again, {"x": 1.3}).q == pytest.approx(state.q, abs=1e-13)
+    check(mech, state, {"x": 0.3}, 3e-4, 1e-8)
+    motion = sp.sweep(mech, "x", [1.2, 1.3], speed=1.0)
+    first, second = np.array([1.0, *slope]), np.array([0.0, *bend])
+    curvature = np.linalg.norm(np.cross(first, second)) / np.linalg.norm(first)**3
+    assert motion.output("track.curvature").values[1] == pytest.approx(curvature, rel=1e-6)
+    running = sp.simulate(mech, state, 0.3, accuracy=sp.Accuracy.named("reference"))
+    assert abs(running.energy_drift) < 1e-8
+
+
+def test_an_open_spline_that_turns_back_is_refused():
+    u = np.linspace(0.0, 5.0, 30)
+    with pytest.raises(ValueError, match="is not further along"):
+        sp.curves.spline(np.column_stack([np.cos(u), np.sin(u), 0.0 * u]), closed=False)
+
+
+def geneva() -> sp.Mechanism:
+    """A driving pin in the slot of a Geneva wheel with four of them, 1 m between the axes."""
+    model = pin.Model()
+    model.addJoint(0, pin.JointModelRZ(), at(), "crank")
+    model.addJoint(0, pin.JointModelRZ(), at(1.0), "wheel")
+    radius = np.sin(np.pi / 4.0)
+    depth = 1.0 - radius  # of the bottom of the slot from the axis of the wheel
+    slot = sp.curves.line([-radius, 0.0, 0.0], [1.0, 0.0, 0.0], length=radius - depth)
+    return sp.Mechanism.from_model(model, [sp.closures.point_on_curve(
+        "wheel", ("crank", at(radius)), slot, "slot")], drivers=["crank"])
+
+
+def test_a_geneva_wheel_is_engaged_for_a_quarter_turn_of_its_crank():
+    mech = geneva()
+    motion = sp.sweep(mech, "crank", np.radians(np.linspace(0.0, 50.0, 101)), speed=1.0)
+    ratio = motion.output("wheel.ratio").values
+    assert abs(ratio[0]) == pytest.approx(2.414213562373, abs=1e-12)
+    assert abs(ratio[40]) == pytest.approx(0.9613563211306, abs=1e-12)
+    (event,) = [e for e in motion.events if e.kind == "end of curve"]
+    assert event.value == pytest.approx(np.pi / 4.0, abs=1e-8)
+    assert "slot leaves its curve at the end at 0 m" in event.text

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
+from spatial_pin.dynamics.lift_off import contacts_of, lift_offs
 from spatial_pin.dynamics.simulation.events import IntegrationStep, Watch
 from spatial_pin.dynamics.simulation.formulations import Independent
 from spatial_pin.dynamics.simulation.problem import Problem
@@ -15,8 +17,10 @@ from spatial_pin.dynamics.simulation.result import (
     Simulation,
     energy_drift,
 )
+from spatial_pin.dynamics.solvers.equations_of_motion import equations_of
 from spatial_pin.errors import EnergyError
 from spatial_pin.kernel.integrating import SimulationSamples
+from spatial_pin.motion.curve_ends import curve_end_events
 from spatial_pin.motion.joint_limit_events import Passing
 from spatial_pin.motion.motion import Event
 from spatial_pin.numerics.linalg import Array
@@ -146,9 +150,11 @@ class Record:
         problem, names = self._problem, [c.name for c, _ in self._problem.drives]
         times, (q, v, a, numbers, efforts, angles) = self.all()
         error, kinetic, energy, work = numbers.T.copy()
-        return Simulation(
+        lifted = lift_offs(problem.mechanism, _multipliers(problem, *self.all()), times,
+                           "at {:.9g} s") if contacts_of(problem.mechanism) else []
+        found = Simulation(
             mechanism=problem.mechanism, driver=None, driver_name="", time=times, q=q, v=v, a=a,
-            closure_error=error, driver_speed=np.empty(0), events=self.events,
+            closure_error=error, driver_speed=np.empty(0), events=[*self.events, *lifted],
             angles=angles, energy=energy, work=work,
             energy_drift=energy_drift(problem.least_exchange, kinetic, energy, work, self.start),
             efforts=ByDriver(problem.mechanism, dict(zip(names, efforts.T.copy(), strict=True))),
@@ -156,6 +162,8 @@ class Record:
             steps=self.steps, by_drivers=problem.by_drivers, joint_limits=self._passed,
             projection=projection, integrators=integrators, time_tolerance=self._time_tolerance,
         )
+        found.events = sorted([*found.events, *curve_end_events(found)], key=lambda x: x.row)
+        return found
 
     def refuse_samples(self) -> None:
         """Refuse samples whose energy balance is wrong; they are dropped.
@@ -220,3 +228,23 @@ class Balance:
             self._size, self._least_exchange(now.total, self._start.total))
         gap = abs(now.total - now.work - self._start.total + self._start.work)
         return not self._watches or gap <= allowed
+
+
+def _multipliers(problem: Problem, times: Array, samples: SimulationSamples) -> Array:
+    """Return the multipliers (N, n_closure) of the samples of a simulation.
+
+    Args:
+        problem: what was simulated.
+        times: (N,) [s].
+        samples: at these.
+    """
+    mechanism, found = problem.mechanism, []
+    driven = [c.v for c, _ in problem.drives]
+    with equations_of(mechanism.whole or mechanism) as equations:
+        for t, q, v, a, efforts, angles in zip(times.tolist(), samples.q, samples.v, samples.a,
+                                               samples.efforts, samples.angles, strict=True):
+            equations.update(State(mechanism, q, v, a, angles=angles))
+            closures = equations.motion_forces(a) - problem.given(t, q, v, equations.evaluation)
+            closures[driven] -= efforts
+            found.append(equations.multipliers(closures))
+    return np.array(found).reshape(len(times), -1)

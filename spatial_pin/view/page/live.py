@@ -135,6 +135,7 @@ class Desk:
 
     def poses(self) -> list[tuple[str, list[float]]]:
         """Return the meshcat path and pose of everything that moves: x y z, x y z w, scales."""
+        from spatial_pin.view.scene.layers.contacts import contacts
         from spatial_pin.view.scene.layers.glyphs import glyphs
         from spatial_pin.view.scene.layers.visuals import springs
         from spatial_pin.view.scene.meshcat_commands import item_path, joint_paths
@@ -144,7 +145,7 @@ class Desk:
         joints = joint_poses(model, self.jog.state.q[None])
         values = list(zip(joint_paths(model)[1:], joints[0, 1:].tolist(), strict=True))
         stage = Stage(self.film, (), joints, upright(model), 1.0)
-        rods = springs(stage).items
+        rods = springs(stage).items + contacts(stage).items
         if any(closure.type == "distance" for closure in self.jog.mechanism.closures):
             rods += glyphs(stage, through=True).items
         for item in rods:

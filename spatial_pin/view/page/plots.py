@@ -35,7 +35,8 @@ NARROW = 1e-3  # range of the abscissa relative to its values: from there labels
 LEGEND: dict[str, Any] = {"frameon": False, "handlelength": 1.2, "borderaxespad": 0.0}
 DEGREE_STEPS = (1, 1.5, 3, 4.5, 6, 9, 10)  # times a power of ten: ticks at 15, 30, 45, 60, 90
 # events of a simulation that have a time
-OF_TIME = ("joint limit", "velocity limit", "effort limit", "stopped")
+OF_TIME = ("joint limit", "velocity limit", "effort limit", "lift off", "end of curve",
+           "stopped")
 DASHES = ((0, (4, 3)), (0, (1, 2)), (0, (7, 2, 1, 2)), (0, (2, 1)))  # of events, kind by kind
 MOST_PANELS = (4, 10)  # in one column, and in two: more columns keep a figure on a screen
 NO_RATES = "output {!r}: a page that is moved by hand knows no rates"

@@ -14,6 +14,7 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.view.scene.film import Film
 from spatial_pin.view.scene.framing import FIELD_OF_VIEW, Framing, direction, frame, occupied
 from spatial_pin.view.scene.layers.arrows import arrows, traces
+from spatial_pin.view.scene.layers.contacts import contacts
 from spatial_pin.view.scene.layers.gaps import gaps
 from spatial_pin.view.scene.layers.ghosts import ghosts, side_by_side
 from spatial_pin.view.scene.layers.glyphs import glyphs
@@ -215,7 +216,8 @@ def _add_surroundings(viewer: Any, framing: Framing) -> None:
 
 def _layers(stage: Stage, look: Look, bare: bool, towards: Array) -> dict[str, list[Layer]]:
     """Return all layers by groups; `bare` where the model has no visuals."""
-    layers = {"links": [bodies(stage)], "springs": [springs(stage)], "gaps": [gaps(stage)]}
+    layers = {"links": [bodies(stage)], "springs": [springs(stage)], "gaps": [gaps(stage)],
+              "contacts": [contacts(stage)]}
     if bare if look.pairs is None else look.pairs:
         layers["pairs"] = [glyphs(stage, through=not bare)]
     if look.axes:

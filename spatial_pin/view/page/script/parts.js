@@ -1,6 +1,6 @@
 // What is shown: groups of solids, and the links one by one.
 const GROUPS = {
-  links: "Links", springs: "Springs", gaps: "Open closures", pairs: "Pairs", axes: "Axes", centres: "Centres of mass",
+  links: "Links", springs: "Springs", gaps: "Open closures", contacts: "Curves", pairs: "Pairs", axes: "Axes", centres: "Centres of mass",
   clearance: "Clearance", workspace: "Workspace", design: "What was asked", traces: "Paths", arrows: "Arrows",
   ghosts: "Other configurations", grid: "Ground grid", edges: "Edges", shadow: "Shadow",
 };

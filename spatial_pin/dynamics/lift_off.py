@@ -1,0 +1,52 @@
+"""Where cams and their followers lift off: the contact would have to pull from there on."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from spatial_pin.constraints.compiled_equations import constraints_of
+from spatial_pin.mechanism.inertia import moving_mass
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.motion.motion import Event
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.roots import between_samples
+
+KIND = "lift off"
+NO_FORCE = 1e-9  # of the largest multiplier, or of the weight: what rounding leaves of none
+
+
+def contacts_of(mechanism: Mechanism) -> dict[str, tuple[int, int]]:
+    """Return by cam closure the number of its equation, and the sign of a multiplier that pushes.
+
+    The equation of a roller grows outwards of the cam, that of a face away from the cam.
+    """
+    whole = mechanism.whole or mechanism
+    rows = {x.closure: k for k, x in enumerate(constraints_of(whole).labels)}
+    followers = {c.name: c.numbers["follower"] for c in whole.closures if "follower" in c.numbers}
+    return {name: (rows[name], x.side if x.flat is None else 1) for name, x in followers.items()}
+
+
+def lift_offs(mechanism: Mechanism, multipliers: Array, at: Array, what: str) -> list[Event]:
+    """Return an event where each contact of a cam begins to pull, in their order.
+
+    Args:
+        mechanism: what moves.
+        multipliers: (N, n_closure) of the equations of its file.
+        at: (N,) time or driver of each sample.
+        what: a format of these as text: "at {:.9g} s".
+    """
+    size = mechanism.characteristic_length * moving_mass(mechanism.model)
+    size = max(9.81 * size, float(np.abs(multipliers).max(initial=0.0)))
+    events = []
+    for name, (row, sign) in contacts_of(mechanism).items():
+        push = sign * multipliers[:, row]
+        pulls = push < -NO_FORCE * size
+        for k in np.flatnonzero(pulls & ~np.append(False, pulls[:-1])).tolist():
+            ends = np.flatnonzero(~pulls[k:])
+            until = between_samples(at, push, k + int(ends[0])) if len(ends) else None
+            value = between_samples(at, push, k) if k else float(at[0])
+            events.append(Event(KIND, value, k, (
+                f"{name} lifts off {what.format(value) if k else 'from the start'}: the contact "
+                "would have to pull" + (f", and pushes again {what.format(until)}"
+                                        if until is not None else ""))))
+    return sorted(events, key=lambda event: event.row)
