@@ -42,7 +42,7 @@ from spatial_pin.rates.rates import check_not_held, prescribed_at, prescribed_fi
 from spatial_pin.settings import Accuracy
 
 ROUND_OFF = 4.0 * float(np.finfo(float).eps)  # of a closure equation, and of its derivatives
-CURVED = 2.0  # second derivatives of equations by the square of the rates, about
+CURVED_TIMES = 2.0  # second derivatives of equations by the square of the rates, about
 FARTHEST = 640e3  # rad, characteristic lengths: longest path to one value, 100,000 turns
 # Rad, characteristic lengths: longest path by pseudo-arclength before the kernel continues, ten
 # turns.
@@ -542,8 +542,8 @@ def error_estimate(gain: float, t: Array, c: Array, error: float) -> Array:
     """
     pace, bend = float(np.linalg.norm(t)), float(np.linalg.norm(c))
     q = gain * (error + ROUND_OFF)
-    first = gain * pace * (CURVED * q + ROUND_OFF)
-    second = gain * (CURVED * ((pace * pace + bend) * q + 2.0 * pace * first)
+    first = gain * pace * (CURVED_TIMES * q + ROUND_OFF)
+    second = gain * (CURVED_TIMES * ((pace * pace + bend) * q + 2.0 * pace * first)
                      + ROUND_OFF * (bend + pace * pace))
     return np.array([q, first, second])
 

@@ -35,7 +35,7 @@ from spatial_pin.formats.urdf.urdf_model import RESISTANCES
 from spatial_pin.mechanism.pairs import PAIRS
 
 OWN = ("dimensions", "bodies", "joints", "points", "rods", "gears", "density", "radius", "keep")
-BAR_THICKNESS = 0.03  # radius of bars, of the root mean square distance of the drawing from its centre
+BAR_THICKNESS = 0.03  # radius of bars, by the root mean square distance from the drawing's centre
 SAME = 1e-9  # of the size of a drawing: places nearer than this are one
 MOST_PAIRS = 3  # ends of a body that bars join two by two; more are joined to their mean
 URDF_TYPES = {"revolute": "continuous", "prismatic": "prismatic", "fixed": "fixed"}

@@ -32,7 +32,7 @@ CELLS = 96  # of a turn, each with a polynomial of degree 9: the rest is below r
 ORDER = 4  # of the derivatives that these have at their ends
 FLAT = 1e-6  # of its size: how far points of rounded numbers may be off their plane
 FLATTEST_CURVE = 0.02  # sine of the angle at which a curve is seen from its centre
-MOST_TURNS = 60.0  # of a helix that is drawn
+MOST_HELIX_TURNS = 60.0  # of a helix that is drawn
 STEEPEST = 0.05  # cosine of the steepest part of an open spline to its direction
 FORMS = ("circle", "ellipse", "line", "helix", "points", "table")
 
@@ -114,7 +114,7 @@ class CurveShape:
             return self.centre + np.outer(ends, self.axes[:, 2])
         radius, lead = self.numbers
         turns = abs((along[1] - along[0]) / lead)
-        z = np.linspace(*along, int(CELLS * min(turns, MOST_TURNS)) + 2)
+        z = np.linspace(*along, int(CELLS * min(turns, MOST_HELIX_TURNS)) + 2)
         angle = 2.0 * np.pi * z / lead
         local = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), z])
         return self.centre + local @ self.axes.T
@@ -184,7 +184,8 @@ class CurveShape:
             vx, vy, quantity = of(x, y, dx, dy)
             turned = argument(vy, vx)
             size = np.hypot(vx.values[0], vy.values[0]) * np.hypot(vx.values[1], vy.values[1])
-            if np.any(turned.values[1] * (vx.values[0]**2 + vy.values[0]**2) < FLATTEST_CURVE * size):
+            square = vx.values[0] ** 2 + vy.values[0] ** 2
+            if np.any(turned.values[1] * square < FLATTEST_CURVE * size):
                 raise ValueError("its centre does not see all of it: a ray from there must meet it "
                                  "once, and not along it")
             speed = power(dx * dx + dy * dy, 0.5).values

@@ -30,7 +30,7 @@ LIMIT_MARGIN = 0.05  # part of a driver's range left out near a limit, where rat
 LONGEST_SLIDE = 0.5
 # Samples for forward dynamics: a missing part shows at any of them, and each costs two calls.
 DYNAMIC_SAMPLES = 5
-BRANCHES_APART = 1e-6  # difference of outputs at the first value, of models that are on two branches
+FIRST_VALUES_APART = 1e-6  # difference of outputs at the first value of two branches
 EVENTS = ("limit", "singular", "branch point", "lost")
 
 
@@ -104,7 +104,7 @@ def _begin_apart(pair: Sequence[Motion], requested: RequestedOutputs) -> bool:
     """Whether positions of the outputs differ where two motions begin."""
     if not all(map(len, pair)):
         return False
-    return any(np.abs(x - y).max() > BRANCHES_APART
+    return any(np.abs(x - y).max() > FIRST_VALUES_APART
                for (_, a), (_, b) in zip(*(_outputs(motion, requested, 1) for motion in pair),
                                          strict=True)
                for x, y in zip(a[0], b[0], strict=True))

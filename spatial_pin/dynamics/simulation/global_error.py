@@ -27,20 +27,20 @@ if TYPE_CHECKING:
 
 LOOSER = 10.0  # times the tolerances of the other integration; fixed steps are twice as long
 TIGHTER = 30.0  # the same where it is the more exact one
-LOOSE = 3e-6  # tolerance of steps from which on it is
-LOOSEST = 1e-6  # closure residual: loops that are more open jump where branches are near
-SURE = 1.5  # times the difference: a more exact one is off a little itself
-ROUND_OFF = 1e-13  # error of any motion, as samples are closed to that
+LOOSE_TOLERANCE = 3e-6  # tolerance of steps from which on it is
+LOOSEST_COMPARED = 1e-6  # closure residual: loops that are more open jump where branches are near
+ERROR_MARGIN = 1.5  # times the difference: a more exact one is off a little itself
+ERROR_FLOOR = 1e-13  # error of any motion, as samples are closed to that
 
 
 def comparison(accuracy: Accuracy) -> Accuracy:
     """Return the setting of the other integration."""
     if INTEGRATORS[accuracy.integrator].is_fixed and accuracy.step is not None:
         return replace(accuracy, step=2.0 * accuracy.step)
-    if accuracy.time_tolerance > LOOSE:
+    if accuracy.time_tolerance > LOOSE_TOLERANCE:
         return replace(accuracy, tolerance=accuracy.tolerance / TIGHTER,
                        time_tolerance=accuracy.time_tolerance / TIGHTER)
-    tolerance = max(accuracy.tolerance, min(LOOSER * accuracy.tolerance, LOOSEST))
+    tolerance = max(accuracy.tolerance, min(LOOSER * accuracy.tolerance, LOOSEST_COMPARED))
     return replace(accuracy, tolerance=tolerance, time_tolerance=LOOSER * accuracy.time_tolerance)
 
 
@@ -71,7 +71,7 @@ def error_estimates(run: Callable[[], Simulation], motion: Simulation) -> Array:
         gaps = (np.array(steps).reshape(n, -1), motion.v[:n] - other.v[:n],
                 motion.a[:n] - other.a[:n])
         for k, gap in enumerate(gaps):
-            found[:n, k] = SURE * np.abs(gap / scale).max(axis=1, initial=0.0)
+            found[:n, k] = ERROR_MARGIN * np.abs(gap / scale).max(axis=1, initial=0.0)
         v, a = (np.abs(x / scale).max(initial=0.0) for x in (motion.v, motion.a))
-        found[:n] += ROUND_OFF * np.array([1.0, v, max(a, v * v)])
+        found[:n] += ERROR_FLOOR * np.array([1.0, v, max(a, v * v)])
     return read_only(np.maximum.accumulate(found, axis=0))

@@ -7,23 +7,24 @@
  * Hermite's polynomial of fifth degree misses (u (1 - u))^3 times the sixth derivative at a part u of a
  * step, over 720; that through a third point r steps before (u (1 - u) (u + r))^3 times the ninth, over
  * 9!. One correction tells what that is in the middle; of the rates it is told by derivatives. */
+#include <string.h>
 #include <float.h>
 
 #include "interpolating.h"
 #include "path.h"
 
-#define ROUND_OFF (4.0 * DBL_EPSILON) /* of an equation's value, and of its derivatives' */
-#define CURVED 0.1       /* third derivatives of equations by the cube of the rates, about */
-#define OPEN 2.0         /* times a residual: it may point where the equations are weak, example or not */
-#define PROBED 256        /* points whose errors are estimated by one of them, */
+#define ROUND_OFF_PART (4.0 * DBL_EPSILON) /* of an equation's value, and of its derivatives' */
+#define CURVED_PART 0.1       /* third derivatives of equations by the cube of the rates, about */
+#define OPEN_TIMES 2.0         /* times a residual: it may point where the equations are weak, example or not */
+#define PROBED_POINTS 256        /* points whose errors are estimated by one of them, */
 #define MUCH 1.5         /* unless rates have grown by so much, or pivots fallen */
-#define SURE 2.0         /* times the error in the middle, which factors of the end tell */
+#define SURE_TIMES 2.0         /* times the error in the middle, which factors of the end tell */
 #define REMEMBERED 0.25  /* of the derivative before: in the middle it may just pass zero */
 #define AIM 0.5          /* of the error allowed: it may grow from one step to the next */
 #define STRAIGHT_BEND 1e-2 /* second derivative by the square of the rates below which a path is straight */
 #define REST 0.1         /* of the way that the fastest joint goes, where prescribed values may come to rest */
-#define GROWTH 2.4       /* of the way from one step to the next: the point before is to be near enough */
-#define LONGEST 1.0      /* way between two points */
+#define GROWTH_POWER 2.4       /* of the way from one step to the next: the point before is to be near enough */
+#define LONGEST_GUESS 1.0      /* way between two points */
 
 /* What polynomials of fifth and of eighth degree miss, by the error e in the middle of a step h. */
 typedef struct {
@@ -81,7 +82,7 @@ void probe_errors(Path *path)
     p->second = 2.0 * response(path, t, change);
     for (Int v = 0; v < k->nv; v++)
         change[v] = here->c[v] / k->scale[v];
-    p->second += response(path, change, u) + CURVED * p->gain * here->pace * here->pace;
+    p->second += response(path, change, u) + CURVED_PART * p->gain * here->pace * here->pace;
 }
 
 /* Whether errors may be magnified otherwise than where that was seen last. */
@@ -89,7 +90,7 @@ static int has_changed(const Path *path)
 {
     const Probe *p = &path->probe;
     const Point *here = path->here;
-    return p->rows >= PROBED || here->pace > MUCH * p->pace || here->bend > MUCH * p->bend ||
+    return p->rows >= PROBED_POINTS || here->pace > MUCH * p->pace || here->bend > MUCH * p->bend ||
            MUCH * path->k->system.pivot_ratio < p->pivot;
 }
 
@@ -101,11 +102,11 @@ static Real estimate_point(Path *path, Real *estimate)
     if (!path->stale && has_changed(path))
         probe_errors(path);
     p->rows++;
-    const Real t = here->pace, c = here->bend, turned = SURE * path->idle_left;
-    const Real q = SURE * p->gain * (OPEN * here->error + ROUND_OFF + path->rounding);
-    estimate[0] = q + turned + ROUND_OFF;
+    const Real t = here->pace, c = here->bend, turned = SURE_TIMES * path->idle_left;
+    const Real q = SURE_TIMES * p->gain * (OPEN_TIMES * here->error + ROUND_OFF_PART + path->rounding);
+    estimate[0] = q + turned + ROUND_OFF_PART;
     estimate[1] = p->first * q + t * (turned + (1.0 + p->gain) * 2.0 * DBL_EPSILON);
-    estimate[2] = p->second * q + (t * t + c) * (turned + ROUND_OFF);
+    estimate[2] = p->second * q + (t * t + c) * (turned + ROUND_OFF_PART);
     return q;
 }
 
@@ -149,15 +150,15 @@ Real estimate_between(Path *path, const Point *third, const Point *from, Real *e
     const Real c = h * h * larger_of(largest_rate(k, from->c), largest_rate(k, to->c));
     const Real first = larger_of(t, REST * way), second = larger_of(c, STRAIGHT_BEND * first * first);
     const Real rates = larger_of(m->rates * e / first, m->bends * e / second);
-    const Real part = SURE * larger_of(e, rates) / path->accuracy.between;
+    const Real part = SURE_TIMES * larger_of(e, rates) / path->accuracy.between;
     const Real longer = pow(AIM / larger_of(part, 1e-30), 1.0 / m->order);
     const Real node = estimate_point(path, estimate);
     const Real noise = m->round_off * node / (second * path->accuracy.between);
-    path->between_way = fmin(way * fmin(fmax(noise > 1.0 ? 0.0 : longer, 0.25), GROWTH), LONGEST);
+    path->between_way = fmin(way * fmin(fmax(noise > 1.0 ? 0.0 : longer, 0.25), GROWTH_POWER), LONGEST_GUESS);
     path->missed = missing / grown;
     path->degree = degree;
-    estimate[0] += SURE * e;
-    estimate[1] += (SURE * m->rates * e + 2.0 * node) / h;
-    estimate[2] += (SURE * m->bends * e + m->round_off * node) / (h * h);
+    estimate[0] += SURE_TIMES * e;
+    estimate[1] += (SURE_TIMES * m->rates * e + 2.0 * node) / h;
+    estimate[2] += (SURE_TIMES * m->bends * e + m->round_off * node) / (h * h);
     return part + noise;
 }

@@ -13,8 +13,8 @@ from spatial_pin.view.scene.stage import Item, Layer, Stage, ball_at
 CURVE = (0.17, 0.19, 0.22, 1.0)
 FOLLOWER = (0.50, 0.53, 0.57, 1.0)
 CONTACT = (0.84, 0.37, 0.0, 1.0)
-WIDE, POINT = 0.006, 0.016  # radius of a curve and of a point of contact, by the size of the scene
-ROOM = 0.1  # of a line or helix, beyond where its point comes to, likewise
+CURVE_WIDTH, POINT = 0.006, 0.016  # radius of a curve and of a point of contact, by the size of the scene
+FACE_MARGIN = 0.1  # of a line or helix, beyond where its point comes to, likewise
 
 
 def contacts(stage: Stage) -> Layer:
@@ -32,10 +32,10 @@ def contacts(stage: Stage) -> Layer:
         seen = np.einsum("nij,ni->nj", first, stage.points(two, on_2.translation) - start)
         turned = np.einsum("nji,njk->nik", first, second)
         along = (seen - curve.centre) @ curve.axes[:, 2]
-        room = ROOM * stage.size
+        room = FACE_MARGIN * stage.size
         path = curve.points((float(along.min()) - room, float(along.max()) + room))
         title = f"{closure.name}: {closure.type}"
-        items.append(Item(f"curve {closure.name}", Solid(tube(path, WIDE * stage.size)), CURVE,
+        items.append(Item(f"curve {closure.name}", Solid(tube(path, CURVE_WIDTH * stage.size)), CURVE,
                           one, on_1.homogeneous, through=True, called=title))
         held += [stage.points(one, on_1.act(p)) for p in path[:: max(1, len(path) // 8)]]
         touched = contact_shape(closure, (seen, turned)).point
@@ -51,11 +51,11 @@ def contacts(stage: Stage) -> Layer:
             at = np.einsum("nji,nj->ni", turned, touched - seen) @ np.cross(x, normal)
             low, high = float(at.min()) - room, float(at.max()) + room
             place[:3, 3] += 0.5 * (low + high) * place[:3, 2]
-            face = Solid(mg.Box([WIDE * stage.size, room, high - low]))
+            face = Solid(mg.Box([CURVE_WIDTH * stage.size, room, high - low]))
             items.append(Item(f"face {closure.name}", face, FOLLOWER, two, place, called=title))
         elif follower is not None and follower.radius:
             place[:3, :3] = on_2.rotation @ axes_from_z(normal)
-            half = 2.0 * WIDE * stage.size
+            half = 2.0 * CURVE_WIDTH * stage.size
             items.append(Item(f"roller {closure.name}", rod(follower.radius, -half, half), FOLLOWER,
                               two, place, called=title))
     return Layer(tuple(items), np.concatenate(held))
