@@ -117,7 +117,7 @@ class Sample(NamedTuple):
 
 
 @made_once
-def rounded(mechanism: Mechanism, gap: float) -> Mechanism | None:
+def without_rounded_equations(mechanism: Mechanism, gap: float) -> Mechanism | None:
     """Return a mechanism without the equations that the rounding of its numbers contradicts.
 
     Args:
@@ -172,10 +172,12 @@ def gap_allowed(mechanism: Mechanism, accuracy: Accuracy | None = None) -> float
 def gap_needed(mechanism: Mechanism) -> float | None:
     """Return a gap, with one digit, with which a locked mechanism would move; or None."""
     for gap in (Accuracy().gap, *GAPS_TRIED):
-        if gap > gap_allowed(mechanism) and (exact := rounded(mechanism, gap)) is not None:
+        if gap <= gap_allowed(mechanism):
+            continue
+        if (exact := without_rounded_equations(mechanism, gap)) is not None:
             assert exact.selection is not None
             less = clearly_above(max(open_by for _, open_by in exact.selection.opened))
-            while less < gap and rounded(mechanism, less) is None:
+            while less < gap and without_rounded_equations(mechanism, less) is None:
                 less = clearly_above(less)
             return min(gap, less)
     return None
@@ -197,7 +199,7 @@ def gap_words(mechanism: Mechanism) -> str:
 
 def with_independent_equations(mechanism: Mechanism, accuracy: Accuracy | None = None) -> Mechanism:
     """Return a mechanism without equations that its rounded numbers contradict."""
-    return rounded(mechanism, gap_allowed(mechanism, accuracy)) or mechanism
+    return without_rounded_equations(mechanism, gap_allowed(mechanism, accuracy)) or mechanism
 
 
 def _guess(mechanism: Mechanism) -> Array:

@@ -11,11 +11,11 @@ from contextlib import contextmanager
 import numpy as np
 
 from spatial_pin.assembly.close import scaled_row
-from spatial_pin.assembly.holding import still_entries
+from spatial_pin.assembly.holding import fixed_base_entries
 from spatial_pin.assembly.undetermined import (
     check_passive,
     check_regular,
-    dependence,
+    dependence_words,
     moves_frame,
 )
 from spatial_pin.errors import SingularError
@@ -62,7 +62,8 @@ class SquareSystem:
     ) -> None:
         self.evaluation, self._frame = evaluation, frame
         self.driven = tuple(driven)
-        self.still = still_entries(evaluation.mechanism, driven) if still is None else tuple(still)
+        self.still = (
+            fixed_base_entries(evaluation.mechanism, driven) if still is None else tuple(still))
         self.scale = evaluation.mechanism.velocity_scale
         nv = evaluation.model.nv
         self.drive = np.zeros((len(self.driven) + len(self.still), nv))
@@ -96,7 +97,7 @@ class SquareSystem:
         regular = np.vstack([chosen, evaluation.jacobian[n:], self.drive])
         svd, d = decompose(regular), len(self.driven)
         if svd.rank < r + p + len(self.drive):
-            raise SingularError(dependence(
+            raise SingularError(dependence_words(
                 evaluation, self.driven, self.drive[:d], self.still,
                 np.delete(regular, slice(r + p, r + p + d), axis=0)))
         self.passive = svd.null_space

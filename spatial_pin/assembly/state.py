@@ -16,7 +16,7 @@ from spatial_pin.assembly.frames import Located, located
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
-from spatial_pin.mechanism.coordinates import CoordinateRates, coordinate_rates, needed
+from spatial_pin.mechanism.coordinates import CoordinateRates, coordinate_rates, require_mechanism
 from spatial_pin.mechanism.inertia import moving_mass
 from spatial_pin.mechanism.joint_limits import beyond_limits
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -183,7 +183,7 @@ class State:
         lost_turns: Iterable[str] = (),
         in_time: bool = True,
     ) -> None:
-        needed(mechanism)
+        require_mechanism(mechanism)
         rest, q = _rest(mechanism), _given(q, mechanism.neutral, "q")
         if closure_error is None:
             closure_error, angles = _measured(mechanism, q, angles)
@@ -506,7 +506,7 @@ def of_mechanism(mechanism: Mechanism, state: State) -> State:
     Raises:
         SpatialPinError: it is a state of another mechanism, or of other dimensions.
     """
-    needed(mechanism)
+    require_mechanism(mechanism)
     if not isinstance(state, State):
         raise TypeError(f"a State is needed, not {type(state).__name__}: sp.assemble(mechanism, "
                         "{driver: value}) makes one")

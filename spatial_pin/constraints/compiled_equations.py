@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import made_once
-from spatial_pin.constraints.composed_equations import Composed, Equation, Factor
+from spatial_pin.constraints.composed_equations import Composed, Equation, QuantityIndex
 from spatial_pin.constraints.turns import turns_of
 from spatial_pin.constraints.vector_products import Products, matrix_of
 from spatial_pin.mechanism.equations import (
@@ -56,7 +56,7 @@ class EquationLabel(NamedTuple):
     equation: int
 
 
-class Elsewhere(NamedTuple):
+class OtherBodyProduct(NamedTuple):
     """A product of an equation that acts on other bodies than the closure's first two.
 
     Attributes:
@@ -121,7 +121,7 @@ class Constraints:
             assert product is not None
             constant = _plain_constant(equation)
             products.add(product, closure, 0.0 if constant is None else -constant)
-        self.elsewhere: list[Elsewhere] = []
+        self.elsewhere: list[OtherBodyProduct] = []
         self.angles: list[CountedAngle] = []
         self.turns = [turns_of(mechanism, c, x) for _, c, e in rows for x in _angles_of(e)]
         self.counts_turns = bool(self.turns) or any(c.joints for c in mechanism.closures)
@@ -154,7 +154,7 @@ class Constraints:
         """Return equation number `at`; products besides its first one are added."""
         if _plain_constant(equation) is not None:
             return Equation((at,))
-        made = _Composing(self.mechanism, closure, products, at, len(self.angles))
+        made = _EquationBuilder(self.mechanism, closure, products, at, len(self.angles))
         size, terms = self._size(closure, equation), []
         for weight, quantities in equation.terms:
             lengths = sum(isinstance(x, Displacement | Square) for x in quantities)
@@ -167,7 +167,7 @@ class Constraints:
         self.angles += [CountedAngle(at, (closure.name, row, k)) for k in range(len(made.angles))]
         names = (*closure.frames, *closure.between)
         for k, (one, two) in made.elsewhere:
-            self.elsewhere.append(Elsewhere(at, made.products[k], (
+            self.elsewhere.append(OtherBodyProduct(at, made.products[k], (
                 self.mechanism.frame_on_joint(names[one])[0],
                 self.mechanism.frame_on_joint(names[two])[0])))
         return Equation(tuple(made.products), tuple(made.coordinates), tuple(made.angles),
@@ -209,7 +209,7 @@ class Constraints:
         return self.supports[joint]
 
 
-class _Composing:
+class _EquationBuilder:
     """The quantities of one equation, each numbered among those of its kind."""
 
     def __init__(
@@ -222,14 +222,14 @@ class _Composing:
         self.angles: list[tuple[int, int]] = []
         self.elsewhere: list[tuple[int, tuple[int, int]]] = []
 
-    def factor(self, quantity: Quantity) -> Factor:
+    def factor(self, quantity: Quantity) -> QuantityIndex:
         """Return a quantity as one of those of the equation, to which it is added."""
         if isinstance(quantity, FunctionOf):
             return self.factor(quantity.argument)._replace(function=quantity.function)
         if isinstance(quantity, JointCoordinate):
             name = self.closure.joints[quantity.joint]
             self.coordinates.append(self.mechanism.coordinate(name))
-            return Factor("coordinate", len(self.coordinates) - 1)
+            return QuantityIndex("coordinate", len(self.coordinates) - 1)
         first = len(self.products)
         for product in _products_of(quantity):
             if product.frames != FIRST_TWO:
@@ -237,9 +237,9 @@ class _Composing:
             self.products.append(self.all_products.add(product, self.closure) if self.products
                                  else self._first)
         if not isinstance(quantity, Angle):
-            return Factor("product", first)
+            return QuantityIndex("product", first)
         self.angles.append((self._angles_before + len(self.angles), first))
-        return Factor("angle", len(self.angles) - 1)
+        return QuantityIndex("angle", len(self.angles) - 1)
 
 
 def _products_of(quantity: Quantity) -> list[ScalarProduct]:

@@ -23,7 +23,7 @@ from spatial_pin.numerics.taylor import Taylor, argument
 Ints = NDArray[np.intp]
 
 
-class Factor(NamedTuple):
+class QuantityIndex(NamedTuple):
     """A quantity of an equation.
 
     Attributes:
@@ -51,7 +51,7 @@ class Equation(NamedTuple):
     products: tuple[int, ...]
     coordinates: tuple[Coordinate, ...] = ()
     angles: tuple[tuple[int, int], ...] = ()
-    terms: tuple[tuple[float, tuple[Factor, ...]], ...] = ()
+    terms: tuple[tuple[float, tuple[QuantityIndex, ...]], ...] = ()
     elsewhere: tuple[int, ...] = ()
 
     @property
@@ -130,7 +130,7 @@ class Composed:
                  for at in self.products]
         rest = np.zeros([len(self.rows)] + [1] * (np.ndim(products[0]) - 1))
         for q, v in zip(*self.coordinates, strict=True):
-            known = [_alongside(x[v if k else q], rest) for k, x in enumerate(coordinates)]
+            known = [_with_axes_of(x[v if k else q], rest) for k, x in enumerate(coordinates)]
             series.append(Taylor.of([*known, *[rest] * (len(products) - len(known))],
                                    [x[v] for x in coordinate_changes]))
         return series
@@ -153,13 +153,13 @@ class Composed:
         like, first = inputs[0].values[0], self.equations[0]
         angles = []
         for (_, sine), numbers in zip(first.angles, self.angles, strict=True):
-            near = 0.0 if reference is None else _alongside(reference[numbers], like)
+            near = 0.0 if reference is None else _with_axes_of(reference[numbers], like)
             angles.append(argument(inputs[sine], inputs[sine + 1], near))
         n = len(first.products)
         known = {"product": inputs[:n], "coordinate": inputs[n:], "angle": angles}
         total: Taylor = inputs[0] * 0.0
         for weights, (_, factors) in zip(self.weights, first.terms, strict=True):
-            weight, term = _alongside(weights, like), None
+            weight, term = _with_axes_of(weights, like), None
             for kind, at, function in factors:
                 x = known[kind][at]
                 x = function(x) if function else x
@@ -180,7 +180,7 @@ class Composed:
                         for x in value.changes]) for k in range(n)]
 
 
-def _alongside(x: Array, like: Array) -> Array:
+def _with_axes_of(x: Array, like: Array) -> Array:
     """Return an array (m, ...) with as many axes as another one, the missing ones last."""
     return x.reshape(x.shape + (1,) * (np.ndim(like) - x.ndim))
 

@@ -123,7 +123,7 @@ def _subtree(whole: pin.Model, joints: list[int]) -> Subtree:
                    joint_jacobian(data, model.nv))
 
 
-def related(model: pin.Model) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def mass_pattern(model: pin.Model) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return (rows, columns) of freedoms of which one carries the other."""
     related = np.zeros((model.nv, model.nv), dtype=bool)
     for i in range(1, model.njoints):

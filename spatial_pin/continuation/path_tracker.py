@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import made_once
-from spatial_pin.assembly.holding import FixedHold, Hold, divided, still_entries
+from spatial_pin.assembly.holding import FixedHold, Hold, divided, fixed_base_entries
 from spatial_pin.assembly.search.assembly_problem import AssemblyProblem
 from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.workspaces import Workspaces
 from spatial_pin.continuation.asymptotes import running_away
-from spatial_pin.continuation.pseudo_arclength import Arrival, towards
+from spatial_pin.continuation.pseudo_arclength import Arrival, followed_to
 from spatial_pin.continuation.solution_curve import (
     DriversLaw,
     OneDriver,
@@ -38,7 +38,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.rates.rates import check_not_held, prescribed_at, prescribed_first
+from spatial_pin.rates.rates import check_not_held, prescribed_at, usual_prescription
 from spatial_pin.settings import Accuracy
 
 FARTHEST = 640e3  # rad, characteristic lengths: longest path to one value, 100,000 turns
@@ -118,7 +118,7 @@ class Branch:
         accuracy: Accuracy, workspaces: Workspaces, law: Any = None, begin: float = 0.0,
     ) -> None:
         self.mechanism, self.driven, self.accuracy = mechanism, driven, accuracy
-        self.still = still_entries(mechanism, driven) if still is None else tuple(still)
+        self.still = fixed_base_entries(mechanism, driven) if still is None else tuple(still)
         self._law, self._begin, self._workspaces = law, begin, workspaces
         self._samples: PathSamples | None = None  # those that the kernel began with
 
@@ -297,7 +297,7 @@ class PathTracker(Branch):
             SingularError: the prescribed coordinates do not determine the motion there.
         """
         mechanism = state.mechanism
-        driven, still = prescribed_first(mechanism, names, hold)
+        driven, still = usual_prescription(mechanism, names, hold)
         tracker = cls(mechanism, driven, still, accuracy, workspaces, law, begin)
         tracker.state = state
         tracker._path = tracker._regular_path(state.q, state.angles, begin)
@@ -510,7 +510,7 @@ class PathTracker(Branch):
         # few steps: open loops would hide where the branch turns, and what is redundant
         wanted = min(self.accuracy.tolerance, TOLERANCES.tight)
         curve = self.curve(system, max(wanted, 1e-14))
-        arrival = towards(curve, curve.unknowns.of(here.q, here.s), value, here.t)
+        arrival = followed_to(curve, curve.unknowns.of(here.q, here.s), value, here.t)
         if arrival.kind == "lost":
             raise Stopped(self._running_away(goal, system, arrival) or arrival)
         if arrival.kind != "reached":
@@ -531,7 +531,7 @@ def _prescribed(
 ) -> tuple[list[Coordinate], tuple[int, ...], tuple[int, ...], set[str]]:
     """Return prescribed and resting coordinates, their indices for C, and drivers that move."""
     check_not_held(mechanism, [mechanism.prescribed_coordinate(names[0])], hold)
-    driven, still = prescribed_first(mechanism, names, hold)
+    driven, still = usual_prescription(mechanism, names, hold)
     indices = tuple(prescribed_places(mechanism.model.nv, driven, still))
     return driven, still, indices, _moving_drivers(mechanism, driven, still)
 

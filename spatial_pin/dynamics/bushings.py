@@ -47,8 +47,8 @@ class Bushing(NamedTuple):
     def of(cls, mechanism: Mechanism, spring: Spring) -> Bushing:
         """Return the bushing of a spring with six components."""
         (i1, m1), (i2, m2) = (mechanism.centred_frame(f) for f in spring.frames)
-        return cls(spring.name, (i1, i2), (m1, m2), six_by_six(spring.stiffness),
-                   six_by_six(spring.damping), np.array(spring.preload or np.zeros(6), float))
+        return cls(spring.name, (i1, i2), (m1, m2), bushing_matrix(spring.stiffness),
+                   bushing_matrix(spring.damping), np.array(spring.preload or np.zeros(6), float))
 
     def pose(self, placements: Array) -> tuple[Array, pin.SE3, pin.SE3]:
         """Return x (6,) and where its frames are, given (njoints, 4, 3) placements of joints."""
@@ -94,7 +94,7 @@ class Bushing(NamedTuple):
         b = [arm] * 3 + [{i2: axis} for _ in range(3) for axis in axes[1]]
         return a, b
 
-    def pull(self, values: Array, by_q: Array) -> tuple[Array, Array, Array]:
+    def force_derivatives(self, values: Array, by_q: Array) -> tuple[Array, Array, Array]:
         """Return how its forces change with the motion.
 
         Args:
@@ -137,7 +137,7 @@ class Bushing(NamedTuple):
 
 
 
-def six_by_six(numbers: object) -> Array:
+def bushing_matrix(numbers: object) -> Array:
     """Return a stiffness or damping of a bushing as a matrix: six numbers are its diagonal."""
     found = np.array(numbers, float)
     if found.ndim == 0:

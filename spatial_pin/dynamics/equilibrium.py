@@ -18,9 +18,9 @@ from spatial_pin._support.executors import in_order
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.close import closed
 from spatial_pin.assembly.holding import free_bases, untied
-from spatial_pin.assembly.search.whole_turns import turned_apart
+from spatial_pin.assembly.search.whole_turns import turn_free_difference
 from spatial_pin.assembly.state import State
-from spatial_pin.dynamics.derivatives.derivatives import exact_numbers
+from spatial_pin.dynamics.derivatives.derivatives import exact_mechanism
 from spatial_pin.dynamics.derivatives.small_motions import AppliedLoads, SmallMotions
 from spatial_pin.dynamics.forces import Law
 from spatial_pin.dynamics.forward import Dynamics, Load
@@ -82,7 +82,7 @@ class Equilibrium(Dynamics):
     """
 
     def __init__(
-        self, at: SmallMotions, coordinates: Sequence[str] | None, verdict: Verdict
+        self, at: SmallMotions, coordinates: Sequence[str] | None, verdict: Stability
     ) -> None:
         loads, mechanism = at.loads, at.loads.mechanism
         names, entries, motions = independent_motions(at, verdict.free, coordinates)
@@ -101,7 +101,7 @@ class Equilibrium(Dynamics):
         freedoms, held = decompose(held[:n]).null_space, held[n:]
         pull, scale = decompose(freedoms @ held.T), mechanism.velocity_scale
         effort = held.T @ pull.minimum_norm(freedoms @ (scale * at.wanted)) / scale
-        self._pressing = pull.null_space @ held / scale
+        self._internal_efforts = pull.null_space @ held / scale
         drivers = {d.joint: d.name for d in mechanism.drivers.values()}
         self.efforts: dict[str, float] = {
             drivers.get(c.name, c.name): float(effort[c.v]) for c in loads.held}
@@ -113,7 +113,7 @@ class Equilibrium(Dynamics):
     def unique(self) -> dict[str, NDArray[np.bool_]]:
         """Which components of each pair's reaction are unique, as in `Dynamics.unique`."""
         with self._equations() as equations:
-            return equations.unique(self._pressing)
+            return equations.unique(self._internal_efforts)
 
     def __repr__(self) -> str:
         return f"Equilibrium({self._at!r}, {POSE_KINDS[self.stable]})"
@@ -192,7 +192,7 @@ class Equilibria(Tabular, list[Equilibrium]):
         return "\n".join([*lines, f"about {self.missing:.0f} more must be expected"])
 
 
-class Verdict(NamedTuple):
+class Stability(NamedTuple):
     """How a pose at rest answers a small push.
 
     Attributes:
@@ -264,9 +264,9 @@ def equilibrium(
     """
     setting = accuracy_of(accuracy)
     state = assembled(mechanism, None, guess, accuracy=setting)
-    loads = AppliedLoads(exact_numbers(state), hold, speeds, efforts, external, laws)
-    at, verdict = settled(loads, state, stable, setting)
-    refuse_passing(at)
+    loads = AppliedLoads(exact_mechanism(state), hold, speeds, efforts, external, laws)
+    at, verdict = rest_pose(loads, state, stable, setting)
+    refuse_momentary_rest(at)
     return Equilibrium(at, None if coordinates is None else names_of(coordinates, "coordinates"),
                        verdict)
 
@@ -330,7 +330,7 @@ def equilibria(
         velocity_entry(mechanism, name)
     hold = hold if hold is None or isinstance(hold, str) else tuple(hold)
     acting = (hold, speeds, efforts, external, laws)
-    AppliedLoads(exact_numbers(state), *acting)  # a wrong name is an error before anything starts
+    AppliedLoads(exact_mechanism(state), *acting)  # a wrong name is an error before anything starts
     found: list[Equilibrium] = []
     counts: list[int] = []
     jobs = [(state, acting, names, setting, seed, k) for k in range(starts)]
@@ -374,18 +374,18 @@ def _from_start(
             step = FAR_STARTS[k // 2 % len(FAR_STARTS)] * rng.uniform(
                 -1.0, 1.0, mechanism.model.nv)
             step[list(loads.entries)] = 0.0
-            there = closed_beside(loads, state, step, accuracy)
+            there = displaced_state(loads, state, step, accuracy)
             if there is None:
                 return None
             state = there
-        at, verdict = settled(loads, state, None if k % 2 else True, accuracy)
-        refuse_passing(at)
+        at, verdict = rest_pose(loads, state, None if k % 2 else True, accuracy)
+        refuse_momentary_rest(at)
     except SpatialPinError:  # it falls without end from there, or meets a singular configuration
         return None
     return Equilibrium(at, names, verdict)
 
 
-def refuse_passing(at: SmallMotions) -> None:
+def refuse_momentary_rest(at: SmallMotions) -> None:
     """Refuse a pose that is at rest for a moment only, as what has a constant speed goes on.
 
     At rest relative to it nothing is accelerated, and the balance of forces does not change along
@@ -414,7 +414,7 @@ def refuse_passing(at: SmallMotions) -> None:
 
 def _are_one(one: Equilibrium, other: Equilibrium) -> bool:
     """Whether two poses are the same, idle rotations apart."""
-    apart = np.abs(turned_apart(one.state.mechanism, one.state.q, other.state.q))
+    apart = np.abs(turn_free_difference(one.state.mechanism, one.state.q, other.state.q))
     idle = np.abs(one.idle).max(axis=0, initial=0.0) > 0.0
     return bool(np.max(apart[~idle], initial=0.0) < SAME_POSE)
 
@@ -422,9 +422,9 @@ def _are_one(one: Equilibrium, other: Equilibrium) -> bool:
 # ---------------------------------------------------------------- the search
 
 
-def settled(
+def rest_pose(
     loads: AppliedLoads, state: State, stable: bool | None, accuracy: Accuracy
-) -> tuple[SmallMotions, Verdict]:
+) -> tuple[SmallMotions, Stability]:
     """Return where a mechanism comes to rest from a state, and how that answers a push.
 
     Raises:
@@ -438,18 +438,18 @@ def settled(
         step = _newton_step(at, bool(stable))
         length = float(np.abs(step).max(initial=0.0))
         if length <= ARRIVED or (last <= NEAR_REST and length >= 0.5 * last):
-            verdict = judged(at)
+            verdict = stability_of(at)
             down = verdict.down
             if not stable or down is None:
                 return at, verdict
             down = down / down[np.argmax(np.abs(down) > 0.5 * np.abs(down).max())]  # one sense
             step, length = NUDGE * down / np.abs(down).max(), NUDGE
         there = _taken(at, state, step, bool(stable) and not loads.speeds, accuracy)
-        gone += turned_apart(loads.mechanism, state.q, there.q)
+        gone += turn_free_difference(loads.mechanism, state.q, there.q)
         state, last = there, length
         if np.abs(gone).max(initial=0.0) > WITHOUT_END:
             break
-    raise SpatialPinError(_falls(loads, gone, step))
+    raise SpatialPinError(_fall_words(loads, gone, step))
 
 
 def _newton_step(at: SmallMotions, descends: bool) -> Array:
@@ -481,7 +481,7 @@ def _taken(
     scale, part = at.loads.mechanism.velocity_scale, 1.0
     slope = -float(at.wanted @ (scale * step))
     while part > SHORTEST_DESCENT:
-        there = closed_beside(at.loads, state, part * step, accuracy)
+        there = displaced_state(at.loads, state, part * step, accuracy)
         if there is not None:
             if not descends or part * np.abs(step).max() < NEAR_REST or slope <= 0.0:
                 return there
@@ -502,7 +502,7 @@ def _slope(loads: AppliedLoads, state: State, step: Array) -> float:
     return float(along @ (loads.mechanism.velocity_scale * force) @ (along @ step))
 
 
-def closed_beside(
+def displaced_state(
     loads: AppliedLoads, state: State, step: Array, accuracy: Accuracy
 ) -> State | None:
     """Return the closed state a step (nv,), scaled, away; None where loops do not close."""
@@ -522,10 +522,10 @@ def closed_beside(
 # ---------------------------------------------------------------- the verdict
 
 
-def judged(at: SmallMotions) -> Verdict:
+def stability_of(at: SmallMotions) -> Stability:
     """Return how a pose at rest answers a small push."""
     passive, idle = at.idle()
-    free, scale = at.without(idle), at.loads.mechanism.velocity_scale
+    free, scale = at.without_idle(idle), at.loads.mechanism.velocity_scale
     reduced = at.reduced(free * scale)
     stiffness = reduced.stiffness
     least = NEUTRAL * reduced.sizes[1].max(initial=0.0)
@@ -543,7 +543,7 @@ def judged(at: SmallMotions) -> Verdict:
         stable = False if grows.any() else None if len(neutral) else True
     falls = bool(np.any(values < -least)) and (has_potential or not at.loads.speeds)
     down = modes[:, 0] @ free if falls and stable is False else None
-    return Verdict(stable, free, neutral, down, idle, passive)
+    return Stability(stable, free, neutral, down, idle, passive)
 
 
 def vibrations(
@@ -618,7 +618,7 @@ def _moving(names: Sequence[str], entries: Sequence[int], motions: Array) -> lis
             if size > TOLERANCES.half_precision * np.abs(motions).max(initial=0.0)]
 
 
-def _falls(loads: AppliedLoads, gone: Array, step: Array) -> str:
+def _fall_words(loads: AppliedLoads, gone: Array, step: Array) -> str:
     """Say what falls without end, and what would hold it."""
     mechanism = loads.mechanism
     largest = np.abs(step).max(initial=0.0)

@@ -20,15 +20,15 @@ from numpy.typing import ArrayLike, NDArray
 from spatial_pin._support.checks import as_array, checked, finite_array, names_of, whole_number
 from spatial_pin._support.columns import Quantity
 from spatial_pin.assembly.assemble import assembled
-from spatial_pin.assembly.search.whole_turns import turned_apart
+from spatial_pin.assembly.search.whole_turns import turn_free_difference
 from spatial_pin.assembly.state import State
-from spatial_pin.dynamics.derivatives.derivatives import exact_numbers
+from spatial_pin.dynamics.derivatives.derivatives import exact_mechanism
 from spatial_pin.dynamics.derivatives.small_motions import AppliedLoads, SmallMotions
 from spatial_pin.dynamics.equilibrium import (
     NEUTRAL,
     Guess,
-    closed_beside,
-    settled,
+    displaced_state,
+    rest_pose,
     velocity_entry,
 )
 from spatial_pin.dynamics.forces import Law, external_wrenches, generalised, joint_efforts
@@ -237,10 +237,10 @@ class LoadPath:
         state, factor, step = start.state, start.factor, along * target / float(row @ along)
         way, length = np.zeros(len(row)), np.inf
         for k in range(POSE_CORRECTIONS):
-            there = closed_beside(self._unloaded, state, step[:-1], self.accuracy)
+            there = displaced_state(self._unloaded, state, step[:-1], self.accuracy)
             if there is None:
                 return None
-            way[:-1] += turned_apart(self.mechanism, state.q, there.q)
+            way[:-1] += turn_free_difference(self.mechanism, state.q, there.q)
             way[-1] += step[-1]
             state, factor = there, start.factor + self.unit * float(way[-1])
             at = SmallMotions(self.loads(factor), state)
@@ -290,13 +290,15 @@ class LoadPath:
             elif there.corrections > MANY_CORRECTIONS:
                 length *= 0.6
 
-    def met(self, before: LoadPoint, after: LoadPoint, row: int) -> tuple[Event, LoadPoint] | None:
+    def critical_point(
+        self, before: LoadPoint, after: LoadPoint, row: int
+    ) -> tuple[Event, LoadPoint] | None:
         """Return the limit or branch point between two points, and the pose there."""
         turns = before.tangent[-1] * after.tangent[-1] < 0.0
         if not turns and before.negatives == after.negatives:
             return None
         which = min(before.negatives, after.negatives)
-        whole = float(before.tangent[:-1] @ turned_apart(
+        whole = float(before.tangent[:-1] @ turn_free_difference(
             self.mechanism, before.state.q, after.state.q)
             + before.tangent[-1] * (after.factor - before.factor) / self.unit)
 
@@ -378,11 +380,11 @@ def equilibrium_path(
     lo, hi = finite_array(factors, (2,), "factors").tolist()
     whole_number(branch, "branch")
     state = assembled(mechanism, None, guess, accuracy=setting)
-    path = LoadPath(exact_numbers(state), () if hold is None else names_of(hold, "hold"), laws,
+    path = LoadPath(exact_mechanism(state), () if hold is None else names_of(hold, "hold"), laws,
                     efforts, external, setting, abs(hi - lo) if over is None else 0.0)
     mechanism = path.mechanism
     if over is None:
-        at, _ = settled(path.loads(lo), state, True, setting)
+        at, _ = rest_pose(path.loads(lo), state, True, setting)
         along = np.append(np.zeros(mechanism.model.nv), np.sign(hi - lo) or 1.0)
         points, events = _along(path, path.start(at.state, lo, along), (lo, hi), branch)
     else:
@@ -398,7 +400,7 @@ def _along(
     points, events, crossed = [first], list[Event](), 0
     going = path.steps(first, ends)
     while (there := next(going, None)) is not None and len(points) < MOST_POSES:
-        met = path.met(points[-1], there, len(points))
+        met = path.critical_point(points[-1], there, len(points))
         if met is not None:
             events.append(met[0])
             crossed += met[0].kind == "branch point"
@@ -425,7 +427,7 @@ def _over(
     coordinate = mechanism.driven_coordinate(over)
     held = assembled(mechanism, {over: float(values[0])}, state)
     entry = velocity_entry(mechanism, over)
-    at, _ = settled(AppliedLoads(mechanism, [*path.hold, over], laws=path.laws), held, True,
+    at, _ = rest_pose(AppliedLoads(mechanism, [*path.hold, over], laws=path.laws), held, True,
                     path.accuracy)
     row = np.zeros(mechanism.model.nv + 1)
     row[entry] = 1.0
@@ -451,7 +453,7 @@ def _over(
                         limit=float(point.state.q[coordinate.q]),
                         motion=_motion(path, points, events, over))
                 continue
-            met = path.met(point, there, len(points))
+            met = path.critical_point(point, there, len(points))
             events += [met[0]] if met is not None else []
             point, parts = there, min(2.0 * parts, 1.0)
         points.append(point)
@@ -468,7 +470,7 @@ def _motion(
     q = np.array([x.state.q for x in points])
     tangents = np.array([x.tangent[:-1] for x in points]) * mechanism.velocity_scale
     if over is None:
-        ways = [np.linalg.norm(turned_apart(mechanism, x.state.q, y.state.q))
+        ways = [np.linalg.norm(turn_free_difference(mechanism, x.state.q, y.state.q))
                 for x, y in pairwise(points)]
         place = np.append(0.0, np.cumsum(np.maximum(ways, 1e-12)))
         driver, name, per = None, "", "sample"

@@ -57,8 +57,8 @@ def quantities(
     return {**abscissas(loads.motion), **named(output(loads, name) for name in asked)}
 
 
-class Told:
-    """A motion by the names of its outputs, and its forces when one is asked for.
+class NamedOutputs:
+    """Outputs of a motion by name; its forces are solved at the first use.
 
     Args:
         motion: the motion.
@@ -83,16 +83,16 @@ class Told:
         return kinetostatics(self.motion.mechanism, replace(self.motion, per=per))
 
 
-def with_forces(
+def with_force_values(
     motion: Motion, outputs: Iterable[str], loads: Callable[[], Kinetostatics]
 ) -> list[str | Output]:
-    """Return names of outputs, those of forces replaced by what they are.
+    """Return outputs of a motion; names of forces are replaced by their values.
 
     Args:
         motion: the motion.
         outputs: names of quantities of the motion and of its loads.
-        loads: works the loads out; not called where no force is among the names, or the motion,
-            a simulation, knows it.
+        loads: returns the loads; not called if no name is a force, or if the motion is a simulation
+            that has it.
 
     Raises:
         UnknownNameError: there is no such force.
@@ -148,7 +148,7 @@ def _wrench(loads: Kinetostatics, spec: str) -> Output | None:
 
 
 def output_of_simulation(motion: Simulation, spec: str) -> Output:
-    """Return an energy, a prescribed driver's effort, or what any motion has; see `Motion`."""
+    """Return an energy, the effort of a prescribed driver, or an output of any motion."""
     if spec in ENERGIES and spec not in motion.mechanism.coordinate_table:
         return Output(getattr(motion, spec), spec, "J")
     if spec.endswith(".effort"):
@@ -161,7 +161,7 @@ def output_of_simulation(motion: Simulation, spec: str) -> Output:
 def quantities_of_simulation(
     motion: Simulation, outputs: str | Iterable[str] | None = None
 ) -> dict[str, Quantity]:
-    """Return those of a motion, and with all of them energies and efforts."""
+    """Return the quantities of a motion; without names, energies and efforts too."""
     found = quantities_of_motion(motion, outputs)
     if outputs is not None:
         return found

@@ -28,7 +28,7 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 Law = Callable[[float, float], float]
 
 
-class Line(NamedTuple):
+class LineSpring(NamedTuple):
     """A spring between points of two bodies, in the frames of their joints."""
 
     name: str
@@ -37,7 +37,7 @@ class Line(NamedTuple):
     sign: Array
     law: Law
     energy: Callable[[float], float] | None
-    storing: Callable[[float], float] | None
+    stored_power: Callable[[float], float] | None
     is_linear: bool
 
 
@@ -49,7 +49,7 @@ class JointSpring(NamedTuple):
     v: int
     law: Law
     energy: Callable[[float], float] | None
-    storing: Callable[[float], float] | None
+    stored_power: Callable[[float], float] | None
     is_linear: bool
 
 
@@ -91,7 +91,7 @@ class Forces:
                 raise UnknownNameError("spring", name, names, f"mechanism {mechanism.name!r}: ")
         self.mechanism = mechanism
         self.resistance = Resistance(mechanism, slip_speed)
-        self.lines: list[Line] = []
+        self.lines: list[LineSpring] = []
         self.turns: list[JointSpring] = []
         self.bushings: list[Bushing] = []
         for spring in mechanism.springs:
@@ -118,7 +118,7 @@ class Forces:
         support = constraints_of(m).support
         sign = support(i2) - support(i1)
         points = tuple(np.append(x.translation, 1.0) for x in (m1, m2))
-        self.lines.append(Line(spring.name, (i1, i2), points, sign, law, energy, storing,  # type: ignore[arg-type]
+        self.lines.append(LineSpring(spring.name, (i1, i2), points, sign, law, energy, storing,  # type: ignore[arg-type]
                                is_linear))
 
     @property
@@ -175,16 +175,16 @@ class Forces:
             found += [(line.bodies[0], force * wrench), (line.bodies[1], -force * wrench)]
         return found
 
-    def storing(self, evaluation: LoopEquations, q: Array, v: Array) -> float:
+    def stored_power(self, evaluation: LoopEquations, q: Array, v: Array) -> float:
         """Return how fast springs store energy [W]; those with a law of their own store none."""
         total = 0.0
         for line in self.lines:
-            if line.storing:
+            if line.stored_power:
                 row, length, _ = self.row(evaluation, line)
-                total += line.storing(length) * float(row @ v)
+                total += line.stored_power(length) * float(row @ v)
         for turn in self.turns:
-            if turn.storing:
-                total += turn.storing(float(q[turn.q])) * float(v[turn.v])
+            if turn.stored_power:
+                total += turn.stored_power(float(q[turn.q])) * float(v[turn.v])
         return total
 
     def energy(self, evaluation: LoopEquations, q: Array) -> float:
@@ -198,27 +198,27 @@ class Forces:
                 total += turn.energy(float(q[turn.q]))
         return total
 
-    def along(self, first: Array, second: Array) -> tuple[float, Array]:
+    def line_between(self, first: Array, second: Array) -> tuple[float, Array]:
         """Return the distance of two points (3,) and the unit vector from the first to the second.
 
         Both are zero of points that coincide, as far as round-off lets one know.
         """
         d = second - first
         length = float(np.sqrt(d @ d))
-        if length <= self.known_to(second):
+        if length <= self.round_off_of(second):
             return 0.0, np.zeros(3)
         return length, d / length
 
-    def known_to(self, point: Array) -> float:
+    def round_off_of(self, point: Array) -> float:
         """Return the round-off of a place [m]."""
         size = self.mechanism.characteristic_length + float(np.abs(point).max())
         return TOLERANCES.last_digit * size
 
-    def row(self, evaluation: LoopEquations, line: Line) -> tuple[Array, float, Array]:
+    def row(self, evaluation: LoopEquations, line: LineSpring) -> tuple[Array, float, Array]:
         """Return d(length)/dv (nv,), the length, and the unit wrench of lengthening (6,)."""
         g = evaluation.placements
         first, second = (x @ g[i] for i, x in zip(line.bodies, line.points, strict=True))
-        length, n = self.along(first, second)
+        length, n = self.line_between(first, second)
         (x, y, z), (a, b, c) = second.tolist(), n.tolist()  # np.cross takes ten times as long
         wrench = np.array([a, b, c, y * c - z * b, z * a - x * c, x * b - y * a])
         jacobian = joint_jacobian(evaluation.data, evaluation.model.nv)

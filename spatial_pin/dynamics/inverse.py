@@ -69,7 +69,7 @@ class Actuation:
             joint = component.joint if component else name
             if joint in untied(mechanism):
                 raise SpatialPinError(f"mechanism {mechanism.name!r}: {name!r} cannot be actuated: "
-                                      f"{_to_be_held(mechanism, joint)}")
+                                      f"{_base_hint(mechanism, joint)}")
             self.coordinates.append(mechanism.driven_coordinate(name))
         self.columns = np.array([c.v for c in self.coordinates], dtype=int)
         self.root = 1.0 / np.sqrt(weights)
@@ -127,10 +127,10 @@ class Efforts(Dynamics):
         self.power: dict[str, float] = dict(zip(names, power.tolist(), strict=True))
 
     @cached_property
-    def _pressing(self) -> Array:
+    def _internal_efforts(self) -> Array:
         """(k, n) efforts of the actuators that move nothing, of length 1."""
         with self._equations() as equations:
-            return pressing(equations, self._actuation)
+            return internal_efforts(equations, self._actuation)
 
     @cached_property
     def unique(self) -> dict[str, NDArray[np.bool_]]:
@@ -142,12 +142,12 @@ class Efforts(Dynamics):
         """
         actuation = self._actuation
         with self._equations() as equations:
-            return equations.unique(actuation.all_generalised(self._pressing, len(self.a)))
+            return equations.unique(actuation.all_generalised(self._internal_efforts, len(self.a)))
 
     @property
     def unique_efforts(self) -> dict[str, bool]:
         """Whether each effort is unique: it is not where actuators can press against each other."""
-        free = np.abs(self._pressing).max(axis=0, initial=0.0) < UNMOVED
+        free = np.abs(self._internal_efforts).max(axis=0, initial=0.0) < UNMOVED
         return dict(zip(self._actuation.names, free.tolist(), strict=True))
 
     def __repr__(self) -> str:
@@ -247,9 +247,10 @@ def balance(equations: Equations, actuation: Actuation) -> tuple[Array, Array, A
             passive = np.vstack([spare[:0], *(motions for _, motions in found)])
             active = decompose(passive @ spare.T).null_space @ spare
             raise SpatialPinError(f"mechanism {equations.mechanism.name!r}: "
-                                  + _too_few(equations, actuation, active, size))
+                                  + _unactuated_words(equations, actuation, active, size))
         if found:
-            a = _left_free(equations, actuation, spare, _idle_rotations(equations, found))
+            idle = _idle_rotations(equations, found)
+            a = _unactuated_accelerations(equations, actuation, spare, idle)
     wanted = equations.motion_forces(a) - equations.given
     efforts = wanted[actuation.columns]
     if actuation.has_shared:
@@ -260,7 +261,7 @@ def balance(equations: Equations, actuation: Actuation) -> tuple[Array, Array, A
     return efforts, a, wanted - actuation.generalised(efforts, len(wanted))
 
 
-def pressing(equations: Equations, actuation: Actuation) -> Array:
+def internal_efforts(equations: Equations, actuation: Actuation) -> Array:
     """Return efforts (m, k), orthonormal, that actuators can have without moving anything."""
     shared = actuation.shared
     if np.count_nonzero(shared) < 2:
@@ -284,8 +285,10 @@ def _freedoms(equations: Equations, actuation: Actuation) -> tuple[Array, int]:
     return freedoms, rank
 
 
-def _too_few(equations: Equations, actuation: Actuation, freedoms: Array, pull: Array) -> str:
-    """Say which freedoms (k, nv), scaled, no actuator moves, and by what they can be moved.
+def _unactuated_words(
+    equations: Equations, actuation: Actuation, freedoms: Array, pull: Array
+) -> str:
+    """Return which freedoms (k, nv), scaled, no actuator moves, and which coordinates move them.
 
     Each actuator moves something by `pull` (m,) at most: zero at a limit position.
     """
@@ -310,7 +313,7 @@ def _too_few(equations: Equations, actuation: Actuation, freedoms: Array, pull: 
             f"actuate {len(others)} more of {moving}, such as actuated={[*given, *chosen]}"
             if _bear_motors(equations, chosen) else
             f"what moves is {moving}, and {NO_MOTOR}: model it as a chain of revolute joints")
-    remedies += [_to_be_held(mechanism, joint) for joint in bases]
+    remedies += [_base_hint(mechanism, joint) for joint in bases]
     stuck = [name for name, x in zip(actuation.names, pull, strict=True)
              if x < TOLERANCES.near_singular]
     why = (f"{', '.join(map(repr, stuck))} {'is' if len(stuck) == 1 else 'are'} at a limit "
@@ -325,7 +328,7 @@ def _floating(mechanism: Mechanism, names: Iterable[str]) -> list[str]:
     return [joint for joint in untied(mechanism) if joint in moving]
 
 
-def _to_be_held(mechanism: Mechanism, joint: str) -> str:
+def _base_hint(mechanism: Mechanism, joint: str) -> str:
     """Say what can be done about a free base, which no motor acts on."""
     at, ground = mechanism.joint_id(joint), mechanism.links[0]
     link = next((f.name for f in mechanism.model.frames
@@ -340,7 +343,7 @@ def _bear_motors(equations: Equations, names: Iterable[str]) -> bool:
     return all(equations.mechanism.coordinate(name).q >= 0 for name in names)
 
 
-def _left_free(
+def _unactuated_accelerations(
     equations: Equations, actuation: Actuation, spare: Array, idle: Array
 ) -> Array:
     """Return the accelerations (nv,), idle rotations (m, nv) of the freedoms (k, nv) as forces say.
@@ -351,18 +354,18 @@ def _left_free(
         SpatialPinError: something works on freedoms that are not passive, or at rest.
     """
     at = equations.state
-    a = _spun(equations, idle, at.a) if len(idle) else at.a
+    a = _with_idle_rotations(equations, idle, at.a) if len(idle) else at.a
     loaded = _loaded(equations, spare, idle, a)
     if loaded and (at.v.any() or at.a.any()):
         idle_of = idle_freedoms(LoopEquations(equations.mechanism), at.q, actuation.columns)
         free = np.vstack([spare[:0], *(motions / equations.scale @ spare.T @ spare
                                        for _, motions in idle_of)])
-        a = _spun(equations, free, at.a) if len(free) else a
+        a = _with_idle_rotations(equations, free, at.a) if len(free) else a
         loaded = _loaded(equations, spare, idle[:0], a)
     if not loaded:
         return a
     mechanism, bases = equations.mechanism, _floating(equations.mechanism, loaded)
-    remedies = [_to_be_held(mechanism, joint) for joint in bases]
+    remedies = [_base_hint(mechanism, joint) for joint in bases]
     others = [name for name in loaded if mechanism.coordinate(name).joint not in bases]
     if others and _bear_motors(equations, others):
         remedies.append(f"actuate one of {', '.join(others)}" if bases else "actuate one of them")
@@ -419,7 +422,7 @@ def _loaded(equations: Equations, spare: Array, idle: Array, a: Array) -> list[s
     return []
 
 
-def _spun(equations: Equations, idle: Array, a: Array) -> Array:
+def _with_idle_rotations(equations: Equations, idle: Array, a: Array) -> Array:
     """Return the accelerations (nv,) with idle rotations (k, nv) moving as forces say."""
     work = idle * equations.scale
     mass = equations.mass()
@@ -429,5 +432,5 @@ def _spun(equations: Equations, idle: Array, a: Array) -> Array:
     z = -decompose(inertia).minimum_norm(load)
     size = np.abs(equations.scale * wanted).max() / heaviest
     if np.abs(inertia @ z + load).max() > TOLERANCES.nothing * size:
-        raise equations.no_inertia(idle)
+        raise equations.no_inertia_error(idle)
     return a + work.T @ z

@@ -15,13 +15,13 @@ from spatial_pin._support.checks import checked, mapping
 from spatial_pin._support.columns import Quantity, Tabular, read_only
 from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
-from spatial_pin.dynamics.inverse import Actuation, actuation_of, balance, pressing
-from spatial_pin.dynamics.reactions import Poses, one_of_many, why_not_unique
+from spatial_pin.dynamics.inverse import Actuation, actuation_of, balance, internal_efforts
+from spatial_pin.dynamics.reactions import Poses, not_unique_marks, why_not_unique
 from spatial_pin.dynamics.solvers.equations_of_motion import Equations, equations_of
 from spatial_pin.errors import Interrupted, SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
-from spatial_pin.motion.motion import Motion, Output, first_samples, motion_needed
+from spatial_pin.motion.motion import Motion, Output, first_samples, require_motion
 from spatial_pin.motion.rated_limits import (
     BeyondLimit,
     beyond,
@@ -188,7 +188,9 @@ class Kinetostatics(_Loads, Tabular):
             (' *y', ' *xz')
         """
         unique = self.unique.get(name)
-        return ("", "") if unique is None else one_of_many(np.logical_and.reduce(unique, axis=0))
+        if unique is None:
+            return "", ""
+        return not_unique_marks(np.logical_and.reduce(unique, axis=0))
 
 
 class _StoredSamples:
@@ -218,7 +220,7 @@ class _StoredSamples:
             kept[k] = now
         if bearing.wrenches:
             self.given[k] = bearing.pairs.summed(bearing.wrenches)
-        spare = pressing(equations, actuation)
+        spare = internal_efforts(equations, actuation)
         if len(spare) or bearing.pairs.coupled or bearing.has_redundant:
             efforts = actuation.all_generalised(spare, len(a))
             self.unique[k] = list(bearing.unique(efforts).values())
@@ -272,7 +274,7 @@ def kinetostatics(
         >>> print(f"at most {loads.efforts['crank'].max():.3f} N·m")
         at most 2.142 N·m
     """
-    motion_needed(motion)
+    require_motion(motion)
     if mechanism not in (motion.mechanism, motion.mechanism.whole):
         raise SpatialPinError(
             f"the motion belongs to mechanism {motion.mechanism.name!r}, not to this load of "

@@ -19,7 +19,7 @@ from spatial_pin._support.checks import (
 )
 from spatial_pin._support.columns import XYZ, Quantity, Tabular, chosen
 from spatial_pin.assembly.state import State, of_mechanism
-from spatial_pin.dynamics.derivatives.derivatives import exact_numbers
+from spatial_pin.dynamics.derivatives.derivatives import exact_mechanism
 from spatial_pin.dynamics.derivatives.small_motions import (
     AppliedLoads,
     ReducedEquations,
@@ -28,7 +28,7 @@ from spatial_pin.dynamics.derivatives.small_motions import (
 from spatial_pin.dynamics.equilibrium import (
     NEUTRAL,
     independent_motions,
-    judged,
+    stability_of,
     velocity_entry,
     vibrations,
 )
@@ -332,9 +332,9 @@ def linearize(
     """
     state = of_mechanism(mechanism, state)
     at = _at_rest(mechanism, state, AppliedLoads(
-        exact_numbers(state), hold, speeds, efforts, external, laws))
+        exact_mechanism(state), hold, speeds, efforts, external, laws))
     wished = None if coordinates is None else names_of(coordinates, "coordinates")
-    verdict = judged(at)
+    verdict = stability_of(at)
     names, entries, motions = independent_motions(at, verdict.free, wished)
     reduced = at.reduced(motions, entries)
     _refuse_motion(at, names, reduced)
@@ -389,9 +389,9 @@ def compliance(
     """
     state = of_mechanism(mechanism, state)
     at = _at_rest(mechanism, state, AppliedLoads(
-        exact_numbers(state), hold, None, efforts, external, laws))
+        exact_mechanism(state), hold, None, efforts, external, laws))
     mechanism = at.loads.mechanism
-    verdict = judged(at)
+    verdict = stability_of(at)
     motions = verdict.free * mechanism.velocity_scale
     reduced = at.reduced(motions)
     _refuse_motion(at, mechanism.coordinates, reduced)

@@ -71,7 +71,7 @@ class Pairs:
                     closure.name, rows, (first, second), np.append(x.translation, 1.0)))
         constraints = constraints_of(mechanism)
         self.elsewhere, self._of_joints = constraints.elsewhere, constraints.of_joints
-        self.coupled = sorted(set().union(*beside_couplings(mechanism).values()))
+        self.coupled = sorted(set().union(*joints_bearing_couplings(mechanism).values()))
         self.names = [*list(model.names)[1:], *(pair[0] for pair in self.closed)]
         self._levels = _levels(list(model.parents))
         self.grounded = [int(i) for i in model.children[0]]
@@ -157,8 +157,8 @@ class Pairs:
         return force
 
     def unstressed(
-        self, poses: Poses, joint_rows: Array, self_stresses: Array, pressing: Array | None = None,
-        unmoved: float = UNMOVED,
+        self, poses: Poses, joint_rows: Array, self_stresses: Array,
+        internal_efforts: Array | None = None, unmoved: float = UNMOVED,
     ) -> dict[str, NDArray[np.bool_]]:
         """Return for every pair which components (6,) of its reaction no self-stress reaches.
 
@@ -166,7 +166,7 @@ class Pairs:
             poses: where the bodies are, at one configuration.
             joint_rows: (k, nv) efforts at joints of unit multipliers of `of_joints`.
             self_stresses: (k, n_closure) multipliers, of length 1, that balance among themselves.
-            pressing: (k, nv) or with the efforts of actuators that go with them.
+            internal_efforts: (k, nv) or with the efforts of actuators that go with them.
             unmoved: reaction to a unit self-stress that is none.
         """
         if not len(self_stresses):
@@ -176,8 +176,8 @@ class Pairs:
         scale = max(float(np.abs(poses.rows * unit).max(initial=0.0)),
                     float(np.abs(pulls).max(initial=0.0)), 1e-300)
         efforts = self_stresses[:, self._of_joints] @ joint_rows
-        if pressing is not None:
-            efforts = efforts + pressing
+        if internal_efforts is not None:
+            efforts = efforts + internal_efforts
         at_joints = _moved(-self._carried(self.on_bodies(poses.rows, self_stresses)),
                            poses.placements[:, 3])
         joints = [self._without_effort(i, at_joints[:, i], poses.columns, efforts)
@@ -187,7 +187,7 @@ class Pairs:
         largest = [np.abs(w * unit).max(axis=0, initial=0.0) / scale for w in [*joints, *closed]]
         return {name: size < unmoved for name, size in zip(self.names, largest, strict=True)}
 
-    def never_coupled(self, poses: Poses) -> dict[str, NDArray[np.bool_]]:
+    def unaffected_by_couplings(self, poses: Poses) -> dict[str, NDArray[np.bool_]]:
         """Return which components (6,) are zero whatever is borne, by pair beside a coupling."""
         found = {}
         for joint in self.coupled:
@@ -200,7 +200,7 @@ class Pairs:
         return found
 
 
-def beside_couplings(mechanism: Mechanism) -> dict[str, list[int]]:
+def joints_bearing_couplings(mechanism: Mechanism) -> dict[str, list[int]]:
     """Return the joints of each coupling and all that lie between them, by the coupling's name."""
     found = {}
     for closure in mechanism.closures:
@@ -215,7 +215,7 @@ def why_not_unique(mechanism: Mechanism, pairs: Iterable[str]) -> list[str]:
     """Return why the reactions of some pairs are not unique, a sentence for each reason."""
     names, left = mechanism.model.names, set(pairs)
     coupled = {coupling: [names[j] for j in joints if names[j] in left]
-               for coupling, joints in beside_couplings(mechanism).items()}
+               for coupling, joints in joints_bearing_couplings(mechanism).items()}
     borne = {name: None for joints in coupled.values() for name in joints}
     found = [MANY] if left - set(borne) else []
     if borne:
@@ -225,7 +225,7 @@ def why_not_unique(mechanism: Mechanism, pairs: Iterable[str]) -> list[str]:
     return found
 
 
-def one_of_many(unique: NDArray[np.bool_]) -> tuple[str, str]:
+def not_unique_marks(unique: NDArray[np.bool_]) -> tuple[str, str]:
     """Return marks for force and moment that name their axes with components not unique, (6,)."""
     axes = ["".join(axis for axis, is_one in zip("xyz", part, strict=True) if not is_one)
             for part in (unique[:3], unique[3:])]

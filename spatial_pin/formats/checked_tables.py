@@ -49,7 +49,7 @@ STAND_INS: dict[str, dict[str, Any]] = {
 LONGEST_VALUE = 80  # letters of a value in a message: one line of a terminal
 
 
-def belongs(key: str, value: Any) -> str:
+def key_hint(key: str, value: Any) -> str:
     """Return where a key of the top of the file, with that value, is to be written."""
     return heading(key, value) if key in HEADINGS else f"it belongs {TOP}"
 
@@ -230,7 +230,7 @@ class TomlTable(CheckedValues):
             hint = f"; {heading(table or key, content, key if table else 'NAME')}" * (
                 (table or key) in HEADINGS)
             if place != TOP and key in BELONGS[TOP]:
-                hint = f"; {belongs(key, content)}"
+                hint = f"; {key_hint(key, content)}"
             raise MechanismFileError(f"{where}: must be a table of key = value lines{hint}")
         super().__init__(content, where, place)
         self._from, self._mended = where, frozenset[str]()
@@ -273,13 +273,13 @@ class TomlTable(CheckedValues):
         return found if found.content else None
 
     @property
-    def names_whole(self) -> bool:
+    def has_own_names(self) -> bool:
         """Whether no name stands in for another."""
         own = STAND_INS.get(self.place, {})
         return not any("?" in own[key] for key in self._mended & own.keys()
                        if isinstance(own[key], str | list))
 
-    def note_strangers(self, mistakes: Mistakes) -> None:
+    def note_unknown_keys(self, mistakes: Mistakes) -> None:
         """Note keys that no table in this place has, whatever else is wrong with it."""
         for key in self.content:
             if key not in (*BELONGS.get(self.place, self.content), *self._told):
@@ -304,7 +304,7 @@ class TomlTable(CheckedValues):
             return ("is not a key of this table: closures carry neither springs nor dampers; write "
                     "[[springs]] with name, frames (the same two) and stiffness or damping")
         if places:
-            where = belongs(key, self.content[key]) if places == [TOP] else (
+            where = key_hint(key, self.content[key]) if places == [TOP] else (
                 f"it belongs {' or '.join(places)}")
             return f"is not a key of this table; {where}"
         return f"is not a key of this table; {suggestion(key, self.known)}"

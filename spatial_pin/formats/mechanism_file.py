@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from spatial_pin.errors import MechanismFileError, Mistakes
-from spatial_pin.formats.checked_tables import BELONGS, BETWEEN, TOP, TomlTable, belongs
+from spatial_pin.formats.checked_tables import BELONGS, BETWEEN, TOP, TomlTable, key_hint
 from spatial_pin.formats.file_access import Trust, read_text
 from spatial_pin.formats.graph.urdf import without_loops
 from spatial_pin.formats.importers import Faults, Request
@@ -90,7 +90,7 @@ class MechanismSpec:
         self.order: tuple[str, ...] = ()
         with mistakes.each():
             self.order = top.names("order")
-        top.note_strangers(mistakes)
+        top.note_unknown_keys(mistakes)
 
     def _frames(self, top: TomlTable) -> dict[str, Frame]:
         with self._mistakes.each():
@@ -129,9 +129,9 @@ class MechanismSpec:
             with self._mistakes.each():
                 found = read(table)
                 table.close()
-                return [found] if table.names_whole else []
+                return [found] if table.has_own_names else []
             again = table.mended()
-        table.note_strangers(self._mistakes)
+        table.note_unknown_keys(self._mistakes)
         return []
 
     def _array(self, top: TomlTable, key: str, read: Callable[[TomlTable], Any]) -> tuple[Any, ...]:
@@ -220,7 +220,7 @@ def _check_guess(mechanism: Mechanism, where: str, mistakes: Mistakes) -> None:
         with mistakes.each():
             if key in BELONGS[TOP] and key not in (*mechanism.model.names, *mechanism.drivers):
                 raise MechanismFileError(f"{where}: guess: {key} is no joint, coordinate or "
-                                         f"driver; {belongs(key, value)}")
+                                         f"driver; {key_hint(key, value)}")
             check_guess(mechanism, where, {key: value})
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import made_anew, made_once
 from spatial_pin.constraints.compiled_equations import Constraints, constraints_of
-from spatial_pin.constraints.composed_equations import Equation, Factor
+from spatial_pin.constraints.composed_equations import Equation, QuantityIndex
 from spatial_pin.constraints.composite_joints import TreeArrays, split_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
@@ -213,7 +213,7 @@ class _Sums:
                 self.factors.append(len(self.kinds))
             self.terms.append(len(self.numbers))
 
-    def _add(self, equation: Equation, factor: Factor) -> None:
+    def _add(self, equation: Equation, factor: QuantityIndex) -> None:
         """Add a quantity, and the function of it if there is one."""
         if factor.kind == "coordinate":
             coordinate = equation.coordinates[factor.at]

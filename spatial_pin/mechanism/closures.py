@@ -38,7 +38,7 @@ __all__ = [
     "point_on_line", "point_on_plane", "prismatic", "revolute", "screw", "spherical", "universal",
     "weld",
 ]
-FramePlace = str | tuple[str, pin.SE3]  # a frame by name, or as a placement on a link or joint
+FrameSpec = str | tuple[str, pin.SE3]  # a frame by name, or as a placement on a link or joint
 NATIVE = {  # Pinocchio's constraints that hold two bodies together
     "PointAnchorConstraintModel": "spherical", "FrameAnchorConstraintModel": "weld",
     pin.ContactType.CONTACT_3D: "spherical", pin.ContactType.CONTACT_6D: "weld",
@@ -59,7 +59,7 @@ def __getattr__(name: str) -> Any:
 
 
 def _closure(
-    kind: str, frames: tuple[FramePlace, FramePlace], name: str | None,
+    kind: str, frames: tuple[FrameSpec, FrameSpec], name: str | None,
     equations: Sequence[int] | None, axis: ArrayLike | None = None,
     axis2: ArrayLike | None = None, *, length: float = 0.0, lead: float = 0.0,
 ) -> Closure:
@@ -89,7 +89,7 @@ def _name(name: str | None) -> str:
     return name or ""  # it is given one with the others
 
 
-def _two(frames: Sequence[FramePlace]) -> Any:
+def _two(frames: Sequence[FrameSpec]) -> Any:
     """Return two frames; what is no name becomes one where the mechanism is made."""
     for frame in frames:
         is_place = (isinstance(frame, tuple | list) and len(frame) == 2
@@ -102,7 +102,7 @@ def _two(frames: Sequence[FramePlace]) -> Any:
     return tuple(frames)
 
 
-def spherical(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
+def spherical(frame_1: FrameSpec, frame_2: FrameSpec, name: str | None = None, *,
               equations: Sequence[int] | None = None) -> Closure:
     """Return a ball joint: the two origins coincide (3 equations).
 
@@ -124,7 +124,7 @@ def spherical(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None,
     return _closure("spherical", (frame_1, frame_2), name, equations)
 
 
-def revolute(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
+def revolute(frame_1: FrameSpec, frame_2: FrameSpec, name: str | None = None, *,
              axis: ArrayLike | None = None, equations: Sequence[int] | None = None) -> Closure:
     """Return a hinge: the two origins coincide, and the two axes (5 equations).
 
@@ -146,7 +146,7 @@ def revolute(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, 
     return _closure("revolute", (frame_1, frame_2), name, equations, axis)
 
 
-def prismatic(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
+def prismatic(frame_1: FrameSpec, frame_2: FrameSpec, name: str | None = None, *,
               axis: ArrayLike | None = None, equations: Sequence[int] | None = None) -> Closure:
     """Return a slide: frame 2 moves along the axis and does not turn (5 equations).
 
@@ -168,7 +168,7 @@ def prismatic(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None,
     return _closure("prismatic", (frame_1, frame_2), name, equations, axis)
 
 
-def screw(frame_1: FramePlace, frame_2: FramePlace, lead: float, name: str | None = None, *,
+def screw(frame_1: FrameSpec, frame_2: FrameSpec, lead: float, name: str | None = None, *,
           axis: ArrayLike | None = None, equations: Sequence[int] | None = None) -> Closure:
     """Return a screw: frame 2 turns about the axis and advances with it (5 equations).
 
@@ -197,7 +197,7 @@ def screw(frame_1: FramePlace, frame_2: FramePlace, lead: float, name: str | Non
     return _closure("screw", (frame_1, frame_2), name, equations, axis, lead=lead)
 
 
-def cylindrical(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
+def cylindrical(frame_1: FrameSpec, frame_2: FrameSpec, name: str | None = None, *,
                 axis: ArrayLike | None = None, equations: Sequence[int] | None = None) -> Closure:
     """Return a sleeve: frame 2 slides along the axis and turns about it (4 equations).
 
@@ -219,7 +219,7 @@ def cylindrical(frame_1: FramePlace, frame_2: FramePlace, name: str | None = Non
     return _closure("cylindrical", (frame_1, frame_2), name, equations, axis)
 
 
-def universal(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
+def universal(frame_1: FrameSpec, frame_2: FrameSpec, name: str | None = None, *,
               axis: ArrayLike | None = None, axis2: ArrayLike | None = None,
               equations: Sequence[int] | None = None) -> Closure:
     """Return a Hooke joint: origins coincide, two pins stay perpendicular (4 equations).
@@ -244,7 +244,7 @@ def universal(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None,
     return _closure("universal", (frame_1, frame_2), name, equations, axis, axis2)
 
 
-def planar(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
+def planar(frame_1: FrameSpec, frame_2: FrameSpec, name: str | None = None, *,
            axis: ArrayLike | None = None, equations: Sequence[int] | None = None) -> Closure:
     """Return two planes on each other: origin 2 stays in the plane of frame 1 (3 equations).
 
@@ -268,7 +268,7 @@ def planar(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
     return _closure("planar", (frame_1, frame_2), name, equations, axis)
 
 
-def fixed(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
+def fixed(frame_1: FrameSpec, frame_2: FrameSpec, name: str | None = None, *,
           equations: Sequence[int] | None = None) -> Closure:
     """Return a weld (6 equations), by the name that it has as a joint; see `weld`.
 
@@ -289,7 +289,7 @@ def fixed(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
     return _closure("fixed", (frame_1, frame_2), name, equations)
 
 
-def weld(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
+def weld(frame_1: FrameSpec, frame_2: FrameSpec, name: str | None = None, *,
          equations: Sequence[int] | None = None) -> Closure:
     """Return a weld: the two frames coincide (6 equations).
 
@@ -310,9 +310,9 @@ def weld(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
     return _closure("weld", (frame_1, frame_2), name, equations)
 
 
-def distance(frame_1: FramePlace, frame_2: FramePlace, length: float | None = None,
+def distance(frame_1: FrameSpec, frame_2: FrameSpec, length: float | None = None,
              name: str | None = None, *,
-             length_between: tuple[FramePlace, FramePlace] | None = None) -> Closure:
+             length_between: tuple[FrameSpec, FrameSpec] | None = None) -> Closure:
     """Return a rod with balls at its ends: the two origins stay `length` apart (1 equation).
 
     Args:
@@ -338,7 +338,7 @@ def distance(frame_1: FramePlace, frame_2: FramePlace, length: float | None = No
     return made if length_between is None else replace(made, between=_two(length_between))
 
 
-def point_on_line(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
+def point_on_line(frame_1: FrameSpec, frame_2: FrameSpec, name: str | None = None, *,
                   axis: ArrayLike | None = None,
                   equations: Sequence[int] | None = None) -> Closure:
     """Return a ball in a groove: origin 2 stays on the axis of frame 1 (2 equations).
@@ -361,7 +361,7 @@ def point_on_line(frame_1: FramePlace, frame_2: FramePlace, name: str | None = N
     return _closure("point_on_line", (frame_1, frame_2), name, equations, axis)
 
 
-def point_on_plane(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
+def point_on_plane(frame_1: FrameSpec, frame_2: FrameSpec, name: str | None = None, *,
                    axis: ArrayLike | None = None) -> Closure:
     """Return a point on a plane: origin 2 stays in the plane of frame 1 (1 equation).
 
@@ -382,7 +382,7 @@ def point_on_plane(frame_1: FramePlace, frame_2: FramePlace, name: str | None = 
     return _closure("point_on_plane", (frame_1, frame_2), name, None, axis)
 
 
-def parallel(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
+def parallel(frame_1: FrameSpec, frame_2: FrameSpec, name: str | None = None, *,
              axis: ArrayLike | None = None, equations: Sequence[int] | None = None) -> Closure:
     """Return axes that stay parallel, wherever the origins are (2 equations).
 
@@ -404,7 +404,7 @@ def parallel(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, 
     return _closure("parallel", (frame_1, frame_2), name, equations, axis)
 
 
-def perpendicular(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
+def perpendicular(frame_1: FrameSpec, frame_2: FrameSpec, name: str | None = None, *,
                   axis: ArrayLike | None = None, axis2: ArrayLike | None = None) -> Closure:
     """Return axes that stay perpendicular, wherever the origins are (1 equation).
 

@@ -32,7 +32,7 @@ FACTORIALS = np.array([  # of 2, 4, ..., 16
     2, 24, 720, 40320, 3628800, 479001600, 87178291200, 20922789888000.0])
 
 
-def needed(mechanism: object) -> None:
+def require_mechanism(mechanism: object) -> None:
     """Refuse an argument that is no Mechanism.
 
     Raises:

@@ -64,7 +64,7 @@ def extent_of(model: pin.Model, joined: Collection[int], where: str) -> Extent:
     reach = np.abs(points).max(axis=1)
     span = float(reach.max())
     if not span <= 1.0 / SMALLEST:  # it may be infinite, or NaN
-        raise _refused(model, where, span, int(np.argmax(reach)))
+        raise _size_error(model, where, span, int(np.argmax(reach)))
     unit = 2.0 ** math.frexp(span)[1]  # changes no digit
     points /= unit
     own = np.array([i in joined or f.parentJoint != 0 for i, f in enumerate(model.frames)])
@@ -83,7 +83,7 @@ def extent_of(model: pin.Model, joined: Collection[int], where: str) -> Extent:
             centre = unit * grid * np.round(middle / grid) * (np.abs(middle) > SIZES_NEAR * size)
     length = unit * diameter(points[near])
     if length and not SMALLEST <= length <= 1.0 / SMALLEST:
-        raise _refused(model, where, length, int(np.argmax(reach)))
+        raise _size_error(model, where, length, int(np.argmax(reach)))
     length = length or 1.0
     return Extent(length, centre, near, EPS * float(np.abs(centre).max()) / length)
 
@@ -112,7 +112,7 @@ def diameter(points: Array) -> float:
     return max([least, *map(farthest, points[outer])])
 
 
-def _refused(model: pin.Model, where: str, span: float, frame: int) -> MechanismFileError:
+def _size_error(model: pin.Model, where: str, span: float, frame: int) -> MechanismFileError:
     large = f"{span:.3g} m large" if math.isfinite(span) else "larger than any number"
     return MechanismFileError(
         f"{where}: the mechanism is {large} (frame {model.frames[frame].name!r}); "

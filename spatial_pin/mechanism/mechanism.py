@@ -495,7 +495,7 @@ class Mechanism:
         )
 
 
-class _MadeWhenAsked:
+class _LazyField:
     """A field that has its value, or a function that makes it at the first use."""
 
     def __init__(self, name: str) -> None:
@@ -514,10 +514,10 @@ class _MadeWhenAsked:
 
 
 for _name in ("visual_model", "collision_model", "dimensions", "guess"):
-    setattr(Mechanism, _name, _MadeWhenAsked(_name))
+    setattr(Mechanism, _name, _LazyField(_name))
 
 
-def named(lookup: Any, name: str, where: str) -> Any:
+def looked_up(lookup: Any, name: str, where: str) -> Any:
     """Return what a look-up finds of a name; says where, if it is nothing."""
     try:
         return lookup(name)
@@ -527,7 +527,7 @@ def named(lookup: Any, name: str, where: str) -> Any:
 
 def point_on_body(mechanism: Mechanism, body: int, name: str, where: str = "") -> Array:
     """Return the point `name` (a frame, or the centre of a joint) in the axes of joint `body`."""
-    frame = named(mechanism.frame_id, name, where)
+    frame = looked_up(mechanism.frame_id, name, where)
     joint, placement = mechanism.frame_on_joint(name)
     if joint == body:
         return placement.translation.copy()

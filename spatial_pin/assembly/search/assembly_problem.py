@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import cached_property, made_once
 from spatial_pin.assembly.close import DAMPED_STEPS, NOTHING, close, closed
-from spatial_pin.assembly.holding import free_but, still_entries
+from spatial_pin.assembly.holding import fixed_base_entries, free_velocities
 from spatial_pin.assembly.search.guesses import (
     COORDINATE_ERROR,
     NEAR_GUESS,
@@ -25,7 +25,7 @@ from spatial_pin.assembly.search.guesses import (
 )
 from spatial_pin.assembly.search.loop_groups import LoopGroup, loop_groups, loose_entries, part_of
 from spatial_pin.assembly.search.release import least_motion
-from spatial_pin.assembly.search.whole_turns import kinds_of, periodic, turned_apart
+from spatial_pin.assembly.search.whole_turns import entry_kinds, periodic, turn_free_difference
 from spatial_pin.assembly.state import all_angles
 from spatial_pin.constraints.workspaces import Workspaces
 from spatial_pin.kernel.closer import (
@@ -102,12 +102,12 @@ def free_set(
     own = [name for name in named if name not in held]
     pinned = tuple(name for name in held if table[name].q < 0)
     if still is None:
-        still = still_entries(mechanism, (table[name] for name in (*held, *let_go)))
-    free = free_but(mechanism, still, (name for name in held if name not in pinned))
-    first = free & free_but(mechanism, still, own)
+        still = fixed_base_entries(mechanism, (table[name] for name in (*held, *let_go)))
+    free = free_velocities(mechanism, still, (name for name in held if name not in pinned))
+    first = free & free_velocities(mechanism, still, own)
     has_first = bool(first.any()) and not np.array_equal(first, free)
     loose = [c.name for c in table.values() if c.v in loose_entries(mechanism)]
-    kinds = kinds_of(mechanism, held, [*own, *loose])  # what is loose counts the guess's turns
+    kinds = entry_kinds(mechanism, held, [*own, *loose])  # what is loose counts the guess's turns
     balls = dict.fromkeys(table[name].joint for name in own if table[name].q < 0)
     is_whole = all(mechanism.pair_of(joint) == "spherical"
                    and all(c.name in own for c in joints[joint]) for joint in balls)
@@ -249,7 +249,7 @@ class AssemblyProblem:
     @cached_property
     def entries(self) -> NDArray[np.bool_]:
         """(nv,) the relevant velocities: for a group of loops those of its joints."""
-        return free_but(self.mechanism, self._stands, ())
+        return free_velocities(self.mechanism, self._stands, ())
 
     def is_looked_at(self, name: str) -> bool:
         """Whether a coordinate is one of the `entries`."""
@@ -262,7 +262,7 @@ class AssemblyProblem:
 
     def free_without(self, held: Iterable[str]) -> NDArray[np.bool_]:
         """Return (nv,) the free velocities with coordinates and free bases fixed."""
-        return free_but(self.mechanism, self.free_set.still, held)
+        return free_velocities(self.mechanism, self.free_set.still, held)
 
     # ------------------------------------------------------------ closing
 
@@ -412,7 +412,7 @@ class AssemblyProblem:
         if self.free_set.is_whole:
             return result.distance
         there = with_values(self.mechanism, result.q, self.named)
-        return math.hypot(*turned_apart(self.mechanism, result.q, there).tolist())
+        return math.hypot(*turn_free_difference(self.mechanism, result.q, there).tolist())
 
     def accepted(self, q: Array) -> float:
         """Return the closure error allowed at q (nq,), its own round-off included.

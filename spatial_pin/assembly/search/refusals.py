@@ -106,7 +106,7 @@ def _open_words(search: Search, q: Array, worst: str) -> str:
     if not elsewhere:
         return (f"no assembly was found from here, nor does any of {MAX_STARTS} starts close "
                 "the loops" + " at other values of the drivers" * bool(problem.held)
-                + f": check {what_of(search.mechanism, worst)}; if they "
+                + f": check {suspect_data(search.mechanism, worst)}; if they "
                 "are right, give a guess nearer to a closed configuration"
                 + ("" if problem.whole else gap_words(search.mechanism)))
     values = _values(elsewhere)
@@ -121,7 +121,7 @@ def _open_words(search: Search, q: Array, worst: str) -> str:
             f"{values}")
 
 
-def what_of(mechanism: Mechanism, worst: str) -> str:
+def suspect_data(mechanism: Mechanism, worst: str) -> str:
     """Return which data of the most open closure may be wrong."""
     closure = {c.name: c for c in mechanism.closures}.get(worst)
     if closure and closure.joints:

@@ -12,7 +12,7 @@ from spatial_pin.assembly.search.assembly_problem import (
     is_nearer,
 )
 from spatial_pin.assembly.search.guesses import MAX_STARTS, NEAR_GUESS, starts_from
-from spatial_pin.assembly.search.loop_groups import LoopGroup, places_of
+from spatial_pin.assembly.search.loop_groups import LoopGroup, configuration_indices
 from spatial_pin.assembly.search.release import (
     can_be_fixed,
     can_move,
@@ -98,7 +98,7 @@ class Search:
         q = q.copy()
         for group, part in self.parts:
             if part.best is not None:
-                own = places_of(self.mechanism, group)
+                own = configuration_indices(self.mechanism, group)
                 q[own] = part.best[1][own]
         return q
 
@@ -111,7 +111,7 @@ class Search:
             self.keep(self.problem.seen(q))
         elif len(misses) == len(failed):
             error, there, fault, group, self.worst = max(misses, key=lambda x: x[0])
-            own = places_of(self.mechanism, group)
+            own = configuration_indices(self.mechanism, group)
             q[own] = there[own]
             self.nearest_miss = error, q, fault
 
@@ -219,7 +219,7 @@ def _start_after(search: Search, before: Search, q: Array) -> Array:
             alone.run(q)
             if alone.best is None:
                 return q
-            own = places_of(search.mechanism, group)
+            own = configuration_indices(search.mechanism, group)
             q[own] = alone.best[1][own]
         before = Search(search.problem.standing_at(q), search.limits)
         before.run(q)

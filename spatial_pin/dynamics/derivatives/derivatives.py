@@ -22,7 +22,7 @@ from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.constraints.composite_joints import split_of
 from spatial_pin.dynamics.derivatives.reaction_derivatives import Linear, ReactionChanges
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
-from spatial_pin.dynamics.derivatives.spring_derivatives import Outside, Slopes, Springs
+from spatial_pin.dynamics.derivatives.spring_derivatives import ExternalWrenches, Slopes, Springs
 from spatial_pin.dynamics.forces import Law, joint_efforts
 from spatial_pin.dynamics.forward import forward_dynamics
 from spatial_pin.dynamics.solvers.equations_of_motion import Equations, equations_of
@@ -135,18 +135,19 @@ def dynamics_derivatives(
         array([ 105.3, -130.9,   20.4])
     """
     state = moving_in_time(mechanism, state)
-    mechanism = exact_numbers(state)
+    mechanism = exact_mechanism(state)
     springs = Springs(mechanism, laws, slopes, slip_speed)
     answer = forward_dynamics(mechanism, state, efforts, external=external, laws=laws,
                               slip_speed=slip_speed)
     whole = split_of(mechanism)
     rows = RowDerivatives(mechanism, whole, springs.forces, (state.q, state.v, answer.a))
     springs.move(rows)
-    outside, effort = Outside(mechanism, whole, external), joint_efforts(mechanism, efforts)
+    outside = ExternalWrenches(mechanism, whole, external)
+    effort = joint_efforts(mechanism, efforts)
     jacobian = closure_jacobian(mechanism, state.q)
     borne = jacobian.T @ answer.multipliers
     with equations_of(mechanism) as equations:
-        equations.place(state)
+        equations.move_to(state)
         equations.by_kkt(state.q, state.v, state.angles, borne, borne)
         chosen = equations.kkt.rows
         at_rest = np.zeros((1, equations.n_closure))
@@ -157,7 +158,7 @@ def dynamics_derivatives(
         answer, rows, springs, outside, effort, a, lam, chosen))
 
 
-def exact_numbers(state: State) -> Mechanism:
+def exact_mechanism(state: State) -> Mechanism:
     """Return the mechanism of a state; refuse one whose file's numbers are rounded."""
     mechanism = state.mechanism
     if mechanism.whole is not None:
@@ -169,7 +170,7 @@ def exact_numbers(state: State) -> Mechanism:
 
 
 def changes_of_forces(
-    rows: RowDerivatives, springs: Springs, outside: Outside, multipliers: Array
+    rows: RowDerivatives, springs: Springs, outside: ExternalWrenches, multipliers: Array
 ) -> tuple[Array, Array]:
     """Return q and v derivatives (nv, nv) of M a + b - f - J^T multipliers, these kept.
 
@@ -191,12 +192,12 @@ def changes_of_forces(
         pin.computeJointJacobians(model, p.data, q[p.q])
     spring_by_q, spring_by_v = springs.by_motion()
     by_q -= outside.turning(bodies)
-    by_q -= rows.bending(multipliers, springs.pulls) + spring_by_q
+    by_q -= rows.second_derivatives(multipliers, springs.pulls) + spring_by_q
     return by_q, by_v - spring_by_v
 
 
 def _changes(
-    equations: Equations, rows: RowDerivatives, springs: Springs, outside: Outside,
+    equations: Equations, rows: RowDerivatives, springs: Springs, outside: ExternalWrenches,
     chosen: NDArray[np.intp], multipliers: Array,
 ) -> tuple[list[Array], list[Array]]:
     """Return derivatives with respect to q, v, efforts: of accelerations, and of multipliers.

@@ -4,8 +4,8 @@ A joint of the tree hands on what the bodies it carries need, less what else act
 
     F_i = sum over the carried bodies j of (W_j - w_j)
 
-at the world's origin, with W_j what moves body j (`BodiesOfTree.needed`), and w_j the wrenches on
-it of springs, closures and from outside.
+at the world's origin. W_j is the wrench that moves body j (`BodiesOfTree.body_wrenches`), and w_j
+the wrench on it of springs, closures and external forces.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from spatial_pin._support.brief import brief
 from spatial_pin.constraints.compiled_equations import combined_wrenches
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
-from spatial_pin.dynamics.derivatives.spring_derivatives import Outside, Springs
+from spatial_pin.dynamics.derivatives.spring_derivatives import ExternalWrenches, Springs
 from spatial_pin.dynamics.forward import Dynamics
 from spatial_pin.dynamics.reactions import Pairs
 from spatial_pin.errors import SpatialPinError
@@ -67,7 +67,7 @@ class ReactionChanges:
     """
 
     def __init__(
-        self, answer: Dynamics, rows: RowDerivatives, springs: Springs, outside: Outside,
+        self, answer: Dynamics, rows: RowDerivatives, springs: Springs, outside: ExternalWrenches,
         effort: Array, a: Linear, multipliers: Linear, chosen: NDArray[np.intp],
     ) -> None:
         self.answer, self.rows, self.springs, self.outside = answer, rows, springs, outside
@@ -98,7 +98,7 @@ class ReactionChanges:
         self._add_given(on_bodies)
         bodies = self.rows.products.bodies
         bodies.move(*self.rows.motion)
-        forces = pairs.carried(bodies.needed(self.a[:, 1:]) - on_bodies)
+        forces = pairs.carried(bodies.body_wrenches(self.a[:, 1:]) - on_bodies)
         efforts, columns = self._efforts(), bodies.axes()
         wrenches = {}
         for i in range(1, self.mechanism.model.njoints):
@@ -167,7 +167,7 @@ class ReactionChanges:
             ends = [x @ self.placements[i] for i, x in zip(line.bodies, line.points, strict=True)]
             moved = [x @ self.placements_by_q[i]
                      for i, x in zip(line.bodies, line.points, strict=True)]  # (nv, 3)
-            _, n = forces.along(*ends)
+            _, n = forces.line_between(*ends)
             turned = pull.per_length * (moved[1] - moved[0] - np.outer(pull.row, n))
             along = np.concatenate([n, np.cross(ends[1], n)])
             bent = np.hstack([

@@ -79,7 +79,7 @@ class BodiesOfTree:
             pin.computeForwardKinematicsDerivatives(
                 p.model, p.data, q[p.q], v[p.v], acceleration[p.v])
 
-    def places(self) -> tuple[Array, Array]:
+    def kinematics(self) -> tuple[Array, Array]:
         """Return placements (njoints, 4, 3), and the world joint Jacobian (6, nv)."""
         placements, columns = np.zeros((len(self.joints), 4, 3)), np.zeros((6, self.nv))
         placements[0, :3] = np.eye(3)
@@ -120,7 +120,7 @@ class BodiesOfTree:
         of_v = np.stack([np.zeros_like(moved), moved, pace @ g1 + h @ moved + by_v @ g0])
         return is_own, np.stack([g0, g1, g2]), np.stack([moved, first, second]), of_v
 
-    def needed(self, a_by: Array) -> Array:
+    def body_wrenches(self, a_by: Array) -> Array:
         """Return (njoints, 6, 1 + 3 nv) what moves the bodies, and how it changes.
 
         The wrenches W = X (I a + v x* I v) at the world's origin, then their derivatives by q, v
@@ -156,7 +156,7 @@ class BodiesOfTree:
 
         The latter of what each coordinate's axis is fixed in.
         """
-        model, columns = self._model, self.places()[1]
+        model, columns = self._model, self.kinematics()[1]
         turned = np.zeros((self.nv, 3, self.nv))
         for i in range(1, model.njoints):
             own = slice(model.idx_vs[i], model.idx_vs[i] + model.nvs[i])
@@ -213,7 +213,7 @@ class ProductDerivatives:
             rows_of.setdefault(tuple(sorted(set().union(*vectors))), []).append(row)
         self._blocks = [self._block(np.array(rows), bodies, a, b)
                         for bodies, rows in rows_of.items()]
-        self.placements, columns = self.bodies.places()
+        self.placements, columns = self.bodies.kinematics()
         self.twists = _matrix(columns.T).swapaxes(1, 2)
 
     def columns(self, bodies: Sequence[int]) -> NDArray[np.intp]:
@@ -260,7 +260,7 @@ class ProductDerivatives:
                             if row in rows)
         return slopes_of[:, 0]
 
-    def bending(self, weights: Array) -> Array:
+    def second_derivatives(self, weights: Array) -> Array:
         """Return q derivatives (nv, nv) of the q derivatives of the products' sum by weights."""
         total, carried = np.zeros((self.nv, self.nv)), np.zeros((self.model.njoints, 4, 4))
         for rows, bodies, columns, coefficients, (a, b), (da, db) in self._blocks:
@@ -387,7 +387,7 @@ class RowDerivatives:
                  np.broadcast_to(x.values[1], (m, 1, self.nv))[:, 0])
                 for x in group.slopes(products, coordinates)]
 
-    def bending(self, multipliers: Array, pulls: Array) -> Array:
+    def second_derivatives(self, multipliers: Array, pulls: Array) -> Array:
         """Return q derivatives (nv, nv) of the joint forces of rows and springs, kept as strong.
 
         Args:
@@ -405,4 +405,4 @@ class RowDerivatives:
             n = len(group.products)
             for v, (_, change) in zip(group.coordinates[1], slopes[n:], strict=True):
                 np.add.at(along, v, own[:, None] * change)
-        return along + self.products.bending(weights)
+        return along + self.products.second_derivatives(weights)

@@ -22,7 +22,7 @@ from spatial_pin.assembly.state import State
 from spatial_pin.constraints.composite_joints import split_of
 from spatial_pin.dynamics.derivatives.derivatives import changes_of_forces
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
-from spatial_pin.dynamics.derivatives.spring_derivatives import Outside, Springs
+from spatial_pin.dynamics.derivatives.spring_derivatives import ExternalWrenches, Springs
 from spatial_pin.dynamics.forces import Law, joint_efforts
 from spatial_pin.dynamics.solvers.equations_of_motion import equations_of
 from spatial_pin.errors import SpatialPinError
@@ -129,7 +129,7 @@ class SmallMotions:
         self.loads, mechanism = loads, loads.mechanism
         self._scale, q = mechanism.velocity_scale, state.q
         with equations_of(mechanism) as equations:
-            equations.place(state)
+            equations.move_to(state)
             n = equations.n_closure
             equations.check_rank(equations.spaces.rank if n else 0)
             svd = decompose(loads.rows(equations.evaluation))
@@ -149,7 +149,7 @@ class SmallMotions:
         self._rows = rows = RowDerivatives(mechanism, whole, loads.springs.forces, (q, v, a))
         loads.springs.move(rows)
         self.by_q, self.by_v = changes_of_forces(
-            rows, loads.springs, Outside(mechanism, whole, loads.external),
+            rows, loads.springs, ExternalWrenches(mechanism, whole, loads.external),
             svd.minimum_norm_transposed(scale * self.wanted)[:n])
         self.size = self._size(np.abs(given) + np.abs(loads.effort))
 
@@ -210,7 +210,7 @@ class SmallMotions:
         return (tuple(described(loops, *pair) for pair, idles in zip(pairs, still, strict=True)
                       if idles), motions[still])
 
-    def without(self, idle: Array) -> Array:
+    def without_idle(self, idle: Array) -> Array:
         """Return motions (n, nv), scaled, of all freedoms but idle rotations (k, nv).
 
         They work on no idle rotation by inertia, which turn as they like.

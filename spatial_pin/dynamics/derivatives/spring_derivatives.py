@@ -21,7 +21,7 @@ from spatial_pin.dynamics.derivatives.row_derivatives import (
     BodiesOfTree,
     RowDerivatives,
 )
-from spatial_pin.dynamics.forces import Forces, Law, Line
+from spatial_pin.dynamics.forces import Forces, Law, LineSpring
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
@@ -34,7 +34,7 @@ HALVINGS = 14  # halvings of that step at most: then round-off is larger than th
 CENTRAL, ONE_SIDED = 4.0, 2.0  # halving the step divides the error of a difference by these numbers
 
 
-class Pull(NamedTuple):
+class SpringForce(NamedTuple):
     """The force of a spring, along or about its line, and how it changes.
 
     Attributes:
@@ -67,8 +67,8 @@ class Springs:
         turns: those about joints, in the order of `forces.turns`, then what resists.
     """
 
-    lines: list[Pull]
-    turns: list[Pull]
+    lines: list[SpringForce]
+    turns: list[SpringForce]
     bushings: list[tuple[Array, Array, Array]]
 
     def __init__(
@@ -109,7 +109,7 @@ class Springs:
         self.lines, self.turns = [], []
         products, (q, v, _) = rows.products, rows.motion
         for at, line in enumerate(self.forces.lines, start=rows.closed):
-            length, _ = self.forces.along(*(x @ products.placements[i] for i, x in zip(
+            length, _ = self.forces.line_between(*(x @ products.placements[i] for i, x in zip(
                 line.bodies, line.points, strict=True)))
             if not length:
                 self.lines.append(self._at_a_point(line, rows, at))
@@ -118,23 +118,25 @@ class Springs:
             by_length, by_rate = self._slopes(line.name, length, rate)
             by_q = by_length * row + by_rate * (products.by_q[1][at] - rate * row) / length
             force = line.law(length, rate)
-            self.lines.append(Pull(force, force / length, row, by_q, by_rate * row))
+            self.lines.append(SpringForce(force, force / length, row, by_q, by_rate * row))
         first = rows.closed + len(self.forces.lines)
         self.bushings = [
-            bushing.pull(products.values[:2, at : at + 12], products.by_q[:2, at : at + 12])
+            bushing.force_derivatives(
+                products.values[:2, at : at + 12], products.by_q[:2, at : at + 12])
             for at, bushing in zip(count(first, 12), self.forces.bushings, strict=False)]
         unit = np.eye(rows.nv)
         for turn in self.forces.turns:
             x, rate = float(q[turn.q]), float(v[turn.v])
             by_length, by_rate = self._slopes(turn.name, x, rate)
             row = unit[turn.v]
-            self.turns.append(Pull(turn.law(x, rate), 0.0, row, by_length * row, by_rate * row))
+            self.turns.append(
+                SpringForce(turn.law(x, rate), 0.0, row, by_length * row, by_rate * row))
         resistance = self.forces.resistance
         forces, slopes = resistance.forces(v), resistance.slopes(v)
-        self.turns += [Pull(-forces[k], 0.0, unit[k], 0.0 * unit[k], slopes[k] * unit[k])
+        self.turns += [SpringForce(-forces[k], 0.0, unit[k], 0.0 * unit[k], slopes[k] * unit[k])
                        for k in resistance.at]
 
-    def _at_a_point(self, line: Line, rows: RowDerivatives, at: int) -> Pull:
+    def _at_a_point(self, line: LineSpring, rows: RowDerivatives, at: int) -> SpringForce:
         """Return a spring whose frames coincide: its force is stiffness times what parts them.
 
         Where nothing can part them, any stiffness will do. Its length is row `at`.
@@ -142,7 +144,7 @@ class Springs:
         parting = rows.products.first_slopes(at)
         none, pace = np.zeros(rows.nv), float(np.sqrt(max(rows.products.values[2][at], 0.0)))
         if np.abs(parting).max(initial=0.0) <= self._length * TOLERANCES.tight:
-            return Pull(0.0, 0.0, none, none, none)
+            return SpringForce(0.0, 0.0, none, none, none)
         forces = [line.law(0.0, rate) for rate in (0.0, pace, -pace)]
         stiffness, damping = self._slopes(line.name, 0.0, 0.0)
         if any(forces) or damping:
@@ -151,7 +153,7 @@ class Springs:
                 f"mechanism {self.forces.mechanism.name!r}: the two frames of spring {line.name!r} "
                 f"coincide, where its {what} has no direction, so that there are no derivatives: "
                 "start where its frames are apart, or give it a joint instead of frames")
-        return Pull(0.0, stiffness, none, none, none)
+        return SpringForce(0.0, stiffness, none, none, none)
 
     @property
     def pulls(self) -> Array:
@@ -163,7 +165,7 @@ class Springs:
         """Return the derivatives (nv, nv) of the springs' joint forces with respect to q and v.
 
         Those along lines that bend, at the same force by half the squared length, are left out: see
-        `RowDerivatives.bending`.
+        `RowDerivatives.second_derivatives`.
         """
         nv = self.forces.mechanism.model.nv
         by_q, by_v = np.zeros((2, nv, nv))
@@ -204,7 +206,7 @@ def extrapolated(difference: Callable[[float], float], step: float, ratio: float
     return best
 
 
-class Outside:
+class ExternalWrenches:
     """Wrenches at frames, world axes, as forces in joint axes.
 
     Args:

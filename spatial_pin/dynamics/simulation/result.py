@@ -1,4 +1,4 @@
-"""A Simulation: a Motion in time, with its energies and what it took."""
+"""A Simulation: a Motion in time, with its energies and its cost."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ TOLD = ("energy_drift", "coordinates", "evaluations", "steps", "by_drivers", "jo
 
 
 class Projection(NamedTuple):
-    """What it took to take the steps of a "projected" simulation back to closed loops.
+    """The cost of closing the loops after the steps of a "projected" simulation.
 
     Attributes:
         steps: how many steps were projected.
@@ -255,7 +255,7 @@ class Energies(NamedTuple):
 
 
 class LeastExchange:
-    """The least energy that counts as exchanged: what stands still exchanges only round-off.
+    """The least energy that counts as exchanged; less is round-off.
 
     It is a part of the energy, or of that of a fall over the mechanism's size, because heights are
     known to round-off of that. The energy of a spring near its free length is a square of
@@ -281,7 +281,7 @@ class LeastExchange:
         self._pulling = EPS * (stretching + float(np.abs(efforts) @ scale))
 
     def __call__(self, *energies: float) -> float:
-        """Return it [J], given the energies [J]."""
+        """Return this least energy [J] for some energies [J]."""
         return max(SMALL * max(self._falling, *map(abs, energies)), self._pulling)
 
 

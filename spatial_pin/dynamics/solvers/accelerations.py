@@ -158,13 +158,13 @@ class MotionEquations(Loops):
             closures = limbs.kkt.closures.copy() if limbs.kkt else np.zeros(self.model.nv)
             return Solution(limbs.a.copy(), closures, limbs.error)
         state, kkt = self.state, self.kkt
-        needed = self.bodies.needed(state.q, state.v)
+        needed = self.bodies.inverse_dynamics(state.q, state.v)
         a = self.by_kkt(state.q, state.v, self.angle_reference, given, needed).copy()
         closures, error = kkt.closures.copy(), kkt.error
         # the least constraint is dense: of a large tree only where the KKT system is singular
-        is_sure = kkt.pivot >= TOLERANCES.rank if self._is_large else error <= DOUBTFUL
+        is_accurate = kkt.pivot >= TOLERANCES.rank if self._is_large else error <= DOUBTFUL
         self.check_rank(kkt.rank)
-        if is_sure:
+        if is_accurate:
             return Solution(a, closures, error)
         if is_in_kernel(self.model) and not self._is_large and kkt.pivot >= TOLERANCES.zero:
             corrected = self._corrected(a, closures, given)
@@ -180,7 +180,8 @@ class MotionEquations(Loops):
             return Solution(a, closures, error)
         self._refuse(least)
         self.undetermined = tuple(self.moving(self._still(least)))
-        return Solution(least.a, self.bodies.needed(state.q, state.v, least.a) - given, least.error)
+        closures = self.bodies.inverse_dynamics(state.q, state.v, least.a) - given
+        return Solution(least.a, closures, least.error)
 
     def by_kkt(self, q: Array, v: Array, reference: Array, given: Array, needed: Array) -> Array:
         """Return accelerations (nv,) from the KKT system; the next call overwrites them.
@@ -202,7 +203,7 @@ class MotionEquations(Loops):
         much accelerations change tells how far off they were.
         """
         state = self.state
-        missing = given + closures - self.bodies.needed(state.q, state.v, a)
+        missing = given + closures - self.bodies.inverse_dynamics(state.q, state.v, a)
         opening = self.scaled @ (a / self.scale) + self.evaluation.bias(state.q, state.v)
         (change,), (multipliers,) = self.kkt.solve(missing[None], opening[None])
         closures = closures + (multipliers @ self.scaled) / self.scale
@@ -249,7 +250,7 @@ class MotionEquations(Loops):
             SingularError: forces act on a motion without inertia, or no digit is left.
         """
         if least.pulled:
-            raise self.no_inertia(self._still(least))
+            raise self.no_inertia_error(self._still(least))
         if least.lost:
             worst = self.mechanism.coordinates[int(np.argmax(least.off / self.scale))]
             raise SingularError(
@@ -262,12 +263,14 @@ class MotionEquations(Loops):
         still = least.still / self.scale
         return still / np.abs(still).max(axis=1, keepdims=True, initial=1e-300)
 
-    def no_inertia(self, motions: Array) -> SingularError:
+    def no_inertia_error(self, motions: Array) -> SingularError:
         """Return the error for motions (k, nv) that forces work on but that have no inertia."""
-        return no_inertia(self.mechanism, self.moving(motions), self.state)
+        return no_inertia_error(self.mechanism, self.moving(motions), self.state)
 
 
-def no_inertia(mechanism: Mechanism, names: list[str], state: State | None = None) -> SingularError:
+def no_inertia_error(
+    mechanism: Mechanism, names: list[str], state: State | None = None
+) -> SingularError:
     """Return the error for forces on a motion of these coordinates that has no inertia."""
     return SingularError(
         f"mechanism {mechanism.name!r}: a motion of {', '.join(names)} has no inertia but a force "

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from spatial_pin.constraints.kernel_tree import KernelTree
 from spatial_pin.constraints.pinocchio_views import forces
-from spatial_pin.constraints.trees import is_in_kernel, related
+from spatial_pin.constraints.trees import is_in_kernel, mass_pattern
 from spatial_pin.mechanism.inertia import MassMatrix
 from spatial_pin.numerics.linalg import Array
 
 
-class WholeTree:
+class TreeDynamics:
     """A tree taken whole."""
 
     def __init__(self, model: pin.Model) -> None:
@@ -28,9 +28,9 @@ class WholeTree:
         return int(self.model.nv) ** 2
 
     @cached_property
-    def mass_at(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+    def mass_entry_indices(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
         """Rows, columns and places in `masses` of all entries that can be other than zero."""
-        rows, columns = related(self.model)
+        rows, columns = mass_pattern(self.model)
         return rows, columns, rows * self.model.nv + columns
 
     @cached_property
@@ -49,7 +49,7 @@ class WholeTree:
         """Return the mass matrix (nv, nv)."""
         return self._matrix(q)
 
-    def needed(self, q: Array, v: Array, a: Array | None = None) -> Array:
+    def inverse_dynamics(self, q: Array, v: Array, a: Array | None = None) -> Array:
         """Return M a + b (nv,), b if no accelerations are given."""
         if a is None:
             return pin.nonLinearEffects(self.model, self._data, q, v)
@@ -57,11 +57,11 @@ class WholeTree:
 
     def transmitted(self, q: Array, v: Array, a: Array) -> Array:
         """Return (njoints, 6) what joints hand on, joint axes; overwritten by the next call."""
-        self.needed(q, v, a)
+        self.inverse_dynamics(q, v, a)
         return self._transmitted
 
 
-class BodiesInKernel(WholeTree):
+class KernelTreeDynamics(TreeDynamics):
     """A large tree: memory and time grow in proportion to its size, not to its cube."""
 
     def __init__(self, model: pin.Model) -> None:
@@ -77,8 +77,8 @@ class BodiesInKernel(WholeTree):
         return len(self._entries[0])
 
     @cached_property
-    def mass_at(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
-        """Rows, columns and places, see `WholeTree`."""
+    def mass_entry_indices(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+        """Rows, columns and places, see `TreeDynamics`."""
         return both_halves(*self._entries)
 
     def masses(self, q: Array) -> Array:
@@ -94,7 +94,7 @@ class BodiesInKernel(WholeTree):
         dense[rows, columns] = dense[columns, rows] = self.masses(q)
         return dense
 
-    def needed(self, q: Array, v: Array, a: Array | None = None) -> Array:
+    def inverse_dynamics(self, q: Array, v: Array, a: Array | None = None) -> Array:
         """Return M a + b (nv,), b if no accelerations are given."""
         return self._tree.forces(q, v, a).copy()
 
@@ -113,6 +113,6 @@ def both_halves(
             np.concatenate([indices, off_diagonal]))
 
 
-def bodies_of(model: pin.Model) -> WholeTree:
+def bodies_of(model: pin.Model) -> TreeDynamics:
     """Return the bodies of a tree."""
-    return (BodiesInKernel if is_in_kernel(model) else WholeTree)(model)
+    return (KernelTreeDynamics if is_in_kernel(model) else TreeDynamics)(model)

@@ -55,7 +55,7 @@ class Equations(MotionEquations):
             laws: of springs, see `Forces`.
             slip_speed: of dry friction, see `Forces`.
         """
-        self.place(state)
+        self.move_to(state)
         own = (dict(laws or {}),
                dict(slip_speed) if isinstance(slip_speed, Mapping) else slip_speed)
         if own != self._laws:
@@ -82,7 +82,7 @@ class Equations(MotionEquations):
 
     def motion_forces(self, a: Array) -> Array:
         """Return M a + b (nv,)."""
-        return self.bodies.needed(self.state.q, self.state.v, a)
+        return self.bodies.inverse_dynamics(self.state.q, self.state.v, a)
 
     # ------------------------------------------------------------ reactions
 
@@ -146,7 +146,7 @@ class Equations(MotionEquations):
         """
         result = self.unique_in_loops(efforts)
         return result | {name: result[name] & never for name, never in
-                        self.pairs.never_coupled(self.poses()).items()}
+                        self.pairs.unaffected_by_couplings(self.poses()).items()}
 
 
 @contextmanager
