@@ -50,7 +50,7 @@ LARGE_RATIO = 100.0
 
 
 class EquationLabel(NamedTuple):
-    """The closure of an equation, and which of its equations it is."""
+    """The name of an equation's closure, and the number of the equation in it."""
 
     closure: str
     equation: int
@@ -91,12 +91,12 @@ class Constraints:
         n_closure: number of closure equations; those of `n_passive` resolved freedoms follow them.
         n_products: of them that have products; those of joint coordinates alone come last.
         n_wrenches: of `LoopEquations.row_wrenches`.
-        equations: what they are made of, and after them the passive ones.
+        equations: the compiled equations, passive ones last.
         plain: closure equations that are one product each; their numbers are its own.
         composed: those that are more, alike ones together.
         elsewhere: products that act on other bodies than the closure's first two.
-        angles: what counts turns, in the order of its angles; `n_angles` of them.
-        turns: what counts the turns of each of them.
+        angles: the `n_angles` angles that count turns.
+        turns: the joints that count the turns of each of them.
         counts_turns: whether they, or couplings, count turns of joints.
         of_joints: (k,) equations that coordinates of joints occur in as such.
         idle_axes: joint and unit axis in its frame (3,) of each resolved passive freedom.
@@ -174,7 +174,7 @@ class Constraints:
                         tuple(terms), tuple(k for k, _ in made.elsewhere))
 
     def _size(self, closure: Closure, equation: ConstraintEquation) -> float:
-        """Return what an equation of joint coordinates alone is multiplied by, else 1.
+        """Return the factor of an equation of joint coordinates alone; 1 for others.
 
         That is the size of its last coordinate. Where ratios are large, it is the one of the joint
         that moves less, to a power of two, which changes no digit of a solution: else digits would
@@ -210,7 +210,7 @@ class Constraints:
 
 
 class _EquationBuilder:
-    """The quantities of one equation, each numbered among those of its kind."""
+    """Collects the quantities of one equation, numbered by kind."""
 
     def __init__(
         self, mechanism: Mechanism, closure: Closure, products: Products, first: int, angles: int
@@ -223,7 +223,7 @@ class _EquationBuilder:
         self.elsewhere: list[tuple[int, tuple[int, int]]] = []
 
     def factor(self, quantity: Quantity) -> QuantityIndex:
-        """Return a quantity as one of those of the equation, to which it is added."""
+        """Add a quantity to the equation; return its index."""
         if isinstance(quantity, FunctionOf):
             return self.factor(quantity.argument)._replace(function=quantity.function)
         if isinstance(quantity, JointCoordinate):
@@ -284,7 +284,7 @@ def constraints_of(mechanism: Mechanism) -> Constraints:
 def composed_rates(
     c: Constraints, products: Sequence[Array], coordinates: Sequence[Array]
 ) -> Array:
-    """Return (n_closure, ...) the last of the products' derivatives, of the closure equations.
+    """Return the derivative (n_closure, ...) of the closure equations of the highest order given.
 
     Args:
         c: the equations.

@@ -1,4 +1,4 @@
-"""Closure equations that are more than one product of vectors, from what they are made of.
+"""Closure equations that are sums of terms, not one product of vectors.
 
 Screws, couplings, distances as long as others: sums of numbers times products, angles, joint
 coordinates and functions. Their values, rates, derivatives and wrenches follow from Taylor series
@@ -24,11 +24,11 @@ Ints = NDArray[np.intp]
 
 
 class QuantityIndex(NamedTuple):
-    """A quantity of an equation.
+    """The index of a quantity in an equation, and a function of the quantity.
 
     Attributes:
         kind: "product", "coordinate" or "angle".
-        at: which of the equation's.
+        at: index among the equation's quantities of this kind.
         function: of it, or None for itself.
     """
 
@@ -61,7 +61,7 @@ class Equation(NamedTuple):
 
     @property
     def form(self) -> tuple[object, ...]:
-        """What equations that are evaluated together have in common."""
+        """Key of equations that can be evaluated together."""
         return (len(self.products), len(self.coordinates), tuple(sine for _, sine in self.angles),
                 tuple(factors for _, factors in self.terms), self.elsewhere)
 
@@ -72,7 +72,7 @@ class Composed:
 
     Attributes:
         rows: (m,) numbers among all equations.
-        equations: (m,) what they are made of.
+        equations: (m,) the compiled equations.
     """
 
     rows: Ints
@@ -80,7 +80,7 @@ class Composed:
 
     @staticmethod
     def of(equations: Sequence[Equation]) -> list[Composed]:
-        """Return those of equations that are composed, alike ones together."""
+        """Return the composed ones of some equations, grouped by form."""
         alike: dict[tuple[object, ...], list[int]] = {}
         for at, equation in enumerate(equations):
             if equation.terms:

@@ -23,7 +23,7 @@ SYMMETRIC = np.array([4, 5, 7, 5, 6, 8, 7, 8, 9])  # places of a (3, 3) inertia 
 
 
 class TreePlacements:
-    """Placements (njoints, 4, 3) as `pin.Data.oMi` has them, each made when it is asked for."""
+    """Placements (njoints, 4, 3) as `pin.Data.oMi` has them, each made at its first use."""
 
     def __init__(self, placements: Array) -> None:
         self._placements = placements
@@ -139,7 +139,7 @@ class KernelTree:
         self._in_joint_axes(felt, self.accelerations)
 
     def _evaluate(self, q: Array, v: Array | None, a: Array | None, **outputs: Array) -> None:
-        """Evaluate a motion; a None: no acceleration; v None: where the tree stands."""
+        """Evaluate a motion; a None: no acceleration; v None: placements only."""
         self._q[:], task = q, _TreeTask(**self._at)
         if v is None:
             task.v = None
@@ -186,7 +186,7 @@ class KernelTree:
         return self._tau
 
     def transmitted(self, q: Array, v: Array, a: Array) -> Array:
-        """Return (njoints, 6) what joints hand on, joint axes, as `pin.Data.f` has it."""
+        """Return the forces (njoints, 6) through the joints, joint axes, as in `pin.Data.f`."""
         self._take_masses()
         wrench = self._moving[0]
         self._evaluate(q, v, a, tau=self._tau, wrench=wrench)
@@ -255,7 +255,7 @@ class KernelTree:
 
         Args:
             force: (nv,) joint forces, those of `eliminate`.
-            off: (nv,) what they may be off by.
+            off: (nv,) their largest errors.
             a: the accelerations.
 
         Returns:

@@ -41,7 +41,7 @@ def is_large(model: pin.Model) -> bool:
 
 
 class Tree:
-    """Where the bodies of a small tree are and how they move, read in the memory of a `pin.Data`.
+    """Kinematics of a small tree, as views on the memory of a `pin.Data`.
 
     Attributes:
         data: Pinocchio's.
@@ -69,7 +69,7 @@ class Tree:
 
 
 def tree_of(model: pin.Model) -> Tree | KernelTree:
-    """Return what places and moves the bodies of a tree."""
+    """Return the kinematics of a tree, by Pinocchio or by the kernel."""
     return KernelTree(model) if is_in_kernel(model) else Tree(model)
 
 
@@ -124,7 +124,7 @@ def _subtree(whole: pin.Model, joints: list[int]) -> Subtree:
 
 
 def mass_pattern(model: pin.Model) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return (rows, columns) of freedoms of which one carries the other."""
+    """Return (rows, columns) of the entries of the mass matrix that can be other than zero."""
     related = np.zeros((model.nv, model.nv), dtype=bool)
     for i in range(1, model.njoints):
         own = slice(model.idx_vs[i], model.idx_vs[i] + model.nvs[i])

@@ -51,7 +51,7 @@ class Bushing(NamedTuple):
                    bushing_matrix(spring.damping), np.array(spring.preload or np.zeros(6), float))
 
     def pose(self, placements: Array) -> tuple[Array, pin.SE3, pin.SE3]:
-        """Return x (6,) and where its frames are, given (njoints, 4, 3) placements of joints."""
+        """Return x (6,) and the placements of its frames, from (njoints, 4, 3) those of joints."""
         first, second = (pin.SE3(placements[i, :3].T, placements[i, 3]) * m
                          for i, m in zip(self.bodies, self.placements, strict=True))
         between = first.actInv(second)
@@ -95,15 +95,15 @@ class Bushing(NamedTuple):
         return a, b
 
     def force_derivatives(self, values: Array, by_q: Array) -> tuple[Array, Array, Array]:
-        """Return how its forces change with the motion.
+        """Return the derivatives of its forces.
 
         Args:
             values: (2, 12) its products and their rates.
             by_q: (2, 12, nv) their derivatives by q.
 
         Returns:
-            (12,) forces by the products, kept as strong when these bend; (nv, nv) derivatives of
-            the joint forces by q without that, and by v.
+            (12,) forces by the products; (nv, nv) derivatives of the joint forces by q at constant
+            forces by the products, and by v.
         """
         x, slopes, bent = self._functions(values[0])
         rows = slopes @ by_q[0]  # (6, nv)

@@ -1,4 +1,4 @@
-"""Poses at rest: where springs, weights and forces balance, and whether a mechanism stays there."""
+"""Poses at rest, where springs, weights and forces balance, and their stability."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ Guess = Mapping[str, Any] | State | Array | None
 
 
 class Equilibrium(Dynamics):
-    """A pose at rest, the forces there, and how stiff it is.
+    """A pose at rest, with its reactions and stiffness.
 
     Attributes:
         state: the State; it moves and is accelerated where coordinates have a constant speed.
@@ -187,13 +187,13 @@ class Equilibria(Tabular, list[Equilibrium]):
     def __str__(self) -> str:
         lines = [f"{len(self)} poses at rest from {self.starts} starts, {self.reached} of which "
                  f"reached one{'' if self.is_whole else '; cut short'}"]
-        lines += [f"  {k}: {found!r}, energy {found.energy:.9g} J, reached {n} times"
-                  for k, (found, n) in enumerate(zip(self, self.counts, strict=True), start=1)]
+        lines += [f"  {k}: {pose!r}, energy {pose.energy:.9g} J, reached {n} times"
+                  for k, (pose, n) in enumerate(zip(self, self.counts, strict=True), start=1)]
         return "\n".join([*lines, f"about {self.missing:.0f} more must be expected"])
 
 
 class Stability(NamedTuple):
-    """How a pose at rest answers a small push.
+    """The stability of a pose at rest.
 
     Attributes:
         stable: True, False or None, see `Equilibrium`.
@@ -331,33 +331,33 @@ def equilibria(
     hold = hold if hold is None or isinstance(hold, str) else tuple(hold)
     acting = (hold, speeds, efforts, external, laws)
     AppliedLoads(exact_mechanism(state), *acting)  # a wrong name is an error before anything starts
-    found: list[Equilibrium] = []
+    poses: list[Equilibrium] = []
     counts: list[int] = []
     jobs = [(state, acting, names, setting, seed, k) for k in range(starts)]
     try:
         for one in in_order(executor, _from_start, jobs):
             if one is None:
                 continue
-            same = [k for k, other in enumerate(found) if _are_one(one, other)]
+            same = [k for k, other in enumerate(poses) if _are_one(one, other)]
             if same:
                 counts[same[0]] += 1
             else:
-                found.append(one)
+                poses.append(one)
                 counts.append(1)
     except KeyboardInterrupt:
-        raise Interrupted(None, _sorted(found, counts, starts, False)) from None
-    if not found:
+        raise Interrupted(None, _sorted(poses, counts, starts, False)) from None
+    if not poses:
         equilibrium(mechanism, state, hold=hold, speeds=speeds, efforts=efforts,
                     external=external, laws=laws, accuracy=setting)  # which says why
-    return _sorted(found, counts, starts, True)
+    return _sorted(poses, counts, starts, True)
 
 
 def _sorted(
-    found: Sequence[Equilibrium], counts: Sequence[int], starts: int, is_whole: bool
+    poses: Sequence[Equilibrium], counts: Sequence[int], starts: int, is_whole: bool
 ) -> Equilibria:
-    order = sorted(range(len(found)), key=lambda k: (
-        round(found[k].energy, 9), *np.round(found[k].state.q, 6).tolist()))
-    return Equilibria([found[k] for k in order], starts=starts,
+    order = sorted(range(len(poses)), key=lambda k: (
+        round(poses[k].energy, 9), *np.round(poses[k].state.q, 6).tolist()))
+    return Equilibria([poses[k] for k in order], starts=starts,
                       counts=[counts[k] for k in order], is_whole=is_whole)
 
 
@@ -365,7 +365,7 @@ def _from_start(
     state: State, acting: tuple[Any, ...], names: Sequence[str] | None, accuracy: Accuracy,
     seed: int, k: int,
 ) -> Equilibrium | None:
-    """Return where the k-th start leads: every second one down, the others to the nearest."""
+    """Return the pose at rest from start k: every second one descends, others go to the nearest."""
     mechanism = state.mechanism
     loads = AppliedLoads(mechanism, *acting)
     try:
@@ -386,7 +386,7 @@ def _from_start(
 
 
 def refuse_momentary_rest(at: SmallMotions) -> None:
-    """Refuse a pose that is at rest for a moment only, as what has a constant speed goes on.
+    """Refuse a pose that is at rest for a moment only, because a shaft turns on.
 
     At rest relative to it nothing is accelerated, and the balance of forces does not change along
     the motion.
@@ -425,7 +425,7 @@ def _are_one(one: Equilibrium, other: Equilibrium) -> bool:
 def rest_pose(
     loads: AppliedLoads, state: State, stable: bool | None, accuracy: Accuracy
 ) -> tuple[SmallMotions, Stability]:
-    """Return where a mechanism comes to rest from a state, and how that answers a push.
+    """Return the pose at rest that a mechanism reaches from a state, and its stability.
 
     Raises:
         SpatialPinError: something falls without end.
@@ -453,7 +453,7 @@ def rest_pose(
 
 
 def _newton_step(at: SmallMotions, descends: bool) -> Array:
-    """Return a step (nv,), scaled, to where the forces balance; downhill if that is wanted."""
+    """Return a Newton step (nv,), scaled, to balanced forces; a descent step if wanted."""
     reduced = at.orthonormal
     forces, terms = reduced.sizes
     if not len(forces):
@@ -477,7 +477,7 @@ def _newton_step(at: SmallMotions, descends: bool) -> Array:
 def _taken(
     at: SmallMotions, state: State, step: Array, descends: bool, accuracy: Accuracy
 ) -> State:
-    """Return the state that a step leads to, halved until loops close and nothing rises."""
+    """Return the state after a step, halved until loops close and a descent does not overshoot."""
     scale, part = at.loads.mechanism.velocity_scale, 1.0
     slope = -float(at.wanted @ (scale * step))
     while part > SHORTEST_DESCENT:
@@ -505,25 +505,25 @@ def _slope(loads: AppliedLoads, state: State, step: Array) -> float:
 def displaced_state(
     loads: AppliedLoads, state: State, step: Array, accuracy: Accuracy
 ) -> State | None:
-    """Return the closed state a step (nv,), scaled, away; None where loops do not close."""
+    """Return the closed state after a step (nv,), scaled; None if the loops do not close."""
     mechanism = loads.mechanism
     q = pin.integrate(mechanism.model, state.q, mechanism.velocity_scale * step)
     free = np.ones(len(step), dtype=bool)
     free[list(loads.entries)] = False
     pinned = {c.name: coordinate_value(mechanism, c, state.q) for c in loads.components}
-    found = closed(mechanism, q, free, state.angles, accuracy.tolerance, pinned=pinned)
-    if not found.error <= max(accuracy.tolerance, TOLERANCES.closed):
+    result = closed(mechanism, q, free, state.angles, accuracy.tolerance, pinned=pinned)
+    if not result.error <= max(accuracy.tolerance, TOLERANCES.closed):
         return None
     with loops_of(mechanism, state.angles) as loops:
-        loops.update(found.q, with_jacobian=False)
-        return State(mechanism, found.q, closure_error=found.error, angles=loops.angles.copy())
+        loops.update(result.q, with_jacobian=False)
+        return State(mechanism, result.q, closure_error=result.error, angles=loops.angles.copy())
 
 
 # ---------------------------------------------------------------- the verdict
 
 
 def stability_of(at: SmallMotions) -> Stability:
-    """Return how a pose at rest answers a small push."""
+    """Return the stability of a pose at rest."""
     passive, idle = at.idle()
     free, scale = at.without_idle(idle), at.loads.mechanism.velocity_scale
     reduced = at.reduced(free * scale)
@@ -571,7 +571,7 @@ def vibrations(
 def independent_motions(
     at: SmallMotions, free: Array, chosen: Sequence[str] | None
 ) -> tuple[list[str], list[int], Array]:
-    """Return coordinates that determine all motions, and what each moves.
+    """Return independent coordinates, and the motion per unit of each.
 
     Args:
         at: the pose.
@@ -606,7 +606,7 @@ def independent_motions(
 
 
 def velocity_entry(mechanism: Mechanism, name: str) -> int:
-    """Return the place in the velocity vector of a driver, a coordinate, or one of a ball's."""
+    """Return the index in the velocity vector of a driver or coordinate."""
     names = list(mechanism.coordinates)
     return names.index(name) if name in names else mechanism.driven_coordinate(name).v
 
@@ -619,7 +619,7 @@ def _moving(names: Sequence[str], entries: Sequence[int], motions: Array) -> lis
 
 
 def _fall_words(loads: AppliedLoads, gone: Array, step: Array) -> str:
-    """Say what falls without end, and what would hold it."""
+    """Return the coordinates that move without end, and a remedy, as text."""
     mechanism = loads.mechanism
     largest = np.abs(step).max(initial=0.0)
     moving = [name for name, x, y in zip(mechanism.coordinates, step, gone, strict=True)

@@ -113,11 +113,11 @@ class EquilibriumPath(Motion):
             >>> list(path.quantities())[-2:]
             ['load factor', 'stable']
         """
-        found = super().quantities(outputs)
+        columns = super().quantities(outputs)
         if outputs is None:
-            found |= {"load factor": Quantity(self.load_factor, "-"),
+            columns |= {"load factor": Quantity(self.load_factor, "-"),
                       "stable": Quantity(self.stable)}
-        return found
+        return columns
 
 
 class LoadPoint(NamedTuple):
@@ -172,7 +172,7 @@ class LoadPath:
         self.unit = span or 1.0  # factor that counts as much as a rad or a characteristic length
 
     def loads(self, factor: float) -> AppliedLoads:
-        """Return what acts at a load factor."""
+        """Return the loads at a load factor."""
         return AppliedLoads(
             self.mechanism, self.hold, None,
             {name: factor * x for name, x in self._efforts.items()},
@@ -202,8 +202,8 @@ class LoadPath:
         matrix, freedoms = self._bordered(at, along)
         rhs = np.zeros(len(matrix))
         rhs[-1] = 1.0
-        found = _solved(matrix, rhs)
-        tangent = np.append(found[:-1] @ freedoms, found[-1])
+        direction = _solved(matrix, rhs)
+        tangent = np.append(direction[:-1] @ freedoms, direction[-1])
         reduced = at.orthonormal
         values, modes = np.linalg.eigh(0.5 * (reduced.stiffness + reduced.stiffness.T))
         return LoadPoint(at.state, factor, tangent / np.linalg.norm(tangent), values,
@@ -223,7 +223,7 @@ class LoadPath:
     def corrected(
         self, start: LoadPoint, row: Array, target: float, along: Array
     ) -> LoadPoint | None:
-        """Return the pose at rest where a linear function of the way from a point has a value.
+        """Return the pose at rest where a linear function of the displacement has a value.
 
         Args:
             start: the point.
@@ -235,19 +235,19 @@ class LoadPath:
             None where the loops do not close, or forces do not balance near the start.
         """
         state, factor, step = start.state, start.factor, along * target / float(row @ along)
-        way, length = np.zeros(len(row)), np.inf
+        displacement, length = np.zeros(len(row)), np.inf
         for k in range(POSE_CORRECTIONS):
             there = displaced_state(self._unloaded, state, step[:-1], self.accuracy)
             if there is None:
                 return None
-            way[:-1] += turn_free_difference(self.mechanism, state.q, there.q)
-            way[-1] += step[-1]
-            state, factor = there, start.factor + self.unit * float(way[-1])
+            displacement[:-1] += turn_free_difference(self.mechanism, state.q, there.q)
+            displacement[-1] += step[-1]
+            state, factor = there, start.factor + self.unit * float(displacement[-1])
             at = SmallMotions(self.loads(factor), state)
             matrix, freedoms = self._bordered(at, row)
-            found = _solved(matrix, np.append(
-                at.orthonormal.load / (at.size or 1.0), target - float(row @ way)))
-            step = np.append(found[:-1] @ freedoms, found[-1])
+            solution = _solved(matrix, np.append(
+                at.orthonormal.load / (at.size or 1.0), target - float(row @ displacement)))
+            step = np.append(solution[:-1] @ freedoms, solution[-1])
             before, length = length, float(np.abs(step).max())
             if length <= POSE_EXACT or (before <= POSE_NEARLY and length >= 0.5 * before):
                 return self._point(at, factor, row if np.any(row[:-1]) else along, k + 1)
@@ -303,8 +303,8 @@ class LoadPath:
             + before.tangent[-1] * (after.factor - before.factor) / self.unit)
 
         def at(part: float) -> LoadPoint:
-            found = self.corrected(before, before.tangent, part * whole, before.tangent)
-            return after if found is None else found
+            point = self.corrected(before, before.tangent, part * whole, before.tangent)
+            return after if point is None else point
 
         def value(point: LoadPoint) -> float:
             return float(point.tangent[-1] if turns else point.stiffnesses[which])
@@ -319,7 +319,7 @@ class LoadPath:
 
 
 def _solved(matrix: Array, rhs: Array) -> Array:
-    """Return the least solution: idle rotations have no stiffness, and stay."""
+    """Return the minimum-norm solution: idle rotations have no stiffness, and do not move."""
     return decompose(matrix, NEUTRAL).minimum_norm(rhs)
 
 
@@ -422,7 +422,7 @@ def _along(
 def _over(
     path: LoadPath, state: State, over: str, values: Array
 ) -> tuple[list[LoadPoint], list[Event]]:
-    """Return the poses at which a coordinate has values, and what was met between them."""
+    """Return the poses at which a coordinate has values, and the events between them."""
     mechanism = path.mechanism
     coordinate = mechanism.driven_coordinate(over)
     held = assembled(mechanism, {over: float(values[0])}, state)
@@ -441,8 +441,8 @@ def _over(
     for value in values[1:].tolist():
         point, parts = points[-1], 1.0
         while abs(value - float(point.state.q[coordinate.q])) > TOLERANCES.tight * size:
-            way = (value - float(point.state.q[coordinate.q])) / size
-            step = parts * np.sign(way) * min(abs(way), LARGEST_LENGTH)
+            distance = (value - float(point.state.q[coordinate.q])) / size
+            step = parts * np.sign(distance) * min(abs(distance), LARGEST_LENGTH)
             there = path.corrected(point, row, step, point.tangent / point.tangent[entry])
             if there is None:
                 parts *= 0.5
@@ -472,26 +472,28 @@ def _motion(
     if over is None:
         ways = [np.linalg.norm(turn_free_difference(mechanism, x.state.q, y.state.q))
                 for x, y in pairwise(points)]
-        place = np.append(0.0, np.cumsum(np.maximum(ways, 1e-12)))
+        abscissa = np.append(0.0, np.cumsum(np.maximum(ways, 1e-12)))
         driver, name, per = None, "", "sample"
     else:
         coordinate = mechanism.driven_coordinate(over)
-        driver = place = q[:, coordinate.q]
+        driver = abscissa = q[:, coordinate.q]
         name, per = over, coordinate.unit
         tangents = tangents / tangents[:, [coordinate.v]]
-    rising = len(place) > 1 and (np.all(np.diff(place) > 0.0) or np.all(np.diff(place) < 0.0))
-    sense = 1.0 if not rising or place[-1] > place[0] else -1.0
-    a = np.array(CubicSpline(sense * place, sense * tangents)(sense * place, 1)) if rising else (
-        np.zeros_like(tangents))
+    steps = np.diff(abscissa)
+    rising = len(abscissa) > 1 and (np.all(steps > 0.0) or np.all(steps < 0.0))
+    sense = 1.0 if not rising or abscissa[-1] > abscissa[0] else -1.0
+    a = np.zeros_like(tangents)
+    if rising:
+        a = np.array(CubicSpline(sense * abscissa, sense * tangents)(sense * abscissa, 1))
     factor = np.array([x.factor for x in points])
-    found = EquilibriumPath(
+    motion = EquilibriumPath(
         mechanism, driver, name, None, q, tangents, a,
         np.array([x.state.closure_error for x in points]), np.ones(len(points)), events,
         np.array([x.state.angles for x in points]), per, (),
         factor, np.array([x.negatives == 0 for x in points]))
-    passed = [p.event for p in joint_limits_passed(found)]
+    passed = [p.event for p in joint_limits_passed(motion)]
     rows = np.arange(len(points), dtype=float)
-    found.events = sorted([*events, *(
+    motion.events = sorted([*events, *(
         e._replace(value=float(np.interp(e.value if over is None else e.row, rows, factor)))
         for e in passed)], key=lambda e: e.row)
-    return found
+    return motion

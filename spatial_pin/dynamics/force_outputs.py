@@ -53,8 +53,8 @@ def quantities(
     loads: Kinetostatics, outputs: str | Iterable[str] | None = None
 ) -> dict[str, Quantity]:
     """Return time, driver, and outputs or all forces; see `Kinetostatics.quantities`."""
-    asked = names(loads) if outputs is None else names_of(outputs, "outputs")
-    return {**abscissas(loads.motion), **named(output(loads, name) for name in asked)}
+    chosen = names(loads) if outputs is None else names_of(outputs, "outputs")
+    return {**abscissas(loads.motion), **named(output(loads, name) for name in chosen)}
 
 
 class NamedOutputs:

@@ -1,4 +1,4 @@
-"""Forces that are given: springs and dampers, efforts at joints, wrenches from outside.
+"""Applied forces: springs and dampers, efforts at joints, external wrenches.
 
 A spring between two frames acts along the line between their origins with the wrench of a distance
 row, one about a joint on its coordinate.
@@ -54,7 +54,7 @@ class JointSpring(NamedTuple):
 
 
 class SpringState(NamedTuple):
-    """A spring at one moment.
+    """Length, rate and force of a spring at a state.
 
     Attributes:
         length: distance of its frames [m], or its joint's coordinate [rad, m].
@@ -68,7 +68,7 @@ class SpringState(NamedTuple):
 
 
 class Forces:
-    """The springs of a mechanism and what resists at its joints, ready to be evaluated.
+    """The springs of a mechanism, and damping and friction of its joints.
 
     Args:
         mechanism: the mechanism.
@@ -136,19 +136,19 @@ class Forces:
 
     def _on_bodies(self, evaluation: LoopEquations, v: Array) -> list[tuple[int, Array]]:
         """Return (joint, wrench (6,) on its body about the world's origin) of bushings."""
-        found = []
+        wrenches = []
         for bushing in self.bushings:
             twists = np.array([evaluation.body_jacobian(i) @ v for i in bushing.bodies])
             wrench = bushing.wrench(evaluation.placements, twists)
-            found += [(bushing.bodies[0], -wrench), (bushing.bodies[1], wrench)]
-        return found
+            wrenches += [(bushing.bodies[0], -wrench), (bushing.bodies[1], wrench)]
+        return wrenches
 
     def of_bushings(self, evaluation: LoopEquations, v: Array) -> Array:
         """Return the generalised forces (nv,) of bushings, after `evaluation.update(q)`."""
         return generalised(evaluation, self._on_bodies(evaluation, v))
 
     def turning(self, q: Array, v: Array) -> Array:
-        """Return the generalised forces (nv,) of springs about joints, and of resistance."""
+        """Return the generalised forces (nv,) of joint springs, damping and friction."""
         total = self.resistance.forces(v) if self.resistance else np.zeros(len(v))
         for turn in self.turns:
             total[turn.v] -= turn.law(float(q[turn.q]), float(v[turn.v]))
@@ -156,27 +156,27 @@ class Forces:
 
     def states(self, evaluation: LoopEquations, q: Array, v: Array) -> dict[str, SpringState]:
         """Return every spring at (q, v), after `evaluation.update(q)`."""
-        found = {}
+        by_name = {}
         for line in self.lines:
             row, length, _ = self.row(evaluation, line)
             rate = float(row @ v)
-            found[line.name] = SpringState(length, rate, line.law(length, rate))
+            by_name[line.name] = SpringState(length, rate, line.law(length, rate))
         for turn in self.turns:
             x, rate = float(q[turn.q]), float(v[turn.v])
-            found[turn.name] = SpringState(x, rate, turn.law(x, rate))
-        return found
+            by_name[turn.name] = SpringState(x, rate, turn.law(x, rate))
+        return by_name
 
     def wrenches(self, evaluation: LoopEquations, v: Array) -> list[tuple[int, Array]]:
         """Return (joint, wrench (6,) on its body about the world origin) of springs on frames."""
-        found = self._on_bodies(evaluation, v)
+        on_bodies = self._on_bodies(evaluation, v)
         for line in self.lines:
             row, length, wrench = self.row(evaluation, line)
             force = line.law(length, float(row @ v))
-            found += [(line.bodies[0], force * wrench), (line.bodies[1], -force * wrench)]
-        return found
+            on_bodies += [(line.bodies[0], force * wrench), (line.bodies[1], -force * wrench)]
+        return on_bodies
 
     def stored_power(self, evaluation: LoopEquations, q: Array, v: Array) -> float:
-        """Return how fast springs store energy [W]; those with a law of their own store none."""
+        """Return the power that springs store [W]; springs with a law store none."""
         total = 0.0
         for line in self.lines:
             if line.stored_power:
@@ -188,7 +188,7 @@ class Forces:
         return total
 
     def energy(self, evaluation: LoopEquations, q: Array) -> float:
-        """Return the energy stored in springs [J]; those with a law of their own store none."""
+        """Return the energy stored in springs [J]; springs with a law store none."""
         total = sum(bushing.energy(evaluation.placements) for bushing in self.bushings)
         for line in self.lines:
             if line.energy:
@@ -201,7 +201,7 @@ class Forces:
     def line_between(self, first: Array, second: Array) -> tuple[float, Array]:
         """Return the distance of two points (3,) and the unit vector from the first to the second.
 
-        Both are zero of points that coincide, as far as round-off lets one know.
+        Both are zero if the points coincide within round-off.
         """
         d = second - first
         length = float(np.sqrt(d @ d))
@@ -210,7 +210,7 @@ class Forces:
         return length, d / length
 
     def round_off_of(self, point: Array) -> float:
-        """Return the round-off of a place [m]."""
+        """Return the round-off of a point's position [m]."""
         size = self.mechanism.characteristic_length + float(np.abs(point).max())
         return TOLERANCES.last_digit * size
 
@@ -230,7 +230,7 @@ def warn_of_no_inertia(
 ) -> None:
     """Warn where forces work on a mechanism none of whose links has any inertia.
 
-    Not where forces from outside are given: then what they need is the question.
+    Not with external forces: then the efforts that they need are of interest.
 
     Args:
         mechanism: the mechanism.
@@ -277,7 +277,7 @@ def external_wrenches(
         SpatialPinError: it is no `pin.Force`.
         ValueError: it is not finite.
     """
-    found = []
+    wrenches = []
     for name, force in (external or {}).items():
         joint, placement = mechanism.centred_frame(name)
         if not isinstance(force, pin.Force):
@@ -288,8 +288,8 @@ def external_wrenches(
         point = np.append(placement.translation, 1.0) @ evaluation.placements[joint]
         (x, y, z), (fx, fy, fz) = point.tolist(), force.linear.tolist()  # np.cross takes 40 us
         moment = force.angular + np.array([y * fz - z * fy, z * fx - x * fz, x * fy - y * fx])
-        found.append((joint, np.concatenate([force.linear, moment])))
-    return found
+        wrenches.append((joint, np.concatenate([force.linear, moment])))
+    return wrenches
 
 
 def generalised(evaluation: LoopEquations, wrenches: list[tuple[int, Array]]) -> Array:

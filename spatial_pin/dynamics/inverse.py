@@ -128,7 +128,7 @@ class Efforts(Dynamics):
 
     @cached_property
     def _internal_efforts(self) -> Array:
-        """(k, n) efforts of the actuators that move nothing, of length 1."""
+        """(k, n) efforts of the actuators that balance each other, of length 1."""
         with self._equations() as equations:
             return internal_efforts(equations, self._actuation)
 
@@ -224,7 +224,7 @@ def inverse_dynamics(
 
 
 def balance(equations: Equations, actuation: Actuation) -> tuple[Array, Array, Array]:
-    """Return efforts (k,), accelerations (nv,), and the joint forces (nv,) closures must bear.
+    """Return efforts (k,), accelerations (nv,), and joint forces (nv,) of the closures.
 
     Along every freedom N of the closed loops, N^T (M a + b - f - E x) = 0. The accelerations are
     those of the equations' state but for passive freedoms.
@@ -240,16 +240,16 @@ def balance(equations: Equations, actuation: Actuation) -> tuple[Array, Array, A
         pull = freedoms[:, actuation.columns]
         size = np.where(actuation.shared, np.abs(pull).max(axis=0, initial=0.0), 1.0)
         spare = decompose((pull / np.where(size > 0.0, size, 1.0)).T).null_space @ freedoms
-        found = passive_freedoms(
+        passives = passive_freedoms(
             equations.evaluation, spare * scale, actuation.coordinates) if len(spare) else []
-        found = [(joint, motions / scale) for joint, motions in found]  # that move one link only
-        if len(spare) != sum(len(motions) for _, motions in found):
-            passive = np.vstack([spare[:0], *(motions for _, motions in found)])
+        single_link: list[tuple[str, Array]] = [(joint, x / scale) for joint, x in passives]
+        if len(spare) != sum(len(motions) for _, motions in single_link):
+            passive = np.vstack([spare[:0], *(motions for _, motions in single_link)])
             active = decompose(passive @ spare.T).null_space @ spare
             raise SpatialPinError(f"mechanism {equations.mechanism.name!r}: "
                                   + _unactuated_words(equations, actuation, active, size))
-        if found:
-            idle = _idle_rotations(equations, found)
+        if single_link:
+            idle = _idle_rotations(equations, single_link)
             a = _unactuated_accelerations(equations, actuation, spare, idle)
     wanted = equations.motion_forces(a) - equations.given
     efforts = wanted[actuation.columns]
@@ -262,15 +262,15 @@ def balance(equations: Equations, actuation: Actuation) -> tuple[Array, Array, A
 
 
 def internal_efforts(equations: Equations, actuation: Actuation) -> Array:
-    """Return efforts (m, k), orthonormal, that actuators can have without moving anything."""
+    """Return orthonormal efforts (m, k) of the actuators that balance each other."""
     shared = actuation.shared
     if np.count_nonzero(shared) < 2:
         return np.zeros((0, len(shared)))
     work = _freedoms(equations, actuation)[0] * equations.scale
     efforts = decompose(work[:, actuation.columns[shared]]).null_space
-    found = np.zeros((len(efforts), len(shared)))
-    found[:, shared] = efforts
-    return found
+    widened = np.zeros((len(efforts), len(shared)))
+    widened[:, shared] = efforts
+    return widened
 
 
 def _freedoms(equations: Equations, actuation: Actuation) -> tuple[Array, int]:
@@ -301,11 +301,11 @@ def _unactuated_words(
         drivers = {c.v: name for name, c in driver_coordinates(mechanism).items() if c.q >= 0}
         driven, n = np.array([*drivers], int), len(others)
         first = driven[common_rows(others.T[driven][None], np.zeros((0, n)), n)]  # drivers first
-        left = others.T @ decompose(others.T[first].reshape(-1, n)).null_space.T
+        remaining = others.T @ decompose(others.T[first].reshape(-1, n)).null_space.T
         own = np.array([c.v for c in mechanism.coordinate_table.values() if c.q >= 0], int)
-        rest = own[independent_rows(left[own])]  # then where motors can act
-        if len(rest) < left.shape[1]:
-            rest = independent_rows(left)
+        rest = own[independent_rows(remaining[own])]  # then where motors can act
+        if len(rest) < remaining.shape[1]:
+            rest = independent_rows(remaining)
         chosen = [*(drivers[v] for v in first.tolist()), *(mechanism.coordinates[v] for v in rest)]
         moving = ", ".join(equations.moving(others))
         given = [name for name in actuation.names if mechanism.coordinate(name).q >= 0]
@@ -323,13 +323,13 @@ def _unactuated_words(
 
 
 def _floating(mechanism: Mechanism, names: Iterable[str]) -> list[str]:
-    """Return the free bases that some coordinates are of."""
+    """Return the free bases among the joints of some coordinates."""
     moving = {mechanism.coordinate(name).joint for name in names}
     return [joint for joint in untied(mechanism) if joint in moving]
 
 
 def _base_hint(mechanism: Mechanism, joint: str) -> str:
-    """Say what can be done about a free base, which no motor acts on."""
+    """Return a remedy for a free base, on which no motor acts, as text."""
     at, ground = mechanism.joint_id(joint), mechanism.links[0]
     link = next((f.name for f in mechanism.model.frames
                  if f.parentJoint == at and f.type == pin.FrameType.BODY), joint)
@@ -346,9 +346,9 @@ def _bear_motors(equations: Equations, names: Iterable[str]) -> bool:
 def _unactuated_accelerations(
     equations: Equations, actuation: Actuation, spare: Array, idle: Array
 ) -> Array:
-    """Return the accelerations (nv,), idle rotations (m, nv) of the freedoms (k, nv) as forces say.
+    """Return accelerations (nv,) with those of idle rotations (m, nv) determined by forces.
 
-    In motion so do all passive freedoms. At rest none can bear a load.
+    In motion forces determine all passive freedoms (k, nv). At rest none can bear a load.
 
     Raises:
         SpatialPinError: something works on freedoms that are not passive, or at rest.
@@ -378,14 +378,14 @@ def _unactuated_accelerations(
         f"a force or inertia works on {', '.join(loaded)}; {'; '.join(remedies)}")
 
 
-def _idle_rotations(equations: Equations, found: list[tuple[str, Array]]) -> Array:
+def _idle_rotations(equations: Equations, single_link: list[tuple[str, Array]]) -> Array:
     """Return the idle rotations (k, nv) among motions of one link, by joint.
 
     They turn a link of a loop and move no centre of mass.
     """
     evaluation, mechanism, scale = equations.evaluation, equations.mechanism, equations.scale
     idle = [np.zeros((0, len(scale)))]
-    for joint, motions in found:
+    for joint, motions in single_link:
         if is_in_loop(mechanism, joint):
             heavy, levers = equations.bodies.centres
             columns = joint_jacobian(evaluation.data, len(scale))
@@ -401,7 +401,7 @@ def _idle_rotations(equations: Equations, found: list[tuple[str, Array]]) -> Arr
 
 
 def _loaded(equations: Equations, spare: Array, idle: Array, a: Array) -> list[str]:
-    """Return the coordinates of freedoms (k, nv), scaled, that are not driven but loaded.
+    """Return the coordinates of undriven freedoms (k, nv), scaled, that carry a load.
 
     Weights, springs, forces from outside and the accelerations a (nv,) that are given: an end link
     would fall under them. Of idle rotations (m, nv), whose accelerations are free, springs and
@@ -423,7 +423,7 @@ def _loaded(equations: Equations, spare: Array, idle: Array, a: Array) -> list[s
 
 
 def _with_idle_rotations(equations: Equations, idle: Array, a: Array) -> Array:
-    """Return the accelerations (nv,) with idle rotations (k, nv) moving as forces say."""
+    """Return accelerations (nv,) with those of idle rotations (k, nv) determined by forces."""
     work = idle * equations.scale
     mass = equations.mass()
     wanted = equations.motion_forces(a) - equations.given

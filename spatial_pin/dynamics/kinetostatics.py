@@ -35,7 +35,7 @@ External = Mapping[str, pin.Force] | Callable[[State], Mapping[str, pin.Force]]
 
 
 class _Loads(NamedTuple):
-    """What a Kinetostatics holds; a tuple can have no other base than this."""
+    """The fields of a Kinetostatics; a named tuple allows no other base class."""
 
     motion: Motion
     a: Array
@@ -148,13 +148,13 @@ class Kinetostatics(_Loads, Tabular):
 
     def _largest(self, name: str, wrench: Array) -> str:
         """Return the largest force and moment (N, 6) of a pair, as a line."""
-        found, parts = [], wrench.reshape(-1, 2, 3)
+        texts, parts = [], wrench.reshape(-1, 2, 3)
         for sizes, unit, mark in zip(np.linalg.norm(parts, axis=2).T, ("N", "N·m"),
                                      self.marks(name), strict=True):
             size = tidy(sizes.max(initial=0.0), self.on_ground) if len(sizes) else "0"
             at = f" {where(self.motion, int(sizes.argmax()))}" if size != "0" else ""
-            found.append(f"{size} {unit}{mark}{at}")
-        return f"  {name}: {', '.join(found)}"
+            texts.append(f"{size} {unit}{mark}{at}")
+        return f"  {name}: {', '.join(texts)}"
 
     def why_not_unique(self) -> list[str]:
         """Return why some reactions are not unique.
@@ -194,7 +194,7 @@ class Kinetostatics(_Loads, Tabular):
 
 
 class _StoredSamples:
-    """What is kept of every sample until reactions are worked out for all of them together."""
+    """Solved samples; the reactions of all are evaluated together later."""
 
     def __init__(self, equations: Equations, n: int, n_efforts: int) -> None:
         model, rows = equations.model, equations.n_closure
@@ -209,15 +209,15 @@ class _StoredSamples:
         self.done = 0
 
     def fill(self, k: int, equations: Equations, bearing: Equations, actuation: Actuation) -> None:
-        """Solve sample k at the equations' state; the bearing ones have all rows of its file."""
+        """Solve sample k at the state of `equations`; `bearing` has all rows of the file."""
         x, a, closures = balance(equations, actuation)
         self.efforts[k], self.a[k] = x, a
         self.transmitted[k] = bearing.transmitted(a)
         self.multipliers[k] = bearing.multipliers(closures)
         self.joint_efforts[k] = bearing.at_joints(actuation.generalised(x, len(a)),
                                                   self.multipliers[k], a)
-        for kept, now in zip(self.poses, bearing.poses(), strict=True):
-            kept[k] = now
+        for stored, now in zip(self.poses, bearing.poses(), strict=True):
+            stored[k] = now
         if bearing.wrenches:
             self.given[k] = bearing.pairs.summed(bearing.wrenches)
         spare = internal_efforts(equations, actuation)
@@ -227,7 +227,7 @@ class _StoredSamples:
         self.done = k + 1
 
     def end(self) -> None:
-        """Leave out the samples that are not filled."""
+        """Drop the samples that are not solved."""
         for name in ("efforts", "joint_efforts", "a", "multipliers", "given", "transmitted",
                      "unique"):
             setattr(self, name, getattr(self, name)[: self.done])
@@ -311,18 +311,18 @@ def kinetostatics(
     rates = motion.v[:, actuation.columns].T * (motion.per == "s")
     power = {name: read_only(x * rate)
              for (name, x), rate in zip(efforts.items(), rates, strict=True)}
-    found = Kinetostatics(motion, read_only(rows.a), efforts, power,
+    loads = Kinetostatics(motion, read_only(rows.a), efforts, power,
                           {name: read_only(x) for name, x in reactions.items()},
                           read_only(ground), read_only(rows.multipliers),
                           {name: each.all(axis=1) for name, each in unique.items()}, unique,
                           _beyond_limits(motion, actuation, rows.efforts))
     if is_cut:
-        raise Interrupted(motion, found)
-    return found
+        raise Interrupted(motion, loads)
+    return loads
 
 
 def _beyond_limits(motion: Motion, actuation: Actuation, efforts: Array) -> tuple[BeyondLimit, ...]:
-    """Return the limits that efforts (N, k) of an actuation, and velocities, are beyond."""
+    """Return the limits that efforts (N, k) or velocities exceed."""
     total = np.zeros((motion.mechanism.model.nv, len(motion)))
     np.add.at(total, actuation.columns, efforts.T)
     pairs = [(limit, total[limit.v]) for limit in effort_limits(motion.mechanism)]

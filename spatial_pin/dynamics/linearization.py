@@ -113,9 +113,9 @@ class Linearization(Tabular):
     @property
     def stable(self) -> bool:
         """Whether no eigenvalue has a positive real part, or is zero."""
-        found = self.eigenvalues
-        least = NEUTRAL * np.abs(found).max(initial=0.0)
-        return bool(np.all(found.real <= least) and np.all(np.abs(found) > least))
+        eigenvalues = self.eigenvalues
+        least = NEUTRAL * np.abs(eigenvalues).max(initial=0.0)
+        return bool(np.all(eigenvalues.real <= least) and np.all(np.abs(eigenvalues) > least))
 
     @property
     def frequencies(self) -> Array:
@@ -206,12 +206,12 @@ class Linearization(Tabular):
         if not is_finite(omega):
             raise ValueError("omega has a value that is NaN or infinite")
         n = len(self.coordinates)
-        found = np.zeros((len(omega), len(self._c), self._b.shape[1]), complex)
-        for out, w in zip(found, omega, strict=True):
+        response = np.zeros((len(omega), len(self._c), self._b.shape[1]), complex)
+        for out, w in zip(response, omega, strict=True):
             y = np.linalg.solve(
                 self.stiffness - w * w * self.mass + 1j * w * self.damping, self._b)
             out[:] = self._c[:, :n] @ y + self._c[:, n:] @ (1j * w * y)
-        return found
+        return response
 
     def shape(self, k: int, amplitude: float | None = None) -> Motion:
         """Return one period of a vibration, loops closed, for `sp.show`.
@@ -360,7 +360,7 @@ def compliance(
     external: Mapping[str, pin.Force] | None = None,
     laws: Mapping[str, Law] | None = None,
 ) -> Array:
-    """Return how much a frame gives way to a small force and moment, loops closed.
+    """Return the compliance of a frame: its displacement by a small wrench, loops closed.
 
     Args:
         mechanism: the mechanism.
@@ -405,12 +405,12 @@ def compliance(
         raise SpatialPinError(
             f"mechanism {mechanism.name!r}: nothing drives {frame!r} back where "
             f"{', '.join(names)} move: hold one of them, or give it a spring")
-    found: Array = moved @ np.array([svd.minimum_norm(row) for row in moved]).T
-    return found
+    flexibility: Array = moved @ np.array([svd.minimum_norm(row) for row in moved]).T
+    return flexibility
 
 
 def _at_rest(mechanism: Mechanism, state: State, loads: AppliedLoads) -> SmallMotions:
-    """Return the equations about a state, which must stand, or move as the speeds say."""
+    """Return the equations about a state, which is at rest or moves at the given speeds."""
     at = SmallMotions(loads, state)
     apart = np.abs((state.v - at.state.v) / loads.mechanism.velocity_scale)
     if state.v.any() and apart.max() > AT_REST * np.abs(state.v).max():

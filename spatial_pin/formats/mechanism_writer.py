@@ -228,7 +228,7 @@ def _joint(mechanism: Mechanism, element: ET.Element) -> dict[str, Any]:
     stated = PAIR_OF_URDF_TYPE.get(kind, kind)
     refined = mechanism.pairs[i - 1] != stated or _turned(mechanism, i, element)
     pair = mechanism.pairs[i - 1]
-    table = {"type": pair, **PAIRS[pair].told(*tree_axes(mechanism, i))} if refined else {}
+    table = {"type": pair, **PAIRS[pair].file_entries(*tree_axes(mechanism, i))} if refined else {}
     return {**table, **_limits(mechanism, i, element),
             **_resistances(mechanism, i, element.find("dynamics"))}
 
@@ -294,7 +294,8 @@ def _closure(closure: Closure) -> dict[str, Any]:
     names = {"frames": list(closure.frames), "joints": list(closure.joints)}
     table |= {key: value for key, value in names.items() if value}
     table |= {key.name: np.asarray(closure.numbers[key.name]).tolist() for key in pair.keys}
-    table |= pair.told(geometry.axes1[:, 2], geometry.axes2[:, 2], geometry.lead, geometry.length)
+    table |= pair.file_entries(
+        geometry.axes1[:, 2], geometry.axes2[:, 2], geometry.lead, geometry.length)
     if closure.between:
         del table["length"]
         table["length_between"] = list(closure.between)

@@ -53,7 +53,7 @@ def __dir__() -> list[str]:
 
 
 def __getattr__(name: str) -> Any:
-    """Say which closure was meant by another word for one."""
+    """Raise an error that names the closure for another word."""
     hint = hint_at_type(name, closure_types()) or suggestion(name, closure_types())
     raise AttributeError(f"there is no closure {name!r}; {hint}")
 
@@ -64,7 +64,7 @@ def _closure(
     axis2: ArrayLike | None = None, *, length: float = 0.0, lead: float = 0.0,
 ) -> Closure:
     axes = [_axis(x, what) for x, what in ((axis, "axis"), (axis2, "axis2"))]
-    made = Closure(_name(name), kind, frames=_two(frames),
+    made = Closure(_name(name), kind, frames=_frame_pair(frames),
                    geometry=closure_geometry(PAIRS[kind], *axes, length=length, lead=lead))
     if equations is None:
         return made
@@ -89,12 +89,12 @@ def _name(name: str | None) -> str:
     return name or ""  # it is given one with the others
 
 
-def _two(frames: Sequence[FrameSpec]) -> Any:
-    """Return two frames; what is no name becomes one where the mechanism is made."""
+def _frame_pair(frames: Sequence[FrameSpec]) -> Any:
+    """Return two frames; placements get a name in `Mechanism.from_model`."""
     for frame in frames:
-        is_place = (isinstance(frame, tuple | list) and len(frame) == 2
+        is_placement = (isinstance(frame, tuple | list) and len(frame) == 2
                     and isinstance(frame[0], str) and isinstance(frame[1], pin.SE3))
-        if not is_place and not isinstance(frame, str):
+        if not is_placement and not isinstance(frame, str):
             raise TypeError(f"a frame is given by its name, or as (link or joint, pin.SE3), not "
                             f"{str(frame)[:60]!r}")
     if len(frames) != 2:
@@ -110,7 +110,7 @@ def spherical(frame_1: FrameSpec, frame_2: FrameSpec, name: str | None = None, *
         frame_1: frame on the first body: its name, or (link or joint, `pin.SE3` on it) [m].
         frame_2: frame on the second body, likewise.
         name: for reports; default its type.
-        equations: numbers of its equations that are asked for, from 0, rising; default all.
+        equations: numbers of the equations to use, from 0, rising; default all.
 
     Raises:
         TypeError: a frame is neither a name nor a placement.
@@ -133,7 +133,7 @@ def revolute(frame_1: FrameSpec, frame_2: FrameSpec, name: str | None = None, *,
         frame_2: frame on the second body, likewise.
         name: for reports; default its type.
         axis: direction of the pair, a unit vector (3,) in both frames; default z.
-        equations: numbers of its equations that are asked for, from 0, rising; default all.
+        equations: numbers of the equations to use, from 0, rising; default all.
 
     Raises:
         TypeError: a frame is neither a name nor a placement.
@@ -155,7 +155,7 @@ def prismatic(frame_1: FrameSpec, frame_2: FrameSpec, name: str | None = None, *
         frame_2: frame on the second body, likewise.
         name: for reports; default its type.
         axis: direction of the pair, a unit vector (3,) in both frames; default z.
-        equations: numbers of its equations that are asked for, from 0, rising; default all.
+        equations: numbers of the equations to use, from 0, rising; default all.
 
     Raises:
         TypeError: a frame is neither a name nor a placement.
@@ -180,7 +180,7 @@ def screw(frame_1: FrameSpec, frame_2: FrameSpec, lead: float, name: str | None 
         lead: advance per turn [m], not zero; positive of a right-handed thread.
         name: for reports; default its type.
         axis: direction of the pair, a unit vector (3,) in both frames; default z.
-        equations: numbers of its equations that are asked for, from 0, rising; default all.
+        equations: numbers of the equations to use, from 0, rising; default all.
 
     Raises:
         TypeError: a frame is neither a name nor a placement.
@@ -206,7 +206,7 @@ def cylindrical(frame_1: FrameSpec, frame_2: FrameSpec, name: str | None = None,
         frame_2: frame on the second body, likewise.
         name: for reports; default its type.
         axis: direction of the pair, a unit vector (3,) in both frames; default z.
-        equations: numbers of its equations that are asked for, from 0, rising; default all.
+        equations: numbers of the equations to use, from 0, rising; default all.
 
     Raises:
         TypeError: a frame is neither a name nor a placement.
@@ -230,7 +230,7 @@ def universal(frame_1: FrameSpec, frame_2: FrameSpec, name: str | None = None, *
         name: for reports; default its type.
         axis: pin that is fixed in frame 1, a unit vector (3,); default x.
         axis2: pin that is fixed in frame 2, likewise; default y.
-        equations: numbers of its equations that are asked for, from 0, rising; default all.
+        equations: numbers of the equations to use, from 0, rising; default all.
 
     Raises:
         TypeError: a frame is neither a name nor a placement.
@@ -255,7 +255,7 @@ def planar(frame_1: FrameSpec, frame_2: FrameSpec, name: str | None = None, *,
         frame_2: frame on the second body, likewise.
         name: for reports; default its type.
         axis: normal of the plane, a unit vector (3,) in both frames; default z.
-        equations: numbers of its equations that are asked for, from 0, rising; default all.
+        equations: numbers of the equations to use, from 0, rising; default all.
 
     Raises:
         TypeError: a frame is neither a name nor a placement.
@@ -276,7 +276,7 @@ def fixed(frame_1: FrameSpec, frame_2: FrameSpec, name: str | None = None, *,
         frame_1: frame on the first body: its name, or (link or joint, `pin.SE3` on it) [m].
         frame_2: frame on the second body, likewise.
         name: for reports; default its type.
-        equations: numbers of its equations that are asked for, from 0, rising; default all.
+        equations: numbers of the equations to use, from 0, rising; default all.
 
     Raises:
         TypeError: a frame is neither a name nor a placement.
@@ -297,7 +297,7 @@ def weld(frame_1: FrameSpec, frame_2: FrameSpec, name: str | None = None, *,
         frame_1: frame on the first body: its name, or (link or joint, `pin.SE3` on it) [m].
         frame_2: frame on the second body, likewise.
         name: for reports; default its type.
-        equations: numbers of its equations that are asked for, from 0, rising; default all.
+        equations: numbers of the equations to use, from 0, rising; default all.
 
     Raises:
         TypeError: a frame is neither a name nor a placement.
@@ -335,7 +335,7 @@ def distance(frame_1: FrameSpec, frame_2: FrameSpec, length: float | None = None
         raise ValueError("a distance has a length or length_between, one of the two")
     metres = 0.0 if length is None else positive_number(length, "length")
     made = _closure("distance", (frame_1, frame_2), name, None, length=metres)
-    return made if length_between is None else replace(made, between=_two(length_between))
+    return made if length_between is None else replace(made, between=_frame_pair(length_between))
 
 
 def point_on_line(frame_1: FrameSpec, frame_2: FrameSpec, name: str | None = None, *,
@@ -348,7 +348,7 @@ def point_on_line(frame_1: FrameSpec, frame_2: FrameSpec, name: str | None = Non
         frame_2: frame on the second body, likewise.
         name: for reports; default its type.
         axis: direction of the line, a unit vector (3,) in frame 1; default z.
-        equations: numbers of its equations that are asked for, from 0, rising; default all.
+        equations: numbers of the equations to use, from 0, rising; default all.
 
     Raises:
         TypeError: a frame is neither a name nor a placement.
@@ -391,7 +391,7 @@ def parallel(frame_1: FrameSpec, frame_2: FrameSpec, name: str | None = None, *,
         frame_2: frame on the second body, likewise.
         name: for reports; default its type.
         axis: direction of the pair, a unit vector (3,) in both frames; default z.
-        equations: numbers of its equations that are asked for, from 0, rising; default all.
+        equations: numbers of the equations to use, from 0, rising; default all.
 
     Raises:
         TypeError: a frame is neither a name nor a placement.
@@ -496,6 +496,6 @@ def of_native(constraint: Any, bodies: Sequence[str]) -> Closure:
     if max(ids) >= len(bodies):
         raise ClosureTypeError(f"closures: {name!r} is of another model: it has joint {max(ids)}, "
                                f"the model has {len(bodies)} with the universe")
-    places = constraint.joint1_placement, constraint.joint2_placement
-    frames = tuple((bodies[i], place.copy()) for i, place in zip(ids, places, strict=True))
+    placements = constraint.joint1_placement, constraint.joint2_placement
+    frames = tuple((bodies[i], x.copy()) for i, x in zip(ids, placements, strict=True))
     return _closure(kind, frames, name or None, None)  # type: ignore[arg-type]

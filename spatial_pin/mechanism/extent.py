@@ -1,4 +1,4 @@
-"""How large a machine is and where: its characteristic length, and a centre close to it.
+"""Size and position of a machine: its characteristic length, and a centre close to it.
 
 In site coordinates a machine of 3 m may be 5000 km from the world's origin. Numbers of that size
 have seven digits fewer for what happens within it, so solvers work relative to the
@@ -52,7 +52,7 @@ def extent_of(model: pin.Model, joined: Collection[int], where: str) -> Extent:
     Args:
         model: its tree.
         joined: frames that closures join.
-        where: what it is of, for the error.
+        where: mechanism and file, for the error.
 
     Raises:
         MechanismFileError: it is so small or large that squares leave the range of numbers.

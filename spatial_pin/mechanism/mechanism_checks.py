@@ -1,4 +1,4 @@
-"""What a mechanism must be: names that exist, closures and inertias that can be."""
+"""Checks of a mechanism: names must exist, closures and inertias must be possible."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def _check_spring(mechanism: Mechanism, spring: Spring, where: str) -> None:
 
 
 def _check_driver(mechanism: Mechanism, driver: Driver, driven: dict[str, str], here: str) -> None:
-    """Refuse a driver; `driven` has those of others by what they drive, and gets this one."""
+    """Refuse a wrong driver; `driven` gets it, by its coordinate, like those before it."""
     table = mechanism.coordinate_table
     others = mechanism.drivers.keys() - {driver.name}
     if driver.joint in others and driver.joint not in table:
@@ -103,11 +103,11 @@ def _check_closure(mechanism: Mechanism, closure: Closure, where: str) -> None:
             raise MechanismFileError(
                 f"{where}: frames {name!r} and {other!r} are fixed to the same body; a closure "
                 "joins two bodies that can move against each other")
-    places = _all_looked_up(
+    frames = _all_looked_up(
         mechanism.frame_on_joint, closure.between, f"{where}: length_between: ")
     if closure.between and set(closure.between) == set(closure.frames):
         raise MechanismFileError(f"{where}: length_between: its own frames, which says nothing")
-    length = rigid_distance(*places) if places else None
+    length = rigid_distance(*frames) if frames else None
     if length is not None and length <= EPS * mechanism.characteristic_length:
         raise MechanismFileError(
             f"{where}: length_between: {closure.between[0]!r} and {closure.between[1]!r} are at "
@@ -121,7 +121,7 @@ def _bodies(mechanism: Mechanism, frames: tuple[str, ...], where: str) -> list[i
 
 
 def _all_looked_up(lookup: Any, names: Iterable[str], where: str) -> list[Any]:
-    """Return what a look-up finds of names.
+    """Return the results of a look-up by names.
 
     Raises:
         MechanismFileError: it finds nothing of some; has a mistake for each.
@@ -147,7 +147,7 @@ def _check_passive(mechanism: Mechanism, passive: Passive, where: str) -> None:
 
 @made_once
 def impossible_inertias(mechanism: Mechanism) -> tuple[dict[str, str], dict[str, str]]:
-    """Return the links whose bodies have inertias that no body has, with these in words.
+    """Return the links of bodies with impossible inertias, and these as text.
 
     First those with a negative mass or principal moment of inertia; then those with a principal
     moment larger than the sum of the other two. Links that are fixed to one another count as one

@@ -172,7 +172,7 @@ def exact_mechanism(state: State) -> Mechanism:
 def changes_of_forces(
     rows: RowDerivatives, springs: Springs, outside: ExternalWrenches, multipliers: Array
 ) -> tuple[Array, Array]:
-    """Return q and v derivatives (nv, nv) of M a + b - f - J^T multipliers, these kept.
+    """Return q and v derivatives (nv, nv) of M a + b - f - J^T multipliers, multipliers constant.
 
     Args:
         rows: the closure equations at a motion.

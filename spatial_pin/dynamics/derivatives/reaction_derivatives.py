@@ -1,4 +1,4 @@
-"""How the reactions of the pairs change with q, v and efforts.
+"""Derivatives of the reactions of the pairs with respect to q, v and efforts.
 
 A joint of the tree hands on what the bodies it carries need, less what else acts on them:
 
@@ -206,7 +206,7 @@ class ReactionChanges:
     def _without_effort(
         self, pairs: Pairs, joint: int, force: Array, columns: tuple[Array, Array], efforts: Array
     ) -> Array:
-        """Return what the pair itself bears: `force` less what the joint's effort does."""
+        """Return the reaction of the pair itself: `force` less the joint's effort."""
         model = self.mechanism.model
         own = np.arange(model.idx_vs[joint], model.idx_vs[joint] + model.nvs[joint])
         turns = pairs.turns[own]

@@ -1,4 +1,4 @@
-"""Closure rows and spring lengths of a motion, and how they change with q and v.
+"""Derivatives of closure rows and spring lengths with respect to q and v.
 
 Rows are products A . B of vectors linear in the placements G of the bodies, so that
 
@@ -49,7 +49,7 @@ Block = tuple[NDArray[np.intp], tuple[int, ...], NDArray[np.intp], Array,
 
 
 class BodiesOfTree:
-    """Bodies of a tree that move, each told by the part of the tree that it is in.
+    """Moving bodies of a tree, each in one of its subtrees.
 
     Args:
         whole: the tree with single joints.
@@ -69,12 +69,12 @@ class BodiesOfTree:
             self.column[:, part.v] = np.array([[k] * len(part.v), range(len(part.v))])
 
     def at(self, body: int) -> tuple[Subtree, int]:
-        """Return the part of the tree that a body is in, and the number of its joint there."""
+        """Return the subtree of a body, and the number of its joint there."""
         joint = self.joints[body]
         return self.parts[self.part[joint]], int(self.own[joint])
 
     def move(self, q: Array, v: Array, acceleration: Array) -> None:
-        """Take the bodies to a motion."""
+        """Move the bodies to q, v and a."""
         for p in self.parts:
             pin.computeForwardKinematicsDerivatives(
                 p.model, p.data, q[p.q], v[p.v], acceleration[p.v])
@@ -93,7 +93,7 @@ class BodiesOfTree:
     def body(
         self, body: int, columns: NDArray[np.intp]
     ) -> tuple[NDArray[np.bool_], Array, Array, Array]:
-        """Return G, G', G'' (3, 4, 3) of a body, and how they change.
+        """Return G, G', G'' (3, 4, 3) of a body, and their derivatives.
 
         Args:
             body: its joint.
@@ -121,7 +121,7 @@ class BodiesOfTree:
         return is_own, np.stack([g0, g1, g2]), np.stack([moved, first, second]), of_v
 
     def body_wrenches(self, a_by: Array) -> Array:
-        """Return (njoints, 6, 1 + 3 nv) what moves the bodies, and how it changes.
+        """Return the wrenches (njoints, 6, 1 + 3 nv) that move the bodies, and their derivatives.
 
         The wrenches W = X (I a + v x* I v) at the world's origin, then their derivatives by q, v
         and efforts, with X the force transformation of a body and a its acceleration less
@@ -183,7 +183,7 @@ def _bar(f: Array) -> Array:
 
 
 class ProductDerivatives:
-    """Products A . B of vectors linear in the placements, at a motion, and how they change.
+    """Products A . B of vectors linear in the placements, with their derivatives.
 
     Args:
         mechanism: the mechanism.
@@ -261,7 +261,7 @@ class ProductDerivatives:
         return slopes_of[:, 0]
 
     def second_derivatives(self, weights: Array) -> Array:
-        """Return q derivatives (nv, nv) of the q derivatives of the products' sum by weights."""
+        """Return second q derivatives (nv, nv) of a weighted sum of the products."""
         total, carried = np.zeros((self.nv, self.nv)), np.zeros((self.model.njoints, 4, 4))
         for rows, bodies, columns, coefficients, (a, b), (da, db) in self._blocks:
             weight = weights[rows, None]
@@ -365,9 +365,9 @@ class RowDerivatives:
         return out[0], out[1]
 
     def joint_rows(self) -> tuple[Array, Array]:
-        """Return the derivatives (k, nv) of equations by joint coordinates as such.
+        """Return derivatives (k, nv) of equations by the joint coordinates in them.
 
-        And how they change with q (k, nv, nv).
+        And the q derivatives (k, nv, nv) of these.
         """
         c = self.constraints
         rows, changes = np.zeros((c.n_closure, self.nv)), np.zeros((c.n_closure, self.nv, self.nv))
@@ -388,7 +388,7 @@ class RowDerivatives:
                 for x in group.slopes(products, coordinates)]
 
     def second_derivatives(self, multipliers: Array, pulls: Array) -> Array:
-        """Return q derivatives (nv, nv) of the joint forces of rows and springs, kept as strong.
+        """Return q derivatives (nv, nv) of the joint forces of rows and springs of constant size.
 
         Args:
             multipliers: (n_closure,) of the closure rows.

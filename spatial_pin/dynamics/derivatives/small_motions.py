@@ -39,7 +39,7 @@ NO_LOAD = TOLERANCES.nothing  # part of all forces that is none
 
 
 class AppliedLoads:
-    """What acts on a mechanism, what is held, and what turns at constant speed.
+    """Loads, fixed coordinates and constant speeds of a mechanism.
 
     Args:
         mechanism: the mechanism.
@@ -112,7 +112,7 @@ class SmallMotions:
     """The equations of motion about a closed State, ready to be reduced to coordinates.
 
     Args:
-        loads: what acts and what is held.
+        loads: the loads and the fixed coordinates.
         state: the configuration; velocities are those that the loads' speeds make.
 
     Attributes:
@@ -198,7 +198,7 @@ class SmallMotions:
         return self.reduced(self.freedoms * self._scale)
 
     def idle(self) -> tuple[tuple[PassiveFreedom, ...], Array]:
-        """Return idle rotations that nothing loads and nothing turns back, and (k, nv) these."""
+        """Return idle rotations without load and stiffness, and their velocities (k, nv)."""
         loops, q = LoopEquations(self.loads.mechanism), self.state.q
         joints, free = idle_freedoms(loops, q, self.loads.entries), self.freedoms * self._scale
         pairs = [(joint, v) for joint, motions in joints for v in motions]
@@ -213,7 +213,7 @@ class SmallMotions:
     def without_idle(self, idle: Array) -> Array:
         """Return motions (n, nv), scaled, of all freedoms but idle rotations (k, nv).
 
-        They work on no idle rotation by inertia, which turn as they like.
+        By inertia they do no work on idle rotations, which move independently.
         """
         free, scale = self.freedoms, self._scale
         if not len(idle):

@@ -1,4 +1,4 @@
-"""How given forces change with q and v: springs, their laws, and wrenches from outside.
+"""Derivatives of applied forces with respect to q and v: springs, laws, external wrenches.
 
 A wrench that keeps its world axes while its frame turns is, seen from the frame's joint, a force
 that turns the other way; a spring pulls along a row, with a force that is a
@@ -35,7 +35,7 @@ CENTRAL, ONE_SIDED = 4.0, 2.0  # halving the step divides the error of a differe
 
 
 class SpringForce(NamedTuple):
-    """The force of a spring, along or about its line, and how it changes.
+    """The force of a spring, along or about its line, and its derivatives.
 
     Attributes:
         force: as its law says [N, N·m].
@@ -101,7 +101,7 @@ class Springs:
         return slope(lambda y: law(y, rate), x, REACH * (abs(x) or unit)), by_rate
 
     def move(self, rows: RowDerivatives) -> None:
-        """Work out the forces at the motion of the rows.
+        """Evaluate the forces at the motion of the rows.
 
         Raises:
             SpatialPinError: a spring has no length, and its force no direction.
@@ -137,9 +137,9 @@ class Springs:
                        for k in resistance.at]
 
     def _at_a_point(self, line: LineSpring, rows: RowDerivatives, at: int) -> SpringForce:
-        """Return a spring whose frames coincide: its force is stiffness times what parts them.
+        """Return the force of a spring whose frames coincide: stiffness times their distance.
 
-        Where nothing can part them, any stiffness will do. Its length is row `at`.
+        If nothing can move them apart, any stiffness is right. Its length is row `at`.
         """
         parting = rows.products.first_slopes(at)
         none, pace = np.zeros(rows.nv), float(np.sqrt(max(rows.products.values[2][at], 0.0)))
@@ -223,7 +223,7 @@ class ExternalWrenches:
         self._moving = [x for x in self.given if x[0]]
 
     def on_joints(self, part: Subtree, placements: Array) -> pin.StdVec_Force:
-        """Return the forces on the joints of a part of the tree, joint axes."""
+        """Return the forces on the joints of a subtree, joint axes."""
         total = {int(joint): pin.Force.Zero() for joint in part.joints}
         for joint, placement, force in self._moving:
             at = int(self.whole.joint[joint])

@@ -221,13 +221,13 @@ class Simulation(Motion):
         content = read_content(path, mechanism)
         if not content.keys() >= WITH_ENERGIES:
             raise SpatialPinError(f"{path}: not a simulation that Simulation.save wrote")
-        told = json.loads(str(content["told"]))
-        told["joint_limits"] = [Passing(JointLimit(*limit), *where)
-                                for limit, *where in told["joint_limits"]]
-        told["projection"] = Projection(*told["projection"]) if told["projection"] else None
+        fields = json.loads(str(content["told"]))
+        fields["joint_limits"] = [Passing(JointLimit(*limit), *where)
+                                for limit, *where in fields["joint_limits"]]
+        fields["projection"] = Projection(*fields["projection"]) if fields["projection"] else None
         efforts = dict(zip(content["effort_names"].tolist(), content["efforts"], strict=True))
         return cls(mechanism, **fields_of(content), energy=content["energy"],
-                   work=content["work"], efforts=ByDriver(mechanism, efforts), **told)
+                   work=content["work"], efforts=ByDriver(mechanism, efforts), **fields)
 
     def __str__(self) -> str:
         used = f" in {', '.join(self.coordinates)}" if self.coordinates else ""
@@ -276,7 +276,7 @@ class LeastExchange:
             if spring.is_bushing:
                 stretching += float(np.max(spring.stiffness)) * max(size, 1.0) ** 2
                 continue
-            stiffness = max(spring.slopes(spring.free + way, 0.0)[0] for way in (unit, -unit))
+            stiffness = max(spring.slopes(spring.free + sense, 0.0)[0] for sense in (unit, -unit))
             stretching += stiffness * (abs(spring.free) + unit) ** 2
         self._pulling = EPS * (stretching + float(np.abs(efforts) @ scale))
 

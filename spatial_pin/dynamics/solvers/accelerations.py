@@ -40,7 +40,7 @@ LEAST_ERROR = 16.0 * EPS  # error of accelerations: their forces are rounded a f
 
 
 class Limbs:
-    """The joints of a mechanism that no loop is built on, and the core that is left.
+    """The joints of a mechanism outside its loops, and the remaining core.
 
     Such joints are eliminated, from the tips inwards, at a cost in proportion to their number: the
     articulated-body algorithm [Featherstone2008, 7.3]. The core has a KKT system as if its bodies
@@ -115,7 +115,7 @@ class Limbs:
 
     @property
     def is_of_forces(self) -> bool:
-        """Whether round-off of the joint forces is most of `error`: no solver can know more."""
+        """Whether round-off of the joint forces is most of `error`: no solver can be better."""
         return self.error * float(np.abs(self.a / self._scale).max()) <= 10.0 * self._of_forces
 
 
@@ -184,7 +184,7 @@ class MotionEquations(Loops):
         return Solution(least.a, closures, least.error)
 
     def by_kkt(self, q: Array, v: Array, reference: Array, given: Array, needed: Array) -> Array:
-        """Return accelerations (nv,) from the KKT system; the next call overwrites them.
+        """Return accelerations (nv,) from the KKT system; overwritten by the next call.
 
         Args:
             q: (nq,) configuration.
@@ -197,7 +197,7 @@ class MotionEquations(Loops):
         return self.kkt.accelerations(q, v, reference, given, needed)
 
     def _corrected(self, a: Array, closures: Array, given: Array) -> Solution:
-        """Correct what the KKT system gave by what is missing in forces and closure equations.
+        """Correct the KKT solution by the residual of forces and closure equations.
 
         Its estimate, from a condition, is far too large for a long arm that carries loops; by how
         much accelerations change tells how far off they were.
@@ -212,7 +212,7 @@ class MotionEquations(Loops):
 
     @cached_property
     def limbs(self) -> Limbs | None:
-        """What no loop is built on, if there is anything."""
+        """The joints outside loops; None without any."""
         model, tied = self.model, self.constraints.tied
         is_core = np.array([tied[first : first + n].any() for first, n in zip(
             model.idx_vs, model.nvs, strict=True)])
@@ -259,7 +259,7 @@ class MotionEquations(Loops):
                 "ones zero", state=self.state)
 
     def _still(self, least: Least) -> Array:
-        """Return the motions (k, nv) without inertia, scaled so that something moves by one."""
+        """Return the motions (k, nv) without inertia, scaled to a largest motion of one."""
         still = least.still / self.scale
         return still / np.abs(still).max(axis=1, keepdims=True, initial=1e-300)
 

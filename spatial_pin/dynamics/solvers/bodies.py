@@ -16,7 +16,7 @@ from spatial_pin.numerics.linalg import Array
 
 
 class TreeDynamics:
-    """A tree taken whole."""
+    """Mass matrix and inverse dynamics of a small tree, by Pinocchio."""
 
     def __init__(self, model: pin.Model) -> None:
         self.model, self._data = model, model.createData()
@@ -24,12 +24,12 @@ class TreeDynamics:
 
     @property
     def n_masses(self) -> int:
-        """How many numbers `masses` returns."""
+        """Length of `masses`."""
         return int(self.model.nv) ** 2
 
     @cached_property
     def mass_entry_indices(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
-        """Rows, columns and places in `masses` of all entries that can be other than zero."""
+        """Rows, columns and indices in `masses` of all entries that can be other than zero."""
         rows, columns = mass_pattern(self.model)
         return rows, columns, rows * self.model.nv + columns
 
@@ -56,13 +56,13 @@ class TreeDynamics:
         return pin.rnea(self.model, self._data, q, v, a)
 
     def transmitted(self, q: Array, v: Array, a: Array) -> Array:
-        """Return (njoints, 6) what joints hand on, joint axes; overwritten by the next call."""
+        """Return the forces (njoints, 6) through the joints, joint axes; overwritten later."""
         self.inverse_dynamics(q, v, a)
         return self._transmitted
 
 
 class KernelTreeDynamics(TreeDynamics):
-    """A large tree: memory and time grow in proportion to its size, not to its cube."""
+    """The same of a large tree in the kernel: memory and time grow in proportion to its size."""
 
     def __init__(self, model: pin.Model) -> None:
         self.model, self._tree = model, KernelTree(model)
@@ -73,12 +73,12 @@ class KernelTreeDynamics(TreeDynamics):
 
     @property
     def n_masses(self) -> int:
-        """How many numbers `masses` returns."""
+        """Length of `masses`."""
         return len(self._entries[0])
 
     @cached_property
     def mass_entry_indices(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
-        """Rows, columns and places, see `TreeDynamics`."""
+        """Rows, columns and indices, see `TreeDynamics`."""
         return both_halves(*self._entries)
 
     def masses(self, q: Array) -> Array:
@@ -99,7 +99,7 @@ class KernelTreeDynamics(TreeDynamics):
         return self._tree.forces(q, v, a).copy()
 
     def transmitted(self, q: Array, v: Array, a: Array) -> Array:
-        """Return (njoints, 6) what joints hand on, joint axes."""
+        """Return the forces (njoints, 6) through the joints, joint axes."""
         return self._tree.transmitted(q, v, a)
 
 
@@ -114,5 +114,5 @@ def both_halves(
 
 
 def bodies_of(model: pin.Model) -> TreeDynamics:
-    """Return the bodies of a tree."""
+    """Return mass matrix and inverse dynamics of a tree."""
     return (KernelTreeDynamics if is_in_kernel(model) else TreeDynamics)(model)
