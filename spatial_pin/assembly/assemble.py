@@ -276,7 +276,7 @@ def default_driver_values(
     guess: Mapping[str, Any] | State | Array | None = None,
     free: Iterable[str] = (),
 ) -> dict[str, float]:
-    """Return the values of drivers without a given value, by coordinate [rad, m].
+    """Return default values of the drivers without a given value, by coordinate [rad, m].
 
     Args:
         mechanism: the mechanism.
@@ -295,7 +295,7 @@ def _default_values(
     mechanism: Mechanism, held: Iterable[str], guess: Any, start: Guess, free: Iterable[str],
     taken_along: bool = True,
 ) -> dict[str, float]:
-    """Return values of drivers without a value, like `default_driver_values`, from a read guess.
+    """Return `default_driver_values` from a guess that is read already.
 
     With `taken_along`, other joints of the guess move drivers that it does not name.
     """

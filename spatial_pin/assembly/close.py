@@ -63,7 +63,7 @@ def closed(
     pinned: Mapping[str, float] = NOTHING,
     cut: float = TOLERANCES.rank,
 ) -> Closed:
-    """Close loops like `close`, without an evaluation; `reference` are its unwrapping angles."""
+    """Close loops like `close`, from a mechanism; `reference` are its unwrapping angles."""
     with closer_of(mechanism, pinned) as closer:
         return closer.close(q, free, reference, tolerance, iterations, pinned.values(), cut)
 

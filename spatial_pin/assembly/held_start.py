@@ -43,7 +43,7 @@ def held_start(
     mechanism: Mechanism, values: Mapping[str, float],
     guess: Mapping[str, Any] | State | Array | None, hold: Hold, accuracy: Accuracy,
 ) -> tuple[State, list[str]]:
-    """Assemble values of drivers, with `hold` at the values of the guess.
+    """Return the state assembled at driver values, with `hold` at the values of the guess.
 
     These values are exact if the guess is a State and the loops close so; otherwise the coordinates
     are released, after the drivers without a value. With another guess, they keep their assembled

@@ -48,7 +48,7 @@ class Held(NamedTuple):
 
 
 def hashable_hold(hold: Hold) -> FixedHold:
-    """Return the same names as a hashable tuple."""
+    """Return the names of `hold` as a hashable tuple."""
     return hold if hold is None or isinstance(hold, str) else tuple(names_of(hold, "hold"))
 
 
@@ -99,12 +99,12 @@ def velocity_entries(mechanism: Mechanism, joint: str) -> range:
 
 
 def hold_to_file(names: Iterable[str]) -> list[str]:
-    """Return names for a file, that of the free bases in asterisks."""
+    """Return the names of `hold` for a file; the keyword of the free bases gets asterisks."""
     return [f"*{name}*" if isinstance(name, Word) else name for name in names]
 
 
 def hold_from_file(names: Iterable[str]) -> tuple[str, ...]:
-    """Return names from a file."""
+    """Return the names of `hold` from a file, see `hold_to_file`."""
     return tuple(BASE if name == f"*{BASE}*" else name for name in names)
 
 

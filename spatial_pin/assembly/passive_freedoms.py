@@ -110,7 +110,7 @@ class Ball(NamedTuple):
 
 @made_once
 def massless_inner_links(mechanism: Mechanism) -> frozenset[int]:
-    """Return the inner bodies of balls and universal joints that are modelled as hinges.
+    """Return the massless inner bodies of balls and universal joints modelled as hinges.
 
     They have no mass, and carry two hinges, not driven nor coupled, with a common centre. If no
     body has a mass, they cannot be distinguished from shafts, and there are none.
@@ -144,13 +144,13 @@ def balls_of_hinges(mechanism: Mechanism) -> list[Ball]:
 
 @made_once
 def inner_links_of_balls(mechanism: Mechanism) -> frozenset[int]:
-    """Return the inner bodies of balls modelled as hinges."""
+    """Return the inner bodies of balls modelled as hinges, of any mass."""
     return frozenset().union(*(ball.inside for ball in balls_of_hinges(mechanism)))
 
 
 @made_once
 def uncounted_links(mechanism: Mechanism) -> frozenset[int]:
-    """Return the inner bodies of balls and universal joints, which do not count as links.
+    """Return the inner bodies that do not count as links: massless ones, and those at rods.
 
     The inside of a ball between the ground and a body that is not a rod may be a shaft.
     """

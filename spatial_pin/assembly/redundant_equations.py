@@ -82,7 +82,7 @@ PART = HALF_RADIAN / PARTS_OF_MOTION
 MOST_LOOKED_AT = 400  # configurations of a path: eight turns, in a tenth of a second
 DIRECTIONS = 6  # of that motion, each taken both ways
 LONGER_MOTION = 4  # such motions in a row, over which it is seen how long equations are independent
-PROBES, STEPS_TO_POSE = 4, 3  # other poses tried, and steps to each
+PROBES, STEPS_TO_POSE = 4, 3  # other poses, and steps to each
 STEP_TO_POSE = 0.1  # length of a step [rad, characteristic lengths]
 # Of files with three digits, and with two; then others, as a gap far above the rounding may hide a
 # real equation.
@@ -190,7 +190,7 @@ def clearly_above(gap: float) -> float:
 
 
 def gap_words(mechanism: Mechanism) -> str:
-    """Return what would let a mechanism move whose loops hold it; empty if nothing would."""
+    """Return a remedy for a mechanism locked by rounded numbers, as text; else ""."""
     gap = gap_needed(mechanism.whole or mechanism)
     return "" if gap is None else (
         f"; if its file's numbers are rounded as far as that, load(..., gap={gap:.0e}) leaves out "
@@ -198,7 +198,7 @@ def gap_words(mechanism: Mechanism) -> str:
 
 
 def with_independent_equations(mechanism: Mechanism, accuracy: Accuracy | None = None) -> Mechanism:
-    """Return a mechanism without equations that its rounded numbers contradict."""
+    """Return `without_rounded_equations` at the allowed gap, or the mechanism itself."""
     return without_rounded_equations(mechanism, gap_allowed(mechanism, accuracy)) or mechanism
 
 

@@ -67,7 +67,7 @@ class SquareSystem:
         self.scale = evaluation.mechanism.velocity_scale
         nv = evaluation.model.nv
         self.drive = np.zeros((len(self.driven) + len(self.still), nv))
-        for row, v in zip(self.drive, (*self.drive_at, *self.still), strict=True):
+        for row, v in zip(self.drive, (*self.driven_entries, *self.still), strict=True):
             row[v] = 1.0
         self._bent = [(k, c) for k, c in enumerate(self.driven)
                       if c.q < 0 and not isinstance(c, VelocityEntry)]
@@ -130,8 +130,8 @@ class SquareSystem:
         self.pivot = Factors(self.matrix.T).pivot  # sought among the unknowns of an equation
 
     @property
-    def drive_at(self) -> list[int]:
-        """Places of the driven coordinates in the velocity vector."""
+    def driven_entries(self) -> list[int]:
+        """Indices of the driven coordinates in the velocity vector."""
         return [c.v for c in self.driven]
 
     @property

@@ -1,4 +1,4 @@
-"""Why nothing determines a motion: where loops lose equations, what is refused, and the words."""
+"""Undetermined motions: loops that lose equations, checks, and the text of errors."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Regular(NamedTuple):
 
 
 def has_constant_rank(mechanism: Mechanism, n: int, rank: int) -> bool:
-    """Whether n closure equations of a rank are lost nowhere near: all are independent, or hold.
+    """Whether n closure equations surely keep their rank nearby: all are independent, or hold.
 
     Those that stayed of a rounded file may be so by its rounding only.
     """
@@ -178,7 +178,7 @@ def dependence_words(
     evaluation: LoopEquations, driven: Sequence[Coordinate], drive: Array, still: Sequence[int],
     closures: Array,
 ) -> str:
-    """Return why drivers are not independent.
+    """Return why drivers are not independent, as text.
 
     Args:
         evaluation: the closure equations, at the configuration.
@@ -232,7 +232,7 @@ def dependence_words(
 
 
 def _nothing_moves(mechanism: Mechanism, still: Sequence[int], names: str) -> str:
-    """Return why no freedom is left."""
+    """Return why there is no freedom, as text."""
     base = {v for joint in free_bases(mechanism) for v in velocity_entries(mechanism, joint)}
     if set(still) - base:
         return (f"what is held and the loops leave no freedom, so that {names} cannot move; "
@@ -242,7 +242,7 @@ def _nothing_moves(mechanism: Mechanism, still: Sequence[int], names: str) -> st
 
 
 def locked_loops_hint(mechanism: Mechanism) -> str:
-    """Return what to check if loops lock a mechanism."""
+    """Return a hint for a mechanism that its loops lock, as text."""
     names = ", ".join(repr(c.name) for c in mechanism.closures if c.frames)
     what = f"axes and frames of closure {names}" if names else "couplings"
     return f"check the {what}, and the axes of the joints"

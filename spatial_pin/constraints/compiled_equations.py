@@ -94,7 +94,7 @@ class Constraints:
         equations: the compiled equations, passive ones last.
         plain: closure equations that are one product each; their numbers are its own.
         composed: those that are more, alike ones together.
-        elsewhere: products that act on other bodies than the closure's first two.
+        other_body_products: products that act on other bodies than the closure's first two.
         angles: the `n_angles` angles that count turns.
         turns: the joints that count the turns of each of them.
         counts_turns: whether they, or couplings, count turns of joints.
@@ -121,7 +121,7 @@ class Constraints:
             assert product is not None
             constant = _plain_constant(equation)
             products.add(product, closure, 0.0 if constant is None else -constant)
-        self.elsewhere: list[OtherBodyProduct] = []
+        self.other_body_products: list[OtherBodyProduct] = []
         self.angles: list[CountedAngle] = []
         self.turns = [turns_of(mechanism, c, x) for _, c, e in rows for x in _angles_of(e)]
         self.counts_turns = bool(self.turns) or any(c.joints for c in mechanism.closures)
@@ -137,7 +137,8 @@ class Constraints:
         self.plain = np.array([at for at, e in enumerate(closed) if not e.terms], np.intp)
         self.of_joints = np.array([at for at, e in enumerate(closed) if e.coordinates], np.intp)
         self.composed = Composed.of(closed)
-        self.n_wrenches, self.n_angles = self.n_closure + len(self.elsewhere), len(self.angles)
+        self.n_wrenches = self.n_closure + len(self.other_body_products)
+        self.n_angles = len(self.angles)
         model, r = mechanism.model, len(products.constants)
         self.terms = products.a, products.b, products.x
         self.c_abx = matrix_of(self.terms, model.njoints)
@@ -166,12 +167,12 @@ class Constraints:
         row = row if closure.equations is None else closure.equations[row]
         self.angles += [CountedAngle(at, (closure.name, row, k)) for k in range(len(made.angles))]
         names = (*closure.frames, *closure.between)
-        for k, (one, two) in made.elsewhere:
-            self.elsewhere.append(OtherBodyProduct(at, made.products[k], (
+        for k, (one, two) in made.other_body_products:
+            self.other_body_products.append(OtherBodyProduct(at, made.products[k], (
                 self.mechanism.frame_on_joint(names[one])[0],
                 self.mechanism.frame_on_joint(names[two])[0])))
         return Equation(tuple(made.products), tuple(made.coordinates), tuple(made.angles),
-                        tuple(terms), tuple(k for k, _ in made.elsewhere))
+                        tuple(terms), tuple(k for k, _ in made.other_body_products))
 
     def _size(self, closure: Closure, equation: ConstraintEquation) -> float:
         """Return the factor of an equation of joint coordinates alone; 1 for others.
@@ -220,7 +221,7 @@ class _EquationBuilder:
         self.products: list[int] = []
         self.coordinates: list[Coordinate] = []
         self.angles: list[tuple[int, int]] = []
-        self.elsewhere: list[tuple[int, tuple[int, int]]] = []
+        self.other_body_products: list[tuple[int, tuple[int, int]]] = []
 
     def factor(self, quantity: Quantity) -> QuantityIndex:
         """Add a quantity to the equation; return its index."""
@@ -233,7 +234,7 @@ class _EquationBuilder:
         first = len(self.products)
         for product in _products_of(quantity):
             if product.frames != FIRST_TWO:
-                self.elsewhere.append((len(self.products), product.frames))
+                self.other_body_products.append((len(self.products), product.frames))
             self.products.append(self.all_products.add(product, self.closure) if self.products
                                  else self._first)
         if not isinstance(quantity, Angle):
@@ -319,13 +320,13 @@ def combined_wrenches(
     out = [np.zeros((c.n_wrenches, *w.shape[1:])) for w in wrenches]
     for total, w in zip(out, wrenches, strict=True):
         total[c.plain] = w[c.plain]
-    extra = {x.product: k for k, x in enumerate(c.elsewhere, start=c.n_closure)}
+    extra = {x.product: k for k, x in enumerate(c.other_body_products, start=c.n_closure)}
     for group in c.composed:
         if not len(group.products):
             continue
         slopes = group.slopes(products, coordinates)[: len(group.products)]
         for k, (at, slope) in enumerate(zip(group.products, slopes, strict=True)):
-            to = [extra[p] for p in at.tolist()] if k in group.elsewhere else group.rows
+            to = [extra[p] for p in at.tolist()] if k in group.other_body_products else group.rows
             term = slope * Taylor.of([w[at] for w in wrenches])
             for total, w in zip(out, term.values, strict=True):
                 total[to] += w

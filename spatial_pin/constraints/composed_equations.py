@@ -43,16 +43,17 @@ class Equation(NamedTuple):
     Attributes:
         products: their numbers among all; of a plain equation the one that it is.
         coordinates: of joints.
-        angles: number among all angles, and place of the sine in `products`, before the cosine.
+        angles: number among all angles, and index of the sine in `products`, before the cosine.
         terms: numbers with what they are multiplied by; none of a plain equation.
-        elsewhere: places of products that act on other bodies than the closure's first two.
+        other_body_products: indices of products that act on other bodies than the closure's first
+            two.
     """
 
     products: tuple[int, ...]
     coordinates: tuple[Coordinate, ...] = ()
     angles: tuple[tuple[int, int], ...] = ()
     terms: tuple[tuple[float, tuple[QuantityIndex, ...]], ...] = ()
-    elsewhere: tuple[int, ...] = ()
+    other_body_products: tuple[int, ...] = ()
 
     @property
     def sines_and_cosines(self) -> list[tuple[int, int]]:
@@ -63,7 +64,7 @@ class Equation(NamedTuple):
     def form(self) -> tuple[object, ...]:
         """Key of equations that can be evaluated together."""
         return (len(self.products), len(self.coordinates), tuple(sine for _, sine in self.angles),
-                tuple(factors for _, factors in self.terms), self.elsewhere)
+                tuple(factors for _, factors in self.terms), self.other_body_products)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +96,7 @@ class Composed:
 
     @cached_property
     def coordinates(self) -> tuple[Ints, Ints]:
-        """(c, m) places of their coordinates in q, and in v."""
+        """(c, m) indices of their coordinates in q, and in v."""
         q, v = ([[getattr(c, at) for c in e.coordinates] for e in self.equations] for at in "qv")
         return np.array(q, np.intp).T, np.array(v, np.intp).T
 
@@ -110,9 +111,9 @@ class Composed:
         return np.array([[weight for weight, _ in e.terms] for e in self.equations]).T
 
     @property
-    def elsewhere(self) -> tuple[int, ...]:
+    def other_body_products(self) -> tuple[int, ...]:
         """Places of products that act on other bodies than those of the closure."""
-        return self.equations[0].elsewhere
+        return self.equations[0].other_body_products
 
     def inputs(
         self, products: Sequence[Array], coordinates: Sequence[Array],

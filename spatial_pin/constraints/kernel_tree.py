@@ -19,7 +19,7 @@ from spatial_pin.constraints.pinocchio_views import inertias
 from spatial_pin.kernel.library import DONE, POINTER, SINGULAR, address, check, library
 from spatial_pin.numerics.linalg import Array
 
-SYMMETRIC = np.array([4, 5, 7, 5, 6, 8, 7, 8, 9])  # places of a (3, 3) inertia in `inertias`
+SYMMETRIC = np.array([4, 5, 7, 5, 6, 8, 7, 8, 9])  # indices of a (3, 3) inertia in `inertias`
 
 
 class TreePlacements:
@@ -121,7 +121,7 @@ class KernelTree:
         check(self._library.kernel_set_numbers(
             self._kernel, address(self._reals), len(self._reals)))
 
-    # ------------------------------------------------------------ places and motions
+    # ------------------------------------------------------------ placements and motions
 
     def update(self, q: Array) -> None:
         """Set `placements` and `columns` at the configuration q (nq,)."""

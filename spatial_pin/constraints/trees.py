@@ -78,7 +78,7 @@ class Subtree(NamedTuple):
 
     Attributes:
         model, data: of the branches.
-        joints, q, v: places of its joints (but the ground), configuration and velocity in the
+        joints, q, v: indices of its joints (but the ground), configuration and velocity in the
             whole model.
         mass: its mass matrix at a configuration.
         columns: (6, nv) world joint Jacobian, a view on `data`.

@@ -47,7 +47,7 @@ class Followed(NamedTuple):
 
 
 def both_ways_order(values: Array) -> list[NDArray[np.intp]] | None:
-    """Return the indices of values from the first one upwards, and from it downwards.
+    """Return the indices of values above the first one, rising, and below it, falling.
 
     None where following the values as given is not much longer.
 

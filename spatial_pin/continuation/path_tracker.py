@@ -354,14 +354,14 @@ class PathTracker(Branch):
         return None
 
     def start(self) -> None:
-        """Begin at the state, as if nothing had been followed."""
+        """Start at the state, without earlier samples."""
         state, self._here = self.state, None
         self._path = self._path_from(state.q, state.angles, self._begin)
         if self._path is None:
             self._here = self._solved(self.checked_system(state), state.q, self.leading.begin)
 
     def by(self, law: Any) -> PathTracker:
-        """Return a tracker at the same point, the same coordinates going by another law."""
+        """Return a tracker at the same point, with another law of the same coordinates."""
         other = copy(self)
         other._law, other._begin = law, self.here.s
         other.__dict__.pop("leading", None)

@@ -191,7 +191,7 @@ def _arrive(curve: SolutionCurve, point: CurvePoint, length: float, target: floa
     ahead = _point_at(curve, point, _root(gap, length))
     unknowns.put(ahead, target)
     free = np.ones(evaluation.model.nv, dtype=bool)
-    free[[*curve.system.drive_at, *curve.system.still]] = False
+    free[[*curve.system.driven_entries, *curve.system.still]] = False
     q, error = close(evaluation, unknowns.configuration(ahead), free, curve.tolerance)
     if error > 1e-11:
         return Arrival("lost", q, target)

@@ -42,7 +42,7 @@ class Actuation:
 
     Attributes:
         names: as they were given.
-        coordinates: these; columns: (k,) their places in the velocity vector.
+        coordinates: these; columns: (k,) their indices in the velocity vector.
         root: (k,) one over the square root of each weight.
         shared: (k,) which of them may share the work of others: where a coordinate outside of loops
             has one actuator, that works alone.

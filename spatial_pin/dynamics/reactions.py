@@ -52,7 +52,7 @@ class Pairs:
 
     Attributes:
         closed: closures between bodies: name, rows, bodies, second frame's origin (4,) on its body.
-        elsewhere: forces of closures on other bodies than their first two.
+        other_body_products: forces of closures on other bodies than their first two.
         coupled: the joints that bear the force of a coupling.
         names: of all pairs, the tree's first.
     """
@@ -70,7 +70,8 @@ class Pairs:
                 self.closed.append((
                     closure.name, rows, (first, second), np.append(x.translation, 1.0)))
         constraints = constraints_of(mechanism)
-        self.elsewhere, self._of_joints = constraints.elsewhere, constraints.of_joints
+        self.other_body_products = constraints.other_body_products
+        self._of_joints = constraints.of_joints
         self.coupled = sorted(set().union(*joints_between_couplings(mechanism).values()))
         self.names = [*list(model.names)[1:], *(pair[0] for pair in self.closed)]
         self._levels = _levels(list(model.parents))
@@ -85,7 +86,8 @@ class Pairs:
             wrench = _borne(rows, multipliers, own)
             total[..., first, :] -= wrench
             total[..., second, :] += wrench
-        for at, (row, _, (first, second)) in enumerate(self.elsewhere, start=multipliers.shape[-1]):
+        for at, (row, _, (first, second)) in enumerate(
+                self.other_body_products, start=multipliers.shape[-1]):
             wrench = multipliers[..., row, None] * rows[..., at, :]
             total[..., first, :] -= wrench
             total[..., second, :] += wrench

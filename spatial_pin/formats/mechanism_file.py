@@ -50,7 +50,7 @@ BUSHING = ("stiffness", "damping", "preload")  # keys of six numbers, or of 6 x 
 
 
 class MechanismSpec:
-    """What a mechanism file says, read key by key; mistakes are collected.
+    """The content of a mechanism file, read key by key; mistakes are collected.
 
     Attributes:
         refinements: of the tree's joints.
@@ -105,7 +105,7 @@ class MechanismSpec:
     def _tables(
         self, top: TomlTable, key: str, read: Callable[[str, TomlTable], Any]
     ) -> dict[str, Any]:
-        """Return what the tables `[KEY.NAME]` that can be read say, by name."""
+        """Return the content of the readable tables `[KEY.NAME]`, by name."""
         found: dict[str, Any] = {}
         before, names = len(self._mistakes), list[str]()
         with self._mistakes.each():
@@ -119,7 +119,7 @@ class MechanismSpec:
         return found
 
     def _read(self, table: TomlTable, read: Callable[[TomlTable], Any]) -> list[Any]:
-        """Return what a table says, if it says it, or would with numbers for those that are none.
+        """Return [content] of a table, also with stand-ins for wrong numbers; else [].
 
         Behind a mistake it is read again with a stand-in, for the next one.
         """
@@ -130,12 +130,12 @@ class MechanismSpec:
                 found = read(table)
                 table.close()
                 return [found] if table.has_own_names else []
-            again = table.mended()
+            again = table.with_stand_in()
         table.note_unknown_keys(self._mistakes)
         return []
 
     def _array(self, top: TomlTable, key: str, read: Callable[[TomlTable], Any]) -> tuple[Any, ...]:
-        """Return what the tables `[[KEY]]` that can be read say."""
+        """Return the content of the readable tables `[[KEY]]`."""
         found: list[Any] = []
         before, tables = len(self._mistakes), 0
         with self._mistakes.each():
@@ -265,7 +265,7 @@ def _closure(table: TomlTable) -> Closure:
     closure = Closure(name, kind, numbers=numbers, geometry=_geometry(table, pair),
                       between=_between(table) if pair.uses_length else (), **parts)
     if pair.n_frames and "equations" in table:
-        closure = replace(closure, equations=table.places("equations", closure.n_rows))
+        closure = replace(closure, equations=table.indices("equations", closure.n_rows))
     return closure
 
 

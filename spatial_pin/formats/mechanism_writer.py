@@ -1,4 +1,4 @@
-"""Writing a mechanism as plain files: the expanded URDF, and beside it what URDF cannot say."""
+"""Writing a mechanism as plain files: the expanded URDF, and a mechanism file for the rest."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def _write(mechanism: Mechanism, texts: dict[Path, str], copies: dict[Path, Path
 
 
 def _beside(mechanism: Mechanism, tree: str) -> dict[str, Any]:
-    """Return what a mechanism file says beside the URDF, which states couplings as <mimic>."""
+    """Return the mechanism file for a URDF that states couplings as <mimic>."""
     stated = {f"mimic_{joint.get('name')}"
               for joint in robot_of(mechanism).findall("joint")
               if joint.find("mimic") is not None}
@@ -193,7 +193,7 @@ def robot_of(mechanism: Mechanism) -> ET.Element:
 
 
 def content_of(mechanism: Mechanism) -> dict[str, Any]:
-    """Return what a mechanism file says of a mechanism, as `parse_toml` would read it."""
+    """Return the content of a mechanism's file, as `parse_toml` reads it."""
     robot = robot_of(mechanism)
     moving = list(mechanism.model.names)[1:]
     content: dict[str, Any] = {
@@ -220,7 +220,7 @@ def content_of(mechanism: Mechanism) -> dict[str, Any]:
 
 
 def _joint(mechanism: Mechanism, element: ET.Element) -> dict[str, Any]:
-    """Return what a mechanism file says of a joint that its URDF element does not."""
+    """Return the table of a joint in a mechanism file: data that its URDF element lacks."""
     name, kind = element.get("name", ""), element.get("type", "")
     if not mechanism.model.existJointName(name):
         return {} if kind == "fixed" else {"type": "fixed"}

@@ -168,7 +168,7 @@ class Path:
         """
         self.kernel.path = self._token
         code = self._library.path_start(
-            self.kernel.handle, self._at_task, *self.kernel.taken(q, angles))
+            self.kernel.handle, self._at_task, *self.kernel.copied_addresses(q, angles))
         if code == BAD_ARRAYS:
             check(code)
         return not code

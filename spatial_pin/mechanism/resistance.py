@@ -36,7 +36,7 @@ class Resistance:
 
     Attributes:
         damping, friction, slip_speed: (nv,).
-        at: places of the coordinates that have any.
+        at: indices of the coordinates that have any.
 
     Raises:
         UnknownNameError: a name does not exist.

@@ -90,7 +90,7 @@ def _is_of(mechanism: Mechanism, joint: int, entries: NDArray[np.bool_]) -> bool
 
 
 def velocity_indices(driven: Iterable[Coordinate]) -> tuple[int, ...]:
-    """Return the indices in the velocity vector of coordinates that are entries of it."""
+    """Return the indices of coordinates in the velocity vector, without rotation vectors."""
     return tuple(c.v for c in driven if c.q >= 0 or isinstance(c, VelocityEntry))
 
 
@@ -172,7 +172,7 @@ def equations_for_entries(
 
 
 class PartMotion(NamedTuple):
-    """A motion of a part of a mechanism.
+    """The part of a mechanism that moves, with the fixed coordinates of its motion.
 
     Attributes:
         state: of the part.

@@ -135,7 +135,7 @@ class Prescription(NamedTuple):
 
 
 def factored_rates(kernel: Kernel, state: State, given: Prescription) -> RateSolver:
-    """Return the solver for the rates of a closed state, placed there.
+    """Return the solver for the rates of a closed state, factored there.
 
     Args:
         kernel: of the state's mechanism.
@@ -186,7 +186,7 @@ def prescription_by(mechanism: Mechanism, driver: str, hold: FixedHold) -> Presc
 def rates_prescription(
     mechanism: Mechanism, speeds: Mapping[str, Any], accelerations: Mapping[str, Any], hold: Hold
 ) -> tuple[Prescription, list[int], list[int]] | None:
-    """Return the prescription of rates by name; None if it must be found by trial.
+    """Return the prescription of rates by name; None if trials are needed.
 
     It has all drivers if all names are drivers, or the named coordinates if no others must be
     fixed.

@@ -63,7 +63,7 @@ def prescribed_at(state: State, names: Iterable[str], hold: Hold = BASE) -> list
 def usual_prescription(
     mechanism: Mechanism, names: Iterable[str], hold: Hold = BASE
 ) -> tuple[list[Coordinate], tuple[int, ...]]:
-    """Return the result of `prescribed_at` in a regular state, with fixed velocity entries."""
+    """Return prescribed coordinates, in a regular state, and fixed velocity entries."""
     driven, still = _prescribed_first(mechanism, tuple(names), hashable_hold(hold))
     return [*driven], still
 

@@ -1,4 +1,4 @@
-"""The assembly problem: equations, fixed and free coordinates, and the judgement of results."""
+"""The assembly problem: equations, fixed and free coordinates, acceptance of results."""
 
 from __future__ import annotations
 
@@ -211,7 +211,7 @@ class AssemblyProblem:
         """(nq,) the guess with the given values; drivers may have other values there."""
         return with_values(self.mechanism, self._guess.q, self.given)
 
-    def standing_at(self, q: Array) -> AssemblyProblem:
+    def fixed_at(self, q: Array) -> AssemblyProblem:
         """Return the same with released drivers fixed at their values in q (nq,)."""
         table = self.mechanism.coordinate_table
         standing = {name: coordinate_value(self.mechanism, table[name], q) for name in self.let_go}
@@ -219,7 +219,7 @@ class AssemblyProblem:
             self.mechanism, self.given, standing, self._guess, self.tolerance, self.gap,
             self.reference, still=self.free_set.still, workspaces=self.workspaces)
 
-    def elsewhere(self, q: Array) -> AssemblyProblem:
+    def nearest_to(self, q: Array) -> AssemblyProblem:
         """Return the same with nothing fixed: it starts at q (nq,), and nearest to it is best."""
         named = {**self.named, **self.held}
         return AssemblyProblem(
@@ -251,7 +251,7 @@ class AssemblyProblem:
         """(nv,) the relevant velocities: for a group of loops those of its joints."""
         return free_velocities(self.mechanism, self._stands, ())
 
-    def is_looked_at(self, name: str) -> bool:
+    def is_relevant(self, name: str) -> bool:
         """Whether a coordinate is one of the `entries`."""
         return bool(self.entries[self.mechanism.coordinate_table[name].v])
 
@@ -273,7 +273,7 @@ class AssemblyProblem:
             return True
         return bool(size_of(self.mechanism, q) * COORDINATE_ERROR < 1.0)
 
-    def may_be_shaken(self) -> bool:
+    def can_perturb(self) -> bool:
         """Whether `reached` can try perturbed starts with the first one, in one call."""
         if self.mechanism.whole is not None or self.let_go or not self.free_set.is_whole:
             return False
@@ -284,7 +284,7 @@ class AssemblyProblem:
     def is_for_kernel(self) -> bool:
         """Whether the kernel may judge its results from the guess by itself."""
         return (not self.pinned and self.goal.size > 0 and self.has_digits(self.goal)
-                and self.may_be_shaken())
+                and self.can_perturb())
 
     @property
     def widest_gap(self) -> float:
@@ -336,7 +336,7 @@ class AssemblyProblem:
         free = self.free_set
         if free.first is not None:
             q = self.closed(q, free.first, self.pinned, max(self.tolerance, LOOSE)).q
-        return self.seen(self.closed(q, free.free, self.pinned).q)
+        return self.judged_at(self.closed(q, free.free, self.pinned).q)
 
     def closed(
         self, q: Array, free: NDArray[np.bool_], pinned: Mapping[str, float],
@@ -377,7 +377,7 @@ class AssemblyProblem:
 
     # ------------------------------------------------------------ judging
 
-    def seen(self, q: Array) -> Reached:
+    def judged_at(self, q: Array) -> Reached:
         """Return the properties of q (nq,), without whole turns."""
         with closer_of(self.mechanism) as closer:
             return closer.judge(q, self.reference, NamedCoordinates(
@@ -389,7 +389,7 @@ class AssemblyProblem:
             return closer.examine(q, self.reference)
 
     def is_sound(self, result: Reached) -> bool:
-        """Whether a result is surely correct, as far as it shows by itself."""
+        """Whether a result is surely correct, without a comparison with others."""
         return (result.error <= ACCEPTED and not result.may_be_mirrored
                 and self.mechanism.whole is None)
 

@@ -112,7 +112,7 @@ def _open_words(search: Search, q: Array, worst: str) -> str:
     values = _values(elsewhere)
     n, entries = problem.evaluation.constraints.n_closure, problem.entries
     freedoms = int(entries.sum()) - decompose(problem.evaluation.jacobian[:n]).rank
-    given = sum(problem.is_looked_at(name) for name in problem.given)
+    given = sum(problem.is_relevant(name) for name in problem.given)
     if given > freedoms:
         return (f"{given} coordinates have a value, but the mechanism has {freedoms} "
                 f"freedom{'s' * (freedoms != 1)}: leave out {given - freedoms} "
@@ -122,7 +122,7 @@ def _open_words(search: Search, q: Array, worst: str) -> str:
 
 
 def suspect_data(mechanism: Mechanism, worst: str) -> str:
-    """Return which data of the most open closure may be wrong."""
+    """Return the data of the most open closure that may be wrong, as text."""
     closure = {c.name: c for c in mechanism.closures}.get(worst)
     if closure and closure.joints:
         return f"ratio and offset of coupling {worst!r}, and the other closures"
@@ -140,14 +140,14 @@ def _closed_elsewhere(search: Search, q: Array) -> dict[str, float]:
     The evaluation is then at that configuration.
     """
     problem = search.problem
-    other = Search(problem.elsewhere(q), search.limits)
+    other = Search(problem.nearest_to(q), search.limits)
     other.run()
     if other.best is None:
         return {}
     problem.evaluation.update(other.best[1])
     table = problem.mechanism.coordinate_table
     return {name: coordinate_value(problem.mechanism, table[name], other.best[1])
-            for name in problem.held if problem.is_looked_at(name)}
+            for name in problem.held if problem.is_relevant(name)}
 
 
 def _too_large(mechanism: Mechanism, q: Array) -> str:

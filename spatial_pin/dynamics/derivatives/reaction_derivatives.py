@@ -150,7 +150,8 @@ class ReactionChanges:
             on_second.append(wrench)
             total[first] -= wrench
             total[second] += wrench
-        for at, (row, _, (first, second)) in enumerate(pairs.elsewhere, start=c.n_closure):
+        for at, (row, _, (first, second)) in enumerate(
+                pairs.other_body_products, start=c.n_closure):
             wrench = borne(slice(row, row + 1), slice(at, at + 1))
             total[first] -= wrench
             total[second] += wrench

@@ -33,7 +33,7 @@ from spatial_pin.dynamics.solvers.independent_coordinates import (
     IndependentCoordinates,
 )
 from spatial_pin.errors import SingularError, SpatialPinError
-from spatial_pin.kernel.dynamics import Callbacks, KernelDynamics, Start
+from spatial_pin.kernel.dynamics import Callbacks, KernelDynamics, ReferencePoint
 from spatial_pin.kernel.integrating import SimulationSamples
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.kernel.packing import Ints
@@ -211,8 +211,8 @@ class IndependentFormulation:
                 f"{state.q}, but {held} independent coordinates")
         self.kernel = KernelDynamics(
             mechanism, problem.packed, *arrays, self._functions.callbacks(),
-            Start(state.q, state.angles, np.array(self.spins.rates(state.q, state.v)), self.free,
-                  rows))
+            ReferencePoint(state.q, state.angles, np.array(self.spins.rates(state.q, state.v)),
+                           self.free, rows))
         self.kernel_handle, self.errors = self.kernel.handle, self.kernel.errors
         if not self.kernel.save_position() or self.kernel.pivot < TOLERANCES.singular:
             raise SingularError(f"mechanism {mechanism.name!r}: singular configuration")
