@@ -22,7 +22,7 @@ from typing import Any
 
 import lazy_loader
 
-from spatial_pin.mechanism import closures, laws
+from spatial_pin.mechanism import closures, curves, laws
 
 __version__ = "0.2.0"
 
@@ -30,7 +30,8 @@ __version__ = "0.2.0"
 _public, _, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 # so that `from spatial_pin.closures import spherical` works as `sp.closures.spherical` does
-sys.modules.update({f"{__name__}.closures": closures, f"{__name__}.laws": laws})
+sys.modules.update({f"{__name__}.closures": closures, f"{__name__}.curves": curves,
+                    f"{__name__}.laws": laws})
 
 # commands of `spatial-pin` that are called otherwise here
 _COMMANDS = {

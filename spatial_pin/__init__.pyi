@@ -54,12 +54,13 @@ from .errors import (
     StepLimitError as StepLimitError,
     UnknownNameError as UnknownNameError,
 )
+from .formats.drawing import Drawing as Drawing
 from .formats.files import list_mechanisms as list_mechanisms, load as load
 from .inverse_kinematics import targets as targets
 from .inverse_kinematics.reach import reach as reach
 from .inverse_kinematics.reach_path import reach_path as reach_path
 from .inverse_kinematics.targets import Target as Target
-from .mechanism import closures as closures, laws as laws
+from .mechanism import closures as closures, curves as curves, laws as laws
 from .mechanism.coordinates import CoordinateRates as CoordinateRates
 from .mechanism.mechanism import Mechanism as Mechanism
 from .mechanism.parts import (
@@ -81,6 +82,7 @@ from .motion.follow import follow as follow
 from .motion.joint_limit_events import JointLimit as JointLimit, Passing as Passing
 from .motion.limits import Bound as Bound, Range as Range, limits as limits
 from .motion.motion import (
+    ErrorEstimate as ErrorEstimate,
     Event as Event,
     FrameMotion as FrameMotion,
     Motion as Motion,

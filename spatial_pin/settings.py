@@ -20,8 +20,8 @@ class Integrator(NamedTuple):
        name: "scipy.integrate:Radau", or one of your own.
     2. One of the kernel (Runge and Kutta's) is an entry of `METHODS` in
        `kernel/integrators/integrating.c`; these have the same order here.
-    3. "automatic" begins as DOP853; `succeed` in `dynamics.simulation.integrators` decides when
-       Radau goes on, and when DOP853 again.
+    3. "automatic" begins as DOP853; `succeed` in
+       `dynamics.simulation.integrators` decides when Radau goes on, and when the first one again.
 
     Attributes:
         solver: module and class, "module:class"; or "kernel"; or "" of the automatic one.
@@ -72,14 +72,16 @@ class Accuracy:
         order: order of the Taylor predictor of a followed motion, 0 to 3 (the third derivative
             is a difference of two accelerations).
         corrections: number of Newton corrections at each step; None corrects until `tolerance`.
-        tolerance: closure residual to reach [-], relative to the characteristic length.
+        tolerance: closure residual to reach [-], relative to the characteristic length; from 1e-8
+            on also the error that samples of a followed motion may have, see below.
         gap: largest closure error that redundant equations of a rounded file may keep [-], see
             `State.gap`; 0 for none. Numbers of five digits leave up to 4e-5, single precision
             2e-7; a link that is 1 % too long leaves 1e-3 and more.
         formulation: of `simulate`: "independent" (coordinates, the loops closed inside) or
             "projected" (all joint coordinates, taken back to closed loops after every step).
-        integrator: of `simulate`: "automatic" (DOP853, and where strong damping or dry friction
-            would make it creep, Radau), "DOP853", "RK45", "Radau", "BDF", "LSODA", "RK4", "Gauss".
+        integrator: of `simulate`: "automatic" (DOP853, and where strong damping or dry
+            friction would make it creep, Radau), "DOP853",
+            "RK45", "Radau", "BDF", "LSODA", "RK4", "Gauss".
         time_tolerance: error that adaptive integrators allow in one step, relative and absolute
             [rad, characteristic lengths, and these per natural time]: about the period of a turn,
             or of a pendulum as large, see `dynamics.simulation.integrators`. The pace and the
@@ -91,11 +93,12 @@ class Accuracy:
             without damping that would take ten times as many is given up early.
 
     With a tolerance of 1e-8 or more (and order 3), close samples of a sweep are interpolated
-    between points of the path that are closed to round-off. Errors of their positions and rates are
-    of the size of the tolerance, at a fraction of the cost. A larger tolerance needs fewer points:
-    thirty per turn at 1e-4, a hundred at 1e-6. From 1e-11 on, DOP853 also gives the accelerations
-    of a simulation's samples, and most samples of one freedom are interpolated in the same way.
-    This is not done if functions of yours act, because these may jump.
+    between points of the path that are closed more tightly. One correction in the middle of each
+    interval tells its error, and the intervals grow until that meets the tolerance: the error of
+    positions, and of rates and accelerations by their size. `Motion.error` tells it. From 1e-11 on,
+    DOP853 and RK45 also give the accelerations of a simulation's samples, and most samples of one
+    freedom are interpolated in the same way. This is not done if functions of yours act, because
+    these may jump.
 
     Example:
         >>> mech = sp.load("four_bar")
@@ -158,21 +161,23 @@ class Accuracy:
     def for_error(
         cls, error: float, task: str = "sweep", measured: Measurement | None = None
     ) -> Accuracy:
-        """Return the cheapest setting that was measured to reach an error.
+        """Return the cheapest setting that reaches an error; `Motion.error` tells whether it has.
 
         The error is the largest of positions [rad, characteristic lengths], and of velocities and
-        accelerations by the largest one. Without `measured` it is ten times the largest that
-        `scripts/accuracy_table.py` found over the mechanisms of the library with loops, each doing
-        its usual sweep, or swinging a few seconds under gravity. That is a measurement, not a
-        proof: near singular configurations, and in long or unstable simulations, errors grow
-        (`delta` and `sarrus` through their change points, `crank_collar` and `excavator` let fall,
-        are not counted). Measure your own mechanism and task to be sure:
+        accelerations by the largest one. A sweep to 1e-8 or more meets it by itself. Tighter ones,
+        and simulations, have the setting that kept it with a margin over the mechanisms of the
+        library with loops, as `scripts/accuracy_table.py` measured: each did its usual sweep, or
+        swung a few seconds under gravity. That is a measurement, not a proof: near singular
+        configurations, and in long or unstable simulations, errors grow (`delta` and `sarrus`
+        through their change points, `crank_collar` and `excavator` let fall, are left out for
+        that), and `Motion.error` says so. Or measure your own mechanism and task before:
         `for_error(1e-6, measured=spatial_pin.tradeoff(mechanism, task))`.
 
         Args:
             error: the largest error to accept.
             task: "sweep" or "simulate", where nothing was measured.
-            measured: settings measured on one's own task.
+            measured: settings measured on one's own task, a third of the error being left for what
+                lies between its samples, and for other motions.
 
         Returns:
             The setting, to be given as `accuracy`.
@@ -182,8 +187,8 @@ class Accuracy:
             ValueError: the error is not positive, or there is no such task.
 
         Example:
-            >>> sp.Accuracy.for_error(1e-6).tolerance  # of a sweep, as measured on the library
-            1e-07
+            >>> sp.Accuracy.for_error(1e-6).tolerance  # of a sweep, which meets it by itself
+            1e-06
         """
         error = positive_number(error, "error")
         if measured is not None:
@@ -194,6 +199,8 @@ class Accuracy:
         if not isinstance(task, str) or task not in MEASURED:
             raise ValueError(f"no task {task!r}; there are {sorted(MEASURED)}, or `measured`: what "
                              "spatial_pin.tradeoff(mechanism, task) returns")
+        if task == "sweep" and error >= INTERPOLATED:
+            return cls(tolerance=min(error, LOOSEST))
         for reached, accuracy in MEASURED[task]:
             if reached <= error:
                 return accuracy
@@ -230,15 +237,11 @@ LEVELS = {
     "reference": Accuracy(tolerance=1e-15, time_tolerance=1e-13),
 }
 
+INTERPOLATED = 1e-8  # tolerance from which on samples of a sweep are interpolated, to that error
+LOOSEST = 1e-2  # of these: farther apart, points would not be predicted
 # error that each setting keeps, the cheapest first, as printed by scripts/accuracy_table.py
 MEASURED: dict[str, tuple[tuple[float, Accuracy], ...]] = {
     "sweep": (
-        (0.04, Accuracy(tolerance=0.01)),
-        (0.02, Accuracy(tolerance=0.001)),
-        (0.002, Accuracy(tolerance=0.0001)),
-        (0.0002, Accuracy(tolerance=1e-05)),
-        (2e-05, Accuracy(tolerance=1e-06)),
-        (3e-07, Accuracy(tolerance=1e-07)),
         (7e-10, Accuracy(tolerance=1e-10)),
         (7e-12, Accuracy(tolerance=1e-12)),
         (4e-13, Accuracy()),

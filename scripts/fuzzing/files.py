@@ -80,4 +80,6 @@ def _value(x):
         return f'"{x}"'
     if isinstance(x, list):
         return "[" + ", ".join(_value(y) for y in x) + "]"
+    if isinstance(x, dict):
+        return "{" + ", ".join(f"{k} = {_value(y)}" for k, y in x.items()) + "}"
     return repr(float(x))

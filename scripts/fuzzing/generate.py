@@ -226,13 +226,32 @@ class _Maker:
         judge = Judge(self.spec)
         if len(judge.linear) < 2:
             return False
+        form = self.pick({"ratio": 2, "ratios": 1, "function": 1})
+        if form == "ratios" and len(judge.linear) > 2:
+            return self.couple_several(c, judge)
         a, b = (str(x) for x in self.rng.choice(list(judge.linear), 2, replace=False))
         (qa, va), (qb, vb) = judge.linear[a], judge.linear[b]
         ratio = float(self.rng.choice([-1, 1]) * self.rng.uniform(0.3, 2.0))
         ratio *= float(judge.scale[vb] / judge.scale[va])
         q = self.spec["q"]
-        self.spec["closures"].append(c | {"joints": [a, b], "ratio": ratio,
-                                          "offset": q[qb] - ratio * q[qa]})
+        law = {"ratio": ratio, "offset": q[qb] - ratio * q[qa]}
+        if form == "function":  # a cubic, whose slope at the configuration is near the ratio
+            bent = [ratio * float(x) / float(judge.scale[va]) ** k
+                    for k, x in enumerate(self.rng.uniform(-0.3, 0.3, 2), start=1)]
+            rise = ratio * q[qa] + bent[0] * q[qa] ** 2 + bent[1] * q[qa] ** 3
+            law = {"function": {"polynomial": [q[qb] - rise, ratio, *bent]}}
+        self.spec["closures"].append(c | {"joints": [a, b]} | law)
+        return True
+
+    def couple_several(self, c, judge):
+        """Add a sum of three or four coordinates, as of a differential."""
+        n = int(self.rng.integers(3, min(5, len(judge.linear) + 1)))
+        names = [str(x) for x in self.rng.choice(list(judge.linear), n, replace=False)]
+        at = [judge.linear[name] for name in names]
+        ratios = [float(self.rng.choice([-1, 1]) * self.rng.uniform(0.3, 2.0) / judge.scale[v])
+                  for _, v in at]
+        total = sum(r * self.spec["q"][q] for r, (q, _) in zip(ratios, at, strict=True))
+        self.spec["closures"].append(c | {"joints": names, "ratios": ratios, "offset": -total})
         return True
 
     def two_links(self):

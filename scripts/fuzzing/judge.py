@@ -215,8 +215,15 @@ class Judge:
         return CLOSURES[c["type"]](c, back @ r2, shift, self.size)
 
     def _coupling(self, c, qs):
-        (a, _), (b, at) = (self.linear[x] for x in c["joints"])
-        open_by = qs[:, b] - LD(c["ratio"]) * qs[:, a] - LD(c["offset"])
+        places, at = [self.linear[x][0] for x in c["joints"]], self.linear[c["joints"][-1]][1]
+        if "ratios" in c:
+            total = LD(c["offset"]) + sum(LD(r) * qs[:, k] for r, k in zip(
+                c["ratios"], places, strict=True))
+            open_by = total / LD(c["ratios"][-1])
+        else:
+            a, b = places
+            law = c["function"]["polynomial"] if "function" in c else [c["offset"], c["ratio"]]
+            open_by = qs[:, b] - sum(LD(x) * qs[:, a] ** k for k, x in enumerate(law))
         return (open_by / self.scale[at])[:, None]
 
     def open_by(self, qs):

@@ -20,11 +20,13 @@ import pinocchio as pin
 from spatial_pin.constraints.vector_products import unit_length
 from spatial_pin.mechanism.equations import (
     Angle,
+    Bearing,
     ConstraintEquation,
     Cosine,
     Displacement,
     FunctionOf,
     JointCoordinate,
+    PointDistance,
     Quantity,
     Square,
 )
@@ -217,9 +219,18 @@ class Extended:
         one, two = (frames[k] for k in x.frames)
         r1, r2, d = one[..., :3, :3], two[..., :3, :3], (two - one)[..., :3, 3]
         if isinstance(x, Displacement):
-            return dot(r1 @ x.u.astype(Long), d)
+            along = (r2 if x.of_second else r1) @ x.u.astype(Long)
+            return dot(along, d) - np.array([[x.offset], [0], [0]], dtype=Long)
+        if isinstance(x, Bearing):
+            c, s = (dot(r1 @ u.astype(Long), d) - np.array([[u @ x.centre], [0], [0]], dtype=Long)
+                    for u in x.axes.T[:2])
+            return self._argument(s, c, next(turns))
         if isinstance(x, Cosine):
             return dot(r1 @ x.u.astype(Long), r2 @ x.w.astype(Long))
+        if isinstance(x, PointDistance):
+            n, along, change = np.sqrt((d[0] ** 2).sum(-1)), *dot(d, d)[1:]
+            rate = along / (2 * n)
+            return np.stack([n, rate, change / (2 * n) - rate**2 / n])
         if isinstance(x, Square):
             length = unit_length(self.mechanism, closure) if x.length is None else x.length
             return dot(d, d) / (2 * Long(length))
@@ -229,6 +240,10 @@ class Extended:
         """Return an angle that counts turns with its rates (3, N) [rad]."""
         of = r2 @ angle.axes2[:, 0].astype(Long)
         c, s = (dot(r1 @ u.astype(Long), of) for u in angle.axes1.T[:2])
+        return self._argument(s, c, turns)
+
+    def _argument(self, s: Array, c: Array, turns: Array) -> Array:
+        """Return the angle of sine and cosine, times any length, with their rates (3, N)."""
         n = s[0] ** 2 + c[0] ** 2
         turning = c[0] * s[1] - s[0] * c[1]
         rate = turning / n

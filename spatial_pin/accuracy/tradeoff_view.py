@@ -34,7 +34,7 @@ def table(tradeoff: Tradeoff, is_narrow: bool = False) -> str:
         is_narrow: whether parts of the errors are left out, so that it fits a terminal.
     """
     good = [row for row in tradeoff.rows if row.errors is not None]
-    lines = cells(tradeoff)
+    lines = cells(tradeoff, merged(good, tradeoff.kind))
     if is_narrow:
         columns = [k for k, head in enumerate(lines[0]) if head not in PARTS]
         lines = [[line[k] for k in columns] for line in lines]
@@ -44,7 +44,9 @@ def table(tradeoff: Tradeoff, is_narrow: bool = False) -> str:
                         *(x.rjust(w) for x, w in zip(line[1:], widths[1:], strict=True))]).rstrip()
              for line in lines]
     runs = sorted({len(row.seconds) for row in good})
-    notes = [f"*: no other is as fast and as exact; ±: between the quartiles of "
+    notes = ["time: by that of engineering, the least of all runs; keeps e =: error that for_error "
+             "relies on; (+n): n settings more, as fast as can be told and less exact; "
+             f"*: no other is as fast and as exact; ±: between the quartiles of "
              f"{' to '.join(map(str, runs[:: max(len(runs) - 1, 1)]))} runs; errors in rad and "
              "characteristic lengths, error: the largest, rates relative to the largest rate"]
     if any(row.error < tradeoff.reference_error for row in good):
@@ -57,10 +59,41 @@ def table(tradeoff: Tradeoff, is_narrow: bool = False) -> str:
     return "\n".join(text)
 
 
-def cells(tradeoff: Tradeoff) -> list[list[str]]:
-    """Return the words of the table: a line of headings, and one of each setting that worked."""
-    return [list(_columns(tradeoff, None)), *(
-        list(_columns(tradeoff, row).values()) for row in tradeoff.rows if row.errors is not None)]
+def merged(rows: list[Measured], kind: str) -> list[tuple[Measured, int]]:
+    """Return rows without those as fast as a more exact one, with how many each stands for.
+
+    Two are as fast where the quartiles of their times overlap. The front and the levels stay.
+    """
+    found: list[tuple[Measured, int]] = []
+    for row in sorted(rows, key=lambda x: x.error):
+        own = np.percentile(row.seconds, [25, 75])
+        for k, (other, n) in enumerate(found):
+            its = np.percentile(other.seconds, [25, 75])
+            stays = row.on_front or describe(row.accuracy, kind).endswith(")")
+            if own[0] <= its[1] and its[0] <= own[1] and not stays:
+                found[k] = other, n + 1
+                break
+        else:
+            found.append((row, 0))
+    return sorted(found, key=lambda x: x[0].time_per_step)
+
+
+def cells(
+    tradeoff: Tradeoff, rows: list[tuple[Measured, int]] | None = None
+) -> list[list[str]]:
+    """Return the words of the table: a line of headings, and one of each setting that worked.
+
+    Args:
+        tradeoff: what was measured.
+        rows: those that are shown, each with the number of those it stands for; default all.
+    """
+    if rows is None:
+        rows = [(row, 0) for row in tradeoff.rows if row.errors is not None]
+    lines = [list(_columns(tradeoff, None))]
+    for row, more in rows:
+        head, *rest = _columns(tradeoff, row).values()
+        lines.append([f"{head} (+{more})" if more else head, *rest])
+    return lines
 
 
 def _columns(tradeoff: Tradeoff, row: Measured | None) -> dict[str, str]:
@@ -69,7 +102,8 @@ def _columns(tradeoff: Tradeoff, row: Measured | None) -> dict[str, str]:
         "closure": None, "position": None, "velocity": None, "acceleration": None, "error": None}
     simulation = tradeoff.kind == "simulate"
     spins = any(r.errors is not None and r.errors.spin for r in tradeoff.rows)
-    cells = {"  setting": "", "µs/step": "", "±": "", **dict.fromkeys(numbers, "")}
+    cells = {"  setting": "", "µs/step": "", "±": "", "time": "", "keeps e =": "",
+             **dict.fromkeys(numbers, "")}
     if spins:
         cells["spin"] = ""
     if simulation:
@@ -79,6 +113,8 @@ def _columns(tradeoff: Tradeoff, row: Measured | None) -> dict[str, str]:
     cells["  setting"] = f"{'* ' if row.on_front else '  '}{describe(row.accuracy, tradeoff.kind)}"
     cells["µs/step"] = f"{1e6 * row.time_per_step:.3g}"
     cells["±"] = "-" if row.spread is None else f"{100 * row.spread:.0f} %"
+    cells["time"] = f"{tradeoff.relative_time(row):.2f}".replace("nan", "-")
+    cells["keeps e ="] = f"{tradeoff.kept_error(row):.0e}"
     for key in numbers:
         value = row.error if key == "error" else getattr(row.errors, key)
         cells[key] = f"{value:.1e}"
@@ -125,7 +161,7 @@ def plot(tradeoff: Tradeoff, path: str | Path | None = None) -> Figure:
             axes.annotate(describe(row.accuracy, tradeoff.kind), point, xytext=(-5, -3),
                           textcoords="offset points", ha="right", va="top", fontsize=7, color=INK)
     axes.set(xscale="log", yscale="log", xlabel="time per step [µs]",
-             ylabel="largest error [rad, characteristic lengths; rates relative to the largest]")
+             ylabel="largest error [rad, characteristic lengths;\nrates relative to the largest]")
     _frame(axes, tradeoff)
     figure.suptitle(literal(f"{tradeoff.mechanism}: {tradeoff.task}"), fontsize=12)
     if path is not None:

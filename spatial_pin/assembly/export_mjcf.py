@@ -15,7 +15,8 @@ def export_mjcf(mechanism: Mechanism, path: str | Path, state: State | None = No
     """Write a mechanism as MJCF, the format of MuJoCo.
 
     Balls become `connect`, welds `weld`, hinges two `connect` on their axis, couplings `joint`
-    equalities, distances tendons whose length is held; a closure that is another joint becomes a
+    equalities or, of several joints, fixed tendons; distances and ropes tendons whose length is
+    held; a closure that is another joint becomes a
     body that moves so on the first frame and is welded to the second. Drivers become motors,
     springs stiffness or tendons. Coordinates are the mechanism's own, and so are names of links.
     MuJoCo itself is not needed.

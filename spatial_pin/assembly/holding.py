@@ -145,7 +145,9 @@ def _held_by(
         if is_base(mechanism, name):
             entries += fixed_base_entries(mechanism, driven)
         elif name == SPRINGS and is_word:
-            entries += [mechanism.coordinate(x.joint).v for x in mechanism.springs if x.joint]
+            sprung = [mechanism.coordinate(x.joint) for x in mechanism.springs if x.joint]
+            entries += [c.v for c in sprung if c.q >= 0]
+            single += [c for c in sprung if c.q < 0]
         elif part in PARTS and joint in joints and (
                 mechanism.pair_of(joint) == "floating"):
             entries += velocity_entries(mechanism, joint)[PARTS[part]]

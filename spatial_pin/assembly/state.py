@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from types import MappingProxyType
+from types import MappingProxyType, SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,6 +12,7 @@ import pinocchio as pin
 from spatial_pin._support.brief import brief
 from spatial_pin._support.checks import finite_array, is_finite
 from spatial_pin._support.lazy import cached_property, made_once
+from spatial_pin.assembly.contact_places import contact_closure, contact_rates
 from spatial_pin.assembly.frames import Located, located
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import SpatialPinError
@@ -261,7 +262,8 @@ class State:
         A rotation vector, of a ball or a floating joint, is no longer than half a turn.
 
         Args:
-            name: a coordinate, a one-freedom joint, or a driver.
+            name: a coordinate, a one-freedom joint, or a driver; or `CLOSURE.s`, the place on
+                the curve of a cam or a point on a curve [m].
 
         Returns:
             The CoordinateRates: three floats.
@@ -274,7 +276,18 @@ class State:
             >>> print(f"{state.coordinate('rocker_pin').value:.4f} rad")
             1.5232 rad
         """
-        rows = coordinate_rates(self.mechanism, name, self.q[None], self.v[None], self.a[None])
+        contact = contact_closure(self.mechanism, name)
+        if contact is not None:
+            ends = [SimpleNamespace(
+                position=at.translation[None], rotation=at.rotation[None],
+                velocity=v.linear[None], acceleration=a.linear[None],
+                angular_velocity=v.angular[None], angular_acceleration=a.angular[None])
+                for at, v, a in ((self.placement(f), self.velocity(f), self.acceleration(f))
+                                 for f in contact.frames)]
+            rows = contact_rates(self.mechanism, contact, ends, np.atleast_2d(self.angles))
+        else:
+            rows = coordinate_rates(self.mechanism, name, self.q[None], self.v[None],
+                                    self.a[None])
         return CoordinateRates(*(float(x[0]) for x in rows))
 
     def placement(self, name: str) -> pin.SE3:

@@ -40,6 +40,13 @@ CLOSURES = {  # of an example of each kind: a comment, its needs, further keys
     "parallel": ("both axes stay parallel", FRAMES, "axis = [0, 0, 1]"),
     "perpendicular": ("an axis of frame 1 normal to one of frame 2", FRAMES,
                       "axis = [0, 0, 1]\naxis2 = [0, 0, 1]"),
+    "point_on_curve": ("the second frame's origin on a curve that the first carries", FRAMES,
+                       "curve = \"my_curve\"\n[curves.my_curve]\ncircle = {radius = 0.05}"),
+    "cam": ("a cam and its follower, in the plane of the cam", FRAMES,
+            "curve = \"my_cam\"\nfollower = {roller = 0.008}\n[curves.my_cam]\n"
+            "ellipse = {semi_axes = [0.05, 0.03]}"),
+    "rope": ("over points without size: the sum of their distances is the length [m]", FRAMES,
+             "length = 0.5"),
     COUPLING: ("gears, rack and pinion: second = ratio * first + offset", JOINTS, "ratio = -2.0"),
 }
 WORD = 20  # letters of a column of names, at least
@@ -76,8 +83,8 @@ def write_from(name: str, tree: Path, folder: Path, mechanism: sp.Mechanism) -> 
     return [write_text(path, "\n".join(part for part in parts if part))]
 
 
-def write_new(name: str, folder: Path) -> list[Path]:
-    """Write a four-bar to start from: a mechanism file and its tree.
+def write_new(name: str, folder: Path, drawing: bool = False) -> list[Path]:
+    """Write a four-bar to start from: a mechanism file and its tree, or a drawing.
 
     Returns:
         The files written.
@@ -87,8 +94,10 @@ def write_new(name: str, folder: Path) -> list[Path]:
         OSError: one cannot be written.
     """
     start = files("spatial_pin.cli").joinpath("templates")
-    texts = {folder / f"{name}{suffix}": start.joinpath(f"NAME{suffix}").read_text("utf-8").replace(
-        "NAME", name) for suffix in (".toml", ".urdf.xacro")}
+    templates = {".toml": "DRAWING.toml"} if drawing else {
+        suffix: f"NAME{suffix}" for suffix in (".toml", ".urdf.xacro")}
+    texts = {folder / f"{name}{suffix}": start.joinpath(file).read_text("utf-8").replace(
+        "NAME", name) for suffix, file in templates.items()}
     _refuse_existing(texts)
     return [write_text(path, text) for path, text in texts.items()]
 

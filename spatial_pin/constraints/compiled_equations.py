@@ -30,11 +30,13 @@ from spatial_pin.constraints.vector_products import Products, matrix_of
 from spatial_pin.mechanism.equations import (
     FIRST_TWO,
     Angle,
+    Bearing,
     ConstraintEquation,
     Cosine,
     Displacement,
     FunctionOf,
     JointCoordinate,
+    PointDistance,
     Quantity,
     ScalarProduct,
     Square,
@@ -42,6 +44,7 @@ from spatial_pin.mechanism.equations import (
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Closure, Coordinate
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.piecewise import ROOT
 from spatial_pin.numerics.taylor import Taylor
 
 # Ratio of a coupling, of coordinates relative to their sizes, beyond which it is an equation of the
@@ -158,7 +161,7 @@ class Constraints:
         made = _EquationBuilder(self.mechanism, closure, products, at, len(self.angles))
         size, terms = self._size(closure, equation), []
         for weight, quantities in equation.terms:
-            lengths = sum(isinstance(x, Displacement | Square) for x in quantities)
+            lengths = sum(isinstance(x, Displacement | Square | PointDistance) for x in quantities)
             power = equation.is_length - lengths
             if weight or quantities:
                 terms.append((size * weight * self.scale**power,
@@ -237,32 +240,36 @@ class _EquationBuilder:
                 self.other_body_products.append((len(self.products), product.frames))
             self.products.append(self.all_products.add(product, self.closure) if self.products
                                  else self._first)
-        if not isinstance(quantity, Angle):
-            return QuantityIndex("product", first)
+        if not isinstance(quantity, Angle | Bearing):
+            root = ROOT if isinstance(quantity, PointDistance) else None
+            return QuantityIndex("product", first, root)
         self.angles.append((self._angles_before + len(self.angles), first))
         return QuantityIndex("angle", len(self.angles) - 1)
 
 
-def _products_of(quantity: Quantity) -> list[ScalarProduct]:
-    """Return the scalar products that a quantity is made of; of an angle sine and cosine."""
+def _products_of(quantity: Quantity) -> list[ScalarProduct | PointDistance]:
+    """Return the products that a quantity is made of; of an angle sine and cosine."""
     if isinstance(quantity, FunctionOf):
         return _products_of(quantity.argument)
     if isinstance(quantity, Angle):
         return [Cosine(u, quantity.axes2[:, 0], quantity.frames)
                 for u in (quantity.axes1[:, 1], quantity.axes1[:, 0])]
+    if isinstance(quantity, Bearing):
+        return [Displacement(u, quantity.frames, float(u @ quantity.centre))
+                for u in (quantity.axes[:, 1], quantity.axes[:, 0])]
     return [] if isinstance(quantity, JointCoordinate) else [quantity]
 
 
-def _first_product(equation: ConstraintEquation) -> ScalarProduct | None:
+def _first_product(equation: ConstraintEquation) -> ScalarProduct | PointDistance | None:
     return next((p for _, factors in equation.terms for x in factors for p in _products_of(x)),
                 None)
 
 
-def _angles_of(equation: ConstraintEquation) -> list[Angle]:
+def _angles_of(equation: ConstraintEquation) -> list[Angle | Bearing]:
     """Return the angles of an equation, in the order of its terms."""
     bare = [x.argument if isinstance(x, FunctionOf) else x
             for _, factors in equation.terms for x in factors]
-    return [x for x in bare if isinstance(x, Angle)]
+    return [x for x in bare if isinstance(x, Angle | Bearing)]
 
 
 def _plain_constant(equation: ConstraintEquation) -> float | None:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.numerics.piecewise import Piecewise
+from spatial_pin.numerics.piecewise import Function
 from spatial_pin.numerics.taylor import Taylor, argument
 
 Ints = NDArray[np.intp]
@@ -34,7 +34,7 @@ class QuantityIndex(NamedTuple):
 
     kind: str
     at: int
-    function: Piecewise | None = None
+    function: Function | None = None
 
 
 class Equation(NamedTuple):

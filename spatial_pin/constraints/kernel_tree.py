@@ -89,7 +89,8 @@ class KernelTree:
         self._reals = np.concatenate([np.asarray(x, float).ravel() for x in parts])
         handle, tree = ctypes.c_void_p(), ctypes.c_void_p()
         check(self._library.kernel_create(
-            address(ints), len(ints), address(self._reals), len(self._reals), ctypes.byref(handle)))
+            address(ints), len(ints), address(self._reals), len(self._reals), None, 0,
+            ctypes.byref(handle)))
         weakref.finalize(self, self._library.kernel_destroy, handle)
         self._kernel = handle
         own = np.zeros(n, np.int64)

@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.constraints.composite_joints import split_of
-from spatial_pin.mechanism.equations import Angle
+from spatial_pin.mechanism.equations import Angle, Bearing
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
@@ -59,8 +59,10 @@ class _Hinge(NamedTuple):
         return len(sines) == 1 and sines[0] < NEARLY_PARALLEL
 
 
-def turns_of(mechanism: Mechanism, closure: Closure, angle: Angle) -> Turns:
+def turns_of(mechanism: Mechanism, closure: Closure, angle: Angle | Bearing) -> Turns:
     """Return the coordinates that count the turns of an angle of a closure."""
+    if isinstance(angle, Bearing):  # of a point that moves: turns are counted along a path
+        return Turns(np.zeros(mechanism.model.nq), 0.0, False)
     model, carriers = split_of(mechanism)
     ends, frames = [], []
     for name in (closure.frames[k] for k in angle.frames):

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.mechanism.coordinates import joint_values, with_values
-from spatial_pin.mechanism.equations import Cosine, Displacement, ScalarProduct
+from spatial_pin.mechanism.equations import Cosine, Displacement, PointDistance, ScalarProduct
 from spatial_pin.mechanism.mechanism import Mechanism, point_on_body
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
@@ -91,21 +91,31 @@ class Products:
             self.supports[i] = self.supports[model.parents[i]]
             self.supports[i, model.idx_vs[i] : model.idx_vs[i] + model.nvs[i]] = 1.0
 
-    def add(self, product: ScalarProduct, closure: Closure, constant: float = 0.0) -> int:
-        """Add the product of two frames of a closure, less a constant; return its number."""
+    def add(
+        self, product: ScalarProduct | PointDistance, closure: Closure, constant: float = 0.0
+    ) -> int:
+        """Add the product of two frames of a closure, less a constant; return its number.
+
+        That of a distance is its square.
+        """
         names = (*closure.frames, *closure.between)
         one, two = (FrameOnBody.of(self.mechanism, names[k]) for k in product.frames)
         sign = self.supports[two.joint] - self.supports[one.joint]
         if isinstance(product, Cosine):
             along = two.direction(product.w)
             return self._add((along,), (one.direction(product.u),), (along,), constant, 0.0, sign)
-        apart, constant = (two.origin(1.0), one.origin(-1.0)), constant * self.scale
         if isinstance(product, Displacement):
-            direction = one.direction(product.u, self.scale)
-            return self._add(apart, (direction,), (two.origin(1.0),), constant, 1.0, sign)
-        length = product.length
-        half = 0.5 * self.scale / (unit_length(self.mechanism, closure)
-                                   if length is None else length)
+            constant += product.offset
+        apart, constant = (two.origin(1.0), one.origin(-1.0)), constant * self.scale
+        if isinstance(product, Displacement):  # its force acts where the direction is not fixed
+            of, at = (two, one) if product.of_second else (one, two)
+            direction = of.direction(product.u, self.scale)
+            return self._add(apart, (direction,), (at.origin(1.0),), constant, 1.0, sign)
+        if isinstance(product, PointDistance):
+            half = self.scale**2
+        else:
+            half = 0.5 * self.scale / (unit_length(self.mechanism, closure)
+                                       if product.length is None else product.length)
         return self._add(apart, (two.origin(half), one.origin(-half)), (two.origin(2.0),),
                          constant, 2.0, sign)
 

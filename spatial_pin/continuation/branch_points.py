@@ -156,7 +156,8 @@ class Passage(NamedTuple):
         evaluation.angle_reference[:] = angles
         evaluation.update(q)
         error = float(np.abs(evaluation.residual).max(initial=0.0))
-        return PathPoint(value, q, *self.rates(value, first, second), error, angles)
+        missed = 3.0 * KNOWN * (NODES / (0.5 * abs(self.ends[1] - self.ends[0]))) ** np.arange(3.0)
+        return PathPoint(value, q, *self.rates(value, first, second), error, missed, angles)
 
     def by_drivers(self, value: float) -> tuple[Array, Array, Array]:
         """Return the configuration (nq,) at a parameter between the ends, and its derivatives.

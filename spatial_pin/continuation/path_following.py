@@ -179,7 +179,8 @@ def chunk_of(mechanism: Mechanism) -> int:
 def _put(samples: PathSamples, k: int, point: PathPoint) -> None:
     """Write a point into sample k."""
     samples.q[k], samples.t[k], samples.c[k] = point.q, point.t, point.c
-    samples.error[k], samples.angles[k] = point.error, point.angles
+    samples.error[k], samples.estimate[k], samples.angles[k] = (
+        point.error, point.estimate, point.angles)
 
 
 def _pass_branch_point(

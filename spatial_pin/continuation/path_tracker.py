@@ -41,6 +41,8 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.rates import check_not_held, prescribed_at, usual_prescription
 from spatial_pin.settings import Accuracy
 
+ROUND_OFF = 4.0 * float(np.finfo(float).eps)  # of a closure equation, and of its derivatives
+CURVED = 2.0  # second derivatives of equations by the square of the rates, about
 FARTHEST = 640e3  # rad, characteristic lengths: longest path to one value, 100,000 turns
 # Rad, characteristic lengths: longest path by pseudo-arclength before the kernel continues, ten
 # turns.
@@ -72,6 +74,7 @@ class PathPoint(NamedTuple):
         q: (nq,) configuration.
         t, c: (nv,) dq/ds and d²q/ds².
         error: largest closure residual.
+        estimate: (3,) error estimates of q, t and c, by the sizes of coordinates.
         angles: (n_angles,) of screw closures, counting turns [rad].
     """
 
@@ -80,13 +83,14 @@ class PathPoint(NamedTuple):
     t: Array
     c: Array
     error: float
+    estimate: Array
     angles: Array
 
     @classmethod
     def of(cls, samples: PathSamples, k: int, s: float) -> PathPoint:
         """Return sample k, at driver value s."""
-        q, t, c, error, angles = (part[k].copy() for part in samples)
-        return cls(s, q, t, c, float(error), angles)
+        q, t, c, error, estimate, angles = (part[k].copy() for part in samples)
+        return cls(s, q, t, c, float(error), estimate, angles)
 
     def state(self, mechanism: Mechanism) -> State:
         """Return the State there, without rates."""
@@ -210,7 +214,9 @@ class Branch:
         c = system.acceleration(q, t, self.leading.bends(s))
         evaluation = system.evaluation
         error = float(np.abs(evaluation.residual).max(initial=0.0))
-        return PathPoint(s, q, t, c, error, evaluation.angles.copy())
+        gain = float(np.linalg.norm(np.linalg.inv(system.matrix), 2)) if system.pivot else np.inf
+        estimate = error_estimate(gain, t / system.scale, c / system.scale, error)
+        return PathPoint(s, q, t, c, error, estimate, evaluation.angles.copy())
 
     def pace(self, point: PathPoint) -> float:
         """Return the speed of the joints at a point, per unit of the parameter."""
@@ -523,6 +529,23 @@ class PathTracker(Branch):
         if system.pivot < TOLERANCES.singular:
             raise Stopped(self._running_away(goal, system, singular) or singular)
         self.move_to(self._solved(system, arrival.q, value))
+
+
+def error_estimate(gain: float, t: Array, c: Array, error: float) -> Array:
+    """Return error estimates (3,) of q, t and c at a point, by norms: the kernel's have directions.
+
+    Args:
+        gain: what the equations magnify residuals by into corrections.
+        t: (nv,) first derivative there, by the sizes of coordinates.
+        c: (nv,) second derivative, likewise.
+        error: closure residual.
+    """
+    pace, bend = float(np.linalg.norm(t)), float(np.linalg.norm(c))
+    q = gain * (error + ROUND_OFF)
+    first = gain * pace * (CURVED * q + ROUND_OFF)
+    second = gain * (CURVED * ((pace * pace + bend) * q + 2.0 * pace * first)
+                     + ROUND_OFF * (bend + pace * pace))
+    return np.array([q, first, second])
 
 
 @made_once

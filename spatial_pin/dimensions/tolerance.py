@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -257,7 +258,7 @@ def _solved(
         n = _solve_together(samples, near, drawn, values, is_closed, bar)
     rest = np.flatnonzero(~is_closed[:n]).tolist()
     start, mark = (np.array(state.q), np.array(state.angles)), os.urandom(16).hex()
-    jobs = [(str(mechanism.path), mechanism.loading,
+    jobs = [(mechanism.path, mechanism.loading,
              dict(zip(spread, drawn[k].tolist(), strict=True)), start, drive, names, mark)
             for k in rest]
     outputs = in_order(executor, _sample, jobs)
@@ -297,7 +298,7 @@ def _solve_together(
 
 
 def _sample(
-    path: str, parameters: dict[str, Any], dimensions: dict[str, float],
+    path: Path | None, parameters: dict[str, Any], dimensions: dict[str, float],
     nominal: tuple[Array, Array], drive: DriverMotion, names: list[str], mark: str,
 ) -> list[Any] | None:
     """Return outputs of a sample, in any process; None if it cannot be closed."""
@@ -311,6 +312,7 @@ def _sample(
 
 
 @lru_cache(maxsize=1)
-def _loaded(path: str, parameters: bytes, names: tuple[str, ...], mark: str) -> Variants:
+def _loaded(path: Path | None, parameters: bytes, names: tuple[str, ...], mark: str) -> Variants:
     """Load the nominal mechanism, once for all samples of one call with its own mark."""
+    assert path is not None
     return Variants(load(path, **pickle.loads(parameters)), names)

@@ -33,7 +33,7 @@ from spatial_pin.formats.parsing import parse_urdf
 from spatial_pin.formats.urdf.validation import check_links
 from spatial_pin.formats.xacro.expansion import expand, traced
 from spatial_pin.formats.xacro.tracing import depends
-from spatial_pin.formats.xacro.xacro_arguments import Values
+from spatial_pin.formats.xacro.xacro_arguments import Values, written_dimensions
 from spatial_pin.mechanism.inertia import inertia_as_given, put_inertias
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import EPS, Array
@@ -108,7 +108,7 @@ def idle_dimensions(
         return ()
     tree = Variants(mechanism, names).tree
     texts = None if tree is None else tree.texts_change(selected)
-    changes = texts or {}
+    changes = dict(texts or {})
     for name in selected if texts is None else ():
         try:
             changes[name] = len({expand(mechanism.tree, {**mechanism.parameters, name: value},
@@ -116,6 +116,7 @@ def idle_dimensions(
                                  for value in _near(mechanism.dimensions[name])}) > 1
         except SpatialPinError:  # a value that it cannot have is a change
             changes[name] = True
+    changes |= dict.fromkeys(written_dimensions(mechanism.content, selected), True)
     return tuple(name for name in selected if not changes[name])
 
 
@@ -228,7 +229,8 @@ class TracedText:
     def __init__(self, mechanism: Mechanism, names: Iterable[str]) -> None:
         m, file = mechanism, mechanism.tree
         self.dimensions = {name: m.dimensions[name] for name in names}
-        if file is None or file.suffix != ".xacro" or not self.dimensions:
+        if file is None or file.suffix != ".xacro" or not self.dimensions or written_dimensions(
+                m.content, self.dimensions):
             raise _Untraced
         text, self._tape = traced(file, m.parameters, self.dimensions, m.trusted, m.packages)
         self._mechanism, self._places = mechanism, [0]
@@ -258,6 +260,8 @@ class TracedText:
         elif (of, part.tag) == ("joint", "limit"):
             self._limits[name] = [self._words(part, key) for key in ("lower", "upper")]
         elif (of, part.tag) == ("link", "inertial"):
+            if name in self._mechanism.content.get("masses", ()):
+                return True  # that of the mechanism file counts
             self._inertials[name] = part, [
                 (i, key, self._words(element, key, self._inertial_places))
                 for i, element in enumerate(part.iter()) for key in element.attrib]

@@ -16,7 +16,7 @@ from spatial_pin._support.checks import checked, names_of, whole_number
 from spatial_pin._support.columns import Quantity, Tabular, chosen
 from spatial_pin._support.executors import in_order
 from spatial_pin.assembly.assemble import assembled
-from spatial_pin.assembly.close import closed
+from spatial_pin.assembly.close import closed, scaled_row
 from spatial_pin.assembly.holding import free_bases, untied
 from spatial_pin.assembly.search.whole_turns import turn_free_difference
 from spatial_pin.assembly.state import State
@@ -27,8 +27,13 @@ from spatial_pin.dynamics.forward import Dynamics, Load
 from spatial_pin.dynamics.solvers.equations_of_motion import equations_of
 from spatial_pin.errors import Interrupted, SpatialPinError
 from spatial_pin.kernel.loop_equations import loops_of
-from spatial_pin.mechanism.coordinates import coordinate_value
+from spatial_pin.mechanism.coordinates import (
+    coordinate_gradient,
+    coordinate_value,
+    driver_coordinates,
+)
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.mobility.idle_freedoms import PassiveFreedom
 from spatial_pin.mobility.mode_list import missing_by
 from spatial_pin.numerics.linalg import Array, common_rows, decompose
@@ -68,7 +73,8 @@ class Equilibrium(Dynamics):
             away; None where none does, but some lead to further poses at rest.
         neutral: coordinates that move in motions without stiffness.
         passive: idle rotations of links about their own axes: they are no part of the verdict.
-        efforts: by held coordinate or driver, the effort that holds it [N·m, N].
+        efforts: by held coordinate or driver, the effort that holds it [N·m, N]; of a component
+            of a ball or floating joint, the one that works with its rate.
         energy: potential energy of weights and springs [J]; springs with a law store none.
 
     Example:
@@ -85,12 +91,12 @@ class Equilibrium(Dynamics):
         self, at: SmallMotions, coordinates: Sequence[str] | None, verdict: Stability
     ) -> None:
         loads, mechanism = at.loads, at.loads.mechanism
-        names, entries, motions = independent_motions(at, verdict.free, coordinates)
+        names, rates, motions = independent_motions(at, verdict.free, coordinates)
         self.coordinates, self.idle = tuple(names), verdict.idle
-        self.reduced = at.reduced(motions, entries)
+        self.reduced = at.reduced(motions, rates)
         self.stiffness = self.reduced.stiffness
         self.stable, self.passive = verdict.stable, verdict.passive
-        self.neutral = tuple(_moving(names, entries, verdict.neutral * mechanism.velocity_scale))
+        self.neutral = tuple(_moving(names, rates, verdict.neutral * mechanism.velocity_scale))
         with loops_of(mechanism, at.state.angles) as loops:
             loops.update(at.state.q)
             held = loads.rows(loops)
@@ -102,9 +108,13 @@ class Equilibrium(Dynamics):
         pull, scale = decompose(freedoms @ held.T), mechanism.velocity_scale
         effort = held.T @ pull.minimum_norm(freedoms @ (scale * at.wanted)) / scale
         self._internal_efforts = pull.null_space @ held / scale
+        still = [c for c in mechanism.coordinate_table.values() if not loads.leaves(c)]
+        rates = np.array([scaled_row(mechanism, c, at.state.q) for c in still])
+        bearing = decompose(rates.reshape(-1, len(scale)).T).minimum_norm(scale * effort)
         drivers = {d.joint: d.name for d in mechanism.drivers.values()}
         self.efforts: dict[str, float] = {
-            drivers.get(c.name, c.name): float(effort[c.v]) for c in loads.held}
+            drivers.get(c.name, c.name): float(x / scale[c.v])
+            for c, x in zip(still, bearing, strict=True)}
         super().__init__(
             at.state, Load(loads.external, loads.laws), at.state.a.copy(),
             at.wanted - effort, loads.effort + effort)
@@ -126,7 +136,7 @@ class Equilibrium(Dynamics):
         lines += [f"idle: {freedom}" for freedom in self.passive]
         for name, row in zip(self.coordinates, self.stiffness, strict=True):
             lines.append(f"stiffness of {name}: " + ", ".join(f"{x:.9g}" for x in row))
-        unit_of = self._at.mechanism.driven_coordinate
+        unit_of = self._at.mechanism.prescribed_coordinate
         lines += [f"effort that holds {name}: {x:.9g} {'N' if unit_of(name).unit == 'm' else 'N·m'}"
                   for name, x in self.efforts.items()]
         return "\n".join([*lines, super().__str__()])
@@ -327,7 +337,7 @@ def equilibria(
     state = assembled(mechanism, None, guess, accuracy=setting)
     names = None if coordinates is None else tuple(names_of(coordinates, "coordinates"))
     for name in names or ():
-        velocity_entry(mechanism, name)
+        mechanism.prescribed_coordinate(name)
     hold = hold if hold is None or isinstance(hold, str) else tuple(hold)
     acting = (hold, speeds, efforts, external, laws)
     AppliedLoads(exact_mechanism(state), *acting)  # a wrong name is an error before anything starts
@@ -570,7 +580,7 @@ def vibrations(
 
 def independent_motions(
     at: SmallMotions, free: Array, chosen: Sequence[str] | None
-) -> tuple[list[str], list[int], Array]:
+) -> tuple[list[str], Array, Array]:
     """Return independent coordinates, and the motion per unit of each.
 
     Args:
@@ -579,41 +589,46 @@ def independent_motions(
         chosen: the coordinates, if they are chosen; else drivers where they suffice.
 
     Returns:
-        Their names and velocity entries, and (n, nv) joint velocities per unit rate of each.
+        Their names, (n, nv) their rates by the joints' velocities, and (n, nv) joint velocities per
+        unit rate of each.
 
     Raises:
         SpatialPinError: those chosen are not as many as there are freedoms, or not independent.
+        UnknownNameError: one of those chosen does not exist.
     """
-    mechanism, n = at.loads.mechanism, len(free)
-    none, scaled = np.zeros((0, n)), free * mechanism.velocity_scale
+    mechanism, q, n = at.loads.mechanism, at.state.q, len(free)
+    scaled, table = free * mechanism.velocity_scale, mechanism.coordinate_table
+
+    def rates_of(coordinates: Iterable[Coordinate]) -> tuple[Array, Array]:
+        """Return rates (m, nv), and (m, n) those in the motions by the coordinates' sizes."""
+        rows = [coordinate_gradient(mechanism, c, q) for c in coordinates]
+        sizes = [mechanism.velocity_scale[c.v] for c in coordinates]
+        rates = np.array(rows).reshape(-1, free.shape[1])
+        return rates, (rates @ scaled.T) / np.array(sizes)[:, None]
+
     if chosen is not None:
-        entries = [velocity_entry(mechanism, name) for name in chosen]
-        if len(entries) != n or decompose(free[:, entries], TOLERANCES.near_singular).rank < n:
+        rates, own = rates_of([mechanism.prescribed_coordinate(name) for name in chosen])
+        if len(rates) != n or decompose(own, TOLERANCES.near_singular).rank < n:
             raise SpatialPinError(
-                f"mechanism {mechanism.name!r}: coordinates: {len(entries)} are given, but {n} "
+                f"mechanism {mechanism.name!r}: coordinates: {len(rates)} are given, but {n} "
                 f"that are independent are needed: {', '.join(chosen)}")
-        return list(chosen), entries, np.linalg.solve(scaled[:, entries], scaled)
-    drivers = {mechanism.driven_coordinate(name).v: name for name in mechanism.drivers}
-    drivers = {v: name for v, name in drivers.items() if v not in at.loads.entries}
-    plain = {c.v: c.name for c in mechanism.coordinate_table.values() if c.q >= 0}
-    for names in (drivers, plain, dict(enumerate(mechanism.coordinates))):
-        entries = list(names)
-        if decompose(free[:, entries], TOLERANCES.near_singular).rank == n:
-            entries = [entries[k] for k in sorted(common_rows(free.T[entries][None], none, n))]
-            return ([names[v] for v in entries], entries,
-                    np.linalg.solve(scaled[:, entries], scaled))
-    raise AssertionError("all velocities determine all motions")
+        return list(chosen), rates, np.linalg.solve(scaled @ rates.T, scaled)
+    drivers = {name: c for name, c in driver_coordinates(mechanism).items()
+               if at.loads.leaves(c)}
+    plain = {name: c for name, c in table.items() if c.q >= 0}
+    for known in (drivers, plain, table):
+        rates, own = rates_of(known.values())
+        if decompose(own, TOLERANCES.near_singular).rank == n:
+            best = sorted(common_rows(own[None], np.zeros((0, n)), n))
+            rates = rates[best]
+            return ([list(known)[k] for k in best], rates,
+                    np.linalg.solve(scaled @ rates.T, scaled))
+    raise AssertionError("all coordinates determine all motions")
 
 
-def velocity_entry(mechanism: Mechanism, name: str) -> int:
-    """Return the index in the velocity vector of a driver or coordinate."""
-    names = list(mechanism.coordinates)
-    return names.index(name) if name in names else mechanism.driven_coordinate(name).v
-
-
-def _moving(names: Sequence[str], entries: Sequence[int], motions: Array) -> list[str]:
-    """Return which of the coordinates move in motions (m, nv)."""
-    sizes = np.abs(motions[:, list(entries)]).max(axis=0, initial=0.0)
+def _moving(names: Sequence[str], rates: Array, motions: Array) -> list[str]:
+    """Return which coordinates, of rates (n, nv), move in motions (m, nv)."""
+    sizes = np.abs(motions @ rates.T).max(axis=0, initial=0.0)
     return [name for name, size in zip(names, sizes, strict=True)
             if size > TOLERANCES.half_precision * np.abs(motions).max(initial=0.0)]
 

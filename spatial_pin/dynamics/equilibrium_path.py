@@ -25,11 +25,11 @@ from spatial_pin.assembly.state import State
 from spatial_pin.dynamics.derivatives.derivatives import exact_mechanism
 from spatial_pin.dynamics.derivatives.small_motions import AppliedLoads, SmallMotions
 from spatial_pin.dynamics.equilibrium import (
+    BALANCED,
     NEUTRAL,
     Guess,
     displaced_state,
     rest_pose,
-    velocity_entry,
 )
 from spatial_pin.dynamics.forces import Law, external_wrenches, generalised, joint_efforts
 from spatial_pin.errors import LimitError, SingularError, SpatialPinError
@@ -64,7 +64,7 @@ class EquilibriumPath(Motion):
         load_factor: (N,) factor of the loads that grow.
         stable: (N,) whether no motion leads away from the pose.
 
-    `v` are the changes of the joints per unit of the driven coordinate, or of the path's length
+    `v` are the changes of the joints per unit of the driven coordinate, or from sample to sample
     where a load is followed; `a` are those of `v`, interpolated.
 
     Example:
@@ -190,9 +190,8 @@ class LoadPath:
         matrix = self._bordered(at, np.zeros(len(self._scale) + 1))[0]
         pull = np.abs(matrix[:-1, -1]).max(initial=0.0)
         if pull > TOLERANCES.nothing:
-            stiff = np.abs(matrix[:-1, :-1]).max()
-            natural = self.unit * float((stiff if stiff > NEUTRAL else 1.0) / pull)
-            self.unit = min(self._span or np.inf, natural)
+            # as strong as all forces: the stiffness may be any less, where they balance
+            self.unit = min(self._span or np.inf, self.unit / float(pull))
         return self._point(at, factor, along, 0)
 
     def _point(
@@ -200,10 +199,12 @@ class LoadPath:
     ) -> LoadPoint:
         """Return the point at a pose at rest, its tangent continued from `along` (nv + 1,)."""
         matrix, freedoms = self._bordered(at, along)
-        rhs = np.zeros(len(matrix))
-        rhs[-1] = 1.0
-        direction = _solved(matrix, rhs)
-        tangent = np.append(direction[:-1] @ freedoms, direction[-1])
+        balanced, before = decompose(matrix[:-1], NEUTRAL).null_space, matrix[-1]
+        found = balanced.T @ (balanced @ before)
+        if np.abs(found).max() <= TOLERANCES.half_precision * np.abs(before).max():
+            found = balanced[0]  # nothing is stiff: the loads move it as they push
+            found = found * np.sign(-matrix[:-1, -1] @ found[:-1] * before[-1] or 1.0)
+        tangent = np.append(found[:-1] @ freedoms, found[-1])
         reduced = at.orthonormal
         values, modes = np.linalg.eigh(0.5 * (reduced.stiffness + reduced.stiffness.T))
         return LoadPoint(at.state, factor, tangent / np.linalg.norm(tangent), values,
@@ -229,7 +230,7 @@ class LoadPath:
             start: the point.
             row: (nv + 1,) the function of scaled joint motions and the scaled factor.
             target: its value.
-            along: (nv + 1,) the way of the first step.
+            along: (nv + 1,) direction of the first step.
 
         Returns:
             None where the loops do not close, or forces do not balance near the start.
@@ -245,8 +246,12 @@ class LoadPath:
             state, factor = there, start.factor + self.unit * float(displacement[-1])
             at = SmallMotions(self.loads(factor), state)
             matrix, freedoms = self._bordered(at, row)
-            solution = _solved(matrix, np.append(
-                at.orthonormal.load / (at.size or 1.0), target - float(row @ displacement)))
+            load = at.orthonormal.load / (at.size or 1.0)
+            rhs = np.append(load, target - float(row @ displacement))
+            # minimum norm: idle rotations have no stiffness, and do not move
+            solution = decompose(matrix, NEUTRAL).minimum_norm(rhs)
+            if np.abs(matrix @ solution - rhs).max() > BALANCED:
+                return None  # neither pose nor load factor balances it
             step = np.append(solution[:-1] @ freedoms, solution[-1])
             before, length = length, float(np.abs(step).max())
             if length <= POSE_EXACT or (before <= POSE_NEARLY and length >= 0.5 * before):
@@ -318,11 +323,6 @@ class LoadPath:
         return Event(kind, float(there.factor), row, f"{text} at {there.factor:.9g}"), there
 
 
-def _solved(matrix: Array, rhs: Array) -> Array:
-    """Return the minimum-norm solution: idle rotations have no stiffness, and do not move."""
-    return decompose(matrix, NEUTRAL).minimum_norm(rhs)
-
-
 @checked
 def equilibrium_path(
     mechanism: Mechanism,
@@ -360,7 +360,8 @@ def equilibrium_path(
 
     Returns:
         The EquilibriumPath, a Motion with load factors and stability. Events are of kind "limit
-        point", "branch point" and "joint limit"; their value is the load factor.
+        point", "branch point" and "joint limit"; their value is the load factor. Where a load is
+        followed, the row of the first two is the pose there.
 
     Raises:
         SpatialPinError: there is no pose at rest to begin with, or the loads move nothing.
@@ -402,15 +403,16 @@ def _along(
     while (there := next(going, None)) is not None and len(points) < MOST_POSES:
         met = path.critical_point(points[-1], there, len(points))
         if met is not None:
-            events.append(met[0])
-            crossed += met[0].kind == "branch point"
-            if crossed == abs(branch) and met[0].kind == "branch point":
-                at = met[1]
+            event, at = met
+            events.append(event)
+            points += [at] if at is not points[-1] and at is not there else []
+            crossed += event.kind == "branch point"
+            if crossed == abs(branch) and event.kind == "branch point":
                 mode = at.modes[int(np.argmin(np.abs(at.stiffnesses)))]
                 mode = np.append(mode / np.linalg.norm(mode), 0.0)
                 mode *= np.sign(branch) * np.sign(mode[np.argmax(np.abs(mode))])
-                there = at._replace(tangent=mode)
-                going = path.steps(there, ends)
+                going = path.steps(at._replace(tangent=mode), ends)
+                continue
         points.append(there)
     if points[-1].factor != ends[1]:
         events.append(Event("stopped", points[-1].factor, len(points),
@@ -425,12 +427,11 @@ def _over(
     """Return the poses at which a coordinate has values, and the events between them."""
     mechanism = path.mechanism
     coordinate = mechanism.driven_coordinate(over)
-    held = assembled(mechanism, {over: float(values[0])}, state)
-    entry = velocity_entry(mechanism, over)
+    held = assembled(mechanism, {over: float(values[0])}, state, accuracy=path.accuracy)
     at, _ = rest_pose(AppliedLoads(mechanism, [*path.hold, over], laws=path.laws), held, True,
                     path.accuracy)
     row = np.zeros(mechanism.model.nv + 1)
-    row[entry] = 1.0
+    row[coordinate.v] = 1.0
     first = path.start(at.state, 0.0, row)
     start = path.corrected(first, row, 0.0, first.tangent + row)
     if start is None:
@@ -443,7 +444,8 @@ def _over(
         while abs(value - float(point.state.q[coordinate.q])) > TOLERANCES.tight * size:
             distance = (value - float(point.state.q[coordinate.q])) / size
             step = parts * np.sign(distance) * min(abs(distance), LARGEST_LENGTH)
-            there = path.corrected(point, row, step, point.tangent / point.tangent[entry])
+            moves = float(point.tangent[coordinate.v])
+            there = path.corrected(point, row, step, point.tangent / moves if moves else row)
             if there is None:
                 parts *= 0.5
                 if parts < SMALLEST_LENGTH:
@@ -454,7 +456,10 @@ def _over(
                         motion=_motion(path, points, events, over))
                 continue
             met = path.critical_point(point, there, len(points))
-            events += [met[0]] if met is not None else []
+            if met is not None:
+                event, passed = met
+                events.append(event._replace(
+                    text=f"{event.text}, {over} = {passed.state.q[coordinate.q]:.9g}"))
             point, parts = there, min(2.0 * parts, 1.0)
         points.append(point)
     return points, events
@@ -468,11 +473,15 @@ def _motion(
 
     mechanism = path.mechanism
     q = np.array([x.state.q for x in points])
+    factor = np.array([x.factor for x in points])
     tangents = np.array([x.tangent[:-1] for x in points]) * mechanism.velocity_scale
     if over is None:
-        ways = [np.linalg.norm(turn_free_difference(mechanism, x.state.q, y.state.q))
-                for x, y in pairwise(points)]
-        abscissa = np.append(0.0, np.cumsum(np.maximum(ways, 1e-12)))
+        abscissa = np.arange(len(points), dtype=float)
+        if len(points) > 1:  # times how fast the path's length grows from sample to sample
+            poses = [np.linalg.norm(turn_free_difference(mechanism, x.state.q, y.state.q))
+                     for x, y in pairwise(points)]
+            length = np.append(0.0, np.cumsum(np.hypot(poses, np.diff(factor) / path.unit)))
+            tangents = tangents * np.gradient(length)[:, None]
         driver, name, per = None, "", "sample"
     else:
         coordinate = mechanism.driven_coordinate(over)
@@ -485,12 +494,11 @@ def _motion(
     a = np.zeros_like(tangents)
     if rising:
         a = np.array(CubicSpline(sense * abscissa, sense * tangents)(sense * abscissa, 1))
-    factor = np.array([x.factor for x in points])
     motion = EquilibriumPath(
         mechanism, driver, name, None, q, tangents, a,
         np.array([x.state.closure_error for x in points]), np.ones(len(points)), events,
         np.array([x.state.angles for x in points]), per, (),
-        factor, np.array([x.negatives == 0 for x in points]))
+        load_factor=factor, stable=np.array([x.negatives == 0 for x in points]))
     passed = [p.event for p in joint_limits_passed(motion)]
     rows = np.arange(len(points), dtype=float)
     motion.events = sorted([*events, *(

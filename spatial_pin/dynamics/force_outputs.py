@@ -8,6 +8,7 @@ from dataclasses import replace
 from spatial_pin._support.checks import names_of
 from spatial_pin._support.columns import Quantity
 from spatial_pin._support.lazy import cached_property
+from spatial_pin.dynamics.coupling_forces import coupling_forces
 from spatial_pin.dynamics.kinetostatics import Kinetostatics, kinetostatics
 from spatial_pin.dynamics.simulation.result import Simulation, driver_names
 from spatial_pin.errors import UnknownNameError
@@ -135,16 +136,25 @@ def _power(loads: Kinetostatics, spec: str) -> Output | None:
 
 
 def _wrench(loads: Kinetostatics, spec: str) -> Output | None:
-    """Return a reaction (N, 6), or its force or moment (N, 3), or what is on the ground."""
+    """Return a reaction (N, 6), or its force or moment (N, 3), or what is on the ground.
+
+    Of a coupling that does not say where it acts, what it does about its last joint (N,).
+    """
     whole, _, kind = spec.rpartition(".")
     if kind in ("force", "moment"):
         both = _wrench(loads, whole)
-        return both and both.parts()[kind == "moment"]
+        return both.parts()[kind == "moment"] if both and both.values.ndim > 1 else None
     if spec == "on_ground":
         return Output(loads.on_ground, "on ground", "N, N·m")
     if kind == "reaction" and whole in loads.reactions:
         return Output(loads.reactions[whole], f"{whole} reaction", "N, N·m")
-    return None
+    mechanism = loads.motion.mechanism.whole or loads.motion.mechanism
+    coupling = next((c for c in coupling_forces(mechanism)
+                     if kind == "reaction" and c.name == whole), None)
+    if coupling is None:
+        return None
+    unit = EFFORTS[list(mechanism.coordinate_table.values())[coupling.last].unit]
+    return Output(coupling.effort(loads.multipliers), f"{whole} reaction", unit)
 
 
 def output_of_simulation(motion: Simulation, spec: str) -> Output:

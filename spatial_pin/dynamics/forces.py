@@ -1,7 +1,8 @@
 """Applied forces: springs and dampers, efforts at joints, external wrenches.
 
 A spring between two frames acts along the line between their origins with the wrench of a distance
-row, one about a joint on its coordinate.
+row, one about a joint on its coordinate. Bushings, and springs on a component of a ball or floating
+joint, are in `bushings`.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import pinocchio as pin
 from spatial_pin._support.checks import finite_number, mapping
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
-from spatial_pin.dynamics.bushings import Bushing
+from spatial_pin.dynamics.bushings import Bushing, Law
 from spatial_pin.errors import SpatialPinError, UnknownNameError, warn
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -24,8 +25,6 @@ from spatial_pin.mechanism.parts import Spring
 from spatial_pin.mechanism.resistance import Resistance, SlipSpeed
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
-
-Law = Callable[[float, float], float]
 
 
 class LineSpring(NamedTuple):
@@ -37,7 +36,6 @@ class LineSpring(NamedTuple):
     sign: Array
     law: Law
     energy: Callable[[float], float] | None
-    stored_power: Callable[[float], float] | None
     is_linear: bool
 
 
@@ -49,22 +47,7 @@ class JointSpring(NamedTuple):
     v: int
     law: Law
     energy: Callable[[float], float] | None
-    stored_power: Callable[[float], float] | None
     is_linear: bool
-
-
-class SpringState(NamedTuple):
-    """Length, rate and force of a spring at a state.
-
-    Attributes:
-        length: distance of its frames [m], or its joint's coordinate [rad, m].
-        rate: derivative of that.
-        force: pulling the frames together [N], or turning the joint back [N·m, N].
-    """
-
-    length: float
-    rate: float
-    force: float
 
 
 class Forces:
@@ -99,26 +82,25 @@ class Forces:
 
     def _add(self, spring: Spring, law: Law | None) -> None:
         m = self.mechanism
-        if spring.is_bushing:
-            if law:
-                raise SpatialPinError(f"mechanism {m.name!r}: spring {spring.name!r} is a bushing, "
-                                      "whose force is no function of one length: it takes no law")
-            self.bushings.append(Bushing.of(m, spring))
+        if spring.is_bushing and law:
+            raise SpatialPinError(f"mechanism {m.name!r}: spring {spring.name!r} is a bushing, "
+                                  "whose force is no function of one length: it takes no law")
+        coordinate = m.prescribed_coordinate(spring.joint) if spring.joint else None
+        if spring.is_bushing or (coordinate and coordinate.q < 0):
+            self.bushings.append(Bushing.of(m, spring, law))
             return
         is_linear = spring.is_linear and not law
         energy = None if law else spring.energy
-        storing = None if law else (lambda x: spring.force(x, 0.0))
         law = law or spring.force
-        if spring.joint:
-            coordinate = m.driven_coordinate(spring.joint)
+        if coordinate:
             self.turns.append(JointSpring(
-                spring.name, coordinate.q, coordinate.v, law, energy, storing, is_linear))
+                spring.name, coordinate.q, coordinate.v, law, energy, is_linear))
             return
         (i1, m1), (i2, m2) = (m.centred_frame(f) for f in spring.frames)
         support = constraints_of(m).support
         sign = support(i2) - support(i1)
         points = tuple(np.append(x.translation, 1.0) for x in (m1, m2))
-        self.lines.append(LineSpring(spring.name, (i1, i2), points, sign, law, energy, storing,  # type: ignore[arg-type]
+        self.lines.append(LineSpring(spring.name, (i1, i2), points, sign, law, energy,  # type: ignore[arg-type]
                                is_linear))
 
     @property
@@ -132,9 +114,9 @@ class Forces:
         for line in self.lines:
             row, length, _ = self.row(evaluation, line)
             total -= line.law(length, float(row @ v)) * row
-        return total + self.of_bushings(evaluation, v) if self.bushings else total
+        return total + generalised(evaluation, self._of_bushings(evaluation, v))
 
-    def _on_bodies(self, evaluation: LoopEquations, v: Array) -> list[tuple[int, Array]]:
+    def _of_bushings(self, evaluation: LoopEquations, v: Array) -> list[tuple[int, Array]]:
         """Return (joint, wrench (6,) on its body about the world's origin) of bushings."""
         wrenches = []
         for bushing in self.bushings:
@@ -143,10 +125,6 @@ class Forces:
             wrenches += [(bushing.bodies[0], -wrench), (bushing.bodies[1], wrench)]
         return wrenches
 
-    def of_bushings(self, evaluation: LoopEquations, v: Array) -> Array:
-        """Return the generalised forces (nv,) of bushings, after `evaluation.update(q)`."""
-        return generalised(evaluation, self._on_bodies(evaluation, v))
-
     def turning(self, q: Array, v: Array) -> Array:
         """Return the generalised forces (nv,) of joint springs, damping and friction."""
         total = self.resistance.forces(v) if self.resistance else np.zeros(len(v))
@@ -154,38 +132,14 @@ class Forces:
             total[turn.v] -= turn.law(float(q[turn.q]), float(v[turn.v]))
         return total
 
-    def states(self, evaluation: LoopEquations, q: Array, v: Array) -> dict[str, SpringState]:
-        """Return every spring at (q, v), after `evaluation.update(q)`."""
-        by_name = {}
-        for line in self.lines:
-            row, length, _ = self.row(evaluation, line)
-            rate = float(row @ v)
-            by_name[line.name] = SpringState(length, rate, line.law(length, rate))
-        for turn in self.turns:
-            x, rate = float(q[turn.q]), float(v[turn.v])
-            by_name[turn.name] = SpringState(x, rate, turn.law(x, rate))
-        return by_name
-
     def wrenches(self, evaluation: LoopEquations, v: Array) -> list[tuple[int, Array]]:
         """Return (joint, wrench (6,) on its body about the world origin) of springs on frames."""
-        on_bodies = self._on_bodies(evaluation, v)
+        on_bodies = self._of_bushings(evaluation, v)
         for line in self.lines:
             row, length, wrench = self.row(evaluation, line)
             force = line.law(length, float(row @ v))
             on_bodies += [(line.bodies[0], force * wrench), (line.bodies[1], -force * wrench)]
         return on_bodies
-
-    def stored_power(self, evaluation: LoopEquations, q: Array, v: Array) -> float:
-        """Return the power that springs store [W]; springs with a law store none."""
-        total = 0.0
-        for line in self.lines:
-            if line.stored_power:
-                row, length, _ = self.row(evaluation, line)
-                total += line.stored_power(length) * float(row @ v)
-        for turn in self.turns:
-            if turn.stored_power:
-                total += turn.stored_power(float(q[turn.q])) * float(v[turn.v])
-        return total
 
     def energy(self, evaluation: LoopEquations, q: Array) -> float:
         """Return the energy stored in springs [J]; springs with a law store none."""

@@ -29,13 +29,16 @@ from spatial_pin.dynamics.equilibrium import (
     NEUTRAL,
     independent_motions,
     stability_of,
-    velocity_entry,
     vibrations,
 )
 from spatial_pin.dynamics.forces import Law
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.kernel.loop_equations import loops_at
-from spatial_pin.mechanism.coordinates import coordinate_value
+from spatial_pin.mechanism.coordinates import (
+    coordinate_gradient,
+    coordinate_value,
+    driver_coordinates,
+)
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.follow import follow
 from spatial_pin.motion.motion import Motion
@@ -335,17 +338,16 @@ def linearize(
         exact_mechanism(state), hold, speeds, efforts, external, laws))
     wished = None if coordinates is None else names_of(coordinates, "coordinates")
     verdict = stability_of(at)
-    names, entries, motions = independent_motions(at, verdict.free, wished)
-    reduced = at.reduced(motions, entries)
+    names, rates, motions = independent_motions(at, verdict.free, wished)
+    reduced = at.reduced(motions, rates)
     _refuse_motion(at, names, reduced)
     mechanism = at.loads.mechanism
-    moved = [name for name in mechanism.drivers
-             if mechanism.driven_coordinate(name).v not in at.loads.entries]
+    moved = [name for name, c in driver_coordinates(mechanism).items() if at.loads.leaves(c)]
     given = moved if inputs is None else names_of(inputs, "inputs")
     wanted = names if outputs is None else names_of(outputs, "outputs")
     return Linearization(
         at, names, reduced,
-        {name: motions[:, velocity_entry(mechanism, name)] for name in given},
+        {name: motions @ _rate(at, name) for name in given},
         {name: _output(at, motions, name) for name in wanted}, len(verdict.neutral))
 
 
@@ -439,6 +441,12 @@ def _refuse_motion(at: SmallMotions, names: Sequence[str], reduced: ReducedEquat
         "at rest under the same forces")
 
 
+def _rate(at: SmallMotions, name: str) -> Array:
+    """Return the rate (nv,) of a coordinate by the joints' velocities."""
+    mechanism = at.loads.mechanism
+    return coordinate_gradient(mechanism, mechanism.prescribed_coordinate(name), at.state.q)
+
+
 def _output(at: SmallMotions, motions: Array, name: str) -> tuple[Array, Array]:
     """Return the change (n,) of an output by coordinates, and by their rates."""
     mechanism, none = at.loads.mechanism, np.zeros(len(motions))
@@ -448,5 +456,5 @@ def _output(at: SmallMotions, motions: Array, name: str) -> tuple[Array, Array]:
         return motions @ moved[XYZ.index(axis)], none
     of, dot, kind = name.rpartition(".")
     if dot and kind == "rate" and name not in mechanism.coordinate_table:
-        return none, motions[:, velocity_entry(mechanism, of)]
-    return motions[:, velocity_entry(mechanism, name)], none
+        return none, motions @ _rate(at, of)
+    return motions @ _rate(at, name), none

@@ -4,9 +4,10 @@ The rows of a loop that is overconstrained bear on each other: their multipliers
 by any self-stress, a vector that the transposed Jacobian takes to zero, without moving anything.
 A component of a pair's reaction is unique if no self-stress reaches it [Wojtyra2009].
 
-A coupling is an equation of two joint coordinates and no place where bodies touch: its force is an
-effort at both. The rope, belt or mesh that it stands for pulls at bodies somewhere, and is borne by
-the pairs from the one joint to the other, in all directions in which these do not move.
+A coupling is an equation of joint coordinates: its force is an effort at each. The rope, belt or
+mesh that it stands for pulls at bodies somewhere, and is borne by the pairs from the one joint to
+the other, in all directions in which these do not move. Where a coupling has teeth or strands, it
+pulls there instead.
 
 Everything here works on one configuration or on many: arrays may have leading dimensions.
 """
@@ -21,6 +22,7 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.brief import first_names
 from spatial_pin.constraints.compiled_equations import constraints_of
+from spatial_pin.dynamics.coupling_forces import coupling_forces
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.stacked import cross
@@ -52,9 +54,10 @@ class Pairs:
 
     Attributes:
         closed: closures between bodies: name, rows, bodies, second frame's origin (4,) on its body.
-        other_body_products: forces of closures on other bodies than their first two.
-        coupled: the joints that bear the force of a coupling.
-        names: of all pairs, the tree's first.
+        elsewhere: forces of closures on other bodies than their first two.
+        coupled: the joints that bear the force of a coupling of which nobody knows where it acts.
+        couplings: what couplings do to bodies, those of which it is known.
+        names: of all pairs, the tree's first, couplings last.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
@@ -73,7 +76,9 @@ class Pairs:
         self.other_body_products = constraints.other_body_products
         self._of_joints = constraints.of_joints
         self.coupled = sorted(set().union(*joints_between_couplings(mechanism).values()))
-        self.names = [*list(model.names)[1:], *(pair[0] for pair in self.closed)]
+        self.couplings = [c for c in coupling_forces(mechanism) if c.lines]
+        self.names = [*list(model.names)[1:], *(pair[0] for pair in self.closed),
+                      *(c.name for c in self.couplings)]
         self._levels = _levels(list(model.parents))
         self.grounded = [int(i) for i in model.children[0]]
         coordinates = list(mechanism.coordinate_table.values())
@@ -128,6 +133,11 @@ class Pairs:
             effort: (..., nv) efforts at joints.
         """
         on_bodies = given + self.on_bodies(poses.rows, multipliers)
+        coupled = [c.wrench(poses.placements, multipliers) for c in self.couplings]
+        for c, wrench in zip(self.couplings, coupled, strict=True):
+            on_bodies[..., c.bodies[0], :] -= wrench
+            on_bodies[..., c.bodies[1], :] += wrench
+            effort = effort - multipliers[..., c.at, None] * c.row
         local = transmitted.reshape(*transmitted.shape[:-1], 2, 3)
         forces = (local @ poses.placements[..., :3, :]).reshape(transmitted.shape)
         forces[..., 3:] += cross(poses.placements[..., 3, :], forces[..., :3])
@@ -139,6 +149,8 @@ class Pairs:
         for name, rows, (_, body), point in self.closed:
             by_pair[name] = _moved(_borne(poses.rows, multipliers, rows),
                                  point @ poses.placements[..., body, :, :])
+        by_pair |= {c.name: _moved(wrench, c.place(poses.placements))
+                  for c, wrench in zip(self.couplings, coupled, strict=True)}
         ground = on_bodies[..., 0, :] - forces[..., self.grounded, :].sum(axis=-2)
         return by_pair, _moved(ground, -self.centre)
 
@@ -180,12 +192,19 @@ class Pairs:
         efforts = self_stresses[:, self._of_joints] @ joint_rows
         if internal_efforts is not None:
             efforts = efforts + internal_efforts
-        at_joints = _moved(-self._carried(self.on_bodies(poses.rows, self_stresses)),
-                           poses.placements[:, 3])
+        on_bodies = self.on_bodies(poses.rows, self_stresses)
+        coupled = [c.wrench(poses.placements, self_stresses) for c in self.couplings]
+        for c, wrench in zip(self.couplings, coupled, strict=True):
+            on_bodies[:, c.bodies[0]] -= wrench
+            on_bodies[:, c.bodies[1]] += wrench
+            efforts = efforts - self_stresses[:, c.at, None] * c.row
+        at_joints = _moved(-self._carried(on_bodies), poses.placements[:, 3])
         joints = [self._without_effort(i, at_joints[:, i], poses.columns, efforts)
                   for i in range(1, self.model.njoints)]
         closed = [_moved(_borne(poses.rows, self_stresses, rows), point @ poses.placements[body])
                   for _, rows, (_, body), point in self.closed]
+        closed += [_moved(wrench, c.place(poses.placements))
+                   for c, wrench in zip(self.couplings, coupled, strict=True)]
         largest = [np.abs(w * unit).max(axis=0, initial=0.0) / scale for w in [*joints, *closed]]
         return {name: size < unmoved for name, size in zip(self.names, largest, strict=True)}
 
@@ -203,10 +222,13 @@ class Pairs:
 
 
 def joints_between_couplings(mechanism: Mechanism) -> dict[str, list[int]]:
-    """Return the joints of each coupling and all joints between them, by coupling."""
+    """Return the joints of each coupling and all joints between them, by coupling.
+
+    Couplings with a line of action are omitted.
+    """
     joints_of = {}
     for closure in mechanism.closures:
-        if closure.joints:
+        if closure.joints and closure.acts_at is None:
             ends = {mechanism.joint_id(mechanism.coordinate(x).joint) for x in closure.joints}
             chains = [set(mechanism.model.supports[joint]) for joint in ends]
             joints_of[closure.name] = sorted(set.union(*chains) - set.intersection(*chains) | ends)

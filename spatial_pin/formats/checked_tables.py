@@ -18,20 +18,30 @@ BETWEEN = "length_between"
 TOP = "at the top of the file, before the first [table]"
 BELONGS = {  # where in a file each key has its place
     TOP: ("name", "title", "source", "tree", "complete", "gravity", "gap", "order", "joints",
-          "closures", "drivers", "springs", "passive", "frames", "guess"),
-    "in [joints.NAME]": ("type", "axis", "axis2", "lead", *RESISTANCES, *LIMITS),
+          "curves", "closures", "drivers", "springs", "passive", "frames", "masses", "guess",
+          "bodies", "points", "rods", "gears", "dimensions", "keep", "density", "radius"),
+    "in [joints.NAME]": ("type", "axis", "axis2", "lead", *RESISTANCES, *LIMITS, "between", "at"),
     "in [[closures]]": ("name", "type", "frames", "joints", *sorted(
-        {key.name for pair in PAIRS.values() for key in pair.keys}, reverse=True), "length",
+        {"length", *(key.name for pair in PAIRS.values() for key in pair.keys)}, reverse=True),
         BETWEEN, "equations", "axis", "axis2", "lead", "source"),
+    "in [curves.NAME]": ("circle", "ellipse", "line", "helix", "points", "table", "closed"),
     "in [drivers.NAME]": ("joint",),
     "in [[springs]]": ("name", "frames", "joint", "stiffness", "damping", "free_length",
                        "free_angle", "law", "tension_only", "compression_only", "preload"),
     "in [passive.NAME]": ("body", "axis"),
     "in [frames.NAME]": ("link", "xyz", "rpy"),
+    "in [masses.NAME]": ("mass", "com", "inertia"),
+    "in [bodies.NAME]": ("mass", "com", "inertia", "density"),
+    "in [points.NAME]": ("body", "at"),
+    "in [rods.NAME]": ("between",),
+    "in [gears.NAME]": ("joints", "teeth", "internal"),
 }
 HEADINGS = {  # how what stands at the top of a file as tables is written
-    "joints": "[joints.{name}]", "closures": "[[closures]]", "drivers": "[drivers.{name}]",
+    "joints": "[joints.{name}]", "curves": "[curves.{name}]", "closures": "[[closures]]",
+    "drivers": "[drivers.{name}]",
     "springs": "[[springs]]", "passive": "[passive.{name}]", "frames": "[frames.{name}]",
+    "masses": "[masses.{name}]", "bodies": "[bodies.{name}]", "points": "[points.{name}]",
+    "rods": "[rods.{name}]", "gears": "[gears.{name}]", "dimensions": "[dimensions]",
     "guess": "[guess]"}
 SPRING = ("stiffness", "damping", "free_length", "free_angle")  # which no closure has
 TWO_NAMES = ["?", "?"]
@@ -196,13 +206,14 @@ class CheckedValues:
             self.fail(key, f"has length {norm:.6g}; an axis is a unit vector")
         return unit(value)
 
-    def some_names(self, key: str, count: int) -> tuple[str, ...]:
-        """Return a list of some texts."""
+    def some_names(self, key: str, count: int, or_more: bool = False) -> tuple[str, ...]:
+        """Return a list of some texts, or more."""
         value = self.get(key)
-        if not (isinstance(value, list) and len(value) == count
-                and all(isinstance(x, str) for x in value)):
+        if not (isinstance(value, list) and all(isinstance(x, str) for x in value)
+                and (len(value) == count or (or_more and len(value) > count))):
             some = {2: "two", 3: "three", 4: "four"}.get(count, str(count))
-            self.fail(key, f"must be a list of {some} names, not {_said(value)}")
+            more = " or more" * or_more
+            self.fail(key, f"must be a list of {some}{more} names, not {_said(value)}")
         return tuple(value)
 
     def two_names(self, key: str) -> tuple[str, str]:

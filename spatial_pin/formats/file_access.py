@@ -10,6 +10,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
+
+if sys.platform == "win32":
+    from pathlib import WindowsPath as PlainPath
+else:
+    from pathlib import PosixPath as PlainPath
 
 from spatial_pin.errors import MechanismFileError
 
@@ -20,6 +26,44 @@ OF_PACKAGES = ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH")
 OF_MODELS = ("GZ_SIM_RESOURCE_PATH", "GAZEBO_MODEL_PATH", "SDF_PATH")  # where Gazebo's models lie
 NO_PACKAGES: Mapping[str, Path] = MappingProxyType({})
 REMEDY = "sp.load(..., trusted=True) reads it all the same"
+
+
+class HeldFile(PlainPath):
+    """A path whose file is in memory: of a mechanism drawn in code, or of a tree made of bodies.
+
+    Attributes:
+        text: what the file says; None of a path that is made from it, which is as any other.
+    """
+
+    text: str | None = None
+
+    @classmethod
+    def of(cls, path: Path | str, text: str) -> HeldFile:
+        """Return a file of that path and text."""
+        made = cls(path)
+        made.text = text
+        return made
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (HeldFile.of, (str(self), self.text)) if self.text is not None else (
+            Path, (str(self),))
+
+    def is_file(self) -> bool:
+        """Whether there is such a file, here or in memory."""
+        return self.text is not None or super().is_file()
+
+    def read_bytes(self) -> bytes:
+        """Return the text as UTF-8."""
+        return super().read_bytes() if self.text is None else self.text.encode()
+
+    def read_text(self, *args: Any, **kwargs: Any) -> str:
+        """Return the text."""
+        return super().read_text(*args, **kwargs) if self.text is None else self.text
+
+
+def is_held(path: Path | None) -> bool:
+    """Whether a file is in memory."""
+    return isinstance(path, HeldFile) and path.text is not None
 
 
 def shown(path: Path | str) -> str:
@@ -36,6 +80,8 @@ def check_file(path: Path) -> None:
     Raises:
         MechanismFileError: it is not there, a folder, a pipe, or larger than any mechanism.
     """
+    if is_held(path):
+        return
     try:
         status = path.stat()
     except FileNotFoundError:

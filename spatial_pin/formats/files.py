@@ -16,7 +16,9 @@ import numpy as np
 from spatial_pin._support.checks import number_from_zero
 from spatial_pin.errors import MechanismFileError, Mistakes, suggestion, warn
 from spatial_pin.formats.checked_tables import TomlTable
+from spatial_pin.formats.drawn_tree import drawn_tree
 from spatial_pin.formats.file_access import (
+    HeldFile,
     Trust,
     check_file,
     is_file,
@@ -28,6 +30,7 @@ from spatial_pin.formats.importers import IMPORTERS, Faults, Importer, Request, 
 from spatial_pin.formats.mechanism_file import MechanismSpec, mechanism_of
 from spatial_pin.formats.parsing import parse_toml, parse_urdf
 from spatial_pin.formats.urdf.validation import end_of
+from spatial_pin.formats.xacro.expansion import expand
 from spatial_pin.formats.xacro.xacro_arguments import arguments
 from spatial_pin.mechanism.mechanism import Mechanism
 
@@ -254,7 +257,7 @@ def _loaded(request: Request) -> Mechanism:
     imported, path = importer.read(request), request.path
     name = path.name.removesuffix(".xacro").removesuffix(".urdf")
     content = {"name": name, "tree": path.name, **imported.content}
-    return _made(content, path, imported.urdf, request, imported.notices)
+    return made_of(content, path, imported.urdf, request, imported.notices)
 
 
 def _folders(packages: Mapping[str, str | Path]) -> dict[str, Path]:
@@ -272,7 +275,7 @@ def _folders(packages: Mapping[str, str | Path]) -> dict[str, Path]:
 
 
 def _find(source: str | Path) -> Path:
-    path = Path(source)
+    path = source if isinstance(source, Path) else Path(source)
     if path.suffix == ".toml":
         check_file(path)
         return path
@@ -290,6 +293,8 @@ def _find(source: str | Path) -> Path:
 def _load_toml(request: Request) -> Mechanism:
     path = request.path
     top = TomlTable(parse_toml(read_text(path), path), str(path))
+    if "bodies" in top:
+        return _load_drawing(top, request)
     mistakes = Mistakes(str(path))
     with mistakes.each():
         file = _tree_of(top, request)
@@ -304,7 +309,18 @@ def _load_toml(request: Request) -> Mechanism:
     if mistakes:
         MechanismSpec(top, mistakes, Trust.of(path, request.packages, request.trusted))
         mistakes.raise_all()
-    return _made(content, file, tree.urdf, request, (*tree.notices, *replaced))
+    return made_of(content, file, tree.urdf, request, (*tree.notices, *replaced))
+
+
+def _load_drawing(top: TomlTable, request: Request) -> Mechanism:
+    """Return the mechanism of a drawing; what was cut of it is no fault that a warning tells."""
+    drawn = drawn_tree(top.content, top.where)
+    tree = HeldFile.of(request.path.parent / drawn.content["tree"], drawn.xacro)
+    urdf = request.expanded
+    if urdf is None:
+        urdf = expand(tree, request.parameters, request.trusted, request.packages)
+    made = made_of(drawn.content, tree, urdf, request, ())
+    return made.with_fields(notices=(*drawn.notices, *made.notices))
 
 
 def _for_file(request: Request, file: Path, importer: Importer) -> Request:
@@ -330,7 +346,10 @@ def _empty_arguments(request: Request) -> list[str]:
     file = request.path
     try:
         if file.suffix == ".toml":
-            file = _tree_of(TomlTable(parse_toml(read_text(file), file), str(file)), request)
+            top = TomlTable(parse_toml(read_text(file), file), str(file))
+            if "bodies" in top:
+                return []
+            file = _tree_of(top, request)
         if file.suffix != ".xacro":
             return []
         texts = arguments(file, request.parameters, request.trusted, request.packages)
@@ -350,7 +369,7 @@ def _tree_of(top: TomlTable, request: Request) -> Path:
     return file
 
 
-def _made(
+def made_of(
     content: dict[str, Any], file: Path, urdf: str, request: Request, notices: Iterable[str]
 ) -> Mechanism:
     """Return the mechanism of a file's content and the tree of `file`; a warning names faults."""

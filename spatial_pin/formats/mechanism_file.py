@@ -3,33 +3,39 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
-from spatial_pin.errors import MechanismFileError, Mistakes
+from spatial_pin.errors import MechanismFileError, Mistakes, suggestion
 from spatial_pin.formats.checked_tables import BELONGS, BETWEEN, TOP, TomlTable, key_hint
 from spatial_pin.formats.file_access import Trust, read_text
 from spatial_pin.formats.graph.urdf import without_loops
 from spatial_pin.formats.importers import Faults, Request
+from spatial_pin.formats.parsing import parse_urdf
+from spatial_pin.formats.urdf.elements import inertial
 from spatial_pin.formats.urdf.urdf_model import (
     LIMITS,
     RESISTANCES,
     JointRefinement,
     tree_of,
 )
-from spatial_pin.formats.xacro.xacro_arguments import Values, dimensions
+from spatial_pin.formats.xacro.xacro_arguments import Values, dimensions, with_numbers
+from spatial_pin.mechanism.contact_sides import sided
 from spatial_pin.mechanism.coordinates import check_guess
+from spatial_pin.mechanism.curves import CurveShape, curve_of
+from spatial_pin.mechanism.inertia import inertia_as_given
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.mechanism_checks import check_mechanism, impossible_inertias
 from spatial_pin.mechanism.pairs import (
     JOINT_TYPES,
     PAIRS,
-    Key,
     Pair,
     PairGeometry,
     closure_geometry,
@@ -46,6 +52,7 @@ from spatial_pin.mechanism.parts import (
     drivers_of_tree,
 )
 
+SYMMETRY = 1e-9  # of the largest moment of inertia: what rounded matrices differ by
 BUSHING = ("stiffness", "damping", "preload")  # keys of six numbers, or of 6 x 6
 
 
@@ -71,7 +78,9 @@ class MechanismSpec:
             self.gravity = top.vector("gravity") if "gravity" in top else None
         self.parts: dict[str, Any] = {
             "frames": self._frames(top), "title": "", "source": "", "guess": {},
-            "closures": self._array(top, "closures", _closure),
+            "closures": self._array(top, "closures", partial(_closure, Context(
+                lambda name: rows_of(trust.checked(trust.home / name)),
+                self._tables(top, "curves", partial(_curve, trust))))),
             "drivers": self._tables(top, "drivers",
                                     lambda key, table: Driver(key, table.text("joint"))),
             "springs": self._array(top, "springs", partial(_spring, trust)),
@@ -79,6 +88,7 @@ class MechanismSpec:
                 top, "passive", lambda key, table: Passive(
                     key, table.text("body"), table.two_names("axis"))).values()),
         }
+        self.masses: dict[str, pin.Inertia] = self._tables(top, "masses", _mass)
         for key in ("title", "source"):
             with mistakes.each():
                 self.parts[key] = top.text(key, "")
@@ -147,16 +157,35 @@ class MechanismSpec:
         return tuple(found)
 
 
+def with_masses(urdf: str, masses: Mapping[str, pin.Inertia], path: Path, where: str) -> str:
+    """Return URDF text whose links have the masses that a mechanism file gives them."""
+    robot = parse_urdf(urdf, path)
+    links = {link.get("name", ""): link for link in robot.findall("link")}
+    for name, mass in masses.items():
+        if name not in links:
+            raise MechanismFileError(f"{where}: masses.{name}: the tree has no such link; "
+                                     f"{suggestion(name, links)}")
+        for own in links[name].findall("inertial"):
+            links[name].remove(own)
+        links[name].append(inertial(mass))
+    return ET.tostring(robot, encoding="unicode")
+
+
 def mechanism_of(
     top: TomlTable, file: Path, urdf: str, request: Request, faults: Faults
 ) -> Mechanism:
     """Return the mechanism of the expanded URDF of `file` and the table of the file asked for."""
-    mistakes = Mistakes(top.where)
+    mistakes, written = Mistakes(top.where), top.content
     trust = Trust.of(file, request.packages, request.trusted)
+    with mistakes.each():
+        top = TomlTable(with_numbers(written, request.path, file, request.parameters,
+                                     request.trusted, request.packages), top.where)
     spec = MechanismSpec(top, mistakes, trust)
     if not spec.is_whole["joints"]:
         mistakes.raise_all()  # what the tree is, is not known
     with mistakes.each():
+        if spec.masses:
+            urdf = with_masses(urdf, spec.masses, file, top.where)
         cut = without_loops(urdf, top.content, spec.refinements, file, faults)
         if cut is not None:
             mistakes.raise_all()
@@ -168,6 +197,7 @@ def mechanism_of(
         if spec.gravity is not None:
             tree["model"].gravity.linear = spec.gravity
         spec.parts["closures"] += mimics
+        spec.parts["content"] = written
         return _build(top, tree, spec, file, request, faults, mistakes)
     mistakes.raise_all()
     raise AssertionError  # a mistake was kept
@@ -208,7 +238,7 @@ def _build(
     ):
         for link, words in links.items():
             faults.note(kind, f"link {link!r}: {words}")
-    return mechanism.with_fields(notices=faults.notices())
+    return sided(mechanism).with_fields(notices=faults.notices())
 
 
 def _check_guess(mechanism: Mechanism, where: str, mistakes: Mistakes) -> None:
@@ -252,31 +282,84 @@ def _lead(table: TomlTable) -> float:
     return lead
 
 
-def _closure(table: TomlTable) -> Closure:
+class Context(NamedTuple):
+    """What functions and curves of closures are read with.
+
+    Attributes:
+        rows: from the name of a file to its rows.
+        curves: by name.
+    """
+
+    rows: Callable[[str], Any]
+    curves: dict[str, CurveShape]
+
+
+def _curve(trust: Trust, name: str, table: TomlTable) -> CurveShape:
+    table.known += table.content
+    try:
+        return curve_of(name, table.content,
+                        lambda file: rows_of(trust.checked(trust.home / file)))
+    except ValueError as error:
+        raise MechanismFileError(f"{table.where}: {error}") from error
+
+
+def _closure(context: Context, table: TomlTable) -> Closure:
     name = table.text("name")
     table.where += f" ({name!r})"
     kind = table.choice("type", closure_types(), hint_at_type)
     pair, parts = PAIRS[kind], dict[str, Any](source=table.text("source", ""))
     if pair.n_frames:
-        parts["frames"] = table.some_names("frames", pair.n_frames)
+        more = pair.has_more
+        parts["frames"] = table.some_names("frames", pair.n_frames, more)
     if pair.n_joints:
-        parts["joints"] = table.some_names("joints", pair.n_joints)
-    numbers = {key.name: _number(table, key) for key in pair.keys}
-    closure = Closure(name, kind, numbers=numbers, geometry=_geometry(table, pair),
+        more = pair.has_more and not pair.n_frames
+        parts["joints"] = table.some_names("joints", pair.n_joints, more)
+    closure = Closure(name, kind, numbers=_numbers(table, pair, context),
+                      geometry=_geometry(table, pair),
                       between=_between(table) if pair.uses_length else (), **parts)
+    fault = pair.fault(closure)
+    if fault:
+        table.fail(*fault)
     if pair.n_frames and "equations" in table:
         closure = replace(closure, equations=table.indices("equations", closure.n_rows))
     return closure
 
 
-def _number(table: TomlTable, key: Key) -> Any:
-    """Return a number of a closure, or a list of numbers (n,)."""
-    if key.is_list:
-        return table.numbers(key.name)
-    value = table.number(key.name) if key.default is None else table.number(key.name, key.default)
-    if value == 0.0 and key.no_zero:
-        table.fail(key.name, f"is zero; {key.no_zero}")
-    return value
+def _numbers(table: TomlTable, pair: Pair, context: Context) -> dict[str, Any]:
+    """Return the numbers of a closure, lists of numbers (n,) and functions, by their keys."""
+    found: dict[str, Any] = {}
+    taken: dict[str, str] = {}  # keys that another one is in the place of
+    for key in pair.keys:
+        if key.name in taken:
+            if key.name in table:
+                table.fail(key.name, f"or {taken[key.name]}: a {table.get('type')} has one of the "
+                                     "two")
+            continue
+        if (key.instead_of or key.is_optional) and key.name not in table:
+            continue
+        taken.update(dict.fromkeys(key.instead_of, key.name))
+        if key.read is not None:
+            try:
+                found[key.name] = key.read(table.get(key.name), context)
+            except ValueError as error:
+                table.end(key.name, str(error))
+        elif key.is_list:
+            found[key.name] = table.numbers(key.name)
+        else:
+            value = (table.number(key.name) if key.default is None
+                     else table.number(key.name, key.default))
+            if value == 0.0 and key.no_zero:
+                table.fail(key.name, f"is zero; {key.no_zero}")
+            found[key.name] = value
+    return found
+
+
+def rows_of(file: Path) -> list[list[float | None]]:
+    """Return the numbers of a table, row by row, without its heading; None for what is none."""
+    rows = [line.replace(";", ",").split(",") for line in read_text(file).splitlines()
+            if line.strip() and not line.lstrip().startswith("#")]
+    values = [[_as_number(x) for x in row] for row in rows]
+    return values[1:] if values and None in values[0] else values
 
 
 def _between(table: TomlTable) -> tuple[str, ...]:
@@ -311,12 +394,7 @@ def _law(table: TomlTable, trust: Trust) -> tuple[tuple[float, float], ...]:
     if ("points" in inner) == ("table" in inner):
         table.fail("law", 'is {points = [[0.0, 0.0], [0.01, 40.0]]} or {table = "gas.csv"}')
     if "table" in inner:
-        file = trust.checked(trust.home / inner.text("table"))
-        rows = [line.replace(";", ",").split(",") for line in read_text(file).splitlines()
-                if line.strip() and not line.lstrip().startswith("#")]
-        values: Any = [[_as_number(x) for x in row] for row in rows]
-        if values and None in values[0]:
-            del values[0]  # a heading
+        values: Any = rows_of(trust.checked(trust.home / inner.text("table")))
     else:
         values = inner.get("points")
     try:
@@ -380,6 +458,21 @@ def _spring(trust: Trust, table: TomlTable) -> Spring:
         free_length=table.number("free_length", 0.0, least=-math.inf if about_joint else 0.0),
         free_angle=table.number("free_angle", 0.0) if about_joint else 0.0,
     )
+
+
+def _mass(name: str, table: TomlTable) -> pin.Inertia:
+    mass, given = table.number("mass", least=0.0), table.get("inertia", 0.0)
+    com = table.vector("com") if "com" in table else np.zeros(3)
+    try:
+        array = np.array(given, float)
+    except (TypeError, ValueError):
+        array = np.empty(0)
+    if array.shape not in ((), (3,), (3, 3)) or not np.isfinite(array).all():
+        table.fail("inertia", "is one number, three, or three lists of three [kg·m²]")
+    matrix = array if array.ndim == 2 else np.diag(np.broadcast_to(array, 3))
+    if np.abs(matrix - matrix.T).max() > SYMMETRY * np.abs(matrix).max():
+        table.fail("inertia", "is not symmetric")
+    return inertia_as_given(mass, com, 0.5 * (matrix + matrix.T))
 
 
 def _frame(name: str, table: TomlTable) -> Frame:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +16,10 @@ import numpy as np
 from spatial_pin._support.output_files import named_folder, named_path, replacing, write_text
 from spatial_pin.errors import MechanismFileError, SpatialPinError, warn
 from spatial_pin.formats.dialects import RobotReading, read_dialects
-from spatial_pin.formats.file_access import Trust, is_file
+from spatial_pin.formats.file_access import Trust, is_file, is_held, read_text
 from spatial_pin.formats.parsing import toml_text
 from spatial_pin.formats.pinocchio_model.pair_tree import joint_axis
+from spatial_pin.formats.urdf.elements import fresh
 from spatial_pin.formats.urdf.urdf_model import (
     LIMITS,
     PAIR_OF_URDF_TYPE,
@@ -24,6 +28,8 @@ from spatial_pin.formats.urdf.urdf_model import (
     stated_limits,
     urdf_order,
 )
+from spatial_pin.formats.xacro.expansion import with_defaults
+from spatial_pin.mechanism.curves import CurveShape
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS
 from spatial_pin.mechanism.parts import Closure, Spring, drivers_of_tree
@@ -34,12 +40,13 @@ STANDARD_GRAVITY = [0.0, 0.0, -9.81]  # m/s², of a tree whose file says nothing
 MESHES = "meshes"
 
 
-def save(mechanism: Mechanism, folder: str | Path) -> Path:
+def save(mechanism: Mechanism, folder: str | Path, tabulate: Any = None) -> Path:
     """Write a mechanism as a folder that can be moved: a mechanism file, a URDF and its meshes.
 
     Args:
         mechanism: the mechanism.
         folder: made where there is none; files are called as the mechanism is.
+        tabulate: of functions in code, see `Mechanism.save`.
 
     Returns:
         The mechanism file, for `load`.
@@ -50,14 +57,42 @@ def save(mechanism: Mechanism, folder: str | Path) -> Path:
     folder = named_folder(folder)
     stem = re.sub(r"[^\w.+-]+", "_", mechanism.name).strip("._") or "mechanism"
     urdf, toml = folder / f"{stem}.urdf", folder / f"{stem}.toml"
+    tree = mechanism.tree
+    mechanism = mechanism.with_fields(closures=tuple(
+        _tabulated(mechanism, c, tabulate) for c in mechanism.closures))
     try:
         folder.mkdir(parents=True, exist_ok=True)
         text, meshes = _gathered(mechanism)
-        _write(mechanism, {urdf: text, toml: toml_text(_beside(mechanism, urdf.name))},
+        if tree is not None and is_held(tree) and not mechanism.free_flyer:  # a drawing
+            urdf = folder / f"{stem}.urdf.xacro"
+            text = with_defaults(read_text(tree), mechanism.dimensions)
+            gap = {} if mechanism.gap is None else {"gap": mechanism.gap}
+            content = {**mechanism.content, **gap, "tree": urdf.name, "complete": True}
+        else:
+            content = _beside(mechanism, urdf.name)
+        _write(mechanism, {urdf: text, toml: toml_text(content)},
                {folder / target: source for target, source in meshes.items()})
     except OSError as error:
         raise SpatialPinError(f"cannot write {error.filename}: {error.strerror}") from error
     return toml
+
+
+def _tabulated(mechanism: Mechanism, closure: Closure, tabulate: Any) -> Closure:
+    """Return a closure with a table in the place of a function in code."""
+    function = closure.numbers.get("function")
+    if function is None or function.form:
+        return closure
+    where = f"mechanism {mechanism.name!r}: closure {closure.name!r}"
+    values = tabulate.get(closure.name) if isinstance(tabulate, Mapping) else tabulate
+    if values is None:
+        raise SpatialPinError(
+            f"{where}: its function is code, which no file can have; save(..., tabulate=values) "
+            f"writes a table of it at values of {closure.joints[0]!r}")
+    try:
+        table = function.tabulated(values)
+    except (TypeError, ValueError) as error:
+        raise SpatialPinError(f"{where}: tabulate: {error}") from error
+    return replace(closure, numbers={**closure.numbers, "function": table})
 
 
 def export_urdf(mechanism: Mechanism, path: str | Path) -> list[Path]:
@@ -74,6 +109,8 @@ def export_urdf(mechanism: Mechanism, path: str | Path) -> list[Path]:
         SpatialPinError: the target is a file of the mechanism itself, or cannot be written.
     """
     path = named_path(path)
+    for closure in mechanism.closures:
+        _tabulated(mechanism, closure, None)
     if path.suffix != ".urdf":
         raise SpatialPinError(f"{path}: the name of a plain URDF ends in .urdf")
     text, meshes = _gathered(mechanism, Trust.of(path))
@@ -99,7 +136,8 @@ def export_urdf(mechanism: Mechanism, path: str | Path) -> list[Path]:
 
 
 def _write(mechanism: Mechanism, texts: dict[Path, str], copies: dict[Path, Path]) -> None:
-    own = {path.resolve() for path in (mechanism.path, mechanism.tree) if path is not None}
+    own = {path.resolve() for path in (mechanism.path, mechanism.tree)
+           if path is not None and os.path.exists(path)}
     for target in texts:
         if target.resolve() in own:
             raise SpatialPinError(f"{target} is a file of the mechanism itself; choose another")
@@ -195,7 +233,7 @@ def robot_of(mechanism: Mechanism) -> ET.Element:
 def content_of(mechanism: Mechanism) -> dict[str, Any]:
     """Return the content of a mechanism's file, as `parse_toml` reads it."""
     robot = robot_of(mechanism)
-    moving = list(mechanism.model.names)[1:]
+    moving, closures = list(mechanism.model.names)[1:], _with_named_curves(mechanism.closures)
     content: dict[str, Any] = {
         "name": mechanism.name, "title": mechanism.title, "source": mechanism.source,
         "tree": f"{mechanism.name}.urdf", "gravity": mechanism.model.gravity.linear.tolist(),
@@ -203,7 +241,9 @@ def content_of(mechanism: Mechanism) -> dict[str, Any]:
         "order": moving if moving != [n for n in urdf_order(robot) if n in moving] else [],
         "joints": {joint.get("name", ""): table for joint in robot.findall("joint")
                    if (table := _joint(mechanism, joint))},
-        "closures": [_closure(c) for c in mechanism.closures],
+        "curves": {c.numbers["curve"].name: dict(c.numbers["curve"].form)
+                   for c in closures if "curve" in c.numbers},
+        "closures": [_closure(c) for c in closures],
         "drivers": {d.name: {"joint": d.joint} for d in mechanism.drivers.values()},
         "springs": [_spring(s) for s in mechanism.springs],
         "passive": {p.name: {"body": p.body, "axis": list(p.axis)} for p in mechanism.passives},
@@ -217,6 +257,20 @@ def content_of(mechanism: Mechanism) -> dict[str, Any]:
     is_said = list(unsaid.values()) != list(mechanism.drivers.values())
     return {key: value for key, value in content.items()
             if (is_said if key == "drivers" else value)}
+
+
+def _with_named_curves(closures: tuple[Closure, ...]) -> list[Closure]:
+    """Return closures whose curves have names, each its own."""
+    names: dict[int, str] = {}
+    found = []
+    for c in closures:
+        curve = c.numbers.get("curve")
+        if curve is not None:
+            name = names.setdefault(id(curve), fresh(curve.name or f"{c.name}_curve",
+                                                     set(names.values())))
+            c = replace(c, numbers={**c.numbers, "curve": replace(curve, name=name)})
+        found.append(c)
+    return found
 
 
 def _joint(mechanism: Mechanism, element: ET.Element) -> dict[str, Any]:
@@ -293,7 +347,11 @@ def _closure(closure: Closure) -> dict[str, Any]:
     pair, geometry = closure.pair, closure.geometry
     names = {"frames": list(closure.frames), "joints": list(closure.joints)}
     table |= {key: value for key, value in names.items() if value}
-    table |= {key.name: np.asarray(closure.numbers[key.name]).tolist() for key in pair.keys}
+    for key in pair.keys:
+        if key.name in closure.numbers:
+            number = closure.numbers[key.name]
+            table[key.name] = number.name if isinstance(number, CurveShape) else dict(
+                number.form) if key.read else np.asarray(number).tolist()
     table |= pair.file_entries(
         geometry.axes1[:, 2], geometry.axes2[:, 2], geometry.lead, geometry.length)
     if closure.between:

@@ -73,8 +73,12 @@ class Kernel:
         self.library = library()
         handle = ctypes.c_void_p()
         ints, reals = self.packed.ints, self.packed.reals
+        called = np.zeros(max(self.packed.called, default=-1) + 1, np.intp)
+        for number, function in self.packed.called.items():
+            called[number] = function.address
         check(self.library.kernel_create(
-            address(ints), len(ints), address(reals), len(reals), ctypes.byref(handle)))
+            address(ints), len(ints), address(reals), len(reals), address(called), len(called),
+            ctypes.byref(handle)))
         self.handle = handle
         self.solvers: dict[Any, Any] = {}
         self.path: object = None

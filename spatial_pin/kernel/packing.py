@@ -7,7 +7,7 @@ its local z axis.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import accumulate, pairwise
 from typing import Any, NamedTuple
 
@@ -20,6 +20,7 @@ from spatial_pin.constraints.composed_equations import Equation, QuantityIndex
 from spatial_pin.constraints.composite_joints import TreeArrays, split_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.piecewise import ROOT, CalledFunction, SquareRoot
 
 Ints = NDArray[np.int64]
 PRODUCT, SUM, IDLE = range(3)  # kinds of equations, see `kernel.h`
@@ -56,6 +57,7 @@ class Packed(NamedTuple):
         carriers: (njoints,) joint of the kernel that carries the body of each joint of the model.
         fixed_in: (n_vectors,) what each vector is fixed in: `frame` of its `Term`.
         is_point: (n_vectors,) whether it leads to a point, or is a direction.
+        called: functions in code, by their number among those of the equations.
     """
 
     ints: Ints
@@ -64,6 +66,7 @@ class Packed(NamedTuple):
     carriers: NDArray[np.intp]
     fixed_in: Ints
     is_point: NDArray[np.bool_]
+    called: Mapping[int, CalledFunction]
 
     def parts(self) -> Parts:
         """Return views of the numbers, one kind after the other."""
@@ -106,7 +109,7 @@ def packed(mechanism: Mechanism, idle: bool) -> Packed:
     head = [model.njoints, model.nq, model.nv, len(vectors.body), len(constraints.constants),
             constraints.n_closure, n_idle, constraints.n_angles,
             len(freedoms), starts[-1], sum(map(len, turned)), len(sums.numbers),
-            len(sums.kinds), len(sums.functions)]
+            len(sums.kinds), len(sums.shapes)]
     directions = [x for e in constraints.equations for x in e.sines_and_cosines]
     return Packed(
         _joined(np.int64, head, tree.kind, tree.parent, tree.iq, tree.iv, vectors.body,
@@ -121,7 +124,7 @@ def packed(mechanism: Mechanism, idle: bool) -> Packed:
                 *(row[at] for row, at in zip(turning, turned, strict=True)), sums.numbers,
                 *sums.functions),
         tree.frames, carriers, np.array(vectors.fixed_in, np.int64),
-        np.array(vectors.flag, bool))
+        np.array(vectors.flag, bool), sums.called)
 
 
 def with_masses(mechanism: Mechanism) -> Packed:
@@ -194,7 +197,8 @@ class _Sums:
         terms, factors: where the terms of an equation and the quantities of a term begin.
         numbers: of terms.
         kinds, places, function: of quantities; the number of their function, or -1.
-        shapes, functions: of piecewise polynomials; their numbers.
+        shapes, functions: of functions; numbers of those that are piecewise polynomials.
+        called: functions in code, by their number among all.
     """
 
     def __init__(self, equations: Sequence[Equation]) -> None:
@@ -205,6 +209,7 @@ class _Sums:
         self.function: list[int] = []
         self.shapes: list[tuple[int, ...]] = []
         self.functions: list[Array] = []
+        self.called: dict[int, CalledFunction] = {}
         for equation in equations:
             for number, factors in equation.terms:
                 self.numbers.append(number)
@@ -225,7 +230,11 @@ class _Sums:
         self.indices.append(entry)
         f = factor.function
         self.function.append(-1 if f is None else len(self.shapes))
-        if f is not None:
+        if isinstance(f, SquareRoot | CalledFunction):  # see `piecewise.h`
+            if isinstance(f, CalledFunction):
+                self.called[len(self.shapes)] = f
+            self.shapes.append((sum(map(len, self.functions)), 0, int(f is not ROOT), 0))
+        elif f is not None:
             pieces, width = f.coefficients.shape
             first = sum(map(len, self.functions))
             self.shapes.append((first, pieces, width - 1, int(f.is_periodic)))

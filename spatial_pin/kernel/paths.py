@@ -15,12 +15,14 @@ from spatial_pin.kernel.kernel import Kernel, numbers
 from spatial_pin.kernel.library import BAD_ARRAYS, INT, POINTER, REAL, address, addresses, check
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.settings import Accuracy
+from spatial_pin.settings import INTERPOLATED, Accuracy
 
 UNCORRECTED_PART = 0.01  # of the tolerance: a prediction is left as it is; what is left grows
 CLOSED_PART = 0.03  # of the tolerance, which points are closed to: the rest is their rates'
-BETWEEN = 1e-8  # tolerance from which on samples are interpolated between points of the path,
-NODE_RESIDUAL = 1e-13  # which are closed to this: second derivatives between them divide it by h²
+# What points of a path are closed to that samples are interpolated between, or so much of the
+# tolerance and its root: second derivatives between them divide it by the square of the way, which
+# grows with a root of the tolerance.
+NODE_RESIDUAL, NODE_PART = 1e-13, 1e-4
 FINEST = 1e-14  # residual: below it round-off decides
 LEFT = 1e-11  # residual that round-off may leave where there is no closer
 TIGHT = 1e-12  # of loops with redundant equations: open ones hide which of these are
@@ -35,6 +37,8 @@ class PathSamples(NamedTuple):
         q: (m, nq) configurations.
         t, c: (m, nv) first and second derivative with respect to the driver.
         error: (m,) largest closure residual.
+        estimate: (m, 3) error estimates of q, t and c: the largest of any joint, by the sizes of
+            coordinates.
         angles: (m, n_angles) of screw closures, counting turns [rad].
     """
 
@@ -42,13 +46,14 @@ class PathSamples(NamedTuple):
     t: Array
     c: Array
     error: Array
+    estimate: Array
     angles: Array
 
     @classmethod
     def empty(cls, n: int, nq: int, nv: int, n_angles: int) -> PathSamples:
         """Return arrays for n samples."""
         return cls(np.empty((n, nq)), np.empty((n, nv)), np.empty((n, nv)), np.empty(n),
-                   np.empty((n, n_angles)))
+                   np.empty((n, 3)), np.empty((n, n_angles)))
 
     def between(self, first: int, last: int) -> PathSamples:
         """Return the samples from `first` to before `last`, as views."""
@@ -107,11 +112,12 @@ def path_accuracy(accuracy: Accuracy, has_redundant: bool, is_determined: bool) 
             own, which samples could lie on: its accelerations are least by themselves.
     """
     tolerance, is_fixed = accuracy.tolerance, accuracy.corrections is not None
-    loose = tolerance >= BETWEEN and accuracy.order == 3 and not is_fixed and is_determined
+    loose = tolerance >= INTERPOLATED and accuracy.order == 3 and not is_fixed and is_determined
     wanted = min(tolerance, TIGHT) if has_redundant else tolerance
-    closed = NODE_RESIDUAL if loose else max(wanted, FINEST)
+    node_residual = max(NODE_RESIDUAL, NODE_PART * min(tolerance, 1.0) ** 1.5)
+    closed = node_residual if loose else max(wanted, FINEST)
     return _AccuracyStruct(
-        UNCORRECTED_PART * closed, CLOSED_PART * closed, max(LEFT, wanted),
+        UNCORRECTED_PART * closed, CLOSED_PART * closed, max(LEFT, wanted, closed),
         np.inf if is_fixed else max(IDLE_ERROR, IDLE_PART * tolerance),
         tolerance if loose else 0.0, accuracy.order,
         -1 if accuracy.corrections is None else accuracy.corrections)

@@ -12,7 +12,7 @@ Example:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -20,8 +20,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from spatial_pin._support.checks import finite_number, positive_number, unit_vector
+from spatial_pin._support.checks import finite_array, finite_number, positive_number, unit_vector
 from spatial_pin.errors import ClosureTypeError, suggestion
+from spatial_pin.mechanism.curves import CurveShape, follower_of
+from spatial_pin.mechanism.force_paths import strands_of, teeth_of
+from spatial_pin.mechanism.functions import function_of
 from spatial_pin.mechanism.pairs import (
     COUPLING,
     PAIRS,
@@ -34,9 +37,9 @@ from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
 
 __all__ = [
-    "coupling", "cylindrical", "distance", "fixed", "parallel", "perpendicular", "planar",
-    "point_on_line", "point_on_plane", "prismatic", "revolute", "screw", "spherical", "universal",
-    "weld",
+    "cam", "coupling", "cylindrical", "distance", "fixed", "parallel", "perpendicular", "planar",
+    "point_on_curve", "point_on_line", "point_on_plane", "prismatic", "revolute", "rope", "screw",
+    "spherical", "universal", "weld",
 ]
 FrameSpec = str | tuple[str, pin.SE3]  # a frame by name, or as a placement on a link or joint
 NATIVE = {  # Pinocchio's constraints that hold two bodies together
@@ -89,17 +92,25 @@ def _name(name: str | None) -> str:
     return name or ""  # it is given one with the others
 
 
-def _frame_pair(frames: Sequence[FrameSpec]) -> Any:
-    """Return two frames; placements get a name in `Mechanism.from_model`."""
+def _frames(frames: Sequence[FrameSpec]) -> Any:
+    """Return frames; what is no name becomes one where the mechanism is made."""
+    if isinstance(frames, str):
+        raise TypeError(f"frames are several, not {frames!r}")
     for frame in frames:
         is_placement = (isinstance(frame, tuple | list) and len(frame) == 2
                     and isinstance(frame[0], str) and isinstance(frame[1], pin.SE3))
         if not is_placement and not isinstance(frame, str):
             raise TypeError(f"a frame is given by its name, or as (link or joint, pin.SE3), not "
                             f"{str(frame)[:60]!r}")
-    if len(frames) != 2:
+    if len(frames) < 2:
         raise ValueError(f"two frames are needed, not {len(frames)}")
     return tuple(frames)
+
+
+def _frame_pair(frames: Sequence[FrameSpec]) -> Any:
+    if len(frames) != 2:
+        raise ValueError(f"two frames are needed, not {len(frames)}")
+    return _frames(frames)
 
 
 def spherical(frame_1: FrameSpec, frame_2: FrameSpec, name: str | None = None, *,
@@ -426,33 +437,175 @@ def perpendicular(frame_1: FrameSpec, frame_2: FrameSpec, name: str | None = Non
     return _closure("perpendicular", (frame_1, frame_2), name, None, axis, axis2)
 
 
-def coupling(joint_1: str, joint_2: str, ratio: float = 1.0, offset: float = 0.0,
-             name: str | None = None) -> Closure:
-    """Return coordinate 2 = ratio * coordinate 1 + offset: gears, a rack, a mimicking joint.
+def coupling(joint_1: str | None = None, joint_2: str | None = None, ratio: float | None = None,
+             offset: float = 0.0, name: str | None = None, *, joints: Sequence[str] | None = None,
+             ratios: ArrayLike | None = None, function: Any = None,
+             teeth: Mapping[str, Any] | None = None,
+             strands: Mapping[str, Any] | None = None) -> Closure:
+    """Return an equation of joint coordinates: gears, a rack, a differential, a cam, a tendon.
+
+    By a ratio: coordinate 2 = ratio * coordinate 1 + offset. By ratios, of any number of
+    coordinates: the sum of ratios * coordinates + offset is zero, as of a planetary train
+    z_sun * sun + z_ring * ring - (z_sun + z_ring) * carrier = 0 [Willis]. By a function:
+    coordinate 2 = f(coordinate 1). Turns are counted.
 
     Args:
         joint_1: joint of one freedom, or coordinate, that leads.
         joint_2: the one that follows.
-        ratio: of their values: rad/rad, m/rad (a rack: the pinion's radius), ...; not zero.
-        offset: of coordinate 2 where coordinate 1 is zero [rad or m].
+        ratio: of their values: rad/rad, m/rad (a rack: the pinion's radius), ...; not zero;
+            default 1.
+        offset: of coordinate 2 where coordinate 1 is zero [rad or m]; of ratios, in the unit of
+            ratio times coordinate.
         name: for reports; default its type.
+        joints: instead of the first two: two of them, or as many as there are ratios.
+        ratios: (n,) one for each of the joints, none zero.
+        function: a -> (f, f', f'', f'''), rates by a; or, as in a mechanism file,
+            {"polynomial": [c0, c1, ...]} of ascending powers or {"points": [[a, b], ...],
+            "periodic": True}, a quintic spline.
+        teeth: where two gears touch, as in a mechanism file: `point` [m], `pressure_angle`,
+            `helix_angle` [rad], `pitch_line`, in the axes of `frame`. Reactions of their bearings
+            contain the tooth force then.
+        strands: where a belt pulls, likewise: `points` of its strands [m], `pretension` [N].
 
     Raises:
-        ValueError: the ratio is zero, or a number not finite.
+        TypeError: a joint is no name, or none or too much is given.
+        ValueError: a ratio is zero, a number not finite, or the function, teeth or strands none.
 
     Example:
         >>> teeth = sp.closures.coupling("left_pin", "right_pin", ratio=-1.0)  # equal gears
         >>> teeth.joints, teeth.ratio, teeth.offset
         (('left_pin', 'right_pin'), -1.0, 0.0)
+        >>> train = sp.closures.coupling(joints=["sun", "ring", "arm"], ratios=[20, 60, -80])
+        >>> train.ratios
+        (20.0, 60.0, -80.0)
+        >>> cam = sp.closures.coupling(joints=["cam", "rod"], function={"polynomial": [0, 0, 0.1]})
+        >>> print(cam.numbers["function"])
+        a polynomial of degree 2
     """
-    factor = finite_number(ratio, "ratio")
-    if factor == 0.0:
-        raise ValueError("ratio is zero; lock the joint instead")
-    for joint in (joint_1, joint_2):
+    if (joints is None) != isinstance(joint_1, str) or (joint_1 is None) != (joint_2 is None):
+        raise TypeError("a coupling joins two joints by name, or joints=[...], not "
+                        f"{joint_1!r}, {joint_2!r}, joints={joints!r}")
+    names = (joint_1, joint_2) if joints is None else tuple(joints)
+    for joint in names:
         if not isinstance(joint, str):
             raise TypeError(f"a coupling joins two joints by name, not {joint!r}")
-    return Closure(_name(name), COUPLING, joints=(joint_1, joint_2), numbers={
-        "ratio": factor, "offset": finite_number(offset, "offset")})
+    numbers = _coupling_numbers(len(names), ratio, ratios, offset, function)
+    for key, path, read in (("teeth", teeth, teeth_of), ("strands", strands, strands_of)):
+        if path is not None:
+            if function is not None or len(numbers) > 2:
+                raise TypeError("a coupling by ratios has teeth or strands, one of the two")
+            numbers[key] = read(path)
+    made = Closure(_name(name), COUPLING, joints=tuple(map(str, names)), numbers=numbers)
+    fault = made.pair.fault(made)
+    if fault:
+        raise ValueError(" ".join(fault))
+    return made
+
+
+def _coupling_numbers(
+    n: int, ratio: float | None, ratios: ArrayLike | None, offset: float, function: Any
+) -> dict[str, Any]:
+    if sum(x is not None for x in (ratio, ratios, function)) > 1:
+        raise TypeError("a coupling has a ratio, ratios or a function: one of the three")
+    numbers: dict[str, Any] = {"offset": finite_number(offset, "offset")}
+    if function is not None:
+        if numbers.pop("offset"):
+            raise TypeError("offset is a part of the function")
+        numbers["function"] = function_of(function)
+    elif ratios is not None:
+        numbers["ratios"] = finite_array(ratios, (n,), "ratios")
+    else:
+        numbers["ratio"] = finite_number(1.0 if ratio is None else ratio, "ratio")
+        if numbers["ratio"] == 0.0:
+            raise ValueError("ratio is zero; lock the joint instead")
+    return numbers
+
+
+def rope(frames: Sequence[FrameSpec], length: float, name: str | None = None) -> Closure:
+    """Return a rope over points: the sum of the distances from each to the next is constant.
+
+    Pulleys have no size; the rope is taut, and would push if a force asked for it.
+
+    Args:
+        frames: two or more, in the order of the rope: names, or (link or joint, `pin.SE3` on it)
+            [m].
+        length: of the rope, positive [m].
+        name: for reports; default its type.
+
+    Raises:
+        TypeError: a frame is neither a name nor a placement.
+        ValueError: the length is not positive, or there are fewer than two frames.
+
+    Example:
+        >>> sp.closures.rope(["winch", "pulley", "hook"], 2.5).n_rows  # of 2.5 m
+        1
+    """
+    length = positive_number(length, "length")
+    return Closure(_name(name), "rope", frames=_frames(frames), numbers={"length": length})
+
+
+def point_on_curve(frame_1: FrameSpec, frame_2: FrameSpec, curve: CurveShape,
+                   name: str | None = None) -> Closure:
+    """Return a point on a curve: origin 2 stays on a curve that frame 1 carries (2 equations).
+
+    Where it is on the curve is the coordinate `NAME.s` of states and motions, the arc length from
+    the curve's first point, counting turns [m].
+
+    Args:
+        frame_1: frame on the first body: its name, or (link or joint, `pin.SE3` on it) [m].
+        frame_2: frame on the second body, likewise.
+        curve: in the axes of frame 1, see `spatial_pin.curves`.
+        name: for reports; default its type.
+
+    Raises:
+        TypeError: a frame is neither a name nor a placement, or the curve is none.
+
+    Example:
+        >>> track = sp.curves.ellipse([0.4, 0.2])
+        >>> sp.closures.point_on_curve("ground", "slider", track).n_rows
+        2
+    """
+    return Closure(_name(name), "point_on_curve", frames=_frame_pair((frame_1, frame_2)),
+                   numbers={"curve": _curve(curve)})
+
+
+def cam(frame_1: FrameSpec, frame_2: FrameSpec, curve: CurveShape, follower: Mapping[str, Any],
+        name: str | None = None) -> Closure:
+    """Return a cam and its follower, which touch each other in the plane of the cam (1 equation).
+
+    The follower is on the side of the cam where the guess has it, a roller without a guess outside.
+    The place of contact is the coordinate `NAME.s`, as of `point_on_curve`.
+
+    Args:
+        frame_1: frame on the cam: its name, or (link or joint, `pin.SE3` on it) [m].
+        frame_2: frame on the follower, likewise.
+        curve: a closed one, in the axes of frame 1, see `spatial_pin.curves`.
+        follower: {"roller": radius}, its centre at the origin of frame 2 [m]; {"knife": True}; or
+            {"flat": (3,)}, normal in frame 2 of a face through its origin.
+        name: for reports; default its type.
+
+    Raises:
+        TypeError: a frame is neither a name nor a placement, or the curve is none.
+        ValueError: the follower is none, or does not fit the curve: a roller into a hollow, a face
+            on a curve that is not convex.
+
+    Example:
+        >>> profile = sp.curves.circle(0.03, centre=[0.01, 0.0, 0.0])
+        >>> sp.closures.cam("cam", "rod", profile, {"roller": 0.008}).n_rows
+        1
+    """
+    made = Closure(_name(name), "cam", frames=_frame_pair((frame_1, frame_2)), numbers={
+        "curve": _curve(curve), "follower": follower_of(follower)})
+    fault = made.pair.fault(made)
+    if fault:
+        raise ValueError(" ".join(fault))
+    return made
+
+
+def _curve(curve: Any) -> CurveShape:
+    if not isinstance(curve, CurveShape):
+        raise TypeError(f"a curve is made by sp.curves, not {str(curve)[:60]!r}")
+    return curve
 
 
 # ---------------------------------------------------------------- of Pinocchio

@@ -247,6 +247,31 @@ def coordinate_bias(mechanism: Mechanism, coordinate: Coordinate, q: Array, v: A
                                   np.zeros((1, len(v)))).acceleration[0])
 
 
+def coordinate_curvature(mechanism: Mechanism, coordinate: Coordinate, q: Array) -> Array:
+    """Return the derivatives (nv, nv) of a coordinate's gradient along joint velocities.
+
+    The symmetric part is that of its second derivatives at constant velocities; the other follows
+    from the commutator of turns about body axes [Chirikjian2011, 10.86].
+    """
+    nv = mechanism.model.nv
+    found = np.zeros((nv, nv))
+    if coordinate.q >= 0:
+        return found
+    i = mechanism.joint_id(coordinate.joint)
+    own = np.arange(mechanism.model.idx_vs[i], mechanism.model.idx_vs[i] + mechanism.model.nvs[i])
+    units, n = np.eye(nv)[own], len(own)
+    moving = (units[:, None] + units[None]).reshape(-1, nv)
+    bent = coordinate_rates(mechanism, coordinate.name, np.repeat(q[None], n * n, axis=0), moving,
+                            0.0 * moving, continued=False).acceleration.reshape(n, n)
+    alone = 0.25 * np.diag(bent)
+    row = np.zeros(6)
+    row[6 - n :] = coordinate_gradient(mechanism, coordinate, q)[own]
+    twists = [pin.Motion(x) for x in np.eye(6)[6 - n :]]
+    turned = np.array([[row @ b.cross(a).vector for b in twists] for a in twists])
+    found[np.ix_(own, own)] = 0.5 * (bent - alone[:, None] - alone + turned)
+    return found
+
+
 def rotation_vector(quaternion: Array) -> Array:
     """Return the rotation vector (3,), of length up to pi, of a quaternion (4,).
 

@@ -11,6 +11,7 @@ quantity          value       an equation of it
 Displacement      u . d       origin j lies in the plane through origin i normal to u
 Cosine            u . w       the angle between two directions is given
 Square            d . d / 2L  the origins are L apart, or as far as two other frames
+PointDistance     |d|         the lengths of several parts have a given sum
 ================  ==========  ====================================================
 
 d, u and w are linear in the entries of oMi and oMj, so that value, Jacobian and higher rates of
@@ -26,16 +27,21 @@ from typing import NamedTuple
 import numpy as np
 
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.numerics.piecewise import Piecewise
+from spatial_pin.numerics.piecewise import Function
 
 FIRST_TWO = (0, 1)  # the two frames of a closure that most quantities belong to
 
 
 class Displacement(NamedTuple):
-    """Component [m] of the vector between two origins along u (3,), in the axes of the first."""
+    """Component [m] of the vector between two origins along u (3,), in the axes of the first.
+
+    Less an offset [m]; or along a direction in the axes of the second, `of_second`.
+    """
 
     u: Array
     frames: tuple[int, int] = FIRST_TWO
+    offset: float = 0.0
+    of_second: bool = False
 
 
 class Cosine(NamedTuple):
@@ -72,6 +78,20 @@ class Angle(NamedTuple):
     frames: tuple[int, int] = FIRST_TWO
 
 
+class Bearing(NamedTuple):
+    """Angle [rad] at which the second frame's origin is seen from a point, counting turns.
+
+    Attributes:
+        axes: (3, 3) x, from which it counts, y, and z, about which it does, in the first frame.
+        centre: (3,) the point, in the first frame [m].
+        frames: which.
+    """
+
+    axes: Array
+    centre: Array
+    frames: tuple[int, int] = FIRST_TWO
+
+
 class JointCoordinate(NamedTuple):
     """A joint coordinate [rad or m]: which of the closure's `joints`."""
 
@@ -79,14 +99,20 @@ class JointCoordinate(NamedTuple):
 
 
 class FunctionOf(NamedTuple):
-    """A piecewise polynomial of another quantity."""
+    """A function of another quantity."""
 
-    function: Piecewise
-    argument: Angle | JointCoordinate
+    function: Function
+    argument: Angle | Bearing | JointCoordinate
+
+
+class PointDistance(NamedTuple):
+    """Distance [m] of two origins, which do not coincide."""
+
+    frames: tuple[int, int] = FIRST_TWO
 
 
 ScalarProduct = Displacement | Cosine | Square
-Quantity = ScalarProduct | Angle | JointCoordinate | FunctionOf
+Quantity = ScalarProduct | Angle | Bearing | JointCoordinate | FunctionOf | PointDistance
 Term = tuple[float, tuple[Quantity, ...]]
 
 

@@ -67,7 +67,9 @@ def extent_of(model: pin.Model, joined: Collection[int], where: str) -> Extent:
         raise _size_error(model, where, span, int(np.argmax(reach)))
     unit = 2.0 ** math.frexp(span)[1]  # changes no digit
     points /= unit
-    own = np.array([i in joined or f.parentJoint != 0 for i, f in enumerate(model.frames)])
+    away = np.linalg.norm(points, axis=1) > EPS  # bodies of a drawing have the world's frame
+    own = np.array([i in joined or (f.parentJoint != 0 and (
+        away[i] or f.type == pin.FrameType.JOINT)) for i, f in enumerate(model.frames)])
     near, centre = np.ones(len(points), dtype=bool), np.zeros(3)
     if own.any():
         size = diameter(points[own])

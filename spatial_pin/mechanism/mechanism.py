@@ -67,6 +67,7 @@ class Mechanism:
         whole: the mechanism as its file has it, where this one is without equations that the
             file's rounded numbers contradict, see `assembly.redundant_equations`; else None.
         selection: which equations of the `whole` it has.
+        content: what its mechanism file says, as it is written there.
         dimensions: value of every named dimension (xacro argument), given or by default [SI, rad];
             read at the first use.
 
@@ -112,6 +113,7 @@ class Mechanism:
     without: tuple[str, ...] = ()
     whole: Mechanism | None = None
     selection: SelectedEquations | None = None
+    content: Mapping[str, Any] = field(default_factory=dict)
     dimensions: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -457,17 +459,79 @@ class Mechanism:
             models.append(model)
         return models
 
-    def save(self, folder: str | Path) -> Path:
+    def with_point(
+        self, name: str, body: str, xyz: ArrayLike = (0.0, 0.0, 0.0),
+        rpy: ArrayLike = (0.0, 0.0, 0.0),
+    ) -> Mechanism:
+        """Return the mechanism with a point, or frame, on a body.
+
+        Args:
+            name: valid wherever that of a frame is.
+            body: the link, joint or frame that it is fixed to.
+            xyz: (3,) its origin in that frame [m].
+            rpy: (3,) its roll, pitch and yaw there [rad].
+
+        Returns:
+            A new Mechanism; it is saved with the point and has the same dimensions.
+
+        Raises:
+            MechanismFileError: there is no such body, or the name is taken.
+            ValueError: a number is NaN or infinite, or there are not three.
+
+        Example:
+            >>> mech = sp.load("four_bar").with_point("mid", "coupler", (0.1, 0.0, 0.05))
+            >>> sp.assemble(mech, {"crank": 0.0}).placement("mid").translation.shape
+            (3,)
+        """
+        from spatial_pin.formats.edited_file import with_point
+
+        return with_point(self, name, body, xyz, rpy)
+
+    def with_mass(
+        self, body: str, mass: float, com: ArrayLike = (0.0, 0.0, 0.0), inertia: ArrayLike = 0.0,
+    ) -> Mechanism:
+        """Return the mechanism with another mass of a body.
+
+        Args:
+            body: the link.
+            mass: [kg].
+            com: (3,) its centre of mass in the link's frame [m].
+            inertia: about the centre of mass, in the link's axes: one number, three, or (3, 3)
+                [kg·m²].
+
+        Returns:
+            A new Mechanism; it is saved with the mass and has the same dimensions.
+
+        Raises:
+            UnknownNameError: there is no such link.
+            MechanismFileError: the mass is below zero, or the inertia not symmetric.
+            ValueError: a number is NaN or infinite, or there are more or fewer.
+
+        Example:
+            >>> mech = sp.load("four_bar").with_mass("coupler", 2.0, (0.1, 0.0, 0.0), 0.01)
+            >>> mech.inertias["coupler"].mass
+            2.0
+        """
+        from spatial_pin.formats.edited_file import with_mass
+
+        return with_mass(self, body, mass, com, inertia)
+
+    def save(self, folder: str | Path, tabulate: Any = None) -> Path:
         """Write the mechanism as a folder that can be moved: mechanism file, URDF and meshes.
 
         Args:
             folder: made where there is none; files are called as the mechanism is.
+            tabulate: of couplings whose function is code, which no file has: the values (n,) of
+                the first coordinate at which a table is written, rising [rad or m]; or in how many
+                equal parts a turn is cut, of a function that repeats with it; or these by the names
+                of closures. `load` reads the quintic spline through the table.
 
         Returns:
             The mechanism file; what `load` makes of it is equal to this.
 
         Raises:
-            SpatialPinError: a target is a file of the mechanism itself, or cannot be written.
+            SpatialPinError: a target is a file of the mechanism itself, or cannot be written; or
+                a function in code has no `tabulate`.
             TypeError: `folder` is no path.
             ValueError: it is the name of a file, or of nothing.
 
@@ -478,7 +542,7 @@ class Mechanism:
         """
         from spatial_pin.formats.mechanism_writer import save
 
-        return save(self, folder)
+        return save(self, folder, tabulate)
 
     def _repr_html_(self) -> str:
         """Return a small table, for a notebook."""

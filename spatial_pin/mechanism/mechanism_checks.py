@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from itertools import combinations
+from itertools import combinations, pairwise
 from typing import Any
 
 import numpy as np
@@ -63,7 +63,7 @@ def _check_spring(mechanism: Mechanism, spring: Spring, where: str) -> None:
             "body"
         )
     if spring.joint is not None:
-        coordinate = looked_up(mechanism.driven_coordinate, spring.joint, f"{where}: ")
+        coordinate = looked_up(mechanism.prescribed_coordinate, spring.joint, f"{where}: ")
         if spring.free_length and coordinate.unit == "rad":
             raise MechanismFileError(
                 f"{where}: {spring.joint!r} turns; give free_angle, not free_length")
@@ -96,6 +96,11 @@ def _check_closure(mechanism: Mechanism, closure: Closure, where: str) -> None:
         if closure.joints.count(name) > 1:
             raise MechanismFileError(f"{where}: couples {name!r} with itself")
     ids = _bodies(mechanism, closure.frames, f"{where}: frames: ")
+    if closure.acts_at is not None and closure.acts_at.frame:
+        looked_up(mechanism.frame_id, closure.acts_at.frame, f"{where}: frame: ")
+    if closure.pair.has_more and closure.frames:
+        _check_rope(mechanism, closure, ids, where)
+        return
     for (name, body), (other, its) in combinations(zip(closure.frames, ids, strict=True), 2):
         if name == other:
             raise MechanismFileError(f"{where}: joins frame {name!r} with itself")
@@ -114,6 +119,18 @@ def _check_closure(mechanism: Mechanism, closure: Closure, where: str) -> None:
             "the same place of one body, and a distance is positive; for no distance use a "
             "spherical closure"
         )
+
+
+def _check_rope(mechanism: Mechanism, closure: Closure, ids: list[int], where: str) -> None:
+    """Refuse a rope that has a part without length, or none that changes its length."""
+    for one, two in pairwise(closure.frames):
+        length = rigid_distance(*map(mechanism.frame_on_joint, (one, two)))
+        if length is not None and length <= EPS * mechanism.characteristic_length:
+            raise MechanismFileError(f"{where}: frames {one!r} and {two!r} are at the same place "
+                                     "of one body; a part of a rope has a length")
+    if len(set(ids)) == 1:
+        raise MechanismFileError(f"{where}: frames: all are fixed to the same body; a closure "
+                                 "joins two bodies that can move against each other")
 
 
 def _bodies(mechanism: Mechanism, frames: tuple[str, ...], where: str) -> list[int]:

@@ -10,8 +10,9 @@ To add a pair, add one entry to `PAIRS`:
 4. `aligned`: which axes ("z", "xyz") must point the same way when closed: product equations have
    mirror roots, and assembly refuses them.
 5. `n_frames`, `n_joints`: how many frames it joins, two as a rule, and of how many joints it has
-   the coordinates.
-6. `keys`: its own numbers in a mechanism file, which a `Closure` has in `numbers`.
+   the coordinates; at least, if it `has_more` of them.
+6. `keys`: its own numbers in a mechanism file, which a `Closure` has in `numbers`, and `fault`: a
+   function of a `Closure` that returns a key and what is wrong there, or None.
 """
 
 from __future__ import annotations
@@ -26,14 +27,24 @@ from typing import Any, Protocol
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin.mechanism.curves import CurveShape, follower_of, named_curve
 from spatial_pin.mechanism.equations import (
+    Angle,
+    Bearing,
     ConstraintEquation,
+    Cosine,
+    Displacement,
+    FunctionOf,
+    JointCoordinate,
+    PointDistance,
     distance,
     dot,
     linear,
     point,
     screw,
 )
+from spatial_pin.mechanism.force_paths import strands_of, teeth_of
+from spatial_pin.mechanism.functions import function_of
 from spatial_pin.numerics.linalg import EPS, Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
@@ -68,22 +79,36 @@ class ClosureData(Protocol):
     def numbers(self) -> Mapping[str, Any]:
         """Its numbers, or (n,) of lists, by their keys in a mechanism file."""
 
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Names of frames."""
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of joint coordinates."""
+
 
 @dataclass(frozen=True)
 class Key:
-    """A number, or a list of numbers, that closures of a kind have in a mechanism file.
+    """A number, or what else closures of a kind have in a mechanism file.
 
     Attributes:
         name: the key.
         default: where it is left out; None: it must be there.
         no_zero: what to do instead of zero; "": it may be zero.
         is_list: whether it is a list of numbers.
+        read: makes what it is from its table, which that has in `form`; None: numbers.
+        instead_of: keys that it takes the place of; it may be left out.
+        is_optional: whether it may be left out anyway.
     """
 
     name: str
     default: float | None = None
     no_zero: str = ""
     is_list: bool = False
+    read: Callable[[Any, Any], Any] | None = None
+    instead_of: tuple[str, ...] = ()
+    is_optional: bool = False
 
 
 @dataclass(frozen=True)
@@ -103,7 +128,9 @@ class Pair:
     native: pin.ContactType | None = None
     n_frames: int = 2
     n_joints: int = 0  # whose coordinates are in its equations
+    has_more: bool = False  # frames, or joints where it has no frames
     keys: tuple[Key, ...] = ()  # besides axes, length and lead
+    fault: Callable[[ClosureData], tuple[str, str] | None] = lambda _: None
 
     @cached_property
     def is_linear(self) -> bool:
@@ -226,7 +253,94 @@ def _screw(c: ClosureData) -> Rows:
 
 
 def _coupling(c: ClosureData) -> Rows:
+    """Equations of the unit of the last coordinate."""
+    if "function" in c.numbers:
+        of = FunctionOf(c.numbers["function"].curve, JointCoordinate(0))
+        return (ConstraintEquation(((1.0, (JointCoordinate(1),)), (-1.0, (of,)))),)
+    if "ratios" in c.numbers:
+        ratios = c.numbers["ratios"]
+        return (linear(ratios / ratios[-1], c.numbers["offset"] / ratios[-1]),)
     return (linear(np.array([-c.numbers["ratio"], 1.0]), -c.numbers["offset"]),)
+
+
+def _fault_of_coupling(c: ClosureData) -> tuple[str, str] | None:
+    n, ratios = len(c.joints), c.numbers.get("ratios")
+    if ratios is None:
+        one = "function" if "function" in c.numbers else "ratio"
+        return None if n == 2 else (
+            "joints", f"are {n}; a coupling by a {one} has two (more have ratios)")
+    if len(ratios) != n:
+        return "ratios", f"are {len(ratios)} for {n} joints; each joint has one"
+    if not np.all(ratios):
+        return "ratios", "has a zero; leave that joint out"
+    return None
+
+
+def _around(curve: CurveShape, offset: float = 0.0) -> ConstraintEquation:
+    """Origin 2 is on a plane closed curve, or outside of it: squares by the mean radius [m]."""
+    square, _ = curve.radial(offset)
+    x, y = (Displacement(u, offset=float(u @ curve.centre)) for u in curve.axes.T[:2])
+    number = 0.5 / math.sqrt(float(square.coefficients[:, 0].mean()))
+    return ConstraintEquation(((number, (x, x)), (number, (y, y)), (-number, (
+        FunctionOf(square, Bearing(curve.axes, curve.centre)),))), is_length=True)
+
+
+def _on_curve(c: ClosureData) -> Rows:
+    curve = c.numbers["curve"]
+    x, y, z = (Displacement(u, offset=float(u @ curve.centre)) for u in curve.axes.T)
+    if curve.at is not None:
+        return _around(curve), ConstraintEquation(((1.0, (z,)),), is_length=True)
+    if not curve.numbers:  # a line
+        return tuple(ConstraintEquation(((1.0, (u,)),), is_length=True) for u in (x, y))
+    radius, lead = curve.numbers
+    number = 0.5 / radius
+    around = (number, (x, x)), (number, (y, y)), (-0.5 * radius, ())
+    along = (1.0, (z,)), (-lead / (2.0 * np.pi), (Bearing(curve.axes, curve.centre),))
+    return (ConstraintEquation(around, is_length=True),
+            ConstraintEquation(along, is_length=True))
+
+
+def _cam(c: ClosureData) -> Rows:
+    curve, follower = c.numbers["curve"], c.numbers["follower"]
+    if follower.flat is None:
+        return (_around(curve, follower.side * follower.radius),)
+    n = follower.side * follower.flat  # away from the cam
+    distance, _ = curve.support()
+    # from origin 1 to the face, by its normal, less what the cam reaches towards it
+    terms: list[Any] = [(1.0, (Displacement(n, of_second=True),)),
+                        (-1.0, (FunctionOf(distance, _facing(curve, n)),))]
+    if np.any(curve.centre):
+        size = float(np.linalg.norm(curve.centre))
+        terms.append((-size, (Cosine(curve.centre / size, n),)))
+    return (ConstraintEquation(tuple(terms), is_length=True),)
+
+
+def _facing(curve: CurveShape, normal: Array) -> Angle:
+    """Return the angle of a direction of frame 2 in the plane of a curve."""
+    return Angle(curve.axes, np.column_stack([normal, axes_from_z(normal)[:, 0],
+                                              curve.axes[:, 2]]))
+
+
+def _fault_of_curve(c: ClosureData) -> tuple[str, str] | None:
+    """Whether a cam is a closed curve that its follower fits."""
+    try:
+        if "follower" in c.numbers:
+            if c.numbers["curve"].at is None:
+                return "curve", "of a cam is closed: a circle, an ellipse or points"
+            _cam(c)
+    except ValueError as error:
+        return "follower", str(error)
+    return None
+
+
+def _rope(c: ClosureData) -> Rows:
+    parts = ((1.0, (PointDistance((k, k + 1)),)) for k in range(len(c.frames) - 1))
+    return (ConstraintEquation((*parts, (-c.numbers["length"], ())), is_length=True),)
+
+
+def _fault_of_rope(c: ClosureData) -> tuple[str, str] | None:
+    return None if c.numbers["length"] > 0.0 else (
+        "length", f"is {c.numbers['length']} m; it must be positive")
 
 
 def _stack(*parts: Callable[[ClosureData], Rows]) -> Callable[[ClosureData], Rows]:
@@ -266,8 +380,20 @@ PAIRS: dict[str, Pair] = {
     "point_on_plane": Pair(5, _on_plane),
     "parallel": Pair(4, _parallel, aligned="z"),
     "perpendicular": Pair(5, _perpendicular, uses_axis2=True),
-    "coupling": Pair(5, _coupling, uses_axis=False, n_frames=0, n_joints=2, keys=(
-        Key("ratio", 1.0, "lock the joint instead"), Key("offset", 0.0))),
+    "point_on_curve": Pair(4, _on_curve, uses_axis=False, keys=(Key("curve", read=named_curve),)),
+    "cam": Pair(5, _cam, uses_axis=False, keys=(
+        Key("curve", read=named_curve), Key("follower", read=follower_of)), fault=_fault_of_curve),
+    "rope": Pair(5, _rope, uses_axis=False, has_more=True, keys=(Key("length"),),
+                 fault=_fault_of_rope),
+    "coupling": Pair(
+        5, _coupling, uses_axis=False, n_frames=0, n_joints=2, has_more=True, keys=(
+            Key("function", read=function_of,
+                instead_of=("ratio", "ratios", "offset", "teeth", "strands")),
+            Key("ratios", is_list=True, instead_of=("ratio",)),
+            Key("ratio", 1.0, "lock the joint instead"), Key("offset", 0.0),
+            Key("teeth", read=teeth_of, instead_of=("strands",)),
+            Key("strands", read=strands_of, is_optional=True)),
+        fault=_fault_of_coupling),
 }
 
 COUPLING = "coupling"
@@ -280,13 +406,11 @@ def closure_types() -> tuple[str, ...]:
 
 
 # Other words for types, as files, books and other tools have them; of what is no type, what to do.
-TIES = ('gears, belts, ropes and racks tie two joints: [[closures]] with type = "coupling", joints '
-        '= ["a", "b"] and a ratio')
+TIES = ('gears, belts, racks and tendons tie joints: [[closures]] with type = "coupling", joints = '
+        '["a", "b"] and a ratio')
 SPRING = "springs and dampers have tables of their own: [[springs]]"
 CONTACT = ("contact between bodies is not modelled: `clearance` tells where links touch, and the "
            "page on other tools which of them model it")
-CAM = ("a cam is not modelled: let a driver with a law, such as `cycloid`, move its follower; "
-       "`clearance` tells where links touch")
 OTHER_WORDS: dict[str, str] = {
     **dict.fromkeys(("hinge", "pin", "pivot", "continuous", "rotary", "rotational", "rotation",
                      "turning"), "revolute"),
@@ -300,10 +424,12 @@ OTHER_WORDS: dict[str, str] = {
     **dict.fromkeys(("rod", "tie_rod"), "distance"),
     "slot": "point_on_line",
     **dict.fromkeys(("gear", "gears", "gearbox", "belt", "chain", "pulley", "rack", "rack_pinion",
-                     "rack_and_pinion", "mimic", "differential", "rope", "cable"), TIES),
+                     "rack_and_pinion", "mimic", "differential", "tendon", "planetary"), TIES),
+    **dict.fromkeys(("cable", "string", "pulleys"), "rope"),
     **dict.fromkeys(("spring", "damper"), SPRING),
     **dict.fromkeys(("contact", "collision", "rolling", "wheel"), CONTACT),
-    **dict.fromkeys(("cam", "cam_follower", "follower"), CAM),
+    **dict.fromkeys(("cam_follower", "follower"), "cam"),
+    **dict.fromkeys(("track", "guide_curve"), "point_on_curve"),
 }
 
 

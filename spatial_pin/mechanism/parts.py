@@ -16,6 +16,7 @@ from spatial_pin._support.checks import finite_array, finite_number
 from spatial_pin._support.lazy import by_new_name, cached_property
 from spatial_pin.errors import MechanismFileError, UnknownNameError
 from spatial_pin.mechanism.equations import ConstraintEquation, combined
+from spatial_pin.mechanism.force_paths import Strands, Teeth
 from spatial_pin.mechanism.pairs import PAIRS, Pair, PairGeometry
 
 
@@ -71,6 +72,7 @@ class Closure:
         sums: weights of the equations of each sum of them that is used in their place; empty for
             these themselves.
         source: where it is stated, if not as a closure of a mechanism file.
+        written: texts of its numbers that are expressions of dimensions.
 
     Example:
         >>> closure = sp.load("rssr").closures[0]
@@ -83,6 +85,8 @@ class Closure:
         >>> gears = sp.load("geared_five_bar").closures[-1]
         >>> gears.type, gears.joints, gears.ratio, round(gears.offset, 6)  # offset [rad]
         ('coupling', ('left_pin', 'right_pin'), -2.0, 3.141593)
+        >>> gears.ratios, gears.acts_at is None
+        ((-2.0, -1.0), True)
     """
 
     name: str
@@ -94,6 +98,7 @@ class Closure:
     between: tuple[str, ...] = ()
     source: str = ""
     numbers: Mapping[str, Any] = field(default_factory=dict)
+    written: tuple[str, ...] = ()
     sums: tuple[tuple[float, ...], ...] = ()
 
     @property
@@ -111,8 +116,18 @@ class Closure:
 
     @property
     def ratio(self) -> float:
-        """Of a coupling: coordinate `joints[1]` = ratio * `joints[0]` + offset."""
+        """Of a coupling by a ratio: coordinate `joints[1]` = ratio * `joints[0]` + offset."""
         return float(self.numbers.get("ratio", 1.0))
+
+    @property
+    def ratios(self) -> tuple[float, ...]:
+        """Of a coupling: the sum of ratios times `joints`, and the offset, is zero.
+
+        A coupling by a `ratio` has (ratio, -1), one by a function has none.
+        """
+        if "ratio" in self.numbers:
+            return self.ratio, -1.0
+        return tuple(map(float, self.numbers.get("ratios", ())))
 
     @property
     def offset(self) -> float:
@@ -120,9 +135,18 @@ class Closure:
         return float(self.numbers.get("offset", 0.0))
 
     @property
+    def acts_at(self) -> Any:
+        """Where a coupling acts, if it says so: its `teeth` or `strands`."""
+        return next((x for x in self.numbers.values() if isinstance(x, Teeth | Strands)), None)
+
+    @property
     def joined(self) -> tuple[tuple[str, str], ...]:
-        """The pairs of frames that it joins, by name: the first with each other one."""
-        pairs = [(self.frames[0], other) for other in self.frames[1:]]
+        """The pairs of frames that it joins, by name: the first with each other one.
+
+        Of a rope each with the next.
+        """
+        pairs = (list(pairwise(self.frames)) if self.pair.has_more
+                 else [(self.frames[0], other) for other in self.frames[1:]])
         if self.between:
             pairs.append((self.between[0], self.between[1]))
         return tuple(pairs)
@@ -209,7 +233,8 @@ class Spring:
     Attributes:
         name: the name in the mechanism file.
         frames: names of the two frames that it joins; or
-        joint: the joint or coordinate whose value is the spring's length or angle.
+        joint: the joint or coordinate whose value is the spring's length or angle, such as
+            "slide" or, of a ball, "hip.x": a component of its rotation vector.
         stiffness: [N/m], of a coordinate that turns [N·m/rad]; or six numbers, or (6, 6), of a
             bushing between two frames: forces [N], then moments [N·m], by the position [m] and the
             rotation vector [rad] of frame 2 in the axes of frame 1; symmetric and not negative.

@@ -25,7 +25,14 @@ from spatial_pin.motion.joint_limit_events import joint_limit_events
 from spatial_pin.motion.motion import Event, Motion
 from spatial_pin.motion.rated_limits import velocity_limit_events
 from spatial_pin.motion.rounding import CHOICES, independent_on, within_gap
-from spatial_pin.motion.sweep import ENDS, check_choice, crossed_event, stop_event, sweep
+from spatial_pin.motion.sweep import (
+    ENDS,
+    check_choice,
+    crossed_event,
+    scaled_estimates,
+    stop_event,
+    sweep,
+)
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.depending import part_moving_with
@@ -271,11 +278,13 @@ def _column(given: Any, n: int, what: str) -> Array:
 def _motion(mechanism: Mechanism, samples: PathSamples, n: int, times: Array | None) -> Motion:
     v, a = samples.t[:n], samples.c[:n]
     check_finite(v, a, "the speeds and accelerations of the motion")
-    return Motion(
+    motion = Motion(
         mechanism=mechanism, driver=None, driver_name="",
         time=None if times is None else times[:n].copy(), q=samples.q[:n], v=v, a=a,
         closure_error=samples.error[:n], driver_speed=np.ones(n), angles=samples.angles[:n],
         per="sample" if times is None else "s")
+    motion.error_estimates = scaled_estimates(motion, samples.estimate[:n])
+    return motion
 
 
 def _where(value: float, is_timeless: bool) -> str:

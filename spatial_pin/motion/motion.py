@@ -17,6 +17,7 @@ from spatial_pin._support.brief import brief, words
 from spatial_pin._support.checks import checked, is_finite
 from spatial_pin._support.columns import Quantity, Tabular, read_only, write_npz
 from spatial_pin._support.output_files import named_path
+from spatial_pin.assembly.contact_places import contact_closure, contact_rates
 from spatial_pin.assembly.holding import BASE, hold_from_file, hold_to_file
 from spatial_pin.assembly.state import State
 from spatial_pin.errors import SpatialPinError
@@ -121,6 +122,44 @@ class Output(NamedTuple):
         return f"Output({self.label!r}: {words(self.values, self.unit.removeprefix('1'))})"
 
 
+class ErrorEstimate(NamedTuple):
+    """How far a motion may be off: what solving, interpolating and round-off leave of its samples.
+
+    Attributes:
+        positions: largest of any sample and coordinate [rad, characteristic lengths].
+        rates, accelerations: the same, by the largest velocity and acceleration [-].
+        row: numbers of the samples where these three are.
+        end: the three at the last sample.
+
+    Example:
+        >>> motion = sp.sweep(sp.load("rssr"), "crank", np.linspace(0.0, 6.0, 61), speed=25.0)
+        >>> motion.error.positions < 1e-11, motion.error.largest < 1e-9
+        (True, True)
+    """
+
+    positions: float
+    rates: float
+    accelerations: float
+    row: tuple[int, int, int]
+    end: tuple[float, float, float]
+
+    @property
+    def largest(self) -> float:
+        """The largest of the three, as `Accuracy.for_error` counts errors."""
+        return max(self.positions, self.rates, self.accelerations)
+
+    def __str__(self) -> str:
+        if not self.positions < NOTHING_KNOWN:
+            return f"positions to {self.positions:.1e}: nothing is known of where it goes"
+        return (f"positions to {self.positions:.1e}, rates to {self.rates:.1e} and accelerations "
+                f"to {self.accelerations:.1e} of the largest")
+
+
+NOTHING_KNOWN = 1.0  # error of positions: a radian, or the whole mechanism's size
+# Accelerations by the square of rates that are the least size of their errors: where nothing bends
+LEAST_BEND = 1e-2
+# Error of positions, by what coordinates of a mechanism far from the origin resolve
+UNRESOLVED = 10.0
 # Distance from a branch point [rad, characteristic lengths] within which samples lie on the
 # polynomial through it. They are not solved. It is the distance of the polynomial's farthest node.
 ACROSS = 0.12
@@ -128,6 +167,7 @@ SAMPLED = frozenset(("driver", "time", "q", "v", "a"))  # without which there is
 SAVED = frozenset((  # arrays of a file
     "driver", "driver_name", "time", "q", "v", "a", "closure_error", "driver_speed", "angles",
     "mechanism", "coordinates", "event_kind", "event_value", "event_row", "event_text"))
+LATER = {"events": "_look", "error_estimates": "_estimate"}  # fields, and what makes them on use
 FRAME_UNITS = {  # unit and order of the derivative
     "position": ("m", 0), "velocity": ("m", 1), "acceleration": ("m", 2),
     "angular_velocity": ("rad", 1), "angular_acceleration": ("rad", 2), "jerk": ("m", 3),
@@ -155,6 +195,9 @@ class Motion(Tabular):
             "sample" where several drivers go along tables without times. Where it is not "s",
             forces are those at rest.
         held: names of joints that were held in the sweep, see `sweep`.
+        error_estimates: (N, 3) how far positions, v and a of each sample may be off: of the
+            coordinate that is off most, by its size (rad, or characteristic lengths); `error` sums
+            them up. (0, 3) where nobody has estimated them.
 
     Raises:
         ValueError: a value of the driver, of time, q, v or a is NaN or infinite.
@@ -183,6 +226,7 @@ class Motion(Tabular):
     angles: Array = field(default_factory=lambda: np.empty((0, 0)))
     per: str = "s"
     held: tuple[str, ...] = (BASE,)
+    error_estimates: Array = field(default_factory=lambda: np.empty((0, 3)))
 
     def __post_init__(self) -> None:
         resolved = self.mechanism.extent.resolution
@@ -197,16 +241,16 @@ class Motion(Tabular):
     if not TYPE_CHECKING:  # which would take any name for one of its own
 
         def __getattr__(self, name: str) -> Any:
-            """Return the events that have not been looked for yet."""
-            if name == "events" and "_look" in self.__dict__:
-                self.events = self.__dict__.pop("_look")(self)
-                return self.events
+            """Return the events, or error estimates, that nobody has wanted yet."""
+            if LATER.get(name) in self.__dict__:
+                setattr(self, name, self.__dict__.pop(LATER[name])(self))
+                return self.__dict__[name]
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the fields to copy or pickle: all but results that are worked out again on use."""
-        fields = {"events": self.events, **self.__dict__}
-        return {k: x for k, x in fields.items() if k not in ("_bodies", "_look")}
+        fields = {**{name: getattr(self, name) for name in LATER}, **self.__dict__}
+        return {k: x for k, x in fields.items() if not k.startswith("_")}
 
     def __setstate__(self, fields: dict[str, Any]) -> None:
         """Set the fields that were copied or pickled."""
@@ -247,6 +291,38 @@ class Motion(Tabular):
                 f"mechanism {self.mechanism.name!r}: no driver was swept in this motion")
         return self.driver
 
+    @property
+    def error(self) -> ErrorEstimate:
+        """How far the motion may be off, by estimates of the solver that made it.
+
+        Where samples are interpolated, one correction in the middle of each interval tells it;
+        elsewhere what the loops are open by, and round-off, as the equations magnify them. What the
+        mechanism itself is off by (`gap`), and passive freedoms that take the least motion, have no
+        part in it.
+
+        Raises:
+            SpatialPinError: nobody has estimated it, as of a motion that was put together by hand.
+
+        Example:
+            >>> coarse = sp.Accuracy.for_error(1e-4)
+            >>> values = np.linspace(0.0, 6.0, 1801)
+            >>> motion = sp.sweep(sp.load("rssr"), "crank", values, speed=25.0, accuracy=coarse)
+            >>> motion.error.largest < 1e-4
+            True
+        """
+        estimates, scale = self.error_estimates, self.mechanism.velocity_scale
+        if not len(estimates):
+            raise SpatialPinError(
+                f"mechanism {self.mechanism.name!r}: nobody has estimated the errors of this "
+                "motion; sweep, follow, trace and simulate do")
+        v, a = (float(np.abs(x / scale).max(initial=0.0)) for x in (self.v, self.a))
+        sizes = np.array([1.0, v or 1.0, max(a, LEAST_BEND * v * v) or 1.0])
+        found = estimates / sizes
+        rows = found.argmax(axis=0)
+        positions, rates, accelerations = found[rows, range(3)].tolist()
+        return ErrorEstimate(positions, rates, accelerations, tuple(rows.tolist()),
+                             tuple(found[-1].tolist()))
+
     @checked
     def coordinate(self, name: str) -> CoordinateRates[Array]:
         """Return (value, rate, acceleration), each (N,), of a coordinate; angles without jumps.
@@ -256,7 +332,8 @@ class Motion(Tabular):
         may read a turn less.
 
         Args:
-            name: a coordinate, a joint of one freedom, or a driver.
+            name: a coordinate, a joint of one freedom, or a driver; or `CLOSURE.s`, the place on
+                the curve of a cam or a point on a curve [m].
 
         Returns:
             The CoordinateRates [rad or m, per s, per s²; see `per` for motions without time].
@@ -270,6 +347,10 @@ class Motion(Tabular):
             >>> value.round(4), rate.round(4)  # [rad], [rad/s]
             (array([1.2329, 1.324 , 1.5232]), array([0.    , 0.6652, 0.8522]))
         """
+        contact = contact_closure(self.mechanism, name)
+        if contact is not None:
+            ends = [self.frame(f) for f in contact.frames]
+            return contact_rates(self.mechanism, contact, ends, self.angles)
         return coordinate_rates(self.mechanism, name, self.q, self.v, self.a)
 
     @checked
@@ -516,6 +597,7 @@ def content_of(motion: Motion) -> dict[str, Any]:
         "driver_speed": motion.driver_speed, "angles": motion.angles,
         "mechanism": motion.mechanism.name, "per": motion.per,
         "held": np.array(hold_to_file(motion.held), str),
+        "error_estimates": motion.error_estimates,
         "coordinates": np.array(motion.mechanism.coordinates),
         "event_kind": np.array([e.kind for e in motion.events], dtype=str),
         "event_value": np.array([e.value for e in motion.events], dtype=float),
@@ -559,6 +641,7 @@ def fields_of(content: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
         "events": [Event(*e) for e in events], "per": str(content.get("per", "s")),
         "held": hold_from_file(content["held"].tolist()) if "held" in content else (BASE,),
         **{name: content[name] for name in arrays},
+        "error_estimates": content.get("error_estimates", np.empty((0, 3))),
     }
 
 
@@ -590,8 +673,8 @@ def first_samples(motion: AnyMotion, n: int) -> AnyMotion:
 def made(**fields: Any) -> Motion:
     """Return a Motion from all its fields; its arrays are checked to be finite and read-only.
 
-    In place of events that depend on nothing but these fields, `_look` may be a function of the
-    motion that looks for them when they are asked for.
+    In place of events and error estimates that depend on nothing but these fields, there may be
+    functions of the motion that make them when they are asked for: see `LATER`.
     """
     motion = Motion.__new__(Motion)
     resolved = fields["mechanism"].extent.resolution

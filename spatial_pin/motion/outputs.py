@@ -9,6 +9,7 @@ import pinocchio as pin
 
 from spatial_pin._support.checks import names_of
 from spatial_pin._support.columns import XYZ, Quantity
+from spatial_pin.assembly.contact_places import contact_closure
 from spatial_pin.assembly.link_angle import ANGLE, link_angle
 from spatial_pin.assembly.state import center_of_mass, mass_shares
 from spatial_pin.constraints.trees import tree_of
@@ -21,6 +22,7 @@ from spatial_pin.rates.jerks import Jerks, solve_jerks
 from spatial_pin.rates.transmission import transmission_angle
 
 RATES = ("rate", "velocity")  # two words for the first derivative of a coordinate
+CONTACT_RATES = ("value", "rate", "acceleration")
 COORDINATE_OUTPUTS = (*RATES, "acceleration", "jerk", "ratio", "advantage", "transmission_angle")
 FORCES = ("effort", "power", "reaction", "reaction.force", "reaction.moment")  # NAME.effort, ...
 ENDINGS = tuple(f".{kind}" for kind in FORCES)
@@ -92,6 +94,11 @@ def output(motion: Motion, spec: str) -> Output:
         return component_of(_vector(motion, whole) or motion.output(whole), k)
     if is_of_whole(mechanism, spec):
         return _of_whole(motion, spec)
+    contact, _, kind = (spec, "", "value") if spec.endswith(".s") else spec.rpartition(".")
+    if contact_closure(mechanism, contact) is not None and kind in CONTACT_RATES:
+        order = CONTACT_RATES.index(kind)
+        unit = motion.rate_unit("m", order) if order else "m"
+        return Output(motion.coordinate(contact)[order], spec.replace(".", " "), unit)
     angle = link_angle(mechanism, spec)
     if angle is not None:
         rotations = motion.frame(mechanism.model.frames[angle.frame].name).rotation

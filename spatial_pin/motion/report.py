@@ -18,7 +18,7 @@ from spatial_pin.mechanism.resistance import resistance_texts
 from spatial_pin.mobility.mobility import Mobility, mobility
 from spatial_pin.motion.dead_centres import known_dead_centres
 from spatial_pin.motion.motion import Motion
-from spatial_pin.motion.summary import heading, ranges
+from spatial_pin.motion.summary import error_lines, heading, ranges
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 
@@ -120,9 +120,17 @@ def info(mechanism: Mechanism) -> Info:
 def _closure_text(closure: Any) -> str:
     stated = f", from {closure.source}" if closure.source else ""
     if closure.type == COUPLING:
-        a, b = closure.joints
         offset = f" + {closure.offset:g}" if closure.offset else ""
-        return f"coupling: {b} = {closure.ratio:g} * {a}{offset} (1 equation){stated}"
+        if "ratio" in closure.numbers:
+            a, b = closure.joints
+            law = f"{b} = {closure.ratio:g} * {a}{offset}"
+        elif closure.ratios:
+            parts = (f"{r:g} * {name}" for r, name in zip(closure.ratios, closure.joints,
+                                                          strict=True))
+            law = f"{' + '.join(parts)}{offset} = 0".replace("+ -", "- ")
+        else:
+            law = "{1} = f({0}), {2}".format(*closure.joints, closure.numbers["function"])
+        return f"coupling: {law} (1 equation){stated}"
     length = f", as far as {' - '.join(closure.between)}" if closure.between else ""
     names = " - ".join((*closure.frames, *closure.joints))
     return (f"{closure.type}: {names}{length} "
@@ -130,7 +138,7 @@ def _closure_text(closure: Any) -> str:
 
 
 def _spring_text(mechanism: Mechanism, spring: Spring) -> str:
-    turns = spring.joint is not None and mechanism.driven_coordinate(spring.joint).unit == "rad"
+    turns = spring.joint is not None and mechanism.prescribed_coordinate(spring.joint).unit == "rad"
     per, length = ("N·m/rad", "rad") if turns else ("N/m", "m")
     where = spring.joint or " - ".join(spring.frames)
     if spring.is_bushing:
@@ -172,4 +180,5 @@ def shown_value(state: State, name: str) -> float:
 def motion_summary(motion: Motion) -> str:
     """Return the ranges of a motion's coordinates, its accuracy, its events and dead centres."""
     events = [*known_dead_centres(motion), *motion.events]
-    return "\n".join([heading(motion), *ranges(motion), *(f"  {event.text}" for event in events)])
+    return "\n".join([heading(motion), *error_lines(motion), *ranges(motion),
+                      *(f"  {event.text}" for event in events)])

@@ -25,6 +25,11 @@ def heading(motion: Motion) -> str:
             f"{motion.closure_error.max(initial=0.0):.1e}")
 
 
+def error_lines(motion: Motion) -> list[str]:
+    """Return a line that tells how far the motion may be off, where that was estimated."""
+    return [f"  error: {motion.error}"] if len(motion) and len(motion.error_estimates) else []
+
+
 def ranges(motion: Motion) -> list[str]:
     """Return a line for every coordinate: its range and its largest rate."""
     if not len(motion):
@@ -50,7 +55,8 @@ def first_of(lines: Sequence[str], what: str) -> list[str]:
 def summary(motion: Motion) -> str:
     """Return a motion's heading, the ranges of its first coordinates, and its first events."""
     events = [f"  {event.text}" for event in motion.events]
-    return "\n".join([heading(motion), *first_of(ranges(motion), "coordinates"),
+    return "\n".join([heading(motion), *error_lines(motion),
+                      *first_of(ranges(motion), "coordinates"),
                       *first_of(events, "events")])
 
 

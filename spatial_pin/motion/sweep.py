@@ -18,6 +18,7 @@ from spatial_pin._support.checks import (
     is_finite,
     names_of,
 )
+from spatial_pin._support.columns import read_only
 from spatial_pin._support.lazy import made_once
 from spatial_pin._support.progress import progress_bar
 from spatial_pin.assembly.assemble import assembly_problem, held_values, solved
@@ -46,7 +47,7 @@ from spatial_pin.mechanism.coordinates import (
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.motion.joint_limit_events import joint_limit_events
-from spatial_pin.motion.motion import Event, Motion, made
+from spatial_pin.motion.motion import UNRESOLVED, Event, Motion, made
 from spatial_pin.motion.rated_limits import velocity_limit_events
 from spatial_pin.motion.rounding import CHOICES, independent_on, within_gap
 from spatial_pin.numerics.linalg import Array
@@ -344,7 +345,9 @@ def _motion(
         mechanism=mechanism, driver=values.copy(), driver_name=driver, time=time,
         q=samples.q, v=v, a=a, closure_error=samples.error, driver_speed=speeds,
         angles=samples.angles, per=per, held=held,
-        _look=lambda motion: [*events, *_near_limit(motion, samples.t), *_drift(motion)])
+        _look=lambda motion: [*events, *_near_limit(motion, samples.t), *_drift(motion)],
+        _estimate=lambda motion: scaled_estimates(
+            motion, samples.estimate, speeds if per == "s" else None, accels))
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what overflows is refused
@@ -358,6 +361,31 @@ def _scaled(
         return t * speed, a + t * accels[:, None], None
     is_steady = len(values) > 0 and bool((speeds == speeds[0]).all())
     return t * speed, a, _time(values, speeds.item(0)) if is_steady else None
+
+
+def scaled_estimates(
+    motion: Motion, estimate: Array, speeds: Array | None = None, accels: Array | None = None
+) -> Array:
+    """Return error estimates (N, 3) of a motion from those of its derivatives by what leads.
+
+    Args:
+        motion: the motion.
+        estimate: (N, 3) of q, dq/ds and d²q/ds².
+        speeds: (N,) of what leads; None: these derivatives are the rates.
+        accels: (N,) its accelerations; None: there are none.
+    """
+    found = estimate.copy()
+    if speeds is not None:
+        found[:, 1] *= np.abs(speeds)
+        found[:, 2] *= speeds * speeds
+        if accels is not None:
+            found[:, 2] += estimate[:, 1] * np.abs(accels)
+    resolved = motion.mechanism.extent.resolution
+    if resolved:
+        v, a = (np.abs(x / motion.mechanism.velocity_scale).max(axis=1, initial=0.0)
+                for x in (motion.v, motion.a))
+        found += UNRESOLVED * resolved * np.column_stack([np.ones(len(v)), v, a + v * v])
+    return read_only(found)
 
 
 def _near_limit(motion: Motion, t: Array) -> list[Event]:

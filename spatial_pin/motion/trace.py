@@ -17,6 +17,7 @@ from spatial_pin.continuation.initial_tangent import (
     non_spinning_bodies,
     system_at,
 )
+from spatial_pin.continuation.path_tracker import error_estimate
 from spatial_pin.continuation.pseudo_arclength import ArcLengthPath
 from spatial_pin.continuation.singular_points import distance_ahead, located_singularity
 from spatial_pin.continuation.solution_curve import CurvePoint, SolutionCurve
@@ -25,6 +26,7 @@ from spatial_pin.kernel.paths import PathSamples
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Event, Motion
 from spatial_pin.motion.rounding import within_gap
+from spatial_pin.motion.sweep import scaled_estimates
 from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.depending import PartMotion
@@ -130,6 +132,7 @@ class _TracedSamples:
         self.points: list[CurvePoint] = []
         self.accelerations: list[Array] = []
         self.errors: list[float] = []
+        self.estimates: list[Array] = []
         self.events: list[Event] = []
         self.near, self.has_gone = np.inf, False  # how near to the first place counts as back there
 
@@ -142,9 +145,12 @@ class _TracedSamples:
         rhs = np.zeros(len(rows) + 1)
         rhs[: len(chosen)] = -bias[:n][chosen]
         rhs[len(chosen) : len(chosen) + len(bias) - n] = -bias[n:]
-        bends = scale * decompose(np.vstack([rows, point.t])).minimum_norm(rhs)
+        svd = decompose(np.vstack([rows, point.t]))
+        bends = svd.minimum_norm(rhs)
+        self.estimates.append(error_estimate(
+            1.0 / float(svd.s[-1]), point.t, bends, evaluation.closure_error))
         self.points.append(point)
-        self.accelerations.append(bends)
+        self.accelerations.append(scale * bends)
         self.errors.append(evaluation.closure_error)
         if len(self.points) < 2:
             self.bodies = non_spinning_bodies(self.curve.system)
@@ -178,6 +184,7 @@ class _TracedSamples:
         self.points.append(first._replace(x=q))
         self.accelerations.append(self.accelerations[0])
         self.errors.append(self.errors[0])
+        self.estimates.append(self.estimates[0])
 
     def note(self, kind: str, value: float) -> None:
         """Record a limit position, a branch point, or an early end as an event."""
@@ -204,7 +211,7 @@ class _TracedSamples:
         v = np.array([scale * p.t for p in self.points])
         driver, moved = self.curve.system.driven[0], self._moved
         traced = PathSamples(q, v, np.array(self.accelerations), np.array(self.errors),
-                        np.array([p.angles for p in self.points]))
+                        np.array(self.estimates), np.array([p.angles for p in self.points]))
         mechanism = self.mechanism
         if moved is not None:
             traced, mechanism = moved.of_whole(traced), moved.whole.mechanism
@@ -213,6 +220,7 @@ class _TracedSamples:
             time=None, q=q, v=v, a=traced.c, closure_error=traced.error,
             driver_speed=v[:, driver.v].copy(), events=self.events, angles=traced.angles,
             per="length")
+        motion.error_estimates = scaled_estimates(motion, traced.estimate)
         if moved is not None:
             motion.held = moved.held
         return motion

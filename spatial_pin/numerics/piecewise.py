@@ -1,8 +1,13 @@
-"""Piecewise polynomials of one variable, with all their derivatives."""
+"""Functions of one variable with their derivatives: piecewise polynomials, roots, code."""
 
 from __future__ import annotations
 
+import ctypes
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -39,3 +44,97 @@ class Piecewise:
         for k in range(self.coefficients.shape[1] - 2, -1, -1):
             total = total * local + self.coefficients[piece, k]
         return total + self.rise * periods
+
+
+def composed(x: Taylor, start: Array, derivatives: Sequence[Any]) -> Taylor:
+    """Return a function of a series from its derivatives 0, 1, ... near where it starts."""
+    rest, power = x - start, None
+    total = 0.0 * rest + derivatives[0]
+    for k, derivative in enumerate(derivatives[1:], start=1):
+        power = rest if power is None else power * rest
+        total = total + power * (derivative / math.factorial(k))
+    return total
+
+
+class SquareRoot:
+    """The square root of what is positive."""
+
+    def __call__(self, x: Taylor) -> Taylor:
+        """Return the square root of a series of arrays."""
+        start = np.asarray(x.values[0])
+        root = np.sqrt(start)
+        return composed(x, start, [root, 0.5 / root, -0.25 / root**3, 0.375 / root**5,
+                            -0.9375 / root**7])
+
+
+@dataclass(frozen=True, eq=False)
+class CalledFunction:
+    """A function in code: x -> value and first three derivatives.
+
+    Attributes:
+        function: of a number; where it fails its values are NaN, and nothing closes there.
+    """
+
+    function: Callable[[float], Sequence[float]]
+
+    def __call__(self, x: Taylor) -> Taylor:
+        """Return the function of a series of arrays."""
+        start = np.asarray(x.values[0], float)
+        rows = np.array([self.function(float(at)) for at in start.ravel()]).reshape(-1, 4).T
+        return composed(x, start, [row.reshape(start.shape) for row in rows])
+
+    @cached_property
+    def callback(self) -> Any:
+        """What C calls: x, and where to write the value and two derivatives."""
+        def call(x: float, out: Any) -> None:
+            try:
+                out[0], out[1], out[2], _ = self.function(x)
+            except Exception:  # which C cannot hand on
+                out[0] = out[1] = out[2] = math.nan
+
+        return CALLBACK(call)
+
+    @property
+    def address(self) -> int:
+        """Where C finds it, while this object exists."""
+        return ctypes.cast(self.callback, ctypes.c_void_p).value or 0
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what is copied or sent elsewhere: all but the address."""
+        return {"function": self.function}
+
+
+ROOT = SquareRoot()
+CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_double, ctypes.POINTER(ctypes.c_double))
+Function = Piecewise | SquareRoot | CalledFunction
+
+
+def quintic_spline(x: Array, y: Array, is_periodic: bool = False) -> Piecewise:
+    """Return the spline of degree 5 through points: its first four derivatives are continuous.
+
+    Fewer than six points have the polynomial through them.
+
+    Args:
+        x: (n,) rising.
+        y: (n,) values; of a periodic spline the last is the first.
+        is_periodic: whether it repeats with the period from the first to the last x.
+    """
+    from scipy.interpolate import PPoly, make_interp_spline  # imported on use: it takes a while
+
+    if not is_periodic:
+        spline = make_interp_spline(x, y, k=min(5, len(x) - 1))
+        repeats = 0
+    else:  # of several periods the spline is that of one, and there are points enough
+        repeats = max(1, -(-6 // (len(x) - 1)))
+        repeats += repeats % 2 == 0
+        period = x[-1] - x[0]
+        places = [x[:-1] + (k - repeats // 2) * period for k in range(repeats)]
+        places.append(x[:1] + (repeats - repeats // 2) * period)
+        values = np.concatenate([*[y[:-1]] * repeats, y[:1]])
+        spline = make_interp_spline(np.concatenate(places), values, k=5, bc_type="periodic")
+    pieces = PPoly.from_spline(spline)
+    begin = int(np.searchsorted(pieces.x, 0.5 * (x[0] + x[1]), side="right")) - 1
+    end = int(np.searchsorted(pieces.x, 0.5 * (x[-2] + x[-1]), side="right"))
+    breaks = pieces.x[begin : end + 1].copy()
+    breaks[0], breaks[-1] = x[0], x[-1]
+    return Piecewise(breaks, np.ascontiguousarray(pieces.c[::-1, begin:end].T), is_periodic)

@@ -357,7 +357,7 @@ def joined_bodies(mechanism: Mechanism, solid: set[int]) -> set[frozenset[int]]:
         coupled = [mechanism.joint_id(mechanism.coordinate(name).joint) for name in c.joints]
         for one, other in combinations(coupled, 2):
             join(one, other)
-        if not c.pair.uses_length and any(row.is_length for row in c.rows):
+        if not (c.pair.uses_length or c.pair.has_more) and any(row.is_length for row in c.rows):
             for first, second in c.joined:
                 join(mechanism.frame_on_joint(first)[0], mechanism.frame_on_joint(second)[0])
     for i in range(model.njoints):

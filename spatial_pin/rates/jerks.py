@@ -213,5 +213,6 @@ def _equation_jerks(evaluation: LoopEquations, state: State, bodies: Array) -> A
     a, b = ([c.c_abx[part] @ g for g in flat] for part in (slice(0, n), slice(n, 2 * n)))
     products = [sum(binomial * np.vecdot(a[order - k], b[k])  # of a . b [Leibniz]
                     for k, binomial in enumerate(BINOMIALS[order])) for order in range(4)]
+    products[0] = products[0] - c.constants
     rows = composed_rates(c, products, [state.q, state.v, state.a])
     return np.concatenate([rows, c.idle_bias @ bodies.reshape(-1)])

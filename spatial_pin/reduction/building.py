@@ -53,6 +53,9 @@ class ReducedModel:
         self.bodies = WeldedBodies(mechanism, q, needed.welded)
         self.closures: list[Closure] = []
         for closure in (mechanism.closures[k] for k in needed.closures):
+            if closure.acts_at is not None:  # on bodies that may be omitted
+                closure = replace(closure, numbers={
+                    k: x for k, x in closure.numbers.items() if x is not closure.acts_at})
             coupled = {mechanism.joint_id(mechanism.coordinate(n).joint) for n in closure.joints}
             if not closure.joints or closure.frames or coupled & self.moving:  # else it is locked
                 self.closures.append(closure)

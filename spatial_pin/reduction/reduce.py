@@ -141,7 +141,8 @@ class Reduced(Mechanism):
                 range, or a whole turn.
             speed: of the driver [rad/s or m/s].
             acceleration: likewise [rad/s² or m/s²].
-            guess: where both assemble, by joints that both have.
+            guess: where both assemble, by joints that both have. Where it leads them to different
+                branches, a remark says so, and both are compared on that of the full one.
             hold: values of the other drivers; default those of the assembled configuration.
 
         Returns:
@@ -171,6 +172,9 @@ class Reduced(Mechanism):
             f"equations {rows[0]} -> {rows[1]}, links and frames "
             f"{len(full.links)} -> {len(self.links)}",
         ]
+        if len(self.coordinates) == len(full.coordinates) and rows[0] == rows[1]:
+            lines.append("  nothing is gained: all coordinates and equations move these outputs; "
+                         "sweeps take as long")
         return "\n".join([*lines, *(f"  left out: {x}" for x in self.omissions)])
 
 

@@ -52,7 +52,7 @@ def test_errors_reported_for_the_rssr_are_those_of_the_closed_form():
 def test_a_mechanism_without_loops_has_no_error():
     found = sp.tradeoff(sp.load("satellite_dish"), None, settings=FEW[:1], repeats=1)
     assert found.rows[0].error == 0.0
-    assert found.cheapest(1e-15).accuracy == FEW[0]
+    assert found.cheapest(1e-14).accuracy == FEW[0]  # three times round-off
 
 
 def test_rates_of_any_speed_and_other_drivers_are_judged():
@@ -138,9 +138,9 @@ def test_what_the_reference_cannot_tell_is_stated():
 def test_settings_measured_on_the_mechanism_itself_go_first():
     mech = sp.load("rspc")
     found = sp.tradeoff(mech, {"values": TURN}, settings=FEW, repeats=3)
-    for error in (1e-2, 1e-6, 1e-11):
+    for error in (1e-2, 1e-6, 1e-9):
         pick = sp.Accuracy.for_error(error, measured=found)
-        good = [row for row in found.rows if found.known_error(row) <= error]
+        good = [row for row in found.rows if found.kept_error(row) <= error]
         assert pick == min(good, key=lambda row: row.time_per_step).accuracy
     with pytest.raises(sp.SpatialPinError, match=r"no setting that was measured .* the best"):
         sp.Accuracy.for_error(1e-30, measured=found)
@@ -204,7 +204,7 @@ def test_the_table_marks_the_front_and_names_levels(small):
     times = [row.time_per_step for row in small.rows]
     assert times == sorted(times)
     assert all(len(row.seconds) == 3 and row.spread >= 0.0 for row in small.rows)
-    assert small.rows[0].time_per_step == np.median(small.rows[0].seconds) / 37
+    assert small.rows[0].time_per_step == min(small.rows[0].seconds) / 37
 
 
 def test_the_table_is_written_as_json_and_as_a_figure(small, tmp_path):
@@ -258,3 +258,26 @@ def test_the_command_measures_simulations(run):
 def test_the_command_says_in_one_paragraph_what_is_wrong(words, code, message, run):
     found, _, err = run("tradeoff", *words)
     assert found == code and message in err and "Traceback" not in err
+
+
+@pytest.mark.parametrize("name", ["rssr", "four_bar"])
+@pytest.mark.parametrize("error", [1e-2, 1e-4, 1e-6])
+def test_what_was_measured_on_few_values_is_kept_on_many(name, error):
+    """Between samples too: those that lie closer together are interpolated."""
+    mech = sp.load(name)
+    crank = np.linspace(0.0, 2.0 * np.pi, 2001)
+    found = sp.tradeoff(mech, {"driver": "crank", "values": crank[::10]}, repeats=1, budget=5.0)
+    setting = sp.Accuracy.for_error(error, measured=found)
+    for values in (crank, crank[::-1] + 0.3):
+        motion, exact = (sp.sweep(mech, "crank", values, accuracy=x) for x in (setting, None))
+        for one, true in ((motion.q, exact.q), (motion.v, exact.v), (motion.a, exact.a)):
+            assert np.abs(one - true).max() <= error * max(1.0, np.abs(true).max())
+
+
+def test_a_table_tells_times_by_engineering_and_the_error_that_a_setting_keeps():
+    found = sp.tradeoff(sp.load("four_bar"), {"values": TURN}, settings=FEW, repeats=3)
+    text = str(found)
+    assert "keeps e =" in text and "time" in text.splitlines()[2]
+    base = next(row for row in found.rows if row.accuracy == sp.Accuracy())
+    assert found.relative_time(base) == 1.0
+    assert all(found.kept_error(row) >= 3.0 * row.error for row in found.rows if row.errors)

@@ -154,3 +154,16 @@ def test_nothing_is_overwritten(run, arm):
 def test_the_names_of_the_files_as_json(run):
     code, out, _ = run("new", "mine", "--json", "-")
     assert code == 0 and json.loads(out) == {"wrote": ["mine.toml", "mine.urdf.xacro"]}
+
+
+def test_a_drawing_to_start_from_is_good_and_can_be_drawn_anew(run):
+    code, out, _ = run("new", "mine", "--drawing")
+    assert code == 0 and "wrote mine.toml" in out
+    code, out, _ = run("check", "mine.toml")
+    assert code == 0 and "a loop is cut at joint 'C' (revolute)" in out and "good" in out
+    code, out, _ = run("info", "mine.toml")
+    assert code == 0 and "dimensions: crank = 0.1, coupler = 0.28, slope = 0.6" in out
+    mech = sp.load("mine.toml", crank=0.12)
+    assert sp.mobility(mech).dof == 1 and mech.inertias["coupler"].mass > 0.0
+    code, _, err = run("new", "other", "--drawing", "--from", "mine.toml")
+    assert code == 2 and "a drawing has no tree" in err

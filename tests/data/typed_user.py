@@ -16,8 +16,17 @@ def loading() -> sp.Mechanism:
     names: list[str] = sp.list_mechanisms()
     mech: sp.Mechanism = sp.load(names[0], trusted=False, d=0.315)
     chosen: sp.Mechanism = sp.load("world.sdf", model="robot", without=["rope"])
+    drawn = sp.Drawing("pendulum", density=7850.0)
+    drawn["b"] = 0.3
+    drawn.body("bob", mass=2.0 * drawn["b"], com=(drawn["b"], 0.0, -1.0)).drive("pin")
+    drawn.hinge("pin", "ground", "bob", at=(drawn["b"], 0.0, 0.0), axis=(0, 1, 0))
+    drawn.mechanism(keep=["pin"], b=0.4).with_point("tip", "bob", (0, 0, -1)).with_mass("bob", 1.0)
     built = sp.Mechanism.from_model(
-        mech.model, [sp.closures.spherical("a", "b")], drivers={"crank": "crank_pin"},
+        mech.model, [
+            sp.closures.spherical("a", "b"), sp.closures.rope(["a", "b"], 0.4),
+            sp.closures.coupling(joints=["a", "b", "c"], ratios=[1.0, 1.0, -2.0]),
+            sp.closures.cam("a", "b", sp.curves.circle(0.03), {"roller": 0.008})],
+        drivers={"crank": "crank_pin"},
         springs=[sp.Spring("spring", joint="rocker_pin", stiffness=4.0)],
         passives=[sp.Passive("spin", "coupler", ("ball_a", "ball_b"))])
     closure: sp.Closure = built.closures[0]
@@ -87,10 +96,12 @@ def moving(mech: sp.Mechanism) -> sp.Motion:
     text: str = motion.to_csv()
     file: Path = motion.save(motion.to_csv("motion.csv").with_suffix(".npz"))
     again: sp.Motion = sp.Motion.load(file, mech)
+    off: sp.ErrorEstimate = again.error
     print(angle.rate.max(), path.position.shape, motion.com("coupler").velocity.shape,
           output.unit.upper(), time is None, row.closure_error + 1.0, columns.keys(),
           quantity.unit.upper(), text.upper(),
-          again.closure_error.max(), stops[0].kind.upper(), bound.value + 1.0, bound.kind.upper(),
+          again.closure_error.max(), off.positions + off.largest, stops[0].kind.upper(),
+          bound.value + 1.0, bound.kind.upper(),
           len(both) + len(around), motion.events[0].text.upper(), span.full_turn is True)
     return motion
 

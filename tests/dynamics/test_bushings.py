@@ -195,3 +195,31 @@ def test_pages_and_pictures_draw_a_bushing(tmp_path):
     motion = sp.simulate(mechanism, sp.equilibrium(mechanism).state, 0.01, times=[0.0, 0.01])
     page = sp.export_html(motion, tmp_path / "page.html")
     assert page.stat().st_size > 1000
+
+
+def test_in_time_it_acts_as_at_one_state_on_bodies_of_any_joint():
+    """A chain of all kinds of joints, with a bushing between every two bodies of it."""
+    rng, model, joint = np.random.default_rng(5), pin.Model(), 0
+    kinds = (pin.JointModelRY(), pin.JointModelPlanar(), pin.JointModelHX(0.1),
+             pin.JointModelUniversal(np.eye(3)[0], np.eye(3)[2]), pin.JointModelSpherical(),
+             pin.JointModelPX())
+    frames, names = {}, ["ground"]
+    for kind in kinds:
+        joint = model.addJoint(joint, kind, pin.SE3(pin.exp3(rng.normal(size=3)),
+                                                    0.3 * rng.normal(size=3)), kind.shortname())
+        model.appendBodyToJoint(joint, pin.Inertia(1.0, 0.1 * rng.normal(size=3), 0.05 * np.eye(3)),
+                                pin.SE3.Identity())
+        names.append(model.names[joint])
+    for name in names:
+        frames[f"on_{name}"] = ("universe" if name == "ground" else name, pin.SE3(
+            pin.exp3(rng.normal(size=3)), 0.2 * rng.normal(size=3)))
+    springs = [sp.Spring(f"{a}-{b}", (f"on_{a}", f"on_{b}"), stiffness=FULL, damping=DAMPING)
+               for k, a in enumerate(names) for b in names[k + 1 :]]
+    mechanism = sp.Mechanism.from_model(model, frames=frames, springs=springs)
+    for seed in range(3):
+        q = pin.integrate(mechanism.model, mechanism.neutral,
+                          np.random.default_rng(seed).normal(size=mechanism.model.nv))
+        state = sp.State(mechanism, q, np.ones(mechanism.model.nv))
+        a = sp.forward_dynamics(mechanism, state).a
+        found = sp.simulate(mechanism, state, 1e-9, times=[0.0, 1e-9]).a[0]
+        assert np.abs(found - a).max() < 1e-9 * np.abs(a).max()

@@ -67,8 +67,9 @@ def test_every_sample_of_a_path_is_at_rest_under_its_load():
     length = np.hypot(0.3, y)
     pull = -2.0 * 1000.0 * (length - np.hypot(0.3, 0.1)) * y / length
     assert np.abs(pull - path.load_factor).max() < 1e-10
-    top = y[path.events[0].row]  # behind the limit point, at 0.0567 m
-    assert abs(top - 0.05671838483786) < 0.02
+    for event, sense in zip(path.events, (1.0, -1.0), strict=True):
+        assert y[event.row] == pytest.approx(sense * 0.05671838483786, abs=1e-11)
+        assert path.load_factor[event.row] == event.value
 
 
 def test_displacement_control_goes_through_both_limit_points():
@@ -105,6 +106,56 @@ def test_displacement_control_begins_at_any_load():
     for value, factor in zip((0.5, 0.6), path.load_factor, strict=True):
         held = sp.equilibrium(mechanism, {"crank": value}, hold="crank")
         assert factor == pytest.approx(held.efforts["crank"], abs=1e-12)
+
+
+def test_rates_are_those_from_sample_to_sample():
+    path = sp.equilibrium_path(truss(), {"y": 0.1}, efforts={"y": -1.0}, factors=(0.0, 6.0))
+    assert path.per == "sample"
+    assert np.all(path.v[:, 0] < 0.0)
+    total = 0.5 * (path.v[1:, 0] + path.v[:-1, 0]).sum()  # the trapezoidal rule
+    assert total == pytest.approx(path.q[-1, 0] - path.q[0, 0], rel=0.04)
+
+
+@pytest.mark.parametrize("part", [1e-3, 1e-6, 1e-8, 1e-10, 0.0])
+def test_a_load_grows_from_a_pose_whose_stiffness_is_nearly_none(part):
+    """A rod on its tip, upright by a spring: k q - m g c sin(q) is the torque that bends it."""
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelRY(), pin.SE3.Identity(), "foot")
+    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.array([0.0, 0.0, 0.5]), 0.01 * np.eye(3)),
+                            pin.SE3.Identity())
+    weight = -0.5 * model.gravity.linear[2]
+    spring = sp.Spring("foot", joint="foot", stiffness=weight * (1.0 + part))
+    rod = sp.Mechanism.from_model(model, springs=[spring], name="rod")
+    path = sp.equilibrium_path(rod, {"foot": 0.0}, efforts={"foot": 1.0}, factors=(0.0, 5.0))
+    q = path.q[:, 0]
+    assert path.load_factor[-1] == 5.0 and len(path) < 100 and q[-1] > 1.9
+    torque = weight * ((1.0 + part) * q - np.sin(q))
+    assert np.abs(path.load_factor - torque).max() < 1e-9
+
+
+def test_displacement_control_keeps_a_held_component_of_a_ball():
+    model = pin.Model()
+    ball = model.addJoint(0, pin.JointModelSpherical(), pin.SE3.Identity(), "ball")
+    elbow = model.addJoint(ball, pin.JointModelRY(),
+                           pin.SE3(np.eye(3), np.array([0.3, 0.0, 0.0])), "elbow")
+    for joint in (ball, elbow):
+        arm = pin.Inertia(1.0, np.array([0.15, 0.02, 0.01]), 0.01 * np.eye(3))
+        model.appendBodyToJoint(joint, arm, pin.SE3.Identity())
+    arm = sp.Mechanism.from_model(model, springs=[
+        sp.Spring(c, joint=f"ball.{c}", stiffness=3.0) for c in "yz"])
+    path = sp.equilibrium_path(arm, {"ball": [0.2, 0.1, 0.3]}, efforts={"elbow": 1.0},
+                               over="elbow", values=[0.0, 0.2, 0.5], hold="ball.x")
+    for k in range(3):
+        assert path.state(k).coordinate("ball.x").value == pytest.approx(0.2, abs=1e-14)
+        held = sp.equilibrium(arm, path.state(k), hold=["ball.x", "elbow"])
+        assert held.efforts["elbow"] == pytest.approx(path.load_factor[k], abs=1e-12)
+
+
+def test_a_load_that_does_not_work_on_the_coordinate_holds_nothing():
+    sideways = {"coupler": pin.Force(np.array([0.0, 1.0, 0.0]), np.zeros(3))}
+    with pytest.raises(sp.SpatialPinError, match=r"no load factor holds crank = 0\.5"):
+        sp.equilibrium_path(sp.load("four_bar"), external=sideways, over="crank",
+                            values=[0.5, 0.6])
 
 
 def test_a_straight_column_buckles_and_either_branch_is_followed():

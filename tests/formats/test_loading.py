@@ -528,7 +528,9 @@ TWINS = robot(*map(link, "gabcdef"), joint("j", "floating", "g", "a", origin("0 
               joint("e_pin", "continuous", "g", "e"), joint("f_pin", "continuous", "g", "f"),
               joint("c_mount", "fixed", "a", "c", origin(*MOUNT)),
               joint("d_mount", "fixed", "b", "d", origin(*TIP)))
-EXTRA = {"screw": "lead = 0.1", "distance": "length = 0.5"}
+EXTRA = {"screw": "lead = 0.1", "distance": "length = 0.5", "rope": "length = 0.5",
+         "point_on_curve": 'curve = "c"\n[curves.c]\ncircle = {radius = 0.5}',
+         "cam": 'curve = "c"\nfollower = {knife = true}\n[curves.c]\ncircle = {radius = 0.5}'}
 
 
 def twins(kind: str) -> str:

@@ -1,6 +1,7 @@
 """Mechanisms written as MJCF: MuJoCo has the same bodies, loops, forces and drivers."""
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from beside_mujoco import accelerations, beside, mass_matrices, random_configuration
 from mechanisms import from_text
@@ -205,6 +206,45 @@ def test_a_distance_is_a_tendon_of_its_length(length, tmp_path):
         (c.type, c.frames, c.between) for c in mech.closures]
     before, after = (sp.mobility(x, sp.assemble(x, {})) for x in (mech, again))
     assert (after.rank, after.dof) == (before.rank, before.dof)
+
+
+POLYNOMIAL = {"polynomial": [0.1, 0.2, 0.05, 0.0, -0.01]}
+TIES = {
+    "ratios": [sp.closures.coupling(joints=["a", "b", "c"], ratios=[2.0, -1.0, 3.0], offset=0.4)],
+    "function": [sp.closures.coupling(joints=["a", "c"], function=POLYNOMIAL)],
+    "rope": [sp.closures.rope([("universe", pin.SE3(np.eye(3), np.array([0.3, 0.4, 0.0]))),
+                               ("a", pin.SE3(np.eye(3), np.array([0.2, 0.0, 0.0]))),
+                               ("c", pin.SE3(np.eye(3), np.array([0.0, 0.1, 0.2])))], 1.4)],
+}
+
+
+@pytest.mark.parametrize("closures", TIES.values(), ids=TIES)
+def test_couplings_of_any_form_and_ropes_go_there_and_come_back(closures, tmp_path):
+    model = pin.Model()
+    model.name = "tied"
+    for k, (name, kind) in enumerate((("a", pin.JointModelRZ), ("b", pin.JointModelRX),
+                                      ("c", pin.JointModelPY))):
+        joint = model.addJoint(0, kind(), pin.SE3(np.eye(3), np.array([0.2 * k, 0.0, 0.0])), name)
+        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), 0.1 * np.eye(3)),
+                                pin.SE3.Identity())
+    mech = sp.Mechanism.from_model(model, closures)
+    state = sp.assemble(mech, {})
+    path = sp.export_mjcf(mech, tmp_path / "tied.xml", state)
+    assert opening(at_home(path)[1]) < 1e-12
+    again = sp.load(path)
+    assert [c.type for c in again.closures] == [c.type for c in mech.closures]
+    ours, theirs = (sp.closure_jacobian(one, state.q) for one in (mech, again))
+    np.testing.assert_allclose(theirs, ours, atol=1e-13)
+
+
+def test_a_spline_is_no_polynomial_of_mujoco(tmp_path):
+    model = pin.Model()
+    for name in ("a", "b"):
+        model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), name)
+    law = {"points": [[x, x**2] for x in np.linspace(0.0, 1.0, 8)]}
+    mech = sp.Mechanism.from_model(model, [sp.closures.coupling(joints=["a", "b"], function=law)])
+    with pytest.raises(sp.ClosureTypeError, match="8 points; MuJoCo has polynomials"):
+        sp.export_mjcf(mech, tmp_path / "law.xml")
 
 
 def test_a_closure_that_mujoco_has_not_is_refused_by_name(tmp_path):

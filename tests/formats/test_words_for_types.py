@@ -48,7 +48,7 @@ def test_what_ties_two_joints_is_a_coupling(word, tmp_path):
         assert 'type = "coupling", joints = ["a", "b"] and a ratio' in text
 
 
-@pytest.mark.parametrize(("word", "what"), [("cam", "a cam is not modelled"),
+@pytest.mark.parametrize(("word", "what"), [("rolling", "contact between bodies is not modelled"),
                                             ("contact", "contact between bodies is not modelled")])
 def test_what_is_not_modelled_is_stated_with_where_to_look(word, what, tmp_path):
     for table in (closure, joint):
@@ -75,7 +75,9 @@ def test_an_unknown_word_is_answered_with_all_types(tmp_path):
 
 
 @pytest.mark.parametrize(("word", "words"), [
-    ("hinge", "did you mean 'revolute'?"), ("gear", '"coupling"'), ("cam", "not modelled")])
+    ("hinge", "did you mean 'revolute'?"), ("gear", '"coupling"'),
+    ("cable", "did you mean 'rope'?"),
+    ("follower", "did you mean 'cam'?"), ("wheel", "not modelled")])
 def test_closures_made_in_code_have_other_words_too(word, words):
     with pytest.raises(AttributeError, match=re.escape(words)):
         getattr(sp.closures, word)

@@ -140,7 +140,8 @@ RAISE_NOTHING = {  # that a caller could mend
     "BeyondLimit.text", "Calibration.as_dict", "Clearance.as_dict", "Design.as_dict",
     "Designs.as_dict", "Dynamics.why_not_unique", "JointLimit.room", "Kinetostatics.marks",
     "Kinetostatics.why_not_unique", "Linearization.state_space", "Motion.frame_unit",
-    "Motion.rate_unit", "Output.parts", "Tradeoff.as_dict", "Tradeoff.known_error", "Viewer.stop",
+    "Motion.rate_unit", "Output.parts", "Tradeoff.as_dict", "Tradeoff.kept_error",
+    "Tradeoff.known_error", "Tradeoff.relative_time", "Viewer.stop",
     "Viewer.wait", "Viewer.wait_until_fetched", "list_mechanisms"}
 
 

@@ -208,9 +208,10 @@ def test_settings_for_an_error_of_a_sweep_keep_it_elsewhere(name, tmp_path):
     mech = entry.build(tmp_path)
     task = task_of(mech, {"driver": entry.driver, "values": entry.values})
     reference = SweepReference(task)
-    for error in (1e-3, *(error for error, _ in MEASURED["sweep"])):
+    for error in (1e-2, 1e-3, 1e-5, 1e-7, *(error for error, _ in MEASURED["sweep"])):
         motion = task.run(sp.Accuracy.for_error(error))
-        assert reference.judge(motion).total <= error
+        assert reference.judge(motion).total <= motion.error.largest
+        assert motion.error.largest <= max(error, 1e-9)
 
 
 def four_bar_of_other_lengths():
@@ -236,7 +237,8 @@ def test_the_table_behind_gets_dearer_as_it_gets_more_exact(task):
     with pytest.raises(sp.SpatialPinError, match="Measure your own"):
         sp.Accuracy.for_error(0.5 * errors[-1], task)
     assert sp.Accuracy.for_error(errors[-1], task) == MEASURED[task][-1][1]
-    assert sp.Accuracy.for_error(1e3, task) == MEASURED[task][0][1]
+    loosest = {"sweep": sp.Accuracy(tolerance=1e-2), "simulate": MEASURED["simulate"][0][1]}
+    assert sp.Accuracy.for_error(1e3, task) == loosest[task]
 
 
 def test_what_is_as_cheap_and_less_exact_is_no_part_of_the_front():

@@ -161,7 +161,9 @@ def test_sign_of_a_joint_stands_on_it_with_its_axis(tmp_path, kind):
 
 @pytest.mark.parametrize("kind", [k for k in closure_types() if k in GLYPHS])
 def test_sign_of_a_closure_stands_on_its_frames(tmp_path, kind):
-    keys = {"distance": {"length": 0.2}, "screw": {"lead": 0.02}}.get(kind, {})
+    keys = {"distance": {"length": 0.2}, "rope": {"length": 0.2},
+            "point_on_curve": {"curve": "c"}, "cam": {"curve": "c", "follower": {"roller": 0.02}},
+            "screw": {"lead": 0.02}}.get(kind, {})
     state = opened(tmp_path, kind, pin.SE3(np.eye(3), np.array([0.03, 0.04, 0.12])), **keys)
     stage = stage_of(state)
     items = [item for item in glyphs(stage, through=False).items if item.name.startswith(kind)]

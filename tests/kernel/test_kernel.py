@@ -204,7 +204,7 @@ def made_of(ints: np.ndarray, reals: np.ndarray) -> tuple[str, ctypes.c_void_p]:
     """What the kernel says of arrays, and the kernel if it takes them."""
     # copies of their own: a sanitizer then notices a single entry read beyond the end
     ints, reals, handle = ints.astype(np.int64), reals.astype(float), ctypes.c_void_p()
-    code = library().kernel_create(address(ints), len(ints), address(reals), len(reals),
+    code = library().kernel_create(address(ints), len(ints), address(reals), len(reals), None, 0,
                                    ctypes.byref(handle))
     assert (code == 0) == bool(handle)
     return CODES[code], handle

@@ -129,7 +129,8 @@ def test_samples_of_a_table_do_not_hang_on_each_other(kind):
         path, state = path_of(mechanism, Accuracy(tolerance=tolerance), by_table(mechanism, kind))
         assert path.start(state.q, state.angles)
         found.append(followed(path, np.ascontiguousarray(part)))
-    forth, back, few, loose = found
+    nothing = np.empty((0, 3))  # estimates of errors are those of the points that were closed
+    forth, back, few, loose = (x._replace(estimate=nothing) for x in found)
     for one, two, three, four in zip(forth, back, few, loose, strict=True):
         if not one.size:
             continue

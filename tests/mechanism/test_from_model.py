@@ -117,6 +117,7 @@ def test_every_library_mechanism_can_be_made_in_code(name):
 # ---------------------------------------------------------------- closures
 
 AXIS, SIDE = [0.6, 0.0, 0.8], [0.0, 1.0, 0.0]
+CURVE = sp.curves.ellipse([0.3, 0.2])
 CONSTRUCTED = {  # type -> (arguments after the frames, what a file says)
     "spherical": ({}, {}), "weld": ({}, {}), "fixed": ({}, {}),
     "revolute": ({"axis": AXIS}, {"axis": AXIS}),
@@ -125,6 +126,10 @@ CONSTRUCTED = {  # type -> (arguments after the frames, what a file says)
     "cylindrical": ({"axis": AXIS, "equations": [0, 2]}, {"axis": AXIS, "equations": [0, 2]}),
     "universal": ({"axis": AXIS, "axis2": SIDE}, {"axis": AXIS, "axis2": SIDE}),
     "planar": ({}, {}), "distance": ({"length": 0.4}, {"length": 0.4}),
+    "rope": ({"length": 0.4}, {"length": 0.4}),
+    "point_on_curve": ({"curve": CURVE}, {"curve": "c"}),
+    "cam": ({"curve": CURVE, "follower": {"knife": True}},
+            {"curve": "c", "follower": {"knife": True}}),
     "point_on_line": ({"axis": AXIS}, {"axis": AXIS}), "point_on_plane": ({}, {}),
     "parallel": ({"axis": AXIS}, {"axis": AXIS}),
     "perpendicular": ({"axis": AXIS, "axis2": SIDE}, {"axis": AXIS, "axis2": SIDE}),
@@ -155,6 +160,8 @@ def closed_places(kind):
     pin.forwardKinematics(model, data, CLOSED)
     one = at(0.1, 0.2, -0.1, 0.3, -0.4, 0.5)
     turned = at(0.0, 0.0, length)
+    if "curve" in CONSTRUCTED[kind][0]:  # on the vertex of the ellipse
+        turned = at(0.3)
     if kind in ("universal", "perpendicular"):  # SIDE is square to AXIS
         turned.rotation = pin.AngleAxis(0.4, np.array(AXIS)).matrix()
     other = data.oMi[1].actInv(data.oMi[6]) * one * turned
@@ -170,10 +177,13 @@ def test_each_type_of_closure_has_a_constructor_that_says_what_a_file_says(kind)
     make, places = getattr(sp.closures, kind), closed_places(kind)
     coupled = kind == "coupling"
     mech = from_model(arm(), [make("arm_1", "arm_2", **given) if coupled else
+                              make(places, **given) if kind == "rope" else
                               make(*places, **given)], guess=NEAR)
     content = {"name": "arm", "tree": "arm.urdf", "guess": NEAR,
                "joints": {"ball": {"type": "spherical"}},
                "closures": [{"name": kind, "type": kind, **said}]}
+    if "curve" in said:
+        content["curves"] = {"c": dict(CURVE.form)}
     if coupled:
         content["closures"][0]["joints"] = ["arm_1", "arm_2"]
     else:

@@ -470,3 +470,18 @@ def test_verify_compares_what_there_is_of_an_endless_slide(tmp_path):
     assert asked.rows == 16 and asked.compared == ("16 rows over arm from 0 to 1.5 rad",)
     assert any("out runs away without end" in remark for remark in asked.remarks)
     assert asked.compared[0] in str(asked)
+
+
+def test_a_guess_that_leads_to_two_branches_is_a_remark_and_no_difference():
+    mech = library("four_bar")
+    small = sp.reduce(mech, "rocker_pin")
+    for rocker in (-2.5, -1.5, 4.0):
+        found = small.verify("crank", np.linspace(0.5, 1.5, 11), guess={"rocker_pin": rocker})
+        assert found.worst < 1e-9 or any("different branches" in x for x in found.remarks)
+
+
+def test_it_says_when_nothing_is_gained():
+    mech = library("rspc")
+    small = sp.reduce(mech, list(mech.coordinates))
+    assert "nothing is gained" in str(small)
+    assert "nothing is gained" not in str(sp.reduce(library("rssr"), "rocker_pin"))

@@ -12,7 +12,9 @@ from spatial_pin.mechanism.pairs import COUPLING, JOINT_TYPES, PAIRS, closure_ty
 
 __all__ = ["CLOSURE_TYPES", "COUPLING", "JOINT_TYPES", "PAIRS"]  # what others take from here
 LENGTH, LEAD = 0.37, 0.023
-KEYS = {"distance": {"length": LENGTH}, "screw": {"lead": LEAD}}
+KEYS = {"distance": {"length": LENGTH}, "rope": {"length": LENGTH},
+        "point_on_curve": {"curve": "c"}, "cam": {"curve": "c", "follower": {"roller": 0.02}},
+        "screw": {"lead": LEAD}}
 CLOSURE_TYPES = closure_types()
 TYPES = [kind for kind in CLOSURE_TYPES if kind != COUPLING]
 JOINTS = [name for name, pair in PAIRS.items() if pair.joint]

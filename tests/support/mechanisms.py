@@ -114,11 +114,16 @@ def load(folder: Path, name: str, tree: str, toml: str) -> sp.Mechanism:
     return sp.load(path)
 
 
+CURVE = "[curves.{}]\nellipse = {{semi_axes = [0.3, 0.2]}}\n"
+
+
 def closure(name, kind, first, second, **keys) -> str:
     lines = [f'name = "{name}"', f'type = "{kind}"', f'frames = ["{first}", "{second}"]']
-    lines += [f"{key} = {list(map(float, v)) if np.ndim(v) else repr(float(v))}"
-              for key, v in keys.items()]
-    return "[[closures]]\n" + "\n".join(lines) + "\n"
+    plain = {key: v if isinstance(v, str | Mapping) else np.asarray(v, float).tolist()
+             for key, v in keys.items()}
+    lines += [f"{key} = {toml_of(v)}" for key, v in plain.items()]
+    curve = CURVE.format(keys["curve"]) if "curve" in keys else ""
+    return "[[closures]]\n" + "\n".join(lines) + "\n" + curve
 
 
 def between(name, frames, others) -> str:

@@ -5,6 +5,7 @@ here anew: circles and spheres that meet, moments about pins, virtual work, ordi
 """
 
 import contextlib
+import dataclasses
 import functools
 import io
 import runpy
@@ -573,6 +574,63 @@ def test_a_delta_robot_is_as_soft_as_its_jacobian_says(run):
     soft = 1e6 * np.diag(slopes @ np.linalg.solve(stiff, slopes.T))
     assert made["give"][:3] == pytest.approx(soft, rel=1e-9)
     assert made["small"].frequencies[0] == pytest.approx(made["small"].frequencies[1], rel=1e-9)
+
+
+def test_a_suspension_in_rubber_tends_to_the_hinged_one_and_bounces_as_springs_in_series(run):
+    made = run("soft_wishbone")
+    rest, held, soft = made["rest"], made["HELD"], made["soft"]
+    for component, name in ((1, "lateral"), (5, "aligning")):  # toe and camber by a small load
+        ends = []
+        for size in (-5.0, 5.0):
+            load = {"contact": pin.Force(size * np.eye(6)[component])}
+            pose = sp.equilibrium(made["car"], rest.state, hold=held, external=load)
+            ends.append(pose.state.placement("hub").rotation)
+        turned = pin.log3(ends[1] @ ends[0].T) / 10.0
+        assert turned == pytest.approx(soft[3:, component], abs=1e-7 * np.abs(soft).max()), name
+    bounce = np.sqrt(1.0 / (1.0 / made["TYRE"] + 1.0 / made["rate"]) / 330.0)
+    assert made["small"].frequencies[0] == pytest.approx(bounce / (2.0 * np.pi), rel=0.03)
+
+
+def test_a_suspension_in_stiff_rubber_is_the_hinged_one(run):
+    made = run("soft_wishbone")
+    held, rates = made["HELD"], []
+    for factor in (1.0, 10.0, 100.0):  # in translation; the rubber is free to turn
+        springs = [s if s.name in ("strut", "tyre") else dataclasses.replace(
+            s, stiffness=factor * np.array([*s.stiffness[:3], 0.0, 0.0, 0.0]))
+            for s in made["car"].springs]
+        car = made["car"].with_fields(springs=tuple(springs))
+        rest = sp.equilibrium(car, hold=held)
+        soft = sp.compliance(car, rest.state, "contact", hold=[*held, "heave"])
+        rates.append(1.0 / soft[2, 2] - made["TYRE"])
+        height = (rest.state.placement("contact").translation[2]
+                  - rest.state.coordinate("heave").value)
+    # the energy of the hinged suspension over the height of its wheel
+    hinged, angles = sp.load(EXAMPLES / "machines" / "double_wishbone.toml"), []
+    model, strut, data = hinged.model, hinged.springs[0], hinged.model.createData()
+    for angle in np.linspace(-0.04, 0.0, 17):
+        state = sp.assemble(hinged, {"wheel": angle})
+        way = state.placement("strut_top").translation - state.placement("strut_foot").translation
+        stretch = np.linalg.norm(way) - strut.free_length
+        angles.append((state.placement("contact").translation[2], pin.computePotentialEnergy(
+            model, data, state.q) + 0.5 * strut.stiffness * stretch**2))
+    z, energy = np.array(angles).T
+    fit = np.polynomial.Polynomial.fit(z, energy, 10)
+    assert rates[1] - rates[0] == pytest.approx(10.0 * (rates[2] - rates[1]), rel=2e-3)  # by 1/k
+    limit = (10.0 * rates[2] - rates[1]) / 9.0
+    assert limit == pytest.approx(fit.deriv(2)(height), rel=1e-5)
+
+
+def test_a_truss_snaps_at_the_load_of_the_closed_form(run):
+    made = run("von_mises_truss")
+    half, free = 0.3, np.hypot(0.3, 0.1)
+    length = np.cbrt(free * half**2)
+    height = np.sqrt(length**2 - half**2)
+    assert made["limit"].value == pytest.approx(2000.0 * (free / length - 1.0) * height, abs=1e-11)
+    assert made["height"] == pytest.approx(height, abs=1e-11)
+    assert made["rest"].stiffness[0, 0] == pytest.approx(200.0, abs=1e-9)
+    low = brentq(lambda z: 2000.0 * (1.0 - free / np.hypot(half, z)) * z + made["heavy"],
+                 -0.2, -0.1, xtol=1e-15)
+    assert made["snapped"].state.coordinate("cap").value == pytest.approx(low, abs=1e-12)
 
 
 # ---------------------------------------------------------------- the page about them

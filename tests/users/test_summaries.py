@@ -19,7 +19,8 @@ def turn():
 def test_a_motion_prints_its_ranges(turn):
     text = str(turn)
     assert text.splitlines()[0].startswith("four_bar: 73 samples, crank 0 to 6.28319 rad, closure")
-    assert len(text.splitlines()) == 4
+    assert len(text.splitlines()) == 5
+    assert text.splitlines()[1].startswith("  error: positions to ")
     low, high = (turn.coordinate("rocker_pin").value[k] for k in (
         turn.coordinate("rocker_pin").value.argmin(), turn.coordinate("rocker_pin").value.argmax()))
     assert f"{low:+.6f} to {high:+.6f} rad" in text

@@ -101,21 +101,16 @@ def _quantities(result: sp.Equilibrium) -> list[tuple[str, float, str]]:
     """Return names, values and units of the numbers of a pose at rest."""
     mechanism, names = result.state.mechanism, result.coordinates
     rows = [*_coordinates(result), ("potential energy", result.energy, "J")]
+
+    def unit(name: str) -> str:
+        return mechanism.prescribed_coordinate(name).unit
     rows += [(f"stiffness of {name}" + (f" by {other}" if other != name else ""), float(x),
-              f"{FORCES[_unit(mechanism, name)]}/{_unit(mechanism, other)}")
+              f"{FORCES[unit(name)]}/{unit(other)}")
              for name, row in zip(names, result.stiffness, strict=True)
              for other, x in zip(names, row, strict=True)]
-    rows += [(f"{name} effort", x, FORCES[mechanism.driven_coordinate(name).unit])
+    rows += [(f"{name} effort", x, FORCES[unit(name)])
              for name, x in result.efforts.items()]
     return rows
-
-
-def _unit(mechanism: sp.Mechanism, name: str) -> str:
-    """Return the unit of a coordinate or driver, or of a component of a ball or base."""
-    if name in mechanism.coordinate_table or name in mechanism.drivers:
-        return mechanism.driven_coordinate(name).unit
-    return "m" if name.rpartition(".")[2] in ("x", "y", "z") and mechanism.model.joints[
-        mechanism.model.getJointId(name.rpartition(".")[0])].nv > 3 else "rad"
 
 
 def _content(result: sp.Equilibrium) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from spatial_pin.cli.mechanism_arguments import loaded
 from spatial_pin.cli.new_files import write_from, write_new
 from spatial_pin.cli.options import Command, data_options, option, package
 from spatial_pin.cli.printing import WIDTH, on_screen, print_result, say
+from spatial_pin.dynamics.coupling_forces import coupling_forces
 from spatial_pin.formats.files import library_titles
 from spatial_pin.formats.mechanism_writer import export_urdf
 from spatial_pin.mobility.mobility import driver_advice
@@ -62,6 +63,7 @@ def check(options: argparse.Namespace) -> None:
         mechanism = loaded(options)
         notes = list(mechanism.notices)
         state = sp.assemble(mechanism)
+        coupling_forces(mechanism)  # refused here where teeth do not mesh
         result = sp.mobility(mechanism, state)
         working = result.dof - len(result.passive)
         lines = [f"note: {notice}" for notice in notes]
@@ -112,8 +114,10 @@ def new(options: argparse.Namespace) -> None:
                             "without .toml")
     if not folder.is_dir():
         raise ValueError(f"--folder {folder}: there is no such folder")
+    if options.tree is not None and options.drawing:
+        options.usage_error("--from or --drawing: a drawing has no tree")
     if options.tree is None:
-        written = write_new(options.name, folder)
+        written = write_new(options.name, folder, options.drawing)
     else:
         tree = Path(options.tree)
         mechanism = sp.load(tree, trusted=options.trusted, packages=dict(options.packages))
@@ -134,6 +138,8 @@ COMMANDS = {
         option("--from", dest="tree", metavar="FILE",
                help="a tree that there is: .urdf, .xacro or another format that is read; "
                     "without one, a four-bar is written"),
+        option("--drawing", action="store_true",
+               help="a four-bar as bodies, and joints at places of the world, without a tree"),
         option("--folder", metavar="F", default=".", help="where to write (here)"),
         option("--trusted", action="store_true",
                help="the tree's xacro files may read files outside their folder"),

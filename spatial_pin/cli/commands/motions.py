@@ -41,6 +41,7 @@ from spatial_pin.cli.options import (
 from spatial_pin.cli.printing import CutShort, on_screen, print_result, say, wrote
 from spatial_pin.cli.tables import name_of_column, read_table
 from spatial_pin.dynamics.force_outputs import with_force_values
+from spatial_pin.dynamics.simulation.result import growth_lines
 from spatial_pin.motion.default_motion import default_motion
 from spatial_pin.motion.joint_limit_events import KIND as JOINT_LIMIT
 from spatial_pin.motion.report import motion_summary
@@ -101,6 +102,8 @@ def write_motion(
     columns = {name: column.tolist() for name, column in motion.columns().items()}
     content = {"mechanism": motion.mechanism.name, "is_whole": is_whole, "columns": columns,
                "events": [event._asdict() for event in motion.events]}
+    if len(motion.error_estimates):
+        content["error"] = motion.error._asdict()
     if clearance is not None:
         content["clearance"] = clearance.as_dict()
     print_result(options, "\n".join(lines), content, motion.columns(),
@@ -228,7 +231,8 @@ def simulate(options: argparse.Namespace) -> None:
         mechanism, state, options.duration, efforts, times, sp.Accuracy.named(options.accuracy),
         on_joint_limit=options.on_joint_limit, progress=True), lambda motion: (
             f"energy drift {motion.energy_drift:.1e} of the exchanged energy; {motion.steps} steps "
-            f"of the integrator in {', '.join(motion.coordinates)}"))
+            f"of the integrator in {', '.join(motion.coordinates)}"
+            + "".join(f"\n{line.strip()}" for line in growth_lines(motion))))
 
 
 # ---------------------------------------------------------------- clearance

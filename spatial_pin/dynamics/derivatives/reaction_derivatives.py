@@ -94,6 +94,12 @@ class ReactionChanges:
     def all(self) -> tuple[dict[str, Linear], Linear]:
         """Return the reactions by pair and the wrench on the fixed link."""
         pairs = Pairs(self.mechanism)
+        placed = [c.name for c in pairs.couplings if c.lines]
+        if placed:
+            raise SpatialPinError(
+                f"mechanism {self.mechanism.name!r}: derivatives of reactions are not worked out "
+                f"beside the teeth or strands of {', '.join(placed)}: leave these out, or take "
+                "differences of `forward_dynamics`")
         closed, on_bodies = self._of_closures(pairs)
         self._add_given(on_bodies)
         bodies = self.rows.products.bodies
@@ -160,10 +166,21 @@ class ReactionChanges:
     def _add_given(self, on_bodies: Array) -> None:
         """Add the wrenches of springs between frames, and those from outside."""
         forces = self.springs.forces
-        if forces.bushings:
-            raise SpatialPinError(
-                f"mechanism {self.mechanism.name!r}: derivatives of reactions beside bushings are "
-                "not worked out; those of accelerations are")
+        for bushing, (_, acts, by_q, by_v) in zip(
+                forces.bushings, self.springs.bushings, strict=True):
+            a, b = (x @ self.placements[i]
+                    for i, x in zip(bushing.bodies, bushing.vectors, strict=True))
+            da, db = (x @ self.placements_by_q[i]
+                      for i, x in zip(bushing.bodies, bushing.vectors, strict=True))
+            unit, turning = np.zeros((12, 6)), np.zeros((self.nv, 12, 6))
+            unit[:3, :3], unit[:, 3:] = a[:3], np.cross(b, a)
+            turning[:, :3, :3], turning[..., 3:] = da[:, :3], np.cross(db, a) + np.cross(b, da)
+            wrench = self._new(6)
+            wrench[:, 0] = acts @ unit
+            wrench[:, self.by_q] = unit.T @ by_q + (acts @ turning).T
+            wrench[:, self.by_v] = unit.T @ by_v
+            on_bodies[bushing.bodies[0]] -= wrench
+            on_bodies[bushing.bodies[1]] += wrench
         for line, pull in zip(forces.lines, self.springs.lines, strict=True):
             ends = [x @ self.placements[i] for i, x in zip(line.bodies, line.points, strict=True)]
             moved = [x @ self.placements_by_q[i]

@@ -349,6 +349,7 @@ class RowDerivatives:
             a += more[0]
             b += more[1]
         self.products = ProductDerivatives(mechanism, whole, a, b, motion)
+        self.products.values[0][: self.closed] -= c.constants[: self.closed]
 
     def changes(self, order: int) -> tuple[Array, Array]:
         """Return the derivatives (n_closure, nv) of the rows' rates of an order, in q and in v."""

@@ -9,7 +9,7 @@ through the loops, and their changes are part of K and C.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from functools import cached_property
 from typing import NamedTuple
 
@@ -27,7 +27,7 @@ from spatial_pin.dynamics.forces import Law, joint_efforts
 from spatial_pin.dynamics.solvers.equations_of_motion import equations_of
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.loop_equations import LoopEquations
-from spatial_pin.mechanism.coordinates import finite_number
+from spatial_pin.mechanism.coordinates import coordinate_curvature, finite_number
 from spatial_pin.mechanism.inertia import fall_energy
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
@@ -75,6 +75,10 @@ class AppliedLoads:
         self.entries = (*still.entries, *(c.v for c in self.speeds))
         self.held = [c for c in mechanism.coordinate_table.values()
                      if c.q >= 0 and c.v in self.entries]
+
+    def leaves(self, coordinate: Coordinate) -> bool:
+        """Whether a coordinate is neither held nor turned."""
+        return coordinate not in self.components and coordinate.v not in self.entries
 
     def rows(self, evaluation: LoopEquations) -> Array:
         """Return the closure equations, then the held coordinates, as rows (m, nv), scaled."""
@@ -148,9 +152,12 @@ class SmallMotions:
         whole = split_of(mechanism)
         self._rows = rows = RowDerivatives(mechanism, whole, loads.springs.forces, (q, v, a))
         loads.springs.move(rows)
+        multipliers = svd.minimum_norm_transposed(scale * self.wanted)
         self.by_q, self.by_v = changes_of_forces(
             rows, loads.springs, ExternalWrenches(mechanism, whole, loads.external),
-            svd.minimum_norm_transposed(scale * self.wanted)[:n])
+            multipliers[:n])
+        for c, x in zip(loads.components, multipliers[n + len(loads.entries) :], strict=True):
+            self.by_q -= x / scale[c.v] * coordinate_curvature(mechanism, c, q)
         self.size = self._size(np.abs(given) + np.abs(loads.effort))
 
     def _size(self, given: Array) -> float:
@@ -165,32 +172,32 @@ class SmallMotions:
         stiff = np.abs(scale[:, None] * self.by_q * scale).max(initial=0.0)
         return float(weight + rates * inertia + np.abs(scale * given).max(initial=0.0) + stiff)
 
-    def reduced(self, motions: Array, entries: Sequence[int] | None = None) -> ReducedEquations:
+    def reduced(self, motions: Array, rates: Array | None = None) -> ReducedEquations:
         """Return the equations in coordinates whose unit rates move the joints by `motions`.
 
         Args:
             motions: (n, nv) joint velocities.
-            entries: the velocity entries that are these coordinates; None where the motions are
-                orthonormal once they are scaled.
+            rates: (n, nv) of these coordinates by the joints' velocities; None where the motions
+                are orthonormal once they are scaled.
         """
         q, mass = motions.T, self.mass
         stiff, damp = self.by_q @ q, self.by_v @ q
         if self.loads.speeds:
             by_q, by_v = self._rows.changes(2)
-            v = self._carried(self._rows.changes(1)[0] @ q, q, entries)
-            a = self._carried(by_q @ q + by_v @ v, q, entries)
+            v = self._carried(self._rows.changes(1)[0] @ q, q, rates)
+            a = self._carried(by_q @ q + by_v @ v, q, rates)
             stiff = stiff + self.by_v @ v + mass @ a
-            damp = damp + mass @ self._carried(by_v @ q, q, entries)
+            damp = damp + mass @ self._carried(by_v @ q, q, rates)
         sizes = np.abs(motions)
         return ReducedEquations(
             motions, motions @ mass @ q, motions @ damp, motions @ stiff, -motions @ self.wanted,
             (sizes @ (self.size / self._scale), sizes @ np.abs(self.by_q) @ sizes.T))
 
-    def _carried(self, opened: Array, q: Array, entries: Sequence[int] | None) -> Array:
+    def _carried(self, opened: Array, q: Array, rates: Array | None) -> Array:
         """Return the joint rates (nv, n) that close what coordinates open (n_closure, n)."""
         rest = np.zeros((self._inverse.shape[1] - len(opened), opened.shape[1]))
         columns: Array = -self._scale[:, None] * (self._inverse @ np.vstack([opened, rest]))
-        return columns if entries is None else columns - q @ columns[list(entries)]
+        return columns if rates is None else columns - q @ (rates @ columns)
 
     @cached_property
     def orthonormal(self) -> ReducedEquations:

@@ -65,11 +65,13 @@ class Springs:
         forces: the springs.
         lines: those between frames, in the order of `forces.lines`, at a motion.
         turns: those about joints, in the order of `forces.turns`, then what resists.
+        bushings: in the order of `forces.bushings`, the derivatives (12, nv) of their products by
+            q, then what `Bushing.force_derivatives` returns.
     """
 
     lines: list[SpringForce]
     turns: list[SpringForce]
-    bushings: list[tuple[Array, Array, Array]]
+    bushings: list[tuple[Array, Array, Array, Array]]
 
     def __init__(
         self, mechanism: Mechanism, laws: Mapping[str, Law] | None = None,
@@ -121,8 +123,8 @@ class Springs:
             self.lines.append(SpringForce(force, force / length, row, by_q, by_rate * row))
         first = rows.closed + len(self.forces.lines)
         self.bushings = [
-            bushing.force_derivatives(
-                products.values[:2, at : at + 12], products.by_q[:2, at : at + 12])
+            (products.by_q[0, at : at + 12], *bushing.force_derivatives(
+                products.values[:2, at : at + 12], products.by_q[:2, at : at + 12], self._slopes))
             for at, bushing in zip(count(first, 12), self.forces.bushings, strict=False)]
         unit = np.eye(rows.nv)
         for turn in self.forces.turns:
@@ -159,7 +161,7 @@ class Springs:
     def pulls(self) -> Array:
         """Forces of the springs by half their squared lengths, and of bushings by products."""
         return np.concatenate([[-x.per_length for x in self.lines],
-                               *(pull for pull, _, _ in self.bushings)])
+                               *(pull for _, pull, _, _ in self.bushings)])
 
     def by_motion(self) -> tuple[Array, Array]:
         """Return the derivatives (nv, nv) of the springs' joint forces with respect to q and v.
@@ -174,9 +176,9 @@ class Springs:
         for pull in (*self.lines, *self.turns):
             by_q -= np.outer(pull.row, pull.by_q)
             by_v -= np.outer(pull.row, pull.by_v)
-        for _, bent, damped in self.bushings:
-            by_q += bent
-            by_v += damped
+        for rows, _, bent, damped in self.bushings:
+            by_q += rows.T @ bent
+            by_v += rows.T @ damped
         return by_q, by_v
 
 

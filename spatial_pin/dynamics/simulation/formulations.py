@@ -22,6 +22,7 @@ import numpy as np
 
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
+from spatial_pin.dynamics.bushings import Bushing
 from spatial_pin.dynamics.forces import JointSpring, LineSpring
 from spatial_pin.dynamics.simulation.coordinate_partitioning import Spins, free_spins
 from spatial_pin.dynamics.simulation.problem import Problem
@@ -79,20 +80,26 @@ def force_arrays(
     prescribed = [c.v for c, _ in problem.drives]
     resistance, carriers = problem.forces.resistance, problem.packed.carriers
     frames, lines, turns = problem.packed.frames, problem.forces.lines, problem.forces.turns
-    springs = {s.name: (s.stiffness, s.damping, s.free) for s in problem.mechanism.springs
-               if not s.is_bushing}
+    bushings, springs = problem.forces.bushings, {
+        s.name: (s.stiffness, s.damping, s.free) for s in problem.mechanism.springs}
     ends = [(carriers[j], x[:3]) for line in lines
             for j, x in zip(line.bodies, line.points, strict=True)]
     ints: list[Any] = [
-        [n_free, len(prescribed), len(spins), len(lines), len(turns), problem.works, projects],
+        [n_free, len(prescribed), len(spins), len(lines), len(turns), problem.works, projects,
+         len(bushings)],
         prescribed, [carriers[joint] for joint in spins.joints], [j for j, _ in ends],
         [not x.is_linear for x in lines], [x.q for x in turns], [x.v for x in turns],
-        [not x.is_linear for x in turns]]
+        [not x.is_linear for x in turns], [carriers[j] for x in bushings for j in x.bodies],
+        [0 if x.component is None or x.is_linear else 1 + x.component for x in bushings]]
     reals: list[Any] = [
         [tolerance], resistance.damping, resistance.friction,
         resistance.slip_speed, problem.model.armature, problem.constant,
         spins.axes, [frames[j].T @ x for j, x in ends],
-        [springs[x.name] for x in lines], [springs[x.name] for x in turns]]
+        [springs[x.name] for x in lines], [springs[x.name] for x in turns],
+        *(part for x in bushings for part in (
+            *(frames[carriers[j]].T @ y for j, m in zip(x.bodies, x.placements, strict=True)
+              for y in (*m.rotation.T, m.translation)),
+            x.stiffness, x.damping, x.preload, x.stored))]
     return (np.concatenate([np.asarray(x, np.int64).ravel() for x in ints]),
             np.concatenate([np.asarray(x, float).ravel() for x in reals]))
 
@@ -117,11 +124,12 @@ class ForceFunctions:
     def callbacks(self) -> Callbacks:
         """Return the functions, None where the kernel need not call one."""
         problem = self._problem
-        springs: list[LineSpring | JointSpring] = [*problem.forces.lines, *problem.forces.turns]
+        springs: list[LineSpring | JointSpring | Bushing] = [
+            *problem.forces.lines, *problem.forces.turns, *problem.forces.bushings]
         has_laws = not all(spring.is_linear for spring in springs)
         return Callbacks(
-            self._efforts if problem.law or problem.external or problem.forces.bushings else None,
-            (lambda which, length, rate: float(springs[which].law(length, rate)))
+            self._efforts if problem.law or problem.external else None,
+            (lambda which, length, rate: float(springs[which].law(length, rate)))  # type: ignore[misc]
             if has_laws else None,
             self._drives if problem.drives else None, self._least)
 
@@ -135,9 +143,7 @@ class ForceFunctions:
         return self._evaluation
 
     def _efforts(self, t: float, q: Array, v: Array, angles: Array) -> Array:
-        evaluation, forces = self._evaluated(q, angles), self._problem.forces
-        efforts = self._problem.efforts(t, q, v, evaluation)
-        return efforts + forces.of_bushings(evaluation, v) if forces.bushings else efforts
+        return self._problem.efforts(t, q, v, self._evaluated(q, angles))
 
     def _drives(self, t: float) -> Array:
         return np.array([law(t) for _, law in self._problem.drives], float)

@@ -46,6 +46,7 @@ class Record:
     """
 
     start = Energies(0.0, 0.0, 0.0)
+    _time_tolerance = 0.0
 
     def __init__(self, problem: Problem, times: Array, detector: EventDetector) -> None:
         self._problem, self._detector, self.filled = problem, detector, 0
@@ -64,6 +65,8 @@ class Record:
     def begin(self, start: Energies, accuracy: Accuracy) -> None:
         """Set the energies at the start."""
         self.start, self.balance = start, EnergyBalance(self._problem, accuracy, start)
+        self._time_tolerance = (
+            0.0 if INTEGRATORS[accuracy.integrator].is_fixed else accuracy.time_tolerance)
 
     def times_until(self, end: float) -> Array:
         """Return the times of missing samples up to `end`."""
@@ -152,7 +155,7 @@ class Record:
             efforts=ByDriver(problem.mechanism, dict(zip(names, efforts.T.copy(), strict=True))),
             coordinates=list(dict.fromkeys(self._coordinates)), evaluations=evaluations,
             steps=self.steps, by_drivers=problem.by_drivers, joint_limits=self._passed,
-            projection=projection, integrators=integrators,
+            projection=projection, integrators=integrators, time_tolerance=self._time_tolerance,
         )
 
     def refuse_samples(self) -> None:

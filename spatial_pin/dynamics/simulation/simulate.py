@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
 from spatial_pin.dynamics.simulation.events import AT_LIMITS, EventDetector
 from spatial_pin.dynamics.simulation.formulations import OpenLoopsError
+from spatial_pin.dynamics.simulation.global_error import comparison, error_estimates
 from spatial_pin.dynamics.simulation.problem import (
     EffortLaw,
     Problem,
@@ -303,6 +305,10 @@ def simulate(
     state = moving_in_time(mechanism, state)
     mechanism = state.mechanism
     times = _times(duration, times)
+    other = partial(
+        simulate, mechanism, state, duration, efforts, times, comparison(accuracy), drives=drives,
+        external=external, laws=laws, slip_speed=slip_speed, stop_when=stop_when,
+        on_joint_limit=on_joint_limit)
     _check_accuracy(accuracy, float(times[-1]))
     if on_joint_limit not in AT_LIMITS:
         raise ValueError(f"on_joint_limit is {on_joint_limit!r}; it is one of "
@@ -319,8 +325,11 @@ def simulate(
     run = Run(problem, accuracy, state, times, detector)
 
     def motion() -> Simulation:
-        return run.motion() if fall is None else fall.motion(
+        moved = run.motion() if fall is None else fall.motion(
             run.motion(), run.record.start, problem.constant)
+        del moved.error_estimates
+        moved.__dict__["_estimate"] = partial(error_estimates, other)
+        return moved
 
     bar = progress_bar(float(times[-1]), f"{mechanism.name}: seconds", progress)
     try:

@@ -292,13 +292,18 @@ def notices_of(writer: _Writer, off: Iterable[str]) -> Iterator[str]:
     yield from off
     if writer.bases:
         yield f"not joined to the world, so that it floats there: {', '.join(writer.bases)}"
-    cut = [f"{table['name']!r} ({table['type']})" for table in writer.closures]
+    yield from cut_notice(writer.closures)
+    if writer.lost:
+        yield f"a closure has no coordinate, so that this does not act: {', '.join(writer.lost)}"
+
+
+def cut_notice(closures: Iterable[Mapping[str, Any]]) -> Iterator[str]:
+    """Yield a notice of the joints that became closures, if there are any."""
+    cut = [f"{table['name']!r} ({table['type']})" for table in closures]
     if len(cut) == 1:
         yield f"a loop is cut at joint {cut[0]}, which becomes a closure"
     elif cut:
         yield f"{len(cut)} loops are cut at the joints {', '.join(cut)}, which become closures"
-    if writer.lost:
-        yield f"a closure has no coordinate, so that this does not act: {', '.join(writer.lost)}"
 
 
 def _urdf_type(joint: GraphJoint) -> str:

@@ -112,6 +112,11 @@ def _named(robot: ET.Element, content: Mapping[str, Any]) -> Iterator[str]:
             yield from (joint.get("name", ""), mimic.get("joint", ""))
     for transmission in robot.iterfind("transmission/joint"):
         yield transmission.get("name", "")
+    yield from named_coordinates(content)
+
+
+def named_coordinates(content: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the joints whose coordinates a mechanism file refers to."""
     tables = [*content.get("closures", ()), *content.get("springs", ()),
               *content.get("drivers", {}).values()]
     texts = [text for table in tables for key in ("joint", "joints")

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from numpy.polynomial import Polynomial
 
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.mjcf.model_tree import (
@@ -55,8 +56,8 @@ def read_closures(reading: MjcfReading, where: str) -> list[dict[str, Any]]:
     for eq in active:
         kind, name = _kind(reading, eq), model.equality(eq).name
         if kind in ("joint", "tendon"):
-            couple = _coupling if kind == "joint" else _tendon_coupling
-            closures.append((eq, couple(reading, eq, name, where)))
+            closures.append((eq, _coupling(reading, eq, name) if kind == "joint" else
+                             _tendon_coupling(reading, eq, name, where)))
             continue
         if kind not in ("connect", "weld"):
             raise MechanismFileError(
@@ -179,7 +180,7 @@ def _axes(points: Array) -> tuple[str, Array]:
 # ---------------------------------------------------------------- couplings
 
 
-def _coupling(reading: MjcfReading, eq: int, name: str, where: str) -> dict[str, Any]:
+def _coupling(reading: MjcfReading, eq: int, name: str) -> dict[str, Any]:
     """Return joint1 - ref1 = c0 + c1 (joint2 - ref2); without joint2, or c1, joint1 is held."""
     model, data = reading.model, reading.model.eq_data[eq]
     driven, driving = int(model.eq_obj1id[eq]), int(model.eq_obj2id[eq])
@@ -188,19 +189,18 @@ def _coupling(reading: MjcfReading, eq: int, name: str, where: str) -> dict[str,
     if driving < 0 or not np.any(data[1:5]):
         return _held(reading, driven, float(value), name or f"{place.name}_held")
     source = reading.joints[driving].name
+    closure = {"name": name or f"{place.name}_{source}", "type": "coupling",
+               "joints": [source, place.name]}
     if np.any(data[2:5]):
-        raise MechanismFileError(
-            f"{where}: equality {_called(reading, eq)}: {place.name!r} is a polynomial of "
-            f"higher order of {source!r} (polycoef {data[:5].tolist()}); a coupling is linear")
-    return {"name": name or f"{place.name}_{source}", "type": "coupling",
-            "joints": [source, place.name], "ratio": float(data[1]),
-            "offset": float(value - data[1] * refs[driving])}
+        moved = Polynomial(data[:5])(Polynomial([-refs[driving], 1.0])) + refs[driven]
+        return {**closure, "function": {"polynomial": moved.trim().coef.tolist()}}
+    return {**closure, "ratio": float(data[1]), "offset": float(value - data[1] * refs[driving])}
 
 
 def _tendon_coupling(reading: MjcfReading, eq: int, name: str, where: str) -> dict[str, Any]:
     """Return length1 - rest1 = c0 + c1 (length2 - rest2) of tendons.
 
-    Fixed ones over two joints are a coupling, straight ones between two sites a distance.
+    Fixed ones are a coupling of their joints, straight ones a rope over their sites, or a distance.
     """
     model, data = reading.model, reading.model.eq_data[eq]
     first, second = int(model.eq_obj1id[eq]), int(model.eq_obj2id[eq])
@@ -214,12 +214,16 @@ def _tendon_coupling(reading: MjcfReading, eq: int, name: str, where: str) -> di
         for joint, weight in fixed_lengths(reading, second).items():
             terms[joint] = terms.get(joint, 0.0) - data[1] * weight
     terms = {joint: weight for joint, weight in terms.items() if weight}
-    if not 1 <= len(terms) <= 2 or (second >= 0 and np.any(data[2:5])):
+    if not terms or (second >= 0 and np.any(data[2:5])):
         raise MechanismFileError(
-            f"{where}: equality {_called(reading, eq)} of tendons is neither a linear coupling of "
-            "two joints nor a distance of two sites, for which there are closures; take it out or "
-            "set active=\"false\"")
+            f"{where}: equality {_called(reading, eq)} of tendons is neither a coupling of joints "
+            "nor a rope over sites, for which there are closures; take it out or set "
+            "active=\"false\"")
     (driven, weight), *others = terms.items()
+    if len(others) > 1:
+        joints = [reading.joints[joint].name for joint in terms]
+        return {"name": name or "_".join(joints), "type": "coupling", "joints": joints,
+                "ratios": list(map(float, terms.values())), "offset": float(-rest)}
     if not others:
         name = name or f"{reading.joints[driven].name}_held"
         return _held(reading, driven, float(rest / weight), name)
@@ -230,21 +234,22 @@ def _tendon_coupling(reading: MjcfReading, eq: int, name: str, where: str) -> di
 
 
 def _distance(reading: MjcfReading, eq: int, name: str) -> dict[str, Any] | None:
-    """Return the distance that a straight tendon of constant length holds; None for another.
+    """Return the distance, or rope, of a straight tendon of constant length; None for another.
 
-    Its length may be that of a second straight tendon, too.
+    The length of a distance may be that of a second straight tendon, too.
     """
     model, data = reading.model, reading.model.eq_data[eq]
     first, second = int(model.eq_obj1id[eq]), int(model.eq_obj2id[eq])
     sites, rest = straight_sites(reading, first), float(model.tendon_length0[first])
-    if not sites:
+    if not sites or (len(sites) > 2 and second >= 0):
         return None
-    closure = {"name": name, "type": "distance", "frames": site_frames(reading, name, sites)}
+    closure = {"name": name, "type": "rope" if len(sites) > 2 else "distance",
+               "frames": site_frames(reading, name, sites)}
     if second < 0:
         return {**closure, "length": rest + float(data[0])} if rest + data[0] > 0.0 else None
     others, other = straight_sites(reading, second), float(model.tendon_length0[second])
     same = abs(rest + data[0] - other) <= TOLERANCES.tight * max(rest, other)
-    if not others or data[1] != 1.0 or np.any(data[2:5]) or not same:
+    if len(others) != 2 or data[1] != 1.0 or np.any(data[2:5]) or not same:
         return None
     return {**closure, "length_between": site_frames(reading, f"{name}_other", others)}
 

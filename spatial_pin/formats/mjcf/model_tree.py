@@ -295,14 +295,14 @@ def fixed_lengths(reading: MjcfReading, tendon: int) -> dict[int, float]:
 
 
 def straight_sites(reading: MjcfReading, tendon: int) -> list[int]:
-    """Return the two sites of a straight tendon between bodies that can move; else none."""
+    """Return the sites of a straight tendon between bodies that can move; else none."""
     model = reading.model
     wraps = slice(model.tendon_adr[tendon], model.tendon_adr[tendon] + model.tendon_num[tendon])
     kinds, sites = model.wrap_type[wraps], [int(site) for site in model.wrap_objid[wraps]]
-    if len(sites) != 2 or np.any(kinds != int(reading.mujoco.mjtWrap.mjWRAP_SITE)):
+    if len(sites) < 2 or np.any(kinds != int(reading.mujoco.mjtWrap.mjWRAP_SITE)):
         return []
     bodies = {int(model.body_weldid[model.site_bodyid[site]]) for site in sites}
-    return sites if len(bodies) == 2 else []
+    return sites if len(bodies) > 1 else []
 
 
 def site_frames(reading: MjcfReading, name: str, sites: list[int]) -> list[str]:

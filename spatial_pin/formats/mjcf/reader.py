@@ -38,7 +38,7 @@ def read_drivers(reading: MjcfReading, closures: list[dict[str, Any]]) -> dict[s
     for actuator in range(len(model.actuator_trntype)):  # some have several controls
         name = model.actuator(actuator).name
         joint, why = _driven_joint(reading, actuator, closures)
-        if joint is not None and joint not in driven and _coupled({joint}, closures) & driven:
+        if joint is not None and joint not in driven and joint in _coupled(driven, closures):
             joint, why = None, f"joint {joint!r} is coupled to one that has a driver"
         if joint is None:
             called = repr(name) if name else f"number {actuator}"
@@ -65,7 +65,7 @@ def _driven_joint(
     if kind == kinds.mjTRN_TENDON:
         name = model.tendon(target).name
         joints = {reading.joints[joint].name for joint in fixed_lengths(reading, target)}
-        if len(joints) == 1 or (joints and joints <= _coupled(joints, closures)):
+        if len(joints) == 1 or (joints and joints <= _coupled({min(joints)}, closures)):
             return next(x.name for x in reading.joints if x.name in joints), ""
         return None, f"tendon {name!r} moves more than one coordinate"
     word = kind.name.removeprefix("mjTRN_").lower()
@@ -73,10 +73,10 @@ def _driven_joint(
 
 
 def _coupled(joints: set[str], closures: list[dict[str, Any]]) -> set[str]:
-    """Return the joints that move with one of the given ones."""
-    group, pairs = {min(joints)}, [set(c["joints"]) for c in closures if "joints" in c]
+    """Return the joints that are coupled to the given ones, and to no others that are free."""
+    group, tied = set(joints), [set(c["joints"]) for c in closures if "joints" in c]
     while True:
-        more = {j for pair in pairs if pair & group for j in pair}
+        more = {j for ends in tied if len(ends - group) == 1 for j in ends}
         if more <= group:
             return group
         group |= more
@@ -94,7 +94,7 @@ def read_springs(reading: MjcfReading) -> list[dict[str, Any]]:
         stiffness, damping = model.tendon_stiffness[tendon], model.tendon_damping[tendon]
         low, high = model.tendon_lengthspring[tendon]
         sites = straight_sites(reading, tendon)
-        if sites and low == high and (stiffness or damping):
+        if len(sites) == 2 and low == high and (stiffness or damping):
             reading.tendons.add(tendon)
             name = model.tendon(tendon).name or f"tendon_{tendon}"
             springs.append({"name": name, "frames": site_frames(reading, name, sites),

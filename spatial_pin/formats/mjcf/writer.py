@@ -102,15 +102,14 @@ def add_closures(document: MjcfDocument, q: Array) -> None:
     """Add an equality for every closure."""
     for closure in document.mechanism.closures:
         if closure.type == COUPLING:
-            first, second = (document.mechanism.coordinate(name).name for name in closure.joints)
-            document.tie(closure.name, second, first, closure.ratio, closure.offset)
+            _couple(document, closure)
         elif closure.type in EQUALITIES:
             _equality(document, EQUALITIES[closure.type], closure)
         elif closure.type == "revolute":  # two points of its axis, far apart
             along = np.array([0.0, 0.0, document.mechanism.characteristic_length])
             _equality(document, "connect", closure)
             _equality(document, "connect", closure, "_end", pin.SE3(np.eye(3), along))
-        elif closure.type == "distance":
+        elif closure.type in ("distance", "rope"):
             _rope(document, closure)
         elif closure.type in COMPOSED:
             _compose(document, closure, q)
@@ -118,6 +117,30 @@ def add_closures(document: MjcfDocument, q: Array) -> None:
             raise ClosureTypeError(
                 f"mechanism {document.mechanism.name!r}: closure {closure.name!r} is "
                 f"{closure.type}; MuJoCo has no equality that is exactly this")
+
+
+def _couple(document: MjcfDocument, closure: Closure) -> None:
+    """Add the equality of two joints, or a tendon of several whose length is held."""
+    names = [document.mechanism.coordinate(name).name for name in closure.joints]
+    numbers = closure.numbers
+    if "ratio" in numbers:
+        document.tie(closure.name, names[1], names[0], closure.ratio, closure.offset)
+        return
+    if "ratios" in numbers:
+        tendon = ET.SubElement(document.part("tendon"), "fixed", name=closure.name)
+        for name, ratio in zip(names, closure.ratios, strict=True):
+            ET.SubElement(tendon, "joint", joint=name, coef=repr(ratio))
+        ends, coefficients = {"tendon1": closure.name}, [-closure.offset]
+    else:
+        ends = {"joint1": names[1], "joint2": names[0]}
+        coefficients = numbers["function"].form.get("polynomial", [0.0] * 6)
+        if len(coefficients) > 5:
+            raise ClosureTypeError(
+                f"mechanism {document.mechanism.name!r}: closure {closure.name!r} is a coupling by "
+                f"{numbers['function']}; MuJoCo has polynomials up to degree four")
+    ET.SubElement(document.part("equality"), "joint" if "joint1" in ends else "tendon", {
+        "name": closure.name, **ends,
+        "polycoef": numbers_text(np.array([*coefficients, *[0.0] * (5 - len(coefficients))]))})
 
 
 def _frames_of(closure: Closure) -> tuple[pin.SE3, pin.SE3]:
@@ -142,10 +165,10 @@ def _equality(
 
 
 def _rope(document: MjcfDocument, closure: Closure) -> None:
-    """A distance is a straight tendon whose length is held, or is that of another."""
+    """A distance or rope is a straight tendon whose length is held, or is that of another."""
     rest = _tendon(document, closure.name, closure.frames)
     attributes = {"name": closure.name, "tendon1": closure.name}
-    length: float | None = closure.geometry.length
+    length: float | None = closure.numbers.get("length", closure.geometry.length)
     if closure.between:
         length = rigid_distance(*map(document.mechanism.frame_on_joint, closure.between))
     if length is not None:
@@ -158,7 +181,7 @@ def _rope(document: MjcfDocument, closure: Closure) -> None:
 
 
 def _tendon(document: MjcfDocument, name: str, frames: tuple[str, ...]) -> float:
-    """Add a straight tendon between two frames; return its length [m] where joints are at zero."""
+    """Add a straight tendon over frames; return its length [m] where joints are at zero."""
     mech = document.mechanism
     tendon = ET.SubElement(document.part("tendon"), "spatial", name=name)
     data = mech.model.createData()
@@ -168,7 +191,7 @@ def _tendon(document: MjcfDocument, name: str, frames: tuple[str, ...]) -> float
         ET.SubElement(tendon, "site", site=document.frame(frame))
         joint, placement = mech.frame_on_joint(frame)
         points.append(data.oMi[joint].act(placement.translation))
-    return float(np.linalg.norm(points[1] - points[0]))
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
 def _compose(document: MjcfDocument, closure: Closure, q: Array) -> None:
@@ -218,7 +241,13 @@ def add_springs(document: MjcfDocument) -> None:
                 f"mechanism {mech.name!r}: spring {spring.name!r} is a bushing, has a law, "
                 "or pulls or pushes only; springs of MuJoCo have a stiffness alone: leave it out "
                 "of the mechanism, or write a force of your own beside the model")
-        if not spring.frames:
+        if spring.joint is not None:  # told at the joint, if that has one coordinate
+            pair = mech.pair_of(mech.coordinate(spring.joint).joint)
+            if mech.coordinate(spring.joint).q < 0:
+                raise SpatialPinError(
+                    f"mechanism {mech.name!r}: spring {spring.name!r} is on one component of a "
+                    f"{pair} joint, where MuJoCo has none: leave it out of the mechanism, or "
+                    "write a force of your own beside the model")
             continue
         tendon = ET.SubElement(document.part("tendon"), "spatial", {
             "name": spring.name, "stiffness": repr(float(spring.stiffness)),

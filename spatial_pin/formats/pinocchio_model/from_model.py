@@ -20,6 +20,7 @@ from spatial_pin.formats.pinocchio_model.pair_tree import (
 from spatial_pin.formats.pinocchio_model.urdf_text import LinkTree, urdf_of
 from spatial_pin.formats.urdf.elements import fresh
 from spatial_pin.mechanism.closures import FrameSpec, of_native
+from spatial_pin.mechanism.contact_sides import sided
 from spatial_pin.mechanism.coordinates import check_guess, joint_vector
 from spatial_pin.mechanism.inertia import remainder
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -76,7 +77,7 @@ def mechanism_of(
     check_mechanism(made, where)
     made = made.with_fields(guess=_guess(given, made, guess), urdf=urdf_of(made, bodies))
     check_guess(made, where)
-    return made
+    return sided(made)
 
 
 def _guess(

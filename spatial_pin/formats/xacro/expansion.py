@@ -176,6 +176,15 @@ def arguments_of(expansion: Expansion) -> dict[str, str]:
     return arguments
 
 
+def with_defaults(text: str, values: Mapping[str, float]) -> str:
+    """Return the text of a xacro file with other defaults of its arguments."""
+    def other(found: re.Match[str]) -> str:
+        name = found[2]
+        return f"{found[1]}{xacro_text(values[name])}{found[3]}" if name in values else found[0]
+
+    return re.sub(r'(<xacro:arg name="([^"]*)" default=")[^"]*(")', other, text)
+
+
 # ---------------------------------------------------------------- one expansion
 
 
@@ -259,7 +268,7 @@ class XacroFiles:
 
     def parse(self, _: None, name: str) -> Any:
         """Return the document of a file."""
-        path = Path(name)
+        path = self.path if name == str(self.path) else Path(name)  # it may be held in memory
         if not os.path.exists(path) and self.xacro.filestack[1:]:  # an include that may be missing
             self.xacro.filestack.pop()
             error = FileNotFoundError(2, "no such file", name)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -122,6 +123,8 @@ class Values(dict[str, Any]):
         def number(key: str, value: Any) -> Any:
             if isinstance(value, list):
                 return [number(key, x) for x in value]
+            if isinstance(value, dict):
+                return {k: number(f"{key}.{k}", x) for k, x in value.items()}
             if not _is_written(value):
                 return value
             try:
@@ -141,8 +144,56 @@ class Values(dict[str, Any]):
         return {key: number(key, value) for key, value in self._table.items()}
 
 
+SECTIONS = "joints", "closures", "curves", "springs", "masses"  # of a mechanism file, with numbers
+WRITTEN = re.compile(r"\s*\$\{[^}]*\}\s*")
+
+
+def expressions_in(content: Mapping[str, Any]) -> dict[str, str]:
+    """Return the numbers of a mechanism file that are written as `${...}`, by their places."""
+    found: dict[str, str] = {}
+    waiting: list[tuple[str, Any]] = [(key, content.get(key)) for key in SECTIONS]
+    while waiting:
+        place, value = waiting.pop()
+        if isinstance(value, str) and WRITTEN.fullmatch(value):
+            found[place] = value
+        waiting += [(f"{place}{name}", inner) for name, inner in _inner(value)]
+    return found
+
+
+def written_dimensions(content: Mapping[str, Any], names: Iterable[str]) -> set[str]:
+    """Return the dimensions, of some, that numbers of a mechanism file itself follow from."""
+    texts = " ".join(expressions_in(content).values())
+    return {name for name in names if re.search(rf"\b{re.escape(name)}\b", texts)}
+
+
+def _inner(value: Any) -> list[tuple[str, Any]]:
+    if isinstance(value, dict):
+        return [(f".{key}", x) for key, x in value.items()]
+    return [(f"[{k}]", x) for k, x in enumerate(value)] if isinstance(value, list) else []
+
+
+def with_numbers(
+    content: Mapping[str, Any], where: Path, tree: Path, parameters: Mapping[str, float],
+    trusted: bool, packages: Mapping[str, Path],
+) -> dict[str, Any]:
+    """Return a mechanism file's content with numbers in the place of `${...}`; see `Values`."""
+    written = expressions_in(content)
+    if not written:
+        return dict(content)
+    numbers = Values(written, where, "numbers", tree, parameters, trusted, packages)
+
+    def replaced(place: str, value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: replaced(f"{place}.{key}", x) for key, x in value.items()}
+        if isinstance(value, list):
+            return [replaced(f"{place}[{k}]", x) for k, x in enumerate(value)]
+        return numbers.get(place, value)
+
+    return {key: replaced(key, x) if key in SECTIONS else x for key, x in content.items()}
+
+
 def _is_written(value: Any) -> bool:
-    """Whether a value is, or holds, a text to be worked out."""
-    if isinstance(value, list):
-        return any(map(_is_written, value))
+    """Whether a value is, or contains, an expression."""
+    if isinstance(value, list | dict):
+        return any(map(_is_written, value if isinstance(value, list) else value.values()))
     return isinstance(value, str) and "$" in value

@@ -107,8 +107,8 @@ static void place_quantity(Kernel *k, Int i)
                                                                  : k->products.value[at];
     all->value[i] = x;
     if (f >= 0)
-        piecewise_at(all->shape + SHAPE * f, all->number, x, all->value + i, all->slope + i,
-                     all->bend + i);
+        piecewise_at(all->shape + SHAPE * f, all->number, all->called[f], x, all->value + i,
+                     all->slope + i, all->bend + i);
 }
 
 static void rate_quantity(Kernel *k, Int i, const Real *v)

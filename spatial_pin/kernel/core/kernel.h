@@ -116,6 +116,7 @@ typedef struct {
     const Int *function;         /* of it, or -1 */
     const Int *shape;            /* (n_functions, 4) see piecewise.h */
     const Real *number;
+    Called *called;              /* functions of the caller, NULL of others */
     Real *value, *rate, *bias;   /* of each; bias: second derivative */
     Real *slope, *bend;          /* derivatives of the functions */
 } Quantities;
@@ -200,9 +201,10 @@ typedef struct Kernel {
 } Kernel;
 
 /* ---- model.c ---- */
-/* Make a kernel of two arrays, in the order in which read_structure and read_numbers read them. DONE,
-   BAD_ARRAYS, NO_MEMORY. */
-EXPORT int kernel_create(const Int *ints, Int n_ints, const Real *reals, Int n_reals, Kernel **out);
+/* Make a kernel of two arrays, in the order in which read_structure and read_numbers read them, and of
+   the caller's functions (n_called), NULL for those that have numbers. DONE, BAD_ARRAYS, NO_MEMORY. */
+EXPORT int kernel_create(const Int *ints, Int n_ints, const Real *reals, Int n_reals,
+                         const Called *called, Int n_called, Kernel **out);
 /* Take the numbers of other dimensions; the kernel is as if it had been made of them. */
 EXPORT int kernel_set_numbers(Kernel *k, const Real *reals, Int n_reals);
 /* The same numbers but for some, at places below n_reals; other places are not looked at. */

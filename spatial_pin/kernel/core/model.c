@@ -199,6 +199,8 @@ static int make_room(Kernel *k)
     };
     for (size_t i = 0; i < sizeof fields / sizeof *fields; i++)
         *fields[i].to = kernel_reals(k, fields[i].count);
+    k->quantities.called =
+        kernel_memory(k, k->quantities.n_functions, sizeof *k->quantities.called);
     k->plain = kernel_ints(k, n);
     k->moves = kernel_ints(k, n);
     k->system.chosen = kernel_ints(k, nv);
@@ -212,7 +214,8 @@ static int make_room(Kernel *k)
     return kernel_had_memory(k) && k->system.lu;
 }
 
-EXPORT int kernel_create(const Int *ints, Int n_ints, const Real *reals, Int n_reals, Kernel **out)
+EXPORT int kernel_create(const Int *ints, Int n_ints, const Real *reals, Int n_reals,
+                         const Called *called, Int n_called, Kernel **out)
 {
     *out = NULL;
     Kernel *k = calloc(1, sizeof *k);
@@ -224,6 +227,8 @@ EXPORT int kernel_create(const Int *ints, Int n_ints, const Real *reals, Int n_r
         spins_are_sound(k) && equations_are_sound(k))
         code = make_room(k) ? read_numbers(k, reals, n_reals) : NO_MEMORY;
     if (code == DONE) {
+        for (Int i = 0; i < n_called && i < k->quantities.n_functions; i++)
+            k->quantities.called[i] = called[i];
         k->R[0] = k->R[4] = k->R[8] = 1.0; /* the ground */
         find_plain_joints(k);
         equations_begin(k);

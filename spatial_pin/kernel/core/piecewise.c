@@ -19,10 +19,30 @@ static Int piece_of(const Real *breaks, Int n, Real x)
     return low;
 }
 
-void piecewise_at(const Int *shape, const Real *numbers, Real x, Real *value, Real *slope,
-                  Real *bend)
+/* The square root, or a function of the caller's. */
+static void other_function_at(const Int *shape, Called called, Real x, Real *value, Real *slope,
+                              Real *bend)
+{
+    if (shape[CALLED]) {
+        Real found[3] = {NAN, NAN, NAN};
+        if (called)
+            called(x, found);
+        *value = found[0], *slope = found[1], *bend = found[2];
+        return;
+    }
+    *value = sqrt(x);
+    *slope = 0.5 / *value;
+    *bend = -0.5 * *slope / x;
+}
+
+void piecewise_at(const Int *shape, const Real *numbers, Called called, Real x, Real *value,
+                  Real *slope, Real *bend)
 {
     const Int n = shape[PIECES], degree = shape[DEGREE];
+    if (!n) {
+        other_function_at(shape, called, x, value, slope, bend);
+        return;
+    }
     const Real *breaks = numbers + shape[FIRST_NUMBER], *coefficients = breaks + n + 1;
     const Real period = breaks[n] - breaks[0], rise = coefficients[n * (degree + 1)];
     const Real periods = shape[REPEATS] ? floor((x - breaks[0]) / period) : 0.0;
@@ -45,6 +65,9 @@ Int piecewise_size(const Int *shape, Int n)
 {
     Int total = 0;
     for (Int i = 0; i < n; i++, shape += SHAPE) {
+        if (shape[FIRST_NUMBER] == total && !shape[PIECES] && !(shape[CALLED] & ~(Int)1) &&
+            !shape[REPEATS])
+            continue; /* it has no numbers */
         if (shape[FIRST_NUMBER] != total || shape[PIECES] < 1 || shape[PIECES] > MOST_BREAKS ||
             shape[DEGREE] < 0 || shape[DEGREE] > MOST_POWERS || (shape[REPEATS] & ~(Int)1))
             return -1;

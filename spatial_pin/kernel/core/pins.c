@@ -93,7 +93,7 @@ Real pin_value_near(const Pin *pin, const Real *q, Real wanted)
 }
 
 /* g and its derivative by t², at t² = s. */
-static void factors_of(Real s, Real *g, Real *slope)
+void rotation_factors(Real s, Real *g, Real *slope)
 {
     static const Real series[6] = {1.0 / 12.0,      1.0 / 720.0,      1.0 / 30240.0,
                                    1.0 / 1209600.0, 1.0 / 47900160.0, 691.0 / 1307674368000.0};
@@ -125,7 +125,7 @@ static void position_row(const Real *q, Int component, Real *row)
 void rotation_vector_row(const Real *phi, Int component, Real *row)
 {
     Real axis[3] = {0.0, 0.0, 0.0}, once[3], twice[3], g, slope;
-    factors_of(dot3(phi, phi), &g, &slope);
+    rotation_factors(dot3(phi, phi), &g, &slope);
     axis[component] = 1.0;
     cross3(axis, phi, once);
     cross3(once, phi, twice);
@@ -156,7 +156,7 @@ void pin_scaled_row(const Kernel *k, const Pin *pin, Real *row)
 static void rotation_bias(const Real *phi, const Real *w, Real *bias)
 {
     Real g, slope, once[3], twice[3], rate[3], turned[3], first[3], second[3];
-    factors_of(dot3(phi, phi), &g, &slope);
+    rotation_factors(dot3(phi, phi), &g, &slope);
     cross3(phi, w, once);
     cross3(phi, once, twice);
     for (int i = 0; i < 3; i++)

@@ -42,4 +42,8 @@ void pin_scaled_row(const Kernel *k, const Pin *pin, Real *row);
 /* Second derivative of the value at joint rates v and zero joint accelerations. */
 Real pin_bias(const Pin *pin, const Real *q, const Real *v);
 
+/* The factor g of phi' = w - phi x w / 2 + g phi x (phi x w), w in the axes that phi starts from, and
+ * its derivative by s, at s = phi . phi. */
+void rotation_factors(Real s, Real *g, Real *slope);
+
 #endif

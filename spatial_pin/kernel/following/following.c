@@ -18,12 +18,17 @@ static Path *path_of(Kernel *k)
     if (path)
         return path;
     path = kernel_memory(k, 1, sizeof *path);
-    Real *from = kernel_reals(k, 3 * point_numbers(k));
+    Real *from = kernel_reals(k, 4 * point_numbers(k) + 3 * k->nv + k->nq * (BETWEEN_DEGREE + 1));
     Int *chosen = kernel_ints(k, k->nv);
     if (!kernel_had_memory(k) || prescribed_create(k, &path->prescribed) != DONE)
         return NULL;
     for (int i = 0; i < 3; i++)
         point_carve(k, &from, path->points + i);
+    point_carve(k, &from, &path->middle);
+    path->probe.t = from;
+    path->probe.along = from + k->nv;
+    path->probe.change = from + 2 * k->nv;
+    path->between.coefficient = from + 3 * k->nv;
     path->k = k;
     path->chosen = chosen;
     path->here = path->points;
@@ -76,8 +81,10 @@ static void forget(Path *path)
     path->zero = INFINITY;
     path->zero_known = path->has_before = path->stale = 0;
     path->idle_way = is_fixed ? INFINITY : IDLE_FIRST;
-    path->between_way = BETWEEN_FIRST * sqrt(sqrt(path->accuracy.between));
+    path->between_way = BETWEEN_FIRST * pow(path->accuracy.between, 1.0 / 7.0);
+    path->degree = 0;
     path->open = OPENED * path->here->error;
+    path->idle_left = path->missed = 0.0;
 }
 
 /* Choose equations, if there are more than are wanted, and find the rates where the path starts. */
@@ -96,6 +103,8 @@ static int start(Path *path, const Real *angles)
         code = UNSAFE;
     if (code == DONE)
         code = point_rates(k, &path->prescribed, here);
+    if (code == DONE)
+        probe_errors(path);
     keep_choice(path);
     path->sign = k->system.sign;
     path->selected = here->size;
@@ -104,7 +113,7 @@ static int start(Path *path, const Real *angles)
     return code == DONE && is_chosen ? is_regular(path) : code;
 }
 
-static void write_here(const Path *path)
+static void write_here(Path *path)
 {
     *path->task.s = path->here->s;
     write_row(path, &path->task.here, 0);

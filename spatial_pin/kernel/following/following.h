@@ -14,7 +14,8 @@ typedef struct {
     Real tolerance; /* closure residual to reach by corrections */
     Real left;      /* closure residual that round-off may leave where there is no closer */
     Real idle;      /* idle rotation that one step may leave [rad] */
-    Real between;   /* error of points that are interpolated between others; 0: none are */
+    Real between;   /* error of samples that are interpolated between points, of q, and of rates by
+                       their size; 0: none are */
     Int order;      /* of the predictor: 0 to 2 Taylor's, 3 Hermite's through two points */
     Int corrections; /* of a step, whatever the residual; -1: as many as it takes. A fixed number
                        of them goes with Taylor's predictor, of order 3 too */
@@ -25,6 +26,7 @@ typedef struct {
     Real *q;      /* (n, nq) */
     Real *t, *c;  /* (n, nv) first and second derivative by s, joint rates */
     Real *error;  /* (n) largest residual of all closure equations */
+    Real *estimate; /* (n, 3) error estimates of q, t and c, scaled */
     Real *angles; /* (n, n_angles) of screws, counting turns */
 } PathRows;
 

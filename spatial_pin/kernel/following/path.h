@@ -3,7 +3,16 @@
 #define SPATIAL_PIN_PATH_H
 
 #include "following.h"
-#include "path_point.h"
+#include "interpolating.h"
+
+/* How a path's equations magnify errors at one of its points, see estimating.c. */
+typedef struct {
+    Real gain;          /* of residuals, into errors of q */
+    Real first, second; /* of errors of q, into those of t and of c */
+    Real pace, bend, pivot; /* there: where they have changed, it is worth another look */
+    Int rows;           /* written since */
+    Real *t, *along, *change; /* (nv) */
+} Probe;
 
 typedef struct Path {
     Kernel *k;
@@ -11,6 +20,8 @@ typedef struct Path {
     PathAccuracy accuracy; /* of the task */
     Prescribed prescribed;
     Point points[3], *here, *before, *next; /* `next` is the trial */
+    Between between; /* polynomials of the last interpolated step */
+    Point middle;   /* of that */
     int has_started; /* whether there is a point `here` */
     int has_before; /* whether there is a point before `here`, on the same stretch */
     Int *chosen;    /* equations in use at `here` */
@@ -20,9 +31,13 @@ typedef struct Path {
     int zero_known, stale; /* `stale`: the factors are of another point than `here` */
     Real idle_way;  /* the joints' longest way in a step that idle rotations allow */
     Real between_way; /* the joints' way between points that samples are interpolated between */
-    int is_between; /* whether the last step is as short, as far as its error is known */
     Real way;       /* the joints' way in the last step that was tried, by prediction */
-    Real missed;    /* of q, by the last step's prediction: Hermite's error between its points */
+    Real rounding;  /* closure error that round-off of q may leave, as of the last step */
+    Probe probe;    /* of errors, where that was last worth it */
+    Real idle_left; /* idle rotation that all steps may have left, by estimate [rad] */
+    Real missed;    /* error in the middle of the last interpolated step, by the way's power that it
+                       grows with; of polynomials of that degree */
+    Int degree;
     Real open;      /* residual of equations left out that no other choice makes smaller */
 } Path;
 
@@ -36,6 +51,7 @@ int stand_again(Path *path);
 int turn_into(Path *path, Real sense);
 /* Learn where the determinant vanishes, if that is not known, from a small part of a step h. */
 int look_ahead(Path *path, Real h);
+Real round_off_of(const Kernel *k, const Real *q); /* closure error that it may leave at q */
 void keep_choice(Path *path); /* the equations in use are those at `here` */
 int has_redundant(const Kernel *k);
 Real distance_ahead(const Path *path, Real h); /* way of s to where the determinant vanishes, or inf */
@@ -50,17 +66,27 @@ int factor_at_path_point(Kernel *k); /* where it is evaluated, passive freedoms 
 /* Turn links about their own axes to where no idle rotation leaves them in a step to `next`. */
 int take_idle_back(Path *path, Real way);
 
+/* ---- estimating.c ---- */
+/* See how errors are magnified where the path stands, at its factored point. */
+void probe_errors(Path *path);
+/* Error estimates (3) of q, t and c, scaled, where the path stands. */
+void estimate_here(Path *path, Real *estimate);
+/* The same of samples that are interpolated between a point and the present one, to which one step has
+   led, with a third point before them or NULL. Returns their size by what is allowed, and learns from
+   it how long the next step may be. */
+Real estimate_between(Path *path, const Point *third, const Point *from, Real *estimate);
+
 /* ---- sampling.c ---- */
 /* Go to a value of s by as many steps as the path needs, of equal length where they may be. */
 int reach(Path *path, Real target);
-void write_row(const Path *path, const PathRows *rows, Int i); /* of the current point */
+void write_row(Path *path, const PathRows *rows, Int i); /* of where the path stands */
+void write_row(Path *path, const PathRows *rows, Int i); /* of the current point */
 /* Write samples at values (n) of s; returns how many were reached. */
 Int follow_values(Path *path, const Real *values, Int n, const PathRows *rows);
 
 #define IDLE_FIRST 0.05  /* first way with idle rotations, whose error is not known yet: of 4e-12
                             rad at a way of 0.3, as measured, (1/6)^6 is round-off */
 #define BETWEEN_FIRST 0.5 /* first way between points that samples are interpolated between, by the
-                            fourth root of the error allowed, which grows with its fourth power */
-#define BETWEEN_LONGEST 0.5 /* and the longest */
+                            seventh root of the error allowed, which grows with its seventh power */
 
 #endif

@@ -1,7 +1,6 @@
 /* Many values of a path: steps to each of them, or few steps and samples between their ends. */
 #include <string.h>
 
-#include "interpolating.h"
 #include "path.h"
 
 /* Way, in longest steps, of a value that is followed to at all: a hundred thousand turns,
@@ -10,6 +9,7 @@
 #define MOST_HALVINGS 8.0 /* of a step, before the caller is asked, who goes on by arc length */
 #define PIN_HALVINGS 48.0 /* the same where a component is driven: there is no going on */
 #define MOST_FAILED 10000 /* steps on the way to one value: every path ends */
+#define REGROWTH 1.03  /* of the way between points from sample to sample, while there is none between */
 #define BETWEEN_NEARER 0.0625 /* part of the way to where the determinant vanishes that a step which
                             samples are interpolated in may go. At a limit the determinant falls
                             like a root, and that way is four times the true one: a quarter of
@@ -51,7 +51,7 @@ int reach(Path *path, Real target)
     return code;
 }
 
-void write_row(const Path *path, const PathRows *rows, Int i)
+void write_row(Path *path, const PathRows *rows, Int i)
 {
     const Kernel *k = path->k;
     const Point *here = path->here;
@@ -60,6 +60,7 @@ void write_row(const Path *path, const PathRows *rows, Int i)
     memcpy(rows->c + i * k->nv, here->c, (size_t)k->nv * sizeof *here->c);
     memcpy(rows->angles + i * k->n_angles, here->angle, (size_t)k->n_angles * sizeof *here->angle);
     rows->error[i] = here->error;
+    estimate_here(path, rows->estimate + 3 * i);
 }
 
 /* Row i is where the path stands; at a break what is prescribed goes on as behind it. */
@@ -95,14 +96,15 @@ static Int last_within(Path *path, const Real *values, Int i, Int n)
     return last;
 }
 
-/* Write row i, at a value between a point and the present one; DONE if its loops are closed. */
-static int put_between(Path *path, const Point *from, Real value, const PathRows *rows, Int i)
+/* Write row i, at a value between a point and the present one. */
+static void put_between(Path *path, const Point *from, Real value, const Real *estimate,
+                        const PathRows *rows, Int i)
 {
     Kernel *k = path->k;
     const Point *to = path->here;
     const Real part = (value - from->s) / (to->s - from->s);
     Real *q = rows->q + i * k->nq, *angle = rows->angles + i * k->n_angles;
-    point_between(k, from, to, value, q, rows->t + i * k->nv, rows->c + i * k->nv);
+    between_at(k, &path->between, value, q, rows->t + i * k->nv, rows->c + i * k->nv);
     prescribe(&path->prescribed, value);
     prescribed_put(&path->prescribed, q);
     for (Int x = 0; x < k->n_angles; x++)
@@ -111,37 +113,52 @@ static int put_between(Path *path, const Point *from, Real value, const PathRows
     for (Int x = 0; x < k->n_angles; x++)
         angle[x] = k->angle[x];
     rows->error[i] = equations_error(k);
+    memcpy(rows->estimate + 3 * i, estimate, 3 * sizeof *estimate);
+}
+
+/* Take the last step back, to a point with another one before it, or NULL. */
+static void go_back(Path *path, Point *before, Point *to)
+{
+    Point *const ahead = path->here;
+    for (int i = 0; i < 3; i++)
+        if (path->points + i != ahead && path->points + i != to)
+            path->before = path->points + i;
+    path->next = ahead;
+    path->here = to;
+    path->has_before = before != NULL;
     path->stale = 1;
-    return rows->error[i] <= path->accuracy.between ? DONE : NOT_CONVERGED;
 }
 
 /* Go to value `last` in one step, and write the rows from i on that lie before it. Returns how
- * many rows are done: none if the step fails, fewer than asked for if one of them is open. */
+ * many rows are done: none if the step fails, or if its middle is not as exact as it should be. */
 static Int follow_between(Path *path, const Real *values, Int i, Int last, const PathRows *rows)
 {
-    const Point *from = path->here; /* it stays what it is until the next step is tried */
+    Point *const from = path->here, *const third = path->has_before ? path->before : NULL;
+    Real estimate[3];
     if (step(path, values[last]) != DONE) {
         path->between_way *= 0.5;
         return 0;
     }
-    if (!path->is_between)
+    if (!(estimate_between(path, third, from, estimate) <= 1.0)) {
+        go_back(path, third, from);
         return 0;
+    }
     for (Int row = i; row < last; row++)
-        if (put_between(path, from, values[row], rows, row) != DONE)
-            return row - i;
+        put_between(path, from, values[row], estimate, rows, row);
     return last - i + (put_row(path, rows, last) == DONE);
 }
 
 Int follow_values(Path *path, const Real *values, Int n, const PathRows *rows)
 {
     for (Int i = 0; i < n;) {
-        const int may_skip = path->accuracy.between > 0.0 && path->has_before;
-        const Int last = may_skip ? last_within(path, values, i, n) : i;
+        const Int last = path->accuracy.between > 0.0 ? last_within(path, values, i, n) : i;
         const Int done = last > i ? follow_between(path, values, i, last, rows) : 0;
         i += done;
         if (done)
             continue;
-        if (reach(path, values[i]) != DONE || put_row(path, rows, i) != DONE)
+        const int code = reach(path, values[i]);
+        path->between_way *= REGROWTH;
+        if (code != DONE || put_row(path, rows, i) != DONE)
             return i;
         i++;
     }

@@ -19,9 +19,6 @@
                             second ones tells ahead */
 #define NEAR_BY 0.03     /* way from the point before within which it need not be the last one: of
                             that way, (0.03)^6 / 720 is round-off */
-#define SAFE 0.7         /* part of the way at which errors, of fourth order, are a quarter of those
-                            allowed: there they may grow from one step to the next */
-#define STRAIGHT_BEND 1e-2 /* second derivative by the way below which a path is straight */
 
 /* ---- the determinant ---- */
 
@@ -142,7 +139,7 @@ static int is_driven(const Kernel *k, Int v)
 /* Closure error that round-off of the unknown coordinates may leave: an angle that counts a million
  * turns is known to 1e-9 rad. What is driven has its value exactly; but all that hangs on a free base
  * is known as well only as far as that is from the origin. */
-static Real round_off_of(const Kernel *k, const Real *q)
+Real round_off_of(const Kernel *k, const Real *q)
 {
     Real most = 0.0;
     for (Int j = 1; j < k->n_joints; j++) {
@@ -160,7 +157,7 @@ static int close_prediction(Path *path, Real way)
 {
     Kernel *k = path->k;
     const PathAccuracy *wanted = &path->accuracy;
-    const Real least = round_off_of(k, path->here->q);
+    const Real least = path->rounding = round_off_of(k, path->here->q);
     const Real part = residual_part(k->system.pivot_ratio); /* 1, or factors near by are off as well */
     Correction c = {.enough = larger_of(part * wanted->enough, 0.1 * least),
                     .tolerance = larger_of(part * wanted->tolerance, 0.3 * least),
@@ -170,7 +167,6 @@ static int close_prediction(Path *path, Real way)
     c.allowed = wanted->order ? TOLERANCE_UNEXPLAINED * way : INFINITY;
     path->stale = 1;
     int code = correct(k, path->next->q, &c);
-    path->missed = c.first;
     if (code != DONE || !has_redundant(k) || c.fixed >= 0 ||
         equations_error(k) <= larger_of(c.tolerance, path->open))
         return code;
@@ -282,7 +278,7 @@ static int arrive(Path *path, Real way)
 static int try_step(Path *path, Real target)
 {
     const Real h = target - path->here->s;
-    Real way = path->prescribed.n_pieces ? point_reach(path->k, path->here, h)
+    Real way = path->prescribed.n_pieces ? point_reach(path->here, h)
                                          : point_way(path->k, path->here, h);
     if (!(way <= TOLERANCE_LONGEST_STEP) || (path->k->n_idle && way > 1.1 * path->idle_way))
         return UNSAFE;
@@ -318,26 +314,6 @@ static void take(Path *path)
     path->stale = 0;
 }
 
-/* Learn the way between points from what prediction missed. With r the step by the distance of the
- * points it was predicted from, that is 64 (1 + 1/r)^3 times what Hermite's polynomials miss in the
- * middle of the step: both are products of cubed distances from two points, times the sixth
- * derivative. Second derivatives miss 24 / way² times that. */
-static void note_missed(Path *path, Real ratio, Real h)
-{
-    const Real growth = 64.0 * pow(1.0 + 1.0 / ratio, 3.0), way = path->way;
-    const Kernel *k = path->k;
-    Real bend = 0.0, pace = path->here->pace * path->here->pace;
-    for (Int v = 0; v < k->nv; v++) /* by the way: that is what errors are parts of */
-        bend += (path->here->c[v] / k->scale[v]) * (path->here->c[v] / k->scale[v]);
-    if (path->prescribed.n_pieces) /* these may be at rest */
-        pace = fmax(pace, way * way / (h * h));
-    bend = fmax(sqrt(bend) / pace, STRAIGHT_BEND);
-    const Real error = 24.0 * path->missed / (growth * way * way);
-    const Real part = path->accuracy.between * bend / fmax(error, 1e-30);
-    path->is_between = part >= 1.0;
-    path->between_way = fmin(way * fmin(fmax(SAFE * pow(part, 0.25), 0.25), 4.0), BETWEEN_LONGEST);
-}
-
 int stand_again(Path *path)
 {
     Kernel *k = path->k;
@@ -367,8 +343,6 @@ int turn_into(Path *path, Real sense)
 int step(Path *path, Real target)
 {
     Kernel *k = path->k;
-    const Real h = target - path->here->s;
-    const Real ratio = path->has_before ? h / (path->here->s - path->before->s) : 0.0;
     const int code = try_step(path, target);
     if (code != DONE) {
         if (is_new_choice(path))
@@ -378,9 +352,6 @@ int step(Path *path, Real target)
         return code;
     }
     take(path);
-    path->is_between = 0; /* nothing is known of the first way, nor of one that turns back */
-    if (path->accuracy.between > 0.0 && ratio > 0.0)
-        note_missed(path, ratio, h);
     return DONE;
 }
 

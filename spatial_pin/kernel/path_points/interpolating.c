@@ -1,35 +1,72 @@
-/* A path between two of its points, by Hermite's polynomials of fifth degree. */
+/* A path between two of its points, by Hermite's polynomials: of fifth degree through the two, or of
+ * eighth through a third one too. */
+#include <string.h>
+
 #include "interpolating.h"
 
-/* Value and derivatives of one entry at u in (0, 1) of a step h. */
-typedef struct {
-    Real value1, slope0, slope1, bend0, bend1; /* factors: of the way, of slopes and bends */
-} Weights;
+#define NEAREST 0.4  /* distances of two points that the third one may be away: nearer it tells little */
+#define FARTHEST 6.0 /* but round-off, and farther no more than the two */
 
-static void weights_at(Real u, Weights *value, Weights *first, Weights *second)
+/* Coefficients of an entry between a and b, from the constant one on, of u = (s - a->s) / h. */
+static void quintic(const Point *a, const Point *b, Real h, Int i, Real *c)
 {
-    const Real u2 = u * u, u3 = u2 * u, u4 = u3 * u, u5 = u4 * u;
-    value->value1 = 10.0 * u3 - 15.0 * u4 + 6.0 * u5;
-    value->slope0 = u - 6.0 * u3 + 8.0 * u4 - 3.0 * u5;
-    value->slope1 = -4.0 * u3 + 7.0 * u4 - 3.0 * u5;
-    value->bend0 = 0.5 * (u2 - 3.0 * u3 + 3.0 * u4 - u5);
-    value->bend1 = 0.5 * (u3 - 2.0 * u4 + u5);
-    first->value1 = 30.0 * u2 - 60.0 * u3 + 30.0 * u4;
-    first->slope0 = 1.0 - 18.0 * u2 + 32.0 * u3 - 15.0 * u4;
-    first->slope1 = -12.0 * u2 + 28.0 * u3 - 15.0 * u4;
-    first->bend0 = 0.5 * (2.0 * u - 9.0 * u2 + 12.0 * u3 - 5.0 * u4);
-    first->bend1 = 0.5 * (3.0 * u2 - 8.0 * u3 + 5.0 * u4);
-    second->value1 = 60.0 * u - 180.0 * u2 + 120.0 * u3;
-    second->slope0 = -36.0 * u + 96.0 * u2 - 60.0 * u3;
-    second->slope1 = -24.0 * u + 84.0 * u2 - 60.0 * u3;
-    second->bend0 = 0.5 * (2.0 - 18.0 * u + 36.0 * u2 - 20.0 * u3);
-    second->bend1 = 0.5 * (6.0 * u - 24.0 * u2 + 20.0 * u3);
+    const Real first0 = h * a->first[i], first1 = h * b->first[i];
+    const Real half0 = 0.5 * h * h * a->second[i], half1 = 0.5 * h * h * b->second[i];
+    const Real value = b->q[i] - a->q[i] - first0 - half0;
+    const Real slope = first1 - first0 - 2.0 * half0, bend = half1 - half0;
+    c[0] = a->q[i];
+    c[1] = first0;
+    c[2] = half0;
+    c[3] = 10.0 * value - 4.0 * slope + bend;
+    c[4] = -15.0 * value + 7.0 * slope - 2.0 * bend;
+    c[5] = 6.0 * value - 3.0 * slope + bend;
 }
 
-static Real weighted(const Weights *by, const Point *a, const Point *b, Real h, Int i)
+/* Value and first two derivatives by u of a polynomial. */
+static void polynomial(const Real *c, Int degree, Real u, Real *out)
 {
-    return by->value1 * (b->q[i] - a->q[i]) + h * (by->slope0 * a->first[i] +
-           by->slope1 * b->first[i]) + h * h * (by->bend0 * a->second[i] + by->bend1 * b->second[i]);
+    Real value = c[degree], first = 0.0, half = 0.0;
+    for (Int d = degree - 1; d >= 0; d--) {
+        half = half * u + first;
+        first = first * u + value;
+        value = value * u + c[d];
+    }
+    out[0] = value;
+    out[1] = first;
+    out[2] = 2.0 * half;
+}
+
+/* Let the polynomial go through a third point at u = -r too: what it misses there is that of
+ * (u (1 - u))^3 times one of second degree, which is zero three times at either end. */
+static void through_third(const Point *third, Real h, Real r, Int i, Real *c)
+{
+    const Real g = -r * (1.0 + r), slope = 1.0 + 2.0 * r; /* u (1 - u) and its derivative there */
+    const Real w = g * g * g, first = 3.0 * g * g * slope;
+    const Real second = 6.0 * g * (slope * slope - g);
+    Real at[3], d[3];
+    polynomial(c, 5, -r, at);
+    d[0] = (third->q[i] - at[0]) / w;
+    d[1] = (h * third->first[i] - at[1] - first * d[0]) / w;
+    d[2] = 0.5 * (h * h * third->second[i] - at[2] - second * d[0] - 2.0 * first * d[1]) / w;
+    const Real by[3] = {d[0] + r * (d[1] + r * d[2]), d[1] + 2.0 * r * d[2], d[2]};
+    static const Real cube[4] = {1.0, -3.0, 3.0, -1.0};
+    for (int x = 0; x < 3; x++)
+        for (int y = 0; y < 4; y++)
+            c[3 + x + y] += by[x] * cube[y];
+}
+
+Int between_make(const Kernel *k, const Point *third, const Point *a, const Point *b, Between *p)
+{
+    const Real h = b->s - a->s, r = third ? (a->s - third->s) / h : 0.0;
+    p->s = a->s, p->h = h, p->degree = r > NEAREST && r < FARTHEST ? 8 : 5;
+    for (Int i = 0; i < k->nq; i++) {
+        Real *c = p->coefficient + i * (BETWEEN_DEGREE + 1);
+        memset(c + 6, 0, 3 * sizeof *c);
+        quintic(a, b, h, i, c);
+        if (p->degree == 8)
+            through_third(third, h, r, i, c);
+    }
+    return p->degree;
 }
 
 /* Angular velocity and acceleration in the body's axes of a quaternion that is of length one but
@@ -64,22 +101,38 @@ static void joint_rates(Int kind, const Real *q, const Real *first, const Real *
     add3(-1.0, turning, c);
 }
 
-void point_between(const Kernel *k, const Point *a, const Point *b, Real s, Real *q, Real *t,
-                   Real *c)
+/* One joint at u, by the polynomials of its entries. */
+static void joint_at(const Kernel *k, Int j, const Real *coefficient, Int degree, Real u, Real h, Real *q,
+                     Real *t, Real *c)
 {
-    const Real h = b->s - a->s;
-    Weights value, first, second;
-    weights_at((s - a->s) / h, &value, &first, &second);
+    const Int n = joint_nq(k->kind[j]);
+    const Real by = 1.0 / h;
+    Real x[7], rate[7], bend[7], at[3];
+    for (Int i = 0; i < n; i++) {
+        polynomial(coefficient + i * (BETWEEN_DEGREE + 1), degree, u, at);
+        q[k->iq[j] + i] = x[i] = at[0];
+        rate[i] = at[1] * by;
+        bend[i] = at[2] * by * by;
+    }
+    joint_rates(k->kind[j], x, rate, bend, t + k->iv[j], c + k->iv[j]);
+}
+
+void between_at(const Kernel *k, const Between *p, Real s, Real *q, Real *t, Real *c)
+{
+    const Real u = (s - p->s) / p->h;
+    for (Int j = 1; j < k->n_joints; j++)
+        joint_at(k, j, p->coefficient + k->iq[j] * (BETWEEN_DEGREE + 1), p->degree, u, p->h, q, t, c);
+    tree_normalize(k, q);
+}
+
+void point_between(const Kernel *k, const Point *a, const Point *b, Real s, Real *q, Real *t, Real *c)
+{
+    const Real h = b->s - a->s, u = (s - a->s) / h;
+    Real own[7 * (BETWEEN_DEGREE + 1)];
     for (Int j = 1; j < k->n_joints; j++) {
-        Real x[7], rate[7], bend[7];
-        for (Int i = 0; i < joint_nq(k->kind[j]); i++) {
-            const Int at = k->iq[j] + i;
-            x[i] = a->q[at] + weighted(&value, a, b, h, at);
-            rate[i] = weighted(&first, a, b, h, at) / h;
-            bend[i] = weighted(&second, a, b, h, at) / (h * h);
-            q[at] = x[i];
-        }
-        joint_rates(k->kind[j], x, rate, bend, t + k->iv[j], c + k->iv[j]);
+        for (Int i = 0; i < joint_nq(k->kind[j]); i++)
+            quintic(a, b, h, k->iq[j] + i, own + i * (BETWEEN_DEGREE + 1));
+        joint_at(k, j, own, 5, u, h, q, t, c);
     }
     tree_normalize(k, q);
 }

@@ -4,10 +4,22 @@
 
 #include "path_point.h"
 
-/* Configuration q (nq), and t, c (nv) as in `Point`, at a driver value between two points: Hermite's
- * polynomials of fifth degree for the entries of q. With w the way between the points and e what
- * is missing of q in the middle, second derivatives by the way miss up to 24 e / w². */
-void point_between(const Kernel *k, const Point *a, const Point *b, Real s, Real *q, Real *t,
-                   Real *c);
+#define BETWEEN_DEGREE 8 /* the highest */
+
+/* Polynomials for the entries of q. */
+typedef struct {
+    Real s, h; /* where they begin, and how long they are */
+    Int degree;
+    Real *coefficient; /* (nq, BETWEEN_DEGREE + 1) of (s' - s) / h, from the constant one on */
+} Between;
+
+/* Put them through two points, and through a third one before them, unless it is NULL or at no good
+ * distance. Returns their degree. */
+Int between_make(const Kernel *k, const Point *third, const Point *a, const Point *b, Between *p);
+
+/* Configuration q (nq), and t, c (nv) as in `Point`, at a driver value between the points. */
+void between_at(const Kernel *k, const Between *p, Real s, Real *q, Real *t, Real *c);
+/* The same at once, by polynomials through two points. */
+void point_between(const Kernel *k, const Point *a, const Point *b, Real s, Real *q, Real *t, Real *c);
 
 #endif

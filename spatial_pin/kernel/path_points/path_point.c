@@ -37,7 +37,7 @@ void point_carve(const Kernel *k, Real **from, Point *point)
 
 int point_rates(Kernel *k, const Prescribed *prescribed, Point *point)
 {
-    Real sum = 0.0, square = 0.0;
+    Real sum = 0.0, square = 0.0, second = 0.0;
     point->size = determinant_size(k);
     point->error = equations_error(k);
     system_path_rates(k, prescribed->rate, prescribed->bend, point->t, point->c);
@@ -58,9 +58,12 @@ int point_rates(Kernel *k, const Prescribed *prescribed, Point *point)
     tree_entry_rates(k, point->q, point->t, point->c, point->first, point->second);
     for (Int v = 0; v < k->nv; v++) {
         sum += fabs(point->t[v]) + fabs(point->c[v]);
-        square += (point->t[v] / k->scale[v]) * (point->t[v] / k->scale[v]);
+        const Real t = point->t[v] / k->scale[v], c = point->c[v] / k->scale[v];
+        square += t * t;
+        second += c * c;
     }
     point->pace = sqrt(square);
+    point->bend = sqrt(second);
     return isfinite(sum) ? DONE : NOT_FINITE;
 }
 
@@ -74,12 +77,9 @@ Real point_way(const Kernel *k, const Point *point, Real h)
     return sqrt(square);
 }
 
-Real point_reach(const Kernel *k, const Point *point, Real h)
+Real point_reach(const Point *point, Real h)
 {
-    Real second = 0.0;
-    for (Int v = 0; v < k->nv; v++)
-        second += (point->c[v] / k->scale[v]) * (point->c[v] / k->scale[v]);
-    return fabs(h) * point->pace + 0.5 * h * h * sqrt(second);
+    return fabs(h) * point->pace + 0.5 * h * h * point->bend;
 }
 
 void predict_taylor(const Kernel *k, const Point *at, const Point *before, Real h, Int order,

@@ -11,7 +11,7 @@ typedef struct {
     Real *t, *c;              /* first and second derivative by s, joint rates */
     Real *angle, *angle_rate; /* of screws, counting turns */
     IdleAxis *axis;           /* of links with an idle rotation */
-    Real pace;                /* norm of t, scaled */
+    Real pace, bend;          /* norms of t and c, scaled */
     Real size;                /* of the determinant: its binary logarithm */
     Real error;               /* largest residual of all closure equations */
 } Point;
@@ -28,7 +28,7 @@ int point_rates(Kernel *k, const Prescribed *prescribed, Point *point);
 Real point_way(const Kernel *k, const Point *point, Real h);
 
 /* The same as the sum of what its two terms go, there and back. */
-Real point_reach(const Kernel *k, const Point *point, Real h);
+Real point_reach(const Point *point, Real h);
 
 /* q (nq) a step h from a point: Taylor's series of an order from 0 to 2, or to 3, the derivative
  * being the difference of two second ones, where there is a point before. */

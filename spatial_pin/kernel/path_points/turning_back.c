@@ -1,4 +1,5 @@
 /* Steps of a path leave links where no idle rotation does: they are turned back about their axes. */
+#include <float.h>
 #include <string.h>
 
 #include "path.h"
@@ -92,6 +93,8 @@ int take_idle_back(Path *path, Real way)
             return NOT_FINITE;
         if (!is_exact(path, way, error))
             return UNSAFE;
+        if (pass == 0)
+            path->idle_left += error + DBL_EPSILON; /* round-off may have one sign */
         if (most <= TOLERANCE_LAST_DIGIT)
             return DONE;
         tree_integrate(k, path->next->q, k->right);

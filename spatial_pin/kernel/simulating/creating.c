@@ -5,14 +5,15 @@
 static int read_arrays(Dynamics *d, Source from)
 {
     const Int nv = d->k->nv;
-    const Int *head = read_ints(&from, 7);
+    const Int *head = read_ints(&from, 8);
     if (!head)
         return 0;
-    for (int i = 0; i < 7; i++)
+    for (int i = 0; i < 8; i++)
         if (head[i] < 0 || head[i] > 1000000)
             return 0;
     d->n_free = head[0], d->n_drives = head[1], d->spins.n = head[2];
-    d->forces.n_lines = head[3], d->forces.n_turns = head[4], d->works = head[5], d->projects = head[6];
+    d->forces.n_lines = head[3], d->forces.n_turns = head[4], d->forces.n_bushings = head[7];
+    d->works = head[5], d->projects = head[6];
     d->n_held = d->n_free + d->n_drives;
     d->n_unknowns = (d->projects ? 2 * nv : 2 * d->n_free + 4 * d->spins.n) + (d->works ? 1 : 0);
     d->prescribed = read_ints(&from, d->n_drives);
@@ -22,6 +23,8 @@ static int read_arrays(Dynamics *d, Source from)
     d->forces.turn_q = read_ints(&from, d->forces.n_turns);
     d->forces.turn_v = read_ints(&from, d->forces.n_turns);
     d->forces.turn_law = read_ints(&from, d->forces.n_turns);
+    d->forces.bushing_body = read_ints(&from, 2 * d->forces.n_bushings);
+    d->forces.bushing_law = read_ints(&from, d->forces.n_bushings);
     const Real *tolerance = read_reals(&from, 1);
     d->forces.damping = read_reals(&from, nv);
     d->forces.friction = read_reals(&from, nv);
@@ -32,6 +35,7 @@ static int read_arrays(Dynamics *d, Source from)
     d->forces.line_point = read_reals(&from, 6 * d->forces.n_lines);
     d->forces.line_spring = read_reals(&from, 3 * d->forces.n_lines);
     d->forces.turn_spring = read_reals(&from, 3 * d->forces.n_turns);
+    d->forces.bushing = read_reals(&from, BUSHING_NUMBERS * d->forces.n_bushings);
     if (from.failed || from.n_ints || from.n_reals)
         return 0;
     d->tolerance = *tolerance;
@@ -58,6 +62,13 @@ static int forces_are_sound(const Dynamics *d)
     for (Int i = 0; i < d->forces.n_turns; i++) {
         law = law || d->forces.turn_law[i];
         if (!within(d->forces.turn_q[i], k->nq) || !within(d->forces.turn_v[i], k->nv))
+            return 0;
+    }
+    for (Int i = 0; i < d->forces.n_bushings; i++) {
+        law = law || d->forces.bushing_law[i];
+        if (!within(d->forces.bushing_body[2 * i], k->n_joints) ||
+            !within(d->forces.bushing_body[2 * i + 1], k->n_joints) ||
+            !within(d->forces.bushing_law[i], 7))
             return 0;
     }
     return (d->callbacks.spring || !law) && (d->callbacks.drives || !d->n_drives) && d->callbacks.least;

@@ -31,6 +31,7 @@ typedef struct {
    turns */
 #define WILD_WAY 1280.0
 
+enum { BUSHING_NUMBERS = 103 };
 enum { BRIDGE_NODES = 8, MOST_BRIDGES = 8, MOST_BRANCH_POINTS = 6 };
 
 /* The stretch about a branch point of branches, as polynomials in x through nodes on both sides. */
@@ -62,9 +63,11 @@ typedef struct {
 /* What acts on bodies and joints, and what comes of it. */
 typedef struct {
     const Real *damping, *friction, *slip, *armature, *constant; /* (nv) */
-    Int resists, n_lines, n_turns;
+    Int resists, n_lines, n_turns, n_bushings;
     const Int *line_body, *line_law, *turn_q, *turn_v, *turn_law;
     const Real *line_point, *line_spring, *turn_spring; /* spring: stiffness, damping, free */
+    const Int *bushing_body, *bushing_law; /* law: 0, or 1 and the component that it is of */
+    const Real *bushing;                   /* see bushings.c */
     Real *force, *moment;        /* (n_joints, 3) that bodies need, see forces.h */
     Real *given, *tau;           /* (nv) joint forces, given and missing */
     Real *drive_effort;          /* (n_drives) */

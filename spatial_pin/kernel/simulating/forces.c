@@ -110,7 +110,7 @@ static int springs_on_bodies(Dynamics *d)
 int forces_on_bodies(Dynamics *d)
 {
     bodies_need(d);
-    return springs_on_bodies(d);
+    return springs_on_bodies(d) == DONE ? bushings_on_bodies(d) : CALLBACK_FAILED;
 }
 
 /* ---- joints ---- */
@@ -183,5 +183,5 @@ Real forces_energy(Dynamics *d, Real *kinetic)
         stored += 0.5 * spring[0] * x * x;
     }
     *kinetic = moving;
-    return moving + stored;
+    return moving + stored + bushings_energy(d);
 }

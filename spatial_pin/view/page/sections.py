@@ -139,6 +139,8 @@ def _key(subject: Subject) -> str:
     if motion is not None:
         facts.append(("Positions computed", str(len(motion))))
     facts.append(("Largest closure error", tiny(error)))
+    if motion is not None and len(motion.error_estimates):
+        facts.append(("Error of positions at most", tiny(motion.error.positions)))
     cells = (f"<div><dt>{html.escape(a)}</dt><dd>{html.escape(b)}</dd></div>" for a, b in facts)
     return f'<dl class="key">{"".join(cells)}</dl>'
 
@@ -331,6 +333,8 @@ def _accuracy(subject: Subject) -> str:
         f"{tiny(worst)} rad in angles. Rates and accelerations are solved from the exact "
         "derivatives of the closure equations; no difference quotients are taken."
     )
+    if subject.motion is not None and len(subject.motion.error_estimates):
+        text += f" The motion itself is known to this error: {subject.motion.error}."
     if isinstance(subject.shown, Simulation):
         text += (f" Energy and work balance to {tiny(subject.shown.energy_drift)} of the "
                  f"exchanged energy, over {subject.shown.steps} steps of the integrator.")

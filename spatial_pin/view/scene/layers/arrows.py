@@ -131,7 +131,11 @@ def load(loads: Kinetostatics, pair: str, kind: str) -> Vectors:
     if pair not in reactions:
         raise UnknownNameError("pair", pair, list(reactions), f"mechanism {mechanism.name!r}: ")
     closure = next((c for c in mechanism.closures if c.name == pair), None)
-    point = motion.frame(closure.frames[1] if closure else pair).position
+    at = pair
+    if closure is not None:  # a coupling acts on its last joint
+        at = (closure.frames[1] if closure.frames
+              else mechanism.coordinate(closure.joints[-1]).joint)
+    point = motion.frame(at).position
     quantity, unit, part = LOADS[kind]
     return Vectors(pair, point, reactions[pair][:, part], quantity, unit)
 

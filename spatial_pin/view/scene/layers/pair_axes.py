@@ -69,10 +69,10 @@ def pairs_of(mechanism: Mechanism) -> list[PairAxes]:
         turn1, turn2 = axes_from_z(axes[0]), axes_from_z(axes[-1])
         frames = _framed(on_parent, turn1), _framed(pin.SE3.Identity(), turn2)
         pairs.append(PairAxes(model.names[j], kind, bodies, frames))
-    for closure in mechanism.closures:
-        if not closure.frames:
-            continue
-        (i1, m1), (i2, m2) = (mechanism.frame_on_joint(name) for name in closure.frames[:2])
+    joined = [(c, ends) for c in mechanism.closures if c.frames
+              for ends in (c.joined if c.pair.has_more else [c.frames[:2]])]
+    for closure, ends in joined:
+        (i1, m1), (i2, m2) = (mechanism.frame_on_joint(name) for name in ends)
         turn1, turn2 = closure.geometry.axes1, closure.geometry.axes2
         if closure.type == "spherical":
             turn1 = axes_from_z(_outward(m1))

@@ -11,7 +11,7 @@ import pinocchio as pin
 from spatial_pin.errors import warn
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.view.scene.shapes import Solid, coloured, mg, solid, tube
+from spatial_pin.view.scene.shapes import Solid, coloured, mg, rod, solid, tube
 from spatial_pin.view.scene.stage import Entry, Item, Layer, Stage, rod_between
 
 # bodies without a colour of their own: steel grey ground, then colours of Okabe and Ito, and wine
@@ -158,7 +158,10 @@ def coil(length: float, size: float) -> Solid:
 
 
 def springs(stage: Stage) -> Layer:
-    """Return every spring of the mechanism that is between two frames."""
+    """Return every spring of the mechanism that is between two frames, and its rods.
+
+    A rod is a closure of type `distance`; one that is a body, too, is seen as that.
+    """
     items: list[Item] = []
     points: list[Array] = [np.zeros((0, 3))]
     for spring in stage.film.mechanism.springs:
@@ -170,6 +173,13 @@ def springs(stage: Stage) -> Layer:
         drawn = coil(length or stage.size, stage.size)
         items.append(Item(f"spring {spring.name}", drawn, SPRING_COLOUR, track=rod_between(a, b)))
         points += [a, b]
+    for closure in stage.film.mechanism.closures:
+        if closure.type == "distance":
+            a, b = (stage.points(joint, M.translation) for joint, M in map(
+                stage.film.mechanism.frame_on_joint, closure.frames))
+            items.append(Item(f"rod {closure.name}", rod(WIRE * stage.size), SPRING_COLOUR,
+                              track=rod_between(a, b)))
+            points += [a, b]
     return Layer(tuple(items), np.concatenate(points))
 
 

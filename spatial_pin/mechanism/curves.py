@@ -1,0 +1,500 @@
+"""Curves: geometry alone, which closures place in their first frame.
+
+A plane closed curve is followed by the direction in which a point of it is seen from a centre: its
+distance, and the arc length there, are piecewise polynomials of that angle, as exact as numbers
+are. A curve that its centre does not see whole is refused.
+
+Example:
+    >>> profile = sp.curves.ellipse([0.04, 0.03])
+    >>> print(f"{profile.length:.6f} m")
+    0.221035 m
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from spatial_pin._support.checks import finite_array, finite_number, positive_number
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.piecewise import Piecewise, quintic_spline
+from spatial_pin.numerics.taylor import Taylor, argument
+
+__all__ = ["circle", "ellipse", "helix", "line", "spline"]
+CELLS = 96  # of a turn, each with a polynomial of degree 9: the rest is below round-off
+ORDER = 4  # of the derivatives that these have at their ends
+FLAT = 1e-6  # of its size: how far points of rounded numbers may be off their plane
+FLATTEST = 0.02  # sine of the angle at which a curve is seen from its centre
+FORMS = ("circle", "ellipse", "line", "helix", "points", "table")
+
+
+def __dir__() -> list[str]:
+    return __all__
+
+
+@dataclass(frozen=True, eq=False)
+class CurveShape:
+    """A curve in the axes of a frame.
+
+    Attributes:
+        form: it as a mechanism file has it, below `[curves.NAME]`.
+        axes: (3, 3) x, y and normal of its plane in columns; of a line or helix its direction last.
+        centre: (3,) that it is seen from; a point of a line or of a helix' axis [m].
+        at: of plane closed ones: u (n,), and others in the same cells, -> points (n, 2) in the
+            plane, from the centre, and their first five derivatives, (6, n, 2); anticlockwise.
+        breaks: (k,) u between which all derivatives are continuous, from 0 on.
+        numbers: radius and lead of a helix.
+        name: in a mechanism file.
+
+    Example:
+        >>> sp.curves.circle(0.03, centre=[0.01, 0.0, 0.0]).form["circle"]["radius"]  # [m]
+        0.03
+    """
+
+    form: Mapping[str, Any]
+    axes: Array
+    centre: Array
+    at: Callable[[Array, Array], Array] | None = None
+    breaks: Array = field(default_factory=lambda: np.linspace(0.0, 2.0 * np.pi, CELLS + 1))
+    numbers: tuple[float, ...] = ()
+    name: str = ""
+
+    def __reduce__(self) -> Any:
+        """Return how it is made again where it is sent to."""
+        return curve_of, (self.name, dict(self.form))
+
+    @property
+    def length(self) -> float:
+        """Its length [m]; infinite of a line and of a helix.
+
+        Example:
+            >>> print(f"{sp.curves.circle(0.5).length:.6f} m")
+            3.141593 m
+        """
+        return np.inf if self.at is None else float(self._arcs[-1])
+
+    @cached_property
+    def _arcs(self) -> Array:
+        """(k,) arc length at each break."""
+        x, w = np.polynomial.legendre.leggauss(16)
+        half = 0.5 * np.diff(self.breaks)
+        u = (self.breaks[:-1, None] + half[:, None] * (x + 1.0)).ravel()
+        speed = np.linalg.norm(self._at(u, u)[1], axis=1).reshape(len(half), -1)
+        return np.concatenate([[0.0], np.cumsum(half * (speed @ w))])
+
+    def radial(self, offset: float = 0.0) -> tuple[Piecewise, Piecewise]:
+        """Return the squared distance [m^2] and the arc length [m] by direction from the centre.
+
+        Args:
+            offset: by which a parallel curve lies outside, as that of a roller's centre [m]; the
+                arc length is that of the curve itself.
+
+        Raises:
+            ValueError: the centre does not see it whole, or the parallel curve has cusps.
+        """
+        def seen(x: Taylor, y: Taylor, dx: Taylor, dy: Taylor) -> tuple[Taylor, Taylor, Taylor]:
+            away = power(dx * dx + dy * dy, -0.5) * offset
+            px, py = _first(x, away) + dy * away, _first(y, away) + dx * away * -1.0
+            if np.any(px.values[1] * dx.values[0] + py.values[1] * dy.values[0] <= 0.0):
+                raise ValueError("the roller does not fit into the curve, whose radius is smaller: "
+                                 "the path of its centre has cusps (undercut)")
+            return px, py, px * px + py * py
+
+        known = self.__dict__.setdefault("_radial", {})
+        if offset not in known:
+            known[offset] = self._by_direction(seen)
+        found: tuple[Piecewise, Piecewise] = known[offset]
+        return found
+
+    def support(self) -> tuple[Piecewise, Piecewise]:
+        """Return the distance [m] of its tangent and the arc length [m], by outward normal.
+
+        Raises:
+            ValueError: it is not convex.
+        """
+        def normal(x: Taylor, y: Taylor, dx: Taylor, dy: Taylor) -> tuple[Taylor, Taylor, Taylor]:
+            if np.any(dx.values[0] * dy.values[1] <= dy.values[0] * dx.values[1]):
+                raise ValueError("a flat face needs a convex curve: this one is hollow somewhere")
+            size = power(dx * dx + dy * dy, -0.5)
+            distance = (_first(x, size) * dy + _first(y, size) * dx * -1.0) * size
+            return dy, dx * -1.0, distance
+
+        if "_support" not in self.__dict__:
+            self.__dict__["_support"] = self._by_direction(normal)
+        found: tuple[Piecewise, Piecewise] = self.__dict__["_support"]
+        return found
+
+    def _at(self, u: Array, within: Array) -> Array:
+        assert self.at is not None
+        return self.at(u, within)
+
+    def _by_direction(
+        self, of: Callable[[Taylor, Taylor, Taylor, Taylor], tuple[Taylor, Taylor, Taylor]]
+    ) -> tuple[Piecewise, Piecewise]:
+        """Return a quantity and the arc length as functions of the direction of a vector.
+
+        Each cell is the polynomial that has their derivatives at its ends.
+
+        Args:
+            of: from a point and its derivative to the vector and the quantity.
+        """
+        middles = 0.5 * (self.breaks[:-1] + self.breaks[1:])
+        ends, angle = [], np.zeros(0)
+        for u in (self.breaks[:-1], self.breaks[1:]):
+            d = self._at(u, middles)
+            x, y = (Taylor.of(list(d[: ORDER + 1, :, k])) for k in range(2))
+            dx, dy = (Taylor.of(list(d[1 : ORDER + 2, :, k])) for k in range(2))
+            vx, vy, quantity = of(x, y, dx, dy)
+            turned = argument(vy, vx)
+            size = np.hypot(vx.values[0], vy.values[0]) * np.hypot(vx.values[1], vy.values[1])
+            if np.any(turned.values[1] * (vx.values[0]**2 + vy.values[0]**2) < FLATTEST * size):
+                raise ValueError("its centre does not see all of it: a ray from there must meet it "
+                                 "once, and not along it")
+            speed = power(dx * dx + dy * dy, 0.5).values
+            arc = Taylor([0.0 * u, *(v / (k + 1) for k, v in enumerate(speed[: ORDER]))])
+            ends.append([by_angle(x.values, turned.values) for x in (quantity, arc)])
+            angle = turned.values[0]
+            if len(ends) == 1:
+                first = angle
+        turns = np.mod(angle - first, 2.0 * np.pi)
+        breaks = first[0] + np.concatenate([[0.0], np.cumsum(turns)])
+        if abs(breaks[-1] - breaks[0] - 2.0 * np.pi) > 1e-6:
+            raise ValueError("it does not run once around its centre: it crosses itself, or the "
+                             "centre is outside")
+        breaks[-1] = breaks[0] + 2.0 * np.pi
+        arcs = self._arcs
+        for k, end in enumerate(ends):
+            end[1][0] = arcs[k : len(arcs) - 1 + k]
+        one, two = (hermite(np.diff(breaks), ends[0][k], ends[1][k]) for k in range(2))
+        return (Piecewise(breaks, one, True), Piecewise(breaks, two, True, float(arcs[-1])))
+
+
+def power(x: Taylor, exponent: float) -> Taylor:
+    """Return a power of a series that begins with a positive number."""
+    y = [x.values[0] ** exponent]
+    for k in range(1, len(x.values)):
+        y.append(sum((exponent * i - (k - i)) * x.values[i] * y[k - i]
+                     for i in range(1, k + 1)) / (k * x.values[0]))
+    return Taylor(y)
+
+
+def by_angle(values: list[Array], angle: list[Array]) -> Array:
+    """Return a series in a parameter as one (k, n) in an angle that is a series in it too."""
+    rest, found = list(values), [values[0]]
+    ahead = Taylor([0.0 * angle[0], *angle[1:]])
+    step = ahead
+    for k in range(1, len(values)):
+        found.append(rest[k] / step.values[k])
+        rest = [a - found[k] * b for a, b in zip(rest, step.values, strict=True)]
+        step = step * ahead
+    return np.array(np.broadcast_arrays(*found))
+
+
+def hermite(widths: Array, first: Array, last: Array) -> Array:
+    """Return coefficients (n, 2 k) of polynomials with series (k, n) at the ends of cells (n,)."""
+    k = len(first)
+    powers = np.arange(2 * k)
+    # binomials: the series at x = 1 of x^p
+    at_end = np.array([[math.comb(p, i) for p in powers] for i in range(k)], float)
+    scaled = first * widths ** np.arange(k)[:, None]
+    rest = last * widths ** np.arange(k)[:, None] - at_end[:, :k] @ scaled
+    upper = np.linalg.solve(at_end[:, k:], rest)
+    return np.ascontiguousarray(
+        (np.concatenate([scaled, upper]) / widths ** powers[:, None]).T)
+
+
+def _first(x: Taylor, like: Taylor) -> Taylor:
+    """Return as many terms of a series as another has."""
+    return Taylor(x.values[: len(like.values)])
+
+
+def circle(radius: float, centre: ArrayLike = (0.0, 0.0, 0.0),
+           normal: ArrayLike = (0.0, 0.0, 1.0)) -> CurveShape:
+    """Return a circle.
+
+    Args:
+        radius: positive [m].
+        centre: (3,) [m].
+        normal: (3,) of its plane, about which it runs anticlockwise.
+
+    Raises:
+        ValueError: the radius is not positive, or another number none.
+
+    Example:
+        >>> sp.curves.circle(0.03).centre  # [m]
+        array([0., 0., 0.])
+    """
+    r = positive_number(radius, "radius")
+    form = {"radius": r, **_place(centre, normal)}
+    return _conic({"circle": form}, (r, r), form)
+
+
+def ellipse(semi_axes: ArrayLike, centre: ArrayLike = (0.0, 0.0, 0.0),
+            normal: ArrayLike = (0.0, 0.0, 1.0), x_axis: ArrayLike | None = None) -> CurveShape:
+    """Return an ellipse.
+
+    Args:
+        semi_axes: (2,) positive [m], the first along `x_axis`.
+        centre: (3,) [m].
+        normal: (3,) of its plane, about which it runs anticlockwise.
+        x_axis: (3,) direction of the first semi-axis; default x, or what is nearest to it.
+
+    Raises:
+        ValueError: a semi-axis is not positive, or another number none.
+
+    Example:
+        >>> sp.curves.ellipse([1.0, 0.5]).form["ellipse"]["semi_axes"]  # [m]
+        [1.0, 0.5]
+    """
+    a, b = (positive_number(x, "semi_axes") for x in finite_array(semi_axes, (2,), "semi_axes"))
+    form = {"semi_axes": [a, b], **_place(centre, normal, x_axis)}
+    return _conic({"ellipse": form}, (a, b), form)
+
+
+def line(point: ArrayLike, direction: ArrayLike) -> CurveShape:
+    """Return a straight line.
+
+    Args:
+        point: (3,) of it, where its arc length begins [m].
+        direction: (3,) along it.
+
+    Raises:
+        ValueError: a number is none, or the direction is zero.
+
+    Example:
+        >>> sp.curves.line([0, 0, 0], [1, 0, 0]).length  # [m]
+        inf
+    """
+    p = finite_array(point, (3,), "point")
+    axes = _axes(finite_array(direction, (3,), "direction"), None)
+    return CurveShape({"line": {"point": p.tolist(), "direction": axes[:, 2].tolist()}}, axes, p)
+
+
+def helix(radius: float, lead: float, axis: ArrayLike = (0.0, 0.0, 1.0),
+          point: ArrayLike = (0.0, 0.0, 0.0)) -> CurveShape:
+    """Return a helix.
+
+    Args:
+        radius: positive [m].
+        lead: advance per turn, positive of a right-handed one [m].
+        axis: (3,) direction of its axis.
+        point: (3,) of its axis; the helix begins at the radius from there, along x or what is
+            nearest to it [m].
+
+    Raises:
+        ValueError: a number is none, the radius is not positive, or the lead zero.
+
+    Example:
+        >>> sp.curves.helix(0.02, 0.01).numbers  # [m]
+        (0.02, 0.01)
+    """
+    r, p = positive_number(radius, "radius"), finite_array(point, (3,), "point")
+    advance = finite_number(lead, "lead")
+    if advance == 0.0:
+        raise ValueError("lead is 0; a helix without one is a circle")
+    axes = _axes(finite_array(axis, (3,), "axis"), None)
+    form = {"radius": r, "lead": advance, "axis": axes[:, 2].tolist(), "point": p.tolist()}
+    return CurveShape({"helix": form}, axes, p, numbers=(r, advance))
+
+
+def spline(points: ArrayLike, closed: bool = True) -> CurveShape:
+    """Return the quintic spline through points of a plane closed curve, by chord length.
+
+    Args:
+        points: (n, 3), four or more, none twice [m]; the last one is followed by the first.
+        closed: an open spline is not yet among the curves.
+
+    Raises:
+        ValueError: fewer than four points, two at the same place, points not in one plane; or the
+            curve is open, or crosses itself.
+
+    Example:
+        >>> turn = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+        >>> x, y = 0.03 + 0.02 * np.cos(turn), 0.02 * np.sin(turn)
+        >>> profile = sp.curves.spline(np.column_stack([x, y, 0.0 * turn]))
+        >>> print(f"{profile.length:.6f} m")
+        0.125664 m
+    """
+    if not closed:
+        raise ValueError("points: an open spline is no curve here: closed = true")
+    p, chords, middle, axes = _profile(points)
+    around = np.vstack([p, p[:1]])
+    u = np.concatenate([[0.0], np.cumsum(chords)])
+    flat = (around - middle) @ axes[:, :2]
+    flat[-1] = flat[0]
+    pieces = [quintic_spline(u, x, True) for x in flat.T]
+
+    def at(t: Array, within: Array) -> Array:
+        k = np.clip(np.searchsorted(u, within, side="right") - 1, 0, len(u) - 2)
+        local, found = t - u[k], np.zeros((ORDER + 2, len(t), 2))
+        for axis, piece in enumerate(pieces):
+            c = piece.coefficients[k]
+            for order in range(ORDER + 2):
+                total = np.zeros(len(t))
+                for power in range(c.shape[1] - 1, order - 1, -1):
+                    factor = np.prod(np.arange(power - order + 1, power + 1))
+                    total = total * local + factor * c[:, power]
+                found[order, :, axis] = total
+        return found
+
+    cells = np.unique(np.concatenate([np.linspace(a, b, max(2, 1 + CELLS // len(p)))
+                                      for a, b in pairwise(u)]))
+    made = CurveShape({"points": p.tolist(), "closed": True}, axes, middle, at, cells)
+    try:
+        made.radial()
+    except ValueError as error:
+        raise ValueError(f"points: {error}") from error
+    return made
+
+
+def _profile(points: ArrayLike) -> tuple[Array, Array, Array, Array]:
+    """Return points (n, 3) of a plane curve, the chords (n,), their middle and axes (3, 3)."""
+    p = np.array(points, float)
+    if p.ndim != 2 or p.shape[1:] != (3,) or len(p) < 4 or not np.isfinite(p).all():
+        raise ValueError("points: four or more are needed, each of three finite numbers")
+    around = np.vstack([p, p[:1]])
+    chords = np.linalg.norm(np.diff(around, axis=0), axis=1)
+    if np.any(chords <= 1e-9 * chords.max()):
+        k = int(np.argmin(chords))
+        raise ValueError(f"points: number {k + 1} and the next one are at the same place (a closed "
+                         "curve does not repeat its first point)")
+    middle = p.mean(axis=0)
+    area = np.cross(p - middle, np.roll(p, -1, axis=0) - middle).sum(axis=0)  # anticlockwise
+    size = float(np.abs(p - middle).max())
+    if np.linalg.norm(area) <= 1e-9 * size**2:
+        raise ValueError("points: the curve crosses itself, or lies on a line")
+    axes = _axes(area, None)
+    if np.abs((p - middle) @ axes[:, 2]).max() > FLAT * size:
+        raise ValueError("points: a closed curve lies in a plane; these do not")
+    return p, chords, middle, axes
+
+
+def curve_of(name: str, given: Any, read: Callable[[str], Any] | None = None) -> CurveShape:
+    """Return a curve from its table in a mechanism file.
+
+    Raises:
+        ValueError: it is none; says why.
+    """
+    keys = [key for key in FORMS if isinstance(given, Mapping) and key in given]
+    if len(keys) != 1:
+        raise ValueError(f"a curve is one of {', '.join(FORMS)}")
+    (kind,) = keys
+    rest = set(given) - {kind} - ({"closed"} if kind in ("points", "table") else set())
+    if rest:
+        raise ValueError(f"{min(rest)} is not a key beside {kind}")
+    value = given[kind]
+    if kind in ("points", "table"):
+        rows = read(value) if kind == "table" and read is not None else value
+        flat = isinstance(rows, list) and rows and isinstance(rows[0], list) and len(rows[0]) == 2
+        made = spline([[*row, 0.0] for row in rows] if flat else rows, given.get("closed", False))
+    else:
+        makers: dict[str, Callable[..., CurveShape]] = {
+            "circle": circle, "ellipse": ellipse, "line": line, "helix": helix}
+        if not isinstance(value, Mapping):
+            raise ValueError(f"{kind} is a table, as {{radius = 0.03}}")
+        try:
+            made = makers[kind](**value)
+        except TypeError as error:
+            raise ValueError(f"{kind}: {error}") from error
+    return CurveShape(made.form, made.axes, made.centre, made.at, made.breaks, made.numbers, name)
+
+
+def _place(
+    centre: ArrayLike, normal: ArrayLike, x_axis: ArrayLike | None = None
+) -> dict[str, list[float]]:
+    axes = _axes(finite_array(normal, (3,), "normal"), x_axis)
+    return {"centre": finite_array(centre, (3,), "centre").tolist(),
+            "normal": axes[:, 2].tolist(),
+            **({} if x_axis is None else {"x_axis": axes[:, 0].tolist()})}
+
+
+def _conic(form: Mapping[str, Any], sizes: Sequence[float], place: Mapping[str, Any]) -> CurveShape:
+    axes = _axes(np.array(place["normal"]), place.get("x_axis"))
+    a, b = sizes
+
+    def at(u: Array, _: Array) -> Array:
+        c, s = np.cos(u), np.sin(u)
+        turn = [[a * c, b * s], [-a * s, b * c], [-a * c, -b * s], [a * s, -b * c]]
+        return np.array([*turn, *turn[: ORDER - 2]]).transpose(0, 2, 1)
+
+    return CurveShape(form, axes, np.array(place["centre"]), at)
+
+
+def _axes(z: Array, x_axis: ArrayLike | None) -> Array:
+    """Return x, y and z in columns: z along a direction, x along another or the world's."""
+    size = float(np.linalg.norm(z))
+    if size == 0.0:
+        raise ValueError("a direction is zero")
+    z = z / size
+    hint = np.array([1.0, 0.0, 0.0]) if x_axis is None else finite_array(x_axis, (3,), "x_axis")
+    if x_axis is None and abs(z[0]) > 0.9:
+        hint = np.array([0.0, 1.0, 0.0])
+    x = hint - (hint @ z) * z
+    if np.linalg.norm(x) <= 1e-9 * np.linalg.norm(hint):
+        raise ValueError("x_axis is along the normal")
+    x = x / np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+@dataclass(frozen=True, eq=False)
+class Follower:
+    """What touches a cam.
+
+    Attributes:
+        radius: of a roller whose centre is the origin of frame 2 [m]; 0 of a knife edge.
+        flat: (3,) normal, in frame 2, of a face through its origin; None of a roller.
+        side: 1 outside the cam, -1 inside; of a face, 1 where its normal leads away from the cam.
+    """
+
+    radius: float = 0.0
+    flat: Array | None = None
+    side: int = 1
+
+    @property
+    def form(self) -> dict[str, Any]:
+        """It as a mechanism file has it."""
+        if self.flat is not None:
+            return {"flat": self.flat.tolist()}
+        return {"roller": self.radius} if self.radius else {"knife": True}
+
+
+def follower_of(given: Any, _: Any = None) -> Follower:
+    """Return a follower from its table in a mechanism file.
+
+    Raises:
+        ValueError: it is none.
+    """
+    if isinstance(given, Follower):
+        return given
+    if not isinstance(given, Mapping) or len(given) != 1 or not given.keys() <= {
+            "roller", "flat", "knife"} or given.get("knife", True) is not True:
+        raise ValueError("is {roller = 0.008}, {flat = [0, 1, 0]} or {knife = true}")
+    if "flat" in given:
+        normal = finite_array(given["flat"], (3,), "flat")
+        if not np.any(normal):
+            raise ValueError("flat: the normal of a face is not zero")
+        return Follower(flat=normal / np.linalg.norm(normal))
+    return Follower(positive_number(given["roller"], "roller") if "roller" in given else 0.0)
+
+
+def named_curve(given: Any, context: Any = None) -> CurveShape:
+    """Return a curve by its name in a mechanism file, or as it is.
+
+    Raises:
+        ValueError: there is none of the name.
+    """
+    if isinstance(given, CurveShape):
+        return given
+    curves = getattr(context, "curves", {})
+    if not isinstance(given, str) or given not in curves:
+        there = ", ".join(curves) or "none"
+        raise ValueError(f"names [curves.NAME], not {str(given)[:60]!r}; there are: {there}")
+    found: CurveShape = curves[given]
+    return found
