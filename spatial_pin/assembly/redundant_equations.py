@@ -411,7 +411,7 @@ def _dense(mechanism: Mechanism, q: Array) -> Iterator[tuple[int, Array]]:
 def independent_along(
     mechanism: Mechanism, q: Array, angles: Array, ahead: Array, gap: float
 ) -> tuple[Mechanism, int]:
-    """Return the mechanism of a rounded file with equations that are independent along a path.
+    """Return a rounded mechanism with equations independent along a path, and a sample count.
 
     Those that are so near the guess may depend on each other elsewhere, at what seems a limit
     position then, or a singular one.

@@ -21,7 +21,7 @@ from spatial_pin.assembly.undetermined import (
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.loop_equations import LoopEquations
-from spatial_pin.kernel.paths import prescribed_places
+from spatial_pin.kernel.paths import prescribed_indices
 from spatial_pin.kernel.rate_solver import Chosen, RateSolver, rates_of
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 from spatial_pin.numerics.linalg import Array, Factors, decompose, independent_rows
@@ -143,7 +143,7 @@ class SquareSystem:
     def _rates(self, q: Array) -> Iterator[RateSolver]:
         """Acquire the solver for rates at q (nq,) with the selected equations."""
         with kernel_of(self.evaluation.mechanism) as kernel:
-            at = prescribed_places(kernel.nv, self.driven, self.still)
+            at = prescribed_indices(kernel.nv, self.driven, self.still)
             rates = rates_of(kernel, tuple(at), len(self.driven))
             rates.factor(q, self.evaluation.angle_reference, self.chosen)
             yield rates

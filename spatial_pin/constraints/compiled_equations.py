@@ -165,7 +165,7 @@ class Constraints:
             power = equation.is_length - lengths
             if weight or quantities:
                 terms.append((size * weight * self.scale**power,
-                              tuple(made.factor(x) for x in quantities)))
+                              tuple(made.index_of(x) for x in quantities)))
         row = self.labels[at].equation
         row = row if closure.equations is None else closure.equations[row]
         self.angles += [CountedAngle(at, (closure.name, row, k)) for k in range(len(made.angles))]
@@ -226,10 +226,10 @@ class _EquationBuilder:
         self.angles: list[tuple[int, int]] = []
         self.other_body_products: list[tuple[int, tuple[int, int]]] = []
 
-    def factor(self, quantity: Quantity) -> QuantityIndex:
+    def index_of(self, quantity: Quantity) -> QuantityIndex:
         """Add a quantity to the equation; return its index."""
         if isinstance(quantity, FunctionOf):
-            return self.factor(quantity.argument)._replace(function=quantity.function)
+            return self.index_of(quantity.argument)._replace(function=quantity.function)
         if isinstance(quantity, JointCoordinate):
             name = self.closure.joints[quantity.joint]
             self.coordinates.append(self.mechanism.coordinate(name))

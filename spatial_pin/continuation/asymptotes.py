@@ -32,7 +32,7 @@ MOST_TRIALS = 40
 
 
 def running_away(curve: SolutionCurve, x: Array, target: float) -> Arrival | None:
-    """Return the asymptote that ends a branch before a target value; None if there is none.
+    """Return the Arrival at an asymptote that ends a branch before a target; None without one.
 
     A target so near the end that the joint would be farther out than is followed is beyond it too.
 

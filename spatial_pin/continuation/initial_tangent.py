@@ -30,7 +30,7 @@ BESIDE_LIMIT = 0.05
 def system_at(
     mechanism: Mechanism, driver: str, guess: Mapping[str, Any] | State | Array | None, hold: Hold
 ) -> tuple[SquareSystem, State, PartMotion | None]:
-    """Return the square system with `driver` prescribed first, at the assembled guess or near it.
+    """Return square system, State and moving part at the assembled guess, `driver` first.
 
     Where the guess is just a limit of the driver, a point a little further on is taken. Of a
     mechanism that the driver does not determine, it is that of the part that it moves.

@@ -32,7 +32,7 @@ from spatial_pin.errors import SingularError
 from spatial_pin.kernel.closer import closer_of
 from spatial_pin.kernel.kernel import Kernel, kernel_of
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
-from spatial_pin.kernel.paths import Path, PathSamples, path_of, prescribed_places
+from spatial_pin.kernel.paths import Path, PathSamples, path_of, prescribed_indices
 from spatial_pin.mechanism.coordinates import coordinate_value, driver_coordinates
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
@@ -256,7 +256,7 @@ class Branch:
         self, chosen: NDArray[np.integer[Any]] | None, fill: Array | None, q: Array,
         angles: Array, s: float,
     ) -> Path | None:
-        driven = prescribed_places(self.kernel.nv, self.driven, self.still)
+        driven = prescribed_indices(self.kernel.nv, self.driven, self.still)
         polynomials = None if self._law is None else self.leading.polynomials(s, self.still)
         path = Path(self.kernel, chosen, driven, fill, self.accuracy, polynomials)
         return path if path.start(q, angles) else None
@@ -428,11 +428,11 @@ class PathTracker(Branch):
         return path.follow(values, samples) if path is not None else 0
 
     def reach(self, value: float) -> None:
-        """Go to a driver value.
+        """Move the tracker to a driver value.
 
         Raises:
             Stopped: a limit or a singular configuration lies before it, or it is too far away; the
-                tracker is before that then.
+                tracker is then at the last point before that.
         """
         while value != self.here.s:
             begin = self.here
@@ -555,7 +555,7 @@ def _prescribed(
     """Return prescribed and resting coordinates, their indices for C, and drivers that move."""
     check_not_held(mechanism, [mechanism.prescribed_coordinate(names[0])], hold)
     driven, still = usual_prescription(mechanism, names, hold)
-    indices = tuple(prescribed_places(mechanism.model.nv, driven, still))
+    indices = tuple(prescribed_indices(mechanism.model.nv, driven, still))
     return driven, still, indices, _moving_drivers(mechanism, driven, still)
 
 

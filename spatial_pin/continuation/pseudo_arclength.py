@@ -201,7 +201,7 @@ def _arrive(curve: SolutionCurve, point: CurvePoint, length: float, target: floa
 
 
 def branch_point_near(curve: SolutionCurve, point: CurvePoint, x: Array) -> Arrival:
-    """Return where the equations lose rank, ahead of a point, near x; else x."""
+    """Return the branch point ahead of a point, near x, as an Arrival; at x if there is none."""
     singular = located_singularity(curve, point)
     kind, value = singular if singular is not None else ("branch point", curve.value(x))
     return Arrival(kind, curve.unknowns.configuration(x), value)

@@ -581,7 +581,7 @@ def vibrations(
 def independent_motions(
     at: SmallMotions, free: Array, chosen: Sequence[str] | None
 ) -> tuple[list[str], Array, Array]:
-    """Return independent coordinates, and the motion per unit of each.
+    """Return names of independent coordinates, their rates, and the motion per unit of each.
 
     Args:
         at: the pose.

@@ -136,7 +136,7 @@ def _power(loads: Kinetostatics, spec: str) -> Output | None:
 
 
 def _wrench(loads: Kinetostatics, spec: str) -> Output | None:
-    """Return a reaction (N, 6), or its force or moment (N, 3), or what is on the ground.
+    """Return a reaction (N, 6), its force or moment (N, 3), or the shaking wrench.
 
     Of a coupling that does not say where it acts, what it does about its last joint (N,).
     """

@@ -133,7 +133,7 @@ class LoopEquations:
         return self._tree.frame_jacobian(frame)
 
     def move(self, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
-        """Move the bodies to q (nq,), with v and a (nv,).
+        """Move the bodies to q (nq,), v and a (nv,); return their twists and accelerations.
 
         Returns:
             Views (njoints, 6) on the twists and spatial accelerations, joint axes.

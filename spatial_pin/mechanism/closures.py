@@ -93,7 +93,7 @@ def _name(name: str | None) -> str:
 
 
 def _frames(frames: Sequence[FrameSpec]) -> Any:
-    """Return frames; what is no name becomes one where the mechanism is made."""
+    """Return frames; placements get a name in `Mechanism.from_model`."""
     if isinstance(frames, str):
         raise TypeError(f"frames are several, not {frames!r}")
     for frame in frames:

@@ -33,7 +33,7 @@ FACTORIALS = np.array([  # of 2, 4, ..., 16
 
 
 def require_mechanism(mechanism: object) -> None:
-    """Refuse an argument that is no Mechanism.
+    """Raise an error if an argument is no Mechanism.
 
     Raises:
         TypeError: says how to get one.

@@ -90,7 +90,7 @@ class ClosureData(Protocol):
 
 @dataclass(frozen=True)
 class Key:
-    """A number, or what else closures of a kind have in a mechanism file.
+    """A key of a closure type in a mechanism file: a number, a list, or a table.
 
     Attributes:
         name: the key.

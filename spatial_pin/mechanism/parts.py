@@ -136,7 +136,7 @@ class Closure:
 
     @property
     def acts_at(self) -> Any:
-        """Where a coupling acts, if it says so: its `teeth` or `strands`."""
+        """The `teeth` or `strands` of a coupling, None without them."""
         return next((x for x in self.numbers.values() if isinstance(x, Teeth | Strands)), None)
 
     @property

@@ -646,7 +646,7 @@ def fields_of(content: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
 
 
 def require_motion(motion: object) -> None:
-    """Refuse an argument that is no Motion.
+    """Raise an error if an argument is no Motion.
 
     Raises:
         TypeError: says how to get one.

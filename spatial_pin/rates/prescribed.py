@@ -24,7 +24,7 @@ from spatial_pin.assembly.state import State
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.loop_equations import loops_of
-from spatial_pin.kernel.paths import prescribed_places
+from spatial_pin.kernel.paths import prescribed_indices
 from spatial_pin.kernel.rate_solver import Chosen, RateSolver, rates_of
 from spatial_pin.mechanism.coordinates import coordinates_of, driver_coordinates
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -131,7 +131,7 @@ class Prescription(NamedTuple):
     def rates(self, kernel: Kernel) -> RateSolver:
         """Return the solver for the rates in a kernel."""
         return rates_of(
-            kernel, tuple(prescribed_places(kernel.nv, self.driven, self.still)), self.n_moving)
+            kernel, tuple(prescribed_indices(kernel.nv, self.driven, self.still)), self.n_moving)
 
 
 def factored_rates(kernel: Kernel, state: State, given: Prescription) -> RateSolver:

@@ -165,7 +165,7 @@ class ForceFunctions:
             evaluation.closure_error, self._free()).columns
         least = problem.least_constraint.solve(
             q, v, Bounded(a, ROUNDING * np.abs(a)), columns,
-            problem.given(t, q, v, evaluation))
+            problem.joint_forces(t, q, v, evaluation))
         if least.pulled:
             moving = np.abs(least.still / problem.scale).max(axis=0)
             names = problem.mechanism.coordinates

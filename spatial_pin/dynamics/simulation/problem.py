@@ -197,7 +197,7 @@ class Problem:
                 self.mechanism, evaluation, self.external.law(t, state)))
         return total
 
-    def given(self, t: float, q: Array, v: Array, evaluation: LoopEquations) -> Array:
+    def joint_forces(self, t: float, q: Array, v: Array, evaluation: LoopEquations) -> Array:
         """Return the joint forces (nv,) of efforts, springs, damping and friction."""
         total = self.efforts(t, q, v, evaluation)
         if self.forces.exist:

@@ -62,7 +62,7 @@ class Record:
         self.steps = 0
         self._coordinates: list[str] = []
 
-    def begin(self, start: Energies, accuracy: Accuracy) -> None:
+    def set_start(self, start: Energies, accuracy: Accuracy) -> None:
         """Set the energies at the start."""
         self.start, self.balance = start, EnergyBalance(self._problem, accuracy, start)
         self._time_tolerance = (
@@ -130,7 +130,7 @@ class Record:
                 "the one that goes straight on")
         self.events.append(Event("branch point", value, sample, text))
 
-    def all(self) -> tuple[Array, SimulationSamples]:
+    def recorded(self) -> tuple[Array, SimulationSamples]:
         """Return the times (N,) of the samples so far, and the samples."""
         return self._at[: self.filled], SimulationSamples(*(x[: self.filled] for x in self.room))
 
@@ -145,7 +145,7 @@ class Record:
             integrators: names of those that have taken the steps.
         """
         problem, names = self._problem, [c.name for c, _ in self._problem.drives]
-        times, (q, v, a, numbers, efforts, angles) = self.all()
+        times, (q, v, a, numbers, efforts, angles) = self.recorded()
         error, kinetic, energy, work = numbers.T.copy()
         return Simulation(
             mechanism=problem.mechanism, driver=None, driver_name="", time=times, q=q, v=v, a=a,
@@ -164,7 +164,7 @@ class Record:
         Raises:
             EnergyError: there are some.
         """
-        times, samples = self.all()
+        times, samples = self.recorded()
         for k, (t, row) in enumerate(zip(times.tolist(), samples.numbers.tolist(), strict=True)):
             try:
                 self.balance.check(t, Energies(*row[1:]))

@@ -125,7 +125,7 @@ class Run:
         record, system = self.record, self._in_use.begin(0.0, self._in_use.first)
         self._system = system
         self.y = system.unknowns(self._in_use.first.v, 0.0)
-        record.begin(system.energies(0.0, self.y), self._accuracy)
+        record.set_start(system.energies(0.0, self.y), self._accuracy)
         start = record.times_until(0.0)
         record.add_samples(system, start, self.y[None][: len(start)])
         if not len(self.y):  # no freedom and no work: the drivers' laws alone determine the motion
@@ -253,7 +253,7 @@ class Run:
             return False
         with suppress(EnergyError):
             record.refuse_samples()
-        times, samples = record.all()
+        times, samples = record.recorded()
         if not inertia.vanishes_after_samples(times, samples.q, samples.v):
             return False
         words = inertia.words(times[-1], samples.q[-1], samples.v[-1])
@@ -419,7 +419,7 @@ def _accelerations(problem: Problem, t: float, state: State) -> tuple[Array, flo
     q, v = state.q, state.v
     bias = np.array([*evaluation.bias(q, v)[: len(loops)],
                      *(-law(t)[2] / problem.scale[c.v] for c, law in problem.drives)])
-    given = problem.given(t, q, v, evaluation)
+    given = problem.joint_forces(t, q, v, evaluation)
     least = problem.least_constraint.solve(
         q, v, motions.carried(bias[picked], v), motions.columns, given)
     return least.a, 1.0 if least.lost else least.error, given

@@ -79,11 +79,11 @@ class BodyRows:
     def rows(
         self, q: Array, v: Array, a: Bounded, columns: Bounded
     ) -> tuple[Array, Array, Array, Array, Array]:
-        """Return weighted accelerations per unit freedom (m, n), and without (m,).
+        """Return weighted accelerations per unit freedom (m, n), and without (m,), with bounds.
 
-        Each with bounds on how far its entries may be off, and units of the freedoms (n,) at which
-        some body moves by one: so scaled, no row is good for one freedom and too coarse for
-        another. Motion within its bounds does not count.
+        Bounds are the largest errors of the entries. Last come units of the freedoms (n,) at which
+        some body moves by one: with them a row resolves all freedoms alike. Motion within its
+        bounds does not count.
         """
         pin.forwardKinematics(self._model, self._data, q, v, a.value)
         bodies = self._of_bodies(columns, a, v)
