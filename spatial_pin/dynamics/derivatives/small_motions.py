@@ -194,7 +194,7 @@ class SmallMotions:
             (sizes @ (self.size / self._scale), sizes @ np.abs(self.by_q) @ sizes.T))
 
     def _carried(self, opened: Array, q: Array, rates: Array | None) -> Array:
-        """Return the joint rates (nv, n) that cancel closure rates (n_closure, n) of coordinates."""
+        """Return the joint rates (nv, n) that cancel closure rates (n_closure, n)."""
         rest = np.zeros((self._inverse.shape[1] - len(opened), opened.shape[1]))
         columns: Array = -self._scale[:, None] * (self._inverse @ np.vstack([opened, rest]))
         return columns if rates is None else columns - q @ (rates @ columns)
