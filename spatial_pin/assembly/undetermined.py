@@ -18,7 +18,15 @@ from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.coordinates import driver_coordinates
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
-from spatial_pin.numerics.linalg import EPS, Array, common_rows, decompose, independent_rows
+from spatial_pin.numerics.linalg import (
+    EPS,
+    Array,
+    Decomposition,
+    common_rows,
+    decompose,
+    independent_rows,
+    least_squares,
+)
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 STEP = TOLERANCES.trial_step
@@ -30,6 +38,9 @@ SURE_WAY = 0.25
 # Way after which equations that depend on each other at one configuration only are independent in
 # earnest, of those that shake to the second order too; links that are next to nothing stay so.
 SOME_WAY = 0.1  # rad, characteristic lengths
+# Part of weak equations that a motion to a singular configuration nearby may leave: the block of
+# them is linear to a hundredth there, and rounded numbers leave about all of it.
+LINEAR = 0.1
 LONGEST_SURE = 0.1  # rad, characteristic lengths, of it at most: ten trial steps
 
 
@@ -88,7 +99,7 @@ def rank_loss(evaluation: LoopEquations, q: Array, rank: int) -> int:
     svd = decompose(jacobian[rows])
     strong = int(np.count_nonzero(svd.s > TOLERANCES.half_precision * svd.s.max(initial=0.0)))
     freedoms = svd.vt[len(rows) :]
-    if strong < len(rows):  # which may be the rounding of a file
+    if strong < len(rows) and not _is_beside_singular(evaluation, q, rows, svd, strong):
         lost = _rank_away(evaluation, q, freedoms) - strong
         evaluation.update(q)
         if lost > 0:
@@ -104,6 +115,31 @@ def rank_loss(evaluation: LoopEquations, q: Array, rank: int) -> int:
     lost = _generic_rank(evaluation, q) - rank
     evaluation.update(q)
     return max(lost, int(step is not None))
+
+
+def _is_beside_singular(
+    evaluation: LoopEquations, q: Array, rows: list[int], svd: Decomposition, strong: int
+) -> bool:
+    """Whether the weak equations depend on the strong ones at a configuration near q.
+
+    Near q the block of weak rows and of directions that strong rows leave free is linear in the
+    freedoms. If some motion makes it zero, q is near a singular configuration and is regular
+    itself. If none does, only the rounding of the file's numbers makes the weak equations
+    independent.
+    """
+    model, scale = evaluation.model, evaluation.mechanism.velocity_scale
+    left, right = svd.u[:, strong : len(rows)], svd.vt[strong:]
+
+    def block(step: Array) -> Array:
+        evaluation.update(pin.integrate(model, q, scale * step))
+        return (left.T @ evaluation.jacobian[rows] @ right.T).ravel()
+
+    here = block(np.zeros(model.nv))
+    changes = [(block(STEP * v) - block(-STEP * v)) / (2.0 * STEP) for v in svd.vt[len(rows) :]]
+    evaluation.update(q)
+    columns = np.reshape(changes, (len(changes), len(here))).T
+    rest = here + columns @ least_squares(columns, -here)
+    return bool(np.linalg.norm(rest) <= LINEAR * np.linalg.norm(here))
 
 
 def _rank_away(evaluation: LoopEquations, q: Array, freedoms: Array) -> int:
