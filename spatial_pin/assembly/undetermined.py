@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from spatial_pin.assembly.close import close
 from spatial_pin.assembly.holding import BASE, SPRINGS, free_bases, velocity_entries
@@ -118,7 +119,7 @@ def rank_loss(evaluation: LoopEquations, q: Array, rank: int) -> int:
 
 
 def _is_beside_singular(
-    evaluation: LoopEquations, q: Array, rows: list[int], svd: Decomposition, strong: int
+    evaluation: LoopEquations, q: Array, rows: NDArray[np.intp], svd: Decomposition, strong: int
 ) -> bool:
     """Whether the weak equations depend on the strong ones at a configuration near q.
 
