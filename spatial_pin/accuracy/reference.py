@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from spatial_pin.accuracy.extended import EPS, Extended, Long
 from spatial_pin.accuracy.tasks import SimulationTask, SweepTask
 from spatial_pin.assembly.close import close
-from spatial_pin.assembly.holding import still_entries
+from spatial_pin.assembly.holding import fixed_base_entries
 from spatial_pin.assembly.square_system import SINGULAR_PIVOT, SquareSystem
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.kernel.loop_equations import LoopEquations
@@ -89,7 +89,7 @@ class ExactRows:
         self.extended = Extended(mechanism)
         self.scale = mechanism.velocity_scale
         self.at = [c.q for c in driven]
-        self.moved = [*(c.v for c in driven), *still_entries(mechanism, driven)]
+        self.moved = [*(c.v for c in driven), *fixed_base_entries(mechanism, driven)]
 
     def near(self, q: Array, turns: Array) -> Exact:
         """Return the exact samples nearest to q (N, nq), passive freedoms left as they are.

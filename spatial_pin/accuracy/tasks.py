@@ -17,7 +17,7 @@ from spatial_pin.assembly.redundant_equations import with_independent_equations
 from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.dynamics.simulation.simulate import Simulation, simulate
 from spatial_pin.errors import SingularError, SpatialPinError, UnknownNameError
-from spatial_pin.mechanism.coordinates import needed
+from spatial_pin.mechanism.coordinates import require_mechanism
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.default_motion import default_motion
 from spatial_pin.motion.motion import Motion
@@ -122,7 +122,7 @@ def task_of(mechanism: Mechanism, task: Mapping[str, Any] | str | Motion | None)
         TypeError, ValueError: the task is none.
         UnknownNameError: the task has an argument that neither verb has.
     """
-    needed(mechanism)
+    require_mechanism(mechanism)
     mechanism = with_independent_equations(mechanism)
     if task is None:
         task = "sweep"

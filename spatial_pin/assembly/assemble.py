@@ -11,15 +11,19 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.checks import checked, mapping
 from spatial_pin.assembly.close import closed
-from spatial_pin.assembly.holding import free_but, still_entries
-from spatial_pin.assembly.redundant_equations import allowed_from, gap_allowed, rounded
+from spatial_pin.assembly.holding import fixed_base_entries, free_velocities
+from spatial_pin.assembly.redundant_equations import (
+    allowed_from,
+    gap_allowed,
+    without_rounded_equations,
+)
 from spatial_pin.assembly.search.assembly_problem import ACCEPTED, AssemblyProblem, deviations
-from spatial_pin.assembly.search.counted_turns import led
+from spatial_pin.assembly.search.counted_turns import with_followed_turns
 from spatial_pin.assembly.search.guesses import Guess, read_guess
 from spatial_pin.assembly.search.refusals import failure
 from spatial_pin.assembly.search.release import beyond_words
 from spatial_pin.assembly.search.search import Search
-from spatial_pin.assembly.search.whole_turns import turned_apart
+from spatial_pin.assembly.search.whole_turns import turn_free_difference
 from spatial_pin.assembly.state import NO_ANGLES, State, made
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import AssemblyError, SingularError, warn
@@ -30,7 +34,7 @@ from spatial_pin.mechanism.coordinates import (
     driver_coordinates,
     finite_number,
     joint_values,
-    needed,
+    require_mechanism,
     with_values,
 )
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -38,7 +42,7 @@ from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy, accuracy_of
 
-_WARNED: WeakSet[Mechanism] = WeakSet()  # mechanisms with a warning by `tell` already
+_WARNED: WeakSet[Mechanism] = WeakSet()  # mechanisms with a warning by `warn_of_rounding` already
 # Largest motion on one branch [rad, characteristic lengths]; near a singular configuration branches
 # are as near as that.
 SAME_BRANCH = 0.3
@@ -140,11 +144,11 @@ def assembled(
     gap: float | None = None,
 ) -> State:
     """Close loops like `assemble`, for verbs whose results report joint limits themselves."""
-    needed(mechanism)
+    require_mechanism(mechanism)
     accuracy = accuracy_of(accuracy)
     gap = gap_allowed(mechanism, accuracy) if gap is None else gap
-    problem = pose(mechanism, held_values(mechanism, drivers), guess, accuracy.tolerance, gap, free,
-                   release)
+    problem = assembly_problem(mechanism, held_values(mechanism, drivers), guess,
+                               accuracy.tolerance, gap, free, release)
     return solved(problem, limits, release, together=free == ())
 
 
@@ -166,7 +170,7 @@ def held_values(
     return held
 
 
-def pose(
+def assembly_problem(
     mechanism: Mechanism, held: Mapping[str, float], guess: Any, tolerance: float, gap: float,
     free: Iterable[str] = (), release: bool = True,
 ) -> AssemblyProblem:
@@ -186,10 +190,10 @@ def pose(
         if mechanism is whole:
             mechanism = guess.mechanism  # it goes on with the equations that were chosen for it
         gap = allowed_from(guess, gap)
-    elif (exact := rounded(mechanism, gap)) is not None:
+    elif (exact := without_rounded_equations(mechanism, gap)) is not None:
         mechanism = exact
     start = read_guess(mechanism, guess)
-    driver_values = standing = _standing(
+    driver_values = standing = _default_values(
         mechanism, held, guess, start, free, taken_along=release)
     beginning = mechanism.start(held) if guess is None else None
     if beginning is not None:
@@ -198,7 +202,7 @@ def pose(
                     for name in driver_values}
     angles, lost = NO_ANGLES, tuple[str, ...]()
     if constraints_of(mechanism).counts_turns:
-        start, angles, lost = led(
+        start, angles, lost = with_followed_turns(
             mechanism, held, start, guess.angles if isinstance(guess, State) else None, standing,
             start.names if isinstance(guess, Mapping) else ())
     problem = AssemblyProblem(mechanism, held, standing, start, tolerance, gap, angles)
@@ -212,7 +216,7 @@ def solved(
     """Return the closed State of an assembly problem; raises like `assemble`.
 
     Args:
-        problem: from `pose`.
+        problem: from `assembly_problem`.
         limits: stay within joint limits.
         release: let drivers without a value move if the loops cannot close otherwise.
         together: close all groups of loops in one call, if no result needs a judgement. If drivers
@@ -234,7 +238,7 @@ def solved(
     state = made(mechanism, q, None, None, closure_error=seen.error, angles=seen.angles,
                  released=released, lost_turns=problem.lost)
     if mechanism.whole is not None:
-        tell(state)
+        warn_of_rounding(state)
     return state
 
 
@@ -251,7 +255,7 @@ def _searched(problem: AssemblyProblem, limits: bool, release: bool) -> tuple[Ar
         return search.best[1], search.examined()
 
 
-def tell(state: State) -> None:
+def warn_of_rounding(state: State) -> None:
     """Warn once for a mechanism of equations that the numbers of its file contradict."""
     mechanism, whole = state.mechanism, state.mechanism.whole
     assert whole is not None and mechanism.selection is not None
@@ -266,13 +270,13 @@ def tell(state: State) -> None:
          "(see State.gap; assemble(gap=0) refuses them)")
 
 
-def standing_drivers(
+def default_driver_values(
     mechanism: Mechanism,
     held: Iterable[str],
     guess: Mapping[str, Any] | State | Array | None = None,
     free: Iterable[str] = (),
 ) -> dict[str, float]:
-    """Return the values of drivers without a given value, by coordinate [rad, m].
+    """Return default values of the drivers without a given value, by coordinate [rad, m].
 
     Args:
         mechanism: the mechanism.
@@ -284,14 +288,14 @@ def standing_drivers(
         UnknownNameError: a name does not exist.
         ValueError: `free` names something other than a driver, or a fixed driver.
     """
-    return _standing(mechanism, held, guess, read_guess(mechanism, guess), free)
+    return _default_values(mechanism, held, guess, read_guess(mechanism, guess), free)
 
 
-def _standing(
+def _default_values(
     mechanism: Mechanism, held: Iterable[str], guess: Any, start: Guess, free: Iterable[str],
     taken_along: bool = True,
 ) -> dict[str, float]:
-    """Return values of drivers without a value, like `standing_drivers`, from a read guess.
+    """Return `default_driver_values` from a guess that is read already.
 
     With `taken_along`, other joints of the guess move drivers that it does not name.
     """
@@ -352,14 +356,14 @@ def branch_changed(guess: State, reached: State, held: Iterable[str]) -> str:
         held: coordinates with values, and fixed drivers.
     """
     mechanism = reached.mechanism
-    if np.abs(turned_apart(mechanism, guess.q, reached.q)).max(initial=0.0) <= SAME_BRANCH:
+    if np.abs(turn_free_difference(mechanism, guess.q, reached.q)).max(initial=0.0) <= SAME_BRANCH:
         return ""
     table = mechanism.coordinate_table
     names = list(dict.fromkeys(mechanism.prescribed_coordinate(name).name for name in held))
-    still = still_entries(mechanism, (table[name] for name in names))
-    free = free_but(mechanism, still, (name for name in names if table[name].q >= 0))
-    q, done = _led(guess, reached, names, free)
-    apart = np.abs(turned_apart(mechanism, q, reached.q))
+    still = fixed_base_entries(mechanism, (table[name] for name in names))
+    free = free_velocities(mechanism, still, (name for name in names if table[name].q >= 0))
+    q, done = _straight_motion(guess, reached, names, free)
+    apart = np.abs(turn_free_difference(mechanism, q, reached.q))
     with loops_of(mechanism, reached.angles) as evaluation:
         evaluation.update(reached.q)
         rows, labels = evaluation.jacobian, evaluation.constraints.labels
@@ -379,7 +383,7 @@ def branch_changed(guess: State, reached: State, held: Iterable[str]) -> str:
             "`follow` stay on a branch")
 
 
-def _led(
+def _straight_motion(
     guess: State, reached: State, names: list[str], free: NDArray[np.bool_]
 ) -> tuple[Array, float]:
     """Return the end of a straight motion of coordinates from a guess, and the completed part."""
@@ -397,7 +401,7 @@ def _led(
             there = closed(mechanism, with_values(mechanism, q, values), free, reference,
                            TOLERANCES.tight, pinned={name: values[name] for name in pinned})
             is_near = there.error <= ACCEPTED and np.abs(
-                turned_apart(mechanism, q, there.q)).max(initial=0.0) <= SAME_BRANCH
+                turn_free_difference(mechanism, q, there.q)).max(initial=0.0) <= SAME_BRANCH
         except SingularError:
             is_near = False
         if is_near:

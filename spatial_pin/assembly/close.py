@@ -33,7 +33,7 @@ def close(
     pinned: Mapping[str, float] = NOTHING,
     cut: float = TOLERANCES.rank,
 ) -> tuple[Array, float]:
-    """Move the `free` velocities of q (nq,) until the loops close, with the least motion.
+    """Close the loops from q (nq,) by least motion of `free`; return configuration and error.
 
     Damped steps, then undamped least-norm steps down to round-off, see `kernel/closing/closing.c`.
     If frames of closures are turned far against each other, the logarithms of their rotations are
@@ -63,7 +63,7 @@ def closed(
     pinned: Mapping[str, float] = NOTHING,
     cut: float = TOLERANCES.rank,
 ) -> Closed:
-    """Close loops like `close`, without an evaluation; `reference` are its unwrapping angles."""
+    """Close loops like `close`, from a mechanism; `reference` are its unwrapping angles."""
     with closer_of(mechanism, pinned) as closer:
         return closer.close(q, free, reference, tolerance, iterations, pinned.values(), cut)
 

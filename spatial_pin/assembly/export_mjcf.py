@@ -7,7 +7,7 @@ from pathlib import Path
 from spatial_pin.assembly.assemble import assemble
 from spatial_pin.assembly.state import State
 from spatial_pin.errors import AssemblyError, warn
-from spatial_pin.mechanism.coordinates import needed
+from spatial_pin.mechanism.coordinates import require_mechanism
 from spatial_pin.mechanism.mechanism import Mechanism
 
 
@@ -39,7 +39,7 @@ def export_mjcf(mechanism: Mechanism, path: str | Path, state: State | None = No
     """
     from spatial_pin.formats.mjcf.writer import write_mjcf  # when something is exported
 
-    needed(mechanism)
+    require_mechanism(mechanism)
     if state is not None:
         return write_mjcf(mechanism, path, state.q)
     try:

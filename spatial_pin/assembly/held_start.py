@@ -43,7 +43,7 @@ def held_start(
     mechanism: Mechanism, values: Mapping[str, float],
     guess: Mapping[str, Any] | State | Array | None, hold: Hold, accuracy: Accuracy,
 ) -> tuple[State, list[str]]:
-    """Assemble values of drivers, with `hold` at the values of the guess.
+    """Assemble a State at driver values, with `hold` at the values of the guess.
 
     These values are exact if the guess is a State and the loops close so; otherwise the coordinates
     are released, after the drivers without a value. With another guess, they keep their assembled
@@ -57,7 +57,7 @@ def held_start(
         accuracy: of assembly.
 
     Returns:
-        The State, and a sentence on each joint that is not at the value of the guess.
+        The State, and a sentence for each joint that is not at the value of the guess.
 
     Raises:
         AssemblyError: the values cannot be assembled.
@@ -87,7 +87,7 @@ def held_start(
 def held_coordinates(
     mechanism: Mechanism, values: Iterable[str], hold: Hold
 ) -> list[Coordinate]:
-    """Return the coordinates of `hold`, without bases and coordinates with a value."""
+    """Return the coordinates of `hold`, except free bases and coordinates with a value."""
     given = [mechanism.prescribed_coordinate(name) for name in values]
     held = held_by(mechanism, hold, given)
     base = held_by(mechanism, BASE, given).entries

@@ -47,8 +47,8 @@ class Held(NamedTuple):
     coordinates: tuple[Coordinate, ...] = ()
 
 
-def fixed(hold: Hold) -> FixedHold:
-    """Return the same names as a hashable tuple."""
+def hashable_hold(hold: Hold) -> FixedHold:
+    """Return the names of `hold` as a hashable tuple."""
     return hold if hold is None or isinstance(hold, str) else tuple(names_of(hold, "hold"))
 
 
@@ -84,7 +84,7 @@ def untied(mechanism: Mechanism) -> tuple[str, ...]:
                  if groups[i] and [groups[k] for k in floating].count(groups[i]) == 1)
 
 
-def still_entries(mechanism: Mechanism, driven: Iterable[Coordinate]) -> tuple[int, ...]:
+def fixed_base_entries(mechanism: Mechanism, driven: Iterable[Coordinate]) -> tuple[int, ...]:
     """Return the velocity entries of the free bases that are not driven."""
     moved = [c.joint for c in driven]
     return tuple(v for joint in free_bases(mechanism) if joint not in moved
@@ -98,13 +98,13 @@ def velocity_entries(mechanism: Mechanism, joint: str) -> range:
     return range(at, at + int(mechanism.model.nvs[i]))
 
 
-def written(names: Iterable[str]) -> list[str]:
-    """Return names for a file, that of the free bases in asterisks."""
+def hold_to_file(names: Iterable[str]) -> list[str]:
+    """Return the names of `hold` for a file; the keyword of the free bases gets asterisks."""
     return [f"*{name}*" if isinstance(name, Word) else name for name in names]
 
 
-def as_written(names: Iterable[str]) -> tuple[str, ...]:
-    """Return names from a file."""
+def hold_from_file(names: Iterable[str]) -> tuple[str, ...]:
+    """Return the names of `hold` from a file, see `hold_to_file`."""
     return tuple(BASE if name == f"*{BASE}*" else name for name in names)
 
 
@@ -143,7 +143,7 @@ def _held_by(
         known = name in mechanism.coordinate_table or name in mechanism.drivers
         is_word = not known and name not in joints
         if is_base(mechanism, name):
-            entries += still_entries(mechanism, driven)
+            entries += fixed_base_entries(mechanism, driven)
         elif name == SPRINGS and is_word:
             sprung = [mechanism.coordinate(x.joint) for x in mechanism.springs if x.joint]
             entries += [c.v for c in sprung if c.q >= 0]
@@ -175,7 +175,7 @@ def divided(
     return [*moving, *held.coordinates], held.entries
 
 
-def free_but(
+def free_velocities(
     mechanism: Mechanism, still: Iterable[int], held: Iterable[str]
 ) -> NDArray[np.bool_]:
     """Return (nv,) the free velocities, without fixed entries and coordinates."""

@@ -34,7 +34,7 @@ HINGES = {"revolute": 1, "universal": 2}  # pairs of a chain, with their number 
 WITHOUT_MASS = 1e-6
 
 
-def driven_groups(
+def rigid_groups(
     mechanism: Mechanism, driven: Iterable[Coordinate] | None = None
 ) -> list[int]:
     """Return for every body (by its joint's index) the first body that is rigidly connected to it.
@@ -76,7 +76,7 @@ def is_in_loop(mechanism: Mechanism, joint: str) -> bool:
 @made_once
 def _in_loops(mechanism: Mechanism) -> list[bool]:
     """Return `is_in_loop` for every body (by its joint's index)."""
-    groups = np.array(driven_groups(mechanism))
+    groups = np.array(rigid_groups(mechanism))
     pairs = np.bincount([groups[body] for ends in _pairs(mechanism) for body in ends
                          if groups[ends[0]] != groups[ends[1]]], minlength=len(groups))
     carries: list[bool] = (pairs[groups] > 1).tolist()
@@ -109,8 +109,8 @@ class Ball(NamedTuple):
 
 
 @made_once
-def chain_links(mechanism: Mechanism) -> frozenset[int]:
-    """Return the inner bodies of balls and universal joints that are modelled as hinges.
+def massless_inner_links(mechanism: Mechanism) -> frozenset[int]:
+    """Return the massless inner bodies of balls and universal joints modelled as hinges.
 
     They have no mass, and carry two hinges, not driven nor coupled, with a common centre. If no
     body has a mass, they cannot be distinguished from shafts, and there are none.
@@ -143,25 +143,25 @@ def balls_of_hinges(mechanism: Mechanism) -> list[Ball]:
 
 
 @made_once
-def inside_links(mechanism: Mechanism) -> frozenset[int]:
-    """Return the inner bodies of balls modelled as hinges."""
+def inner_links_of_balls(mechanism: Mechanism) -> frozenset[int]:
+    """Return the inner bodies of balls modelled as hinges, of any mass."""
     return frozenset().union(*(ball.inside for ball in balls_of_hinges(mechanism)))
 
 
 @made_once
-def unseen_links(mechanism: Mechanism) -> frozenset[int]:
-    """Return the inner bodies of balls and universal joints, which do not count as links.
+def uncounted_links(mechanism: Mechanism) -> frozenset[int]:
+    """Return the inner bodies that do not count as links: massless ones, and those at rods.
 
     The inside of a ball between the ground and a body that is not a rod may be a shaft.
     """
     balls = [ball for ball in balls_of_hinges(mechanism)
              if 0 not in ball.ends or _is_rod(mechanism, max(ball.ends))]
-    return chain_links(mechanism).union(*(ball.inside for ball in balls))
+    return massless_inner_links(mechanism).union(*(ball.inside for ball in balls))
 
 
 def _is_rod(mechanism: Mechanism, body: int) -> bool:
     """Whether a body, with bodies that slide on it, has only point contacts, two or more."""
-    balls, inside, own = balls_of_hinges(mechanism), inside_links(mechanism), {body}
+    balls, inside, own = balls_of_hinges(mechanism), inner_links_of_balls(mechanism), {body}
     pairs = [(ends, kind) for ends, kind in _kinds_of_pairs(mechanism) if not inside & {*ends}]
     pairs += [(ball.ends, POINTS[0]) for ball in balls]
     for _ in pairs:
@@ -251,7 +251,7 @@ def passive_freedoms(
     """
     mechanism = evaluation.mechanism
     twists = _twists(evaluation, null_space)
-    groups = np.array(driven_groups(mechanism, driven))
+    groups = np.array(rigid_groups(mechanism, driven))
     moves = np.append(False, np.abs(twists).max(axis=(1, 2), initial=0.0) > RESTING)
     links: list[tuple[int, ...]] = [
         (group,) for group in sorted(set(groups[moves].tolist()) - {0})]

@@ -82,7 +82,7 @@ PART = HALF_RADIAN / PARTS_OF_MOTION
 MOST_SAMPLED = 400  # configurations of a path: eight turns, in a tenth of a second
 DIRECTIONS = 6  # of that motion, each taken both ways
 LONGER_MOTION = 4  # such motions in a row, over which it is seen how long equations are independent
-PROBES, STEPS_TO_POSE = 4, 3  # other poses tried, and steps to each
+PROBES, STEPS_TO_POSE = 4, 3  # other poses, and steps to each
 STEP_TO_POSE = 0.1  # length of a step [rad, characteristic lengths]
 # Of files with three digits, and with two; then others, as a gap far above the rounding may hide a
 # real equation.
@@ -117,7 +117,7 @@ class Sample(NamedTuple):
 
 
 @made_once
-def rounded(mechanism: Mechanism, gap: float) -> Mechanism | None:
+def without_rounded_equations(mechanism: Mechanism, gap: float) -> Mechanism | None:
     """Return a mechanism without the equations that the rounding of its numbers contradicts.
 
     Args:
@@ -172,10 +172,12 @@ def gap_allowed(mechanism: Mechanism, accuracy: Accuracy | None = None) -> float
 def gap_needed(mechanism: Mechanism) -> float | None:
     """Return a gap, with one digit, with which a locked mechanism would move; or None."""
     for gap in (Accuracy().gap, *GAPS_TRIED):
-        if gap > gap_allowed(mechanism) and (exact := rounded(mechanism, gap)) is not None:
+        if gap <= gap_allowed(mechanism):
+            continue
+        if (exact := without_rounded_equations(mechanism, gap)) is not None:
             assert exact.selection is not None
             less = clearly_above(max(open_by for _, open_by in exact.selection.opened))
-            while less < gap and rounded(mechanism, less) is None:
+            while less < gap and without_rounded_equations(mechanism, less) is None:
                 less = clearly_above(less)
             return min(gap, less)
     return None
@@ -188,7 +190,7 @@ def clearly_above(gap: float) -> float:
 
 
 def gap_words(mechanism: Mechanism) -> str:
-    """Return what would let a mechanism move whose loops hold it; empty if nothing would."""
+    """Return a remedy for a mechanism locked by rounded numbers, as text; else ""."""
     gap = gap_needed(mechanism.whole or mechanism)
     return "" if gap is None else (
         f"; if its file's numbers are rounded as far as that, load(..., gap={gap:.0e}) leaves out "
@@ -196,8 +198,8 @@ def gap_words(mechanism: Mechanism) -> str:
 
 
 def with_independent_equations(mechanism: Mechanism, accuracy: Accuracy | None = None) -> Mechanism:
-    """Return a mechanism without equations that its rounded numbers contradict."""
-    return rounded(mechanism, gap_allowed(mechanism, accuracy)) or mechanism
+    """Return `without_rounded_equations` at the allowed gap, or the mechanism itself."""
+    return without_rounded_equations(mechanism, gap_allowed(mechanism, accuracy)) or mechanism
 
 
 def _guess(mechanism: Mechanism) -> Array:

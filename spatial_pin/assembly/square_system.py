@@ -11,17 +11,17 @@ from contextlib import contextmanager
 import numpy as np
 
 from spatial_pin.assembly.close import scaled_row
-from spatial_pin.assembly.holding import still_entries
+from spatial_pin.assembly.holding import fixed_base_entries
 from spatial_pin.assembly.undetermined import (
     check_passive,
     check_regular,
-    dependence,
+    dependence_words,
     moves_frame,
 )
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.loop_equations import LoopEquations
-from spatial_pin.kernel.paths import prescribed_places
+from spatial_pin.kernel.paths import prescribed_indices
 from spatial_pin.kernel.rate_solver import Chosen, RateSolver, rates_of
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 from spatial_pin.numerics.linalg import Array, Factors, decompose, independent_rows
@@ -62,11 +62,12 @@ class SquareSystem:
     ) -> None:
         self.evaluation, self._frame = evaluation, frame
         self.driven = tuple(driven)
-        self.still = still_entries(evaluation.mechanism, driven) if still is None else tuple(still)
+        self.still = (
+            fixed_base_entries(evaluation.mechanism, driven) if still is None else tuple(still))
         self.scale = evaluation.mechanism.velocity_scale
         nv = evaluation.model.nv
         self.drive = np.zeros((len(self.driven) + len(self.still), nv))
-        for row, v in zip(self.drive, (*self.drive_at, *self.still), strict=True):
+        for row, v in zip(self.drive, (*self.driven_entries, *self.still), strict=True):
             row[v] = 1.0
         self._bent = [(k, c) for k, c in enumerate(self.driven)
                       if c.q < 0 and not isinstance(c, VelocityEntry)]
@@ -96,7 +97,7 @@ class SquareSystem:
         regular = np.vstack([chosen, evaluation.jacobian[n:], self.drive])
         svd, d = decompose(regular), len(self.driven)
         if svd.rank < r + p + len(self.drive):
-            raise SingularError(dependence(
+            raise SingularError(dependence_words(
                 evaluation, self.driven, self.drive[:d], self.still,
                 np.delete(regular, slice(r + p, r + p + d), axis=0)))
         self.passive = svd.null_space
@@ -129,8 +130,8 @@ class SquareSystem:
         self.pivot = Factors(self.matrix.T).pivot  # sought among the unknowns of an equation
 
     @property
-    def drive_at(self) -> list[int]:
-        """Places of the driven coordinates in the velocity vector."""
+    def driven_entries(self) -> list[int]:
+        """Indices of the driven coordinates in the velocity vector."""
         return [c.v for c in self.driven]
 
     @property
@@ -142,7 +143,7 @@ class SquareSystem:
     def _rates(self, q: Array) -> Iterator[RateSolver]:
         """Acquire the solver for rates at q (nq,) with the selected equations."""
         with kernel_of(self.evaluation.mechanism) as kernel:
-            at = prescribed_places(kernel.nv, self.driven, self.still)
+            at = prescribed_indices(kernel.nv, self.driven, self.still)
             rates = rates_of(kernel, tuple(at), len(self.driven))
             rates.factor(q, self.evaluation.angle_reference, self.chosen)
             yield rates

@@ -17,7 +17,7 @@ from spatial_pin.assembly.frames import Located, located
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
-from spatial_pin.mechanism.coordinates import CoordinateRates, coordinate_rates, needed
+from spatial_pin.mechanism.coordinates import CoordinateRates, coordinate_rates, require_mechanism
 from spatial_pin.mechanism.inertia import moving_mass
 from spatial_pin.mechanism.joint_limits import beyond_limits
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -111,13 +111,13 @@ class Gap(float):
     closures: Mapping[str, float]
 
     def __new__(cls, closures: Mapping[str, float] = MappingProxyType({})) -> Gap:
-        """Make it from the largest of each closure."""
+        """Make a gap from the largest error of each closure."""
         gap = super().__new__(cls, max(closures.values(), default=0.0))
         gap.closures = dict(closures)
         return gap
 
     def __getnewargs__(self) -> tuple[Any, ...]:
-        """Return what a copy is made from."""
+        """Return the arguments of a copy."""
         return (self.closures,)
 
 
@@ -185,7 +185,7 @@ class State:
         lost_turns: Iterable[str] = (),
         in_time: bool = True,
     ) -> None:
-        needed(mechanism)
+        require_mechanism(mechanism)
         rest, q = _rest(mechanism), _given(q, mechanism.neutral, "q")
         if closure_error is None:
             closure_error, angles = _measured(mechanism, q, angles)
@@ -208,11 +208,11 @@ class State:
         self.lost_turns = tuple(lost_turns)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what is copied or sent elsewhere: all but what is worked out again on use."""
+        """Return the fields to copy or pickle: all but results that are worked out again on use."""
         return {k: x for k, x in self.__dict__.items() if k not in ("data", "_located")}
 
     def __setstate__(self, fields: Mapping[str, Any]) -> None:
-        """Take what was kept; a copy is as read-only as the first."""
+        """Set the fields of a copy, which is read-only too."""
         self.__dict__.update(fields)
         for name in ("q", "v", "a", "angles"):
             setattr(self, name, _frozen(fields[name]))
@@ -225,7 +225,7 @@ class State:
 
     @cached_property
     def beyond_limits(self) -> dict[str, float]:
-        """How far coordinates are beyond the joint limits of the URDF, of those that are.
+        """The excesses of coordinates over the joint limits of the URDF.
 
         Signed amounts by coordinate [rad or m]: positive beyond upper limits, negative beyond
         lower ones.
@@ -234,7 +234,7 @@ class State:
 
     @cached_property
     def gap(self) -> Gap:
-        """How far redundant equations of a rounded file are from holding; 0 where all hold."""
+        """The largest error of redundant equations of a rounded file; 0 if all equations hold."""
         return gap_of(self.mechanism, self.q, self.angles)
 
     @cached_property
@@ -251,7 +251,7 @@ class State:
 
     @cached_property
     def _located(self) -> Located | None:
-        """Where the frames of a large tree are."""
+        """The placements of the frames of a large tree."""
         return located(self.mechanism, self.q, self.v, self.a)
 
     def _frame(self, name: str) -> int:
@@ -520,7 +520,7 @@ def of_mechanism(mechanism: Mechanism, state: State) -> State:
     Raises:
         SpatialPinError: it is a state of another mechanism, or of other dimensions.
     """
-    needed(mechanism)
+    require_mechanism(mechanism)
     if not isinstance(state, State):
         raise TypeError(f"a State is needed, not {type(state).__name__}: sp.assemble(mechanism, "
                         "{driver: value}) makes one")

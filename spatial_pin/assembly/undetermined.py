@@ -1,4 +1,4 @@
-"""Why nothing determines a motion: where loops lose equations, what is refused, and the words."""
+"""Undetermined motions: loops that lose equations, checks, and the text of errors."""
 
 from __future__ import annotations
 
@@ -67,8 +67,8 @@ class Regular(NamedTuple):
         return bool(np.abs(away).max(initial=0.0) <= self.radius)
 
 
-def is_sure(mechanism: Mechanism, n: int, rank: int) -> bool:
-    """Whether n closure equations of a rank are lost nowhere near: all are independent, or hold.
+def has_constant_rank(mechanism: Mechanism, n: int, rank: int) -> bool:
+    """Whether n closure equations surely keep their rank nearby: all are independent, or hold.
 
     Those that stayed of a rounded file may be so by its rounding only.
     """
@@ -89,7 +89,7 @@ def rank_loss(evaluation: LoopEquations, q: Array, rank: int) -> int:
         rank: of the closure equations there.
     """
     n = evaluation.constraints.n_closure
-    if is_sure(evaluation.mechanism, n, rank):
+    if has_constant_rank(evaluation.mechanism, n, rank):
         return 0
     known: Regular | None = evaluation.regular
     if known is not None and known.holds(evaluation.mechanism, q, rank):
@@ -189,7 +189,7 @@ def _free_directions(evaluation: LoopEquations, q: Array) -> int:
     return int(np.count_nonzero(decompose(np.array(moves)).s > TOLERANCES.moved)) if moves else 0
 
 
-def lost_rank(evaluation: LoopEquations, q: Array, lost: int, motion: str) -> str:
+def lost_rank_words(evaluation: LoopEquations, q: Array, lost: int, motion: str) -> str:
     """Return why the motion at q is not determined, in words, if the loops lose equations.
 
     Args:
@@ -211,11 +211,11 @@ def lost_rank(evaluation: LoopEquations, q: Array, lost: int, motion: str) -> st
             "beside this configuration")
 
 
-def dependence(
+def dependence_words(
     evaluation: LoopEquations, driven: Sequence[Coordinate], drive: Array, still: Sequence[int],
     closures: Array,
 ) -> str:
-    """Return why drivers are not independent.
+    """Return why drivers are not independent, as text.
 
     Args:
         evaluation: the closure equations, at the configuration.
@@ -241,7 +241,7 @@ def dependence(
             n, q = evaluation.constraints.n_closure, evaluation.q.copy()
             lost = rank_loss(evaluation, q, len(independent_rows(evaluation.jacobian[:n])))
             if lost:
-                return where + lost_rank(evaluation, q, lost, "drivers")
+                return where + lost_rank_words(evaluation, q, lost, "drivers")
             return (f"{where}singular configuration: branches cross so near that round-off "
                     "hides which equations depend on others; start further from it"
                     + gap_words(mechanism))
@@ -269,17 +269,17 @@ def dependence(
 
 
 def _nothing_moves(mechanism: Mechanism, still: Sequence[int], names: str) -> str:
-    """Return why no freedom is left."""
+    """Return why there is no freedom, as text."""
     base = {v for joint in free_bases(mechanism) for v in velocity_entries(mechanism, joint)}
     if set(still) - base:
         return (f"what is held and the loops leave no freedom, so that {names} cannot move; "
                 "hold less")
     return (f"{names} cannot move: the loops leave no freedom there (see sp.mobility); "
-            f"{check_loops(mechanism)}{gap_words(mechanism)}")
+            f"{locked_loops_hint(mechanism)}{gap_words(mechanism)}")
 
 
-def check_loops(mechanism: Mechanism) -> str:
-    """Return what to check if loops lock a mechanism."""
+def locked_loops_hint(mechanism: Mechanism) -> str:
+    """Return a hint for a mechanism that its loops lock, as text."""
     names = ", ".join(repr(c.name) for c in mechanism.closures if c.frames)
     what = f"axes and frames of closure {names}" if names else "couplings"
     return f"check the {what}, and the axes of the joints"
@@ -343,7 +343,7 @@ def check_regular(evaluation: LoopEquations, q: Array, rank: int) -> None:
     lost = rank_loss(evaluation, q, rank)
     if lost:
         raise SingularError(f"mechanism {evaluation.mechanism.name!r}: "
-                            + lost_rank(evaluation, q, lost, "drivers"))
+                            + lost_rank_words(evaluation, q, lost, "drivers"))
 
 
 def _check_free(evaluation: LoopEquations, null_space: Array) -> None:

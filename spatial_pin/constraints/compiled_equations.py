@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import made_once
-from spatial_pin.constraints.composed_equations import Composed, Equation, Factor
+from spatial_pin.constraints.composed_equations import Composed, Equation, QuantityIndex
 from spatial_pin.constraints.turns import turns_of
 from spatial_pin.constraints.vector_products import Products, matrix_of
 from spatial_pin.mechanism.equations import (
@@ -53,13 +53,13 @@ LARGE_RATIO = 100.0
 
 
 class EquationLabel(NamedTuple):
-    """The closure of an equation, and which of its equations it is."""
+    """The name of an equation's closure, and the number of the equation in it."""
 
     closure: str
     equation: int
 
 
-class Elsewhere(NamedTuple):
+class OtherBodyProduct(NamedTuple):
     """A product of an equation that acts on other bodies than the closure's first two.
 
     Attributes:
@@ -94,12 +94,12 @@ class Constraints:
         n_closure: number of closure equations; those of `n_passive` resolved freedoms follow them.
         n_products: of them that have products; those of joint coordinates alone come last.
         n_wrenches: of `LoopEquations.row_wrenches`.
-        equations: what they are made of, and after them the passive ones.
+        equations: the compiled equations, passive ones last.
         plain: closure equations that are one product each; their numbers are its own.
         composed: those that are more, alike ones together.
-        elsewhere: products that act on other bodies than the closure's first two.
-        angles: what counts turns, in the order of its angles; `n_angles` of them.
-        turns: what counts the turns of each of them.
+        other_body_products: products that act on other bodies than the closure's first two.
+        angles: the `n_angles` angles that count turns.
+        turns: the joints that count the turns of each of them.
         counts_turns: whether they, or couplings, count turns of joints.
         of_joints: (k,) equations that coordinates of joints occur in as such.
         idle_axes: joint and unit axis in its frame (3,) of each resolved passive freedom.
@@ -124,7 +124,7 @@ class Constraints:
             assert product is not None
             constant = _plain_constant(equation)
             products.add(product, closure, 0.0 if constant is None else -constant)
-        self.elsewhere: list[Elsewhere] = []
+        self.other_body_products: list[OtherBodyProduct] = []
         self.angles: list[CountedAngle] = []
         self.turns = [turns_of(mechanism, c, x) for _, c, e in rows for x in _angles_of(e)]
         self.counts_turns = bool(self.turns) or any(c.joints for c in mechanism.closures)
@@ -140,7 +140,8 @@ class Constraints:
         self.plain = np.array([at for at, e in enumerate(closed) if not e.terms], np.intp)
         self.of_joints = np.array([at for at, e in enumerate(closed) if e.coordinates], np.intp)
         self.composed = Composed.of(closed)
-        self.n_wrenches, self.n_angles = self.n_closure + len(self.elsewhere), len(self.angles)
+        self.n_wrenches = self.n_closure + len(self.other_body_products)
+        self.n_angles = len(self.angles)
         model, r = mechanism.model, len(products.constants)
         self.terms = products.a, products.b, products.x
         self.c_abx = matrix_of(self.terms, model.njoints)
@@ -157,27 +158,27 @@ class Constraints:
         """Return equation number `at`; products besides its first one are added."""
         if _plain_constant(equation) is not None:
             return Equation((at,))
-        made = _Composing(self.mechanism, closure, products, at, len(self.angles))
+        made = _EquationBuilder(self.mechanism, closure, products, at, len(self.angles))
         size, terms = self._size(closure, equation), []
         for weight, quantities in equation.terms:
             lengths = sum(isinstance(x, Displacement | Square | PointDistance) for x in quantities)
             power = equation.is_length - lengths
             if weight or quantities:
                 terms.append((size * weight * self.scale**power,
-                              tuple(made.factor(x) for x in quantities)))
+                              tuple(made.index_of(x) for x in quantities)))
         row = self.labels[at].equation
         row = row if closure.equations is None else closure.equations[row]
         self.angles += [CountedAngle(at, (closure.name, row, k)) for k in range(len(made.angles))]
         names = (*closure.frames, *closure.between)
-        for k, (one, two) in made.elsewhere:
-            self.elsewhere.append(Elsewhere(at, made.products[k], (
+        for k, (one, two) in made.other_body_products:
+            self.other_body_products.append(OtherBodyProduct(at, made.products[k], (
                 self.mechanism.frame_on_joint(names[one])[0],
                 self.mechanism.frame_on_joint(names[two])[0])))
         return Equation(tuple(made.products), tuple(made.coordinates), tuple(made.angles),
-                        tuple(terms), tuple(k for k, _ in made.elsewhere))
+                        tuple(terms), tuple(k for k, _ in made.other_body_products))
 
     def _size(self, closure: Closure, equation: ConstraintEquation) -> float:
-        """Return what an equation of joint coordinates alone is multiplied by, else 1.
+        """Return the factor of an equation of joint coordinates alone; 1 for others.
 
         That is the size of its last coordinate. Where ratios are large, it is the one of the joint
         that moves less, to a power of two, which changes no digit of a solution: else digits would
@@ -212,8 +213,8 @@ class Constraints:
         return self.supports[joint]
 
 
-class _Composing:
-    """The quantities of one equation, each numbered among those of its kind."""
+class _EquationBuilder:
+    """Collects the quantities of one equation, numbered by kind."""
 
     def __init__(
         self, mechanism: Mechanism, closure: Closure, products: Products, first: int, angles: int
@@ -223,10 +224,10 @@ class _Composing:
         self.products: list[int] = []
         self.coordinates: list[Coordinate] = []
         self.angles: list[tuple[int, int]] = []
-        self.elsewhere: list[tuple[int, tuple[int, int]]] = []
+        self.other_body_products: list[tuple[int, tuple[int, int]]] = []
 
-    def factor(self, quantity: Quantity) -> Factor:
-        """Return a quantity as one of those of the equation, to which it is added."""
+    def index_of(self, quantity: Quantity) -> QuantityIndex:
+        """Add a quantity to the equation; return its index."""
         if isinstance(quantity, FunctionOf):
             function = quantity.function
             if isinstance(quantity.argument, Displacement) and isinstance(function, Piecewise):
@@ -235,17 +236,18 @@ class _Composing:
         if isinstance(quantity, JointCoordinate):
             name = self.closure.joints[quantity.joint]
             self.coordinates.append(self.mechanism.coordinate(name))
-            return Factor("coordinate", len(self.coordinates) - 1)
+            return QuantityIndex("coordinate", len(self.coordinates) - 1)
         first = len(self.products)
         for product in _products_of(quantity):
             if product.frames != FIRST_TWO:
-                self.elsewhere.append((len(self.products), product.frames))
+                self.other_body_products.append((len(self.products), product.frames))
             self.products.append(self.all_products.add(product, self.closure) if self.products
                                  else self._first)
         if not isinstance(quantity, Angle | Bearing):
-            return Factor("product", first, ROOT if isinstance(quantity, PointDistance) else None)
+            root = ROOT if isinstance(quantity, PointDistance) else None
+            return QuantityIndex("product", first, root)
         self.angles.append((self._angles_before + len(self.angles), first))
-        return Factor("angle", len(self.angles) - 1)
+        return QuantityIndex("angle", len(self.angles) - 1)
 
 
 def _products_of(quantity: Quantity) -> list[ScalarProduct | PointDistance]:
@@ -293,7 +295,7 @@ def constraints_of(mechanism: Mechanism) -> Constraints:
 def composed_rates(
     c: Constraints, products: Sequence[Array], coordinates: Sequence[Array]
 ) -> Array:
-    """Return (n_closure, ...) the last of the products' derivatives, of the closure equations.
+    """Return the derivative (n_closure, ...) of the closure equations of the highest order given.
 
     Args:
         c: the equations.
@@ -328,13 +330,13 @@ def combined_wrenches(
     out = [np.zeros((c.n_wrenches, *w.shape[1:])) for w in wrenches]
     for total, w in zip(out, wrenches, strict=True):
         total[c.plain] = w[c.plain]
-    extra = {x.product: k for k, x in enumerate(c.elsewhere, start=c.n_closure)}
+    extra = {x.product: k for k, x in enumerate(c.other_body_products, start=c.n_closure)}
     for group in c.composed:
         if not len(group.products):
             continue
         slopes = group.slopes(products, coordinates)[: len(group.products)]
         for k, (at, slope) in enumerate(zip(group.products, slopes, strict=True)):
-            to = [extra[p] for p in at.tolist()] if k in group.elsewhere else group.rows
+            to = [extra[p] for p in at.tolist()] if k in group.other_body_products else group.rows
             term = slope * Taylor.of([w[at] for w in wrenches])
             for total, w in zip(out, term.values, strict=True):
                 total[to] += w

@@ -1,4 +1,4 @@
-"""Closure equations that are more than one product of vectors, from what they are made of.
+"""Closure equations that are sums of terms, not one product of vectors.
 
 Screws, couplings, distances as long as others: sums of numbers times products, angles, joint
 coordinates and functions. Their values, rates, derivatives and wrenches follow from Taylor series
@@ -23,12 +23,12 @@ from spatial_pin.numerics.taylor import Taylor, argument
 Ints = NDArray[np.intp]
 
 
-class Factor(NamedTuple):
-    """A quantity of an equation.
+class QuantityIndex(NamedTuple):
+    """The index of a quantity in an equation, and a function of the quantity.
 
     Attributes:
         kind: "product", "coordinate" or "angle".
-        at: which of the equation's.
+        at: index among the equation's quantities of this kind.
         function: of it, or None for itself.
     """
 
@@ -43,16 +43,17 @@ class Equation(NamedTuple):
     Attributes:
         products: their numbers among all; of a plain equation the one that it is.
         coordinates: of joints.
-        angles: number among all angles, and place of the sine in `products`, before the cosine.
+        angles: number among all angles, and index of the sine in `products`, before the cosine.
         terms: numbers with what they are multiplied by; none of a plain equation.
-        elsewhere: places of products that act on other bodies than the closure's first two.
+        other_body_products: indices of products that act on other bodies than the closure's first
+            two.
     """
 
     products: tuple[int, ...]
     coordinates: tuple[Coordinate, ...] = ()
     angles: tuple[tuple[int, int], ...] = ()
-    terms: tuple[tuple[float, tuple[Factor, ...]], ...] = ()
-    elsewhere: tuple[int, ...] = ()
+    terms: tuple[tuple[float, tuple[QuantityIndex, ...]], ...] = ()
+    other_body_products: tuple[int, ...] = ()
 
     @property
     def sines_and_cosines(self) -> list[tuple[int, int]]:
@@ -61,9 +62,9 @@ class Equation(NamedTuple):
 
     @property
     def form(self) -> tuple[object, ...]:
-        """What equations that are evaluated together have in common."""
+        """Key of equations that can be evaluated together."""
         return (len(self.products), len(self.coordinates), tuple(sine for _, sine in self.angles),
-                tuple(factors for _, factors in self.terms), self.elsewhere)
+                tuple(factors for _, factors in self.terms), self.other_body_products)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +73,7 @@ class Composed:
 
     Attributes:
         rows: (m,) numbers among all equations.
-        equations: (m,) what they are made of.
+        equations: (m,) the compiled equations.
     """
 
     rows: Ints
@@ -80,7 +81,7 @@ class Composed:
 
     @staticmethod
     def of(equations: Sequence[Equation]) -> list[Composed]:
-        """Return those of equations that are composed, alike ones together."""
+        """Return the composed ones of some equations, grouped by form."""
         alike: dict[tuple[object, ...], list[int]] = {}
         for at, equation in enumerate(equations):
             if equation.terms:
@@ -95,7 +96,7 @@ class Composed:
 
     @cached_property
     def coordinates(self) -> tuple[Ints, Ints]:
-        """(c, m) places of their coordinates in q, and in v."""
+        """(c, m) indices of their coordinates in q, and in v."""
         q, v = ([[getattr(c, at) for c in e.coordinates] for e in self.equations] for at in "qv")
         return np.array(q, np.intp).T, np.array(v, np.intp).T
 
@@ -110,9 +111,9 @@ class Composed:
         return np.array([[weight for weight, _ in e.terms] for e in self.equations]).T
 
     @property
-    def elsewhere(self) -> tuple[int, ...]:
+    def other_body_products(self) -> tuple[int, ...]:
         """Places of products that act on other bodies than those of the closure."""
-        return self.equations[0].elsewhere
+        return self.equations[0].other_body_products
 
     def inputs(
         self, products: Sequence[Array], coordinates: Sequence[Array],
@@ -130,7 +131,7 @@ class Composed:
                  for at in self.products]
         rest = np.zeros([len(self.rows)] + [1] * (np.ndim(products[0]) - 1))
         for q, v in zip(*self.coordinates, strict=True):
-            known = [_alongside(x[v if k else q], rest) for k, x in enumerate(coordinates)]
+            known = [_with_axes_of(x[v if k else q], rest) for k, x in enumerate(coordinates)]
             series.append(Taylor.of([*known, *[rest] * (len(products) - len(known))],
                                    [x[v] for x in coordinate_changes]))
         return series
@@ -153,13 +154,13 @@ class Composed:
         like, first = inputs[0].values[0], self.equations[0]
         angles = []
         for (_, sine), numbers in zip(first.angles, self.angles, strict=True):
-            near = 0.0 if reference is None else _alongside(reference[numbers], like)
+            near = 0.0 if reference is None else _with_axes_of(reference[numbers], like)
             angles.append(argument(inputs[sine], inputs[sine + 1], near))
         n = len(first.products)
         known = {"product": inputs[:n], "coordinate": inputs[n:], "angle": angles}
         total: Taylor = inputs[0] * 0.0
         for weights, (_, factors) in zip(self.weights, first.terms, strict=True):
-            weight, term = _alongside(weights, like), None
+            weight, term = _with_axes_of(weights, like), None
             for kind, at, function in factors:
                 x = known[kind][at]
                 x = function(x) if function else x
@@ -180,7 +181,7 @@ class Composed:
                         for x in value.changes]) for k in range(n)]
 
 
-def _alongside(x: Array, like: Array) -> Array:
+def _with_axes_of(x: Array, like: Array) -> Array:
     """Return an array (m, ...) with as many axes as another one, the missing ones last."""
     return x.reshape(x.shape + (1,) * (np.ndim(like) - x.ndim))
 

@@ -1,7 +1,6 @@
 """A model whose joints all have a constant motion subspace: the same motion, more bodies.
 
-It is also what the kernel is made of: its arrays have the frames of joints turned so that z is the
-axis.
+The kernel uses it too: its arrays have the frames of joints turned so that z is the axis.
 
 Pinocchio's derivative algorithms are right for such joints only: in 4.1 they leave out the change
 of the subspace of universal joints and of composites of slides and turns. Splitting these into

@@ -20,11 +20,11 @@ from spatial_pin.kernel.library import DONE, POINTER, SINGULAR, address, check, 
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.stacked import cross
 
-SYMMETRIC = np.array([4, 5, 7, 5, 6, 8, 7, 8, 9])  # places of a (3, 3) inertia in `inertias`
+SYMMETRIC = np.array([4, 5, 7, 5, 6, 8, 7, 8, 9])  # indices of a (3, 3) inertia in `inertias`
 
 
 class TreePlacements:
-    """Placements (njoints, 4, 3) as `pin.Data.oMi` has them, each made when it is asked for."""
+    """Placements (njoints, 4, 3) as `pin.Data.oMi` has them, each made at its first use."""
 
     def __init__(self, placements: Array) -> None:
         self._placements = placements
@@ -123,7 +123,7 @@ class KernelTree:
         check(self._library.kernel_set_numbers(
             self._kernel, address(self._reals), len(self._reals)))
 
-    # ------------------------------------------------------------ places and motions
+    # ------------------------------------------------------------ placements and motions
 
     def update(self, q: Array) -> None:
         """Set `placements` and `columns` at the configuration q (nq,)."""
@@ -141,7 +141,7 @@ class KernelTree:
         self._in_joint_axes(felt, self.accelerations)
 
     def _evaluate(self, q: Array, v: Array | None, a: Array | None, **outputs: Array) -> None:
-        """Evaluate a motion; a None: no acceleration; v None: where the tree stands."""
+        """Evaluate a motion; a None: no acceleration; v None: placements only."""
         self._q[:], task = q, _TreeTask(**self._at)
         if v is None:
             task.v = None
@@ -188,7 +188,7 @@ class KernelTree:
         return self._tau
 
     def transmitted(self, q: Array, v: Array, a: Array) -> Array:
-        """Return (njoints, 6) what joints hand on, joint axes, as `pin.Data.f` has it."""
+        """Return the forces (njoints, 6) through the joints, joint axes, as in `pin.Data.f`."""
         self._take_masses()
         wrench = self._moving[0]
         self._evaluate(q, v, a, tau=self._tau, wrench=wrench)
@@ -281,7 +281,7 @@ class KernelTree:
 
         Args:
             force: (nv,) joint forces, those of `eliminate`.
-            off: (nv,) what they may be off by.
+            off: (nv,) their largest errors.
             a: the accelerations.
 
         Returns:

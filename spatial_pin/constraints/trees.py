@@ -35,7 +35,7 @@ def is_large(model: pin.Model) -> bool:
 
 
 class Tree:
-    """Where the bodies of a small tree are and how they move, read in the memory of a `pin.Data`.
+    """Kinematics of a small tree, as views on the memory of a `pin.Data`.
 
     Attributes:
         data: Pinocchio's.
@@ -63,7 +63,7 @@ class Tree:
 
 
 def tree_of(model: pin.Model) -> Tree | KernelTree:
-    """Return what places and moves the bodies of a tree."""
+    """Return the kinematics of a tree, by Pinocchio or by the kernel."""
     return KernelTree(model) if is_in_kernel(model) else Tree(model)
 
 

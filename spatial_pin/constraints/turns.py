@@ -1,4 +1,4 @@
-"""Which joints turn two frames relative to each other about an axis: they count its turns.
+"""Joints that turn two frames relative to each other about an axis, and count its turns.
 
 Two frames tell their angle within a turn. Hinges next to either frame, but for slides, whose axes
 are that of the screw turn it by their own coordinates. Where the hinges between these are parallel
@@ -27,12 +27,12 @@ HALF_TURN_NOISE = 1e-9  # rad by which half a turn may be missed and is still +p
 
 
 class Turns(NamedTuple):
-    """What counts the turns of a screw closure.
+    """Coordinates that count the turns of a screw closure.
 
     Attributes:
-        row: (nq,) what coordinates add to the angle of its frames.
+        row: (nq,) coefficients of coordinates in the angle of its frames.
         offset: the angle where these are zero [rad].
-        are_all: whether nothing else adds to it.
+        are_all: whether the angle depends on these coordinates alone.
     """
 
     row: Array
@@ -44,7 +44,7 @@ class _Hinge(NamedTuple):
     """A joint between two bodies, at neutral.
 
     Attributes:
-        q: its place in the configuration.
+        q: its index in the configuration.
         axes: (k, 3) that it turns about, world axes; none of a slide.
         sense: 1 if it moves body 2, -1 if it moves body 1.
     """
@@ -60,7 +60,7 @@ class _Hinge(NamedTuple):
 
 
 def turns_of(mechanism: Mechanism, closure: Closure, angle: Angle | Bearing) -> Turns:
-    """Return what counts the turns of an angle in an equation of a closure."""
+    """Return the coordinates that count the turns of an angle of a closure."""
     if isinstance(angle, Bearing):  # of a point that moves: turns are counted along a path
         return Turns(np.zeros(mechanism.model.nq), 0.0, False)
     model, carriers = split_of(mechanism)
@@ -89,7 +89,7 @@ def turns_of(mechanism: Mechanism, closure: Closure, angle: Angle | Bearing) -> 
 
 
 def _placement(model: pin.Model, joint: int) -> pin.SE3:
-    """Return where a joint is at neutral: a `pin.Data` of many loops is large."""
+    """Return the placement of a joint at neutral, without a `pin.Data`, which may be large."""
     placement = pin.SE3.Identity()
     for i in list(model.supports[joint])[1:]:
         placement = placement * model.jointPlacements[i]

@@ -1,4 +1,4 @@
-"""The products of vectors that closure equations are made of: linear in where the bodies are.
+"""Products of vectors in closure equations; vectors are linear in the placements of bodies.
 
 With G the joint placements stacked as rows (columns of R, then p, of each joint), every vector is
 a row of C G.
@@ -63,7 +63,7 @@ class FrameOnBody(NamedTuple):
 
 
 class Products:
-    """Products A . B - c of vectors, and what their derivatives are made of.
+    """Products A . B - c of vectors, with the data of their derivatives.
 
     Attributes:
         mechanism: whose closures they are of.
@@ -166,7 +166,7 @@ def matrix_of(blocks: Sequence[list[tuple[Term, ...]]], n_joints: int) -> Any:
 
 
 def unit_length(mechanism: Mechanism, closure: Closure) -> float:
-    """Return the length [m] that a distance between other frames is divided by.
+    """Return the unit [m] of a distance between other frames.
 
     It is theirs in the guess, so that the equation is the difference of the lengths near there, or
     the characteristic length where that is next to nothing.

@@ -50,7 +50,7 @@ class Workspaces:  # with Workspaces() as workspaces
         self._acquired: list[acquired[Any]] = []
 
     def __enter__(self) -> Workspaces:
-        """Return this."""
+        """Return the workspaces."""
         return self
 
     def __exit__(self, *error: Any) -> None:

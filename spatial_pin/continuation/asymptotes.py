@@ -32,7 +32,7 @@ MOST_TRIALS = 40
 
 
 def running_away(curve: SolutionCurve, x: Array, target: float) -> Arrival | None:
-    """Return the asymptote that ends a branch before a target value; None if there is none.
+    """Return the Arrival at an asymptote that ends a branch before a target; None without one.
 
     A target so near the end that the joint would be farther out than is followed is beyond it too.
 
@@ -60,11 +60,11 @@ class _Far(NamedTuple):
 
     @property
     def size(self) -> float:
-        """What counts as one of it [rad or m]."""
+        """Its unit [rad or m]."""
         return float(self.curve.unknowns.scale[self.of.v])
 
     def value(self, x: Array) -> float:
-        """Return how far out it is [rad, characteristic lengths]."""
+        """Return its absolute value [rad, characteristic lengths]."""
         mechanism, q = self.curve.evaluation.mechanism, self.curve.unknowns.configuration(x)
         return coordinate_value(mechanism, self.of, q) / self.size
 
@@ -77,7 +77,7 @@ class _Far(NamedTuple):
         return gradient_row
 
     def pace(self, point: CurvePoint) -> float:
-        """Return how fast it moves along the tangent at a point."""
+        """Return its rate along the tangent at a point."""
         return float(self.row(point.x) @ point.t)
 
 

@@ -54,7 +54,7 @@ Node = tuple[PathPoint, Array, Array]  # a place of a passage; `Passage.first` a
 
 
 def far_side(curve: SolutionCurve, base: CurvePoint, distance: float) -> CurvePoint | None:
-    """Return the point beyond a branch point that lies `distance` ahead of a point, straight on.
+    """Return the point straight on beyond a branch point, `distance` ahead of a point.
 
     None where no branch goes straight on.
     """
@@ -89,7 +89,7 @@ def _polynomial(x: Array, y: Array) -> Callable[[float], Array]:
 
 
 def straight_on(curve: SolutionCurve, point: CurvePoint) -> CurvePoint | None:
-    """Return a point of the curve beyond the branch point just ahead of another, or None."""
+    """Return the nearest point straight on beyond a branch point; None if there is none."""
     for reach in (REACHES * _arc(point.t)).tolist():
         behind = curve.ahead(point, -reach)
         base = curve.settle(behind, point.t) if behind is not None else None
@@ -270,7 +270,7 @@ def _with_bends(smoothed: Passage, tracker: PathTracker) -> Passage | None:
     q = exact.by_drivers(high)[0]
     system = tracker.system_at(q, exact.angles(high))
     free = np.ones(len(system.scale), dtype=bool)
-    free[[*system.drive_at, *system.still]] = False
+    free[[*system.driven_entries, *system.still]] = False
     q = close(system.evaluation, q, free, ROUND_OFF)[0]
     behind = tracker.point_at(q, high, system.evaluation.angles.copy(), system)
     return exact._replace(

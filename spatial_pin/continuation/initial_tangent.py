@@ -18,7 +18,7 @@ from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.rates.depending import Depending, depending_on
+from spatial_pin.rates.depending import PartMotion, part_moving_with
 from spatial_pin.rates.rates import check_not_held, prescribed_at
 from spatial_pin.settings import Accuracy
 
@@ -29,8 +29,8 @@ BESIDE_LIMIT = 0.05
 
 def system_at(
     mechanism: Mechanism, driver: str, guess: Mapping[str, Any] | State | Array | None, hold: Hold
-) -> tuple[SquareSystem, State, Depending | None]:
-    """Return the square system with `driver` prescribed first, at the assembled guess or near it.
+) -> tuple[SquareSystem, State, PartMotion | None]:
+    """Return square system, State and moving part at the assembled guess, `driver` first.
 
     Where the guess is just a limit of the driver, a point a little further on is taken. Of a
     mechanism that the driver does not determine, it is that of the part that it moves.
@@ -40,7 +40,7 @@ def system_at(
     """
     check_not_held(mechanism, [mechanism.driven_coordinate(driver)], hold)
     state = assembled(mechanism, {}, guess)
-    moved = depending_on(state, [driver], hold)
+    moved = part_moving_with(state, [driver], hold)
     if moved is not None:
         state, hold = moved[:2]
     mechanism = state.mechanism  # of a rounded file one without the equations that it contradicts
@@ -90,7 +90,7 @@ def direction_of(system: SquareSystem) -> Array:
     return system.driver_rates()[:, 0]
 
 
-def not_spinning(system: SquareSystem) -> list[int]:
+def non_spinning_bodies(system: SquareSystem) -> list[int]:
     """Return the bodies without passive freedoms, resolved or not, at the system's configuration.
 
     The others need not come back with the loops: what they spin over a turn is no whole one.

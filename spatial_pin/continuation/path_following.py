@@ -46,8 +46,8 @@ class Followed(NamedTuple):
     released: Sequence[str] = ()
 
 
-def there_and_back(values: Array) -> list[NDArray[np.intp]] | None:
-    """Return the indices of values from the first one upwards, and from it downwards.
+def both_ways_order(values: Array) -> list[NDArray[np.intp]] | None:
+    """Return the indices of values above the first one, rising, and below it, falling.
 
     None where following the values as given is not much longer.
 
@@ -79,7 +79,7 @@ def followed_both_ways(
     Args:
         tracker: at the first value.
         values: (n,) of the driver.
-        ways: see `there_and_back`.
+        ways: see `both_ways_order`.
         bar: of the progress.
     """
     samples = tracker.room_for(len(values))

@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import made_once
-from spatial_pin.assembly.holding import FixedHold, Hold, divided, still_entries
+from spatial_pin.assembly.holding import FixedHold, Hold, divided, fixed_base_entries
 from spatial_pin.assembly.search.assembly_problem import AssemblyProblem
 from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.workspaces import Workspaces
 from spatial_pin.continuation.asymptotes import running_away
-from spatial_pin.continuation.pseudo_arclength import Arrival, towards
+from spatial_pin.continuation.pseudo_arclength import Arrival, followed_to
 from spatial_pin.continuation.solution_curve import (
     DriversLaw,
     OneDriver,
@@ -32,13 +32,13 @@ from spatial_pin.errors import SingularError
 from spatial_pin.kernel.closer import closer_of
 from spatial_pin.kernel.kernel import Kernel, kernel_of
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
-from spatial_pin.kernel.paths import Path, PathSamples, path_of, prescribed_places
+from spatial_pin.kernel.paths import Path, PathSamples, path_of, prescribed_indices
 from spatial_pin.mechanism.coordinates import coordinate_value, driver_coordinates
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.rates.rates import check_not_held, prescribed_at, prescribed_first
+from spatial_pin.rates.rates import check_not_held, prescribed_at, usual_prescription
 from spatial_pin.settings import Accuracy
 
 ROUND_OFF = 4.0 * float(np.finfo(float).eps)  # of a closure equation, and of its derivatives
@@ -122,7 +122,7 @@ class Branch:
         accuracy: Accuracy, workspaces: Workspaces, law: Any = None, begin: float = 0.0,
     ) -> None:
         self.mechanism, self.driven, self.accuracy = mechanism, driven, accuracy
-        self.still = still_entries(mechanism, driven) if still is None else tuple(still)
+        self.still = fixed_base_entries(mechanism, driven) if still is None else tuple(still)
         self._law, self._begin, self._workspaces = law, begin, workspaces
         self._samples: PathSamples | None = None  # those that the kernel began with
 
@@ -256,7 +256,7 @@ class Branch:
         self, chosen: NDArray[np.integer[Any]] | None, fill: Array | None, q: Array,
         angles: Array, s: float,
     ) -> Path | None:
-        driven = prescribed_places(self.kernel.nv, self.driven, self.still)
+        driven = prescribed_indices(self.kernel.nv, self.driven, self.still)
         polynomials = None if self._law is None else self.leading.polynomials(s, self.still)
         path = Path(self.kernel, chosen, driven, fill, self.accuracy, polynomials)
         return path if path.start(q, angles) else None
@@ -303,7 +303,7 @@ class PathTracker(Branch):
             SingularError: the prescribed coordinates do not determine the motion there.
         """
         mechanism = state.mechanism
-        driven, still = prescribed_first(mechanism, names, hold)
+        driven, still = usual_prescription(mechanism, names, hold)
         tracker = cls(mechanism, driven, still, accuracy, workspaces, law, begin)
         tracker.state = state
         tracker._path = tracker._regular_path(state.q, state.angles, begin)
@@ -360,14 +360,14 @@ class PathTracker(Branch):
         return None
 
     def start(self) -> None:
-        """Begin at the state, as if nothing had been followed."""
+        """Start at the state, without earlier samples."""
         state, self._here = self.state, None
         self._path = self._path_from(state.q, state.angles, self._begin)
         if self._path is None:
             self._here = self._solved(self.checked_system(state), state.q, self.leading.begin)
 
     def by(self, law: Any) -> PathTracker:
-        """Return a tracker at the same point, the same coordinates going by another law."""
+        """Return a tracker at the same point, with another law of the same coordinates."""
         other = copy(self)
         other._law, other._begin = law, self.here.s
         other.__dict__.pop("leading", None)
@@ -428,11 +428,11 @@ class PathTracker(Branch):
         return path.follow(values, samples) if path is not None else 0
 
     def reach(self, value: float) -> None:
-        """Go to a driver value.
+        """Move the tracker to a driver value.
 
         Raises:
             Stopped: a limit or a singular configuration lies before it, or it is too far away; the
-                tracker is before that then.
+                tracker is then at the last point before that.
         """
         while value != self.here.s:
             begin = self.here
@@ -516,7 +516,7 @@ class PathTracker(Branch):
         # few steps: open loops would hide where the branch turns, and what is redundant
         wanted = min(self.accuracy.tolerance, TOLERANCES.tight)
         curve = self.curve(system, max(wanted, 1e-14))
-        arrival = towards(curve, curve.unknowns.of(here.q, here.s), value, here.t)
+        arrival = followed_to(curve, curve.unknowns.of(here.q, here.s), value, here.t)
         if arrival.kind == "lost":
             raise Stopped(self._running_away(goal, system, arrival) or arrival)
         if arrival.kind != "reached":
@@ -554,8 +554,8 @@ def _prescribed(
 ) -> tuple[list[Coordinate], tuple[int, ...], tuple[int, ...], set[str]]:
     """Return prescribed and resting coordinates, their indices for C, and drivers that move."""
     check_not_held(mechanism, [mechanism.prescribed_coordinate(names[0])], hold)
-    driven, still = prescribed_first(mechanism, names, hold)
-    indices = tuple(prescribed_places(mechanism.model.nv, driven, still))
+    driven, still = usual_prescription(mechanism, names, hold)
+    indices = tuple(prescribed_indices(mechanism.model.nv, driven, still))
     return driven, still, indices, _moving_drivers(mechanism, driven, still)
 
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from spatial_pin.assembly.close import close
-from spatial_pin.continuation.singular_points import distance_after, located
+from spatial_pin.continuation.singular_points import distance_after, located_singularity
 from spatial_pin.continuation.solution_curve import CurvePoint, SolutionCurve
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.roots import sign_change
@@ -140,7 +140,7 @@ class ArcLengthPath:
         return True
 
 
-def towards(curve: SolutionCurve, x: Array, target: float, direction: Array) -> Arrival:
+def followed_to(curve: SolutionCurve, x: Array, target: float, direction: Array) -> Arrival:
     """Follow a curve from x towards the parameter value `target`.
 
     Args:
@@ -191,7 +191,7 @@ def _arrive(curve: SolutionCurve, point: CurvePoint, length: float, target: floa
     ahead = _point_at(curve, point, _root(gap, length))
     unknowns.put(ahead, target)
     free = np.ones(evaluation.model.nv, dtype=bool)
-    free[[*curve.system.drive_at, *curve.system.still]] = False
+    free[[*curve.system.driven_entries, *curve.system.still]] = False
     q, error = close(evaluation, unknowns.configuration(ahead), free, curve.tolerance)
     if error > 1e-11:
         return Arrival("lost", q, target)
@@ -201,8 +201,8 @@ def _arrive(curve: SolutionCurve, point: CurvePoint, length: float, target: floa
 
 
 def branch_point_near(curve: SolutionCurve, point: CurvePoint, x: Array) -> Arrival:
-    """Return where the equations lose rank, ahead of a point, near x; else x."""
-    singular = located(curve, point)
+    """Return the branch point ahead of a point, near x, as an Arrival; at x if there is none."""
+    singular = located_singularity(curve, point)
     kind, value = singular if singular is not None else ("branch point", curve.value(x))
     return Arrival(kind, curve.unknowns.configuration(x), value)
 

@@ -143,7 +143,7 @@ def distance_after(last: CurvePoint, point: CurvePoint, length: float) -> float:
     return point.sigma * length / fall if fall > 0.0 else np.inf
 
 
-def located(curve: SolutionCurve, point: CurvePoint) -> tuple[str, float] | None:
+def located_singularity(curve: SolutionCurve, point: CurvePoint) -> tuple[str, float] | None:
     """Return kind and parameter of the next point where the equations lose rank.
 
     The matrix of equations and tangent, a smooth function of the arc length, is extrapolated to

@@ -67,7 +67,7 @@ class OneDriver:
                 q[c.q] = value
 
     def polynomials(self, s: float, still: Sequence[int]) -> Polynomials | None:
-        """Return what a path of the kernel goes by; None: the driver leads. See `DriversLaw`."""
+        """Return None: the parameter is the driver. See `DriversLaw`."""
         return None
 
 
@@ -356,7 +356,7 @@ class SolutionCurve:
         return self.onto(self.unknowns.moved(point.x, step), point.t)
 
     def expect(self, point: CurvePoint, step: Array) -> None:
-        """Expect relative angles of screw closures as they are after a scaled step."""
+        """Set the expected relative angles of screw closures after a scaled step."""
         self.evaluation.angle_reference[:] = (
             point.angles + point.slopes @ step[: point.slopes.shape[1]])
 

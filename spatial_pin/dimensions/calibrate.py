@@ -27,7 +27,7 @@ from spatial_pin.dimensions.measurements import (
 from spatial_pin.dimensions.predictions import FittedState, Predictions, Unknowns
 from spatial_pin.dimensions.sensitivity import with_spread
 from spatial_pin.errors import SpatialPinError, unless_cut
-from spatial_pin.mechanism.coordinates import needed
+from spatial_pin.mechanism.coordinates import require_mechanism
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.follow import follow
 from spatial_pin.numerics.least_squares import LeastSquares, minimised
@@ -231,7 +231,7 @@ def calibrate(
         >>> print(f"r3 = {result.values['r3']:.6f} m")
         r3 = 0.280500 m
     """
-    needed(mechanism)
+    require_mechanism(mechanism)
     bounds = bounds_of(mechanism, dimensions, around=True)
     if loss not in LOSSES:
         raise ValueError(f"loss is {loss!r}; it is one of {', '.join(LOSSES)}")

@@ -80,7 +80,7 @@ class DimensionNumbers:
             blocks.append((scaled, self.base[scaled] * ratio[:, None] ** self._powers[scaled]))
         # placements of joints, which the kernel's have their axes along z in
         carriers, turned = self._packed.carriers, self._packed.frames
-        split, at = split_of(self._mechanism).model, self._packed.places()
+        split, at = split_of(self._mechanism).model, self._packed.indices()
         for i, pose in geometry.joints.items():
             first = int(carriers[i - 1]) + 1  # of the single joints that it is split into
             own = self._mechanism.centred_model.jointPlacements[i]
@@ -138,7 +138,7 @@ class DimensionNumbers:
     def _vector_blocks(self, geometry: TracedGeometry) -> Iterator[Block]:
         """Yield the vectors of closure equations and the axes of idle rotations."""
         model, local = self._mechanism.model, self._packed.parts().local
-        places, fixed_in = self._packed.places().local, self._packed.fixed_in.tolist()
+        places, fixed_in = self._packed.indices().local, self._packed.fixed_in.tolist()
 
         def on_body(joint: int, frame: int) -> Array:  # as `point_on_body`
             own = model.frames[frame].parentJoint

@@ -13,7 +13,7 @@ from typing import NamedTuple, cast
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.assembly.holding import still_entries
+from spatial_pin.assembly.holding import fixed_base_entries
 from spatial_pin.assembly.state import State
 from spatial_pin.dimensions.dimension_batch import DimensionFamily, EvaluatedBatch
 from spatial_pin.dimensions.homotopy import followed
@@ -272,7 +272,7 @@ class Predictions:
         """Return the derivatives (k, n) of a pose's errors [m, rad] per unit of the unknowns."""
         m, n = here.mechanism, evaluation.constraints.n_closure
         held = [m.driven_coordinate(name) for name in self._drivers[i]]
-        stands = [*(c.v for c in held), *still_entries(m, held)]
+        stands = [*(c.v for c in held), *fixed_base_entries(m, held)]
         loops = evaluation.jacobian[:n] if neighbours is None else neighbours.bodies.jacobian[i]
         scale = self._start.mechanism.velocity_scale
         svd = decompose(np.vstack([loops, np.eye(m.model.nv)[stands]]))

@@ -22,7 +22,7 @@ from spatial_pin.dimensions.varied_samples import (
     DriverMotion,
     VariedSamples,
     end_of_range,
-    with_forces,
+    with_force_values,
     with_masses,
 )
 from spatial_pin.errors import Interrupted, SingularError, SpatialPinError, UnknownNameError
@@ -32,7 +32,7 @@ from spatial_pin.motion.motion import Motion, first_samples
 from spatial_pin.numerics.angles import whole_turns
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.rates.prescribed import Prescription, driven_coordinates, placed
+from spatial_pin.rates.prescribed import Prescription, driven_coordinates, factored_rates
 
 # Step of differences relative to the dimension, or characteristic length (1 for angles) if it is
 # zero. Eighth order has an error of 1e-21, and round-off 4e-15 over the step.
@@ -145,7 +145,7 @@ def sensitivity(
         derivatives, errors = (
             {name: np.array([each[name] for each in parts]) for name in parts[0]}
             for parts in ([x.derivatives for x in several], [x.errors for x in several]))
-        unit = (several[0].unit if end_of_range(output) or with_forces([output])
+        unit = (several[0].unit if end_of_range(output) or with_force_values([output])
                 else state.output(output).unit)
         result = Sensitivity(
             output, np.array([x.value for x in several]), derivatives, errors, unit)
@@ -284,7 +284,7 @@ def _known(state: State) -> float:
     given = Prescription.of(mechanism, driven_coordinates(mechanism, mechanism.drivers), BASE)
     try:
         with kernel_of(mechanism) as kernel:
-            return CONFIGURATION_ERROR / placed(kernel, state, given).pivot
+            return CONFIGURATION_ERROR / factored_rates(kernel, state, given).pivot
     except SingularError:
         return CONFIGURATION_ERROR
 
@@ -295,7 +295,7 @@ def _sizes(state: State, drive: DriverMotion, outputs: Iterable[str]) -> dict[st
     speed, acceleration = (float(np.abs(x / scale).max(initial=0.0)) for x in (state.v, state.a))
     per_s2 = max(acceleration, speed**2)
     force = 0.0  # the largest in the mechanism, moments divided by its length
-    if with_forces(outputs):
+    if with_force_values(outputs):
         loads = drive.outputs_at(state).loads
         wrenches = np.vstack([loads.on_ground, *loads.reactions.values()])
         force = float(np.abs(wrenches / ([1.0] * 3 + [length] * 3)).max())

@@ -16,14 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.assembly.close import DAMPED_STEPS
-from spatial_pin.assembly.holding import still_entries
+from spatial_pin.assembly.holding import fixed_base_entries
 from spatial_pin.assembly.search.whole_turns import periodic
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.dimensions.dimension_batch import DimensionNumbers
 from spatial_pin.dimensions.homotopy import followed
 from spatial_pin.dimensions.variants import TracedGeometry, TracedTree, Variants
-from spatial_pin.dynamics.force_outputs import Told
+from spatial_pin.dynamics.force_outputs import NamedOutputs
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.dimensions import ClosedSamples, ClosingSystem, DimensionCloser, Numbers
 from spatial_pin.kernel.loop_equations import loops_of
@@ -45,7 +45,7 @@ def end_of_range(output: str) -> tuple[str, str] | None:
     return (end, driver) if kind == "limit" and end in ("lower", "upper") else None
 
 
-def with_forces(outputs: Iterable[str]) -> bool:
+def with_force_values(outputs: Iterable[str]) -> bool:
     """Whether one of the outputs is a force."""
     return any(is_force(output) for output in outputs)
 
@@ -98,7 +98,7 @@ class DriverMotion:
             near: a closed state of it at these or other dimensions, whose branch is followed.
             outputs: as for `sensitivity`.
         """
-        table: Told | None = None
+        table: NamedOutputs | None = None
         values: list[Any] = []
         for output in outputs:
             end = end_of_range(output)
@@ -117,10 +117,10 @@ class DriverMotion:
             values.append(float(value) if np.ndim(value) == 0 else value)
         return values
 
-    def outputs_at(self, state: State) -> Told:
+    def outputs_at(self, state: State) -> NamedOutputs:
         """Return the outputs of a state, by their names."""
         value, speed, _ = state.coordinate(self.driver)
-        return Told(Motion(
+        return NamedOutputs(Motion(
             state.mechanism, np.array([value]), self.driver, None, state.q[None], state.v[None],
             state.a[None], np.array([state.closure_error]), np.array([speed]),
             angles=np.array(state.angles)[None]), self.in_time)
@@ -253,7 +253,7 @@ def _square_system(state: State, drive: DriverMotion) -> ClosingSystem | None:
     """Return the square system at a closed state; None if its equations may be dependent."""
     mechanism = state.mechanism
     held = [mechanism.driven_coordinate(name) for name in drive.values]
-    driven = [*(c.v for c in held), *still_entries(mechanism, held)]
+    driven = [*(c.v for c in held), *fixed_base_entries(mechanism, held)]
     free = np.ones(mechanism.model.nv, dtype=bool)
     free[[c.v for c in held]] = False
     moving = free.copy()

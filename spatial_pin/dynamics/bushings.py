@@ -68,8 +68,9 @@ class Bushing(NamedTuple):
         """
         if spring.joint is None:
             (i1, m1), (i2, m2) = (mechanism.centred_frame(f) for f in spring.frames)
-            return cls(spring.name, (i1, i2), (m1, m2), six_by_six(spring.stiffness),
-                       six_by_six(spring.damping), np.array(spring.preload or np.zeros(6), float))
+            preload = np.array(spring.preload or np.zeros(6), float)
+            return cls(spring.name, (i1, i2), (m1, m2), bushing_matrix(spring.stiffness),
+                       bushing_matrix(spring.damping), preload)
         coordinate, model = mechanism.prescribed_coordinate(spring.joint), mechanism.centred_model
         joint = mechanism.joint_id(coordinate.joint)
         k = coordinate.component + (3 if mechanism.pair_of(coordinate.joint) == "spherical" else 0)
@@ -94,7 +95,7 @@ class Bushing(NamedTuple):
         return turns_by_law or bool(self.stiffness[:3, 3:].any() or self.preload[3:].any())
 
     def pose(self, placements: Array) -> tuple[Array, pin.SE3, pin.SE3]:
-        """Return x (6,) and where its frames are, given (njoints, 4, 3) placements of joints."""
+        """Return x (6,) and the placements of its frames, from (njoints, 4, 3) those of joints."""
         first, second = (pin.SE3(placements[i, :3].T, placements[i, 3]) * m
                          for i, m in zip(self.bodies, self.placements, strict=True))
         between = first.actInv(second)
@@ -155,7 +156,9 @@ class Bushing(NamedTuple):
         arm = {i2: b[0], i1: -np.append(self.placements[0].translation, 1.0)}
         return [{i1: x} for x in a], [arm] * 3 + [{i2: x} for x in b[3:]]
 
-    def pull(self, values: Array, by_q: Array, slopes_of: Slopes) -> tuple[Array, Array, Array]:
+    def force_derivatives(
+        self, values: Array, by_q: Array, slopes_of: Slopes
+    ) -> tuple[Array, Array, Array]:
         """Return its forces (12,) by the products, and their derivatives (12, nv) by q and v.
 
         Args:
@@ -197,7 +200,7 @@ class Bushing(NamedTuple):
         return x, slopes, bent
 
 
-def six_by_six(numbers: object) -> Array:
+def bushing_matrix(numbers: object) -> Array:
     """Return a stiffness or damping of a bushing as a matrix: six numbers are its diagonal."""
     found = np.array(numbers, float)
     if found.ndim == 0:

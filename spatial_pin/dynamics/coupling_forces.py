@@ -1,4 +1,4 @@
-"""What couplings do to bodies, where it is known at what teeth or strands they act.
+"""Forces of couplings on bodies, along the lines of their teeth or strands.
 
 Along a motion of a coupling's own joints that moves nothing else, with the carrier at rest, the
 bodies of its first and last joint roll on each other at the pitch point: both have the velocity
@@ -57,7 +57,7 @@ class ForceLine(NamedTuple):
 
 
 class CouplingForce(NamedTuple):
-    """What a coupling does to the bodies of its first and last joint.
+    """The force of a coupling on the bodies of its first and last joint.
 
     Attributes:
         name: of the coupling.
@@ -78,7 +78,7 @@ class CouplingForce(NamedTuple):
     lines: tuple[ForceLine, ...]
 
     def effort(self, multipliers: Array) -> Array:
-        """Return what it does about or along its last joint (...) [N·m or N]."""
+        """Return its effort at its last joint (...) [N·m or N]."""
         return multipliers[..., self.at] * self.row[self.last]
 
     def place(self, placements: Array) -> Array:
@@ -105,7 +105,7 @@ class CouplingForce(NamedTuple):
 
 
 def coupling_forces(mechanism: Mechanism) -> list[CouplingForce]:
-    """Return what each coupling does to bodies.
+    """Return the forces of all couplings.
 
     Raises:
         MechanismFileError: a pitch point or strand is not where its joints would roll or pull.

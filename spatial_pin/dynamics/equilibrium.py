@@ -1,4 +1,4 @@
-"""Poses at rest: where springs, weights and forces balance, and whether a mechanism stays there."""
+"""Poses at rest, where springs, weights and forces balance, and their stability."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from spatial_pin._support.executors import in_order
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.close import closed, scaled_row
 from spatial_pin.assembly.holding import free_bases, untied
-from spatial_pin.assembly.search.whole_turns import turned_apart
+from spatial_pin.assembly.search.whole_turns import turn_free_difference
 from spatial_pin.assembly.state import State
-from spatial_pin.dynamics.derivatives.derivatives import exact_numbers
+from spatial_pin.dynamics.derivatives.derivatives import exact_mechanism
 from spatial_pin.dynamics.derivatives.small_motions import AppliedLoads, SmallMotions
 from spatial_pin.dynamics.forces import Law
 from spatial_pin.dynamics.forward import Dynamics, Load
@@ -64,7 +64,7 @@ Guess = Mapping[str, Any] | State | Array | None
 
 
 class Equilibrium(Dynamics):
-    """A pose at rest, the forces there, and how stiff it is.
+    """A pose at rest, with its reactions and stiffness.
 
     Attributes:
         state: the State; it moves and is accelerated where coordinates have a constant speed.
@@ -89,7 +89,7 @@ class Equilibrium(Dynamics):
     """
 
     def __init__(
-        self, at: SmallMotions, coordinates: Sequence[str] | None, verdict: Verdict
+        self, at: SmallMotions, coordinates: Sequence[str] | None, verdict: Stability
     ) -> None:
         loads, mechanism = at.loads, at.loads.mechanism
         names, rates, motions = independent_motions(at, verdict.free, coordinates)
@@ -108,7 +108,7 @@ class Equilibrium(Dynamics):
         freedoms, held = decompose(held[:n]).null_space, held[n:]
         pull, scale = decompose(freedoms @ held.T), mechanism.velocity_scale
         effort = held.T @ pull.minimum_norm(freedoms @ (scale * at.wanted)) / scale
-        self._pressing = pull.null_space @ held / scale
+        self._internal_efforts = pull.null_space @ held / scale
         still = [c for c in mechanism.coordinate_table.values() if not loads.leaves(c)]
         rates = np.array([scaled_row(mechanism, c, at.state.q) for c in still])
         bearing = decompose(rates.reshape(-1, len(scale)).T).minimum_norm(scale * effort)
@@ -124,7 +124,7 @@ class Equilibrium(Dynamics):
     def unique(self) -> dict[str, NDArray[np.bool_]]:
         """Which components of each pair's reaction are unique, as in `Dynamics.unique`."""
         with self._equations() as equations:
-            return equations.unique(self._pressing)
+            return equations.unique(self._internal_efforts)
 
     def __repr__(self) -> str:
         return f"Equilibrium({self._at!r}, {POSE_KINDS[self.stable]})"
@@ -198,13 +198,13 @@ class Equilibria(Tabular, list[Equilibrium]):
     def __str__(self) -> str:
         lines = [f"{len(self)} poses at rest from {self.starts} starts, {self.reached} of which "
                  f"reached one{'' if self.is_whole else '; cut short'}"]
-        lines += [f"  {k}: {found!r}, energy {found.energy:.9g} J, reached {n} times"
-                  for k, (found, n) in enumerate(zip(self, self.counts, strict=True), start=1)]
+        lines += [f"  {k}: {pose!r}, energy {pose.energy:.9g} J, reached {n} times"
+                  for k, (pose, n) in enumerate(zip(self, self.counts, strict=True), start=1)]
         return "\n".join([*lines, f"about {self.missing:.0f} more must be expected"])
 
 
-class Verdict(NamedTuple):
-    """How a pose at rest answers a small push.
+class Stability(NamedTuple):
+    """The stability of a pose at rest.
 
     Attributes:
         stable: True, False or None, see `Equilibrium`.
@@ -275,9 +275,9 @@ def equilibrium(
     """
     setting = accuracy_of(accuracy)
     state = assembled(mechanism, None, guess, accuracy=setting)
-    loads = AppliedLoads(exact_numbers(state), hold, speeds, efforts, external, laws)
-    at, verdict = settled(loads, state, stable, setting)
-    refuse_passing(at)
+    loads = AppliedLoads(exact_mechanism(state), hold, speeds, efforts, external, laws)
+    at, verdict = rest_pose(loads, state, stable, setting)
+    refuse_momentary_rest(at)
     return Equilibrium(at, None if coordinates is None else names_of(coordinates, "coordinates"),
                        verdict)
 
@@ -341,34 +341,34 @@ def equilibria(
         mechanism.prescribed_coordinate(name)
     hold = hold if hold is None or isinstance(hold, str) else tuple(hold)
     acting = (hold, speeds, efforts, external, laws)
-    AppliedLoads(exact_numbers(state), *acting)  # a wrong name is an error before anything starts
-    found: list[Equilibrium] = []
+    AppliedLoads(exact_mechanism(state), *acting)  # a wrong name is an error before anything starts
+    poses: list[Equilibrium] = []
     counts: list[int] = []
     jobs = [(state, acting, names, setting, seed, k) for k in range(starts)]
     try:
         for one in in_order(executor, _from_start, jobs):
             if one is None:
                 continue
-            same = [k for k, other in enumerate(found) if _are_one(one, other)]
+            same = [k for k, other in enumerate(poses) if _are_one(one, other)]
             if same:
                 counts[same[0]] += 1
             else:
-                found.append(one)
+                poses.append(one)
                 counts.append(1)
     except KeyboardInterrupt:
-        raise Interrupted(None, _sorted(found, counts, starts, False)) from None
-    if not found:
+        raise Interrupted(None, _sorted(poses, counts, starts, False)) from None
+    if not poses:
         equilibrium(mechanism, state, hold=hold, speeds=speeds, efforts=efforts,
                     external=external, laws=laws, accuracy=setting)  # which says why
-    return _sorted(found, counts, starts, True)
+    return _sorted(poses, counts, starts, True)
 
 
 def _sorted(
-    found: Sequence[Equilibrium], counts: Sequence[int], starts: int, is_whole: bool
+    poses: Sequence[Equilibrium], counts: Sequence[int], starts: int, is_whole: bool
 ) -> Equilibria:
-    order = sorted(range(len(found)), key=lambda k: (
-        round(found[k].energy, 9), *np.round(found[k].state.q, 6).tolist()))
-    return Equilibria([found[k] for k in order], starts=starts,
+    order = sorted(range(len(poses)), key=lambda k: (
+        round(poses[k].energy, 9), *np.round(poses[k].state.q, 6).tolist()))
+    return Equilibria([poses[k] for k in order], starts=starts,
                       counts=[counts[k] for k in order], is_whole=is_whole)
 
 
@@ -376,7 +376,7 @@ def _from_start(
     state: State, acting: tuple[Any, ...], names: Sequence[str] | None, accuracy: Accuracy,
     seed: int, k: int,
 ) -> Equilibrium | None:
-    """Return where the k-th start leads: every second one down, the others to the nearest."""
+    """Return the pose at rest from start k: every second one descends, others go to the nearest."""
     mechanism = state.mechanism
     loads = AppliedLoads(mechanism, *acting)
     try:
@@ -385,19 +385,19 @@ def _from_start(
             step = FAR_STARTS[k // 2 % len(FAR_STARTS)] * rng.uniform(
                 -1.0, 1.0, mechanism.model.nv)
             step[list(loads.entries)] = 0.0
-            there = closed_beside(loads, state, step, accuracy)
+            there = displaced_state(loads, state, step, accuracy)
             if there is None:
                 return None
             state = there
-        at, verdict = settled(loads, state, None if k % 2 else True, accuracy)
-        refuse_passing(at)
+        at, verdict = rest_pose(loads, state, None if k % 2 else True, accuracy)
+        refuse_momentary_rest(at)
     except SpatialPinError:  # it falls without end from there, or meets a singular configuration
         return None
     return Equilibrium(at, names, verdict)
 
 
-def refuse_passing(at: SmallMotions) -> None:
-    """Refuse a pose that is at rest for a moment only, as what has a constant speed goes on.
+def refuse_momentary_rest(at: SmallMotions) -> None:
+    """Refuse a pose that is at rest for a moment only, because a shaft turns on.
 
     At rest relative to it nothing is accelerated, and the balance of forces does not change along
     the motion.
@@ -425,7 +425,7 @@ def refuse_passing(at: SmallMotions) -> None:
 
 def _are_one(one: Equilibrium, other: Equilibrium) -> bool:
     """Whether two poses are the same, idle rotations apart."""
-    apart = np.abs(turned_apart(one.state.mechanism, one.state.q, other.state.q))
+    apart = np.abs(turn_free_difference(one.state.mechanism, one.state.q, other.state.q))
     idle = np.abs(one.idle).max(axis=0, initial=0.0) > 0.0
     return bool(np.max(apart[~idle], initial=0.0) < SAME_POSE)
 
@@ -433,10 +433,10 @@ def _are_one(one: Equilibrium, other: Equilibrium) -> bool:
 # ---------------------------------------------------------------- the search
 
 
-def settled(
+def rest_pose(
     loads: AppliedLoads, state: State, stable: bool | None, accuracy: Accuracy
-) -> tuple[SmallMotions, Verdict]:
-    """Return where a mechanism comes to rest from a state, and how that answers a push.
+) -> tuple[SmallMotions, Stability]:
+    """Return the pose at rest that a mechanism reaches from a state, and its stability.
 
     Raises:
         SpatialPinError: something falls without end.
@@ -457,11 +457,11 @@ def settled(
             down = down / down[np.argmax(np.abs(down) > 0.5 * np.abs(down).max())]  # one sense
             step, length = NUDGE * down / np.abs(down).max(), NUDGE
         there = _taken(at, state, step, bool(stable) and not loads.speeds, accuracy)
-        gone += turned_apart(loads.mechanism, state.q, there.q)
+        gone += turn_free_difference(loads.mechanism, state.q, there.q)
         state, last = there, length
         if np.abs(gone).max(initial=0.0) > WITHOUT_END:
             break
-    raise SpatialPinError(_falls(loads, gone, step))
+    raise SpatialPinError(_fall_words(loads, gone, step))
 
 
 def _refuse_half_a_turn(at: SmallMotions) -> None:
@@ -484,7 +484,7 @@ def _refuse_half_a_turn(at: SmallMotions) -> None:
 
 
 def _newton_step(at: SmallMotions, descends: bool) -> Array:
-    """Return a step (nv,), scaled, to where the forces balance; downhill if that is wanted."""
+    """Return a Newton step (nv,), scaled, to balanced forces; a descent step if wanted."""
     reduced = at.orthonormal
     forces, terms = reduced.sizes
     if not len(forces):
@@ -508,11 +508,11 @@ def _newton_step(at: SmallMotions, descends: bool) -> Array:
 def _taken(
     at: SmallMotions, state: State, step: Array, descends: bool, accuracy: Accuracy
 ) -> State:
-    """Return the state that a step leads to, halved until loops close and nothing rises."""
+    """Return the state after a step, halved until loops close and a descent does not overshoot."""
     scale, part = at.loads.mechanism.velocity_scale, 1.0
     slope = -float(at.wanted @ (scale * step))
     while part > SHORTEST_DESCENT:
-        there = closed_beside(at.loads, state, part * step, accuracy)
+        there = displaced_state(at.loads, state, part * step, accuracy)
         if there is not None:
             if not descends or part * np.abs(step).max() < NEAR_REST or slope <= 0.0:
                 return there
@@ -533,30 +533,30 @@ def _slope(loads: AppliedLoads, state: State, step: Array) -> float:
     return float(along @ (loads.mechanism.velocity_scale * force) @ (along @ step))
 
 
-def closed_beside(
+def displaced_state(
     loads: AppliedLoads, state: State, step: Array, accuracy: Accuracy
 ) -> State | None:
-    """Return the closed state a step (nv,), scaled, away; None where loops do not close."""
+    """Return the closed state after a step (nv,), scaled; None if the loops do not close."""
     mechanism = loads.mechanism
     q = pin.integrate(mechanism.model, state.q, mechanism.velocity_scale * step)
     free = np.ones(len(step), dtype=bool)
     free[list(loads.entries)] = False
     pinned = {c.name: coordinate_value(mechanism, c, state.q) for c in loads.components}
-    found = closed(mechanism, q, free, state.angles, accuracy.tolerance, pinned=pinned)
-    if not found.error <= max(accuracy.tolerance, TOLERANCES.closed):
+    result = closed(mechanism, q, free, state.angles, accuracy.tolerance, pinned=pinned)
+    if not result.error <= max(accuracy.tolerance, TOLERANCES.closed):
         return None
     with loops_of(mechanism, state.angles) as loops:
-        loops.update(found.q, with_jacobian=False)
-        return State(mechanism, found.q, closure_error=found.error, angles=loops.angles.copy())
+        loops.update(result.q, with_jacobian=False)
+        return State(mechanism, result.q, closure_error=result.error, angles=loops.angles.copy())
 
 
 # ---------------------------------------------------------------- the verdict
 
 
-def judged(at: SmallMotions) -> Verdict:
-    """Return how a pose at rest answers a small push."""
+def stability_of(at: SmallMotions) -> Stability:
+    """Return the stability of a pose at rest."""
     passive, idle = at.idle()
-    free, scale = at.without(idle), at.loads.mechanism.velocity_scale
+    free, scale = at.without_idle(idle), at.loads.mechanism.velocity_scale
     reduced = at.reduced(free * scale)
     stiffness = reduced.stiffness
     least = NEUTRAL * reduced.sizes[1].max(initial=0.0)
@@ -574,7 +574,7 @@ def judged(at: SmallMotions) -> Verdict:
         stable = False if grows.any() else None if len(neutral) else True
     falls = bool(np.any(values < -least)) and (has_potential or not at.loads.speeds)
     down = modes[:, 0] @ free if falls and stable is False else None
-    return Verdict(stable, free, neutral, down, idle, passive)
+    return Stability(stable, free, neutral, down, idle, passive)
 
 
 def vibrations(
@@ -602,7 +602,7 @@ def vibrations(
 def independent_motions(
     at: SmallMotions, free: Array, chosen: Sequence[str] | None
 ) -> tuple[list[str], Array, Array]:
-    """Return coordinates that determine all motions, and what each moves.
+    """Return names of independent coordinates, their rates, and the motion per unit of each.
 
     Args:
         at: the pose.
@@ -653,8 +653,8 @@ def _moving(names: Sequence[str], rates: Array, motions: Array) -> list[str]:
             if size > TOLERANCES.half_precision * np.abs(motions).max(initial=0.0)]
 
 
-def _falls(loads: AppliedLoads, gone: Array, step: Array) -> str:
-    """Say what falls without end, and what would hold it."""
+def _fall_words(loads: AppliedLoads, gone: Array, step: Array) -> str:
+    """Return the coordinates that move without end, and a remedy, as text."""
     mechanism = loads.mechanism
     largest = np.abs(step).max(initial=0.0)
     moving = [name for name, x, y in zip(mechanism.coordinates, step, gone, strict=True)

@@ -20,16 +20,16 @@ from numpy.typing import ArrayLike, NDArray
 from spatial_pin._support.checks import as_array, checked, finite_array, names_of, whole_number
 from spatial_pin._support.columns import Quantity
 from spatial_pin.assembly.assemble import assembled
-from spatial_pin.assembly.search.whole_turns import turned_apart
+from spatial_pin.assembly.search.whole_turns import turn_free_difference
 from spatial_pin.assembly.state import State
-from spatial_pin.dynamics.derivatives.derivatives import exact_numbers
+from spatial_pin.dynamics.derivatives.derivatives import exact_mechanism
 from spatial_pin.dynamics.derivatives.small_motions import AppliedLoads, SmallMotions
 from spatial_pin.dynamics.equilibrium import (
     BALANCED,
     NEUTRAL,
     Guess,
-    closed_beside,
-    settled,
+    displaced_state,
+    rest_pose,
 )
 from spatial_pin.dynamics.forces import Law, external_wrenches, generalised, joint_efforts
 from spatial_pin.errors import LimitError, SingularError, SpatialPinError
@@ -114,11 +114,11 @@ class EquilibriumPath(Motion):
             >>> list(path.quantities())[-2:]
             ['load factor', 'stable']
         """
-        found = super().quantities(outputs)
+        columns = super().quantities(outputs)
         if outputs is None:
-            found |= {"load factor": Quantity(self.load_factor, "-"),
+            columns |= {"load factor": Quantity(self.load_factor, "-"),
                       "stable": Quantity(self.stable)}
-        return found
+        return columns
 
 
 class LoadPoint(NamedTuple):
@@ -173,7 +173,7 @@ class LoadPath:
         self.unit = span or 1.0  # factor that counts as much as a rad or a characteristic length
 
     def loads(self, factor: float) -> AppliedLoads:
-        """Return what acts at a load factor."""
+        """Return the loads at a load factor."""
         return AppliedLoads(
             self.mechanism, self.hold, None,
             {name: factor * x for name, x in self._efforts.items()},
@@ -225,34 +225,35 @@ class LoadPath:
     def corrected(
         self, start: LoadPoint, row: Array, target: float, along: Array
     ) -> LoadPoint | None:
-        """Return the pose at rest where a linear function of the way from a point has a value.
+        """Return the pose at rest where a linear function of the displacement has a value.
 
         Args:
             start: the point.
             row: (nv + 1,) the function of scaled joint motions and the scaled factor.
             target: its value.
-            along: (nv + 1,) the way of the first step.
+            along: (nv + 1,) direction of the first step.
 
         Returns:
             None where the loops do not close, or forces do not balance near the start.
         """
         state, factor, step = start.state, start.factor, along * target / float(row @ along)
-        way, length = np.zeros(len(row)), np.inf
+        displacement, length = np.zeros(len(row)), np.inf
         for k in range(POSE_CORRECTIONS):
-            there = closed_beside(self._unloaded, state, step[:-1], self.accuracy)
+            there = displaced_state(self._unloaded, state, step[:-1], self.accuracy)
             if there is None:
                 return None
-            way[:-1] += turned_apart(self.mechanism, state.q, there.q)
-            way[-1] += step[-1]
-            state, factor = there, start.factor + self.unit * float(way[-1])
+            displacement[:-1] += turn_free_difference(self.mechanism, state.q, there.q)
+            displacement[-1] += step[-1]
+            state, factor = there, start.factor + self.unit * float(displacement[-1])
             at = SmallMotions(self.loads(factor), state)
             matrix, freedoms = self._bordered(at, row)
-            rhs = np.append(at.orthonormal.load / (at.size or 1.0), target - float(row @ way))
-            # the least solution: idle rotations have no stiffness, and stay
-            found = decompose(matrix, NEUTRAL).minimum_norm(rhs)
-            if np.abs(matrix @ found - rhs).max() > BALANCED:
+            load = at.orthonormal.load / (at.size or 1.0)
+            rhs = np.append(load, target - float(row @ displacement))
+            # minimum norm: idle rotations have no stiffness, and do not move
+            solution = decompose(matrix, NEUTRAL).minimum_norm(rhs)
+            if np.abs(matrix @ solution - rhs).max() > BALANCED:
                 return None  # neither pose nor load factor balances it
-            step = np.append(found[:-1] @ freedoms, found[-1])
+            step = np.append(solution[:-1] @ freedoms, solution[-1])
             before, length = length, float(np.abs(step).max())
             if length <= POSE_EXACT or (before <= POSE_NEARLY and length >= 0.5 * before):
                 return self._point(at, factor, row if np.any(row[:-1]) else along, k + 1)
@@ -319,8 +320,8 @@ class LoadPath:
         whole = float(before.tangent @ self._way(before, after))
 
         def at(part: float) -> LoadPoint:
-            found = self.corrected(before, before.tangent, part * whole, before.tangent)
-            return after if found is None else found
+            point = self.corrected(before, before.tangent, part * whole, before.tangent)
+            return after if point is None else point
 
         def value(point: LoadPoint) -> float:
             return float(point.tangent[-1] if turns else point.stiffnesses[which])
@@ -393,11 +394,11 @@ def equilibrium_path(
     lo, hi = finite_array(factors, (2,), "factors").tolist()
     whole_number(branch, "branch")
     state = assembled(mechanism, None, guess, accuracy=setting)
-    path = LoadPath(exact_numbers(state), () if hold is None else names_of(hold, "hold"), laws,
+    path = LoadPath(exact_mechanism(state), () if hold is None else names_of(hold, "hold"), laws,
                     efforts, external, setting, abs(hi - lo) if over is None else 0.0)
     mechanism = path.mechanism
     if over is None:
-        at, _ = settled(path.loads(lo), state, True, setting)
+        at, _ = rest_pose(path.loads(lo), state, True, setting)
         along = np.append(np.zeros(mechanism.model.nv), np.sign(hi - lo) or 1.0)
         points, events = _along(path, path.start(at.state, lo, along), (lo, hi), branch)
     else:
@@ -444,11 +445,11 @@ def _along(
 def _over(
     path: LoadPath, state: State, over: str, values: Array
 ) -> tuple[list[LoadPoint], list[Event]]:
-    """Return the poses at which a coordinate has values, and what was met between them."""
+    """Return the poses at which a coordinate has values, and the events between them."""
     mechanism = path.mechanism
     coordinate = mechanism.driven_coordinate(over)
     held = assembled(mechanism, {over: float(values[0])}, state, accuracy=path.accuracy)
-    at, _ = settled(AppliedLoads(mechanism, [*path.hold, over], laws=path.laws), held, True,
+    at, _ = rest_pose(AppliedLoads(mechanism, [*path.hold, over], laws=path.laws), held, True,
                     path.accuracy)
     row = np.zeros(mechanism.model.nv + 1)
     row[coordinate.v] = 1.0
@@ -462,8 +463,8 @@ def _over(
     for value in values[1:].tolist():
         point, parts = points[-1], 1.0
         while abs(value - float(point.state.q[coordinate.q])) > TOLERANCES.tight * size:
-            way = (value - float(point.state.q[coordinate.q])) / size
-            step = parts * np.sign(way) * min(abs(way), LARGEST_LENGTH)
+            distance = (value - float(point.state.q[coordinate.q])) / size
+            step = parts * np.sign(distance) * min(abs(distance), LARGEST_LENGTH)
             moves = float(point.tangent[coordinate.v])
             there = path.corrected(point, row, step, point.tangent / moves if moves else row)
             if there is None:
@@ -475,7 +476,7 @@ def _over(
                         limit=float(point.state.q[coordinate.q]),
                         motion=_motion(path, points, events, over))
                 continue
-            met = path.met(point, there, len(points))
+            met = path.critical_point(point, there, len(points))
             if met is not None:
                 event, passed = met
                 events.append(event._replace(
@@ -496,30 +497,32 @@ def _motion(
     factor = np.array([x.factor for x in points])
     tangents = np.array([x.tangent[:-1] for x in points]) * mechanism.velocity_scale
     if over is None:
-        place = np.arange(len(points), dtype=float)
+        abscissa = np.arange(len(points), dtype=float)
         if len(points) > 1:  # times how fast the path's length grows from sample to sample
-            poses = [np.linalg.norm(turned_apart(mechanism, x.state.q, y.state.q))
+            poses = [np.linalg.norm(turn_free_difference(mechanism, x.state.q, y.state.q))
                      for x, y in pairwise(points)]
             length = np.append(0.0, np.cumsum(np.hypot(poses, np.diff(factor) / path.unit)))
             tangents = tangents * np.gradient(length)[:, None]
         driver, name, per = None, "", "sample"
     else:
         coordinate = mechanism.driven_coordinate(over)
-        driver = place = q[:, coordinate.q]
+        driver = abscissa = q[:, coordinate.q]
         name, per = over, coordinate.unit
         tangents = tangents / tangents[:, [coordinate.v]]
-    rising = len(place) > 1 and (np.all(np.diff(place) > 0.0) or np.all(np.diff(place) < 0.0))
-    sense = 1.0 if not rising or place[-1] > place[0] else -1.0
-    a = np.array(CubicSpline(sense * place, sense * tangents)(sense * place, 1)) if rising else (
-        np.zeros_like(tangents))
-    found = EquilibriumPath(
+    steps = np.diff(abscissa)
+    rising = len(abscissa) > 1 and (np.all(steps > 0.0) or np.all(steps < 0.0))
+    sense = 1.0 if not rising or abscissa[-1] > abscissa[0] else -1.0
+    a = np.zeros_like(tangents)
+    if rising:
+        a = np.array(CubicSpline(sense * abscissa, sense * tangents)(sense * abscissa, 1))
+    motion = EquilibriumPath(
         mechanism, driver, name, None, q, tangents, a,
         np.array([x.state.closure_error for x in points]), np.ones(len(points)), events,
         np.array([x.state.angles for x in points]), per, (),
         load_factor=factor, stable=np.array([x.negatives == 0 for x in points]))
-    passed = [p.event for p in joint_limits_passed(found)]
+    passed = [p.event for p in joint_limits_passed(motion)]
     rows = np.arange(len(points), dtype=float)
-    found.events = sorted([*events, *(
+    motion.events = sorted([*events, *(
         e._replace(value=float(np.interp(e.value if over is None else e.row, rows, factor)))
         for e in passed)], key=lambda e: e.row)
-    return found
+    return motion

@@ -54,12 +54,12 @@ def quantities(
     loads: Kinetostatics, outputs: str | Iterable[str] | None = None
 ) -> dict[str, Quantity]:
     """Return time, driver, and outputs or all forces; see `Kinetostatics.quantities`."""
-    asked = names(loads) if outputs is None else names_of(outputs, "outputs")
-    return {**abscissas(loads.motion), **named(output(loads, name) for name in asked)}
+    chosen = names(loads) if outputs is None else names_of(outputs, "outputs")
+    return {**abscissas(loads.motion), **named(output(loads, name) for name in chosen)}
 
 
-class Told:
-    """A motion by the names of its outputs, and its forces when one is asked for.
+class NamedOutputs:
+    """Outputs of a motion by name; its forces are solved at the first use.
 
     Args:
         motion: the motion.
@@ -84,16 +84,16 @@ class Told:
         return kinetostatics(self.motion.mechanism, replace(self.motion, per=per))
 
 
-def with_forces(
+def with_force_values(
     motion: Motion, outputs: Iterable[str], loads: Callable[[], Kinetostatics]
 ) -> list[str | Output]:
-    """Return names of outputs, those of forces replaced by what they are.
+    """Return outputs of a motion; names of forces are replaced by their values.
 
     Args:
         motion: the motion.
         outputs: names of quantities of the motion and of its loads.
-        loads: works the loads out; not called where no force is among the names, or the motion,
-            a simulation, knows it.
+        loads: returns the loads; not called if no name is a force, or if the motion is a simulation
+            that has it.
 
     Raises:
         UnknownNameError: there is no such force.
@@ -136,7 +136,7 @@ def _power(loads: Kinetostatics, spec: str) -> Output | None:
 
 
 def _wrench(loads: Kinetostatics, spec: str) -> Output | None:
-    """Return a reaction (N, 6), or its force or moment (N, 3), or what is on the ground.
+    """Return a reaction (N, 6), its force or moment (N, 3), or the shaking wrench.
 
     Of a coupling that does not say where it acts, what it does about its last joint (N,).
     """
@@ -158,7 +158,7 @@ def _wrench(loads: Kinetostatics, spec: str) -> Output | None:
 
 
 def output_of_simulation(motion: Simulation, spec: str) -> Output:
-    """Return an energy, a prescribed driver's effort, or what any motion has; see `Motion`."""
+    """Return an energy, the effort of a prescribed driver, or an output of any motion."""
     if spec in ENERGIES and spec not in motion.mechanism.coordinate_table:
         return Output(getattr(motion, spec), spec, "J")
     if spec.endswith(".effort"):
@@ -171,7 +171,7 @@ def output_of_simulation(motion: Simulation, spec: str) -> Output:
 def quantities_of_simulation(
     motion: Simulation, outputs: str | Iterable[str] | None = None
 ) -> dict[str, Quantity]:
-    """Return those of a motion, and with all of them energies and efforts."""
+    """Return the quantities of a motion; without names, energies and efforts too."""
     found = quantities_of_motion(motion, outputs)
     if outputs is not None:
         return found

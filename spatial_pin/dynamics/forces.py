@@ -1,4 +1,4 @@
-"""Forces that are given: springs and dampers, efforts at joints, wrenches from outside.
+"""Applied forces: springs and dampers, efforts at joints, external wrenches.
 
 A spring between two frames acts along the line between their origins with the wrench of a distance
 row, one about a joint on its coordinate. Bushings, and springs on a component of a ball or floating
@@ -27,7 +27,7 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 
-class Line(NamedTuple):
+class LineSpring(NamedTuple):
     """A spring between points of two bodies, in the frames of their joints."""
 
     name: str
@@ -51,7 +51,7 @@ class JointSpring(NamedTuple):
 
 
 class Forces:
-    """The springs of a mechanism and what resists at its joints, ready to be evaluated.
+    """The springs of a mechanism, and damping and friction of its joints.
 
     Args:
         mechanism: the mechanism.
@@ -74,7 +74,7 @@ class Forces:
                 raise UnknownNameError("spring", name, names, f"mechanism {mechanism.name!r}: ")
         self.mechanism = mechanism
         self.resistance = Resistance(mechanism, slip_speed)
-        self.lines: list[Line] = []
+        self.lines: list[LineSpring] = []
         self.turns: list[JointSpring] = []
         self.bushings: list[Bushing] = []
         for spring in mechanism.springs:
@@ -100,7 +100,7 @@ class Forces:
         support = constraints_of(m).support
         sign = support(i2) - support(i1)
         points = tuple(np.append(x.translation, 1.0) for x in (m1, m2))
-        self.lines.append(Line(spring.name, (i1, i2), points, sign, law, energy,  # type: ignore[arg-type]
+        self.lines.append(LineSpring(spring.name, (i1, i2), points, sign, law, energy,  # type: ignore[arg-type]
                                is_linear))
 
     @property
@@ -118,15 +118,15 @@ class Forces:
 
     def _of_bushings(self, evaluation: LoopEquations, v: Array) -> list[tuple[int, Array]]:
         """Return (joint, wrench (6,) on its body about the world's origin) of bushings."""
-        found = []
+        wrenches = []
         for bushing in self.bushings:
             twists = np.array([evaluation.body_jacobian(i) @ v for i in bushing.bodies])
             wrench = bushing.wrench(evaluation.placements, twists)
-            found += [(bushing.bodies[0], -wrench), (bushing.bodies[1], wrench)]
-        return found
+            wrenches += [(bushing.bodies[0], -wrench), (bushing.bodies[1], wrench)]
+        return wrenches
 
     def turning(self, q: Array, v: Array) -> Array:
-        """Return the generalised forces (nv,) of springs about joints, and of resistance."""
+        """Return the generalised forces (nv,) of joint springs, damping and friction."""
         total = self.resistance.forces(v) if self.resistance else np.zeros(len(v))
         for turn in self.turns:
             total[turn.v] -= turn.law(float(q[turn.q]), float(v[turn.v]))
@@ -134,15 +134,15 @@ class Forces:
 
     def wrenches(self, evaluation: LoopEquations, v: Array) -> list[tuple[int, Array]]:
         """Return (joint, wrench (6,) on its body about the world origin) of springs on frames."""
-        found = self._of_bushings(evaluation, v)
+        on_bodies = self._of_bushings(evaluation, v)
         for line in self.lines:
             row, length, wrench = self.row(evaluation, line)
             force = line.law(length, float(row @ v))
-            found += [(line.bodies[0], force * wrench), (line.bodies[1], -force * wrench)]
-        return found
+            on_bodies += [(line.bodies[0], force * wrench), (line.bodies[1], -force * wrench)]
+        return on_bodies
 
     def energy(self, evaluation: LoopEquations, q: Array) -> float:
-        """Return the energy stored in springs [J]; those with a law of their own store none."""
+        """Return the energy stored in springs [J]; springs with a law store none."""
         total = sum(bushing.energy(evaluation.placements) for bushing in self.bushings)
         for line in self.lines:
             if line.energy:
@@ -152,27 +152,27 @@ class Forces:
                 total += turn.energy(float(q[turn.q]))
         return total
 
-    def along(self, first: Array, second: Array) -> tuple[float, Array]:
+    def line_between(self, first: Array, second: Array) -> tuple[float, Array]:
         """Return the distance of two points (3,) and the unit vector from the first to the second.
 
-        Both are zero of points that coincide, as far as round-off lets one know.
+        Both are zero if the points coincide within round-off.
         """
         d = second - first
         length = float(np.sqrt(d @ d))
-        if length <= self.known_to(second):
+        if length <= self.round_off_of(second):
             return 0.0, np.zeros(3)
         return length, d / length
 
-    def known_to(self, point: Array) -> float:
-        """Return the round-off of a place [m]."""
+    def round_off_of(self, point: Array) -> float:
+        """Return the round-off of a point's position [m]."""
         size = self.mechanism.characteristic_length + float(np.abs(point).max())
         return TOLERANCES.last_digit * size
 
-    def row(self, evaluation: LoopEquations, line: Line) -> tuple[Array, float, Array]:
+    def row(self, evaluation: LoopEquations, line: LineSpring) -> tuple[Array, float, Array]:
         """Return d(length)/dv (nv,), the length, and the unit wrench of lengthening (6,)."""
         g = evaluation.placements
         first, second = (x @ g[i] for i, x in zip(line.bodies, line.points, strict=True))
-        length, n = self.along(first, second)
+        length, n = self.line_between(first, second)
         (x, y, z), (a, b, c) = second.tolist(), n.tolist()  # np.cross takes ten times as long
         wrench = np.array([a, b, c, y * c - z * b, z * a - x * c, x * b - y * a])
         jacobian = joint_jacobian(evaluation.data, evaluation.model.nv)
@@ -184,7 +184,7 @@ def warn_of_no_inertia(
 ) -> None:
     """Warn where forces work on a mechanism none of whose links has any inertia.
 
-    Not where forces from outside are given: then what they need is the question.
+    Not with external forces: then the efforts that they need are of interest.
 
     Args:
         mechanism: the mechanism.
@@ -231,7 +231,7 @@ def external_wrenches(
         SpatialPinError: it is no `pin.Force`.
         ValueError: it is not finite.
     """
-    found = []
+    wrenches = []
     for name, force in (external or {}).items():
         joint, placement = mechanism.centred_frame(name)
         if not isinstance(force, pin.Force):
@@ -242,8 +242,8 @@ def external_wrenches(
         point = np.append(placement.translation, 1.0) @ evaluation.placements[joint]
         (x, y, z), (fx, fy, fz) = point.tolist(), force.linear.tolist()  # np.cross takes 40 us
         moment = force.angular + np.array([y * fz - z * fy, z * fx - x * fz, x * fy - y * fx])
-        found.append((joint, np.concatenate([force.linear, moment])))
-    return found
+        wrenches.append((joint, np.concatenate([force.linear, moment])))
+    return wrenches
 
 
 def generalised(evaluation: LoopEquations, wrenches: list[tuple[int, Array]]) -> Array:

@@ -96,7 +96,7 @@ class Dynamics:
 
     @property
     def reactions(self) -> dict[str, pin.Force]:
-        """What every pair exerts, world axes [N, N·m].
+        """Reactions of all pairs, world axes [N, N·m].
 
         A joint of the tree: on its child link, at the joint's origin. A closure: on the link of its
         second frame, at that frame's origin. What drivers, springs, damping and friction do about
@@ -107,7 +107,7 @@ class Dynamics:
 
     @property
     def on_ground(self) -> pin.Force:
-        """What the mechanism exerts on the fixed link, at the world's origin: shaking wrench.
+        """The shaking wrench: force and moment on the fixed link, at the world's origin.
 
         Joints, closures, drivers and springs together [N, N·m].
         """
@@ -115,13 +115,13 @@ class Dynamics:
 
     @cached_property
     def of_loops(self) -> dict[str, NDArray[np.bool_]]:
-        """Which components of each pair's reaction the loops leave unique."""
+        """Components of each pair's reaction that self-stresses of the loops do not change."""
         with self._equations() as equations:
             return equations.unique_in_loops()
 
     @cached_property
     def unique(self) -> dict[str, NDArray[np.bool_]]:
-        """Which components of each pair's reaction are unique, force then moment (6,), world axes.
+        """Uniqueness of the components of each pair's reaction, (6,) force then moment, world axes.
 
         Those are not that an overconstrained loop can be under stress with by itself: all but the
         forces in the plane and the moment about its normal, where a plane loop of hinges holds

@@ -42,7 +42,7 @@ class Actuation:
 
     Attributes:
         names: as they were given.
-        coordinates: these; columns: (k,) their places in the velocity vector.
+        coordinates: these; columns: (k,) their indices in the velocity vector.
         root: (k,) one over the square root of each weight.
         shared: (k,) which of them may share the work of others: where a coordinate outside of loops
             has one actuator, that works alone.
@@ -69,7 +69,7 @@ class Actuation:
             joint = component.joint if component else name
             if joint in untied(mechanism):
                 raise SpatialPinError(f"mechanism {mechanism.name!r}: {name!r} cannot be actuated: "
-                                      f"{_to_be_held(mechanism, joint)}")
+                                      f"{_base_hint(mechanism, joint)}")
             self.coordinates.append(mechanism.driven_coordinate(name))
         self.columns = np.array([c.v for c in self.coordinates], dtype=int)
         self.root = 1.0 / np.sqrt(weights)
@@ -127,10 +127,10 @@ class Efforts(Dynamics):
         self.power: dict[str, float] = dict(zip(names, power.tolist(), strict=True))
 
     @cached_property
-    def _pressing(self) -> Array:
-        """(k, n) efforts of the actuators that move nothing, of length 1."""
+    def _internal_efforts(self) -> Array:
+        """(k, n) efforts of the actuators that balance each other, of length 1."""
         with self._equations() as equations:
-            return pressing(equations, self._actuation)
+            return internal_efforts(equations, self._actuation)
 
     @cached_property
     def unique(self) -> dict[str, NDArray[np.bool_]]:
@@ -142,12 +142,12 @@ class Efforts(Dynamics):
         """
         actuation = self._actuation
         with self._equations() as equations:
-            return equations.unique(actuation.all_generalised(self._pressing, len(self.a)))
+            return equations.unique(actuation.all_generalised(self._internal_efforts, len(self.a)))
 
     @property
     def unique_efforts(self) -> dict[str, bool]:
         """Whether each effort is unique: it is not where actuators can press against each other."""
-        free = np.abs(self._pressing).max(axis=0, initial=0.0) < UNMOVED
+        free = np.abs(self._internal_efforts).max(axis=0, initial=0.0) < UNMOVED
         return dict(zip(self._actuation.names, free.tolist(), strict=True))
 
     def __repr__(self) -> str:
@@ -224,7 +224,7 @@ def inverse_dynamics(
 
 
 def balance(equations: Equations, actuation: Actuation) -> tuple[Array, Array, Array]:
-    """Return efforts (k,), accelerations (nv,), and the joint forces (nv,) closures must bear.
+    """Return efforts (k,), accelerations (nv,), and joint forces (nv,) of the closures.
 
     Along every freedom N of the closed loops, N^T (M a + b - f - E x) = 0. The accelerations are
     those of the equations' state but for passive freedoms.
@@ -240,16 +240,17 @@ def balance(equations: Equations, actuation: Actuation) -> tuple[Array, Array, A
         pull = freedoms[:, actuation.columns]
         size = np.where(actuation.shared, np.abs(pull).max(axis=0, initial=0.0), 1.0)
         spare = decompose((pull / np.where(size > 0.0, size, 1.0)).T).null_space @ freedoms
-        found = passive_freedoms(
+        passives = passive_freedoms(
             equations.evaluation, spare * scale, actuation.coordinates) if len(spare) else []
-        found = [(joint, motions / scale) for joint, motions in found]  # that move one link only
-        if len(spare) != sum(len(motions) for _, motions in found):
-            passive = np.vstack([spare[:0], *(motions for _, motions in found)])
+        single_link: list[tuple[str, Array]] = [(joint, x / scale) for joint, x in passives]
+        if len(spare) != sum(len(motions) for _, motions in single_link):
+            passive = np.vstack([spare[:0], *(motions for _, motions in single_link)])
             active = decompose(passive @ spare.T).null_space @ spare
             raise SpatialPinError(f"mechanism {equations.mechanism.name!r}: "
-                                  + _too_few(equations, actuation, active, size))
-        if found:
-            a = _left_free(equations, actuation, spare, _idle_rotations(equations, found))
+                                  + _unactuated_words(equations, actuation, active, size))
+        if single_link:
+            idle = _idle_rotations(equations, single_link)
+            a = _unactuated_accelerations(equations, actuation, spare, idle)
     wanted = equations.motion_forces(a) - equations.given
     efforts = wanted[actuation.columns]
     if actuation.has_shared:
@@ -260,16 +261,16 @@ def balance(equations: Equations, actuation: Actuation) -> tuple[Array, Array, A
     return efforts, a, wanted - actuation.generalised(efforts, len(wanted))
 
 
-def pressing(equations: Equations, actuation: Actuation) -> Array:
-    """Return efforts (m, k), orthonormal, that actuators can have without moving anything."""
+def internal_efforts(equations: Equations, actuation: Actuation) -> Array:
+    """Return orthonormal efforts (m, k) of the actuators that balance each other."""
     shared = actuation.shared
     if np.count_nonzero(shared) < 2:
         return np.zeros((0, len(shared)))
     work = _freedoms(equations, actuation)[0] * equations.scale
     efforts = decompose(work[:, actuation.columns[shared]]).null_space
-    found = np.zeros((len(efforts), len(shared)))
-    found[:, shared] = efforts
-    return found
+    widened = np.zeros((len(efforts), len(shared)))
+    widened[:, shared] = efforts
+    return widened
 
 
 def _freedoms(equations: Equations, actuation: Actuation) -> tuple[Array, int]:
@@ -284,8 +285,10 @@ def _freedoms(equations: Equations, actuation: Actuation) -> tuple[Array, int]:
     return freedoms, rank
 
 
-def _too_few(equations: Equations, actuation: Actuation, freedoms: Array, pull: Array) -> str:
-    """Say which freedoms (k, nv), scaled, no actuator moves, and by what they can be moved.
+def _unactuated_words(
+    equations: Equations, actuation: Actuation, freedoms: Array, pull: Array
+) -> str:
+    """Return which freedoms (k, nv), scaled, no actuator moves, and which coordinates move them.
 
     Each actuator moves something by `pull` (m,) at most: zero at a limit position.
     """
@@ -298,11 +301,11 @@ def _too_few(equations: Equations, actuation: Actuation, freedoms: Array, pull: 
         drivers = {c.v: name for name, c in driver_coordinates(mechanism).items() if c.q >= 0}
         driven, n = np.array([*drivers], int), len(others)
         first = driven[common_rows(others.T[driven][None], np.zeros((0, n)), n)]  # drivers first
-        left = others.T @ decompose(others.T[first].reshape(-1, n)).null_space.T
+        remaining = others.T @ decompose(others.T[first].reshape(-1, n)).null_space.T
         own = np.array([c.v for c in mechanism.coordinate_table.values() if c.q >= 0], int)
-        rest = own[independent_rows(left[own])]  # then where motors can act
-        if len(rest) < left.shape[1]:
-            rest = independent_rows(left)
+        rest = own[independent_rows(remaining[own])]  # then where motors can act
+        if len(rest) < remaining.shape[1]:
+            rest = independent_rows(remaining)
         chosen = [*(drivers[v] for v in first.tolist()), *(mechanism.coordinates[v] for v in rest)]
         moving = ", ".join(equations.moving(others))
         given = [name for name in actuation.names if mechanism.coordinate(name).q >= 0]
@@ -310,7 +313,7 @@ def _too_few(equations: Equations, actuation: Actuation, freedoms: Array, pull: 
             f"actuate {len(others)} more of {moving}, such as actuated={[*given, *chosen]}"
             if _bear_motors(equations, chosen) else
             f"what moves is {moving}, and {NO_MOTOR}: model it as a chain of revolute joints")
-    remedies += [_to_be_held(mechanism, joint) for joint in bases]
+    remedies += [_base_hint(mechanism, joint) for joint in bases]
     stuck = [name for name, x in zip(actuation.names, pull, strict=True)
              if x < TOLERANCES.near_singular]
     why = (f"{', '.join(map(repr, stuck))} {'is' if len(stuck) == 1 else 'are'} at a limit "
@@ -320,13 +323,13 @@ def _too_few(equations: Equations, actuation: Actuation, freedoms: Array, pull: 
 
 
 def _floating(mechanism: Mechanism, names: Iterable[str]) -> list[str]:
-    """Return the free bases that some coordinates are of."""
+    """Return the free bases among the joints of some coordinates."""
     moving = {mechanism.coordinate(name).joint for name in names}
     return [joint for joint in untied(mechanism) if joint in moving]
 
 
-def _to_be_held(mechanism: Mechanism, joint: str) -> str:
-    """Say what can be done about a free base, which no motor acts on."""
+def _base_hint(mechanism: Mechanism, joint: str) -> str:
+    """Return a remedy for a free base, on which no motor acts, as text."""
     at, ground = mechanism.joint_id(joint), mechanism.links[0]
     link = next((f.name for f in mechanism.model.frames
                  if f.parentJoint == at and f.type == pin.FrameType.BODY), joint)
@@ -340,29 +343,29 @@ def _bear_motors(equations: Equations, names: Iterable[str]) -> bool:
     return all(equations.mechanism.coordinate(name).q >= 0 for name in names)
 
 
-def _left_free(
+def _unactuated_accelerations(
     equations: Equations, actuation: Actuation, spare: Array, idle: Array
 ) -> Array:
-    """Return the accelerations (nv,), idle rotations (m, nv) of the freedoms (k, nv) as forces say.
+    """Return accelerations (nv,) with those of idle rotations (m, nv) determined by forces.
 
-    In motion so do all passive freedoms. At rest none can bear a load.
+    In motion forces determine all passive freedoms (k, nv). At rest none can bear a load.
 
     Raises:
         SpatialPinError: something works on freedoms that are not passive, or at rest.
     """
     at = equations.state
-    a = _spun(equations, idle, at.a) if len(idle) else at.a
+    a = _with_idle_rotations(equations, idle, at.a) if len(idle) else at.a
     loaded = _loaded(equations, spare, idle, a)
     if loaded and (at.v.any() or at.a.any()):
         idle_of = idle_freedoms(LoopEquations(equations.mechanism), at.q, actuation.columns)
         free = np.vstack([spare[:0], *(motions / equations.scale @ spare.T @ spare
                                        for _, motions in idle_of)])
-        a = _spun(equations, free, at.a) if len(free) else a
+        a = _with_idle_rotations(equations, free, at.a) if len(free) else a
         loaded = _loaded(equations, spare, idle[:0], a)
     if not loaded:
         return a
     mechanism, bases = equations.mechanism, _floating(equations.mechanism, loaded)
-    remedies = [_to_be_held(mechanism, joint) for joint in bases]
+    remedies = [_base_hint(mechanism, joint) for joint in bases]
     others = [name for name in loaded if mechanism.coordinate(name).joint not in bases]
     if others and _bear_motors(equations, others):
         remedies.append(f"actuate one of {', '.join(others)}" if bases else "actuate one of them")
@@ -375,14 +378,14 @@ def _left_free(
         f"a force or inertia works on {', '.join(loaded)}; {'; '.join(remedies)}")
 
 
-def _idle_rotations(equations: Equations, found: list[tuple[str, Array]]) -> Array:
+def _idle_rotations(equations: Equations, single_link: list[tuple[str, Array]]) -> Array:
     """Return the idle rotations (k, nv) among motions of one link, by joint.
 
     They turn a link of a loop and move no centre of mass.
     """
     evaluation, mechanism, scale = equations.evaluation, equations.mechanism, equations.scale
     idle = [np.zeros((0, len(scale)))]
-    for joint, motions in found:
+    for joint, motions in single_link:
         if is_in_loop(mechanism, joint):
             heavy, levers = equations.bodies.centres
             columns = joint_jacobian(evaluation.data, len(scale))
@@ -398,7 +401,7 @@ def _idle_rotations(equations: Equations, found: list[tuple[str, Array]]) -> Arr
 
 
 def _loaded(equations: Equations, spare: Array, idle: Array, a: Array) -> list[str]:
-    """Return the coordinates of freedoms (k, nv), scaled, that are not driven but loaded.
+    """Return the coordinates of undriven freedoms (k, nv), scaled, that carry a load.
 
     Weights, springs, forces from outside and the accelerations a (nv,) that are given: an end link
     would fall under them. Of idle rotations (m, nv), whose accelerations are free, springs and
@@ -419,8 +422,8 @@ def _loaded(equations: Equations, spare: Array, idle: Array, a: Array) -> list[s
     return []
 
 
-def _spun(equations: Equations, idle: Array, a: Array) -> Array:
-    """Return the accelerations (nv,) with idle rotations (k, nv) moving as forces say."""
+def _with_idle_rotations(equations: Equations, idle: Array, a: Array) -> Array:
+    """Return accelerations (nv,) with those of idle rotations (k, nv) determined by forces."""
     work = idle * equations.scale
     mass = equations.mass()
     wanted = equations.motion_forces(a) - equations.given
@@ -429,5 +432,5 @@ def _spun(equations: Equations, idle: Array, a: Array) -> Array:
     z = -decompose(inertia).minimum_norm(load)
     size = np.abs(equations.scale * wanted).max() / heaviest
     if np.abs(inertia @ z + load).max() > TOLERANCES.nothing * size:
-        raise equations.no_inertia(idle)
+        raise equations.no_inertia_error(idle)
     return a + work.T @ z

@@ -36,7 +36,7 @@ External = Mapping[str, pin.Force] | Callable[[State], Mapping[str, pin.Force]]
 
 
 class _Loads(NamedTuple):
-    """What a Kinetostatics holds; a tuple can have no other base than this."""
+    """The fields of a Kinetostatics; a named tuple allows no other base class."""
 
     motion: Motion
     a: Array
@@ -152,13 +152,13 @@ class Kinetostatics(_Loads, Tabular):
 
     def _largest(self, name: str, wrench: Array) -> str:
         """Return the largest force and moment (N, 6) of a pair, as a line."""
-        found, parts = [], wrench.reshape(-1, 2, 3)
+        texts, parts = [], wrench.reshape(-1, 2, 3)
         for sizes, unit, mark in zip(np.linalg.norm(parts, axis=2).T, ("N", "N·m"),
                                      self.marks(name), strict=True):
             size = tidy(sizes.max(initial=0.0), self.on_ground) if len(sizes) else "0"
             at = f" {where(self.motion, int(sizes.argmax()))}" if size != "0" else ""
-            found.append(f"{size} {unit}{mark}{at}")
-        return f"  {name}: {', '.join(found)}"
+            texts.append(f"{size} {unit}{mark}{at}")
+        return f"  {name}: {', '.join(texts)}"
 
     def why_not_unique(self) -> list[str]:
         """Return why some reactions are not unique.
@@ -192,11 +192,13 @@ class Kinetostatics(_Loads, Tabular):
             (' *y', ' *xz')
         """
         unique = self.unique.get(name)
-        return ("", "") if unique is None else one_of_many(np.logical_and.reduce(unique, axis=0))
+        if unique is None:
+            return "", ""
+        return not_unique_marks(np.logical_and.reduce(unique, axis=0))
 
 
 class _StoredSamples:
-    """What is kept of every sample until reactions are worked out for all of them together."""
+    """Solved samples; the reactions of all are evaluated together later."""
 
     def __init__(self, equations: Equations, n: int, n_efforts: int) -> None:
         model, rows = equations.model, equations.n_closure
@@ -211,25 +213,25 @@ class _StoredSamples:
         self.done = 0
 
     def fill(self, k: int, equations: Equations, bearing: Equations, actuation: Actuation) -> None:
-        """Solve sample k at the equations' state; the bearing ones have all rows of its file."""
+        """Solve sample k at the state of `equations`; `bearing` has all rows of the file."""
         x, a, closures = balance(equations, actuation)
         self.efforts[k], self.a[k] = x, a
         self.transmitted[k] = bearing.transmitted(a)
         self.multipliers[k] = bearing.multipliers(closures)
         self.joint_efforts[k] = bearing.at_joints(actuation.generalised(x, len(a)),
                                                   self.multipliers[k], a)
-        for kept, now in zip(self.poses, bearing.poses(), strict=True):
-            kept[k] = now
+        for stored, now in zip(self.poses, bearing.poses(), strict=True):
+            stored[k] = now
         if bearing.wrenches:
             self.given[k] = bearing.pairs.summed(bearing.wrenches)
-        spare = pressing(equations, actuation)
+        spare = internal_efforts(equations, actuation)
         if len(spare) or bearing.pairs.coupled or bearing.has_redundant:
             efforts = actuation.all_generalised(spare, len(a))
             self.unique[k] = list(bearing.unique(efforts).values())
         self.done = k + 1
 
     def end(self) -> None:
-        """Leave out the samples that are not filled."""
+        """Drop the samples that are not solved."""
         for name in ("efforts", "joint_efforts", "a", "multipliers", "given", "transmitted",
                      "unique"):
             setattr(self, name, getattr(self, name)[: self.done])
@@ -276,7 +278,7 @@ def kinetostatics(
         >>> print(f"at most {loads.efforts['crank'].max():.3f} N·m")
         at most 2.142 N·m
     """
-    motion_needed(motion)
+    require_motion(motion)
     if mechanism not in (motion.mechanism, motion.mechanism.whole):
         raise SpatialPinError(
             f"the motion belongs to mechanism {motion.mechanism.name!r}, not to this load of "
@@ -313,15 +315,15 @@ def kinetostatics(
     rates = motion.v[:, actuation.columns].T * (motion.per == "s")
     power = {name: read_only(x * rate)
              for (name, x), rate in zip(efforts.items(), rates, strict=True)}
-    found = Kinetostatics(motion, read_only(rows.a), efforts, power,
+    loads = Kinetostatics(motion, read_only(rows.a), efforts, power,
                           {name: read_only(x) for name, x in reactions.items()},
                           read_only(ground), read_only(rows.multipliers),
                           {name: each.all(axis=1) for name, each in unique.items()}, unique,
                           _beyond_limits(motion, actuation, rows.efforts),
                           _lift_offs(motion, rows.multipliers))
     if is_cut:
-        raise Interrupted(motion, found)
-    return found
+        raise Interrupted(motion, loads)
+    return loads
 
 
 def _lift_offs(motion: Motion, multipliers: Array) -> tuple[Event, ...]:
@@ -336,7 +338,7 @@ def _lift_offs(motion: Motion, multipliers: Array) -> tuple[Event, ...]:
 
 
 def _beyond_limits(motion: Motion, actuation: Actuation, efforts: Array) -> tuple[BeyondLimit, ...]:
-    """Return the limits that efforts (N, k) of an actuation, and velocities, are beyond."""
+    """Return the limits that efforts (N, k) or velocities exceed."""
     total = np.zeros((motion.mechanism.model.nv, len(motion)))
     np.add.at(total, actuation.columns, efforts.T)
     pairs = [(limit, total[limit.v]) for limit in effort_limits(motion.mechanism)]

@@ -19,7 +19,7 @@ from spatial_pin._support.checks import (
 )
 from spatial_pin._support.columns import XYZ, Quantity, Tabular, chosen
 from spatial_pin.assembly.state import State, of_mechanism
-from spatial_pin.dynamics.derivatives.derivatives import exact_numbers
+from spatial_pin.dynamics.derivatives.derivatives import exact_mechanism
 from spatial_pin.dynamics.derivatives.small_motions import (
     AppliedLoads,
     ReducedEquations,
@@ -28,7 +28,7 @@ from spatial_pin.dynamics.derivatives.small_motions import (
 from spatial_pin.dynamics.equilibrium import (
     NEUTRAL,
     independent_motions,
-    judged,
+    stability_of,
     vibrations,
 )
 from spatial_pin.dynamics.forces import Law
@@ -116,9 +116,9 @@ class Linearization(Tabular):
     @property
     def stable(self) -> bool:
         """Whether no eigenvalue has a positive real part, or is zero."""
-        found = self.eigenvalues
-        least = NEUTRAL * np.abs(found).max(initial=0.0)
-        return bool(np.all(found.real <= least) and np.all(np.abs(found) > least))
+        eigenvalues = self.eigenvalues
+        least = NEUTRAL * np.abs(eigenvalues).max(initial=0.0)
+        return bool(np.all(eigenvalues.real <= least) and np.all(np.abs(eigenvalues) > least))
 
     @property
     def frequencies(self) -> Array:
@@ -209,12 +209,12 @@ class Linearization(Tabular):
         if not is_finite(omega):
             raise ValueError("omega has a value that is NaN or infinite")
         n = len(self.coordinates)
-        found = np.zeros((len(omega), len(self._c), self._b.shape[1]), complex)
-        for out, w in zip(found, omega, strict=True):
+        response = np.zeros((len(omega), len(self._c), self._b.shape[1]), complex)
+        for out, w in zip(response, omega, strict=True):
             y = np.linalg.solve(
                 self.stiffness - w * w * self.mass + 1j * w * self.damping, self._b)
             out[:] = self._c[:, :n] @ y + self._c[:, n:] @ (1j * w * y)
-        return found
+        return response
 
     def shape(self, k: int, amplitude: float | None = None) -> Motion:
         """Return one period of a vibration, loops closed, for `sp.show`.
@@ -335,9 +335,9 @@ def linearize(
     """
     state = of_mechanism(mechanism, state)
     at = _at_rest(mechanism, state, AppliedLoads(
-        exact_numbers(state), hold, speeds, efforts, external, laws))
+        exact_mechanism(state), hold, speeds, efforts, external, laws))
     wished = None if coordinates is None else names_of(coordinates, "coordinates")
-    verdict = judged(at)
+    verdict = stability_of(at)
     names, rates, motions = independent_motions(at, verdict.free, wished)
     reduced = at.reduced(motions, rates)
     _refuse_motion(at, names, reduced)
@@ -362,7 +362,7 @@ def compliance(
     external: Mapping[str, pin.Force] | None = None,
     laws: Mapping[str, Law] | None = None,
 ) -> Array:
-    """Return how much a frame gives way to a small force and moment, loops closed.
+    """Return the compliance of a frame: its displacement by a small wrench, loops closed.
 
     Args:
         mechanism: the mechanism.
@@ -391,9 +391,9 @@ def compliance(
     """
     state = of_mechanism(mechanism, state)
     at = _at_rest(mechanism, state, AppliedLoads(
-        exact_numbers(state), hold, None, efforts, external, laws))
+        exact_mechanism(state), hold, None, efforts, external, laws))
     mechanism = at.loads.mechanism
-    verdict = judged(at)
+    verdict = stability_of(at)
     motions = verdict.free * mechanism.velocity_scale
     reduced = at.reduced(motions)
     _refuse_motion(at, mechanism.coordinates, reduced)
@@ -407,12 +407,12 @@ def compliance(
         raise SpatialPinError(
             f"mechanism {mechanism.name!r}: nothing drives {frame!r} back where "
             f"{', '.join(names)} move: hold one of them, or give it a spring")
-    found: Array = moved @ np.array([svd.minimum_norm(row) for row in moved]).T
-    return found
+    flexibility: Array = moved @ np.array([svd.minimum_norm(row) for row in moved]).T
+    return flexibility
 
 
 def _at_rest(mechanism: Mechanism, state: State, loads: AppliedLoads) -> SmallMotions:
-    """Return the equations about a state, which must stand, or move as the speeds say."""
+    """Return the equations about a state, which is at rest or moves at the given speeds."""
     at = SmallMotions(loads, state)
     apart = np.abs((state.v - at.state.v) / loads.mechanism.velocity_scale)
     if state.v.any() and apart.max() > AT_REST * np.abs(state.v).max():

@@ -35,7 +35,7 @@ UNMOVED = 1e-8  # reaction to a unit self-stress that counts as zero: half of th
 
 
 class Poses(NamedTuple):
-    """What reactions are worked out from, at one or many configurations.
+    """Placements, Jacobians and closure wrenches at one or many configurations.
 
     Attributes:
         placements: (..., njoints, 4, 3) columns of the rotation, then the position, of each joint.
@@ -50,7 +50,7 @@ class Poses(NamedTuple):
 
 
 class Pairs:
-    """The pairs of a mechanism, tree joints and closures, as places where forces pass.
+    """The pairs of a mechanism, tree joints and closures, with their reactions.
 
     Attributes:
         closed: closures between bodies: name, rows, bodies, second frame's origin (4,) on its body.
@@ -73,8 +73,9 @@ class Pairs:
                 self.closed.append((
                     closure.name, rows, (first, second), np.append(x.translation, 1.0)))
         constraints = constraints_of(mechanism)
-        self.elsewhere, self._of_joints = constraints.elsewhere, constraints.of_joints
-        self.coupled = sorted(set().union(*beside_couplings(mechanism).values()))
+        self.other_body_products = constraints.other_body_products
+        self._of_joints = constraints.of_joints
+        self.coupled = sorted(set().union(*joints_between_couplings(mechanism).values()))
         self.couplings = [c for c in coupling_forces(mechanism) if c.lines]
         self.names = [*list(model.names)[1:], *(pair[0] for pair in self.closed),
                       *(c.name for c in self.couplings)]
@@ -90,14 +91,15 @@ class Pairs:
             wrench = _borne(rows, multipliers, own)
             total[..., first, :] -= wrench
             total[..., second, :] += wrench
-        for at, (row, _, (first, second)) in enumerate(self.elsewhere, start=multipliers.shape[-1]):
+        for at, (row, _, (first, second)) in enumerate(
+                self.other_body_products, start=multipliers.shape[-1]):
             wrench = multipliers[..., row, None] * rows[..., at, :]
             total[..., first, :] -= wrench
             total[..., second, :] += wrench
         return total
 
     def carried(self, wrenches: Array) -> Array:
-        """Return what every joint carries: wrenches on bodies (njoints, ...) with all beyond it."""
+        """Return the wrenches of every body and its descendants, summed by joint (njoints, ...)."""
         total = wrenches.copy()
         for joints, parents in self._levels:
             np.add.at(total, parents, total[joints])
@@ -141,19 +143,19 @@ class Pairs:
         forces[..., 3:] += cross(poses.placements[..., 3, :], forces[..., :3])
         forces = forces - self._carried(on_bodies)
         at_joints = _moved(forces, poses.placements[..., 3, :])
-        found = {self.model.names[i]: self._without_effort(i, at_joints[..., i, :], poses.columns,
+        by_pair = {self.model.names[i]: self._without_effort(i, at_joints[..., i, :], poses.columns,
                                                            effort)
                  for i in range(1, self.model.njoints)}
         for name, rows, (_, body), point in self.closed:
-            found[name] = _moved(_borne(poses.rows, multipliers, rows),
+            by_pair[name] = _moved(_borne(poses.rows, multipliers, rows),
                                  point @ poses.placements[..., body, :, :])
-        found |= {c.name: _moved(wrench, c.place(poses.placements))
+        by_pair |= {c.name: _moved(wrench, c.place(poses.placements))
                   for c, wrench in zip(self.couplings, coupled, strict=True)}
         ground = on_bodies[..., 0, :] - forces[..., self.grounded, :].sum(axis=-2)
-        return found, _moved(ground, -self.centre)
+        return by_pair, _moved(ground, -self.centre)
 
     def _without_effort(self, joint: int, force: Array, columns: Array, effort: Array) -> Array:
-        """Return what the pair itself bears: `force` (..., 6) less what the joint's effort does.
+        """Return the reaction of the pair itself: `force` (..., 6) less the joint's effort.
 
         The effort of a turning coordinate is a torque, of a slide a force, along its axis.
         """
@@ -169,17 +171,17 @@ class Pairs:
         return force
 
     def unstressed(
-        self, poses: Poses, joint_rows: Array, self_stresses: Array, pressing: Array | None = None,
-        unmoved: float = UNMOVED,
+        self, poses: Poses, joint_rows: Array, self_stresses: Array,
+        internal_efforts: Array | None = None, unmoved: float = UNMOVED,
     ) -> dict[str, NDArray[np.bool_]]:
-        """Return for every pair which components (6,) of its reaction no self-stress reaches.
+        """Return by pair which components (6,) of its reaction no self-stress changes.
 
         Args:
             poses: where the bodies are, at one configuration.
             joint_rows: (k, nv) efforts at joints of unit multipliers of `of_joints`.
             self_stresses: (k, n_closure) multipliers, of length 1, that balance among themselves.
-            pressing: (k, nv) or with the efforts of actuators that go with them.
-            unmoved: reaction to a unit self-stress that is none.
+            internal_efforts: (k, nv) joint forces of the actuators in each self-stress, if any.
+            unmoved: reaction to a unit self-stress that counts as zero.
         """
         if not len(self_stresses):
             return {name: np.ones(6, dtype=bool) for name in self.names}
@@ -188,8 +190,8 @@ class Pairs:
         scale = max(float(np.abs(poses.rows * unit).max(initial=0.0)),
                     float(np.abs(pulls).max(initial=0.0)), 1e-300)
         efforts = self_stresses[:, self._of_joints] @ joint_rows
-        if pressing is not None:
-            efforts = efforts + pressing
+        if internal_efforts is not None:
+            efforts = efforts + internal_efforts
         on_bodies = self.on_bodies(poses.rows, self_stresses)
         coupled = [c.wrench(poses.placements, self_stresses) for c in self.couplings]
         for c, wrench in zip(self.couplings, coupled, strict=True):
@@ -206,40 +208,40 @@ class Pairs:
         largest = [np.abs(w * unit).max(axis=0, initial=0.0) / scale for w in [*joints, *closed]]
         return {name: size < unmoved for name, size in zip(self.names, largest, strict=True)}
 
-    def never_coupled(self, poses: Poses) -> dict[str, NDArray[np.bool_]]:
-        """Return which components (6,) are zero whatever is borne, by pair beside a coupling."""
-        found = {}
+    def unaffected_by_couplings(self, poses: Poses) -> dict[str, NDArray[np.bool_]]:
+        """Return, by pair between the joints of a coupling, the components (6,) it never loads."""
+        unaffected = {}
         for joint in self.coupled:
             at = self.model.idx_vs[joint]
             motions = poses.columns[:, at : at + self.model.nvs[joint]].copy()
             motions[:3] += cross(motions[3:].T, poses.placements[joint, 3]).T
             motions[3:] *= self.length
             bearing = decompose(motions.T).null_space
-            found[self.model.names[joint]] = np.linalg.norm(bearing, axis=0) < UNMOVED
-        return found
+            unaffected[self.model.names[joint]] = np.linalg.norm(bearing, axis=0) < UNMOVED
+        return unaffected
 
 
-def beside_couplings(mechanism: Mechanism) -> dict[str, list[int]]:
-    """Return the joints of each coupling and all that lie between them, by the coupling's name.
+def joints_between_couplings(mechanism: Mechanism) -> dict[str, list[int]]:
+    """Return the joints of each coupling and all joints between them, by coupling.
 
-    Those are left out that say where they act.
+    Couplings with a line of action are omitted.
     """
-    found = {}
+    joints_of = {}
     for closure in mechanism.closures:
         if closure.joints and closure.acts_at is None:
             ends = {mechanism.joint_id(mechanism.coordinate(x).joint) for x in closure.joints}
             chains = [set(mechanism.model.supports[joint]) for joint in ends]
-            found[closure.name] = sorted(set.union(*chains) - set.intersection(*chains) | ends)
-    return found
+            joints_of[closure.name] = sorted(set.union(*chains) - set.intersection(*chains) | ends)
+    return joints_of
 
 
 def why_not_unique(mechanism: Mechanism, pairs: Iterable[str]) -> list[str]:
     """Return why the reactions of some pairs are not unique, a sentence for each reason."""
-    names, left = mechanism.model.names, set(pairs)
-    coupled = {coupling: [names[j] for j in joints if names[j] in left]
-               for coupling, joints in beside_couplings(mechanism).items()}
+    names, remaining = mechanism.model.names, set(pairs)
+    coupled = {coupling: [names[j] for j in joints if names[j] in remaining]
+               for coupling, joints in joints_between_couplings(mechanism).items()}
     borne = {name: None for joints in coupled.values() for name in joints}
-    found = [MANY] if left - set(borne) else []
+    found = [MANY] if remaining - set(borne) else []
     if borne:
         couplings = first_names(f"{name!r}" for name, joints in coupled.items() if joints)
         found.append(BESIDE.format(couplings=couplings, pairs=first_names(borne),
@@ -247,8 +249,8 @@ def why_not_unique(mechanism: Mechanism, pairs: Iterable[str]) -> list[str]:
     return found
 
 
-def one_of_many(unique: NDArray[np.bool_]) -> tuple[str, str]:
-    """Return marks for force and moment that name their axes with components not unique, (6,)."""
+def not_unique_marks(unique: NDArray[np.bool_]) -> tuple[str, str]:
+    """Return marks of force and moment: the axes of components (6,) that are not unique."""
     axes = ["".join(axis for axis, is_one in zip("xyz", part, strict=True) if not is_one)
             for part in (unique[:3], unique[3:])]
     force, moment = (f" *{names}" if names else "" for names in axes)
@@ -256,7 +258,7 @@ def one_of_many(unique: NDArray[np.bool_]) -> tuple[str, str]:
 
 
 def _levels(parents: list[int]) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
-    """Return the joints of a tree and their parents, those as deep as each other together.
+    """Return the joints of a tree and their parents, one level of the tree after the other.
 
     The deepest first.
     """

@@ -1,4 +1,4 @@
-"""Tables of a mechanism file, checked key by key: what is missing, misplaced or no such value."""
+"""Tables of a mechanism file, checked key by key for missing, misplaced and wrong values."""
 
 from __future__ import annotations
 
@@ -59,13 +59,13 @@ STAND_INS: dict[str, dict[str, Any]] = {
 LONGEST_VALUE = 80  # letters of a value in a message: one line of a terminal
 
 
-def belongs(key: str, value: Any) -> str:
-    """Return where a key of the top of the file, with that value, is to be written."""
+def key_hint(key: str, value: Any) -> str:
+    """Return a hint where to write a misplaced key of the top of the file."""
     return heading(key, value) if key in HEADINGS else f"it belongs {TOP}"
 
 
 def heading(key: str, value: Any, name: str = "NAME") -> str:
-    """Return how a table is written, for messages, in the place of a key with that value."""
+    """Return how to write a table, as text, from its key and value."""
     said = HEADINGS[key].format(name=name)
     if key != "drivers":
         return f"write {said} and its lines below"
@@ -112,7 +112,7 @@ class CheckedValues:
         raise MechanismFileError(f"{self.where}: {key} {complaint}")
 
     def end(self, key: str, complaint: str) -> NoReturn:
-        """Raise the error for a key without which the rest of the table means nothing."""
+        """Raise the error for a key that the rest of the table depends on."""
         self._ended = True
         self.fail(key, complaint)
 
@@ -221,7 +221,7 @@ class CheckedValues:
         first, second = self.some_names(key, 2)
         return first, second
 
-    def places(self, key: str, count: int) -> tuple[int, ...]:
+    def indices(self, key: str, count: int) -> tuple[int, ...]:
         """Some of the numbers 0 to count - 1, ascending."""
         value = self.get(key)
         valid = isinstance(value, list) and value and all(
@@ -233,7 +233,7 @@ class CheckedValues:
 
 
 class TomlTable(CheckedValues):
-    """A TOML table among others: its tables, its mistakes, and keys that are none of it."""
+    """A TOML table with its inner tables, its mistakes, and its unknown keys."""
 
     def __init__(self, content: Any, where: str, place: str = TOP) -> None:
         if not isinstance(content, dict):
@@ -241,7 +241,7 @@ class TomlTable(CheckedValues):
             hint = f"; {heading(table or key, content, key if table else 'NAME')}" if (
                 (table or key) in HEADINGS) else ""
             if place != TOP and key in BELONGS[TOP]:
-                hint = f"; {belongs(key, content)}"
+                hint = f"; {key_hint(key, content)}"
             raise MechanismFileError(f"{where}: must be a table of key = value lines{hint}")
         super().__init__(content, where, place)
         self._from, self._mended = where, frozenset[str]()
@@ -266,11 +266,11 @@ class TomlTable(CheckedValues):
         """Return a table `[[KEY]]` by its number."""
         return TomlTable(self.content[key][i], f"{self.where}: {key}[{i}]", f"in [[{key}]]")
 
-    def mended(self) -> TomlTable | None:
-        """Return the table to be read on with, a stand-in for what was complained of last.
+    def with_stand_in(self) -> TomlTable | None:
+        """Return the table with a stand-in for the last wrong value, to continue reading.
 
         Returns:
-            None where it cannot be read on.
+            None if reading cannot continue.
         """
         key = self._told[-1] if self._told and not self._ended else "type"
         if key == "type" or key in self._mended:
@@ -284,14 +284,14 @@ class TomlTable(CheckedValues):
         return found if found.content else None
 
     @property
-    def names_whole(self) -> bool:
-        """Whether no name stands in for another."""
+    def has_own_names(self) -> bool:
+        """Whether no name is a stand-in."""
         own = STAND_INS.get(self.place, {})
         return not any("?" in own[key] for key in self._mended & own.keys()
                        if isinstance(own[key], str | list))
 
-    def note_strangers(self, mistakes: Mistakes) -> None:
-        """Note keys that no table in this place has, whatever else is wrong with it."""
+    def note_unknown_keys(self, mistakes: Mistakes) -> None:
+        """Note the keys that no table of this kind has, besides its other mistakes."""
         for key in self.content:
             if key not in (*BELONGS.get(self.place, self.content), *self._told):
                 self.known += BELONGS[self.place]
@@ -299,13 +299,13 @@ class TomlTable(CheckedValues):
                     self.fail(_said(key)[1:-1], self.misplaced(key))
 
     def close(self) -> None:
-        """Refuse keys that nothing has asked for."""
+        """Refuse keys that were not read."""
         for key in self.content:
             if key not in (*self.known, *self._told):
                 self.fail(_said(key)[1:-1], self.misplaced(key))
 
     def misplaced(self, key: str) -> str:
-        """Return why a key is none of this table, and where it belongs."""
+        """Return why a key is not one of this table, and its right table."""
         places = [place for place, keys in BELONGS.items() if key in keys]
         if self.place in places:
             kind = self.content.get("type")
@@ -315,7 +315,7 @@ class TomlTable(CheckedValues):
             return ("is not a key of this table: closures carry neither springs nor dampers; write "
                     "[[springs]] with name, frames (the same two) and stiffness or damping")
         if places:
-            where = belongs(key, self.content[key]) if places == [TOP] else (
+            where = key_hint(key, self.content[key]) if places == [TOP] else (
                 f"it belongs {' or '.join(places)}")
             return f"is not a key of this table; {where}"
         return f"is not a key of this table; {suggestion(key, self.known)}"

@@ -350,7 +350,7 @@ def _put_origin(joint: ET.Element, at: Vector, rpy: Vector | None) -> None:
 
 def _told(kind: str, axis: Vector, axis2: Vector) -> dict[str, Any]:
     """Return what a mechanism file says of constant axes."""
-    told = PAIRS[kind].told(np.array(axis, float), np.array(axis2, float))
+    told = PAIRS[kind].file_entries(np.array(axis, float), np.array(axis2, float))
     return {key: x for key, x in told.items() if key != "lead"}
 
 

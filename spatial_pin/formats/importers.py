@@ -67,7 +67,7 @@ class Imported:
 
 
 class Faults:
-    """What is wrong in a file that is read all the same, kind by kind."""
+    """Faults of a file that can be read, by kind."""
 
     def __init__(self) -> None:
         self._named: dict[str, list[str]] = {}

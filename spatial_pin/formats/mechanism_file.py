@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError, Mistakes, suggestion
-from spatial_pin.formats.checked_tables import BELONGS, BETWEEN, TOP, TomlTable, belongs
+from spatial_pin.formats.checked_tables import BELONGS, BETWEEN, TOP, TomlTable, key_hint
 from spatial_pin.formats.file_access import Trust, read_text
 from spatial_pin.formats.graph.urdf import without_loops
 from spatial_pin.formats.importers import Faults, Request
@@ -57,7 +57,7 @@ BUSHING = ("stiffness", "damping", "preload")  # keys of six numbers, or of 6 x 
 
 
 class MechanismSpec:
-    """What a mechanism file says, read key by key; mistakes are collected.
+    """The content of a mechanism file, read key by key; mistakes are collected.
 
     Attributes:
         refinements: of the tree's joints.
@@ -100,7 +100,7 @@ class MechanismSpec:
         self.order: tuple[str, ...] = ()
         with mistakes.each():
             self.order = top.names("order")
-        top.note_strangers(mistakes)
+        top.note_unknown_keys(mistakes)
 
     def _frames(self, top: TomlTable) -> dict[str, Frame]:
         with self._mistakes.each():
@@ -115,7 +115,7 @@ class MechanismSpec:
     def _tables(
         self, top: TomlTable, key: str, read: Callable[[str, TomlTable], Any]
     ) -> dict[str, Any]:
-        """Return what the tables `[KEY.NAME]` that can be read say, by name."""
+        """Return the content of the readable tables `[KEY.NAME]`, by name."""
         found: dict[str, Any] = {}
         before, names = len(self._mistakes), list[str]()
         with self._mistakes.each():
@@ -129,7 +129,7 @@ class MechanismSpec:
         return found
 
     def _read(self, table: TomlTable, read: Callable[[TomlTable], Any]) -> list[Any]:
-        """Return what a table says, if it says it, or would with numbers for those that are none.
+        """Return [content] of a table, also with stand-ins for wrong numbers; else [].
 
         Behind a mistake it is read again with a stand-in, for the next one.
         """
@@ -139,13 +139,13 @@ class MechanismSpec:
             with self._mistakes.each():
                 found = read(table)
                 table.close()
-                return [found] if table.names_whole else []
-            again = table.mended()
-        table.note_strangers(self._mistakes)
+                return [found] if table.has_own_names else []
+            again = table.with_stand_in()
+        table.note_unknown_keys(self._mistakes)
         return []
 
     def _array(self, top: TomlTable, key: str, read: Callable[[TomlTable], Any]) -> tuple[Any, ...]:
-        """Return what the tables `[[KEY]]` that can be read say."""
+        """Return the content of the readable tables `[[KEY]]`."""
         found: list[Any] = []
         before, tables = len(self._mistakes), 0
         with self._mistakes.each():
@@ -250,7 +250,7 @@ def _check_guess(mechanism: Mechanism, where: str, mistakes: Mistakes) -> None:
         with mistakes.each():
             if key in BELONGS[TOP] and key not in (*mechanism.model.names, *mechanism.drivers):
                 raise MechanismFileError(f"{where}: guess: {key} is no joint, coordinate or "
-                                         f"driver; {belongs(key, value)}")
+                                         f"driver; {key_hint(key, value)}")
             check_guess(mechanism, where, {key: value})
 
 
@@ -321,7 +321,7 @@ def _closure(context: Context, table: TomlTable) -> Closure:
     if fault:
         table.fail(*fault)
     if pair.n_frames and "equations" in table:
-        closure = replace(closure, equations=table.places("equations", closure.n_rows))
+        closure = replace(closure, equations=table.indices("equations", closure.n_rows))
     return closure
 
 

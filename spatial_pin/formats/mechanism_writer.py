@@ -1,4 +1,4 @@
-"""Writing a mechanism as plain files: the expanded URDF, and beside it what URDF cannot say."""
+"""Writing a mechanism as plain files: the expanded URDF, and a mechanism file for the rest."""
 
 from __future__ import annotations
 
@@ -151,7 +151,7 @@ def _write(mechanism: Mechanism, texts: dict[Path, str], copies: dict[Path, Path
 
 
 def _beside(mechanism: Mechanism, tree: str) -> dict[str, Any]:
-    """Return what a mechanism file says beside the URDF, which states couplings as <mimic>."""
+    """Return the mechanism file for a URDF that states couplings as <mimic>."""
     stated = {f"mimic_{joint.get('name')}"
               for joint in robot_of(mechanism).findall("joint")
               if joint.find("mimic") is not None}
@@ -231,7 +231,7 @@ def robot_of(mechanism: Mechanism) -> ET.Element:
 
 
 def content_of(mechanism: Mechanism) -> dict[str, Any]:
-    """Return what a mechanism file says of a mechanism, as `parse_toml` would read it."""
+    """Return the content of a mechanism's file, as `parse_toml` reads it."""
     robot = robot_of(mechanism)
     moving, closures = list(mechanism.model.names)[1:], _with_named_curves(mechanism.closures)
     content: dict[str, Any] = {
@@ -274,7 +274,7 @@ def _with_named_curves(closures: tuple[Closure, ...]) -> list[Closure]:
 
 
 def _joint(mechanism: Mechanism, element: ET.Element) -> dict[str, Any]:
-    """Return what a mechanism file says of a joint that its URDF element does not."""
+    """Return the table of a joint in a mechanism file: data that its URDF element lacks."""
     name, kind = element.get("name", ""), element.get("type", "")
     if not mechanism.model.existJointName(name):
         return {} if kind == "fixed" else {"type": "fixed"}
@@ -282,7 +282,7 @@ def _joint(mechanism: Mechanism, element: ET.Element) -> dict[str, Any]:
     stated = PAIR_OF_URDF_TYPE.get(kind, kind)
     refined = mechanism.pairs[i - 1] != stated or _turned(mechanism, i, element)
     pair = mechanism.pairs[i - 1]
-    table = {"type": pair, **PAIRS[pair].told(*tree_axes(mechanism, i))} if refined else {}
+    table = {"type": pair, **PAIRS[pair].file_entries(*tree_axes(mechanism, i))} if refined else {}
     return {**table, **_limits(mechanism, i, element),
             **_resistances(mechanism, i, element.find("dynamics"))}
 
@@ -352,7 +352,8 @@ def _closure(closure: Closure) -> dict[str, Any]:
             number = closure.numbers[key.name]
             table[key.name] = number.name if isinstance(number, CurveShape) else dict(
                 number.form) if key.read else np.asarray(number).tolist()
-    table |= pair.told(geometry.axes1[:, 2], geometry.axes2[:, 2], geometry.lead, geometry.length)
+    table |= pair.file_entries(
+        geometry.axes1[:, 2], geometry.axes2[:, 2], geometry.lead, geometry.length)
     if closure.between:
         del table["length"]
         table["length_between"] = list(closure.between)

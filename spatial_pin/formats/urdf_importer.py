@@ -60,7 +60,7 @@ def read_urdf(request: Request, loops_file: Path | None = None) -> Imported:
     else:
         read_dialects(reading, loops_file)
     if request.alone and not reading.content.get("closures"):
-        yaml_loops.tell_unstated(reading)
+        yaml_loops.note_unstated(reading)
     after = ET.tostring(reading.robot, encoding="unicode")
     return Imported(text if after == before else after, reading.content, tuple(reading.notices))
 

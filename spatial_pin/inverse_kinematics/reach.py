@@ -20,7 +20,7 @@ from spatial_pin.inverse_kinematics.named_targets import read_targets
 from spatial_pin.inverse_kinematics.solving import Level, ReachResult, Solver
 from spatial_pin.inverse_kinematics.targets import CoordinateValue
 from spatial_pin.kernel.loop_equations import loops_of
-from spatial_pin.mechanism.coordinates import coordinate_value, needed
+from spatial_pin.mechanism.coordinates import coordinate_value, require_mechanism
 from spatial_pin.mechanism.joint_limits import JointLimit, joint_limits
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.angles import whole_turns
@@ -87,7 +87,7 @@ def reach(
         >>> [round(state.coordinate(name).value, 4) for name in mech.drivers]  # [rad]
         [-0.3467, -0.4714, -0.2211]
     """
-    needed(mechanism)
+    require_mechanism(mechanism)
     if starts < 0:
         raise ValueError(f"starts is {starts}; it is how many other starts are tried, 0 or more")
     wanted = read_targets(mechanism, targets)

@@ -33,7 +33,7 @@ from spatial_pin.inverse_kinematics.target_tables import TargetTable, law_of, ta
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.kernel.paths import PathSamples
-from spatial_pin.mechanism.coordinates import needed
+from spatial_pin.mechanism.coordinates import require_mechanism
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.follow import along, finished, follow, sample_times
 from spatial_pin.motion.motion import Motion
@@ -280,7 +280,7 @@ def reach_path(
         >>> motion.coordinate("arm_1").value.round(4)  # (5,) [rad]
         array([-0.3586, -0.3556, -0.3467, -0.332 , -0.3115])
     """
-    needed(mechanism)
+    require_mechanism(mechanism)
     accuracy = accuracy_of(accuracy)
     tables = tables_of(mechanism, targets, 1 if times is None else np.size(times))
     n = len(tables[0])

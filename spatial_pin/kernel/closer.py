@@ -43,7 +43,7 @@ class Closed(NamedTuple):
 
 
 class Examined(NamedTuple):
-    """What a configuration is like.
+    """Properties of a configuration.
 
     Attributes:
         error: its closure error.
@@ -62,7 +62,7 @@ class Examined(NamedTuple):
 
 
 class Reached(NamedTuple):
-    """The result of closing loops where something is named.
+    """The result of closing loops with named coordinates.
 
     Attributes:
         q: the configuration (nq,), whole turns taken off its angles.
@@ -116,7 +116,7 @@ class ClosureTask(ctypes.Structure):
 
 
 class FurtherStarts:
-    """Further starts, for where the first one does not lead near to what is named.
+    """Further starts, if the first one does not lead near the named values.
 
     Args:
         steps: (m, `AT_ONCE`, nv) joint displacements from the first start, of each of m groups of
@@ -133,7 +133,7 @@ class FurtherStarts:
 
 
 class ClosureSettings(NamedTuple):
-    """How loops are closed, whatever the values of what is fixed: two are the same if one object.
+    """Settings of closing loops, without the values of fixed coordinates; compared by identity.
 
     Attributes:
         free, first: (nv,) velocities that may move, and may move before that, see `Closer.close`.
@@ -163,7 +163,7 @@ class Closer:
     Attributes:
         kernel: the compiled mechanism, in whose memory it works.
         handle: of the C structure.
-        at_task: where C reads how to close.
+        at_task: address of the task.
         paths: those that start where it closes the loops, by what is prescribed.
     """
 
@@ -281,7 +281,7 @@ class Closer:
         self, q: Sequence[Array], settings: ClosureSettings, value: Array,
         reference: Array | float = 0.0, pinned: Iterable[float] = (), further: bool = False,
     ) -> None:
-        """Set what C is to close, see `reach`."""
+        """Set the task of the kernel, see `reach`."""
         task, starts = self._task, settings.further
         if settings is not self._settings:  # else only values have changed
             self._set_method(settings.free, settings.first, settings.tolerance,
@@ -326,7 +326,7 @@ class Closer:
         named.lower, named.upper = map(address, self._limits)
 
     def judge(self, q: Array, reference: Array | float, named: NamedCoordinates) -> Reached:
-        """Return what q (nq,) is, whole turns taken off its angles."""
+        """Return q (nq,), whole turns taken off its angles, and its properties."""
         self._settings = None
         self._name(*named)
         self._examine(q, reference, None)
@@ -334,7 +334,7 @@ class Closer:
                        self._facts.item(1))
 
     def examine(self, q: Array, reference: Array | float) -> Examined:
-        """Return what q (nq,) is like; turns (n_angles,) are those that angles count from [rad]."""
+        """Return the properties of q (nq,); angles are nearest to `reference` (n_angles,) [rad]."""
         self._settings = self._task.named.value = None
         self._examine(q, reference, self._at_angles)
         return self._examined(self._may_be_mirrored)

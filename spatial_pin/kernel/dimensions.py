@@ -64,7 +64,7 @@ class ClosedSamples(NamedTuple):
 
 
 class EvaluatedSamples(NamedTuple):
-    """What m samples give at configurations at which nothing is closed.
+    """Results of m samples at configurations, without closing loops.
 
     Attributes:
         residual: (m, n_closure) closure equations.
@@ -188,7 +188,7 @@ class DimensionEvaluator:
     def evaluate(
         self, q: Array, angles: Array, made_of: Numbers, with_jacobian: bool = True
     ) -> EvaluatedSamples:
-        """Evaluate samples where they stand.
+        """Evaluate samples at their configurations.
 
         Args:
             q: (m, nq) configurations.

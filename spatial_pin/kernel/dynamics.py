@@ -67,8 +67,8 @@ class Callbacks(NamedTuple):
     least: Callable[[float, Array, Array, Array, Array], Array | None]
 
 
-class Start(NamedTuple):
-    """What coordinates count from.
+class ReferencePoint(NamedTuple):
+    """The reference of the independent coordinates.
 
     Attributes:
         q: (nq,) a closed configuration.
@@ -105,7 +105,7 @@ class KernelDynamics:
 
     def __init__(
         self, mechanism: Mechanism, arrays: Packed, ints: Ints, reals: Array,
-        callbacks: Callbacks, start: Start,
+        callbacks: Callbacks, start: ReferencePoint,
     ) -> None:
         self._kernel = kernel = Kernel(mechanism, arrays)
         self._library, self.errors = library(), CallbackErrors()

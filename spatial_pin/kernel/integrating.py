@@ -63,7 +63,7 @@ class SampleStruct(ctypes.Structure):
 
 
 class RunStruct(ctypes.Structure):
-    """Run in running.h: what many steps want, and where their samples go."""
+    """Run in running.h: settings of many steps, and the storage of their samples."""
 
     _fields_ = [("times", POINTER), ("n_times", INT), ("row", INT), ("rows", SampleStruct),
                 ("most", INT), ("patience", REAL), ("largest_step", REAL),
@@ -75,13 +75,13 @@ class RunStruct(ctypes.Structure):
 
 
 class CallbackErrors:
-    """What functions of Python raise that the kernel calls: it is raised when the kernel ends."""
+    """Errors of Python functions that the kernel calls; raised when the kernel returns."""
 
     def __init__(self) -> None:
         self.error: BaseException | None = None
 
     def caught(self, function: Callable[..., int]) -> Callable[..., int]:
-        """Return a function that remembers what it raises, and returns the kernel's code."""
+        """Return a function that stores its error and returns the kernel's code."""
         def call(*args: Any) -> int:
             try:
                 return function(*args)
@@ -176,7 +176,7 @@ class RungeKutta:
 
     @property
     def evaluations(self) -> int:
-        """How often rates were asked for."""
+        """Number of evaluations of the rates."""
         return int(self._c.evaluations)
 
     status = property(lambda self: STATUS[self._c.status])

@@ -1,4 +1,4 @@
-"""The kernel of a mechanism: what Python calls."""
+"""The kernel of a mechanism, as Python calls it."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def numbers(array: Array, shape: tuple[int, ...]) -> Array:
 
 
 class EvaluationStruct(ctypes.Structure):
-    """Evaluation in kernel.h: configurations, and where goes what they give."""
+    """Evaluation in kernel.h: configurations, and the storage of the results."""
 
     _fields_ = [
         ("m", INT), ("q", POINTER), ("v", POINTER), ("reference", POINTER), ("base", POINTER),
@@ -86,8 +86,8 @@ class Kernel:
         self._q, self._angles = np.empty(self.nq), np.empty(self.n_angles)
         self._taken = address(self._q), address(self._angles)
 
-    def taken(self, q: Array, angles: Array) -> tuple[int, int]:
-        """Return where copies of q (nq,) and of angles of screws (n_angles,) are, for C."""
+    def copied_addresses(self, q: Array, angles: Array) -> tuple[int, int]:
+        """Return the addresses of copies of q (nq,) and of angles of screws (n_angles,), for C."""
         self._q[:], self._angles[:] = q, angles
         return self._taken
 
@@ -154,7 +154,7 @@ def tangent_step(
         freedoms = numbers(freedoms, (len(freedoms), kernel.nv))
         chosen, end = np.array(rows, np.int64), np.empty(kernel.nq)
         code = kernel.library.tangent_step(
-            kernel.handle, *kernel.taken(q, reference), address(chosen), len(chosen),
+            kernel.handle, *kernel.copied_addresses(q, reference), address(chosen), len(chosen),
             address(freedoms), len(freedoms), address(end))
     if code == BAD_ARRAYS:
         check(code)

@@ -32,9 +32,9 @@ class KKT:
 
     Args:
         mechanism: the mechanism.
-        mass_at: rows, columns and places among `n_masses` given numbers of the entries of its mass
-            matrix that can be other than zero.
-        n_masses: how many numbers the mass matrix has.
+        mass_entries: rows, columns and indices among the `n_masses` numbers of all entries of its
+            mass matrix that can be other than zero.
+        n_masses: length of `mass`.
 
     Attributes:
         mass: (n_masses,) the mass matrix, to be filled in.
@@ -46,17 +46,17 @@ class KKT:
     """
 
     def __init__(
-        self, mechanism: Mechanism, mass_at: tuple[Places, Places, Places], n_masses: int
+        self, mechanism: Mechanism, mass_entries: tuple[Places, Places, Places], n_masses: int
     ) -> None:
         self._kernel = kernel = Kernel(mechanism, packed(mechanism, False))
         self._library, nv, n_closure = kernel.library, kernel.nv, kernel.n_closure
         labels = groupby(kernel.constraints.labels, lambda label: label.closure)
         groups = np.cumsum([0, *(len(list(group)) for _, group in labels)])  # by closure
-        ints = np.concatenate([groups, *mass_at]).astype(np.int64)
+        ints = np.concatenate([groups, *mass_entries]).astype(np.int64)
         handle = ctypes.c_void_p()
         check(self._library.kkt_create(kernel.handle, address(ints), len(groups) - 1,
-                                       len(mass_at[0]), n_masses, mechanism.characteristic_length,
-                                       ctypes.byref(handle)))
+                                       len(mass_entries[0]), n_masses,
+                                       mechanism.characteristic_length, ctypes.byref(handle)))
         self._handle = handle
         self.pivot, self.error, self.rank = 1.0, 0.0, 0
         self._at = np.nonzero(kernel.constraints.occurring[:n_closure])

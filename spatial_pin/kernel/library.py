@@ -28,7 +28,7 @@ _addressof = ctypes.addressof
 
 
 def address(array: NDArray[Any]) -> int:
-    """Return where a contiguous array begins; the caller keeps it alive."""
+    """Return the address of a contiguous array; the caller keeps it alive."""
     if not array.size:
         return _NOWHERE
     try:
@@ -40,7 +40,7 @@ def address(array: NDArray[Any]) -> int:
 
 
 def addresses(arrays: Iterable[NDArray[Any]]) -> list[int]:
-    """Return where arrays begin that were made for C to write: contiguous, and not read-only."""
+    """Return the addresses of arrays for C to write: contiguous, and not read-only."""
     return [_addressof(_view(x)) if x.size else _NOWHERE for x in arrays]  # type: ignore[arg-type]
 
 
@@ -87,6 +87,6 @@ def library() -> ctypes.CDLL:
 
 
 def check(code: int) -> None:
-    """Raise if a function of the kernel ended with what no mechanism brings about."""
+    """Raise an error for a code of the kernel that no mechanism can cause."""
     if code:
         raise SpatialPinError(f"the kernel ended with {CODES[code]}")

@@ -120,7 +120,7 @@ class LoopEquations:
         return self._tree.placements
 
     def frame(self, frame: int) -> pin.SE3:
-        """Return where a frame of the model is, relative to the centre."""
+        """Return the placement of a frame of the model, relative to the centre."""
         at = self.model.frames[frame]
         return self.data.oMi[at.parentJoint] * at.placement
 
@@ -133,7 +133,7 @@ class LoopEquations:
         return self._tree.frame_jacobian(frame)
 
     def move(self, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
-        """Move the bodies as q (nq,), v and a (nv,) say.
+        """Move the bodies to q (nq,), v and a (nv,); return their twists and accelerations.
 
         Returns:
             Views (njoints, 6) on the twists and spatial accelerations, joint axes.
@@ -155,7 +155,7 @@ class LoopEquations:
 
         World axes, the moment about the world origin; an equation's derivative is its wrench times
         the twist of body 2 relative to body 1. Joint coordinates act on joints, see `joint_rows`.
-        Behind them come those of `Constraints.elsewhere`: they act on two bodies of their own.
+        Those of `Constraints.other_body_products` follow: they act on two bodies of their own.
         """
         values, wrenches = self._products()
         (on_bodies,) = combined_wrenches(self.constraints, [values[:, None]], [self.q[:, None]],
@@ -182,7 +182,7 @@ class LoopEquations:
         values, wrenches = self._products()
         signs = c.signs[:, at, None] / self.mechanism.velocity_scale[at]
         (moved,) = combined_wrenches(c, [values[:, None]], [self.q[:, None]], [signs * wrenches])
-        for k, x in enumerate(c.elsewhere, start=c.n_closure):
+        for k, x in enumerate(c.other_body_products, start=c.n_closure):
             moved[x.equation] += moved[k]
         return moved[: c.n_closure]
 

@@ -1,4 +1,4 @@
-"""A mechanism's tree and closure equations as the two flat arrays that the kernel is made of.
+"""A mechanism's tree and closure equations as the two flat arrays of the kernel.
 
 The order of the arrays is that of `read_structure` and `read_numbers` in `model.c`. Joints of
 several freedoms are split into single ones; the frame of each joint is turned so that its axis is
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import made_anew, made_once
 from spatial_pin.constraints.compiled_equations import Constraints, constraints_of
-from spatial_pin.constraints.composed_equations import Equation, Factor
+from spatial_pin.constraints.composed_equations import Equation, QuantityIndex
 from spatial_pin.constraints.composite_joints import TreeArrays, split_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
@@ -47,7 +47,7 @@ class Parts(NamedTuple):
 
 
 class Packed(NamedTuple):
-    """What a kernel is made of.
+    """The flat arrays of a kernel.
 
     Attributes:
         ints: structure: joints, vectors, products, equations.
@@ -77,8 +77,8 @@ class Packed(NamedTuple):
         return Parts(rotation.reshape(n, 3, 3), translation.reshape(n, 3), mass,
                      com.reshape(n, 3), inertia.reshape(n, 3, 3), gravity, local.reshape(-1, 3))
 
-    def places(self) -> Parts:
-        """Return where the numbers stand among all."""
+    def indices(self) -> Parts:
+        """Return the indices of the numbers, kind after kind."""
         places: Any = np.arange(len(self.reals))
         return self._replace(reals=places).parts()
 
@@ -114,7 +114,7 @@ def packed(mechanism: Mechanism, idle: bool) -> Packed:
     return Packed(
         _joined(np.int64, head, tree.kind, tree.parent, tree.iq, tree.iv, vectors.body,
                 vectors.flag, *vectors.numbers, supports, freedoms, kinds, [IDLE] * n_idle, product,
-                directions, sums.terms, sums.factors, sums.kinds, sums.places,
+                directions, sums.terms, sums.factors, sums.kinds, sums.indices,
                 sums.function, sums.shapes, starts, *patterns,
                 np.cumsum([0, *map(len, turned)]), *turned),
         _joined(float, tree.rotation, tree.translation, tree.pitch, tree.mass, tree.com,
@@ -205,7 +205,7 @@ class _Sums:
         self.terms, self.factors = [0], [0]
         self.numbers: list[float] = []
         self.kinds: list[int] = []
-        self.places: list[tuple[int, int]] = []
+        self.indices: list[tuple[int, int]] = []
         self.function: list[int] = []
         self.shapes: list[tuple[int, ...]] = []
         self.functions: list[Array] = []
@@ -218,7 +218,7 @@ class _Sums:
                 self.factors.append(len(self.kinds))
             self.terms.append(len(self.numbers))
 
-    def _add(self, equation: Equation, factor: Factor) -> None:
+    def _add(self, equation: Equation, factor: QuantityIndex) -> None:
         """Add a quantity, and the function of it if there is one."""
         if factor.kind == "coordinate":
             coordinate = equation.coordinates[factor.at]
@@ -227,7 +227,7 @@ class _Sums:
             entry = (equation.angles[factor.at][0] if factor.kind == "angle"
                      else equation.products[factor.at]), 0
         self.kinds.append(QUANTITIES.index(factor.kind))
-        self.places.append(entry)
+        self.indices.append(entry)
         f = factor.function
         self.function.append(-1 if f is None else len(self.shapes))
         if isinstance(f, SquareRoot | CalledFunction):  # see `piecewise.h`

@@ -133,7 +133,7 @@ class Path:
         kernel: of the mechanism.
         chosen: independent closure equations; None: as many are chosen at the start as
             there are unknowns.
-        driven: what is prescribed, the driver first; see `prescribed_places`.
+        driven: what is prescribed, the driver first; see `prescribed_indices`.
         fill: (k, nv) rows that give passive freedoms the least motion; None: there are none.
         accuracy: tolerance and order of the predictor.
         polynomials: the driven coordinates by a parameter; None: the first one leads.
@@ -174,7 +174,7 @@ class Path:
         """
         self.kernel.path = self._token
         code = self._library.path_start(
-            self.kernel.handle, self._at_task, *self.kernel.taken(q, angles))
+            self.kernel.handle, self._at_task, *self.kernel.copied_addresses(q, angles))
         if code == BAD_ARRAYS:
             check(code)
         return not code
@@ -237,7 +237,7 @@ def path_of(closer: Closer, driven: tuple[int, ...], accuracy: Accuracy) -> Path
     return path
 
 
-def prescribed_places(
+def prescribed_indices(
     nv: int, driven: Iterable[Coordinate], still: Iterable[int] = ()
 ) -> list[int]:
     """Return the kernel's indices of the prescribed coordinates.
@@ -246,6 +246,6 @@ def prescribed_places(
         nv: freedoms of the mechanism.
         driven: coordinates; those of balls and floating joints are components of a rotation
             vector, or of a position, and no entries of the velocity.
-        still: places in the velocity vector that stand still.
+        still: indices of velocity entries that are zero.
     """
     return [c.v + nv * (c.q < 0 and not isinstance(c, VelocityEntry)) for c in driven] + [*still]

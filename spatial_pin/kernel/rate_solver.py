@@ -163,7 +163,7 @@ class RateSolver:
         return self._answer(address(v), None, drive)
 
     def answer(self, derivative: Array, drive: Array | None = None) -> Array:
-        """Return joint rates (nv,) of any order; what is driven must have no components.
+        """Return joint rates (nv,) of any order; driven coordinates must be velocity entries.
 
         Args:
             derivative: (n_closure + n_passive,) of the equations, where the rates are zero.

@@ -1,4 +1,4 @@
-"""What the kernel is compiled from, and what that makes: read by the build and by the loader.
+"""The C files of the kernel and its library, for the build and for the loader.
 
 Its C files stand in one folder a job: algebra (dense and sparse matrices, independent rows), core
 (the mechanism, its equations and their square system), closing (far from closure), states (rates

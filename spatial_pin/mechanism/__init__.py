@@ -1,1 +1,1 @@
-"""What a mechanism is, and the files it comes from."""
+"""The Mechanism and its parts: pairs, closures, coordinates, limits, inertias."""

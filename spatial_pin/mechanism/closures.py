@@ -41,7 +41,7 @@ __all__ = [
     "point_on_curve", "point_on_line", "point_on_plane", "prismatic", "revolute", "rope", "screw",
     "spherical", "universal", "weld",
 ]
-FramePlace = str | tuple[str, pin.SE3]  # a frame by name, or as a placement on a link or joint
+FrameSpec = str | tuple[str, pin.SE3]  # a frame by name, or as a placement on a link or joint
 NATIVE = {  # Pinocchio's constraints that hold two bodies together
     "PointAnchorConstraintModel": "spherical", "FrameAnchorConstraintModel": "weld",
     pin.ContactType.CONTACT_3D: "spherical", pin.ContactType.CONTACT_6D: "weld",
@@ -56,18 +56,18 @@ def __dir__() -> list[str]:
 
 
 def __getattr__(name: str) -> Any:
-    """Say which closure was meant by another word for one."""
+    """Raise an error that names the closure for another word."""
     hint = hint_at_type(name, closure_types()) or suggestion(name, closure_types())
     raise AttributeError(f"there is no closure {name!r}; {hint}")
 
 
 def _closure(
-    kind: str, frames: tuple[FramePlace, FramePlace], name: str | None,
+    kind: str, frames: tuple[FrameSpec, FrameSpec], name: str | None,
     equations: Sequence[int] | None, axis: ArrayLike | None = None,
     axis2: ArrayLike | None = None, *, length: float = 0.0, lead: float = 0.0,
 ) -> Closure:
     axes = [_axis(x, what) for x, what in ((axis, "axis"), (axis2, "axis2"))]
-    made = Closure(_name(name), kind, frames=_two(frames),
+    made = Closure(_name(name), kind, frames=_frame_pair(frames),
                    geometry=closure_geometry(PAIRS[kind], *axes, length=length, lead=lead))
     if equations is None:
         return made
@@ -92,14 +92,14 @@ def _name(name: str | None) -> str:
     return name or ""  # it is given one with the others
 
 
-def _frames(frames: Sequence[FramePlace]) -> Any:
-    """Return frames; what is no name becomes one where the mechanism is made."""
+def _frames(frames: Sequence[FrameSpec]) -> Any:
+    """Return frames; placements get a name in `Mechanism.from_model`."""
     if isinstance(frames, str):
         raise TypeError(f"frames are several, not {frames!r}")
     for frame in frames:
-        is_place = (isinstance(frame, tuple | list) and len(frame) == 2
+        is_placement = (isinstance(frame, tuple | list) and len(frame) == 2
                     and isinstance(frame[0], str) and isinstance(frame[1], pin.SE3))
-        if not is_place and not isinstance(frame, str):
+        if not is_placement and not isinstance(frame, str):
             raise TypeError(f"a frame is given by its name, or as (link or joint, pin.SE3), not "
                             f"{str(frame)[:60]!r}")
     if len(frames) < 2:
@@ -107,13 +107,13 @@ def _frames(frames: Sequence[FramePlace]) -> Any:
     return tuple(frames)
 
 
-def _two(frames: Sequence[FramePlace]) -> Any:
+def _frame_pair(frames: Sequence[FrameSpec]) -> Any:
     if len(frames) != 2:
         raise ValueError(f"two frames are needed, not {len(frames)}")
     return _frames(frames)
 
 
-def spherical(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
+def spherical(frame_1: FrameSpec, frame_2: FrameSpec, name: str | None = None, *,
               equations: Sequence[int] | None = None) -> Closure:
     """Return a ball joint: the two origins coincide (3 equations).
 
@@ -121,7 +121,7 @@ def spherical(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None,
         frame_1: frame on the first body: its name, or (link or joint, `pin.SE3` on it) [m].
         frame_2: frame on the second body, likewise.
         name: for reports; default its type.
-        equations: numbers of its equations that are asked for, from 0, rising; default all.
+        equations: numbers of the equations to use, from 0, rising; default all.
 
     Raises:
         TypeError: a frame is neither a name nor a placement.
@@ -135,7 +135,7 @@ def spherical(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None,
     return _closure("spherical", (frame_1, frame_2), name, equations)
 
 
-def revolute(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
+def revolute(frame_1: FrameSpec, frame_2: FrameSpec, name: str | None = None, *,
              axis: ArrayLike | None = None, equations: Sequence[int] | None = None) -> Closure:
     """Return a hinge: the two origins coincide, and the two axes (5 equations).
 
@@ -144,7 +144,7 @@ def revolute(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, 
         frame_2: frame on the second body, likewise.
         name: for reports; default its type.
         axis: direction of the pair, a unit vector (3,) in both frames; default z.
-        equations: numbers of its equations that are asked for, from 0, rising; default all.
+        equations: numbers of the equations to use, from 0, rising; default all.
 
     Raises:
         TypeError: a frame is neither a name nor a placement.
@@ -157,7 +157,7 @@ def revolute(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, 
     return _closure("revolute", (frame_1, frame_2), name, equations, axis)
 
 
-def prismatic(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
+def prismatic(frame_1: FrameSpec, frame_2: FrameSpec, name: str | None = None, *,
               axis: ArrayLike | None = None, equations: Sequence[int] | None = None) -> Closure:
     """Return a slide: frame 2 moves along the axis and does not turn (5 equations).
 
@@ -166,7 +166,7 @@ def prismatic(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None,
         frame_2: frame on the second body, likewise.
         name: for reports; default its type.
         axis: direction of the pair, a unit vector (3,) in both frames; default z.
-        equations: numbers of its equations that are asked for, from 0, rising; default all.
+        equations: numbers of the equations to use, from 0, rising; default all.
 
     Raises:
         TypeError: a frame is neither a name nor a placement.
@@ -179,7 +179,7 @@ def prismatic(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None,
     return _closure("prismatic", (frame_1, frame_2), name, equations, axis)
 
 
-def screw(frame_1: FramePlace, frame_2: FramePlace, lead: float, name: str | None = None, *,
+def screw(frame_1: FrameSpec, frame_2: FrameSpec, lead: float, name: str | None = None, *,
           axis: ArrayLike | None = None, equations: Sequence[int] | None = None) -> Closure:
     """Return a screw: frame 2 turns about the axis and advances with it (5 equations).
 
@@ -191,7 +191,7 @@ def screw(frame_1: FramePlace, frame_2: FramePlace, lead: float, name: str | Non
         lead: advance per turn [m], not zero; positive of a right-handed thread.
         name: for reports; default its type.
         axis: direction of the pair, a unit vector (3,) in both frames; default z.
-        equations: numbers of its equations that are asked for, from 0, rising; default all.
+        equations: numbers of the equations to use, from 0, rising; default all.
 
     Raises:
         TypeError: a frame is neither a name nor a placement.
@@ -208,7 +208,7 @@ def screw(frame_1: FramePlace, frame_2: FramePlace, lead: float, name: str | Non
     return _closure("screw", (frame_1, frame_2), name, equations, axis, lead=lead)
 
 
-def cylindrical(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
+def cylindrical(frame_1: FrameSpec, frame_2: FrameSpec, name: str | None = None, *,
                 axis: ArrayLike | None = None, equations: Sequence[int] | None = None) -> Closure:
     """Return a sleeve: frame 2 slides along the axis and turns about it (4 equations).
 
@@ -217,7 +217,7 @@ def cylindrical(frame_1: FramePlace, frame_2: FramePlace, name: str | None = Non
         frame_2: frame on the second body, likewise.
         name: for reports; default its type.
         axis: direction of the pair, a unit vector (3,) in both frames; default z.
-        equations: numbers of its equations that are asked for, from 0, rising; default all.
+        equations: numbers of the equations to use, from 0, rising; default all.
 
     Raises:
         TypeError: a frame is neither a name nor a placement.
@@ -230,7 +230,7 @@ def cylindrical(frame_1: FramePlace, frame_2: FramePlace, name: str | None = Non
     return _closure("cylindrical", (frame_1, frame_2), name, equations, axis)
 
 
-def universal(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
+def universal(frame_1: FrameSpec, frame_2: FrameSpec, name: str | None = None, *,
               axis: ArrayLike | None = None, axis2: ArrayLike | None = None,
               equations: Sequence[int] | None = None) -> Closure:
     """Return a Hooke joint: origins coincide, two pins stay perpendicular (4 equations).
@@ -241,7 +241,7 @@ def universal(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None,
         name: for reports; default its type.
         axis: pin that is fixed in frame 1, a unit vector (3,); default x.
         axis2: pin that is fixed in frame 2, likewise; default y.
-        equations: numbers of its equations that are asked for, from 0, rising; default all.
+        equations: numbers of the equations to use, from 0, rising; default all.
 
     Raises:
         TypeError: a frame is neither a name nor a placement.
@@ -255,7 +255,7 @@ def universal(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None,
     return _closure("universal", (frame_1, frame_2), name, equations, axis, axis2)
 
 
-def planar(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
+def planar(frame_1: FrameSpec, frame_2: FrameSpec, name: str | None = None, *,
            axis: ArrayLike | None = None, equations: Sequence[int] | None = None) -> Closure:
     """Return two planes on each other: origin 2 stays in the plane of frame 1 (3 equations).
 
@@ -266,7 +266,7 @@ def planar(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
         frame_2: frame on the second body, likewise.
         name: for reports; default its type.
         axis: normal of the plane, a unit vector (3,) in both frames; default z.
-        equations: numbers of its equations that are asked for, from 0, rising; default all.
+        equations: numbers of the equations to use, from 0, rising; default all.
 
     Raises:
         TypeError: a frame is neither a name nor a placement.
@@ -279,7 +279,7 @@ def planar(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
     return _closure("planar", (frame_1, frame_2), name, equations, axis)
 
 
-def fixed(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
+def fixed(frame_1: FrameSpec, frame_2: FrameSpec, name: str | None = None, *,
           equations: Sequence[int] | None = None) -> Closure:
     """Return a weld (6 equations), by the name that it has as a joint; see `weld`.
 
@@ -287,7 +287,7 @@ def fixed(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
         frame_1: frame on the first body: its name, or (link or joint, `pin.SE3` on it) [m].
         frame_2: frame on the second body, likewise.
         name: for reports; default its type.
-        equations: numbers of its equations that are asked for, from 0, rising; default all.
+        equations: numbers of the equations to use, from 0, rising; default all.
 
     Raises:
         TypeError: a frame is neither a name nor a placement.
@@ -300,7 +300,7 @@ def fixed(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
     return _closure("fixed", (frame_1, frame_2), name, equations)
 
 
-def weld(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
+def weld(frame_1: FrameSpec, frame_2: FrameSpec, name: str | None = None, *,
          equations: Sequence[int] | None = None) -> Closure:
     """Return a weld: the two frames coincide (6 equations).
 
@@ -308,7 +308,7 @@ def weld(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
         frame_1: frame on the first body: its name, or (link or joint, `pin.SE3` on it) [m].
         frame_2: frame on the second body, likewise.
         name: for reports; default its type.
-        equations: numbers of its equations that are asked for, from 0, rising; default all.
+        equations: numbers of the equations to use, from 0, rising; default all.
 
     Raises:
         TypeError: a frame is neither a name nor a placement.
@@ -321,9 +321,9 @@ def weld(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
     return _closure("weld", (frame_1, frame_2), name, equations)
 
 
-def distance(frame_1: FramePlace, frame_2: FramePlace, length: float | None = None,
+def distance(frame_1: FrameSpec, frame_2: FrameSpec, length: float | None = None,
              name: str | None = None, *,
-             length_between: tuple[FramePlace, FramePlace] | None = None) -> Closure:
+             length_between: tuple[FrameSpec, FrameSpec] | None = None) -> Closure:
     """Return a rod with balls at its ends: the two origins stay `length` apart (1 equation).
 
     Args:
@@ -346,10 +346,10 @@ def distance(frame_1: FramePlace, frame_2: FramePlace, length: float | None = No
         raise ValueError("a distance has a length or length_between, one of the two")
     metres = 0.0 if length is None else positive_number(length, "length")
     made = _closure("distance", (frame_1, frame_2), name, None, length=metres)
-    return made if length_between is None else replace(made, between=_two(length_between))
+    return made if length_between is None else replace(made, between=_frame_pair(length_between))
 
 
-def point_on_line(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
+def point_on_line(frame_1: FrameSpec, frame_2: FrameSpec, name: str | None = None, *,
                   axis: ArrayLike | None = None,
                   equations: Sequence[int] | None = None) -> Closure:
     """Return a ball in a groove: origin 2 stays on the axis of frame 1 (2 equations).
@@ -359,7 +359,7 @@ def point_on_line(frame_1: FramePlace, frame_2: FramePlace, name: str | None = N
         frame_2: frame on the second body, likewise.
         name: for reports; default its type.
         axis: direction of the line, a unit vector (3,) in frame 1; default z.
-        equations: numbers of its equations that are asked for, from 0, rising; default all.
+        equations: numbers of the equations to use, from 0, rising; default all.
 
     Raises:
         TypeError: a frame is neither a name nor a placement.
@@ -372,7 +372,7 @@ def point_on_line(frame_1: FramePlace, frame_2: FramePlace, name: str | None = N
     return _closure("point_on_line", (frame_1, frame_2), name, equations, axis)
 
 
-def point_on_plane(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
+def point_on_plane(frame_1: FrameSpec, frame_2: FrameSpec, name: str | None = None, *,
                    axis: ArrayLike | None = None) -> Closure:
     """Return a point on a plane: origin 2 stays in the plane of frame 1 (1 equation).
 
@@ -393,7 +393,7 @@ def point_on_plane(frame_1: FramePlace, frame_2: FramePlace, name: str | None = 
     return _closure("point_on_plane", (frame_1, frame_2), name, None, axis)
 
 
-def parallel(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
+def parallel(frame_1: FrameSpec, frame_2: FrameSpec, name: str | None = None, *,
              axis: ArrayLike | None = None, equations: Sequence[int] | None = None) -> Closure:
     """Return axes that stay parallel, wherever the origins are (2 equations).
 
@@ -402,7 +402,7 @@ def parallel(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, 
         frame_2: frame on the second body, likewise.
         name: for reports; default its type.
         axis: direction of the pair, a unit vector (3,) in both frames; default z.
-        equations: numbers of its equations that are asked for, from 0, rising; default all.
+        equations: numbers of the equations to use, from 0, rising; default all.
 
     Raises:
         TypeError: a frame is neither a name nor a placement.
@@ -415,7 +415,7 @@ def parallel(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, 
     return _closure("parallel", (frame_1, frame_2), name, equations, axis)
 
 
-def perpendicular(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
+def perpendicular(frame_1: FrameSpec, frame_2: FrameSpec, name: str | None = None, *,
                   axis: ArrayLike | None = None, axis2: ArrayLike | None = None) -> Closure:
     """Return axes that stay perpendicular, wherever the origins are (1 equation).
 
@@ -521,7 +521,7 @@ def _coupling_numbers(
     return numbers
 
 
-def rope(frames: Sequence[FramePlace], length: float, name: str | None = None) -> Closure:
+def rope(frames: Sequence[FrameSpec], length: float, name: str | None = None) -> Closure:
     """Return a rope over points: the sum of the distances from each to the next is constant.
 
     Pulleys have no size; the rope is taut, and would push if a force asked for it.
@@ -544,7 +544,7 @@ def rope(frames: Sequence[FramePlace], length: float, name: str | None = None) -
     return Closure(_name(name), "rope", frames=_frames(frames), numbers={"length": length})
 
 
-def point_on_curve(frame_1: FramePlace, frame_2: FramePlace, curve: CurveShape,
+def point_on_curve(frame_1: FrameSpec, frame_2: FrameSpec, curve: CurveShape,
                    name: str | None = None) -> Closure:
     """Return a point on a curve: origin 2 stays on a curve that frame 1 carries (2 equations).
 
@@ -565,11 +565,11 @@ def point_on_curve(frame_1: FramePlace, frame_2: FramePlace, curve: CurveShape,
         >>> sp.closures.point_on_curve("ground", "slider", track).n_rows
         2
     """
-    return Closure(_name(name), "point_on_curve", frames=_two((frame_1, frame_2)),
+    return Closure(_name(name), "point_on_curve", frames=_frame_pair((frame_1, frame_2)),
                    numbers={"curve": _curve(curve)})
 
 
-def cam(frame_1: FramePlace, frame_2: FramePlace, curve: CurveShape, follower: Mapping[str, Any],
+def cam(frame_1: FrameSpec, frame_2: FrameSpec, curve: CurveShape, follower: Mapping[str, Any],
         name: str | None = None) -> Closure:
     """Return a cam and its follower, which touch each other in the plane of the cam (1 equation).
 
@@ -594,7 +594,7 @@ def cam(frame_1: FramePlace, frame_2: FramePlace, curve: CurveShape, follower: M
         >>> sp.closures.cam("cam", "rod", profile, {"roller": 0.008}).n_rows
         1
     """
-    made = Closure(_name(name), "cam", frames=_two((frame_1, frame_2)), numbers={
+    made = Closure(_name(name), "cam", frames=_frame_pair((frame_1, frame_2)), numbers={
         "curve": _curve(curve), "follower": follower_of(follower)})
     fault = made.pair.fault(made)
     if fault:
@@ -649,6 +649,6 @@ def of_native(constraint: Any, bodies: Sequence[str]) -> Closure:
     if max(ids) >= len(bodies):
         raise ClosureTypeError(f"closures: {name!r} is of another model: it has joint {max(ids)}, "
                                f"the model has {len(bodies)} with the universe")
-    places = constraint.joint1_placement, constraint.joint2_placement
-    frames = tuple((bodies[i], place.copy()) for i, place in zip(ids, places, strict=True))
+    placements = constraint.joint1_placement, constraint.joint2_placement
+    frames = tuple((bodies[i], x.copy()) for i, x in zip(ids, placements, strict=True))
     return _closure(kind, frames, name or None, None)  # type: ignore[arg-type]

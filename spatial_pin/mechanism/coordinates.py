@@ -32,8 +32,8 @@ FACTORIALS = np.array([  # of 2, 4, ..., 16
     2, 24, 720, 40320, 3628800, 479001600, 87178291200, 20922789888000.0])
 
 
-def needed(mechanism: object) -> None:
-    """Refuse an argument that is no Mechanism.
+def require_mechanism(mechanism: object) -> None:
+    """Raise an error if an argument is no Mechanism.
 
     Raises:
         TypeError: says how to get one.
@@ -75,17 +75,17 @@ def coordinate_round_off(mechanism: Mechanism, q: Array) -> float:
 
     An angle that counts a million turns is known to 1e-9 rad.
     """
-    places, each = _round_off(mechanism)
-    return float(np.abs(q[places] * each).max(initial=0.0))
+    entries, each = _round_off(mechanism)
+    return float(np.abs(q[entries] * each).max(initial=0.0))
 
 
 @made_once
 def _round_off(mechanism: Mechanism) -> tuple[NDArray[np.intp], Array]:
-    """Return the places in q of coordinates, and the round-off of each, relative to it."""
+    """Return the indices in q of coordinates, and the relative round-off of each."""
     at = [(index, c.v) for c in mechanism.coordinate_table.values()
           if (index := mechanism.index_of(c)) >= 0]
-    places, v_at = np.array(at, dtype=np.intp).reshape(-1, 2).T
-    return places, 4.0 * EPS / mechanism.velocity_scale[v_at]
+    entries, v_at = np.array(at, dtype=np.intp).reshape(-1, 2).T
+    return entries, 4.0 * EPS / mechanism.velocity_scale[v_at]
 
 
 @made_once
@@ -281,7 +281,7 @@ def rotation_vector(quaternion: Array) -> Array:
 
 
 def rotation_components(x: float, y: float, z: float, w: float) -> list[float]:
-    """Do as `rotation_vector` with plain numbers."""
+    """Return `rotation_vector` of plain numbers."""
     sine = math.hypot(x, y, z)
     factor = math.copysign(2.0 * math.atan2(sine, abs(w)) / sine if sine else 2.0, w)
     return [factor * x, factor * y, factor * z]
@@ -295,7 +295,7 @@ def rotation_vectors(quaternions: Array) -> Array:
 
 
 def _first(chosen: NDArray[np.bool_]) -> int:
-    """Return the number of the first that is chosen, how many there are if none is."""
+    """Return the index of the first True, or the length if there is none."""
     return int(np.argmax(chosen)) if chosen.any() else len(chosen)
 
 

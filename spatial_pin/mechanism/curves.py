@@ -528,7 +528,7 @@ def _axes(z: Array, x_axis: ArrayLike | None) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Follower:
-    """What touches a cam.
+    """The follower of a cam.
 
     Attributes:
         radius: of a roller whose centre is the origin of frame 2 [m]; 0 of a knife edge.

@@ -1,4 +1,4 @@
-"""The scalar equations that closures are made of.
+"""The scalar equations of closures.
 
 An equation is a sum of terms: a number times quantities. A quantity is a scalar product of vectors
 that are fixed in two frames, the angle of one frame relative to another, a joint coordinate, or a

@@ -1,4 +1,4 @@
-"""Writing a mechanism as plain URDF: `formats.mechanism_writer` under a name that scripts know."""
+"""The old module of `export_urdf`, which is in `formats.mechanism_writer`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How large a machine is and where: its characteristic length, and a centre close to it.
+"""Size and position of a machine: its characteristic length, and a centre close to it.
 
 In site coordinates a machine of 3 m may be 5000 km from the world's origin. Numbers of that size
 have seven digits fewer for what happens within it, so solvers work relative to the
@@ -52,7 +52,7 @@ def extent_of(model: pin.Model, joined: Collection[int], where: str) -> Extent:
     Args:
         model: its tree.
         joined: frames that closures join.
-        where: what it is of, for the error.
+        where: mechanism and file, for the error.
 
     Raises:
         MechanismFileError: it is so small or large that squares leave the range of numbers.
@@ -64,7 +64,7 @@ def extent_of(model: pin.Model, joined: Collection[int], where: str) -> Extent:
     reach = np.abs(points).max(axis=1)
     span = float(reach.max())
     if not span <= 1.0 / SMALLEST:  # it may be infinite, or NaN
-        raise _refused(model, where, span, int(np.argmax(reach)))
+        raise _size_error(model, where, span, int(np.argmax(reach)))
     unit = 2.0 ** math.frexp(span)[1]  # changes no digit
     points /= unit
     away = np.linalg.norm(points, axis=1) > EPS  # bodies of a drawing have the world's frame
@@ -85,7 +85,7 @@ def extent_of(model: pin.Model, joined: Collection[int], where: str) -> Extent:
             centre = unit * grid * np.round(middle / grid) * (np.abs(middle) > SIZES_NEAR * size)
     length = unit * diameter(points[near])
     if length and not SMALLEST <= length <= 1.0 / SMALLEST:
-        raise _refused(model, where, length, int(np.argmax(reach)))
+        raise _size_error(model, where, length, int(np.argmax(reach)))
     length = length or 1.0
     return Extent(length, centre, near, EPS * float(np.abs(centre).max()) / length)
 
@@ -114,7 +114,7 @@ def diameter(points: Array) -> float:
     return max([least, *map(farthest, points[outer])])
 
 
-def _refused(model: pin.Model, where: str, span: float, frame: int) -> MechanismFileError:
+def _size_error(model: pin.Model, where: str, span: float, frame: int) -> MechanismFileError:
     large = f"{span:.3g} m large" if math.isfinite(span) else "larger than any number"
     return MechanismFileError(
         f"{where}: the mechanism is {large} (frame {model.frames[frame].name!r}); "

@@ -89,7 +89,7 @@ def _times(inertia: pin.Inertia, factor: float) -> pin.Inertia:
 
 
 def inertia_as_given(mass: float, lever: Array, matrix: Array) -> pin.Inertia:
-    """Return an inertia as it is given, which Pinocchio's constructor refuses below zero.
+    """Return an inertia of any numbers; Pinocchio's constructor refuses negative ones.
 
     Args:
         mass: [kg].
@@ -102,7 +102,7 @@ def inertia_as_given(mass: float, lever: Array, matrix: Array) -> pin.Inertia:
 
 
 def fall_energy(model: pin.Model, height: float) -> float:
-    """Return what the weights of all bodies of a tree release in a fall [J] over a height [m]."""
+    """Return the energy [J] that all bodies of a tree release in a fall over a height [m]."""
     return float(np.linalg.norm(model.gravity.linear)) * height * sum(
         body.mass for body in model.inertias)
 
@@ -171,9 +171,9 @@ class MassMatrix:
         if self._own:  # joints are not in the order of its branches
             for own, joint in enumerate(self._order, start=1):  # they may have been changed
                 self.model.inertias[own] = _times(self._whole.inertias[joint], 1.0 / self.unit)
-            places = np.argsort(self._own[1])
+            order = np.argsort(self._own[1])
             mass: Array = pin.crba(self.model, self._data, q[self._own[0]])
-            mass = mass[np.ix_(places, places)]
+            mass = mass[np.ix_(order, order)]
         else:
             mass = pin.crba(self.model, self._data, q)
         return mass if self.unit == 1.0 else mass * self.unit

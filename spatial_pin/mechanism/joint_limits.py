@@ -61,12 +61,12 @@ class JointLimit(NamedTuple):
         return self.side * (self.value - q[..., self.q])
 
     def closing(self, v: Array) -> Array:
-        """Return how fast the room grows less, at v (nv,) or (N, nv) [rad/s or m/s]."""
+        """Return the speed towards the limit, at v (nv,) or (N, nv) [rad/s or m/s]."""
         return self.side * v[..., self.v]
 
     @property
     def words(self) -> str:
-        """What it is, for a sentence."""
+        """Side, value and coordinate of the limit, as text."""
         side = "upper" if self.side > 0 else "lower"
         return f"{side} limit {self.value:.9g} {self.unit} of {self.name}"
 
@@ -91,7 +91,7 @@ def joint_limits(mechanism: Mechanism) -> list[JointLimit]:
 
 
 def beyond_limits(mechanism: Mechanism, q: Array) -> dict[str, float]:
-    """Return how far coordinates are beyond their joint limits, of those that are [rad or m].
+    """Return the excesses of coordinates over their joint limits [rad or m].
 
     Args:
         mechanism: the mechanism.
@@ -100,15 +100,15 @@ def beyond_limits(mechanism: Mechanism, q: Array) -> dict[str, float]:
     Returns:
         The signed amounts by coordinate: positive beyond upper limits, negative beyond lower ones.
     """
-    limits, places, values, sides, slack = _stated(mechanism)
+    limits, entries, values, sides, slack = _stated(mechanism)
     if not limits:
         return {}
-    by = sides * (q[places] - values)
+    by = sides * (q[entries] - values)
     return {limits[k].name: float(sides[k] * by[k]) for k in np.flatnonzero(by > slack)}
 
 
 def _stated(mechanism: Mechanism) -> LimitArrays:
-    """Return the limits that the model has now, which anybody may change."""
+    """Return the present limits of the model, which its user may change."""
     lower, upper = position_limits(mechanism)
     return _stated_by(mechanism, lower.tobytes() + upper.tobytes())
 

@@ -1,4 +1,4 @@
-"""What a mechanism is: an open tree, the closures of its loops, drivers, and names for all."""
+"""The Mechanism: an open tree, the closures of its loops, and drivers."""
 
 from __future__ import annotations
 
@@ -193,7 +193,7 @@ class Mechanism:
         return {**fields, "inertias": parts}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Take what `__getstate__` gave; Pinocchio's inertias cannot be sent if below zero."""
+        """Set the fields from `__getstate__`; Pinocchio cannot pickle negative inertias."""
         inertias = {name: inertia_as_given(*parts) for name, parts in state["inertias"].items()}
         self.__dict__.update({**state, "inertias": inertias})
 
@@ -205,7 +205,7 @@ class Mechanism:
 
     @property
     def loading(self) -> dict[str, Any]:
-        """What `load` was given besides the file."""
+        """The options of `load`."""
         return {**self.parameters, "trusted": self.trusted, "packages": self.packages,
                 "free_flyer": self.free_flyer, "model": self.model_of_file,
                 "without": self.without, "gap": self.gap}
@@ -372,7 +372,7 @@ class Mechanism:
         return name
 
     def start(self, values: Mapping[str, float]) -> Array | None:
-        """Return where to assemble when nobody says, (nq,); None for the guess of the file.
+        """Return the default start (nq,) of an assembly; None for the guess of the file.
 
         Args:
             values: coordinates to be held [rad, m].
@@ -390,7 +390,7 @@ class Mechanism:
 
     @cached_property
     def extent(self) -> Extent:
-        """How large it is, and where: the characteristic length and a centre close to it.
+        """Its size and position: the characteristic length and a centre close to it.
 
         Raises:
             MechanismFileError: it is so small or large that squares leave the range of numbers.
@@ -430,7 +430,7 @@ class Mechanism:
 
     @property
     def centre(self) -> Array:
-        """(3,) the point of the world that is solved relative to [m]: the origin if it is near."""
+        """(3,) the origin of the solvers [m]: a point near the machine, or the world's origin."""
         return self.extent.centre
 
     @cached_property
@@ -576,8 +576,8 @@ class Mechanism:
         )
 
 
-class _MadeWhenAsked:
-    """A field that has its value, or a function that makes it at the first use."""
+class _LazyField:
+    """A field with a value, or with a function that returns it at the first use."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -595,11 +595,11 @@ class _MadeWhenAsked:
 
 
 for _name in ("visual_model", "collision_model", "dimensions", "guess"):
-    setattr(Mechanism, _name, _MadeWhenAsked(_name))
+    setattr(Mechanism, _name, _LazyField(_name))
 
 
-def named(lookup: Any, name: str, where: str) -> Any:
-    """Return what a look-up finds of a name; says where, if it is nothing."""
+def looked_up(lookup: Any, name: str, where: str) -> Any:
+    """Return the result of a look-up by name; the error for an unknown name has `where`."""
     try:
         return lookup(name)
     except SpatialPinError as error:
@@ -608,7 +608,7 @@ def named(lookup: Any, name: str, where: str) -> Any:
 
 def point_on_body(mechanism: Mechanism, body: int, name: str, where: str = "") -> Array:
     """Return the point `name` (a frame, or the centre of a joint) in the axes of joint `body`."""
-    frame = named(mechanism.frame_id, name, where)
+    frame = looked_up(mechanism.frame_id, name, where)
     joint, placement = mechanism.frame_on_joint(name)
     if joint == body:
         return placement.translation.copy()

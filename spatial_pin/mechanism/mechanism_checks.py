@@ -1,4 +1,4 @@
-"""What a mechanism must be: names that exist, closures and inertias that can be."""
+"""Checks of a mechanism: names must exist, closures and inertias must be possible."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from spatial_pin._support.lazy import made_once
 from spatial_pin.errors import MechanismFileError, Mistakes, SpatialPinError
-from spatial_pin.mechanism.mechanism import Mechanism, named, point_on_body, rigid_distance
+from spatial_pin.mechanism.mechanism import Mechanism, looked_up, point_on_body, rigid_distance
 from spatial_pin.mechanism.parts import Closure, Driver, Passive, Spring
 from spatial_pin.numerics.linalg import EPS, Array
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -63,14 +63,14 @@ def _check_spring(mechanism: Mechanism, spring: Spring, where: str) -> None:
             "body"
         )
     if spring.joint is not None:
-        coordinate = named(mechanism.prescribed_coordinate, spring.joint, f"{where}: ")
+        coordinate = looked_up(mechanism.prescribed_coordinate, spring.joint, f"{where}: ")
         if spring.free_length and coordinate.unit == "rad":
             raise MechanismFileError(
                 f"{where}: {spring.joint!r} turns; give free_angle, not free_length")
 
 
 def _check_driver(mechanism: Mechanism, driver: Driver, driven: dict[str, str], here: str) -> None:
-    """Refuse a driver; `driven` has those of others by what they drive, and gets this one."""
+    """Refuse a wrong driver; `driven` gets it, by its coordinate, like those before it."""
     table = mechanism.coordinate_table
     others = mechanism.drivers.keys() - {driver.name}
     if driver.joint in others and driver.joint not in table:
@@ -78,7 +78,7 @@ def _check_driver(mechanism: Mechanism, driver: Driver, driven: dict[str, str], 
             f"{here}.joint: {driver.joint!r} is a driver, not a joint or coordinate; "
             f"there are: {', '.join(table)}"
         )
-    named(mechanism.prescribed_coordinate, driver.joint, f"{here}.joint: ")
+    looked_up(mechanism.prescribed_coordinate, driver.joint, f"{here}.joint: ")
     if driver.name in table and driver.name != driver.joint:
         raise MechanismFileError(
             f"{here}: has the name of another coordinate than its own, {driver.joint!r}"
@@ -91,13 +91,13 @@ def _check_driver(mechanism: Mechanism, driver: Driver, driven: dict[str, str], 
 
 
 def _check_closure(mechanism: Mechanism, closure: Closure, where: str) -> None:
-    _all_named(mechanism.driven_coordinate, closure.joints, f"{where}: joints: ")
+    _all_looked_up(mechanism.driven_coordinate, closure.joints, f"{where}: joints: ")
     for name in closure.joints:
         if closure.joints.count(name) > 1:
             raise MechanismFileError(f"{where}: couples {name!r} with itself")
     ids = _bodies(mechanism, closure.frames, f"{where}: frames: ")
     if closure.acts_at is not None and closure.acts_at.frame:
-        named(mechanism.frame_id, closure.acts_at.frame, f"{where}: frame: ")
+        looked_up(mechanism.frame_id, closure.acts_at.frame, f"{where}: frame: ")
     if closure.pair.has_more and closure.frames:
         _check_rope(mechanism, closure, ids, where)
         return
@@ -108,11 +108,11 @@ def _check_closure(mechanism: Mechanism, closure: Closure, where: str) -> None:
             raise MechanismFileError(
                 f"{where}: frames {name!r} and {other!r} are fixed to the same body; a closure "
                 "joins two bodies that can move against each other")
-    places = _all_named(
+    frames = _all_looked_up(
         mechanism.frame_on_joint, closure.between, f"{where}: length_between: ")
     if closure.between and set(closure.between) == set(closure.frames):
         raise MechanismFileError(f"{where}: length_between: its own frames, which says nothing")
-    length = rigid_distance(*places) if places else None
+    length = rigid_distance(*frames) if frames else None
     if length is not None and length <= EPS * mechanism.characteristic_length:
         raise MechanismFileError(
             f"{where}: length_between: {closure.between[0]!r} and {closure.between[1]!r} are at "
@@ -134,11 +134,11 @@ def _check_rope(mechanism: Mechanism, closure: Closure, ids: list[int], where: s
 
 
 def _bodies(mechanism: Mechanism, frames: tuple[str, ...], where: str) -> list[int]:
-    return [joint for joint, _ in _all_named(mechanism.frame_on_joint, frames, where)]
+    return [joint for joint, _ in _all_looked_up(mechanism.frame_on_joint, frames, where)]
 
 
-def _all_named(lookup: Any, names: Iterable[str], where: str) -> list[Any]:
-    """Return what a look-up finds of names.
+def _all_looked_up(lookup: Any, names: Iterable[str], where: str) -> list[Any]:
+    """Return the results of a look-up by names.
 
     Raises:
         MechanismFileError: it finds nothing of some; has a mistake for each.
@@ -146,13 +146,13 @@ def _all_named(lookup: Any, names: Iterable[str], where: str) -> list[Any]:
     named_ones, mistakes = [], Mistakes(where)
     for name in names:
         with mistakes.each():
-            named_ones.append(named(lookup, name, where))
+            named_ones.append(looked_up(lookup, name, where))
     mistakes.raise_all()
     return named_ones
 
 
 def _check_passive(mechanism: Mechanism, passive: Passive, where: str) -> None:
-    body = named(mechanism.frame_on_joint, passive.body, f"{where}.body: ")[0]
+    body = looked_up(mechanism.frame_on_joint, passive.body, f"{where}.body: ")[0]
     if body == 0:
         raise MechanismFileError(f"{where}.body: {passive.body!r} is fixed to the ground")
     points = [point_on_body(mechanism, body, name, f"{where}.axis: ") for name in passive.axis]
@@ -164,7 +164,7 @@ def _check_passive(mechanism: Mechanism, passive: Passive, where: str) -> None:
 
 @made_once
 def impossible_inertias(mechanism: Mechanism) -> tuple[dict[str, str], dict[str, str]]:
-    """Return the links whose bodies have inertias that no body has, with these in words.
+    """Return the links of bodies with impossible inertias, and these as text.
 
     First those with a negative mass or principal moment of inertia; then those with a principal
     moment larger than the sum of the other two. Links that are fixed to one another count as one

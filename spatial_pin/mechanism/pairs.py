@@ -1,4 +1,4 @@
-"""Pairs: what each is as a tree joint and as a loop closure.
+"""Kinematic pairs, each as a tree joint and as a loop closure.
 
 To add a pair, add one entry to `PAIRS`:
 
@@ -53,7 +53,7 @@ X, Y, Z = np.eye(3)
 
 @dataclass(frozen=True, eq=False)
 class PairGeometry:
-    """What a pair needs to know of its two frames.
+    """Axes of a pair in its two frames, its length and its lead.
 
     Attributes:
         axes1: (3, 3) the pair's x, y, z in columns, in the axes of frame 1; z is the pair's axis.
@@ -69,7 +69,7 @@ class PairGeometry:
 
 
 class ClosureData(Protocol):
-    """What the equations of a closure are made from: a `Closure`."""
+    """The data of a closure's equations; `Closure` has them."""
 
     @property
     def geometry(self) -> PairGeometry:
@@ -90,7 +90,7 @@ class ClosureData(Protocol):
 
 @dataclass(frozen=True)
 class Key:
-    """A number, or what else closures of a kind have in a mechanism file.
+    """A key of a closure type in a mechanism file: a number, a list, or a table.
 
     Attributes:
         name: the key.
@@ -137,10 +137,10 @@ class Pair:
         """Whether the velocity vector is the time derivative of the coordinates."""
         return not any(suffix in ("z", "rz") for suffix, _ in self.coordinates)
 
-    def told(
+    def file_entries(
         self, axis: Array, axis2: Array, lead: float = 0.0, length: float = 0.0
     ) -> dict[str, Any]:
-        """Return what a mechanism file says of its geometry."""
+        """Return the keys and values of its geometry in a mechanism file."""
         known = {"axis": axis.tolist(), "axis2": axis2.tolist(), "lead": lead, "length": length}
         return {key: x for key, x in known.items() if getattr(self, f"uses_{key}")}
 
@@ -405,7 +405,7 @@ JOINT_TYPES = tuple(name for name, pair in PAIRS.items() if pair.joint or name =
 
 
 def closure_types() -> tuple[str, ...]:
-    """Return the pairs that are types of closures."""
+    """Return the names of pairs that can close loops."""
     return tuple(name for name, pair in PAIRS.items() if pair.rows)
 
 
@@ -438,17 +438,17 @@ OTHER_WORDS: dict[str, str] = {
 
 
 def hint_at_type(word: str, valid: Collection[str]) -> str:
-    """Return what to write where a type has another word, "" if nothing is known of it.
+    """Return a hint for an unknown type; "" if there is none.
 
     Args:
-        word: in the place of a type.
-        valid: the types that it may be there.
+        word: the unknown type.
+        valid: the types that are possible.
     """
     plain = re.sub(r"[\s_-]+", "_", word.strip().lower()).removesuffix("joint").rstrip("_")
-    meant = OTHER_WORDS.get(plain, plain if plain in PAIRS else "")
-    if meant in valid:
-        return f"did you mean {meant!r}?"
-    if meant in PAIRS:
-        place = "[joints.NAME]" if meant in JOINT_TYPES else "[[closures]]"
-        return f"did you mean {meant!r}? a mechanism file has that below {place}"
-    return meant
+    pair = OTHER_WORDS.get(plain, plain if plain in PAIRS else "")
+    if pair in valid:
+        return f"did you mean {pair!r}?"
+    if pair in PAIRS:
+        table = "[joints.NAME]" if pair in JOINT_TYPES else "[[closures]]"
+        return f"did you mean {pair!r}? a mechanism file has that below {table}"
+    return pair

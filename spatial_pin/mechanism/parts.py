@@ -136,7 +136,7 @@ class Closure:
 
     @property
     def acts_at(self) -> Any:
-        """Where a coupling acts, if it says so: its `teeth` or `strands`."""
+        """The `teeth` or `strands` of a coupling, None without them."""
         return next((x for x in self.numbers.values() if isinstance(x, Teeth | Strands)), None)
 
     @property
@@ -173,7 +173,7 @@ class Closure:
 
     @property
     def can_turn(self) -> bool:
-        """Whether it means the same with its two frames exchanged, once all its equations hold."""
+        """Whether its equations have the same solutions with its two frames exchanged."""
         return (len(self.frames) == 2 and not self.between and not self.joints
                 and not self.pair.keys and not self.pair.uses_lead and self.equations is None
                 and self.type not in ("point_on_line", "point_on_plane"))
@@ -205,7 +205,7 @@ class SelectedEquations(NamedTuple):
     opened: tuple[tuple[str, float], ...] = ()
 
     def counts(self) -> list[int]:
-        """Return how many there are of each closure."""
+        """Return the number of equations of each closure."""
         return [len(a) + len(b) for a, b in zip(self.own, self.turned, strict=True)]
 
 
@@ -304,7 +304,7 @@ class Spring:
         return bool(np.ndim(self.stiffness) or np.ndim(self.damping) or len(self.preload))
 
     def _check_bushing(self) -> None:
-        """Refuse numbers that no bushing has; keep them as tuples."""
+        """Refuse numbers that no bushing has; store them as tuples."""
         if not self.frames or self.law or self.tension_only or self.compression_only or self.free:
             raise ValueError(f"spring {self.name!r}: a bushing joins two frames, and has no law, "
                              "free length or side of its own")
@@ -354,7 +354,7 @@ class Spring:
             (-10.0, 0.0)
         """
         elastic = self._along(length - self.free)[0]
-        return 0.0 if self._is_slack(elastic) else self._kept(elastic + self.damping * rate)
+        return 0.0 if self._is_slack(elastic) else self._limited(elastic + self.damping * rate)
 
     def slopes(self, length: float, rate: float) -> tuple[float, float]:
         """Return the derivatives of `force` with respect to length and rate.
@@ -373,7 +373,7 @@ class Spring:
         """
         elastic, stiffness = self._along(length - self.free)
         total = elastic + self.damping * rate
-        acts = not self._is_slack(elastic) and self._kept(total) == total
+        acts = not self._is_slack(elastic) and self._limited(total) == total
         return (stiffness, self.damping) if acts else (0.0, 0.0)
 
     def energy(self, length: float) -> float:
@@ -395,11 +395,12 @@ class Spring:
         total = 0.0
         for a, b in pairwise(knots):
             first, last = self._along(a)[0], self._along(b)[0]
+            one, other = self._limited(first), self._limited(last)
             if first * last < 0.0:  # a piece of each side of where the force is none
                 middle = a + (b - a) * first / (first - last)
-                total += 0.5 * (self._kept(first) * (middle - a) + self._kept(last) * (b - middle))
+                total += 0.5 * (one * (middle - a) + other * (b - middle))
             else:
-                total += 0.5 * (self._kept(first) + self._kept(last)) * (b - a)
+                total += 0.5 * (one + other) * (b - a)
         return total if end > 0.0 else -total
 
     def _along(self, elongation: float) -> tuple[float, float]:
@@ -414,8 +415,8 @@ class Spring:
     def _is_slack(self, elastic: float) -> bool:
         return (self.tension_only and elastic <= 0.0) or (self.compression_only and elastic >= 0.0)
 
-    def _kept(self, force: float) -> float:
-        """Return the part of a force that it can bear."""
+    def _limited(self, force: float) -> float:
+        """Return a force limited to tension or compression."""
         return max(force, 0.0) if self.tension_only else (
             min(force, 0.0) if self.compression_only else force)
 

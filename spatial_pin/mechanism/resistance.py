@@ -1,4 +1,4 @@
-"""What resists the motion of joints: viscous damping and dry friction.
+"""Resistance to the motion of joints: viscous damping and dry friction.
 
     force = -damping v - friction tanh(v / slip speed)
 
@@ -36,7 +36,7 @@ class Resistance:
 
     Attributes:
         damping, friction, slip_speed: (nv,).
-        at: places of the coordinates that have any.
+        at: indices of the coordinates that have any.
 
     Raises:
         UnknownNameError: a name does not exist.
@@ -67,7 +67,7 @@ class Resistance:
         return -self.damping * v - self.friction * np.tanh(v / self.slip_speed)
 
     def slopes(self, v: Array) -> Array:
-        """Return how the forces (nv,) fall with their velocities: never negative."""
+        """Return the damping coefficients -d force / d v (nv,), never negative."""
         held = np.tanh(v / self.slip_speed)
         return self.damping + self.friction / self.slip_speed * (1.0 - held * held)
 
@@ -92,7 +92,7 @@ def resistance_texts(mechanism: Mechanism) -> dict[str, str]:
 
 
 def resists(mechanism: Mechanism, joint: int) -> bool:
-    """Whether joint number `joint` itself takes a force to be moved."""
+    """Whether joint number `joint` has damping, dry friction or armature."""
     model = mechanism.model
     v = slice(model.idx_vs[joint], model.idx_vs[joint] + model.nvs[joint])
     return any(bool(np.any(x[v])) for x in (

@@ -10,14 +10,24 @@ import numpy as np
 
 from spatial_pin._support.checks import checked, generator, mapping, positive_number
 from spatial_pin._support.progress import progress_bar
-from spatial_pin.assembly.assemble import assembled, standing_drivers, tell
+from spatial_pin.assembly.assemble import assembled, default_driver_values, warn_of_rounding
 from spatial_pin.assembly.holding import free_bases
 from spatial_pin.assembly.redundant_equations import with_independent_equations
 from spatial_pin.assembly.search.guesses import read_guess
-from spatial_pin.assembly.search.loop_groups import LoopGroup, loop_groups, part_of, places_of
+from spatial_pin.assembly.search.loop_groups import (
+    LoopGroup,
+    configuration_indices,
+    loop_groups,
+    part_of,
+)
 from spatial_pin.assembly.search.release import violated_limit
 from spatial_pin.errors import AssemblyError, ContinuumError, unless_cut
-from spatial_pin.mechanism.coordinates import coordinate_value, finite_number, needed, with_values
+from spatial_pin.mechanism.coordinates import (
+    coordinate_value,
+    finite_number,
+    require_mechanism,
+    with_values,
+)
 from spatial_pin.mechanism.joint_limits import beyond_limits
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mobility.mode_check import SAME_MODE, BodyMark, ModeCheck, ModeKind, signs_of
@@ -163,7 +173,7 @@ def _put(
     """Return a configuration (nq,) with each group of loops from one of its own."""
     q = base.copy()
     for group, own in zip(groups, chosen, strict=True):
-        places = places_of(check.mechanism, group)
+        places = configuration_indices(check.mechanism, group)
         q[places] = own[places]
     return q
 
@@ -260,7 +270,7 @@ def assembly_modes(
         >>> [(m.branch, round(m.coordinate("rocker_pin").value, 3)) for m in modes]
         [('+', -2.285), ('-', 1.625)]
     """
-    needed(mechanism)
+    require_mechanism(mechanism)
     positive_number(patience, "patience")
     positive_number(most_starts, "most_starts")
     rng = generator(seed)
@@ -288,7 +298,7 @@ def assembly_modes(
     modes = searched(mechanism, held) if not groups else modes_of_groups(
         ModeCheck(mechanism, held, rods, accuracy.tolerance, accuracy.gap), groups, searched)
     if modes and mechanism.whole is not None:
-        tell(modes[0])
+        warn_of_rounding(modes[0])
     return unless_cut(modes)
 
 
@@ -298,7 +308,7 @@ def _held(
     """Return the fixed coordinates: named ones, drivers at the guess, a free base."""
     held = {mechanism.driven_coordinate(name).name: finite_number(value, f"driver {name!r}")
             for name, value in named.items()}
-    standing = standing_drivers(mechanism, held, mechanism.start(held), free)
+    standing = default_driver_values(mechanism, held, mechanism.start(held), free)
     if bases := free_bases(mechanism):
         q = read_guess(mechanism, mechanism.start(held)).q
         held |= {c.name: coordinate_value(mechanism, c, q)

@@ -10,9 +10,9 @@ import pinocchio as pin
 
 from spatial_pin._support.brief import brief
 from spatial_pin.assembly.close import close, scaled_row
-from spatial_pin.assembly.holding import still_entries
+from spatial_pin.assembly.holding import fixed_base_entries
 from spatial_pin.assembly.passive_freedoms import (
-    inside_links,
+    inner_links_of_balls,
     is_in_loop,
     moved_bodies,
     passive_freedoms,
@@ -79,7 +79,7 @@ def passive_freedoms_at(
         return []
     driven = [mechanism.coordinate(d.joint) for d in mechanism.drivers.values()]
     drive = [scaled_row(mechanism, c, q) for c in driven]
-    drive += list(np.eye(len(scale))[[*still_entries(mechanism, driven), *held]])
+    drive += list(np.eye(len(scale))[[*fixed_base_entries(mechanism, driven), *held]])
     tangents = scale * null_space(np.vstack([evaluation.jacobian[:n], *drive]),
                                   TOLERANCES.half_precision)
     if not len(tangents):
@@ -143,7 +143,7 @@ def _idles(evaluation: LoopEquations, q: Array, joint: str, velocities: Array) -
     """
     if any(_goes_on(evaluation, q, joint, v) for v in velocities):
         return True
-    insides = inside_links(evaluation.mechanism)
+    insides = inner_links_of_balls(evaluation.mechanism)
     if len(velocities) < 2 or not insides.isdisjoint(moved_bodies(evaluation, velocities)):
         return False
     from scipy.optimize import least_squares  # on use: it takes a tenth of a second
@@ -184,7 +184,7 @@ def _goes_on(evaluation: LoopEquations, q: Array, joint: str, v: Array) -> bool:
     body = mechanism.joint_id(joint)
     there, _ = _gone(evaluation, q, joint, v)
     moved = moved_bodies(evaluation, v[None])
-    if inside_links(mechanism).isdisjoint(moved):
+    if inner_links_of_balls(mechanism).isdisjoint(moved):
         evaluation.update(there)
         return bool(evaluation.closure_error < ALGEBRA_TOLERANCE)
     twist = joint_jacobian(evaluation.data, model.nv) @ (v * evaluation.constraints.support(body))

@@ -9,18 +9,18 @@ import numpy as np
 from spatial_pin._support.brief import counted
 from spatial_pin._support.checks import checked
 from spatial_pin.assembly.assemble import assembled
-from spatial_pin.assembly.holding import free_bases, still_entries
+from spatial_pin.assembly.holding import fixed_base_entries, free_bases
 from spatial_pin.assembly.redundant_equations import (
     gap_words,
     rounding_of,
     with_independent_equations,
 )
 from spatial_pin.assembly.state import State, all_angles, of_mechanism
-from spatial_pin.assembly.undetermined import check_loops
+from spatial_pin.assembly.undetermined import locked_loops_hint
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import MechanismFileError, SpatialPinError
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_at
-from spatial_pin.mechanism.coordinates import driver_coordinates, finite_array, needed
+from spatial_pin.mechanism.coordinates import driver_coordinates, finite_array, require_mechanism
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mobility.finite_motions import finite_freedom, finite_motions
 from spatial_pin.mobility.idle_freedoms import PassiveFreedom, described, idle_freedoms
@@ -170,7 +170,7 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
           finite freedom 2, of which 1 passive and 1 working
           passive freedom: coupler spins about (-0.7774, 0.629, 0) through ball_a and ball_b
     """
-    needed(mechanism)
+    require_mechanism(mechanism)
     state = assembled(mechanism) if q is None else q
     if isinstance(state, State):
         state = of_mechanism(mechanism, state)
@@ -236,15 +236,15 @@ def driver_advice(state: State, freedom: Mobility) -> str:
     mechanism = state.mechanism
     drivers = list(driver_coordinates(mechanism).values())
     working = freedom.dof - len(freedom.passive)
-    entries = still_entries(mechanism, drivers)
+    entries = fixed_base_entries(mechanism, drivers)
     free = working - len(entries)
     missing = free - len(drivers)
     count = f"{counted(len(drivers), 'driver')} for {counted(working, 'working freedom')}"
     if not free and drivers:
         raise MechanismFileError(
-            f"{mechanism.path}: it cannot move: {count}; {check_loops(mechanism)}")
+            f"{mechanism.path}: it cannot move: {count}; {locked_loops_hint(mechanism)}")
     if not free and mechanism.closures:
-        return f"it is a structure, which cannot move; if it is to, {check_loops(mechanism)}"
+        return f"it is a structure, which cannot move; if it is to, {locked_loops_hint(mechanism)}"
     if not missing:
         return ""
     evaluation = loops_at(mechanism, state.q, state.angles)

@@ -10,8 +10,8 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.assembly.close import close
-from spatial_pin.assembly.passive_freedoms import moved_bodies, unseen_links
-from spatial_pin.assembly.search.whole_turns import nearest_turn, turned_apart
+from spatial_pin.assembly.passive_freedoms import moved_bodies, uncounted_links
+from spatial_pin.assembly.search.whole_turns import nearest_turn, turn_free_difference
 from spatial_pin.assembly.state import State, gap_of
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.kernel.loop_equations import LoopEquations
@@ -208,7 +208,7 @@ class ModeCheck:
         if not all_copies:
             marks |= {i: BodyMark(line.point[None], line.direction[None])
                       for rod in self.rods for i, line in rod.lines.items()}
-            marks |= dict.fromkeys(unseen_links(self.mechanism), NOTHING)
+            marks |= dict.fromkeys(uncounted_links(self.mechanism), NOTHING)
         return marks
 
     def signature(self, marks: Mapping[int, BodyMark], q: Array) -> Array:
@@ -290,14 +290,14 @@ def are_joined(check: ModeCheck, q: Array, other: Array) -> bool:
 
     Two modes without motion are then one, up to round-off.
     """
-    difference = turned_apart(check.mechanism, q, other)
+    difference = turn_free_difference(check.mechanism, q, other)
     size = float(np.linalg.norm(difference))
     for part in BETWEEN if size < PATH_LENGTH else ():
         step = check.mechanism.velocity_scale * part * difference
         start = pin.integrate(check.mechanism.model, q, step)
         result, error = close(check.evaluation, start, check.free, check.tolerance,
                              cut=TOLERANCES.well_conditioned)
-        moved = float(np.linalg.norm(turned_apart(check.mechanism, start, result)))
+        moved = float(np.linalg.norm(turn_free_difference(check.mechanism, start, result)))
         if error > SAME_MODE * SAME_MODE or moved > TOLERANCES.unexplained * size:
             return False
     return size < PATH_LENGTH

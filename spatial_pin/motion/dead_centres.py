@@ -11,7 +11,7 @@ from spatial_pin._support.checks import checked
 from spatial_pin.constraints.workspaces import Workspaces
 from spatial_pin.continuation.path_tracker import PathTracker, Stopped
 from spatial_pin.errors import SingularError, SpatialPinError
-from spatial_pin.motion.motion import Event, Motion, motion_needed
+from spatial_pin.motion.motion import Event, Motion, require_motion
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.roots import sign_change
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -43,7 +43,7 @@ def dead_centres(motion: Motion, output: str | None = None) -> list[Event]:
         >>> [round(event.value, 4) for event in sp.dead_centres(motion, "slide")]  # crank [rad]
         [0.0, 3.1416]
     """
-    motion_needed(motion)
+    require_motion(motion)
     events = []
     for name in grounded_outputs(motion) if output is None else [output]:
         rates = _rates(motion, name)

@@ -36,7 +36,7 @@ def _reach(state: State, driver: str, offsets: Array) -> Motion | None:
 def default_motion(
     mechanism: Mechanism, driver: str | None = None, rows: int = ROWS
 ) -> Motion | State:
-    """Return a motion that shows what a mechanism does.
+    """Return a motion of the first driver; a State if the mechanism cannot move.
 
     A driver turns once, or slides by 15 % of the characteristic length, from the assembled guess.
     If a limit or a singular position is in between, it goes up to it, in the direction with the

@@ -19,7 +19,7 @@ from spatial_pin.continuation.path_tracker import PathTracker
 from spatial_pin.continuation.pseudo_arclength import Arrival
 from spatial_pin.errors import Interrupted, LimitError, SingularError, SpatialPinError
 from spatial_pin.kernel.paths import PathSamples
-from spatial_pin.mechanism.coordinates import needed
+from spatial_pin.mechanism.coordinates import require_mechanism
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.curve_ends import curve_end_events
 from spatial_pin.motion.joint_limit_events import joint_limit_events
@@ -36,7 +36,7 @@ from spatial_pin.motion.sweep import (
 )
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.rates.depending import depending_on
+from spatial_pin.rates.depending import part_moving_with
 from spatial_pin.rates.rates import check_finite, check_not_held
 from spatial_pin.settings import Accuracy, accuracy_of
 
@@ -103,7 +103,7 @@ def follow(
         array([6.934, 0.   , 1.382])
     """
     accuracy = accuracy_of(accuracy)
-    needed(mechanism)
+    require_mechanism(mechanism)
     check_choice("on_limit", on_limit, ("raise", "stop"))
     check_choice("on_crossing", on_crossing, ("straight", "stop", "raise"))
     names, table = _table(mechanism, values)
@@ -120,7 +120,7 @@ def follow(
     good = None
     for _ in range(CHOICES):
         state, gone = held_start(mechanism, first, guess, held, tight)
-        moved = depending_on(state, names, hold)
+        moved = part_moving_with(state, names, hold)
         there, standing = (state, hold) if moved is None else moved[:2]
         result = along(there, names, standing, law, s, accuracy,
                       f"{mechanism.name}: {', '.join(names)}", progress,

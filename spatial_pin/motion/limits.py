@@ -15,10 +15,10 @@ from spatial_pin.continuation.asymptotes import running_away
 from spatial_pin.continuation.initial_tangent import (
     body_placements,
     direction_of,
-    not_spinning,
+    non_spinning_bodies,
     system_at,
 )
-from spatial_pin.continuation.pseudo_arclength import towards
+from spatial_pin.continuation.pseudo_arclength import followed_to
 from spatial_pin.continuation.solution_curve import SolutionCurve
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.joint_limits import joint_limits
@@ -160,11 +160,11 @@ def _bound(
     evaluation = system.evaluation
     evaluation.angle_reference[:] = state.angles
     evaluation.update(state.q)
-    bodies = not_spinning(system)
+    bodies = non_spinning_bodies(system)
     placement, angles, q = body_placements(evaluation, bodies), evaluation.angles.copy(), state.q
     for k in range(1, MOST_TURNS + 1):
         curve, goal = SolutionCurve(system, tolerance), start + sense * k * span
-        arrival = towards(curve, q, goal, direction)
+        arrival = followed_to(curve, q, goal, direction)
         if arrival.kind == "lost":
             if end := running_away(curve, arrival.q, goal):
                 return Bound(end.value, f"{end.runs_away} runs away")

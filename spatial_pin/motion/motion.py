@@ -18,7 +18,7 @@ from spatial_pin._support.checks import checked, is_finite
 from spatial_pin._support.columns import Quantity, Tabular, read_only, write_npz
 from spatial_pin._support.output_files import named_path
 from spatial_pin.assembly.contact_places import contact_closure, contact_rates
-from spatial_pin.assembly.holding import BASE, as_written, written
+from spatial_pin.assembly.holding import BASE, hold_from_file, hold_to_file
 from spatial_pin.assembly.state import State
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.coordinates import CoordinateRates, coordinate_rates
@@ -600,7 +600,7 @@ def content_of(motion: Motion) -> dict[str, Any]:
         "q": motion.q, "v": motion.v, "a": motion.a, "closure_error": motion.closure_error,
         "driver_speed": motion.driver_speed, "angles": motion.angles,
         "mechanism": motion.mechanism.name, "per": motion.per,
-        "held": np.array(written(motion.held), str),
+        "held": np.array(hold_to_file(motion.held), str),
         "error_estimates": motion.error_estimates,
         "coordinates": np.array(motion.mechanism.coordinates),
         "event_kind": np.array([e.kind for e in motion.events], dtype=str),
@@ -643,14 +643,14 @@ def fields_of(content: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
         "driver_name": str(content["driver_name"]),
         "time": content["time"] if content["time"].size else None,
         "events": [Event(*e) for e in events], "per": str(content.get("per", "s")),
-        "held": as_written(content["held"].tolist()) if "held" in content else (BASE,),
+        "held": hold_from_file(content["held"].tolist()) if "held" in content else (BASE,),
         **{name: content[name] for name in arrays},
         "error_estimates": content.get("error_estimates", np.empty((0, 3))),
     }
 
 
-def motion_needed(motion: object) -> None:
-    """Refuse an argument that is no Motion.
+def require_motion(motion: object) -> None:
+    """Raise an error if an argument is no Motion.
 
     Raises:
         TypeError: says how to get one.

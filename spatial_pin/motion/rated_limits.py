@@ -43,7 +43,7 @@ class RatedLimit(NamedTuple):
 
     @property
     def words(self) -> str:
-        """Its name in a sentence."""
+        """Its name, as text."""
         return f"{self.kind} {self.value:.9g} {self.unit} of {self.name}"
 
     def excess(self, values: Array) -> Array:

@@ -105,7 +105,7 @@ def independent_on(
     motion: AnyMotion, accuracy: Accuracy, ahead: Array, end: Array | None = None,
     opens_after: int | None = None,
 ) -> tuple[Mechanism, int | None]:
-    """Return a mechanism whose equations are independent on a motion, and for some way ahead.
+    """Return a mechanism whose equations are independent on a motion and some distance ahead.
 
     Args:
         motion: of any mechanism.

@@ -79,7 +79,7 @@ def where(motion: Motion, row: int) -> str:
 
 
 def tidy(x: float, among: Array, sign: str = "") -> str:
-    """Return a number with six digits, 0 where it is round-off of the largest among others."""
+    """Return a number as text with six digits; "0" if it is round-off of the largest of `among`."""
     return f"{0.0 if abs(x) <= TOLERANCES.round_off * np.abs(among).max() else x:{sign}.6g}"
 
 

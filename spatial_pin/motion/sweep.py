@@ -21,7 +21,7 @@ from spatial_pin._support.checks import (
 from spatial_pin._support.columns import read_only
 from spatial_pin._support.lazy import made_once
 from spatial_pin._support.progress import progress_bar
-from spatial_pin.assembly.assemble import held_values, pose, solved
+from spatial_pin.assembly.assemble import assembly_problem, held_values, solved
 from spatial_pin.assembly.close import NOTHING
 from spatial_pin.assembly.held_start import held_start
 from spatial_pin.assembly.holding import BASE, Hold
@@ -31,15 +31,19 @@ from spatial_pin.constraints.workspaces import Workspaces
 from spatial_pin.continuation.asymptotes import BEYOND_LINKS
 from spatial_pin.continuation.path_following import (
     Followed,
+    both_ways_order,
     chunk_of,
     followed,
     followed_both_ways,
-    there_and_back,
 )
 from spatial_pin.continuation.path_tracker import FARTHEST, PathTracker
 from spatial_pin.continuation.pseudo_arclength import Arrival
 from spatial_pin.errors import Interrupted, LimitError, SingularError, SpatialPinError
-from spatial_pin.mechanism.coordinates import coordinate_value, driver_coordinates, needed
+from spatial_pin.mechanism.coordinates import (
+    coordinate_value,
+    driver_coordinates,
+    require_mechanism,
+)
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.motion.curve_ends import curve_end_events
@@ -49,7 +53,7 @@ from spatial_pin.motion.rated_limits import velocity_limit_events
 from spatial_pin.motion.rounding import CHOICES, independent_on, within_gap
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.rates.depending import depending_on
+from spatial_pin.rates.depending import part_moving_with
 from spatial_pin.rates.rates import SOLUTION_ERROR, check_finite, check_not_held
 from spatial_pin.settings import Accuracy, accuracy_of
 
@@ -137,7 +141,7 @@ def sweep(
         True
     """
     accuracy = accuracy_of(accuracy)
-    needed(mechanism)
+    require_mechanism(mechanism)
     check_choice("on_limit", on_limit, ("raise", "stop"))
     check_choice("on_crossing", on_crossing, ("straight", "stop", "raise"))
     values = _values(mechanism, driver, values, speed)
@@ -224,11 +228,12 @@ def _followed(
     """
     names, n, problem = (driver, *given), len(values), None
     first, tolerance = {coordinate.name: values.item(0)}, min(accuracy.tolerance, TOLERANCES.tight)
-    ways = there_and_back(values) if accuracy.corrections is None else None
+    ways = both_ways_order(values) if accuracy.corrections is None else None
     with Workspaces() as workspaces:
         if not isinstance(guess, State) or held in ((), (BASE,)):
             first = held_values(mechanism, {**given, **first}) if given else first
-            problem = pose(mechanism, first, guess, tolerance, gap_allowed(mechanism, accuracy))
+            problem = assembly_problem(
+                mechanism, first, guess, tolerance, gap_allowed(mechanism, accuracy))
             started = None if ways is not None or not problem.is_for_kernel() else (
                 PathTracker.from_guess(problem, names, held, accuracy, workspaces,
                                        values[: chunk_of(mechanism)], n))
@@ -242,7 +247,7 @@ def _followed(
         check_not_held(mechanism, [coordinate], held)
         state, gone = (solved(problem), list[str]()) if problem is not None else held_start(
             mechanism, {**given, **first}, guess, held, replace(accuracy, tolerance=tolerance))
-        moved = depending_on(state, names, held)
+        moved = part_moving_with(state, names, held)
         there, hold = (state, held) if moved is None else moved[:2]
         with progress_bar(n, f"{mechanism.name}: {driver}", progress) as bar:
             tracker = PathTracker.along(there, names, hold, accuracy, workspaces)

@@ -14,12 +14,12 @@ from spatial_pin.continuation.branch_points import straight_on
 from spatial_pin.continuation.initial_tangent import (
     body_placements,
     direction_of,
-    not_spinning,
+    non_spinning_bodies,
     system_at,
 )
 from spatial_pin.continuation.path_tracker import error_estimate
 from spatial_pin.continuation.pseudo_arclength import ArcLengthPath
-from spatial_pin.continuation.singular_points import distance_ahead, located
+from spatial_pin.continuation.singular_points import distance_ahead, located_singularity
 from spatial_pin.continuation.solution_curve import CurvePoint, SolutionCurve
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.paths import PathSamples
@@ -29,7 +29,7 @@ from spatial_pin.motion.rounding import within_gap
 from spatial_pin.motion.sweep import scaled_estimates
 from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.rates.depending import Depending
+from spatial_pin.rates.depending import PartMotion
 from spatial_pin.settings import Accuracy
 
 TURN = 2.0 * np.pi
@@ -126,7 +126,7 @@ class _TracedSamples:
     """Samples of a traced curve."""
 
     def __init__(
-        self, curve: SolutionCurve, driver: str, mechanism: Mechanism, moved: Depending | None
+        self, curve: SolutionCurve, driver: str, mechanism: Mechanism, moved: PartMotion | None
     ) -> None:
         self.curve, self.driver, self.mechanism, self._moved = curve, driver, mechanism, moved
         self.points: list[CurvePoint] = []
@@ -153,7 +153,7 @@ class _TracedSamples:
         self.accelerations.append(scale * bends)
         self.errors.append(evaluation.closure_error)
         if len(self.points) < 2:
-            self.bodies = not_spinning(self.curve.system)
+            self.bodies = non_spinning_bodies(self.curve.system)
             self.own = np.isin(np.repeat(np.arange(model.njoints), model.nvs), self.bodies)
             self.first_placement = body_placements(self.curve.evaluation, self.bodies)
 
@@ -198,7 +198,7 @@ class _TracedSamples:
     def note_branch_points(self, point: CurvePoint, beyond: CurvePoint) -> None:
         """Record the branch points between two points, seen from both: there may be several."""
         back = beyond._replace(t=-beyond.t, sign=-beyond.sign)
-        seen = [located(self.curve, x) for x in (point, back)]
+        seen = [located_singularity(self.curve, x) for x in (point, back)]
         values = [singular[1] for singular in seen if singular is not None]
         for k, value in enumerate(values):
             if not k or abs(value - values[0]) > TOLERANCES.half_precision:

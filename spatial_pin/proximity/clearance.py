@@ -13,7 +13,7 @@ from spatial_pin._support.checks import checked, finite_number
 from spatial_pin._support.progress import progress_bar
 from spatial_pin.assembly.state import State
 from spatial_pin.errors import SpatialPinError, unless_cut
-from spatial_pin.motion.motion import Event, Motion, motion_needed
+from spatial_pin.motion.motion import Event, Motion, require_motion
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.proximity.clearance_search import Between, ClearanceSearch, MotionPoint, PairResult
@@ -235,7 +235,7 @@ def clearance(
     """
     if isinstance(motion, State):
         motion = standing(motion)
-    motion_needed(motion)
+    require_motion(motion)
     if not len(motion):
         raise ValueError("the motion has no samples: there is nothing to look at")
     touching = finite_number(tolerance, "tolerance")

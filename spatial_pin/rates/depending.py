@@ -30,7 +30,7 @@ from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 from spatial_pin.numerics.linalg import Array, common_rows, independent_rows, null_space
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.prescribed import Prescription, chosen_at
-from spatial_pin.rates.rates import prescribed_first, wanted_coordinates
+from spatial_pin.rates.rates import usual_prescription, wanted_coordinates
 
 
 class Part(NamedTuple):
@@ -89,8 +89,8 @@ def _is_of(mechanism: Mechanism, joint: int, entries: NDArray[np.bool_]) -> bool
     return bool(entries[model.idx_vs[joint] : model.idx_vs[joint] + model.nvs[joint]].any())
 
 
-def places(driven: Iterable[Coordinate]) -> tuple[int, ...]:
-    """Return the indices in the velocity vector of coordinates that are entries of it."""
+def velocity_indices(driven: Iterable[Coordinate]) -> tuple[int, ...]:
+    """Return the indices of coordinates in the velocity vector, without rotation vectors."""
     return tuple(c.v for c in driven if c.q >= 0 or isinstance(c, VelocityEntry))
 
 
@@ -124,7 +124,7 @@ class FrameDependence(NamedTuple):
         return whole
 
 
-def all_determined(state: State, given: Prescription) -> FrameDependence | None:
+def equations_for_all_frames(state: State, given: Prescription) -> FrameDependence | None:
     """Return the equations for all frames; None if these are not clear."""
     with kernel_of(state.mechanism) as kernel:
         if given.rates(kernel).factor(state.q, state.angles):
@@ -132,7 +132,7 @@ def all_determined(state: State, given: Prescription) -> FrameDependence | None:
     return None
 
 
-def frame_determined(state: State, given: Prescription, frame: int) -> FrameDependence:
+def equations_for_frame(state: State, given: Prescription, frame: int) -> FrameDependence:
     """Return the equations that determine the velocity of a frame of a closed state.
 
     Raises:
@@ -140,11 +140,11 @@ def frame_determined(state: State, given: Prescription, frame: int) -> FrameDepe
     """
     model = state.mechanism.model
     carriers = list(model.supports[model.frames[frame].parentJoint])[1:]
-    return entries_determined(state, given, tuple(v for i in carriers for v in velocity_entries(
+    return equations_for_entries(state, given, tuple(v for i in carriers for v in velocity_entries(
         state.mechanism, model.names[i])), frame)
 
 
-def entries_determined(
+def equations_for_entries(
     state: State, given: Prescription, entries: tuple[int, ...], frame: int | None = None
 ) -> FrameDependence:
     """Return the equations that determine velocities of a closed state.
@@ -158,7 +158,7 @@ def entries_determined(
     Raises:
         SingularError: they are not determined.
     """
-    moving_entries = {*entries, *places(given.driven)} - {*given.still}
+    moving_entries = {*entries, *velocity_indices(given.driven)} - {*given.still}
     part = part_for(state.mechanism, tuple(sorted(moving_entries)), tuple(sorted(given.still)))
     if part is None:
         return FrameDependence(
@@ -171,8 +171,8 @@ def entries_determined(
     return FrameDependence(there, own, columns, chosen_at(there, own, frame))
 
 
-class Depending(NamedTuple):
-    """A motion of a part of a mechanism.
+class PartMotion(NamedTuple):
+    """The part of a mechanism that moves, with the fixed coordinates of its motion.
 
     Attributes:
         state: of the part.
@@ -196,7 +196,7 @@ class Depending(NamedTuple):
             angles=angles, error=np.maximum(samples.error, self.whole.closure_error))
 
 
-def depending_on(state: State, names: Sequence[str], hold: Hold) -> Depending | None:
+def part_moving_with(state: State, names: Sequence[str], hold: Hold) -> PartMotion | None:
     """Return the part that moves with coordinates, if the whole is not determined.
 
     None if all is determined, if the part is the whole, if a free base would move, and if loops
@@ -208,9 +208,9 @@ def depending_on(state: State, names: Sequence[str], hold: Hold) -> Depending | 
         hold: names of other fixed coordinates.
     """
     mechanism = state.mechanism
-    driven, still = prescribed_first(mechanism, names, hold)
+    driven, still = usual_prescription(mechanism, names, hold)
     n = len(wanted_coordinates(mechanism, names))
-    fixed = (*still, *places(driven[n:]))
+    fixed = (*still, *velocity_indices(driven[n:]))
     part = part_for(mechanism, tuple(c.v for c in driven[:n]), tuple(sorted(fixed)))
     if part is None:
         return None
@@ -229,7 +229,7 @@ def depending_on(state: State, names: Sequence[str], hold: Hold) -> Depending | 
             return None
     own = () if hold is None else tuple(names_of(hold, "hold"))
     few = _holding_entries(state, part, rest)
-    return Depending(part.state(state), (*own, *_named(mechanism, rest)),
+    return PartMotion(part.state(state), (*own, *_named(mechanism, rest)),
                      (*own, *_named(mechanism, few)), state, part.angles)
 
 

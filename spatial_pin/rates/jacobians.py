@@ -11,23 +11,23 @@ import pinocchio as pin
 from spatial_pin._support.brief import brief
 from spatial_pin._support.checks import checked, names_of
 from spatial_pin._support.lazy import made_once
-from spatial_pin.assembly.holding import BASE, FixedHold, Hold, fixed, free_bases, is_base
+from spatial_pin.assembly.holding import BASE, FixedHold, Hold, free_bases, hashable_hold, is_base
 from spatial_pin.assembly.state import WORLD_AXES, State, of_mechanism
 from spatial_pin.constraints.compiled_equations import Constraints
 from spatial_pin.constraints.pinocchio_views import frame_jacobian
 from spatial_pin.kernel.kernel import Kernel, kernel_of
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
 from spatial_pin.kernel.rate_solver import RateSolver
-from spatial_pin.mechanism.coordinates import finite_array, needed
+from spatial_pin.mechanism.coordinates import finite_array, require_mechanism
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mechanism.parts import Coordinate, drivers_of_tree
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.rates.depending import all_determined, frame_determined
+from spatial_pin.rates.depending import equations_for_all_frames, equations_for_frame
 from spatial_pin.rates.prescribed import (
     Prescription,
     driven_coordinates,
-    placed,
+    factored_rates,
     rate_coordinates,
     refuse_components,
 )
@@ -56,7 +56,7 @@ def closure_jacobian(mechanism: Mechanism, q: Array | State) -> Array:
         >>> sp.closure_jacobian(mech, state).shape  # (equations, nv)
         (5, 3)
     """
-    needed(mechanism)
+    require_mechanism(mechanism)
     x = finite_array(q.q if isinstance(q, State) else q, (mechanism.model.nq,), "q")
     with loops_of(mechanism) as evaluation:
         evaluation.update(x)
@@ -107,12 +107,12 @@ def jacobian(
     state = of_mechanism(mechanism, state)
     names = None if drivers is None else tuple(names_of(drivers, "drivers"))
     mechanism = state.mechanism
-    given = _prescribed(mechanism, names, fixed(hold))
+    given = _prescribed(mechanism, names, hashable_hold(hold))
     with kernel_of(mechanism) as kernel:
         rates = given.rates(kernel)
         if rates.factor(state.q, state.angles):
             return _columns(kernel, rates, frame)
-    dependence = frame_determined(state, given, frame)
+    dependence = equations_for_frame(state, given, frame)
     with kernel_of(dependence.state.mechanism) as kernel:
         columns = _columns(kernel, dependence.rates(kernel), frame)
         return dependence.among_all(columns, given.n_moving)
@@ -212,7 +212,7 @@ def jacobian_rate(
     given = Prescription.of(mechanism, moving_coordinates(mechanism, drivers, hold), hold)
     refuse_components(mechanism, given.driven)
     moving = _Moving(mechanism, state, frame)
-    dependence = all_determined(state, given) or frame_determined(state, given, frame)
+    dependence = equations_for_all_frames(state, given) or equations_for_frame(state, given, frame)
     part, angles = dependence.state.mechanism, dependence.state.angles
     with kernel_of(part) as kernel, loops_of(part, angles) as evaluation:
         rates = dependence.rates(kernel)
@@ -338,7 +338,7 @@ def influence(
     mechanism = state.mechanism
     given = Prescription.of(mechanism, moving_coordinates(mechanism, drivers, hold), hold)
     with kernel_of(mechanism) as kernel:
-        rates = placed(kernel, state, given)
+        rates = factored_rates(kernel, state, given)
         first = rates.columns()
         n = first.shape[1]
         second = np.empty((len(first), n, n))

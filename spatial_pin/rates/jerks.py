@@ -24,7 +24,12 @@ from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.rates.prescribed import Prescription, driven_coordinates, placed, refuse_components
+from spatial_pin.rates.prescribed import (
+    Prescription,
+    driven_coordinates,
+    factored_rates,
+    refuse_components,
+)
 
 BINOMIALS = (1,), (1, 1), (1, 2, 1), (1, 3, 3, 1)
 
@@ -172,7 +177,7 @@ def solve_jerks(
     refuse_components(mechanism, given.driven)
     drive = np.array([j_of.get(c.name, 0.0) for c in given.driven])
     with (kernel_of(mechanism) as kernel, loops_of(mechanism, state.angles) as evaluation):
-        rates = placed(kernel, state, given)
+        rates = factored_rates(kernel, state, given)
         evaluation.update(state.q)
         j = rates.answer(_equation_jerks(evaluation, state, bodies), drive)
     return Jerks(state, j, bodies + columns @ j)

@@ -18,13 +18,13 @@ import numpy as np
 
 from spatial_pin._support.checks import finite_array, finite_number
 from spatial_pin._support.lazy import made_once
-from spatial_pin.assembly.holding import FixedHold, Hold, divided, fixed, held_by
+from spatial_pin.assembly.holding import FixedHold, Hold, divided, hashable_hold, held_by
 from spatial_pin.assembly.square_system import SINGULAR_PIVOT, SquareSystem
 from spatial_pin.assembly.state import State
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.loop_equations import loops_of
-from spatial_pin.kernel.paths import prescribed_places
+from spatial_pin.kernel.paths import prescribed_indices
 from spatial_pin.kernel.rate_solver import Chosen, RateSolver, rates_of
 from spatial_pin.mechanism.coordinates import coordinates_of, driver_coordinates
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -65,7 +65,7 @@ def siblings(mechanism: Mechanism, named: Iterable[Coordinate]) -> list[Coordina
     return [c for joint in joints for c in coordinates_of(mechanism, joint) if c not in named]
 
 
-def rates_given(
+def rates_by_coordinate(
     mechanism: Mechanism, given: Mapping[str, Any], what: str
 ) -> dict[Coordinate, float]:
     """Return rates, by prescribed coordinate.
@@ -94,7 +94,7 @@ def rates_given(
     return rates
 
 
-def check_one_meaning(mechanism: Mechanism, chosen: Iterable[Coordinate]) -> None:
+def check_unambiguous(mechanism: Mechanism, chosen: Iterable[Coordinate]) -> None:
     """Refuse a joint that is named whole and also by its components.
 
     Raises:
@@ -131,11 +131,11 @@ class Prescription(NamedTuple):
     def rates(self, kernel: Kernel) -> RateSolver:
         """Return the solver for the rates in a kernel."""
         return rates_of(
-            kernel, tuple(prescribed_places(kernel.nv, self.driven, self.still)), self.n_moving)
+            kernel, tuple(prescribed_indices(kernel.nv, self.driven, self.still)), self.n_moving)
 
 
-def placed(kernel: Kernel, state: State, given: Prescription) -> RateSolver:
-    """Return the solver for the rates of a closed state, placed there.
+def factored_rates(kernel: Kernel, state: State, given: Prescription) -> RateSolver:
+    """Return the solver for the rates of a closed state, factored there.
 
     Args:
         kernel: of the state's mechanism.
@@ -183,10 +183,10 @@ def prescription_by(mechanism: Mechanism, driver: str, hold: FixedHold) -> Presc
     return Prescription.of(mechanism, driven_coordinates(mechanism, [driver]), hold)
 
 
-def plan_of(
+def rates_prescription(
     mechanism: Mechanism, speeds: Mapping[str, Any], accelerations: Mapping[str, Any], hold: Hold
 ) -> tuple[Prescription, list[int], list[int]] | None:
-    """Return the prescription of rates by name; None if it must be found by trial.
+    """Return the prescription of rates by name; None if trials are needed.
 
     It has all drivers if all names are drivers, or the named coordinates if no others must be
     fixed.
@@ -201,7 +201,7 @@ def plan_of(
         The prescription, and the indices in it of the names of speeds and of accelerations.
     """
     try:
-        return _plan(mechanism, (tuple(speeds), tuple(accelerations)), fixed(hold))
+        return _plan(mechanism, (tuple(speeds), tuple(accelerations)), hashable_hold(hold))
     except (SpatialPinError, ValueError):
         return None  # what is tried says what is wrong
 

@@ -15,8 +15,8 @@ from spatial_pin.assembly.holding import (
     FixedHold,
     Hold,
     divided,
-    fixed,
     free_bases,
+    hashable_hold,
     held_by,
 )
 from spatial_pin.assembly.state import State, made, of_mechanism
@@ -30,12 +30,12 @@ from spatial_pin.numerics.linalg import EPS, Array, decompose, independent_rows,
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.prescribed import (
     Prescription,
-    check_one_meaning,
+    check_unambiguous,
     chosen_at,
     driven_coordinates,
-    plan_of,
     prescription_by,
-    rates_given,
+    rates_by_coordinate,
+    rates_prescription,
     siblings,
 )
 
@@ -52,7 +52,7 @@ def prescribed_at(state: State, names: Iterable[str], hold: Hold = BASE) -> list
     given by `holding.divided`.
     """
     names = list(names)
-    usual, still = prescribed_first(state.mechanism, names, hold)
+    usual, still = usual_prescription(state.mechanism, names, hold)
     try:
         chosen_at(state, Prescription(usual, len(usual), still))
         return usual
@@ -60,11 +60,11 @@ def prescribed_at(state: State, names: Iterable[str], hold: Hold = BASE) -> list
         return _with_fixed_drivers(state, wanted_coordinates(state.mechanism, names), hold) or usual
 
 
-def prescribed_first(
+def usual_prescription(
     mechanism: Mechanism, names: Iterable[str], hold: Hold = BASE
 ) -> tuple[list[Coordinate], tuple[int, ...]]:
-    """Return the result of `prescribed_at` in a regular state, with fixed velocity entries."""
-    driven, still = _prescribed_first(mechanism, tuple(names), fixed(hold))
+    """Return prescribed coordinates, in a regular state, and fixed velocity entries."""
+    driven, still = _prescribed_first(mechanism, tuple(names), hashable_hold(hold))
     return [*driven], still
 
 
@@ -162,7 +162,7 @@ def check_not_held(mechanism: Mechanism, named: Sequence[Coordinate], hold: Hold
     Raises:
         ValueError: with its name.
     """
-    _check_not_held(mechanism, tuple(named), fixed(hold))
+    _check_not_held(mechanism, tuple(named), hashable_hold(hold))
 
 
 @made_once
@@ -229,7 +229,7 @@ def solve_rates(
     state = of_mechanism(mechanism, state)
     mechanism = state.mechanism
     speeds = mapping(speeds, "speeds")
-    accelerations, hold = mapping(accelerations, "accelerations"), fixed(hold)
+    accelerations, hold = mapping(accelerations, "accelerations"), hashable_hold(hold)
     clear = _solved(state, speeds, accelerations, hold)
     solution = clear or _solved_by_trial(state, speeds, accelerations, hold)
     if not solution.is_finite:
@@ -251,7 +251,7 @@ def _solved(
         ValueError: a rate is not a finite number.
     """
     mechanism = state.mechanism
-    plan = plan_of(mechanism, speeds, accelerations, hold)
+    plan = rates_prescription(mechanism, speeds, accelerations, hold)
     if plan is None:
         return None
     values = [[finite_number(x, f"{what} of {name!r}") for name, x in rates.items()]
@@ -276,9 +276,9 @@ def _solved_by_trial(
         ValueError: a rate is not a finite number, is given twice, or is that of a fixed coordinate.
     """
     mechanism = state.mechanism
-    v_of = rates_given(mechanism, speeds, "speed")
-    a_of = rates_given(mechanism, accelerations, "acceleration")
-    check_one_meaning(mechanism, [*v_of, *a_of])
+    v_of = rates_by_coordinate(mechanism, speeds, "speed")
+    a_of = rates_by_coordinate(mechanism, accelerations, "acceleration")
+    check_unambiguous(mechanism, [*v_of, *a_of])
     check_not_held(mechanism, [*v_of, *a_of], hold)
     errors: list[SingularError] = []
     for driven in _choices(state, list(dict.fromkeys([*v_of, *a_of])), hold):
@@ -323,7 +323,7 @@ def rate_error(driver: str, solved: bool, state: State, held: Hold = BASE) -> fl
         held: names of fixed coordinates, as for `solve_rates`.
     """
     mechanism = state.mechanism
-    given = prescription_by(mechanism, driver, fixed(held))
+    given = prescription_by(mechanism, driver, hashable_hold(held))
     coordinate = mechanism.prescribed_coordinate(driver)
     at = given.driven.index(coordinate)
     moves = coordinate.q >= 0 and state.v[coordinate.v] != 0.0

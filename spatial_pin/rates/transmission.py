@@ -20,7 +20,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array, null_space, row_space
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.rates.depending import all_determined, entries_determined
+from spatial_pin.rates.depending import equations_for_all_frames, equations_for_entries
 from spatial_pin.rates.prescribed import Prescription, driven_coordinates
 from spatial_pin.rates.rates import check_not_held
 
@@ -103,7 +103,7 @@ def transmission(
     moved = MovedOutput.of(mechanism, output, input_.name, at, hold)
     angle = moved.angle(mechanism, state.q, state.angles)
     at_output = mechanism.driven_coordinate(output).v
-    dependence = all_determined(state, moved.given) or entries_determined(
+    dependence = equations_for_all_frames(state, moved.given) or equations_for_entries(
         state, moved.given, (at_output,))
     with kernel_of(dependence.state.mechanism) as kernel:
         columns = dependence.among_all(dependence.rates(kernel).columns(), moved.given.n_moving)

@@ -16,7 +16,7 @@ from spatial_pin.assembly.state import State, carried_angles, of_mechanism
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
-from spatial_pin.mechanism.coordinates import coordinates_of, joint_values, needed
+from spatial_pin.mechanism.coordinates import coordinates_of, joint_values, require_mechanism
 from spatial_pin.mechanism.equations import linear_ratios
 from spatial_pin.mechanism.extent import Extent
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -230,7 +230,7 @@ def reduce(
         >>> small.verify().worst < 1e-10
         True
     """
-    needed(mechanism)
+    require_mechanism(mechanism)
     given = (outputs,) if isinstance(outputs, str) or not isinstance(outputs, Iterable) else outputs
     names = () if outputs is None else tuple(given)
     if not all(isinstance(name, str) for name in names):

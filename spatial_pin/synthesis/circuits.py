@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from spatial_pin.assembly.holding import BASE
 from spatial_pin.assembly.state import State
-from spatial_pin.continuation.initial_tangent import body_placements, not_spinning, system_at
+from spatial_pin.continuation.initial_tangent import body_placements, non_spinning_bodies, system_at
 from spatial_pin.continuation.solution_curve import SolutionCurve
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
@@ -60,7 +60,7 @@ class Circuit:
         self.borders: list[Event] = sorted(
             (event for event in events if event.kind in BORDERS), key=lambda event: event.row)
         self._n = len(self.motion) - ends_at_first
-        self._bodies = not_spinning(system_at(self.motion.mechanism, driver,
+        self._bodies = non_spinning_bodies(system_at(self.motion.mechanism, driver,
                                               self.motion.state(0), BASE)[0])
         with loops_of(self.motion.mechanism) as evaluation:
             self._places = np.array([self._at(evaluation, q) for q in self.motion.q[: self._n]])

@@ -17,7 +17,7 @@ from spatial_pin.dimensions.bounds import bounds_of
 from spatial_pin.dimensions.dimension_batch import EvaluatedBatch
 from spatial_pin.dimensions.variants import tell_idle
 from spatial_pin.errors import unless_cut
-from spatial_pin.mechanism.coordinates import needed
+from spatial_pin.mechanism.coordinates import require_mechanism
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -183,7 +183,7 @@ def design(
         >>> best.defects
         ()
     """
-    needed(mechanism)
+    require_mechanism(mechanism)
     wanted = tuple(goals) if isinstance(goals, Iterable) else (goals,)
     if not wanted:
         raise ValueError("goals is empty: ask for something of sp.goals")

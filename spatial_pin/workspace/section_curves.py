@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from spatial_pin._support.checks import finite_number, mapping, positive_number
-from spatial_pin.assembly.search.whole_turns import turned_apart
+from spatial_pin.assembly.search.whole_turns import turn_free_difference
 from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -82,7 +82,7 @@ def _follow(locus: Locus, q: Array, pieces: list[CurvePiece]) -> list[tuple[str,
     back = walk(locus, start._replace(t=-start.t, dy=-start.dy))
     spots = [*back.spots[:0:-1], *ahead.spots]
     if len(spots) > 1:  # the last point may be the first, but for whole turns of joints
-        difference = turned_apart(locus.section.config.mechanism, spots[0].q, spots[-1].q)
+        difference = turn_free_difference(locus.section.config.mechanism, spots[0].q, spots[-1].q)
         is_closed = ahead.end == back.end == RANGE and bool(np.linalg.norm(difference) < MEETS)
         pieces.append(CurvePiece(np.array([x.y for x in spots]), locus.why, is_closed))
     kinds = {LIMIT, *locus.section.limits}

@@ -15,7 +15,11 @@ from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State
 from spatial_pin.errors import SingularError, SpatialPinError, unless_cut
-from spatial_pin.mechanism.coordinates import coordinate_value, driver_coordinates, needed
+from spatial_pin.mechanism.coordinates import (
+    coordinate_value,
+    driver_coordinates,
+    require_mechanism,
+)
 from spatial_pin.mechanism.joint_limits import beyond_limits
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.follow import follow
@@ -114,7 +118,7 @@ def workspace(
         >>> found.points.shape, int(found.reached.sum())  # (N, 3), of 25 points
         ((25, 3), 19)
     """
-    needed(mechanism)
+    require_mechanism(mechanism)
     mechanism.frame_id(mechanism.placed(frame))
     if task is not None:
         check_choice("task", task, tuple(TASKS))

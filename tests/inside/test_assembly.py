@@ -9,7 +9,7 @@ from rods_of_hinges import rssr
 
 import spatial_pin as sp
 from spatial_pin.assembly import redundant_equations as rounding
-from spatial_pin.assembly.passive_freedoms import chain_links
+from spatial_pin.assembly.passive_freedoms import massless_inner_links
 
 
 def test_loops_that_are_clearly_independent_need_no_singular_values(monkeypatch):
@@ -25,7 +25,7 @@ def test_loops_that_are_clearly_independent_need_no_singular_values(monkeypatch)
 
 def test_what_links_are_inside_chains(tmp_path: Path) -> None:
     mechanism = rssr(tmp_path, True, 3, 2)
-    names = {mechanism.model.names[i] for i in chain_links(mechanism)}
+    names = {mechanism.model.names[i] for i in massless_inner_links(mechanism)}
     assert names == {"ball_a_turn0", "ball_a_turn1", "ball_b_turn0"}
-    assert not chain_links(sp.load("spherical_four_bar"))
-    assert not chain_links(sp.load("double_cardan"))
+    assert not massless_inner_links(sp.load("spherical_four_bar"))
+    assert not massless_inner_links(sp.load("double_cardan"))

@@ -15,7 +15,7 @@ from variety import few
 
 import spatial_pin as sp
 from spatial_pin.continuation import singular_points
-from spatial_pin.continuation.path_following import there_and_back
+from spatial_pin.continuation.path_following import both_ways_order
 from spatial_pin.continuation.path_tracker import PathTracker
 from spatial_pin.continuation.singular_points import zeros
 from spatial_pin.view.page.jog import Jog
@@ -158,12 +158,12 @@ def test_scattered_values_cost_no_walk_from_each_to_the_next(monkeypatch):
 
 
 def test_only_long_ways_are_sorted():
-    assert there_and_back(np.linspace(0.0, 1.0, 50)) is None
-    assert there_and_back(np.linspace(1.0, 0.0, 50)) is None
-    assert there_and_back(np.array([0.0, 1.0, 0.5])) is None
-    assert there_and_back(np.zeros(9)) is None
+    assert both_ways_order(np.linspace(0.0, 1.0, 50)) is None
+    assert both_ways_order(np.linspace(1.0, 0.0, 50)) is None
+    assert both_ways_order(np.array([0.0, 1.0, 0.5])) is None
+    assert both_ways_order(np.zeros(9)) is None
     values = np.array([0.0, 1.0, -1.0, 1.0, -1.0, 0.5, 0.5, 0.0, -1.0, 1.0])
-    up, down = there_and_back(values)
+    up, down = both_ways_order(values)
     assert up.tolist() == [0, 7, 5, 6, 1, 3, 9] and down.tolist() == [8, 4, 2]
 
 

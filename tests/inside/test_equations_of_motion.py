@@ -19,7 +19,7 @@ from spatial_pin.constraints import trees
 from spatial_pin.dynamics.bushings import angle_over_sine
 from spatial_pin.dynamics.derivatives.spring_derivatives import slope
 from spatial_pin.dynamics.forces import joint_efforts
-from spatial_pin.dynamics.inverse import Actuation, balance, pressing
+from spatial_pin.dynamics.inverse import Actuation, balance, internal_efforts
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.solvers.accelerations import DOUBTFUL
 from spatial_pin.dynamics.solvers.equations_of_motion import Equations
@@ -220,7 +220,7 @@ def statics(large, mech, state, actuated):
     equations, actuation = Equations(mech, large), Actuation(mech, actuated)
     equations.update(state)
     efforts, _, closures = balance(equations, actuation)
-    spare = pressing(equations, actuation)
+    spare = internal_efforts(equations, actuation)
     unique = equations.unique(actuation.all_generalised(spare, len(state.v)))
     return efforts, equations.multipliers(closures), len(spare), {
         name: each.tolist() for name, each in unique.items()}
@@ -298,7 +298,7 @@ def test_least_constraint_gives_the_accelerations_of_the_mass_matrix(name):
     v, a, given = rng.normal(size=(3, mech.model.nv))
     columns = rng.normal(size=(mech.model.nv, 3))
     mass = problem.bodies.matrix(q)
-    missing = given - problem.bodies.needed(q, v, a)
+    missing = given - problem.bodies.inverse_dynamics(q, v, a)
     want = np.linalg.solve(columns.T @ mass @ columns, columns.T @ missing)
     found = LeastConstraint(mech).solve(
         q, v, Bounded(a, 0.0 * a), Bounded(columns, 0.0 * columns), given)

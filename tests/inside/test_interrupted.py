@@ -304,7 +304,7 @@ def test_a_simulation_keeps_the_motion_until_ctrl_c():
 
 
 def test_the_command_writes_what_was_simulated(monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr(Run, "_leap", interrupting(lambda *_: None, 30))  # step by step
+    monkeypatch.setattr(Run, "_kernel_steps", interrupting(lambda *_: None, 30))  # step by step
     file = tmp_path / "fall.json"
     assert main(["simulate", "four_bar", "--duration", "1", "--json", str(file)]) == 130
     written = json.loads(file.read_text(encoding="utf-8"))

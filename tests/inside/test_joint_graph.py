@@ -74,7 +74,7 @@ def ring(kinds, **changes) -> JointGraph:
     joints = []
     for k, kind in enumerate(kinds):
         joint = GraphJoint(f"j{k}", kind, names[k], names[k + 1], axis=X, axis2=Y)
-        joints.append(joint.but(**changes.get(joint.name, {})))
+        joints.append(joint.with_changes(**changes.get(joint.name, {})))
     return JointGraph(tuple(Link(name, massless=False) for name in names[1:-1]), tuple(joints))
 
 

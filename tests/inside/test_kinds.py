@@ -296,7 +296,7 @@ def test_equations_are_right_in_any_company(tmp_path):
     ends = [(k, k, [mechanism.frame_on_joint(f)[0] for f in closure.frames[:2]])
             for closure in mechanism.closures if closure.frames
             for k in [labels.index(closure.name)]]
-    ends += [(x.equation, c.n_closure + k, x.joints) for k, x in enumerate(c.elsewhere)]
+    ends += [(x.equation, c.n_closure + k, x.joints) for k, x in enumerate(c.other_body_products)]
     for row, wrench, (one, two) in ends:
         work[row] += (pulls[wrench] @ columns) * (support[two] - support[one])
     work[c.of_joints] += rows.joint_rows()

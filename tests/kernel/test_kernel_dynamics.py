@@ -12,7 +12,7 @@ from scipy import integrate
 from variety import each
 
 import spatial_pin as sp
-from spatial_pin.dynamics.simulation.events import Watch
+from spatial_pin.dynamics.simulation.events import EventDetector
 from spatial_pin.dynamics.simulation.formulations import independent
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.kernel.integrating import RungeKutta
@@ -156,8 +156,9 @@ def test_steps_heed_limits_in_the_kernel(tmp_path, monkeypatch, limits, passings
     tree = re.sub("<limit [^/]*/>", f'<limit effort="0" {limits}/>', tree)
     state = sp.assemble(known.load(tmp_path, "pendulum", tree, "gravity = [0.0, 0.0, -9.81]\n"))
     free = sp.simulate(state.mechanism, state, 8.0, on_joint_limit="ignore")
-    looked, look = [], Watch.look
-    monkeypatch.setattr(Watch, "look", lambda *step: looked.append(step) or look(*step))
+    looked, look = [], EventDetector.events_in_step
+    monkeypatch.setattr(
+        EventDetector, "events_in_step", lambda *step: looked.append(step) or look(*step))
     motion = sp.simulate(state.mechanism, state, 8.0)
     np.testing.assert_allclose(motion.q, free.q, atol=1e-12)
     assert motion.steps == free.steps

@@ -12,7 +12,7 @@ import spatial_pin as sp
 from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.loop_equations import loops_of
-from spatial_pin.kernel.paths import Path, PathSamples, Polynomials, prescribed_places
+from spatial_pin.kernel.paths import Path, PathSamples, Polynomials, prescribed_indices
 from spatial_pin.rates.rates import prescribed_at
 from spatial_pin.settings import Accuracy
 
@@ -30,7 +30,7 @@ def path_of(mechanism, accuracy=None, law=None) -> tuple[Path, sp.State]:
         evaluation.angle_reference[:] = state.angles
         system = SquareSystem(evaluation, driven, state.q)
     kernel = Kernel(mechanism)
-    return Path(kernel, system.equations, prescribed_places(kernel.nv, driven), system.passive,
+    return Path(kernel, system.equations, prescribed_indices(kernel.nv, driven), system.passive,
                 accuracy or Accuracy(), law and law(state)), state
 
 
@@ -191,7 +191,7 @@ def test_polynomials_that_are_none_are_refused(breaks, numbers):
 def test_two_paths_of_a_kernel_each_go_on_where_they_are():
     """Though the kernel follows one at a time."""
     one, state = path_of(library("rssr"))
-    other = Path(one.kernel, None, prescribed_places(one.kernel.nv, prescribed_at(
+    other = Path(one.kernel, None, prescribed_indices(one.kernel.nv, prescribed_at(
         state, ["rocker_pin"])), None, Accuracy())
     assert one.start(state.q, state.angles) and one.go(one.here[0] + 0.4)
     s, sample = one.here

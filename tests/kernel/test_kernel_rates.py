@@ -61,7 +61,7 @@ def test_rates_are_those_of_the_square_system(name: str) -> None:
     state, system = _square(mechanism)
     rng = np.random.default_rng(1)
     drive, more = rng.uniform(-1.0, 1.0, (2, len(system.driven)))
-    at = [*system.drive_at, *system.still]
+    at = [*system.driven_entries, *system.still]
     kernel = Kernel(mechanism)  # whose memory the rates work in
     rates = RateSolver(kernel, at, len(drive))
     rates.speeds[: len(drive)], rates.accelerations[: len(drive)] = drive, more
@@ -78,7 +78,7 @@ def test_rates_are_those_of_the_square_system(name: str) -> None:
     assert np.abs(found.a - a).max() <= AGREE * max(np.abs(a).max(), np.abs(v).max() ** 2)
     if len(system.equations) == c.n_closure:  # else others may be chosen
         assert found.pivot == pytest.approx(system.pivot, rel=1e-9)
-    assert [found.v[k] for k in system.drive_at] == list(drive)
+    assert [found.v[k] for k in system.driven_entries] == list(drive)
 
 
 @pytest.mark.parametrize("name", each(LIBRARY))
@@ -89,7 +89,7 @@ def test_rates_with_equations_and_passive_freedoms_that_are_given(name: str) -> 
     rng = np.random.default_rng(4)
     drive, more = rng.uniform(-1.0, 1.0, (2, len(system.driven)))
     kernel = Kernel(bare)  # whose memory the rates work in
-    rates = RateSolver(kernel, [*system.drive_at, *system.still], len(drive))
+    rates = RateSolver(kernel, [*system.driven_entries, *system.still], len(drive))
     rates.speeds[: len(drive)], rates.accelerations[: len(drive)] = drive, more
     found = rates.solve(state.q, state.angles, Chosen(system.equations, system.passive))
     v, a = _rates(system, state.q, drive, more)

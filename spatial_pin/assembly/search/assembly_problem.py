@@ -1,4 +1,4 @@
-"""The assembly problem: equations, fixed and free coordinates, and the judgement of results."""
+"""The assembly problem: equations, fixed and free coordinates, acceptance of results."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import cached_property, made_once
 from spatial_pin.assembly.close import DAMPED_STEPS, NOTHING, close, closed
-from spatial_pin.assembly.holding import free_but, still_entries
+from spatial_pin.assembly.holding import fixed_base_entries, free_velocities
 from spatial_pin.assembly.search.guesses import (
     COORDINATE_ERROR,
     NEAR_GUESS,
@@ -25,7 +25,7 @@ from spatial_pin.assembly.search.guesses import (
 )
 from spatial_pin.assembly.search.loop_groups import LoopGroup, loop_groups, loose_entries, part_of
 from spatial_pin.assembly.search.release import least_motion
-from spatial_pin.assembly.search.whole_turns import kinds_of, periodic, turned_apart
+from spatial_pin.assembly.search.whole_turns import entry_kinds, periodic, turn_free_difference
 from spatial_pin.assembly.state import all_angles
 from spatial_pin.constraints.workspaces import Workspaces
 from spatial_pin.kernel.closer import (
@@ -102,12 +102,12 @@ def free_set(
     own = [name for name in named if name not in held]
     pinned = tuple(name for name in held if table[name].q < 0)
     if still is None:
-        still = still_entries(mechanism, (table[name] for name in (*held, *let_go)))
-    free = free_but(mechanism, still, (name for name in held if name not in pinned))
-    first = free & free_but(mechanism, still, own)
+        still = fixed_base_entries(mechanism, (table[name] for name in (*held, *let_go)))
+    free = free_velocities(mechanism, still, (name for name in held if name not in pinned))
+    first = free & free_velocities(mechanism, still, own)
     has_first = bool(first.any()) and not np.array_equal(first, free)
     loose = [c.name for c in table.values() if c.v in loose_entries(mechanism)]
-    kinds = kinds_of(mechanism, held, [*own, *loose])  # what is loose counts the guess's turns
+    kinds = entry_kinds(mechanism, held, [*own, *loose])  # what is loose counts the guess's turns
     balls = dict.fromkeys(table[name].joint for name in own if table[name].q < 0)
     is_whole = all(mechanism.pair_of(joint) == "spherical"
                    and all(c.name in own for c in joints[joint]) for joint in balls)
@@ -211,7 +211,7 @@ class AssemblyProblem:
         """(nq,) the guess with the given values; drivers may have other values there."""
         return with_values(self.mechanism, self._guess.q, self.given)
 
-    def standing_at(self, q: Array) -> AssemblyProblem:
+    def fixed_at(self, q: Array) -> AssemblyProblem:
         """Return the same with released drivers fixed at their values in q (nq,)."""
         table = self.mechanism.coordinate_table
         standing = {name: coordinate_value(self.mechanism, table[name], q) for name in self.let_go}
@@ -219,7 +219,7 @@ class AssemblyProblem:
             self.mechanism, self.given, standing, self._guess, self.tolerance, self.gap,
             self.reference, still=self.free_set.still, workspaces=self.workspaces)
 
-    def elsewhere(self, q: Array) -> AssemblyProblem:
+    def nearest_to(self, q: Array) -> AssemblyProblem:
         """Return the same with nothing fixed: it starts at q (nq,), and nearest to it is best."""
         named = {**self.named, **self.held}
         return AssemblyProblem(
@@ -249,9 +249,9 @@ class AssemblyProblem:
     @cached_property
     def entries(self) -> NDArray[np.bool_]:
         """(nv,) the relevant velocities: for a group of loops those of its joints."""
-        return free_but(self.mechanism, self._stands, ())
+        return free_velocities(self.mechanism, self._stands, ())
 
-    def is_looked_at(self, name: str) -> bool:
+    def is_relevant(self, name: str) -> bool:
         """Whether a coordinate is one of the `entries`."""
         return bool(self.entries[self.mechanism.coordinate_table[name].v])
 
@@ -262,7 +262,7 @@ class AssemblyProblem:
 
     def free_without(self, held: Iterable[str]) -> NDArray[np.bool_]:
         """Return (nv,) the free velocities with coordinates and free bases fixed."""
-        return free_but(self.mechanism, self.free_set.still, held)
+        return free_velocities(self.mechanism, self.free_set.still, held)
 
     # ------------------------------------------------------------ closing
 
@@ -273,7 +273,7 @@ class AssemblyProblem:
             return True
         return bool(size_of(self.mechanism, q) * COORDINATE_ERROR < 1.0)
 
-    def may_be_shaken(self) -> bool:
+    def can_perturb(self) -> bool:
         """Whether `reached` can try perturbed starts with the first one, in one call."""
         if self.mechanism.whole is not None or self.let_go or not self.free_set.is_whole:
             return False
@@ -284,7 +284,7 @@ class AssemblyProblem:
     def is_for_kernel(self) -> bool:
         """Whether the kernel may judge its results from the guess by itself."""
         return (not self.pinned and self.goal.size > 0 and self.has_digits(self.goal)
-                and self.may_be_shaken())
+                and self.can_perturb())
 
     @property
     def widest_gap(self) -> float:
@@ -336,7 +336,7 @@ class AssemblyProblem:
         free = self.free_set
         if free.first is not None:
             q = self.closed(q, free.first, self.pinned, max(self.tolerance, LOOSE)).q
-        return self.seen(self.closed(q, free.free, self.pinned).q)
+        return self.judged_at(self.closed(q, free.free, self.pinned).q)
 
     def closed(
         self, q: Array, free: NDArray[np.bool_], pinned: Mapping[str, float],
@@ -377,7 +377,7 @@ class AssemblyProblem:
 
     # ------------------------------------------------------------ judging
 
-    def seen(self, q: Array) -> Reached:
+    def judged_at(self, q: Array) -> Reached:
         """Return the properties of q (nq,), without whole turns."""
         with closer_of(self.mechanism) as closer:
             return closer.judge(q, self.reference, NamedCoordinates(
@@ -389,7 +389,7 @@ class AssemblyProblem:
             return closer.examine(q, self.reference)
 
     def is_sound(self, result: Reached) -> bool:
-        """Whether a result is surely correct, as far as it shows by itself."""
+        """Whether a result is surely correct, without a comparison with others."""
         return (result.error <= ACCEPTED and not result.may_be_mirrored
                 and self.mechanism.whole is None)
 
@@ -412,7 +412,7 @@ class AssemblyProblem:
         if self.free_set.is_whole:
             return result.distance
         there = with_values(self.mechanism, result.q, self.named)
-        return math.hypot(*turned_apart(self.mechanism, result.q, there).tolist())
+        return math.hypot(*turn_free_difference(self.mechanism, result.q, there).tolist())
 
     def accepted(self, q: Array) -> float:
         """Return the closure error allowed at q (nq,), its own round-off included.

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.close import closed
-from spatial_pin.assembly.holding import free_but, still_entries
+from spatial_pin.assembly.holding import fixed_base_entries, free_velocities
 from spatial_pin.assembly.search.guesses import Guess
 from spatial_pin.assembly.search.loop_groups import loop_groups
 from spatial_pin.constraints.compiled_equations import constraints_of
@@ -66,7 +66,7 @@ def uncounted(
             tuple(name for name, c in table.items() if c.v in entries - fixed))
 
 
-def led(
+def with_followed_turns(
     mechanism: Mechanism, held: Mapping[str, float], start: Guess, angles: Array | None,
     standing: Iterable[str], named: Collection[str],
 ) -> tuple[Guess, Array, tuple[str, ...]]:
@@ -94,7 +94,8 @@ def led(
     by = {name: abs(float(goal[table[name].q] - start.q[table[name].q])) for name in hidden}
     if max(by.values(), default=0.0) < FAR:
         return start, direct, ()
-    free = free_but(mechanism, still_entries(mechanism, (table[name] for name in held)), fixed)
+    still = fixed_base_entries(mechanism, (table[name] for name in held))
+    free = free_velocities(mechanism, still, fixed)
     if not set(named).isdisjoint(others):  # it says how often each joint has turned
         fitting = _closed(mechanism, goal, free, direct)
         if fitting is not None and _moved(mechanism, goal, fitting[0]) < FAR:

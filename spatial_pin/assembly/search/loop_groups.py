@@ -58,7 +58,7 @@ def loop_groups(mechanism: Mechanism, held: tuple[int, ...]) -> tuple[LoopGroup,
     return tuple(groups)
 
 
-def places_of(mechanism: Mechanism, group: LoopGroup) -> list[int]:
+def configuration_indices(mechanism: Mechanism, group: LoopGroup) -> list[int]:
     """Return the indices in q of the velocities of a group, of a ball all."""
     model, entries = mechanism.model, group.entries
     indices = [c.q for c in mechanism.coordinate_table.values() if c.q >= 0 and entries[c.v]]

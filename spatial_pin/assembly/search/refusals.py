@@ -106,13 +106,13 @@ def _open_words(search: Search, q: Array, worst: str) -> str:
     if not elsewhere:
         return (f"no assembly was found from here, nor does any of {MAX_STARTS} starts close "
                 "the loops" + " at other values of the drivers" * bool(problem.held)
-                + f": check {what_of(search.mechanism, worst)}; if they "
+                + f": check {suspect_data(search.mechanism, worst)}; if they "
                 "are right, give a guess nearer to a closed configuration"
                 + ("" if problem.whole else gap_words(search.mechanism)))
     values = _values(elsewhere)
     n, entries = problem.evaluation.constraints.n_closure, problem.entries
     freedoms = int(entries.sum()) - decompose(problem.evaluation.jacobian[:n]).rank
-    given = sum(problem.is_looked_at(name) for name in problem.given)
+    given = sum(problem.is_relevant(name) for name in problem.given)
     if given > freedoms:
         return (f"{given} coordinates have a value, but the mechanism has {freedoms} "
                 f"freedom{'s' * (freedoms != 1)}: leave out {given - freedoms} "
@@ -121,8 +121,8 @@ def _open_words(search: Search, q: Array, worst: str) -> str:
             f"{values}")
 
 
-def what_of(mechanism: Mechanism, worst: str) -> str:
-    """Return which data of the most open closure may be wrong."""
+def suspect_data(mechanism: Mechanism, worst: str) -> str:
+    """Return the data of the most open closure that may be wrong, as text."""
     closure = {c.name: c for c in mechanism.closures}.get(worst)
     if closure and closure.joints:
         return f"ratio and offset of coupling {worst!r}, and the other closures"
@@ -140,14 +140,14 @@ def _closed_elsewhere(search: Search, q: Array) -> dict[str, float]:
     The evaluation is then at that configuration.
     """
     problem = search.problem
-    other = Search(problem.elsewhere(q), search.limits)
+    other = Search(problem.nearest_to(q), search.limits)
     other.run()
     if other.best is None:
         return {}
     problem.evaluation.update(other.best[1])
     table = problem.mechanism.coordinate_table
     return {name: coordinate_value(problem.mechanism, table[name], other.best[1])
-            for name in problem.held if problem.is_looked_at(name)}
+            for name in problem.held if problem.is_relevant(name)}
 
 
 def _too_large(mechanism: Mechanism, q: Array) -> str:

@@ -12,7 +12,7 @@ from spatial_pin.assembly.search.assembly_problem import (
     is_nearer,
 )
 from spatial_pin.assembly.search.guesses import MAX_STARTS, NEAR_GUESS, starts_from
-from spatial_pin.assembly.search.loop_groups import LoopGroup, places_of
+from spatial_pin.assembly.search.loop_groups import LoopGroup, configuration_indices
 from spatial_pin.assembly.search.release import (
     can_be_fixed,
     can_move,
@@ -82,7 +82,7 @@ class Search:
             return
         for group, part in self.parts:
             if before is not None and before.has_closed(group):
-                part.keep(part.problem.seen(before.put_together(self.problem.goal)))
+                part.keep(part.problem.judged_at(before.put_together(self.problem.goal)))
             else:
                 part.run(q, release)
         self._join()
@@ -98,7 +98,7 @@ class Search:
         q = q.copy()
         for group, part in self.parts:
             if part.best is not None:
-                own = places_of(self.mechanism, group)
+                own = configuration_indices(self.mechanism, group)
                 q[own] = part.best[1][own]
         return q
 
@@ -108,16 +108,16 @@ class Search:
         failed = [(group, part) for group, part in self.parts if part.best is None]
         misses = [(*part.nearest_miss, group, part) for group, part in failed if part.nearest_miss]
         if not failed:
-            self.keep(self.problem.seen(q))
+            self.keep(self.problem.judged_at(q))
         elif len(misses) == len(failed):
             error, there, fault, group, self.worst = max(misses, key=lambda x: x[0])
-            own = places_of(self.mechanism, group)
+            own = configuration_indices(self.mechanism, group)
             q[own] = there[own]
             self.nearest_miss = error, q, fault
 
     def _run(self, first: Array, release: bool) -> None:
         problem, most = self.problem, MAX_STARTS
-        compared = self.attempt(first, not self.limits and problem.may_be_shaken())
+        compared = self.attempt(first, not self.limits and problem.can_perturb())
         if compared or self._done(0):
             return
         if self.best is None and release and problem.standing:
@@ -163,7 +163,7 @@ class Search:
             least, _ = problem.least(result.q, free)
             if problem.given or can_move(
                     problem.evaluation, free, problem.let_go, problem.pinned):
-                result = problem.seen(least)
+                result = problem.judged_at(least)
         error, fault = problem.judged(result)
 
         def broken(q: Array) -> str:
@@ -172,7 +172,7 @@ class Search:
         violated = broken(result.q) if self.limits and not fault else ""
         if violated:
             q, loose_ones = within_limits(problem.evaluation, result.q, free, problem.let_go)
-            bounded = problem.seen(problem.least(q, loose_ones, True)[0] if problem.let_go else
+            bounded = problem.judged_at(problem.least(q, loose_ones, True)[0] if problem.let_go else
                                    problem.closed(q, loose_ones, problem.pinned).q)
             if problem.judged(bounded)[1] or broken(bounded.q):
                 fault = violated
@@ -219,9 +219,9 @@ def _start_after(search: Search, before: Search, q: Array) -> Array:
             alone.run(q)
             if alone.best is None:
                 return q
-            own = places_of(search.mechanism, group)
+            own = configuration_indices(search.mechanism, group)
             q[own] = alone.best[1][own]
-        before = Search(search.problem.standing_at(q), search.limits)
+        before = Search(search.problem.fixed_at(q), search.limits)
         before.run(q)
         q = before.put_together(q)
     return q

@@ -34,7 +34,7 @@ def periodic(mechanism: Mechanism) -> list[Coordinate]:
     ]
 
 
-def turned_apart(mechanism: Mechanism, q: Array, other: Array) -> Array:
+def turn_free_difference(mechanism: Mechanism, q: Array, other: Array) -> Array:
     """Return the difference (nv,) of two configurations without whole turns of periodic angles.
 
     In radians and characteristic lengths.
@@ -45,7 +45,7 @@ def turned_apart(mechanism: Mechanism, q: Array, other: Array) -> Array:
     return difference / mechanism.velocity_scale
 
 
-def kinds_of(
+def entry_kinds(
     mechanism: Mechanism, held: Iterable[str], named: Iterable[str]
 ) -> NDArray[np.int64]:
     """Return (nq,) flags of the entries of q, for `NamedCoordinates`; 0 for balls."""
@@ -66,6 +66,6 @@ def nearest_turn(
         if table[name].q >= 0:
             value[table[name].q] = x
     reference = NamedCoordinates(
-        value, kinds_of(mechanism, held, named), *position_limits(mechanism))
+        value, entry_kinds(mechanism, held, named), *position_limits(mechanism))
     with closer_of(mechanism) as closer:
         return closer.judge(q, 0.0, reference).q

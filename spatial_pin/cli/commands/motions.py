@@ -40,7 +40,7 @@ from spatial_pin.cli.options import (
 )
 from spatial_pin.cli.printing import CutShort, on_screen, print_result, say, wrote
 from spatial_pin.cli.tables import name_of_column, read_table
-from spatial_pin.dynamics.force_outputs import with_forces
+from spatial_pin.dynamics.force_outputs import with_force_values
 from spatial_pin.dynamics.simulation.result import growth_lines
 from spatial_pin.motion.default_motion import default_motion
 from spatial_pin.motion.joint_limit_events import KIND as JOINT_LIMIT
@@ -91,7 +91,7 @@ def write_motion(
                 coordinates = {} if motion.driver is None else motion.mechanism.coordinate_table
                 outputs = [name for output in default_outputs(motion) for name in (
                     [output, f"{output}.ratio"] if output in coordinates else [output])]
-            sp.plot(motion, with_forces(motion, outputs, lambda: sp.kinetostatics(
+            sp.plot(motion, with_force_values(motion, outputs, lambda: sp.kinetostatics(
                 motion.mechanism, motion)), options.plot)
             yield options.plot
         if options.html:

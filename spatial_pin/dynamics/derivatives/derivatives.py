@@ -21,7 +21,7 @@ from spatial_pin._support.checks import checked
 from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.dynamics.derivatives.reaction_derivatives import Linear, ReactionChanges
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
-from spatial_pin.dynamics.derivatives.spring_derivatives import Outside, Slopes, Springs
+from spatial_pin.dynamics.derivatives.spring_derivatives import ExternalWrenches, Slopes, Springs
 from spatial_pin.dynamics.forces import Law, joint_efforts
 from spatial_pin.dynamics.forward import forward_dynamics
 from spatial_pin.dynamics.solvers.equations_of_motion import Equations, equations_of
@@ -134,7 +134,7 @@ def dynamics_derivatives(
         array([ 105.3, -130.9,   20.4])
     """
     state = moving_in_time(mechanism, state)
-    mechanism = exact_numbers(state)
+    mechanism = exact_mechanism(state)
     springs = Springs(mechanism, laws, slopes, slip_speed)
     answer = forward_dynamics(mechanism, state, efforts, external=external, laws=laws,
                               slip_speed=slip_speed)
@@ -151,7 +151,7 @@ def dynamics_derivatives(
         answer, rows, springs, outside, effort, a, lam, chosen))
 
 
-def exact_numbers(state: State) -> Mechanism:
+def exact_mechanism(state: State) -> Mechanism:
     """Return the mechanism of a state; refuse one whose file's numbers are rounded."""
     mechanism = state.mechanism
     if mechanism.whole is not None:
@@ -166,7 +166,7 @@ def changes_of_forces(
     rows: RowDerivatives, springs: Springs, outside: Outside, multipliers: Array,
     out: Array | None = None,
 ) -> tuple[Array, Array]:
-    """Return q and v derivatives (nv, nv) of M a + b - f - J^T multipliers, these kept.
+    """Return q and v derivatives (nv, nv) of M a + b - f - J^T multipliers, multipliers constant.
 
     Args:
         rows: the closure equations at a motion.
@@ -195,7 +195,7 @@ def _independent(equations: Equations, borne: Array) -> tuple[NDArray[np.intp], 
 
 
 def _changes(
-    equations: Equations, rows: RowDerivatives, springs: Springs, outside: Outside,
+    equations: Equations, rows: RowDerivatives, springs: Springs, outside: ExternalWrenches,
     chosen: NDArray[np.intp], multipliers: Array,
 ) -> tuple[list[Array], list[Array]]:
     """Return derivatives with respect to q, v, efforts: of accelerations, and of multipliers.

@@ -1,4 +1,4 @@
-"""How the reactions of the pairs change with q, v and efforts.
+"""Derivatives of the reactions of the pairs with respect to q, v and efforts.
 
 A joint of the tree hands on what the bodies it carries need, less what else acts on them:
 
@@ -20,7 +20,7 @@ from spatial_pin._support.brief import brief
 from spatial_pin.constraints.compiled_equations import combined_wrenches
 from spatial_pin.constraints.tree_motion import motion_cross, skewed
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
-from spatial_pin.dynamics.derivatives.spring_derivatives import Outside, Springs
+from spatial_pin.dynamics.derivatives.spring_derivatives import ExternalWrenches, Springs
 from spatial_pin.dynamics.forward import Dynamics
 from spatial_pin.dynamics.reactions import Pairs
 from spatial_pin.errors import SpatialPinError
@@ -68,7 +68,7 @@ class ReactionChanges:
     """
 
     def __init__(
-        self, answer: Dynamics, rows: RowDerivatives, springs: Springs, outside: Outside,
+        self, answer: Dynamics, rows: RowDerivatives, springs: Springs, outside: ExternalWrenches,
         effort: Array, a: Linear, multipliers: Linear, chosen: NDArray[np.intp],
     ) -> None:
         self.answer, self.rows, self.springs, self.outside = answer, rows, springs, outside
@@ -195,7 +195,8 @@ class ReactionChanges:
             on_second.append(wrench)
             total[first] -= wrench
             total[second] += wrench
-        for at, (row, _, (first, second)) in enumerate(pairs.elsewhere, start=c.n_closure):
+        for at, (row, _, (first, second)) in enumerate(
+                pairs.other_body_products, start=c.n_closure):
             wrench = borne(slice(row, row + 1), slice(at, at + 1))
             total[first] -= wrench
             total[second] += wrench
@@ -223,7 +224,7 @@ class ReactionChanges:
             ends = [x @ self.placements[i] for i, x in zip(line.bodies, line.points, strict=True)]
             moved = [x @ self.placements_by_q[i]
                      for i, x in zip(line.bodies, line.points, strict=True)]  # (nv, 3)
-            _, n = forces.along(*ends)
+            _, n = forces.line_between(*ends)
             turned = pull.per_length * (moved[1] - moved[0] - np.outer(pull.row, n))
             along = np.concatenate([n, np.cross(ends[1], n)])
             bent = np.hstack([

@@ -1,4 +1,4 @@
-"""Closure rows and spring lengths of a motion, and how they change with q and v.
+"""Derivatives of closure rows and spring lengths with respect to q and v.
 
 Rows are products A . B of vectors linear in the placements G of the bodies, so that
 
@@ -48,7 +48,7 @@ Block = tuple[NDArray[np.intp], tuple[int, ...], NDArray[np.intp], Array,
 
 
 class ProductDerivatives:
-    """Products A . B of vectors linear in the placements, at a motion, and how they change.
+    """Products A . B of vectors linear in the placements, with their derivatives.
 
     Args:
         mechanism: the mechanism.
@@ -236,9 +236,9 @@ class RowDerivatives:
         return out[0], out[1]
 
     def joint_rows(self) -> tuple[Array, Array]:
-        """Return the derivatives (k, nv) of equations by joint coordinates as such.
+        """Return derivatives (k, nv) of equations by the joint coordinates in them.
 
-        And how they change with q (k, nv, nv).
+        And the q derivatives (k, nv, nv) of these.
         """
         c = self.constraints
         rows, changes = np.zeros((c.n_closure, self.nv)), np.zeros((c.n_closure, self.nv, self.nv))

@@ -21,7 +21,7 @@ from spatial_pin.assembly.holding import held_by
 from spatial_pin.assembly.state import State
 from spatial_pin.dynamics.derivatives.derivatives import changes_of_forces
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
-from spatial_pin.dynamics.derivatives.spring_derivatives import Outside, Springs
+from spatial_pin.dynamics.derivatives.spring_derivatives import ExternalWrenches, Springs
 from spatial_pin.dynamics.forces import Law, joint_efforts
 from spatial_pin.dynamics.solvers.equations_of_motion import equations_of
 from spatial_pin.errors import SpatialPinError
@@ -38,7 +38,7 @@ NO_LOAD = TOLERANCES.nothing  # part of all forces that is none
 
 
 class AppliedLoads:
-    """What acts on a mechanism, what is held, and what turns at constant speed.
+    """Loads, fixed coordinates and constant speeds of a mechanism.
 
     Args:
         mechanism: the mechanism.
@@ -115,7 +115,7 @@ class SmallMotions:
     """The equations of motion about a closed State, ready to be reduced to coordinates.
 
     Args:
-        loads: what acts and what is held.
+        loads: the loads and the fixed coordinates.
         state: the configuration; velocities are those that the loads' speeds make.
 
     Attributes:
@@ -132,7 +132,7 @@ class SmallMotions:
         self.loads, mechanism = loads, loads.mechanism
         self._scale, q = mechanism.velocity_scale, state.q
         with equations_of(mechanism) as equations:
-            equations.place(state)
+            equations.move_to(state)
             n = equations.n_closure
             equations.check_rank(equations.spaces.rank if n else 0)
             svd = decompose(loads.rows(equations.evaluation))
@@ -191,7 +191,7 @@ class SmallMotions:
             (sizes @ (self.size / self._scale), sizes @ np.abs(self.by_q) @ sizes.T))
 
     def _carried(self, opened: Array, q: Array, rates: Array | None) -> Array:
-        """Return the joint rates (nv, n) that close what coordinates open (n_closure, n)."""
+        """Return the joint rates (nv, n) that cancel closure rates (n_closure, n)."""
         rest = np.zeros((self._inverse.shape[1] - len(opened), opened.shape[1]))
         columns: Array = -self._scale[:, None] * (self._inverse @ np.vstack([opened, rest]))
         return columns if rates is None else columns - q @ (rates @ columns)
@@ -202,7 +202,7 @@ class SmallMotions:
         return self.reduced(self.freedoms * self._scale)
 
     def idle(self) -> tuple[tuple[PassiveFreedom, ...], Array]:
-        """Return idle rotations that nothing loads and nothing turns back, and (k, nv) these."""
+        """Return idle rotations without load and stiffness, and their velocities (k, nv)."""
         loops, q = LoopEquations(self.loads.mechanism), self.state.q
         joints, free = idle_freedoms(loops, q, self.loads.entries), self.freedoms * self._scale
         pairs = [(joint, v) for joint, motions in joints for v in motions]
@@ -214,10 +214,10 @@ class SmallMotions:
         return (tuple(described(loops, *pair) for pair, idles in zip(pairs, still, strict=True)
                       if idles), motions[still])
 
-    def without(self, idle: Array) -> Array:
+    def without_idle(self, idle: Array) -> Array:
         """Return motions (n, nv), scaled, of all freedoms but idle rotations (k, nv).
 
-        They work on no idle rotation by inertia, which turn as they like.
+        By inertia they do no work on idle rotations, which move independently.
         """
         free, scale = self.freedoms, self._scale
         if not len(idle):

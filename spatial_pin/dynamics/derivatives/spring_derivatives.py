@@ -1,4 +1,4 @@
-"""How given forces change with q and v: springs, their laws, and wrenches from outside.
+"""Derivatives of applied forces with respect to q and v: springs, laws, external wrenches.
 
 A wrench that keeps its world axes while its frame turns is, seen from the frame's joint, a force
 that turns the other way; a spring pulls along a row, with a force that is a
@@ -62,7 +62,7 @@ class Springs:
         turning: (3, nv) forces of those about joints and of what resists, and their derivatives by
             the joint's own coordinate and velocity.
         bushings: in the order of `forces.bushings`, the derivatives (12, nv) of their products by
-            q, then what `Bushing.pull` returns.
+            q, then what `Bushing.force_derivatives` returns.
     """
 
     lines: list[Pull]
@@ -99,7 +99,7 @@ class Springs:
         return slope(lambda y: law(y, rate), x, REACH * (abs(x) or unit)), by_rate
 
     def move(self, rows: RowDerivatives) -> None:
-        """Work out the forces at the motion of the rows.
+        """Evaluate the forces at the motion of the rows.
 
         Raises:
             SpatialPinError: a spring has no length, and its force no direction.
@@ -107,7 +107,7 @@ class Springs:
         self.lines, self.turning = [], np.zeros((3, rows.nv))
         products, (q, v, _) = rows.products, rows.motion
         for at, line in enumerate(self.forces.lines, start=rows.closed):
-            length, _ = self.forces.along(*(x @ products.placements[i] for i, x in zip(
+            length, _ = self.forces.line_between(*(x @ products.placements[i] for i, x in zip(
                 line.bodies, line.points, strict=True)))
             if not length:
                 self.lines.append(self._at_a_point(line, rows, at))
@@ -116,10 +116,10 @@ class Springs:
             by_length, by_rate = self._slopes(line.name, length, rate)
             by_q = by_length * row + by_rate * (products.by_q[1][at] - rate * row) / length
             force = line.law(length, rate)
-            self.lines.append(Pull(force, force / length, row, by_q, by_rate * row))
+            self.lines.append(SpringForce(force, force / length, row, by_q, by_rate * row))
         first = rows.closed + len(self.forces.lines)
         self.bushings = [
-            (products.by_q[0, at : at + 12], *bushing.pull(
+            (products.by_q[0, at : at + 12], *bushing.force_derivatives(
                 products.values[:2, at : at + 12], products.by_q[:2, at : at + 12], self._slopes))
             for at, bushing in zip(count(first, 12), self.forces.bushings, strict=False)]
         for turn in self.forces.turns:
@@ -129,15 +129,15 @@ class Springs:
         self.turning[0] -= resistance.forces(v)
         self.turning[2] += resistance.slopes(v)
 
-    def _at_a_point(self, line: Line, rows: RowDerivatives, at: int) -> Pull:
-        """Return a spring whose frames coincide: its force is stiffness times what parts them.
+    def _at_a_point(self, line: LineSpring, rows: RowDerivatives, at: int) -> SpringForce:
+        """Return the force of a spring whose frames coincide: stiffness times their distance.
 
-        Where nothing can part them, any stiffness will do. Its length is row `at`.
+        If nothing can move them apart, any stiffness is right. Its length is row `at`.
         """
         parting = rows.products.first_slopes(at)
         none, pace = np.zeros(rows.nv), float(np.sqrt(max(rows.products.values[2][at], 0.0)))
         if np.abs(parting).max(initial=0.0) <= self._length * TOLERANCES.tight:
-            return Pull(0.0, 0.0, none, none, none)
+            return SpringForce(0.0, 0.0, none, none, none)
         forces = [line.law(0.0, rate) for rate in (0.0, pace, -pace)]
         stiffness, damping = self._slopes(line.name, 0.0, 0.0)
         if any(forces) or damping:
@@ -146,7 +146,7 @@ class Springs:
                 f"mechanism {self.forces.mechanism.name!r}: the two frames of spring {line.name!r} "
                 f"coincide, where its {what} has no direction, so that there are no derivatives: "
                 "start where its frames are apart, or give it a joint instead of frames")
-        return Pull(0.0, stiffness, none, none, none)
+        return SpringForce(0.0, stiffness, none, none, none)
 
     @property
     def pulls(self) -> Array:

@@ -1,6 +1,6 @@
-"""Which joint coordinates determine the motion of a closed mechanism best [Wehage1982].
+"""Coordinate partitioning: independent joint coordinates of a closed mechanism [Wehage1982].
 
-And which bodies spin freely about a line of their own: their spin is known without integrating it.
+Also bodies that spin freely about a line of their own: their spin needs no integration.
 A body that is symmetric about the line through its two ball joints (u, fixed in the body) keeps
 the angular velocity about it, and the rest of the mechanism does not feel how it is turned about
 it [Routh1905; Goldstein2002, 5.7]. With sigma that angular velocity, d = R u the line, R the body's
@@ -21,9 +21,9 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.assembly.close import close
-from spatial_pin.assembly.passive_freedoms import driven_groups, passive_freedoms
+from spatial_pin.assembly.passive_freedoms import passive_freedoms, rigid_groups
 from spatial_pin.assembly.state import State
-from spatial_pin.assembly.undetermined import lost_rank, rank_loss
+from spatial_pin.assembly.undetermined import lost_rank_words, rank_loss
 from spatial_pin.constraints.trees import is_large
 from spatial_pin.dynamics.forces import Forces
 from spatial_pin.errors import SingularError
@@ -50,7 +50,7 @@ SPIN_TRIALS = 3  # other configurations at which a spin is checked to be free
 class Freedoms:
     """The freedoms of a closed mechanism at a state, and which coordinates determine them best.
 
-    What it has found at the last state is kept: coordinates that begin there ask for it again.
+    Results at the last state are stored: new coordinates need them again.
 
     Args:
         mechanism: the mechanism.
@@ -75,10 +75,10 @@ class Freedoms:
         return self._rows
 
     def _look_for_one_freedom(self, state: State) -> bool:
-        """Look whether the first joint of a large mechanism clearly moves all others.
+        """Whether the first joint of a large mechanism clearly moves all others.
 
-        And whether there is one choice of equations only. By rates, whose cost grows with the
-        number of loops, not with its cube.
+        And only one choice of equations exists. Checked by rates, at a cost in proportion to the
+        number of loops, not to its cube.
         """
         mechanism, nv = self._mechanism, self._mechanism.model.nv
         rows = np.flatnonzero(np.abs(self._jacobian).max(axis=1, initial=0.0) > NONE)
@@ -115,11 +115,11 @@ class Freedoms:
         return weighty_rows(freedoms.T, len(freedoms)).tolist()
 
     def plain(self, state: State, apart: Array) -> list[int]:
-        """Return the joints' velocity entries that can be a freedom's coordinate, fastest first.
+        """Return the velocity entries of single joints that can be the coordinate, fastest first.
 
         Args:
             state: where.
-            apart: (k, nv) freedoms that are not to be determined; one more is left.
+            apart: (k, nv) other freedoms; there is one more than these.
 
         Raises:
             SingularError: the loops have lost rank.
@@ -136,7 +136,7 @@ class Freedoms:
             return self._spaces[key]
         with loops_of(self._mechanism, state.angles) as evaluation:
             if not self._spaces and (lost := rank_loss(evaluation, state.q, len(rows))):
-                why = lost_rank(evaluation, state.q, lost, "forces")
+                why = lost_rank_words(evaluation, state.q, lost, "forces")
                 raise SingularError(f"mechanism {name!r}: {state}: {why}", state=state)
         svd = decompose(np.vstack([self._jacobian[rows], drive]))
         if svd.rank < len(rows) + len(drive):
@@ -199,7 +199,7 @@ def free_spins(mechanism: Mechanism, state: State, forces: Forces) -> Spins:
     freedoms = null_space(evaluation.jacobian[: evaluation.constraints.n_closure])
     if len(freedoms) < 2:
         return Spins(model, lines)
-    groups = driven_groups(mechanism)
+    groups = rigid_groups(mechanism)
     for name, velocities in passive_freedoms(evaluation, freedoms * scale):
         joint = mechanism.joint_id(name)
         is_one_body = groups.count(groups[joint]) == 1

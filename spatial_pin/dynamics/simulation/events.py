@@ -1,11 +1,11 @@
-"""What a simulation looks for in its steps: limits of joints, and where it stops.
+"""Events of a simulation: joint limits, rated limits, and its early end.
 
-It stops where it is asked to, and where the inertia of its motion vanishes: links without inertia
-would have to be infinitely fast. At the dead centre of a crank and a rod without inertia the slider
-that they carry cannot go on, and nothing but it has momentum. Near such a configuration the inertia
-of the motion, per square of the fastest speed, falls to zero in proportion to the time that is
-left, and so do the steps of an integrator. Bodies are counted with a size of their inertias of one:
-light ones are slow to turn, but turn.
+It ends at a zero of `stop_when`, and where the inertia of its motion vanishes: links without
+inertia would have to be infinitely fast there. An example is the dead centre of a crank and a rod
+without inertia: the slider cannot go on, and only it has momentum. Near such a configuration the
+inertia of the motion, per square of the fastest speed, falls to zero in proportion to the remaining
+time, and so do the steps of an integrator. Every body counts with inertias of size one: light
+bodies turn slowly, but turn.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from spatial_pin._support.checks import finite_number
 from spatial_pin.assembly.state import State
 from spatial_pin.dynamics.forces import joint_efforts
-from spatial_pin.dynamics.simulation.formulations import Independent
+from spatial_pin.dynamics.simulation.formulations import IndependentFormulation
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.inertia import KineticEnergy, inertia_as_given
@@ -62,7 +62,7 @@ class IntegrationStep:
         end: (n,) unknowns there.
     """
 
-    def __init__(self, system: Independent, solver: Any) -> None:
+    def __init__(self, system: IndependentFormulation, solver: Any) -> None:
         self.system, self._solver, self.end = system, solver, np.array(solver.y)
         self._dense: Callable[[Any], Array] | None = None
         self.first, self.last = float(solver.t_old), float(solver.t)
@@ -76,9 +76,9 @@ class IntegrationStep:
     def _at(self, t: float) -> Array:
         return self.end if t == self.last else self.unknowns(np.array([t]))[0]
 
-    def place(self, t: float) -> tuple[Array, Array]:
+    def motion_at(self, t: float) -> tuple[Array, Array]:
         """Return configuration (nq,) and velocity (nv,) at a time."""
-        return self.system.place(t, self._at(t))
+        return self.system.motion_at(t, self._at(t))
 
     def state(self, t: float) -> State:
         """Return the State at a time."""
@@ -90,10 +90,10 @@ class IntegrationStep:
 
 
 class RatedLimits:
-    """The limits that a simulation may pass.
+    """Velocity and effort limits during a simulation.
 
-    Efforts are those of prescribed drivers and those that a function gives. What constant efforts
-    are beyond is told at the start.
+    Efforts are those of prescribed drivers, and those of a function. Constant efforts are checked
+    once, at the start.
 
     Args:
         problem: what is simulated.
@@ -102,7 +102,7 @@ class RatedLimits:
     Attributes:
         at_start: events of limits that it is beyond from the start.
         velocities: the limits of velocities.
-        efforts_are_looked_at: whether efforts change that have limits.
+        checks_efforts: whether some effort with a limit varies.
     """
 
     def __init__(self, problem: Problem, state: State) -> None:
@@ -112,7 +112,7 @@ class RatedLimits:
         self._given = list(by_v.values()) if problem.law is not None else []
         drives = enumerate(c.v for c, _ in problem.drives)
         self._driven = [(k, by_v[v]) for k, v in drives if v in by_v]
-        self.efforts_are_looked_at = bool(self._given or self._driven)
+        self.checks_efforts = bool(self._given or self._driven)
         constant = [(limit, problem.constant[limit.v]) for limit in by_v.values()]
         moving = [(limit, state.v[limit.v]) for limit in self.velocities]
         self.at_start = [Event(limit.kind, 0.0, 0, f"beyond the {limit.words} from the start")
@@ -144,8 +144,8 @@ class RatedLimits:
         return sorted(crossings, key=lambda pair: pair[0])
 
     def _excesses(self, step: IntegrationStep, t: float) -> Array:
-        """Return how far all are beyond their limits, relative to these."""
-        v = step.place(t)[1]
+        """Return the excesses over all limits, relative to the limits."""
+        v = step.motion_at(t)[1]
         pairs = [(limit, v[limit.v]) for limit in self.velocities]
         if self._given and self.problem.law is not None:
             given = joint_efforts(self.problem.mechanism, self.problem.law(t, step.state(t)))
@@ -163,7 +163,7 @@ def _stop_value(stop_when: StopFunction, t: float, state: State) -> float:
 
 
 class VanishingInertia:
-    """Looks whether a motion comes to where it has no inertia.
+    """Detects configurations at which a motion has no inertia.
 
     Args:
         mechanism: what moves.
@@ -171,7 +171,7 @@ class VanishingInertia:
 
     def __init__(self, mechanism: Mechanism) -> None:
         self._mechanism, self._scale = mechanism, mechanism.velocity_scale
-        self._looks: list[tuple[float, float]] = []  # times and inertias, three at most
+        self._checks: list[tuple[float, float]] = []  # times and inertias, three at most
 
     @cached_property
     def _energy(self) -> KineticEnergy | None:
@@ -196,8 +196,8 @@ class VanishingInertia:
             return np.inf
         return self._energy(q, v) / square
 
-    def is_ahead(self, t: float, q: Array, v: Array, shortened: float) -> bool:
-        """Whether it vanishes just ahead of a step that ends at q (nq,) and v (nv,).
+    def vanishes_after_step(self, t: float, q: Array, v: Array, shortened: float) -> bool:
+        """Whether the inertia vanishes soon after a step that ends at q (nq,) and v (nv,).
 
         Args:
             t: end of the step [s].
@@ -206,22 +206,22 @@ class VanishingInertia:
             shortened: the step relative to the longest so far.
         """
         inertia = self.inertia(q, v) if shortened < SHORTENED else np.inf
-        if not inertia < NEGLIGIBLE or (self._looks and inertia > self._looks[-1][1]):
-            self._looks.clear()
+        if not inertia < NEGLIGIBLE or (self._checks and inertia > self._checks[-1][1]):
+            self._checks.clear()
             return False
-        if not self._looks or inertia < DECREASED * self._looks[-1][1]:
-            self._looks = [*self._looks[-2:], (t, inertia)]
-        return _has_zero_ahead(self._looks)
+        if not self._checks or inertia < DECREASED * self._checks[-1][1]:
+            self._checks = [*self._checks[-2:], (t, inertia)]
+        return _falls_to_zero(self._checks)
 
-    def was_ahead(self, times: Array, q: Array, v: Array) -> bool:
-        """Whether it vanishes just behind the last of N samples (N, nq) and (N, nv).
+    def vanishes_after_samples(self, times: Array, q: Array, v: Array) -> bool:
+        """Whether the inertia vanishes soon after the last of N samples (N, nq) and (N, nv).
 
-        Of a motion that cannot be followed, with steps of whatever length.
+        For a motion that cannot be followed; steps of any length count.
         """
         inertias = [self.inertia(*row) for row in zip(q, v, strict=True)]
         most = max((x for x in inertias if np.isfinite(x)), default=0.0)
         return bool(inertias and inertias[-1] < SMALL * most
-                    and _has_zero_ahead([*zip(times.tolist(), inertias, strict=True)][-3:]))
+                    and _falls_to_zero([*zip(times.tolist(), inertias, strict=True)][-3:]))
 
     def words(self, t: float, q: Array, v: Array) -> str:
         """Return a sentence for the event of a motion that ends at a time [s]."""
@@ -237,10 +237,10 @@ class VanishingInertia:
                 "to become infinitely fast")
 
 
-def _has_zero_ahead(looks: Sequence[tuple[float, float]]) -> bool:
-    """Whether a parabola through three times and values that fall has a zero soon.
+def _falls_to_zero(looks: Sequence[tuple[float, float]]) -> bool:
+    """Whether three falling values extrapolate to zero soon, by a parabola in time.
 
-    One of a motion that comes near such a place and passes it has none.
+    Values of a motion that only passes near a singular configuration do not.
     """
     if len(looks) < 3:
         return False
@@ -252,8 +252,8 @@ def _has_zero_ahead(looks: Sequence[tuple[float, float]]) -> bool:
     return bool(np.any((zeros.imag == 0.0) & (zeros.real > 0.0) & (zeros.real < CLOSE_BY)))
 
 
-class Watch:
-    """Looks at the steps of a simulation.
+class EventDetector:
+    """Detects the events in the steps of a simulation.
 
     Args:
         problem: what is simulated.
@@ -263,10 +263,10 @@ class Watch:
 
     Attributes:
         at_start: joint limits beyond which it starts.
-        bounds: limits of coordinates as the kernel's steps heed them, by the names in `RunStruct`:
-            entries of q and v, side (1 above, -1 below, 0 of the velocity), value from which on a
-            coordinate is beyond, and room and how fast it closes where the last step ended.
-        always: whether every step is to be looked at.
+        bounds: limits of coordinates for the kernel's steps, by the names in `RunStruct`: entries
+            of q and v; side (1 upper, -1 lower, 0 of the velocity); limit value; and distance to
+            the limit and its closing speed at the end of the last step.
+        always: whether every step must be checked in Python.
         inertia: of the motion.
 
     Raises:
@@ -299,13 +299,13 @@ class Watch:
         self.bounds: dict[str, NDArray[Any]] = {
             "limit_q": q, "limit_v": v, "limit_side": side,
             "limit_value": columns[:, 3].copy(), "limit_before": columns[:, 4:].copy()}
-        self.always = bool(stop_when or (self.rated and self.rated.efforts_are_looked_at))
+        self.always = bool(stop_when or (self.rated and self.rated.checks_efforts))
         self.inertia = VanishingInertia(problem.mechanism)
         self._last = 0.0 if stop_when is None else _stop_value(stop_when, 0.0, state)
 
-    def look(self, step: IntegrationStep, times: Array, shortened: float) -> tuple[
+    def events_in_step(self, step: IntegrationStep, times: Array, shortened: float) -> tuple[
             list[tuple[float, JointLimit]], list[tuple[float, RatedLimit]], Event | None]:
-        """Return what a step has met.
+        """Return the events in a step.
 
         Args:
             step: the step.
@@ -323,8 +323,8 @@ class Watch:
             stop, limit = passed[0]
             text = f" by the {limit.words}"
         if stop is None:
-            at = (step.last, *step.place(step.last))
-            if not self.inertia.is_ahead(*at, shortened):
+            at = (step.last, *step.motion_at(step.last))
+            if not self.inertia.vanishes_after_step(*at, shortened):
                 return passed, rated, None
             stop, kind, text = step.last, SINGULAR, self.inertia.words(*at)
         else:
@@ -336,14 +336,14 @@ class Watch:
         """Return the joint limits passed in a step, in the order of the times."""
         if not self.limits:
             return []
-        ends = step.place(step.first), step.place(step.last)
+        ends = step.motion_at(step.first), step.motion_at(step.last)
         noise = NOISE * float(np.abs(np.array([v for _, v in ends]) / self._scale).max())
-        times = [(first_passing(limit, step.place, (step.first, step.last), ends, noise), limit)
+        times = [(first_passing(limit, step.motion_at, (step.first, step.last), ends, noise), limit)
                  for limit in self.limits]
         return sorted(((t, limit) for t, limit in times if t is not None), key=lambda x: x[0])
 
     def _crossed(self, step: IntegrationStep, times: Array) -> float | None:
-        """Return when `stop_when` has first crossed zero in a step, as its samples and end tell."""
+        """Return the first zero of `stop_when` in a step; signs are those at samples and end."""
         function = self.stop_when
         if function is None:
             return None
@@ -358,6 +358,6 @@ class Watch:
         self._last = value
         return time
 
-    def forget(self) -> None:
-        """Look at the next step whatever the kernel has seen: the last one is taken again."""
+    def reset(self) -> None:
+        """Let the kernel pause at the next step: the last step is repeated."""
         self.bounds["limit_before"][:] = np.inf

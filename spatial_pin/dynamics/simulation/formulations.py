@@ -23,18 +23,18 @@ import numpy as np
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.dynamics.bushings import Bushing
-from spatial_pin.dynamics.forces import JointSpring, Line
+from spatial_pin.dynamics.forces import JointSpring, LineSpring
 from spatial_pin.dynamics.simulation.coordinate_partitioning import Spins, free_spins
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.simulation.result import Energies, Projection
-from spatial_pin.dynamics.solvers.accelerations import no_inertia
+from spatial_pin.dynamics.solvers.accelerations import no_inertia_error
 from spatial_pin.dynamics.solvers.independent_coordinates import (
     ROUNDING,
     Bounded,
     IndependentCoordinates,
 )
 from spatial_pin.errors import SingularError, SpatialPinError
-from spatial_pin.kernel.dynamics import Callbacks, KernelDynamics, Start
+from spatial_pin.kernel.dynamics import Callbacks, KernelDynamics, ReferencePoint
 from spatial_pin.kernel.integrating import SimulationSamples
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.kernel.packing import Ints
@@ -61,14 +61,14 @@ LOOSE = 10.0  # the same relative to the tolerance of a step, at loose tolerance
 WIDE = 1e-2  # the same at most: from there Newton's method converges to the same branch
 
 
-class Lost(Exception):
-    """The loops cannot be closed at the coordinates asked for, or not surely on the branch."""
+class OpenLoopsError(Exception):
+    """The loops cannot be closed at some coordinates, or not surely on the branch."""
 
 
-def forces_as_arrays(
+def force_arrays(
     problem: Problem, n_free: int, spins: Spins, projects: bool, tolerance: float
 ) -> tuple[Ints, Array]:
-    """Return what `read_arrays` in creating.c reads.
+    """Return all forces as integers and numbers, for `read_arrays` in creating.c.
 
     Args:
         problem: what acts.
@@ -105,7 +105,7 @@ def forces_as_arrays(
 
 
 class ForceFunctions:
-    """What only Python knows: efforts and laws that are functions, accelerations for any masses.
+    """Force functions for the kernel: efforts, laws, and accelerations for any masses.
 
     Args:
         problem: what acts.
@@ -113,7 +113,7 @@ class ForceFunctions:
         free: returns the velocity entries that are independent now.
 
     Attributes:
-        reference: what the present coordinates count from.
+        reference: reference state of the coordinates in use.
     """
 
     reference: State
@@ -124,7 +124,7 @@ class ForceFunctions:
     def callbacks(self) -> Callbacks:
         """Return the functions, None where the kernel need not call one."""
         problem = self._problem
-        springs: list[Line | JointSpring | Bushing] = [
+        springs: list[LineSpring | JointSpring | Bushing] = [
             *problem.forces.lines, *problem.forces.turns, *problem.forces.bushings]
         has_laws = not all(spring.is_linear for spring in springs)
         return Callbacks(
@@ -149,10 +149,10 @@ class ForceFunctions:
         return np.array([law(t) for _, law in self._problem.drives], float)
 
     def _least(self, t: float, q: Array, v: Array, a: Array, angles: Array) -> Array | None:
-        """Return free accelerations by `LeastConstraint`, where masses differ much or are none.
+        """Return free accelerations by `LeastConstraint`, for masses that differ much or are zero.
 
-        What has no inertia stays as it is, if no force works on it. None where masses differ too
-        much for any digit.
+        Motions without inertia have no acceleration, if no force works on them. None if masses
+        differ too much for any correct digit.
 
         Raises:
             SingularError: a force works on a freedom without inertia.
@@ -165,16 +165,16 @@ class ForceFunctions:
             evaluation.closure_error, self._free()).columns
         least = problem.least_constraint.solve(
             q, v, Bounded(a, ROUNDING * np.abs(a)), columns,
-            problem.given(t, q, v, evaluation))
+            problem.joint_forces(t, q, v, evaluation))
         if least.pulled:
             moving = np.abs(least.still / problem.scale).max(axis=0)
             names = problem.mechanism.coordinates
             moved = np.flatnonzero(moving > TOLERANCES.half_precision * moving.max())
-            raise no_inertia(problem.mechanism, [names[v] for v in moved.tolist()])
+            raise no_inertia_error(problem.mechanism, [names[v] for v in moved.tolist()])
         return None if least.lost else least.z
 
 
-class Independent:
+class IndependentFormulation:
     """The right-hand side for the unknowns y.
 
     These are independent coordinates x, rates u of their joints, quaternions (x, y, z, w) of
@@ -182,7 +182,7 @@ class Independent:
 
     Args:
         problem: what acts.
-        state: what the coordinates count from.
+        state: reference of the coordinates.
         free: velocity entries that are independent.
         spins: bodies that spin freely besides.
 
@@ -190,7 +190,8 @@ class Independent:
         SingularError: the coordinates do not determine the motion there.
     """
 
-    projects = False  # whether all joints are unknowns, and steps are settled, as in `Projected`
+    # whether all joint coordinates are unknowns, and steps are projected: `ProjectedFormulation`
+    projects = False
 
     def __init__(
         self, problem: Problem, state: State, free: Sequence[int], spins: Spins | None = None
@@ -207,7 +208,7 @@ class Independent:
         if self.projects:
             wanted = min(wanted, PROJECTED_RESIDUAL)
         self._functions = ForceFunctions(problem, self.spins, lambda: self.kernel.free)
-        arrays = forces_as_arrays(
+        arrays = force_arrays(
             problem, self.n, self.spins, self.projects, max(wanted, TOLERANCES.round_off))
         held = self.n + len(self.problem.drives) + len(self.spins)
         if len(rows) + held != mechanism.model.nv:
@@ -216,8 +217,8 @@ class Independent:
                 f"{state.q}, but {held} independent coordinates")
         self.kernel = KernelDynamics(
             mechanism, problem.packed, *arrays, self._functions.callbacks(),
-            Start(state.q, state.angles, np.array(self.spins.rates(state.q, state.v)), self.free,
-                  rows))
+            ReferencePoint(state.q, state.angles, np.array(self.spins.rates(state.q, state.v)),
+                           self.free, rows))
         self.kernel_handle, self.errors = self.kernel.handle, self.kernel.errors
         if not self.kernel.save_position() or self.kernel.pivot < TOLERANCES.singular:
             raise SingularError(f"mechanism {mechanism.name!r}: singular configuration")
@@ -243,10 +244,10 @@ class Independent:
             *self.spins.quaternions(self._functions.reference.q), [work] * self.problem.works])
 
     def renewed(self, t: float, y: Array, state: State) -> Array | None:
-        """Change to the best coordinates at y, where the mechanism is at a state.
+        """Change to the best independent coordinates at y, which is a state.
 
         Returns:
-            The unknowns in them; None where no coordinates determine it.
+            The new unknowns; None if no coordinates determine the motion.
         """
         new = self.kernel.renew(t, y)
         if new is None:
@@ -258,7 +259,7 @@ class Independent:
             self._count_from(state)
         return fresh
 
-    def place(self, t: float, y: Array) -> tuple[Array, Array]:
+    def motion_at(self, t: float, y: Array) -> tuple[Array, Array]:
         """Return configuration (nq,) and velocity (nv,) at y.
 
         Raises:
@@ -278,18 +279,18 @@ class Independent:
     def _closed(self, t: float, y: Array) -> tuple[Array, Array, Array, float]:
         closed = self.kernel.motion_at(t, y)
         if closed is None:
-            raise Lost
+            raise OpenLoopsError
         return closed
 
     def samples(self, times: Array, unknowns: Array) -> SimulationSamples:
-        """Return everything at times (N,) and unknowns (N, n), loops closed.
+        """Return samples at times (N,) and unknowns (N, n), loops closed.
 
         Raises:
             Lost: they cannot be at one of them.
         """
         rows = self.kernel.samples(times, unknowns)
         if rows is None:
-            raise Lost
+            raise OpenLoopsError
         return rows
 
     def energies(self, t: float, y: Array) -> Energies:
@@ -298,7 +299,7 @@ class Independent:
         return Energies(kinetic, total, work)
 
     def needs_new_coordinates(self, t: float, y: Array) -> bool:
-        """Whether other independent coordinates, or these begun anew, would be better."""
+        """Whether other independent coordinates, or a new reference for these, are better."""
         if not self._is_linear and np.abs(y[: self.n]).max(initial=0.0) > COORDINATES_END:
             return True
         if self.kernel.motion_at(t, y) is None:
@@ -306,9 +307,9 @@ class Independent:
         return self.kernel.save_position() > self.patience
 
     def crossings(self, y: Array, to: Array) -> list[tuple[float, float]]:
-        """Return where branches cross between unknowns: the coordinate, and the unknown there.
+        """Return the branch points between unknowns: coordinate value, and unknown.
 
-        None where all joints are unknowns: there the loops lose rank.
+        If all joints are unknowns there are none: the loops lose rank at them.
         """
         if self.n != 1 or self.projects:
             return []
@@ -319,17 +320,17 @@ class Independent:
         return self._start + float(self._scale[0]) * x
 
     @property
-    def is_fresh_the_same(self) -> bool:
-        """Whether the same coordinates, taken anew, would be no better."""
+    def is_unchanged_by_restart(self) -> bool:
+        """Whether a restart with the same coordinates changes nothing."""
         return self._is_linear and (self._is_whole or self.projects)
 
 
-class Projected(Independent):
+class ProjectedFormulation(IndependentFormulation):
     """The right-hand side for the unknowns y: coordinates x of all joints, rates u, work done.
 
     Args:
         problem: what acts; nothing is prescribed.
-        state: what the coordinates count from.
+        state: reference of the coordinates.
         held: velocity entries that determine the motion there.
 
     Raises:
@@ -345,15 +346,14 @@ class Projected(Independent):
         self.projection = Projection(0, 0, 0.0, 0.0, 0.0)
 
     def renewed(self, t: float, y: Array, state: State) -> Array | None:
-        """Let the coordinates count from y; return the unknowns there, None where they cannot."""
+        """Make y the reference of the coordinates; return the unknowns, None if it fails."""
         found = self.kernel.renew(t, y)
         return None if found is None else found[1]
 
     def settle(self, solver: Any) -> float:
-        """Take the solver's state back to closed loops and to velocities that they allow.
+        """Project the solver's state to closed loops and compatible velocities.
 
-        Returns the residual that the step had left, relative to what is allowed; above 1 nothing
-        has been done.
+        Returns the residual before, relative to the allowed one; above 1 nothing is changed.
         """
         began = time.perf_counter()
         allowed = min(max(LEFT_OPEN, LOOSE * getattr(solver, "rtol", 0.0)), WIDE)
@@ -370,20 +370,22 @@ class Projected(Independent):
         return opened / allowed
 
     def needs_new_coordinates(self, t: float, y: Array) -> bool:
-        """Whether the coordinates should be begun anew."""
+        """Whether the coordinates need a new reference."""
         return float(np.abs(y[self._turning]).max(initial=0.0)) > TURNED_END
 
 
-def independent(problem: Problem, state: State, given_up: GivenUp = frozenset()) -> Independent:
+def independent(
+    problem: Problem, state: State, given_up: GivenUp = frozenset()
+) -> IndependentFormulation:
     """Return the equations of motion in the independent coordinates that fit a state best.
 
-    One freedom, links that spin freely not counted, is told by a joint with one coordinate, the
-    fastest that has not been given up.
+    For one freedom, free spins not counted, this is the fastest joint with one coordinate that
+    has not failed before.
 
     Args:
         problem: what acts.
         state: where they begin.
-        given_up: what could not be followed from there.
+        given_up: formulations and coordinates that have failed there.
 
     Raises:
         SingularError: the motion is not determined there.
@@ -395,12 +397,14 @@ def independent(problem: Problem, state: State, given_up: GivenUp = frozenset())
             spins = free_spins(problem.mechanism, state, problem.forces)
         if len(free) - len(spins) == 1:
             for v in problem.freedoms.plain(state, spins.rows):
-                if (Independent, (v,)) not in given_up:
-                    return Independent(problem, state, [v], spins)
-    return Independent(problem, state, free)
+                if (IndependentFormulation, (v,)) not in given_up:
+                    return IndependentFormulation(problem, state, [v], spins)
+    return IndependentFormulation(problem, state, free)
 
 
-def projected(problem: Problem, state: State, given_up: GivenUp = frozenset()) -> Independent:
+def projected(
+    problem: Problem, state: State, given_up: GivenUp = frozenset()
+) -> IndependentFormulation:
     """Return the equations of motion in all joint coordinates, whatever was given up.
 
     Raises:
@@ -411,10 +415,10 @@ def projected(problem: Problem, state: State, given_up: GivenUp = frozenset()) -
         raise SpatialPinError(
             f"mechanism {problem.mechanism.name!r}: the projected formulation prescribes no "
             "drivers; use the independent one")
-    return Projected(problem, state, problem.freedoms.best(state, []))
+    return ProjectedFormulation(problem, state, problem.freedoms.best(state, []))
 
 
-Formulate = Callable[[Problem, State, GivenUp], Independent]
+Formulate = Callable[[Problem, State, GivenUp], IndependentFormulation]
 FORMULATIONS: dict[str, Formulate] = {
     "independent": independent,
     "projected": projected,

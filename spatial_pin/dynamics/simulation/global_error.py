@@ -1,4 +1,4 @@
-"""How far a simulation may be off: what another one with other tolerances differs from it by.
+"""Error estimate of a simulation: its difference from one with other tolerances.
 
 Local errors of steps add up, and grow or decay as the motion is unstable or damped. A second
 integration whose steps may be ten times as inexact shows that with all that acts: where errors are

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from spatial_pin.dynamics.simulation.formulations import Independent
+from spatial_pin.dynamics.simulation.formulations import IndependentFormulation
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.errors import SpatialPinError, StepLimitError, warn
 from spatial_pin.kernel.integrating import RungeKutta
@@ -46,7 +46,7 @@ STANDING = 200  # such steps in a row that show stagnation: stiff motions soon t
 
 
 def natural_units(
-    system: Independent, t: float, y: Array, duration: float
+    system: IndependentFormulation, t: float, y: Array, duration: float
 ) -> tuple[float, Array]:
     """Return the natural time T [s] and units (n,) of the unknowns of a motion that is at y.
 
@@ -92,8 +92,8 @@ def natural_units(
     return 1.0 / rate, units
 
 
-class Differences:
-    """d fun/dy by differences of well-scaled steps, finite wherever it is asked for.
+class DifferenceJacobian:
+    """The Jacobian d fun/dy by differences of well-scaled steps, always finite.
 
     Those of SciPy grow without bound where nothing depends on an unknown, and those of LSODA
     vanish at rest. Where loops cannot be closed on one side the other is taken, and where they
@@ -172,7 +172,7 @@ def integrator(
     made = getattr(import_module(module), kind)  # on use: SciPy's take half a second
     more: dict[str, Any] = {"max_step": longest, "rtol": tolerance, "atol": absolute}
     if "jac" in signature(made).parameters:  # of implicit ones
-        more["jac"] = Differences(fun, units[1])
+        more["jac"] = DifferenceJacobian(fun, units[1])
     if own.order or math.isfinite(first):
         more["first_step"] = first
     if own.order:
@@ -184,12 +184,12 @@ def integrator(
 class Stepping:
     """The integrator in use: the one given, or by turns an explicit and an implicit one.
 
-    It looks at the lengths of the steps: how fast they lead on, and when they lead nowhere.
+    It also checks the lengths of the steps, and detects stagnation.
 
     Args:
         problem: what acts.
         accuracy: integrator, tolerance or step, and how many steps may be taken.
-        end: until when they go [s].
+        end: time at which they end [s].
 
     Attributes:
         used: names of the integrators that have taken steps.
@@ -205,7 +205,7 @@ class Stepping:
         self._creeping = self._standing = 0
 
     def begin(
-        self, system: Independent, t: float, y: Array, longest: float = np.inf,
+        self, system: IndependentFormulation, t: float, y: Array, longest: float = np.inf,
         only_first: bool = False,
     ) -> Any:
         """Return an integrator that starts at unknowns y, its error norm in natural units.
@@ -222,8 +222,10 @@ class Stepping:
         first, longest = (longest, np.inf) if only_first else (np.inf, longest)
         return self._made(method, system, t, y, longest, first)
 
-    def succeed(self, system: Independent, t: float, y: Array, solver: Any) -> Any:
-        """Return the integrator to go on with: another one where stiffness has changed.
+    def next_integrator(
+        self, system: IndependentFormulation, t: float, y: Array, solver: Any
+    ) -> Any:
+        """Return the integrator of the next steps: another one if stiffness has changed.
 
         An implicit one goes on until an explicit one could have taken its last steps.
         """
@@ -242,8 +244,8 @@ class Stepping:
             return solver
         return self._made(method, system, t, y, solver.max_step)
 
-    def note(self, system: Independent, solver: Any) -> None:
-        """Keep the names of integrators used; warn once of an explicit one that only creeps."""
+    def note_integrator(self, system: IndependentFormulation, solver: Any) -> None:
+        """Record the integrator in use; warn once of an explicit one in a stiff motion."""
         if self._method not in self.used:
             self.used.append(self._method)
         is_chosen = self._chosen != AUTOMATIC
@@ -253,7 +255,7 @@ class Stepping:
         problem, cause = self._problem, "a spring or damper"
         resistance = problem.forces.resistance
         if resistance:
-            slopes = resistance.slopes(system.place(solver.t, solver.y)[1]) * problem.scale**2
+            slopes = resistance.slopes(system.motion_at(solver.t, solver.y)[1]) * problem.scale**2
             at = int(slopes.argmax())
             damped = resistance.damping[at] * problem.scale[at] ** 2 > 0.5 * slopes[at]
             name = problem.mechanism.coordinates[at]
@@ -265,7 +267,7 @@ class Stepping:
             "integrator out, or take Accuracy(integrator=\"Radau\")")
 
     def _made(
-        self, method: str, system: Independent, t: float, y: Array, longest: float,
+        self, method: str, system: IndependentFormulation, t: float, y: Array, longest: float,
         first: float = np.inf,
     ) -> Any:
         self._method, self._easy = method, 0
@@ -274,8 +276,8 @@ class Stepping:
         return integrator(
             method, system, t, y, self._end, self._accuracy, self._units, longest, first)
 
-    def leapt(self, steps: int, largest: Array) -> None:
-        """Take note of steps in the kernel, which looks at them by itself."""
+    def note_kernel_steps(self, steps: int, largest: Array) -> None:
+        """Record steps in the kernel, which checks their lengths itself."""
         if steps > 1:
             self._creeping = self._standing = 0
         self.largest = largest
@@ -294,14 +296,14 @@ class Stepping:
         """Whether a time [s] is negligible relative to the longest step so far."""
         return bool(time <= NEAR**2 * self.largest[1])
 
-    def most(self, steps: int) -> int:
-        """Return how many steps may follow before they are looked at again."""
+    def steps_at_once(self, steps: int) -> int:
+        """Return the number of steps before the next check of the limit."""
         return min(TRIED - steps % TRIED, max(self._accuracy.most_steps - steps, 1))
 
-    def refuse_to_go_on_for_ever(self, t: float, steps: int, solver: Any) -> None:
-        """Refuse more steps than are allowed, early where there would be far more.
+    def check_step_limit(self, t: float, steps: int, solver: Any) -> None:
+        """Refuse more steps than are allowed; early, if far more would be needed.
 
-        How many fixed ones there are was known before.
+        The number of fixed steps is checked before the start.
 
         Raises:
             StepLimitError: there would be more.

@@ -1,4 +1,4 @@
-"""What acts in a simulation: forces, those from outside over time, and laws of drivers."""
+"""Forces and driver laws of a simulation."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from spatial_pin.dynamics.forces import (
 )
 from spatial_pin.dynamics.simulation.coordinate_partitioning import Freedoms
 from spatial_pin.dynamics.simulation.result import LeastExchange
-from spatial_pin.dynamics.solvers.bodies import WholeTree, bodies_of
+from spatial_pin.dynamics.solvers.bodies import TreeDynamics, bodies_of
 from spatial_pin.dynamics.solvers.least_constraint import LeastConstraint
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.kernel.packing import Packed, with_masses
@@ -61,7 +61,7 @@ def _law(name: str, law: Any) -> DriverLaw:
     return checked
 
 
-class External(NamedTuple):
+class ExternalForces(NamedTuple):
     """Forces at frames, world axes, force and moment at the frame's origin.
 
     Attributes:
@@ -75,8 +75,8 @@ class External(NamedTuple):
     longest_step: float = np.inf
 
 
-def external_forces(mechanism: Mechanism, given: Any, times: Array) -> External | None:
-    """Return what `simulate` is given as forces from outside; None if there are none.
+def external_forces(mechanism: Mechanism, given: Any, times: Array) -> ExternalForces | None:
+    """Return the external forces of a simulation; None if there are none.
 
     Args:
         mechanism: whose frames they act at.
@@ -88,7 +88,7 @@ def external_forces(mechanism: Mechanism, given: Any, times: Array) -> External 
         ValueError: rows are not as many as the times, or not finite.
     """
     if callable(given):
-        return External(lambda t, state: mapping(given(t, state), "external"))
+        return ExternalForces(lambda t, state: mapping(given(t, state), "external"))
     forces: dict[str, pin.Force] = {}
     tables: dict[str, Array] = {}
     for name, force in mapping(given, "external").items():
@@ -104,36 +104,36 @@ def external_forces(mechanism: Mechanism, given: Any, times: Array) -> External 
         if not is_finite(rows):
             raise ValueError(f"external force at {name!r} is NaN or infinite")
     if not tables:
-        return External(lambda t, state: forces, is_steady=True) if forces else None
+        return ExternalForces(lambda t, state: forces, is_steady=True) if forces else None
 
     def law(t: float, state: State) -> Mapping[str, pin.Force]:
         return forces | {
             name: pin.Force(np.array([np.interp(t, times, column) for column in rows.T]))
             for name, rows in tables.items()}
 
-    return External(law, longest_step=float(np.diff(times).min(initial=np.inf)))
+    return ExternalForces(law, longest_step=float(np.diff(times).min(initial=np.inf)))
 
 
 class Problem:
-    """A mechanism, what acts on it and what is prescribed.
+    """A mechanism with its forces and prescribed coordinates.
 
     Attributes:
-        forces: its springs, and what resists at joints.
-        freedoms: those that it has at a state.
-        law: efforts as a function of time and state, if they are one.
+        forces: its springs, and damping and friction of joints.
+        freedoms: its freedoms at a state.
+        law: efforts as a function of time and state, or None.
         external: forces from outside.
         constant: (nv,) efforts otherwise.
         drives: prescribed coordinates with their laws.
         by_drivers: whether efforts act at drivers only, springs and friction as the file says.
-        works: whether anything but gravity does work.
+        works: whether forces other than gravity do work.
         is_damped: whether a joint or spring takes energy away.
-        is_steady: whether no function of the user's acts, which may jump: energy is well-behaved.
+        is_steady: whether no function of the user acts, which may jump.
     """
 
     def __init__(
         self, mechanism: Mechanism, efforts: Mapping[str, float] | EffortLaw | None,
         drives: Mapping[str, DriverLaw] | None, laws: Mapping[str, Law] | None, tolerance: float,
-        slip_speed: SlipSpeed | None = None, external: External | None = None,
+        slip_speed: SlipSpeed | None = None, external: ExternalForces | None = None,
     ) -> None:
         refuse_negative_inertias(mechanism)
         self.mechanism, self.model = mechanism, mechanism.model
@@ -159,15 +159,15 @@ class Problem:
 
     @property
     def between(self) -> float:
-        """Closure that samples may leave open as the integrator tells them, 0 if it does not.
+        """Closure residual allowed at interpolated samples; 0 if none is interpolated.
 
-        Where functions of the user's jump, accelerations are those of the time itself.
+        With functions of the user, which may jump, samples are not interpolated.
         """
         return self.tolerance if self.is_steady and self.tolerance >= BETWEEN_ANCHORS else 0.0
 
     @cached_property
     def packed(self) -> Packed:
-        """What a kernel is made of that knows its masses."""
+        """The packed mechanism, masses included."""
         return with_masses(self.mechanism)
 
     @cached_property
@@ -176,13 +176,13 @@ class Problem:
         return LeastExchange(self.mechanism, self.constant)
 
     @cached_property
-    def bodies(self) -> WholeTree:
-        """Its masses, and the forces that its motions need."""
+    def bodies(self) -> TreeDynamics:
+        """Mass matrix and inverse dynamics of the tree."""
         return bodies_of(self.model)
 
     @cached_property
     def least_constraint(self) -> LeastConstraint:
-        """What finds accelerations for any masses."""
+        """The solver for accelerations with any masses."""
         return LeastConstraint(self.mechanism)
 
     def efforts(self, t: float, q: Array, v: Array, evaluation: LoopEquations) -> Array:
@@ -197,8 +197,8 @@ class Problem:
                 self.mechanism, evaluation, self.external.law(t, state)))
         return total
 
-    def given(self, t: float, q: Array, v: Array, evaluation: LoopEquations) -> Array:
-        """Return the joint forces (nv,) of efforts, springs and what resists."""
+    def joint_forces(self, t: float, q: Array, v: Array, evaluation: LoopEquations) -> Array:
+        """Return the joint forces (nv,) of efforts, springs, damping and friction."""
         total = self.efforts(t, q, v, evaluation)
         if self.forces.exist:
             total = total + self.forces.generalised(evaluation, q, v)

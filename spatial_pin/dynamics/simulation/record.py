@@ -33,16 +33,16 @@ MOST_ERRORS = 1e6  # errors of steps, all of one sign, that add up to it
 
 
 class Record:
-    """Samples of a simulation, filled one after the other, and what has happened.
+    """Samples and events of a simulation up to the present time.
 
     Args:
         problem: what is simulated.
         times: (N,) of the samples.
-        watch: what is looked for.
+        detector: detects the events.
 
     Attributes:
         filled: how many samples there are.
-        room: where all samples stand.
+        room: storage of all samples.
         events: in the order of their times.
         steps: how many steps have been taken.
         start: energies at the start.
@@ -52,32 +52,32 @@ class Record:
     start = Energies(0.0, 0.0, 0.0)
     _time_tolerance = 0.0
 
-    def __init__(self, problem: Problem, times: Array, watch: Watch) -> None:
-        self._problem, self._watch, self.filled = problem, watch, 0
+    def __init__(self, problem: Problem, times: Array, detector: EventDetector) -> None:
+        self._problem, self._detector, self.filled = problem, detector, 0
         self.times = np.ascontiguousarray(times)
         n, nq, nv = len(times) + 1, problem.model.nq, problem.model.nv  # one more where it stops
         n_angles = constraints_of(problem.mechanism).n_angles
         self._at = np.append(times, np.nan)
         self.room = SimulationSamples(*(np.empty((n, k)) for k in (
             nq, nv, nv, 4, len(problem.drives), n_angles)))
-        self._passed: list[Passing] = list(watch.at_start)
-        self.events = [passing.event for passing in watch.at_start]
-        self.events += watch.rated.at_start if watch.rated else []
+        self._passed: list[Passing] = list(detector.at_start)
+        self.events = [passing.event for passing in detector.at_start]
+        self.events += detector.rated.at_start if detector.rated else []
         self.steps = 0
         self._coordinates: list[str] = []
 
-    def begin(self, start: Energies, accuracy: Accuracy) -> None:
-        """Let the energies at the start be those that are there now."""
-        self.start, self.balance = start, Balance(self._problem, accuracy, start)
+    def set_start(self, start: Energies, accuracy: Accuracy) -> None:
+        """Set the energies at the start."""
+        self.start, self.balance = start, EnergyBalance(self._problem, accuracy, start)
         self._time_tolerance = (
             0.0 if INTEGRATORS[accuracy.integrator].is_fixed else accuracy.time_tolerance)
 
-    def until(self, end: float) -> Array:
-        """Return the times of samples that are not yet there, up to `end`."""
+    def times_until(self, end: float) -> Array:
+        """Return the times of missing samples up to `end`."""
         return self.times[self.filled : np.searchsorted(self.times, end, "right")]
 
-    def evaluate(self, system: Independent, times: Array, unknowns: Array) -> None:
-        """Work out samples at times (N,) and unknowns (N, n)."""
+    def add_samples(self, system: IndependentFormulation, times: Array, unknowns: Array) -> None:
+        """Add the samples at times (N,) and unknowns (N, n)."""
         if not times.size:
             return
         self._at[self.filled : self.filled + len(times)] = times
@@ -85,8 +85,8 @@ class Record:
             into[self.filled : self.filled + len(times)] = part
         self.filled += len(times)
 
-    def take(self, step: IntegrationStep, longest: float, before: Array) -> bool:
-        """Keep the samples of a step and the events that it meets; whether it is to be the last.
+    def add_step(self, step: IntegrationStep, longest: float, before: Array) -> bool:
+        """Add the samples and events of a step; return whether the simulation ends in it.
 
         Args:
             step: the step.
@@ -94,20 +94,21 @@ class Record:
             before: (n,) unknowns where it begins.
 
         Raises:
-            Lost: the loops cannot be closed at a sample; nothing is kept.
+            OpenLoopsError: the loops cannot be closed at a sample; nothing is added.
         """
         self.steps += 1
         system, after, length = step.system, step.end, step.last - step.first
-        times = self.until(step.last)
-        passed, rated, stop = self._watch.look(step, times, length / max(longest, length))
+        times = self.times_until(step.last)
+        passed, rated, stop = self._detector.events_in_step(
+            step, times, length / max(longest, length))
         if stop is not None:
-            times = self.until(stop.value)
+            times = self.times_until(stop.value)
             last = self._at[self.filled - 1] if self.filled else -np.inf
             if stop.value > max([last, *times]):
                 times = np.union1d(times, [stop.value])
         unknowns = step.unknowns(times) if times.size else np.empty((0, len(after)))
         first = self.filled
-        self.evaluate(system, times, unknowns)
+        self.add_samples(system, times, unknowns)
         for value, at in system.crossings(before, after):
             earlier = (unknowns[:, 0] - at) * after[1] < 0.0
             self.note_crossing(value, first + int(np.count_nonzero(earlier)))
@@ -123,7 +124,7 @@ class Record:
         return stop is not None
 
     def note_coordinates(self, free: list[int]) -> None:
-        """Record the independent coordinates used from here on, given their velocity entries."""
+        """Record the names of new independent coordinates, from their velocity entries."""
         names = self._problem.mechanism.coordinates
         self._coordinates += [names[v] for v in free]
 
@@ -133,8 +134,8 @@ class Record:
                 "the one that goes straight on")
         self.events.append(Event("branch point", value, sample, text))
 
-    def all(self) -> tuple[Array, SimulationSamples]:
-        """Return the times (N,) of samples that are there, and these."""
+    def recorded(self) -> tuple[Array, SimulationSamples]:
+        """Return the times (N,) of the samples so far, and the samples."""
         return self._at[: self.filled], SimulationSamples(*(x[: self.filled] for x in self.room))
 
     def motion(
@@ -148,7 +149,7 @@ class Record:
             integrators: names of those that have taken the steps.
         """
         problem, names = self._problem, [c.name for c, _ in self._problem.drives]
-        times, (q, v, a, numbers, efforts, angles) = self.all()
+        times, (q, v, a, numbers, efforts, angles) = self.recorded()
         error, kinetic, energy, work = numbers.T.copy()
         lifted = lift_offs(problem.mechanism, _multipliers(problem, *self.all()), times,
                            "at {:.9g} s") if contacts_of(problem.mechanism) else []
@@ -171,17 +172,17 @@ class Record:
         Raises:
             EnergyError: there are some.
         """
-        times, samples = self.all()
+        times, samples = self.recorded()
         for k, (t, row) in enumerate(zip(times.tolist(), samples.numbers.tolist(), strict=True)):
             try:
-                self.balance.refuse_to_lose(t, Energies(*row[1:]))
+                self.balance.check(t, Energies(*row[1:]))
             except EnergyError:
                 self.filled = k
                 raise
 
 
-class Balance:
-    """What is exchanged along a motion, and what of it may come from nowhere.
+class EnergyBalance:
+    """The energy balance along a motion, and its largest allowed error.
 
     Args:
         problem: what acts.
@@ -193,7 +194,7 @@ class Balance:
         self._start, self._least, self._most, self._size = start, np.inf, -np.inf, 0.0
         fixed = INTEGRATORS[accuracy.integrator].is_fixed
         creeps = fixed and problem.forces.resistance  # which is warned of: losses are not known
-        self._watches = problem.is_steady and not creeps
+        self._is_checked = problem.is_steady and not creeps
         self._part = WORST if fixed else min(
             WORST, max(LOST_SHARE, MOST_ERRORS * accuracy.time_tolerance))
         self._remedy = ("take a smaller time_tolerance or step, or formulation='independent'"
@@ -204,15 +205,15 @@ class Balance:
             self._remedy += (f"; or {', '.join(jumping)} was wound beyond half a turn, where its "
                              "energy jumps: a spring about a joint counts turns")
         self._name, self._least_exchange = problem.mechanism.name, problem.least_exchange
-        self._keeps(start)
+        self._holds(start)
 
-    def refuse_to_lose(self, t: float, now: Energies) -> None:
-        """Refuse a step, or a sample, at which energy is not that of the start and the work since.
+    def check(self, t: float, now: Energies) -> None:
+        """Refuse a step, or a sample, at which the energy balance does not hold.
 
         Raises:
             EnergyError: energy was lost or gained.
         """
-        if self._keeps(now):
+        if self._holds(now):
             return
         raise EnergyError(
             f"mechanism {self._name!r}: at {t:.9g} s there are "
@@ -220,7 +221,7 @@ class Balance:
             f"{self._start.total:.6g} J were at the start: energy came from nowhere or was lost; "
             f"{self._remedy}")
 
-    def _keeps(self, now: Energies) -> bool:
+    def _holds(self, now: Energies) -> bool:
         rest = now.total - now.kinetic
         self._least, self._most = min(self._least, rest), max(self._most, rest)
         self._size = max(self._size, now.kinetic, self._most - self._least, abs(now.work))

@@ -1,4 +1,4 @@
-"""A Simulation: a Motion in time, with its energies and what it took."""
+"""A Simulation: a Motion in time, with its energies and its cost."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ TOLD = ("energy_drift", "coordinates", "evaluations", "steps", "by_drivers", "jo
 
 
 class Projection(NamedTuple):
-    """What it took to take the steps of a "projected" simulation back to closed loops.
+    """The cost of closing the loops after the steps of a "projected" simulation.
 
     Attributes:
         steps: how many steps were projected.
@@ -230,13 +230,13 @@ class Simulation(Motion):
         content = read_content(path, mechanism)
         if not content.keys() >= WITH_ENERGIES:
             raise SpatialPinError(f"{path}: not a simulation that Simulation.save wrote")
-        told = json.loads(str(content["told"]))
-        told["joint_limits"] = [Passing(JointLimit(*limit), *where)
-                                for limit, *where in told["joint_limits"]]
-        told["projection"] = Projection(*told["projection"]) if told["projection"] else None
+        fields = json.loads(str(content["told"]))
+        fields["joint_limits"] = [Passing(JointLimit(*limit), *where)
+                                for limit, *where in fields["joint_limits"]]
+        fields["projection"] = Projection(*fields["projection"]) if fields["projection"] else None
         efforts = dict(zip(content["effort_names"].tolist(), content["efforts"], strict=True))
         return cls(mechanism, **fields_of(content), energy=content["energy"],
-                   work=content["work"], efforts=ByDriver(mechanism, efforts), **told)
+                   work=content["work"], efforts=ByDriver(mechanism, efforts), **fields)
 
     def __str__(self) -> str:
         used = f" in {', '.join(self.coordinates)}" if self.coordinates else ""
@@ -275,7 +275,7 @@ class Energies(NamedTuple):
 
 
 class LeastExchange:
-    """The least energy that counts as exchanged: what stands still exchanges only round-off.
+    """The least energy that counts as exchanged; less is round-off.
 
     It is a part of the energy, or of that of a fall over the mechanism's size, because heights are
     known to round-off of that. The energy of a spring near its free length is a square of
@@ -296,12 +296,12 @@ class LeastExchange:
             if spring.is_bushing:
                 stretching += float(np.max(spring.stiffness)) * max(size, 1.0) ** 2
                 continue
-            stiffness = max(spring.slopes(spring.free + way, 0.0)[0] for way in (unit, -unit))
+            stiffness = max(spring.slopes(spring.free + sense, 0.0)[0] for sense in (unit, -unit))
             stretching += stiffness * (abs(spring.free) + unit) ** 2
         self._pulling = EPS * (stretching + float(np.abs(efforts) @ scale))
 
     def __call__(self, *energies: float) -> float:
-        """Return it [J], given the energies [J]."""
+        """Return this least energy [J] for some energies [J]."""
         return max(SMALL * max(self._falling, *map(abs, energies)), self._pulling)
 
 

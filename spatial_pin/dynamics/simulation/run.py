@@ -1,4 +1,4 @@
-"""A simulation under way: one machine, which goes from state to state until it ends.
+"""A simulation under way: one state machine, with these transitions.
 
     stepping -> stepping    an integrator leads on in the equations of motion in use: many steps in
                             the kernel, or one that is looked at here
@@ -25,13 +25,13 @@ from typing import Any
 import numpy as np
 
 from spatial_pin.assembly.state import State
-from spatial_pin.dynamics.simulation.events import SINGULAR, IntegrationStep, Watch
+from spatial_pin.dynamics.simulation.events import SINGULAR, EventDetector, IntegrationStep
 from spatial_pin.dynamics.simulation.formulations import (
     FORMULATIONS,
     GivenUp,
-    Independent,
-    Lost,
-    Projected,
+    IndependentFormulation,
+    OpenLoopsError,
+    ProjectedFormulation,
 )
 from spatial_pin.dynamics.simulation.integrators import Stepping
 from spatial_pin.dynamics.simulation.problem import Problem
@@ -61,8 +61,8 @@ SHORTEST = 1e-13  # shortest step relative to the time: it is not halved any mor
 FALLEN = 1e-3  # a singular value that fell to this part of its first value goes to zero
 
 
-class Then(Enum):
-    """What follows a step."""
+class NextAction(Enum):
+    """The next action of a simulation."""
 
     STEP = "the next one"
     REPEAT = "the same one, shorter"
@@ -79,7 +79,7 @@ class Run:
         accuracy: formulation, integrator, its tolerance or step.
         state: where it starts.
         times: (N,) of the samples.
-        watch: the events to look for.
+        detector: detects the events.
 
     Attributes:
         t: time reached [s].
@@ -87,35 +87,37 @@ class Run:
         record: the samples so far.
     """
 
-    _system: Independent  # in use
+    _system: IndependentFormulation  # in use
 
     def __init__(
-        self, problem: Problem, accuracy: Accuracy, state: State, times: Array, watch: Watch
+        self, problem: Problem, accuracy: Accuracy, state: State, times: Array,
+        detector: EventDetector,
     ) -> None:
-        self._problem, self._accuracy, self._watch = problem, accuracy, watch
+        self._problem, self._accuracy, self._detector = problem, accuracy, detector
         self.t, self._end = 0.0, float(times[-1])
         self.y: Array = np.empty(0)
-        self.record = record = Record(problem, times, watch)
+        self.record = record = Record(problem, times, detector)
         self._stepping = Stepping(problem, accuracy, self._end)
         self._in_use = EquationsInUse(problem, accuracy, state, record, self._stepping)
         self._solver: Any = None
         self._is_short = False
         self._kernel_run = RunStruct(
             address(record.times), len(record.times), 0, SampleStruct(*map(address, record.room)),
-            allowed=float(accuracy.most_steps), looks=watch.always,
-            n_limits=len(watch.bounds["limit_q"]), between=problem.between,
-            **{name: address(x) for name, x in watch.bounds.items()})
+            allowed=float(accuracy.most_steps), looks=detector.always,
+            n_limits=len(detector.bounds["limit_q"]), between=problem.between,
+            **{name: address(x) for name, x in detector.bounds.items()})
 
     def follow(self) -> Iterator[float]:
-        """Go from state to state until the end; yields the time where steps have led on."""
+        """Take steps until the end; yields the time after each accepted step."""
         self._begin()
-        then = Then.STEP
-        while self.t < self._end and then is not Then.END:
-            if then in (Then.CHOOSE, Then.GIVE_UP):
-                self._system, self.y = self._in_use.change(self.t, self.y, then is Then.GIVE_UP)
+        action = NextAction.STEP
+        while self.t < self._end and action is not NextAction.END:
+            if action in (NextAction.CHOOSE, NextAction.GIVE_UP):
+                self._system, self.y = self._in_use.change(
+                    self.t, self.y, action is NextAction.GIVE_UP)
                 self._solver = self._stepping.begin(self._system, self.t, self.y)
-            then = self._step()
-            if then not in (Then.REPEAT, Then.GIVE_UP):
+            action = self._step()
+            if action not in (NextAction.REPEAT, NextAction.GIVE_UP):
                 yield self.t
 
     def _begin(self) -> None:
@@ -123,41 +125,41 @@ class Run:
         record, system = self.record, self._in_use.begin(0.0, self._in_use.first)
         self._system = system
         self.y = system.unknowns(self._in_use.first.v, 0.0)
-        record.begin(system.energies(0.0, self.y), self._accuracy)
-        start = record.until(0.0)
-        record.evaluate(system, start, self.y[None][: len(start)])
+        record.set_start(system.energies(0.0, self.y), self._accuracy)
+        start = record.times_until(0.0)
+        record.add_samples(system, start, self.y[None][: len(start)])
         if not len(self.y):  # no freedom and no work: the drivers' laws alone determine the motion
-            rest = record.until(self._end)
-            record.evaluate(system, rest, np.empty((len(rest), 0)))
+            rest = record.times_until(self._end)
+            record.add_samples(system, rest, np.empty((len(rest), 0)))
             self.t = self._end
         elif self.t < self._end:
             self._solver = self._stepping.begin(system, self.t, self.y)
 
-    def _step(self) -> Then:
-        """Take a step, or many in the kernel; what is to follow."""
-        solver, why = self._solver, self._leap()
+    def _step(self) -> NextAction:
+        """Take one step, or many in the kernel; return the next action."""
+        solver, why = self._solver, self._kernel_steps()
         if why is None:
             solver.step()
         if (solver.status == "failed" or why == AT_FAILURE
                 or not solver.t > solver.t_old):  # LSODA goes on for ever
-            return Then.GIVE_UP
+            return NextAction.GIVE_UP
         if why in ROUTINE:
-            self._stepping.refuse_to_go_on_for_ever(self.t, self.record.steps, solver)
-            return Then.CHOOSE if why == NEW_COORDINATES else Then.STEP
+            self._stepping.check_step_limit(self.t, self.record.steps, solver)
+            return NextAction.CHOOSE if why == NEW_COORDINATES else NextAction.STEP
         before = self.y if why is None else solver.y_old
-        if why == NO_SAMPLES or (stops := self._keep(before)) is None:
+        if why == NO_SAMPLES or (stops := self._accept(before)) is None:
             self._repeat(before)
-            return Then.REPEAT
+            return NextAction.REPEAT
         if stops:
-            return Then.END
-        self._stepping.refuse_to_go_on_for_ever(self.t, self.record.steps, solver)
+            return NextAction.END
+        self._stepping.check_step_limit(self.t, self.record.steps, solver)
         return self._next()
 
-    def _leap(self) -> int | None:
-        """Take many steps and their samples in the kernel; why it paused, None if it cannot.
+    def _kernel_steps(self) -> int | None:
+        """Take many steps in the kernel; return why it paused, None if it takes none.
 
-        Unless the reason is in ROUTINE, the last step still has to be looked at: for its events
-        and its samples.
+        Unless the reason is in ROUTINE, events and samples of the last step are still to be
+        evaluated.
         """
         system, solver, record, run = (
             self._system, self._solver, self.record, self._kernel_run)
@@ -165,7 +167,7 @@ class Run:
             return None
         before, run.row, run.n_crossed, run.patience = (
             solver.steps, record.filled, 0, system.patience)
-        run.most = self._stepping.most(record.steps)
+        run.most = self._stepping.steps_at_once(record.steps)
         run.largest_pivot, run.largest_step = self._stepping.largest
         try:
             why = solver.run(run)
@@ -174,39 +176,39 @@ class Run:
         for x, row in zip(run.crossed[: run.n_crossed], run.crossed_row, strict=False):
             record.note_crossing(system.coordinate_at(x), row)
         taken = solver.steps - before
-        self._stepping.leapt(taken, np.array([run.largest_pivot, run.largest_step]))
+        self._stepping.note_kernel_steps(taken, np.array([run.largest_pivot, run.largest_step]))
         record.steps += taken if why in ROUTINE else max(taken - 1, 0)
         if why in ROUTINE:
-            self._stepping.note(system, solver)
+            self._stepping.note_integrator(system, solver)
             self.t, self.y = solver.t, solver.y
         return why
 
-    def _keep(self, before: Array) -> bool | None:
-        """Keep the last step, which began at unknowns (n,), with its samples and events.
+    def _accept(self, before: Array) -> bool | None:
+        """Record the last step, from unknowns (n,), with its samples and events.
 
         Returns:
-            Whether it is to be the last; None where it leads nowhere, or closed loops do not lie
-            between its ends: nothing is kept.
+            Whether it is the last one. None if it is rejected: the loops cannot be closed at its
+            end or within it.
 
         Raises:
             SingularError: steps only creep on.
         """
         system, solver, stepping = self._system, self._solver, self._stepping
-        if isinstance(system, Projected):
+        if isinstance(system, ProjectedFormulation):
             opened = system.settle(solver)
             if opened > 1.0:
                 self._is_short = True
                 return None
             if self._is_short and opened < LITTLE:
                 solver.max_step = min(2.0 * solver.max_step, self._accuracy.step or np.inf)
-            self.record.balance.refuse_to_lose(solver.t, system.energies(solver.t, solver.y))
+            self.record.balance.check(solver.t, system.energies(solver.t, solver.y))
         if stepping.creeps(system.kernel.pivot, solver.t - solver.t_old):
             raise self._in_use.singular(self.t, system.state(solver.t, solver.y))
-        stepping.note(system, solver)
+        stepping.note_integrator(system, solver)
         try:
-            stops = self.record.take(
+            stops = self.record.add_step(
                 IntegrationStep(system, solver), float(stepping.largest[1]), before)
-        except Lost:
+        except OpenLoopsError:
             return None
         self.t, self.y = solver.t, solver.y
         return stops
@@ -220,7 +222,7 @@ class Run:
         """
         system = self._system
         self.t, self.y = float(self._solver.t_old), before
-        self._watch.forget()
+        self._detector.reset()
         step = self._solver.t - self.t
         if INTEGRATORS[self._accuracy.integrator].is_fixed:
             raise SpatialPinError(
@@ -231,27 +233,28 @@ class Run:
         self._solver = self._stepping.begin(
             system, self.t, self.y, 0.5 * step, not system.projects)
 
-    def _next(self) -> Then:
-        """Return what follows a step that was kept; another integrator may go on."""
+    def _next(self) -> NextAction:
+        """Return the next action after an accepted step; may change the integrator."""
         system, solver = self._system, self._solver
         if solver.status == "running":
             if system.needs_new_coordinates(self.t, solver.y):
-                return Then.CHOOSE
-            self._solver = self._stepping.succeed(system, self.t, self.y, solver)
-        return Then.STEP
+                return NextAction.CHOOSE
+            self._solver = self._stepping.next_integrator(system, self.t, self.y, solver)
+        return NextAction.STEP
 
     def end_without_inertia(self) -> bool:
-        """End a motion that cannot be followed, if that is for want of inertia; whether it is.
+        """End a motion that stops because inertia vanishes; return whether that is the cause.
 
-        It has the samples until then whose energy is right: a fixed step may leap over the place.
+        The samples before it remain, if their energy is right: a fixed step may jump over the
+        singular configuration.
         """
-        record, inertia = self.record, self._watch.inertia
+        record, inertia = self.record, self._detector.inertia
         if not record.filled:
             return False
         with suppress(EnergyError):
             record.refuse_samples()
-        times, samples = record.all()
-        if not inertia.was_ahead(times, samples.q, samples.v):
+        times, samples = record.recorded()
+        if not inertia.vanishes_after_samples(times, samples.q, samples.v):
             return False
         words = inertia.words(times[-1], samples.q[-1], samples.v[-1])
         record.events.append(Event(SINGULAR, float(times[-1]), len(times), words))
@@ -268,13 +271,13 @@ class Run:
 
 
 class EquationsInUse:
-    """Chooses equations of motion: one formulation and its coordinates after the other.
+    """The equations of motion in use: a formulation, and its independent coordinates.
 
     Args:
         problem: what acts.
         accuracy: formulation and tolerances.
         first: where the simulation starts.
-        record: where the coordinates are noted.
+        record: gets the names of the coordinates.
         stepping: the lengths of the steps.
 
     Attributes:
@@ -287,14 +290,16 @@ class EquationsInUse:
     ) -> None:
         self._problem, self._accuracy, self.first = problem, accuracy, first
         self._record, self._stepping = record, stepping
-        self._system: Independent | None = None
+        self._system: IndependentFormulation | None = None
         self._projections: list[Projection] = []  # of the equations of motion used before
         self._evaluations = 0  # of these
         self._started_at, self._failed_at = 0.0, -1.0
         self._given_up: set[tuple[type, tuple[int, ...]]] = set()  # at the time of the failure
         self._clock = time.perf_counter()
 
-    def begin(self, t: float, state: State, given_up: GivenUp = frozenset()) -> Independent:
+    def begin(
+        self, t: float, state: State, given_up: GivenUp = frozenset()
+    ) -> IndependentFormulation:
         """Return equations of motion that begin at a state.
 
         Raises:
@@ -304,7 +309,7 @@ class EquationsInUse:
         system = formulate(self._problem, state, given_up)
         if self._system is not None:
             self._evaluations += self._system.kernel.evaluations
-        if isinstance(self._system, Projected):
+        if isinstance(self._system, ProjectedFormulation):
             self._projections.append(self._system.projection)
         self._system = system
         if (type(system), tuple(system.free)) in given_up:
@@ -312,8 +317,8 @@ class EquationsInUse:
         self._note_start(system, t)
         return system
 
-    def change(self, t: float, y: Array, failed: bool) -> tuple[Independent, Array]:
-        """Choose other independent coordinates, or begin anew; return them and the unknowns there.
+    def change(self, t: float, y: Array, failed: bool) -> tuple[IndependentFormulation, Array]:
+        """Choose other independent coordinates, or restart; return equations and unknowns.
 
         Raises:
             SingularError: none can be followed.
@@ -329,7 +334,7 @@ class EquationsInUse:
             if not self._stepping.is_short(t - self._failed_at):
                 self._failed_at = t
                 self._given_up.clear()
-            if system.is_fresh_the_same or self._stepping.is_short(t - self._started_at):
+            if system.is_unchanged_by_restart or self._stepping.is_short(t - self._started_at):
                 self._given_up.add((type(system), tuple(system.free)))
         try:
             fresh = self.begin(t, state, self._given_up if failed else frozenset())
@@ -339,7 +344,7 @@ class EquationsInUse:
             raise self.singular(t, state) from error
         return fresh, fresh.unknowns(state.v, float(y[-1]) if self._problem.works else 0.0)
 
-    def _note_start(self, system: Independent, t: float) -> None:
+    def _note_start(self, system: IndependentFormulation, t: float) -> None:
         self._record.note_coordinates(system.free)
         self._started_at = t
 
@@ -354,7 +359,7 @@ class EquationsInUse:
         """Return why the motion cannot be followed beyond unknowns y at a time [s]."""
         try:
             state = self._system.state(t, y) if self._system else self.first
-        except Lost:
+        except OpenLoopsError:
             return "the loops cannot be closed there as on the way to it"
         return why_it_ends(self._problem, self._accuracy, self.first, t, state)
 
@@ -365,8 +370,8 @@ class EquationsInUse:
 
     @property
     def projection(self) -> Projection | None:
-        """What projecting has taken, if anything was projected."""
-        if not isinstance(self._system, Projected):
+        """The cost of the projections; None without them."""
+        if not isinstance(self._system, ProjectedFormulation):
             return None
         parts = [*self._projections, self._system.projection]
         seconds = sum(part.seconds for part in parts)
@@ -377,7 +382,7 @@ class EquationsInUse:
 
 
 def why_it_ends(problem: Problem, accuracy: Accuracy, first: State, t: float, last: State) -> str:
-    """Return the cause, in words.
+    """Return why a motion cannot be followed, as text.
 
     The loops are looked at first, then the forces, then the masses: each makes what comes after
     it look bad too.
@@ -414,14 +419,14 @@ def _accelerations(problem: Problem, t: float, state: State) -> tuple[Array, flo
     q, v = state.q, state.v
     bias = np.array([*evaluation.bias(q, v)[: len(loops)],
                      *(-law(t)[2] / problem.scale[c.v] for c, law in problem.drives)])
-    given = problem.given(t, q, v, evaluation)
+    given = problem.joint_forces(t, q, v, evaluation)
     least = problem.least_constraint.solve(
         q, v, motions.carried(bias[picked], v), motions.columns, given)
     return least.a, 1.0 if least.lost else least.error, given
 
 
 def _rows(problem: Problem, state: State) -> tuple[LoopEquations, Array, Array]:
-    """Return an evaluation at a state, the loops' rows, and those with the prescribed ones."""
+    """Return an evaluation at a state, the closure rows, and these with the prescribed rows."""
     evaluation = loops_at(problem.mechanism, state.q, state.angles)
     loops = evaluation.jacobian[: evaluation.constraints.n_closure].copy()
     drives = np.eye(problem.model.nv)[[c.v for c, _ in problem.drives]]
@@ -450,7 +455,7 @@ def _lost_rank(problem: Problem, first: State, last: State) -> str:
 
 
 def _least(rows: Array, rank: int) -> float:
-    """Return the smallest of as many singular values as there are independent rows, 1 if none."""
+    """Return singular value number `rank`, relative to the largest; 1 for rank 0."""
     s = decompose(rows).s
     return float(s[rank - 1] / s[0]) if rank else 1.0
 

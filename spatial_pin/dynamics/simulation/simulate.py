@@ -23,8 +23,8 @@ from spatial_pin._support.progress import progress_bar
 from spatial_pin.assembly.close import close
 from spatial_pin.assembly.state import State, carried_angles, moving_in_time
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
-from spatial_pin.dynamics.simulation.events import AT_LIMITS, Watch
-from spatial_pin.dynamics.simulation.formulations import Lost
+from spatial_pin.dynamics.simulation.events import AT_LIMITS, EventDetector
+from spatial_pin.dynamics.simulation.formulations import OpenLoopsError
 from spatial_pin.dynamics.simulation.global_error import comparison, error_estimates
 from spatial_pin.dynamics.simulation.problem import (
     EffortLaw,
@@ -66,10 +66,10 @@ DURATIONS = 1e-100, 1e100
 INTERVALS = 1000  # samples of a simulation without `times`, less one
 
 
-def floats(problem: Problem) -> bool:
-    """Whether nothing holds or pulls a mechanism but gravity, so that it may be seen from anywhere.
+def is_in_free_fall(problem: Problem) -> bool:
+    """Whether a mechanism falls freely: no joint, closure or force connects it with the ground.
 
-    Efforts given as a function are not known before, and may pull at it.
+    Efforts given as a function may act from the ground, so they exclude it.
     """
     mechanism, model = problem.mechanism, problem.model
     if "floating" not in mechanism.pairs:
@@ -96,7 +96,7 @@ def _roots(mechanism: Mechanism) -> list[int]:
 
 
 class FreeFall:
-    """The motion of the centre of mass, and a mechanism as it is seen from there.
+    """A mechanism in free fall, relative to its centre of mass.
 
     Args:
         state: where it begins.
@@ -104,7 +104,7 @@ class FreeFall:
 
     Attributes:
         mechanism: the same mechanism, weightless.
-        state: the same state, seen from the centre of mass.
+        state: the same state, relative to the centre of mass.
     """
 
     def __init__(self, state: State, tolerance: float) -> None:
@@ -119,7 +119,7 @@ class FreeFall:
         weightless = self._whole.model.copy()
         weightless.gravity = pin.Motion.Zero()
         self.mechanism = state.mechanism.with_fields(model=weightless)
-        q, v, _ = self._seen(0.0, state.q, state.v, state.a, -1.0)
+        q, v, _ = self._shifted(0.0, state.q, state.v, state.a, -1.0)
         with loops_of(self.mechanism, state.angles) as evaluation:
             evaluation.update(q)
             if evaluation.closure_error > tolerance:
@@ -127,10 +127,10 @@ class FreeFall:
             self.state = State(self.mechanism, q, v, closure_error=evaluation.closure_error,
                                angles=evaluation.angles)
 
-    def _seen(
+    def _shifted(
         self, t: float, q: Array, v: Array, a: Array, sense: float
     ) -> tuple[Array, Array, Array]:
-        """Return q, v, a with the motion of the centre of mass added (1) or taken away (-1)."""
+        """Return q, v, a with the motion of the centre of mass added (1) or subtracted (-1)."""
         model, (q, v, a) = self._whole.model, (x.copy() for x in (q, v, a))
         speed = sense * (self._speed + self._gravity * t)
         away = sense * (self._start + (self._speed + 0.5 * self._gravity * t) * t)
@@ -143,17 +143,19 @@ class FreeFall:
             a[j : j + 3] += sense * (turned.T @ self._gravity) - np.cross(v[j + 3 : j + 6], u)
         return q, v, a
 
-    def back(self, t: float, state: State) -> State:
-        """Return a state at a time as it is seen from the world."""
-        q, v, a = self._seen(t, state.q, state.v, state.a, 1.0)
+    def world_state(self, t: float, state: State) -> State:
+        """Return a state, relative to the centre of mass, as a state in the world."""
+        q, v, a = self._shifted(t, state.q, state.v, state.a, 1.0)
         return State(self._whole, q, v, a, closure_error=state.closure_error, angles=state.angles)
 
-    def watched(self, function: Callable[[float, State], Any] | None) -> Any:
-        """Return a function of time and State for the States that are seen from here."""
-        return None if function is None else lambda t, state: function(t, self.back(t, state))
+    def with_world_states(self, function: Callable[[float, State], Any] | None) -> Any:
+        """Return a function of world States as one of States relative to the centre of mass."""
+        if function is None:
+            return None
+        return lambda t, state: function(t, self.world_state(t, state))
 
     def motion(self, seen: Simulation, start: Energies, efforts: Array) -> Simulation:
-        """Return a motion as it is seen from the world.
+        """Return a motion relative to the centre of mass as a motion in the world.
 
         Args:
             seen: the motion.
@@ -161,7 +163,7 @@ class FreeFall:
             efforts: (nv,) that act [N·m, N].
         """
         assert seen.time is not None
-        rows = [self._seen(*row, 1.0) for row in zip(
+        rows = [self._shifted(*row, 1.0) for row in zip(
             seen.time.tolist(), seen.q, seen.v, seen.a, strict=True)]
         q, v, a = (np.array(x) for x in zip(*rows, strict=True)) if rows else (
             seen.q, seen.v, seen.a)
@@ -340,12 +342,12 @@ def _followed(
     problem = Problem(mechanism, efforts, drives, laws, accuracy.tolerance, slip_speed,
                       external_forces(mechanism, external, times))
     _check_start(problem, state)
-    fall = FreeFall(state, accuracy.tolerance) if floats(problem) else None
+    fall = FreeFall(state, accuracy.tolerance) if is_in_free_fall(problem) else None
     if fall is not None:
-        state, stop_when = fall.state, fall.watched(stop_when)
+        state, stop_when = fall.state, fall.with_world_states(stop_when)
         problem = Problem(fall.mechanism, efforts, drives, laws, accuracy.tolerance, slip_speed)
-    watch = Watch(problem, state, stop_when, on_joint_limit)
-    run = Run(problem, accuracy, state, times, watch)
+    detector = EventDetector(problem, state, stop_when, on_joint_limit)
+    run = Run(problem, accuracy, state, times, detector)
 
     def motion() -> Simulation:
         moved = run.motion() if fall is None else fall.motion(
@@ -376,15 +378,15 @@ def _followed(
 
 
 def _ended(
-    error: Lost | SingularError | StepLimitError, run: Run, moved: Simulation,
+    error: OpenLoopsError | SingularError | StepLimitError, run: Run, moved: Simulation,
     fall: FreeFall | None,
 ) -> SpatialPinError:
     """Return the error of a motion that cannot be followed further, with the motion so far."""
-    if isinstance(error, Lost):
+    if isinstance(error, OpenLoopsError):
         return SingularError(
             f"mechanism {moved.mechanism.name!r}: the motion cannot be followed beyond "
             f"{run.t:.9g} s: {str(error) or run.why()}", motion=moved)
     error.motion = moved
     if fall is not None and isinstance(error, SingularError) and error.state is not None:
-        error.state = fall.back(run.t, error.state)
+        error.state = fall.world_state(run.t, error.state)
     return error

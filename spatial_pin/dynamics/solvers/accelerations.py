@@ -40,7 +40,7 @@ LEAST_ERROR = 16.0 * EPS  # error of accelerations: their forces are rounded a f
 
 
 class Limbs:
-    """The joints of a mechanism that no loop is built on, and the core that is left.
+    """The joints of a mechanism outside its loops, and the remaining core.
 
     Such joints are eliminated, from the tips inwards, at a cost in proportion to their number: the
     articulated-body algorithm [Featherstone2008, 7.3]. The core has a KKT system as if its bodies
@@ -125,7 +125,7 @@ class Limbs:
 
     @property
     def is_of_forces(self) -> bool:
-        """Whether round-off of the joint forces is most of `error`: no solver can know more."""
+        """Whether round-off of the joint forces is most of `error`: no solver can be better."""
         return self.error * float(np.abs(self.a / self._scale).max()) <= 10.0 * self._of_forces
 
 
@@ -168,13 +168,13 @@ class MotionEquations(Loops):
             closures = limbs.kkt.closures.copy() if limbs.kkt else np.zeros(self.model.nv)
             return Solution(limbs.a.copy(), closures, limbs.error)
         state, kkt = self.state, self.kkt
-        needed = self.bodies.needed(state.q, state.v)
+        needed = self.bodies.inverse_dynamics(state.q, state.v)
         a = self.by_kkt(state.q, state.v, self.angle_reference, given, needed).copy()
         closures, error = kkt.closures.copy(), kkt.error
         # the least constraint is dense: of a large tree only where the KKT system is singular
-        is_sure = kkt.pivot >= TOLERANCES.rank if self._is_large else error <= DOUBTFUL
+        is_accurate = kkt.pivot >= TOLERANCES.rank if self._is_large else error <= DOUBTFUL
         self.check_rank(kkt.rank)
-        if is_sure:
+        if is_accurate:
             return Solution(a, closures, error)
         if is_in_kernel(self.model) and not self._is_large and kkt.pivot >= TOLERANCES.zero:
             corrected = self._corrected(a, closures, given)
@@ -190,10 +190,11 @@ class MotionEquations(Loops):
             return Solution(a, closures, error)
         self._refuse(least)
         self.undetermined = tuple(self.moving(self._still(least)))
-        return Solution(least.a, self.bodies.needed(state.q, state.v, least.a) - given, least.error)
+        closures = self.bodies.inverse_dynamics(state.q, state.v, least.a) - given
+        return Solution(least.a, closures, least.error)
 
     def by_kkt(self, q: Array, v: Array, reference: Array, given: Array, needed: Array) -> Array:
-        """Return accelerations (nv,) from the KKT system; the next call overwrites them.
+        """Return accelerations (nv,) from the KKT system; overwritten by the next call.
 
         Args:
             q: (nq,) configuration.
@@ -206,13 +207,13 @@ class MotionEquations(Loops):
         return self.kkt.accelerations(q, v, reference, given, needed)
 
     def _corrected(self, a: Array, closures: Array, given: Array) -> Solution:
-        """Correct what the KKT system gave by what is missing in forces and closure equations.
+        """Correct the KKT solution by the residual of forces and closure equations.
 
         Its estimate, from a condition, is far too large for a long arm that carries loops; by how
         much accelerations change tells how far off they were.
         """
         state = self.state
-        missing = given + closures - self.bodies.needed(state.q, state.v, a)
+        missing = given + closures - self.bodies.inverse_dynamics(state.q, state.v, a)
         opening = self.scaled @ (a / self.scale) + self.evaluation.bias(state.q, state.v)
         (change,), (multipliers,) = self.kkt.solve(missing[None], opening[None])
         closures = closures + (multipliers @ self.scaled) / self.scale
@@ -221,7 +222,7 @@ class MotionEquations(Loops):
 
     @cached_property
     def limbs(self) -> Limbs | None:
-        """What no loop is built on, if there is anything."""
+        """The joints outside loops; None without any."""
         model, tied = self.model, self.constraints.tied
         is_core = np.array([tied[first : first + n].any() for first, n in zip(
             model.idx_vs, model.nvs, strict=True)])
@@ -259,7 +260,7 @@ class MotionEquations(Loops):
             SingularError: forces act on a motion without inertia, or no digit is left.
         """
         if least.pulled:
-            raise self.no_inertia(self._still(least))
+            raise self.no_inertia_error(self._still(least))
         if least.lost:
             worst = self.mechanism.coordinates[int(np.argmax(least.off / self.scale))]
             raise SingularError(
@@ -268,16 +269,18 @@ class MotionEquations(Loops):
                 "ones zero", state=self.state)
 
     def _still(self, least: Least) -> Array:
-        """Return the motions (k, nv) without inertia, scaled so that something moves by one."""
+        """Return the motions (k, nv) without inertia, scaled to a largest motion of one."""
         still = least.still / self.scale
         return still / np.abs(still).max(axis=1, keepdims=True, initial=1e-300)
 
-    def no_inertia(self, motions: Array) -> SingularError:
+    def no_inertia_error(self, motions: Array) -> SingularError:
         """Return the error for motions (k, nv) that forces work on but that have no inertia."""
-        return no_inertia(self.mechanism, self.moving(motions), self.state)
+        return no_inertia_error(self.mechanism, self.moving(motions), self.state)
 
 
-def no_inertia(mechanism: Mechanism, names: list[str], state: State | None = None) -> SingularError:
+def no_inertia_error(
+    mechanism: Mechanism, names: list[str], state: State | None = None
+) -> SingularError:
     """Return the error for forces on a motion of these coordinates that has no inertia."""
     return SingularError(
         f"mechanism {mechanism.name!r}: a motion of {', '.join(names)} has no inertia but a force "

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from spatial_pin.constraints.kernel_tree import KernelTree
 from spatial_pin.constraints.pinocchio_views import forces
-from spatial_pin.constraints.trees import is_in_kernel, related
+from spatial_pin.constraints.trees import is_in_kernel, mass_pattern
 from spatial_pin.mechanism.inertia import MassMatrix
 from spatial_pin.numerics.linalg import Array
 
 
-class WholeTree:
-    """A tree taken whole."""
+class TreeDynamics:
+    """Mass matrix and inverse dynamics of a small tree, by Pinocchio."""
 
     def __init__(self, model: pin.Model) -> None:
         self.model, self._data = model, model.createData()
@@ -24,13 +24,13 @@ class WholeTree:
 
     @property
     def n_masses(self) -> int:
-        """How many numbers `masses` returns."""
+        """Length of `masses`."""
         return int(self.model.nv) ** 2
 
     @cached_property
-    def mass_at(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
-        """Rows, columns and places in `masses` of all entries that can be other than zero."""
-        rows, columns = related(self.model)
+    def mass_entry_indices(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+        """Rows, columns and indices in `masses` of all entries that can be other than zero."""
+        rows, columns = mass_pattern(self.model)
         return rows, columns, rows * self.model.nv + columns
 
     @cached_property
@@ -49,20 +49,20 @@ class WholeTree:
         """Return the mass matrix (nv, nv)."""
         return self._matrix(q)
 
-    def needed(self, q: Array, v: Array, a: Array | None = None) -> Array:
+    def inverse_dynamics(self, q: Array, v: Array, a: Array | None = None) -> Array:
         """Return M a + b (nv,), b if no accelerations are given."""
         if a is None:
             return pin.nonLinearEffects(self.model, self._data, q, v)
         return pin.rnea(self.model, self._data, q, v, a)
 
     def transmitted(self, q: Array, v: Array, a: Array) -> Array:
-        """Return (njoints, 6) what joints hand on, joint axes; overwritten by the next call."""
-        self.needed(q, v, a)
+        """Return the forces (njoints, 6) through the joints, joint axes; overwritten later."""
+        self.inverse_dynamics(q, v, a)
         return self._transmitted
 
 
-class BodiesInKernel(WholeTree):
-    """A large tree: memory and time grow in proportion to its size, not to its cube."""
+class KernelTreeDynamics(TreeDynamics):
+    """The same of a large tree in the kernel: memory and time grow in proportion to its size."""
 
     def __init__(self, model: pin.Model) -> None:
         self.model, self._tree = model, KernelTree(model)
@@ -73,12 +73,12 @@ class BodiesInKernel(WholeTree):
 
     @property
     def n_masses(self) -> int:
-        """How many numbers `masses` returns."""
+        """Length of `masses`."""
         return len(self._entries[0])
 
     @cached_property
-    def mass_at(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
-        """Rows, columns and places, see `WholeTree`."""
+    def mass_entry_indices(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+        """Rows, columns and indices, see `TreeDynamics`."""
         return both_halves(*self._entries)
 
     def masses(self, q: Array) -> Array:
@@ -94,12 +94,12 @@ class BodiesInKernel(WholeTree):
         dense[rows, columns] = dense[columns, rows] = self.masses(q)
         return dense
 
-    def needed(self, q: Array, v: Array, a: Array | None = None) -> Array:
+    def inverse_dynamics(self, q: Array, v: Array, a: Array | None = None) -> Array:
         """Return M a + b (nv,), b if no accelerations are given."""
         return self._tree.forces(q, v, a).copy()
 
     def transmitted(self, q: Array, v: Array, a: Array) -> Array:
-        """Return (njoints, 6) what joints hand on, joint axes."""
+        """Return the forces (njoints, 6) through the joints, joint axes."""
         return self._tree.transmitted(q, v, a)
 
 
@@ -113,6 +113,6 @@ def both_halves(
             np.concatenate([indices, off_diagonal]))
 
 
-def bodies_of(model: pin.Model) -> WholeTree:
-    """Return the bodies of a tree."""
-    return (BodiesInKernel if is_in_kernel(model) else WholeTree)(model)
+def bodies_of(model: pin.Model) -> TreeDynamics:
+    """Return mass matrix and inverse dynamics of a tree."""
+    return (KernelTreeDynamics if is_in_kernel(model) else TreeDynamics)(model)

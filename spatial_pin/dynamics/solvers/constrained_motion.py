@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from spatial_pin.assembly.state import State, all_angles
-from spatial_pin.assembly.undetermined import Regular, is_sure, lost_rank, rank_loss
+from spatial_pin.assembly.undetermined import Regular, has_constant_rank, lost_rank_words, rank_loss
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.trees import is_large
 from spatial_pin.dynamics.solvers.bodies import bodies_of
@@ -32,7 +32,7 @@ FOLLOWS = 1e-6
 
 
 class Loops:
-    """Closure equations and bodies of a mechanism, at the State of the last `place`.
+    """Closure equations and bodies of a mechanism, at the State of the last `move_to`.
 
     Args:
         mechanism: the mechanism.
@@ -57,7 +57,7 @@ class Loops:
         self._placed: State | None = None
         self._derived: State | None = None
 
-    def place(self, state: State) -> None:
+    def move_to(self, state: State) -> None:
         """Move to a State of this mechanism.
 
         The State of a file with rounded numbers is that of the mechanism without some redundant
@@ -73,7 +73,7 @@ class Loops:
     @cached_property
     def kkt(self) -> KKT:
         """The KKT system."""
-        return KKT(self.mechanism, self.bodies.mass_at, self.bodies.n_masses)
+        return KKT(self.mechanism, self.bodies.mass_entry_indices, self.bodies.n_masses)
 
     @cached_property
     def _evaluation(self) -> LoopEquations:
@@ -190,7 +190,7 @@ class Loops:
             SingularError: they have; the motion is not determined by the forces.
         """
         known = self._regular
-        if is_sure(self.mechanism, self.n_closure, rank) or (
+        if has_constant_rank(self.mechanism, self.n_closure, rank) or (
                 known is not None and known.holds(self.mechanism, self.state.q, rank)):
             return
         if self._is_large and self.model.nv > PROBED:
@@ -200,7 +200,7 @@ class Loops:
             lost = rank_loss(evaluation, self.state.q, rank)
             self._regular = evaluation.regular
             if lost:
-                why = lost_rank(evaluation, self.state.q, lost, "forces")
+                why = lost_rank_words(evaluation, self.state.q, lost, "forces")
                 raise SingularError(
                     f"mechanism {self.mechanism.name!r}: {self.state}: {why}", state=self.state)
 
@@ -228,7 +228,7 @@ class Loops:
 
     def _rest_without_masses(self, v: Array | None = None, force: Array | None = None) -> Array:
         """Solve the KKT system with a unit mass matrix of the scaled velocities."""
-        rows, columns, at = self.bodies.mass_at
+        rows, columns, at = self.bodies.mass_entry_indices
         own = rows == columns
         self.kkt.mass[:] = 0.0
         self.kkt.mass[at[own]] = self.scale[rows[own]] ** -2.0

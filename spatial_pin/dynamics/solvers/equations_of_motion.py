@@ -1,4 +1,4 @@
-"""The equations of motion of a closed mechanism at one State, with what acts on it.
+"""The equations of motion of a closed mechanism at one State, with its forces.
 
 All closure equations that depend on others are left out when accelerations are solved for, so that
 nothing is regularised; the multipliers of all of them are then the shortest that bear the same
@@ -47,7 +47,7 @@ class Equations(MotionEquations):
         self, state: State, external: Mapping[str, pin.Force] | None = None,
         laws: Mapping[str, Law] | None = None, slip_speed: SlipSpeed | None = None,
     ) -> None:
-        """Stand at a State of this mechanism, under given forces.
+        """Move to a State of this mechanism, under given forces.
 
         Args:
             state: configuration and velocity.
@@ -55,7 +55,7 @@ class Equations(MotionEquations):
             laws: of springs, see `Forces`.
             slip_speed: of dry friction, see `Forces`.
         """
-        self.place(state)
+        self.move_to(state)
         own = (dict(laws or {}),
                dict(slip_speed) if isinstance(slip_speed, Mapping) else slip_speed)
         if own != self._laws:
@@ -82,7 +82,7 @@ class Equations(MotionEquations):
 
     def motion_forces(self, a: Array) -> Array:
         """Return M a + b (nv,)."""
-        return self.bodies.needed(self.state.q, self.state.v, a)
+        return self.bodies.inverse_dynamics(self.state.q, self.state.v, a)
 
     # ------------------------------------------------------------ reactions
 
@@ -92,13 +92,13 @@ class Equations(MotionEquations):
         return Pairs(self.mechanism)
 
     def poses(self) -> Poses:
-        """Return views on where the bodies are, overwritten at the next State."""
+        """Return the placements of the bodies as views, overwritten at the next State."""
         evaluation = self.evaluation
         return Poses(evaluation.placements, joint_jacobian(evaluation.data, self.model.nv),
                      evaluation.row_wrenches())
 
     def transmitted(self, a: Array) -> Array:
-        """Return (njoints, 6) what joints hand on to move as a (nv,) says, joint axes; a view."""
+        """Return a view on the forces (njoints, 6) through joints at accelerations a (nv,)."""
         return self.bodies.transmitted(self.state.q, self.state.v, a)
 
     def reactions(
@@ -110,7 +110,7 @@ class Equations(MotionEquations):
             self.at_joints(effort, multipliers, a))
 
     def at_joints(self, effort: Array, multipliers: Array, a: Array) -> Array:
-        """Return efforts (nv,) with springs about joints and what couplings and rotors do there.
+        """Return efforts (nv,) with those of joint springs, couplings and rotors.
 
         A rotor (armature) that speeds up with its joint takes its part of the effort: the rest is
         what the bodies are moved with.
@@ -122,7 +122,7 @@ class Equations(MotionEquations):
         return total
 
     def unique_in_loops(self, efforts: Array | None = None) -> dict[str, NDArray[np.bool_]]:
-        """Return for every pair which components (6,) of its reaction the loops leave unique.
+        """Return by pair which components (6,) of its reaction no self-stress of loops changes.
 
         Args:
             efforts: (k, nv) of actuators that the loops bear, and that may act besides.
@@ -139,14 +139,14 @@ class Equations(MotionEquations):
                                      max(rounding, UNMOVED))
 
     def unique(self, efforts: Array | None = None) -> dict[str, NDArray[np.bool_]]:
-        """Return for every pair which components (6,) of its reaction are unique.
+        """Return by pair which components (6,) of its reaction are unique.
 
         Args:
             efforts: as for `unique_in_loops`.
         """
         result = self.unique_in_loops(efforts)
         return result | {name: result[name] & never for name, never in
-                        self.pairs.never_coupled(self.poses()).items()}
+                        self.pairs.unaffected_by_couplings(self.poses()).items()}
 
 
 @contextmanager

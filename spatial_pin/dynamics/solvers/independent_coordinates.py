@@ -30,8 +30,8 @@ class Bounded(NamedTuple):
 
     def plain(self) -> Bounded:
         """Return the numbers; those whose bound allows them to be zero are zero."""
-        is_sure = np.abs(self.value) > self.bound
-        return Bounded(np.where(is_sure, self.value, 0.0), np.where(is_sure, self.bound, 0.0))
+        is_nonzero = np.abs(self.value) > self.bound
+        return Bounded(np.where(is_nonzero, self.value, 0.0), np.where(is_nonzero, self.bound, 0.0))
 
 
 class IndependentCoordinates:

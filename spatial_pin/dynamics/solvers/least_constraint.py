@@ -79,11 +79,11 @@ class BodyRows:
     def rows(
         self, q: Array, v: Array, a: Bounded, columns: Bounded
     ) -> tuple[Array, Array, Array, Array, Array]:
-        """Return weighted accelerations per unit freedom (m, n), and without (m,).
+        """Return weighted accelerations per unit freedom (m, n), and without (m,), with bounds.
 
-        Each with bounds on how far its entries may be off, and units of the freedoms (n,) at which
-        some body moves by one: so scaled, no row is good for one freedom and too coarse for
-        another. Motion within its bounds does not count.
+        Bounds are the largest errors of the entries. Last come units of the freedoms (n,) at which
+        some body moves by one: with them a row resolves all freedoms alike. Motion within its
+        bounds does not count.
         """
         pin.forwardKinematics(self._model, self._data, q, v, a.value)
         bodies = self._of_bodies(columns, a, v)
@@ -213,7 +213,7 @@ class LeastConstraint:
         self._falling = gravity / mechanism.characteristic_length
 
     def solve(self, q: Array, v: Array, a: Bounded, columns: Bounded, given: Array) -> Least:
-        """Return the accelerations; those of motions without inertia are the least of their bodies.
+        """Return the accelerations; motions without inertia have the least ones of their bodies.
 
         Args:
             q: (nq,) configuration, the loops closed.
@@ -252,7 +252,7 @@ class LeastConstraint:
 
 
 def _bounds(back: Array, across: Array) -> tuple[Array, Array]:
-    """Return two (m, 6, 6): how bounds on twists pass to the next body, and what that adds.
+    """Return two (m, 6, 6): the bounds that twists pass to the next body, and those it adds.
 
     Args:
         back: (m, 3, 3) rotations.
@@ -307,12 +307,12 @@ class _Fit:
         rank = int(np.count_nonzero(self._upper.diagonal()))  # of the rest nothing at all is left
         motions = self._following(rank)
         while rank:  # the last unknowns are left out while they move nothing for certain
-            found = self._following(rank - 1)
-            off = known @ np.abs(found)
+            change = self._following(rank - 1)
+            off = known @ np.abs(change)
             off += np.abs(rows[:, self._order[: rank - 1]]) @ (self._pseudo(rank - 1) @ off)
-            if np.any(np.abs(rows @ found) > off):
+            if np.any(np.abs(rows @ change) > off):
                 break
-            rank, motions = rank - 1, found
+            rank, motions = rank - 1, change
         self._rank = rank
         self.still = row_space(motions.T)
 
@@ -347,7 +347,7 @@ class _Fit:
             pull = self._solve(r, load[first], transposed=True)
             z[first] = self._solve(r, turned[:r] + pull)
             turned[:r] = -pull
-            self._left = qr_turn(self._qr, self._tau, turned)
+            self._turned_rows = qr_turn(self._qr, self._tau, turned)
         return z - self.still.T @ (self.still @ z)
 
     def error(self, z: Array, rest_known: Array, load_known: Array) -> Array:
@@ -363,7 +363,7 @@ class _Fit:
         if not r:
             return wide
         known, inverse = self._known[:m], np.abs(self._inverse(r))
-        load = np.abs(self._left[:m])
+        load = np.abs(self._turned_rows[:m])
         wide[first] = self._pseudo(r)[:, :m] @ (rest_known + known @ np.abs(z))
         wide[first] += inverse @ (inverse.T @ ((known.T @ load)[first] + load_known[first]))
         return wide

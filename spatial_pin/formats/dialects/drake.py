@@ -1,4 +1,4 @@
-"""What Drake adds to URDF, with or without a declared prefix `drake:`.
+"""Drake's additions to URDF, with or without a declared prefix `drake:`.
 
 | element | becomes |
 |---|---|

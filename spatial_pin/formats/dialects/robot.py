@@ -276,7 +276,7 @@ class RobotReading(RobotTree):
                                   "joints": [source, joint], "ratio": ratio, "offset": offset})
 
     def refine(self, joint: str, **keys: Any) -> None:
-        """Say more of a joint of the tree; one with a `type` becomes floating in the URDF."""
+        """Add keys to the table of a tree joint; one with a `type` becomes floating in the URDF."""
         self.content.setdefault("joints", {}).setdefault(joint, {}).update(keys)
         if "type" in keys:
             element = self.joints[joint]

@@ -125,7 +125,7 @@ def robot_file(urdf: Path) -> Path | None:
     return None
 
 
-def tell_unstated(reading: RobotReading) -> None:
+def note_unstated(reading: RobotReading) -> None:
     """Note frames that are named as the ends of loops, where no file states these loops."""
     links = reading.links
     ends = [link for link in reading.links if UNSTATED.fullmatch(link)

@@ -98,7 +98,7 @@ class GraphJoint:
         """Return the link at its other end."""
         return self.child if link == self.parent else self.parent
 
-    def but(self, **changes: Any) -> GraphJoint:
+    def with_changes(self, **changes: Any) -> GraphJoint:
         """Return the same joint with changes."""
         return replace(self, **changes)
 

@@ -319,4 +319,4 @@ def _urdf_type(joint: GraphJoint) -> str:
 def _pair_table(joint: GraphJoint) -> dict[str, Any]:
     """Return the table of a joint's pair in a mechanism file."""
     return {"type": "weld" if joint.type == "fixed" else joint.type,
-            **PAIRS[joint.type].told(joint.axis, joint.axis2, joint.lead, joint.length)}
+            **PAIRS[joint.type].file_entries(joint.axis, joint.axis2, joint.lead, joint.length)}

@@ -89,7 +89,8 @@ def _joint(
     limit = element.find("limit")
     if limit is None or element.get("type") not in LIMITED:
         return joint
-    return joint.but(lower=float(limit.get("lower", 0.0)), upper=float(limit.get("upper", 0.0)))
+    return joint.with_changes(
+        lower=float(limit.get("lower", 0.0)), upper=float(limit.get("upper", 0.0)))
 
 
 def _link(element: ET.Element, named: set[str]) -> Link:

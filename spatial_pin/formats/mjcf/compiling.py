@@ -60,7 +60,7 @@ def compiled(
     folders = list(dict.fromkeys(file.parent for file in seen))
     heard: list[str] = []
     try:
-        with _listening(mujoco, heard):
+        with _collected_warnings(mujoco, heard):
             spec = mujoco.MjSpec.from_file(str(path))
             notice = _leave_out(mujoco, spec, without, shown(path))
             meshes, massless, notices = _without_meshes(mujoco, spec, folders, trust)
@@ -90,7 +90,7 @@ def _leave_out(mujoco: Any, spec: Any, names: Iterable[str], where: str) -> list
 
 
 @contextlib.contextmanager
-def _listening(mujoco: Any, heard: list[str]) -> Iterator[None]:
+def _collected_warnings(mujoco: Any, heard: list[str]) -> Iterator[None]:
     """Collect what MuJoCo warns of, which else goes to a log file in the working folder."""
 
     def hear(text: object) -> None:

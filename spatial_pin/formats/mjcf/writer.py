@@ -1,4 +1,4 @@
-"""MjcfDocument a mechanism as MJCF, its closures as equalities between sites.
+"""Writing a mechanism as MJCF, its closures as equalities between sites.
 
 A body stands for every link, its frame the link's. Joints keep their names and coordinates; those
 of several coordinates become several joints, named as the coordinates. MuJoCo is not needed.

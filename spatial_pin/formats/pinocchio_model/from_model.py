@@ -19,7 +19,7 @@ from spatial_pin.formats.pinocchio_model.pair_tree import (
 )
 from spatial_pin.formats.pinocchio_model.urdf_text import LinkTree, urdf_of
 from spatial_pin.formats.urdf.elements import fresh
-from spatial_pin.mechanism.closures import FramePlace, of_native
+from spatial_pin.mechanism.closures import FrameSpec, of_native
 from spatial_pin.mechanism.contact_sides import sided
 from spatial_pin.mechanism.coordinates import check_guess, joint_vector
 from spatial_pin.mechanism.inertia import remainder
@@ -204,7 +204,7 @@ class _FrameNames:
         """Return the name of a link or joint; the universe's is that of the root link."""
         return self.bodies.mains[0] if name == UNIVERSE else name
 
-    def named(self, places: Iterable[FramePlace], owner: str) -> tuple[str, ...]:
+    def named(self, places: Iterable[FrameSpec], owner: str) -> tuple[str, ...]:
         """Return the names of frames; those that have none are called after their owner."""
         names = []
         for k, frame in enumerate(places, 1):

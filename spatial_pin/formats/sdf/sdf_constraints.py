@@ -50,7 +50,7 @@ def constraints(model: SdfModel) -> list[GraphJoint]:
             joint = _of_drake(model, element)
         if joint is not None:
             name = unique(joint.name, [*model.joints, *joints])
-            joints[name] = joint.but(name=name, cut=True)
+            joints[name] = joint.with_changes(name=name, cut=True)
     return list(joints.values())
 
 

@@ -258,7 +258,7 @@ def _joints_of(
         # a universal joint, or two revolute joints where these have limits or springs
         cross = f"{joint.name}.cross"
         first, second = (
-            _about(model, joint.but(name=f"{joint.name}.{AXES[tag]}", type="revolute"),
+            _about(model, joint.with_changes(name=f"{joint.name}.{AXES[tag]}", type="revolute"),
                    joint.name, element.find(tag), where, tag) for tag in AXES)
         square = abs(first.axis @ second.axis) < 1e-9
         if kind == "universal" and not square:
@@ -268,16 +268,16 @@ def _joints_of(
         if square and same and not any(
                 x.is_limited or x.stiffness or math.isfinite(min(x.effort, x.velocity))
                 for x in (first, second)):
-            return [], [joint.but(axis=first.axis, axis2=second.axis, damping=first.damping,
-                                  friction=first.friction)]
+            return [], [joint.with_changes(axis=first.axis, axis2=second.axis,
+                                           damping=first.damping, friction=first.friction)]
         between = Link(cross, model.frames.in_world(model.frame_of[joint.name], "joint"))
-        return [between], [first.but(child=cross, on_child=pin.SE3.Identity()),
-                           second.but(parent=cross, on_parent=pin.SE3.Identity())]
+        return [between], [first.with_changes(child=cross, on_child=pin.SE3.Identity()),
+                           second.with_changes(parent=cross, on_parent=pin.SE3.Identity())]
     joint = _about(model, joint, name, element.find("axis"), where, "axis")
     if joint.type == "screw":
-        joint = joint.but(lead=_lead(element, where))
+        joint = joint.with_changes(lead=_lead(element, where))
     if kind == "continuous":
-        joint = joint.but(lower=-math.inf, upper=math.inf)
+        joint = joint.with_changes(lower=-math.inf, upper=math.inf)
     return [], [joint]
 
 
@@ -287,7 +287,7 @@ def _about(
     """Return a joint with the numbers of an <axis> of the file's joint of that name."""
     if joint.type == "spherical":
         dynamics = axis.find("dynamics") if axis is not None else None
-        return joint.but(damping=number(dynamics, "damping", 0.0, where),
+        return joint.with_changes(damping=number(dynamics, "damping", 0.0, where),
                        friction=number(dynamics, "friction", 0.0, where))
     if axis is None:
         raise MechanismFileError(f"{where} needs <{tag}>")

@@ -19,7 +19,7 @@ import numpy as np
 from spatial_pin._support.checks import checked, finite_array, names_of
 from spatial_pin.assembly.held_start import starting_state
 from spatial_pin.assembly.state import State
-from spatial_pin.dynamics.force_outputs import Told
+from spatial_pin.dynamics.force_outputs import NamedOutputs
 from spatial_pin.errors import SingularError, SpatialPinError, UnknownNameError
 from spatial_pin.mechanism.joint_limits import joint_limits
 from spatial_pin.mobility.assembly_modes import assembly_modes
@@ -167,7 +167,7 @@ class Desk:
         """
         texts = [dial.words(self.jog.value(name)) for name, dial in self.dials.items()]
         if self.outputs:
-            motion = Told(_now(self.jog), in_time=False)
+            motion = NamedOutputs(_now(self.jog), in_time=False)
             texts += [_words(motion, name) for name in self.outputs]
         beyond = self.jog.state.beyond_limits
         texts += [f"beyond limits: {', '.join(beyond)}"] if beyond else []
@@ -289,7 +289,7 @@ def drag(desk: Desk, question: Mapping[str, Any]) -> Answer:
     return answer
 
 
-def _words(now: Told, name: str) -> str:
+def _words(now: NamedOutputs, name: str) -> str:
     """Return an output of a motion of one sample; a force is that at rest."""
     if is_force(name):
         if name.endswith(".power"):

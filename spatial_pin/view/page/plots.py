@@ -16,7 +16,7 @@ from spatial_pin._support.checks import checked, plain_text
 from spatial_pin._support.output_files import literal, save_figure
 from spatial_pin.assembly.state import State
 from spatial_pin.errors import SpatialPinError, UnknownNameError
-from spatial_pin.motion.motion import Motion, Output, motion_needed
+from spatial_pin.motion.motion import Motion, Output, require_motion
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.view.scene.film import Film, film, is_monotonic, moments
 
@@ -245,7 +245,7 @@ def plot(
     from spatial_pin.dynamics.kinetostatics import Kinetostatics
 
     if not hasattr(motion, "output"):  # as a Mechanism or a State
-        motion_needed(motion)
+        require_motion(motion)
     several = [outputs] if isinstance(outputs, str | Output) else list(outputs)
     if not several:
         raise ValueError("no outputs to plot: give at least one name")

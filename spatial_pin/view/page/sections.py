@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from spatial_pin.assembly.state import State
-from spatial_pin.dynamics.force_outputs import with_forces
+from spatial_pin.dynamics.force_outputs import with_force_values
 from spatial_pin.dynamics.kinetostatics import Kinetostatics
 from spatial_pin.dynamics.simulation.simulate import Simulation
 from spatial_pin.errors import SpatialPinError
@@ -170,7 +170,7 @@ def _outputs(subject: Subject) -> str | None:
     motion = subject.motion
     if motion is None:
         return None
-    return _drawn(subject, "Outputs", with_forces(
+    return _drawn(subject, "Outputs", with_force_values(
         motion, subject.outputs, lambda: subject.loads or loads(subject.shown, motion)))
 
 
