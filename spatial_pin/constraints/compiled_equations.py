@@ -232,7 +232,7 @@ class _EquationBuilder:
             function = quantity.function
             if isinstance(quantity.argument, Displacement) and isinstance(function, Piecewise):
                 function = function.of_scaled(self.all_products.scale)
-            return self.factor(quantity.argument)._replace(function=function)
+            return self.index_of(quantity.argument)._replace(function=function)
         if isinstance(quantity, JointCoordinate):
             name = self.closure.joints[quantity.joint]
             self.coordinates.append(self.mechanism.coordinate(name))

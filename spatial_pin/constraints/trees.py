@@ -67,7 +67,7 @@ def tree_of(model: pin.Model) -> Tree | KernelTree:
     return KernelTree(model) if is_in_kernel(model) else Tree(model)
 
 
-def related(model: pin.Model) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def mass_pattern(model: pin.Model) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return (rows, columns) of freedoms of which one carries the other."""
     related = np.zeros((model.nv, model.nv), dtype=bool)
     for i in range(1, model.njoints):

@@ -450,7 +450,7 @@ def rest_pose(
         length = float(np.abs(step).max(initial=0.0))
         if length <= ARRIVED or (last <= NEAR_REST and length >= 0.5 * last):
             _refuse_half_a_turn(at)
-            verdict = judged(at)
+            verdict = stability_of(at)
             down = verdict.down
             if not stable or down is None:
                 return at, verdict

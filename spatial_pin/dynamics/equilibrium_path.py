@@ -308,10 +308,12 @@ class LoadPath:
 
     def _way(self, start: LoadPoint, end: LoadPoint) -> Array:
         """Return how far (nv + 1,) one point is from another, whole turns of angles apart."""
-        return np.append(turned_apart(self.mechanism, start.state.q, end.state.q),
+        return np.append(turn_free_difference(self.mechanism, start.state.q, end.state.q),
                          (end.factor - start.factor) / self.unit)
 
-    def met(self, before: LoadPoint, after: LoadPoint, row: int) -> tuple[Event, LoadPoint] | None:
+    def critical_point(
+        self, before: LoadPoint, after: LoadPoint, row: int
+    ) -> tuple[Event, LoadPoint] | None:
         """Return the limit or branch point between two points, and the pose there."""
         turns = before.tangent[-1] * after.tangent[-1] < 0.0
         if not turns and before.negatives == after.negatives:
@@ -419,7 +421,7 @@ def _along(
             end = ": the path is closed, and is where it began"
             break
         leaves = crossed and points[-1] is origin  # the branch point itself has been met
-        met = None if leaves else path.met(points[-1], there, len(points))
+        met = None if leaves else path.critical_point(points[-1], there, len(points))
         if met is not None:
             event, at = met
             events.append(event)

@@ -15,14 +15,14 @@ from spatial_pin._support.checks import checked, mapping
 from spatial_pin._support.columns import Quantity, Tabular, read_only
 from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
-from spatial_pin.dynamics.inverse import Actuation, actuation_of, balance, pressing
+from spatial_pin.dynamics.inverse import Actuation, actuation_of, balance, internal_efforts
 from spatial_pin.dynamics.lift_off import lift_offs
-from spatial_pin.dynamics.reactions import Poses, one_of_many, why_not_unique
+from spatial_pin.dynamics.reactions import Poses, not_unique_marks, why_not_unique
 from spatial_pin.dynamics.solvers.equations_of_motion import Equations, equations_of
 from spatial_pin.errors import Interrupted, SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
-from spatial_pin.motion.motion import Event, Motion, Output, first_samples, motion_needed
+from spatial_pin.motion.motion import Event, Motion, Output, first_samples, require_motion
 from spatial_pin.motion.rated_limits import (
     BeyondLimit,
     beyond,

@@ -175,12 +175,13 @@ class Closer:
         pins = np.array([_pin(mechanism, name) for name in pinned], np.int64).reshape(-1, 4)
         self._order = np.lexsort(pins.T[::-1])  # those of one joint side by side
         pins = pins[self._order]
+        body, axis = self._axes([
+            ends for name, ends in axis_pairs(mechanism) if name not in turning])
         handle = ctypes.c_void_p()
         check(self._library.closer_create(
             kernel.handle, address(rotations), rotations.shape[1], address(pins), len(pins),
-            ctypes.byref(handle)))
+            address(body), address(axis), len(body) // 2, ctypes.byref(handle)))
         self.handle, self.paths = handle, dict[tuple[int, ...], Any]()
-        self._judge_axes([ends for name, ends in axis_pairs(mechanism) if name not in turning])
         rows = 1 + MOST_GROUPS * AT_ONCE
         self._q, self._value = np.empty((rows, kernel.nq)), np.empty(kernel.nq)
         self._kinds, self._mirrored = np.empty(kernel.nq, np.int64), np.empty(rows, np.int64)
@@ -229,8 +230,10 @@ class Closer:
             raise SingularError(NOT_FINITE)
         return Closed(self._q[0].copy(), error, self._may_be_mirrored)
 
-    def _judge_axes(self, pairs: Sequence[Sequence[tuple[int, Array]]]) -> None:
-        """Let C judge, too, which way axes point; of each pair the joints and axes (3, n)."""
+    def _axes(
+        self, pairs: Sequence[Sequence[tuple[int, Array]]]
+    ) -> tuple[NDArray[np.int64], Array]:
+        """Return the joints and axes of pairs of parallel axes, for C."""
         known, body, axis = self.kernel.packed, list[int](), list[Array]()
         for ends in pairs:
             carriers = [int(known.carriers[joint]) for joint, _ in ends]
@@ -239,10 +242,7 @@ class Closer:
             for column in range(one.shape[1]):
                 body += carriers
                 axis += [one[:, column], two[:, column]]
-        if body:
-            joints, axes = np.array(body, np.int64), np.array(axis)
-            check(self._library.closer_judge_axes(
-                self.handle, len(body) // 2, address(joints), address(axes)))
+        return np.array(body, np.int64), np.array(axis)
 
     def reach(
         self, q: Sequence[Array], settings: ClosureSettings, value: Array,

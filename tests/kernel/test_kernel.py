@@ -289,7 +289,8 @@ def use_closer(handle: ctypes.c_void_p, ints: np.ndarray, q, turns, rng) -> set[
     rotations = np.array([wild_places(closed, rng, n), rng.choice([1, 3, 3, 2], n)])
     pins = np.column_stack([wild_places(nq, rng, m), wild_places(nv, rng, m),
                             wild_places(3, rng, m), wild_places(2, rng, m)])
-    end = c.closer_create(handle, address(rotations), n, address(pins), m, ctypes.byref(closer))
+    end = c.closer_create(handle, address(rotations), n, address(pins), m, None, None, 0,
+                          ctypes.byref(closer))
     assert (end == 0) == bool(closer)
     if not end:
         free, pinned = rng.integers(0, 2, nv), rng.choice(ODD, m)
@@ -367,7 +368,7 @@ def use_path(handle: ctypes.c_void_p, ints: np.ndarray, q, turns, rng) -> set[in
     reached = c.path_follow(handle, address(values), len(values), ctypes.byref(rows))
     assert 0 <= reached <= len(values) * (ends == {0})
     closer = ctypes.c_void_p()
-    if not c.closer_create(handle, None, 0, None, 0, ctypes.byref(closer)):
+    if not c.closer_create(handle, None, 0, None, 0, None, None, 0, ctypes.byref(closer)):
         done = close_wildly(handle, closer, nv, q, turns, np.empty(0), rng, task, values)[1]
         assert -1 <= done <= len(values)
     return ends

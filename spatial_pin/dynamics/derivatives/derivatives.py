@@ -140,10 +140,10 @@ def dynamics_derivatives(
                               slip_speed=slip_speed)
     rows = RowDerivatives(mechanism, springs.forces, (state.q, state.v, answer.a))
     springs.move(rows)
-    outside, effort = Outside(mechanism, external), joint_efforts(mechanism, efforts)
+    outside, effort = ExternalWrenches(mechanism, external), joint_efforts(mechanism, efforts)
     borne = closure_jacobian(mechanism, state.q).T @ answer.multipliers
     with equations_of(mechanism) as equations:
-        equations.place(state)
+        equations.move_to(state)
         chosen, multipliers = _independent(equations, borne)
         by = _changes(equations, rows, springs, outside, chosen, multipliers)
     a, lam = Linear(answer.a, *by[0]), Linear(multipliers, *(x[chosen] for x in by[1]))
@@ -163,7 +163,7 @@ def exact_mechanism(state: State) -> Mechanism:
 
 
 def changes_of_forces(
-    rows: RowDerivatives, springs: Springs, outside: Outside, multipliers: Array,
+    rows: RowDerivatives, springs: Springs, outside: ExternalWrenches, multipliers: Array,
     out: Array | None = None,
 ) -> tuple[Array, Array]:
     """Return q and v derivatives (nv, nv) of M a + b - f - J^T multipliers, multipliers constant.

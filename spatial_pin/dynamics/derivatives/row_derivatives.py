@@ -147,7 +147,7 @@ class ProductDerivatives:
                             if row in rows)
         return slopes_of[:, 0]
 
-    def bending(self, weights: Array) -> Array:
+    def second_derivatives(self, weights: Array) -> Array:
         """Return q derivatives (nv, nv) of the q derivatives of the products' sum by weights."""
         tree, joint_of = self.bodies, self.bodies.joint_of
         total, carried = np.zeros((self.nv, self.nv)), np.zeros((tree.model.njoints, 4, 4))
@@ -278,4 +278,4 @@ class RowDerivatives:
             for v, (_, change) in zip(group.coordinates[1], slopes[n:], strict=True):
                 np.subtract.at(total, v, own[:, None] * change)
         if len(weights):
-            total -= self.products.bending(weights)
+            total -= self.products.second_derivatives(weights)

@@ -152,7 +152,7 @@ class SmallMotions:
         loads.springs.move(rows)
         multipliers = svd.minimum_norm_transposed(scale * self.wanted)
         self.by_q, self.by_v = changes_of_forces(
-            rows, loads.springs, Outside(mechanism, loads.external), multipliers[:n])
+            rows, loads.springs, ExternalWrenches(mechanism, loads.external), multipliers[:n])
         for c, x in zip(loads.components, multipliers[n + len(loads.entries) :], strict=True):
             self.by_q -= x / scale[c.v] * coordinate_curvature(mechanism, c, q)
         self.size = self._size(np.abs(given) + np.abs(loads.effort))

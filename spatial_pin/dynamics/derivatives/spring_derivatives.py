@@ -16,7 +16,7 @@ import pinocchio as pin
 
 from spatial_pin.constraints.tree_motion import TreeMotion
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
-from spatial_pin.dynamics.forces import Forces, Law, Line
+from spatial_pin.dynamics.forces import Forces, Law, LineSpring
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
@@ -30,7 +30,7 @@ HALVINGS = 14  # halvings of that step at most: then round-off is larger than th
 CENTRAL, ONE_SIDED = 4.0, 2.0  # halving the step divides the error of a difference by these numbers
 
 
-class Pull(NamedTuple):
+class SpringForce(NamedTuple):
     """The force of a spring along its line, and how it changes.
 
     Attributes:
@@ -65,7 +65,7 @@ class Springs:
             q, then what `Bushing.force_derivatives` returns.
     """
 
-    lines: list[Pull]
+    lines: list[SpringForce]
     turning: Array
     bushings: list[tuple[Array, Array, Array, Array]]
 
@@ -199,7 +199,7 @@ def extrapolated(difference: Callable[[float], float], step: float, ratio: float
     return best
 
 
-class Outside:
+class ExternalWrenches:
     """Wrenches at frames, world axes, as forces on joints.
 
     Args:

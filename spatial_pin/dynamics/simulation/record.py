@@ -7,8 +7,8 @@ import numpy as np
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.dynamics.lift_off import contacts_of, lift_offs
-from spatial_pin.dynamics.simulation.events import IntegrationStep, Watch
-from spatial_pin.dynamics.simulation.formulations import Independent
+from spatial_pin.dynamics.simulation.events import EventDetector, IntegrationStep
+from spatial_pin.dynamics.simulation.formulations import IndependentFormulation
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.simulation.result import (
     ByDriver,
@@ -151,7 +151,7 @@ class Record:
         problem, names = self._problem, [c.name for c, _ in self._problem.drives]
         times, (q, v, a, numbers, efforts, angles) = self.recorded()
         error, kinetic, energy, work = numbers.T.copy()
-        lifted = lift_offs(problem.mechanism, _multipliers(problem, *self.all()), times,
+        lifted = lift_offs(problem.mechanism, _multipliers(problem, *self.recorded()), times,
                            "at {:.9g} s") if contacts_of(problem.mechanism) else []
         found = Simulation(
             mechanism=problem.mechanism, driver=None, driver_name="", time=times, q=q, v=v, a=a,
@@ -228,7 +228,7 @@ class EnergyBalance:
         allowed = self._part * max(
             self._size, self._least_exchange(now.total, self._start.total))
         gap = abs(now.total - now.work - self._start.total + self._start.work)
-        return not self._watches or gap <= allowed
+        return not self._is_checked or gap <= allowed
 
 
 def _multipliers(problem: Problem, times: Array, samples: SimulationSamples) -> Array:
@@ -245,7 +245,8 @@ def _multipliers(problem: Problem, times: Array, samples: SimulationSamples) -> 
         for t, q, v, a, efforts, angles in zip(times.tolist(), samples.q, samples.v, samples.a,
                                                samples.efforts, samples.angles, strict=True):
             equations.update(State(mechanism, q, v, a, angles=angles))
-            closures = equations.motion_forces(a) - problem.given(t, q, v, equations.evaluation)
+            given = problem.joint_forces(t, q, v, equations.evaluation)
+            closures = equations.motion_forces(a) - given
             closures[driven] -= efforts
             found.append(equations.multipliers(closures))
     return np.array(found).reshape(len(times), -1)

@@ -363,7 +363,7 @@ def _followed(
         moved = motion()
         if moved.energy_drift > LOST_SHARE:
             run.record.refuse_samples()
-    except (Lost, SingularError, StepLimitError) as error:
+    except (OpenLoopsError, SingularError, StepLimitError) as error:
         if not run.end_without_inertia():
             raise _ended(error, run, motion(), fall) from None
         moved = motion()

@@ -366,8 +366,23 @@ static int make_room(Closer *c)
     return least_motion_create(k, c->n, k->nv, &c->whole);
 }
 
+static int take_axes(Closer *c, const Int *body, const Real *axis, Int n)
+{
+    for (Int end = 0; end < 2 * n; end++)
+        if (!within(body[end], c->k->n_joints))
+            return BAD_ARRAYS;
+    Real *copy = kernel_reals(c->k, 6 * n);
+    if (!copy || !take(c->k, body, 2 * n, &c->rotations.body))
+        return NO_MEMORY;
+    if (n)
+        memcpy(copy, axis, (size_t)(6 * n) * sizeof(Real));
+    c->rotations.axis = copy;
+    c->rotations.n_pairs = n;
+    return DONE;
+}
+
 EXPORT int closer_create(Kernel *k, const Int *rotations, Int n_rotations, const Int *pins,
-                         Int n_pins, Closer **out)
+                         Int n_pins, const Int *body, const Real *axis, Int n_axes, Closer **out)
 {
     Closer *c = kernel_memory(k, 1, sizeof *c);
     const Int *pin = NULL;
@@ -384,24 +399,14 @@ EXPORT int closer_create(Kernel *k, const Int *rotations, Int n_rotations, const
     c->pin = (const Pin *)pin;
     if (!rotations_are_sound(k, &c->rotations) || !pins_are_sound(k, c->pin, n_pins))
         return BAD_ARRAYS;
-    const int code = make_pattern(c);
-    if (code == DONE && make_room(c) == DONE)
+    int code = make_pattern(c);
+    if (code == DONE)
+        code = make_room(c);
+    if (code == DONE)
+        code = take_axes(c, body, axis, n_axes);
+    if (code == DONE)
         *out = c;
-    return *out ? DONE : NO_MEMORY;
-}
-
-EXPORT int closer_judge_axes(Closer *c, Int n, const Int *body, const Real *axis)
-{
-    for (Int end = 0; end < 2 * n; end++)
-        if (!within(body[end], c->k->n_joints))
-            return BAD_ARRAYS;
-    Real *copy = kernel_reals(c->k, 6 * n);
-    if (!copy || !take(c->k, body, 2 * n, &c->rotations.body))
-        return NO_MEMORY;
-    memcpy(copy, axis, (size_t)(6 * n) * sizeof(Real));
-    c->rotations.axis = copy;
-    c->rotations.n_pairs = n;
-    return DONE;
+    return code;
 }
 
 static void begin(Closer *c, const Real *pinned, const Real *reference, Real cut)

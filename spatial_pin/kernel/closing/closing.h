@@ -33,12 +33,10 @@ typedef struct {
 
 /* Memory to close the loops of a kernel, freed with it. rotations: (n_rotations) first equations of
    closures, then whether 1 or 3 of their axes agree; pins: (n_pins, 4) see Pin, those of one joint
-   side by side. */
+   side by side; body: (n_axes, 2) joints; axis: (n_axes, 2, 3) parallel axes in those of the joints, of
+   closures without some equations of directions: they are judged too whether they point opposite ways. */
 EXPORT int closer_create(Kernel *k, const Int *rotations, Int n_rotations, const Int *pins,
-                         Int n_pins, Closer **out);
-/* Judge whether axes point opposite ways of closures that some equations of directions are left out
-   of, too. body: (n, 2) joints; axis: (n, 2, 3) axes that are parallel, in those of the joints. */
-EXPORT int closer_judge_axes(Closer *c, Int n, const Int *body, const Real *axis);
+                         Int n_pins, const Int *body, const Real *axis, Int n_axes, Closer **out);
 
 /* Close the loops from each start by itself, and judge where that leads. Of a single start, what is
    closed is examined too, else facts[0] is infinite; and where nothing is at fault there, further

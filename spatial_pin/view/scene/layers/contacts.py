@@ -13,7 +13,8 @@ from spatial_pin.view.scene.stage import Item, Layer, Stage, ball_at
 CURVE = (0.17, 0.19, 0.22, 1.0)
 FOLLOWER = (0.50, 0.53, 0.57, 1.0)
 CONTACT = (0.84, 0.37, 0.0, 1.0)
-CURVE_WIDTH, POINT = 0.006, 0.016  # radius of a curve and of a point of contact, by the size of the scene
+# Radius of a curve and of a point of contact, by the size of the scene.
+CURVE_WIDTH, POINT = 0.006, 0.016
 FACE_MARGIN = 0.1  # of a line or helix, beyond where its point comes to, likewise
 
 
@@ -35,8 +36,9 @@ def contacts(stage: Stage) -> Layer:
         room = FACE_MARGIN * stage.size
         path = curve.points((float(along.min()) - room, float(along.max()) + room))
         title = f"{closure.name}: {closure.type}"
-        items.append(Item(f"curve {closure.name}", Solid(tube(path, CURVE_WIDTH * stage.size)), CURVE,
-                          one, on_1.homogeneous, through=True, called=title))
+        solid = Solid(tube(path, CURVE_WIDTH * stage.size))
+        items.append(Item(f"curve {closure.name}", solid, CURVE, one,
+                          on_1.homogeneous, through=True, called=title))
         held += [stage.points(one, on_1.act(p)) for p in path[:: max(1, len(path) // 8)]]
         touched = contact_shape(closure, (seen, turned)).point
         if np.isfinite(touched).all():
