@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-PARTS = ("position", "velocity", "acceleration", "spin")  # columns of parts of the error
+PARTS = ("closure", "position", "velocity", "acceleration", "spin")  # columns of parts of the error
 SAID = 100  # characters of a setting's description in the figure, as many as in the table
 INK, FAINT = "#2b3138", "#d5d9de"
 APART = 2.5  # ratio of two errors whose labels are one line of text apart in the figure

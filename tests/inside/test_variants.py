@@ -42,7 +42,7 @@ def same(one: sp.Mechanism, two: sp.Mechanism, length: float) -> None:
     """All that has a say in how they move is the same to round-off."""
     (a, own), (b, other) = ((packed(x, True), x.model) for x in (one, two))
     assert np.array_equal(a.ints, b.ints) and np.array_equal(a.carriers, b.carriers)
-    for x, y in ((a.parts(), b.parts()), (a.places(), b.places())):
+    for x, y in ((a.parts(), b.parts()), (a.indices(), b.indices())):
         for part in ("rotation", "translation", "local"):
             assert getattr(x, part) == pytest.approx(getattr(y, part), abs=8 * EPS * (1 + length))
     assert list(own.names) == list(other.names)

@@ -52,7 +52,7 @@ WIDE_SPREAD = 0.1  # standard deviation relative to the dimension from which a u
 XYZ = ("x", "y", "z")
 UNITS = {"time_per_step": "s", "spread": "s", **dict.fromkeys(  # of others "-", of texts none
     ("setting", "steps", "solver_steps", "below_reference", "on_front", "note"), "")}
-PARTS = "errors of positions, velocities and accelerations one by one: --csv, --json"
+PARTS = "closure errors, errors of positions, velocities and accelerations: --csv, --json"
 COMPONENTS = {3: XYZ, 6: tuple(f"{part} {axis}" for part in ("force", "moment") for axis in XYZ)}
 
 
