@@ -11,7 +11,7 @@ quantity          value       an equation of it
 Displacement      u . d       origin j lies in the plane through origin i normal to u
 Cosine            u . w       the angle between two directions is given
 Square            d . d / 2L  the origins are L apart, or as far as two other frames
-PointDistance     |d|         the lengths of several parts have a given sum
+PointDistance     sqrt(d.d)   the lengths of several parts have a given sum
 ================  ==========  ====================================================
 
 d, u and w are linear in the entries of oMi and oMj, so that value, Jacobian and higher rates of
