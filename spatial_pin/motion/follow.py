@@ -127,6 +127,8 @@ def follow(
                       passes=on_crossing == "straight")._replace(released=gone)
         if moved is not None:
             result = result._replace(samples=moved.of_whole(result.samples))
+        if state.mechanism.whole is None:
+            break
         chosen, good = independent_on(
             _motion(state.mechanism, result.samples, result.done, None), accuracy,
             result.samples.t[max(0, result.done - 1)],

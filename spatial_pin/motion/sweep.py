@@ -153,10 +153,9 @@ def sweep(
         mechanism, result, still, events = _followed(
             mechanism, driver, coordinate, requested, guess, given, held, accuracy,
             on_crossing == "straight", progress)
-        n, stop, values = result.done, result.stop, requested
-        if n < len(values):
-            values, speeds = values[:n], rates[0][:n]
-            accels = None if rates[1] is None else rates[1][:n]
+        n, stop = result.done, result.stop
+        values, speeds = requested[:n], rates[0][:n]
+        accels = None if rates[1] is None else rates[1][:n]
         motion = _motion(mechanism, result, driver, values, speeds, type(speed) is float, accels,
                          coordinate.unit if speed is None else "s", still, events)
         if mechanism.whole is None or not n:

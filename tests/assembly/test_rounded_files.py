@@ -236,6 +236,15 @@ def test_no_limit_stands_where_equations_near_the_guess_depend_on_each_other(see
         assert np.abs(x - y).max() < 1e-4 * np.abs(y).max()
 
 
+def test_rates_of_the_driver_are_those_given_where_other_equations_lead_further():
+    """Those near the guess lead to sample 129 of 201, others all along."""
+    loop = rounded.line_symmetric(20, rounded.to_digits(7))
+    assembled(loop)
+    motion = sp.sweep(loop, "h0", np.linspace(0.0, -2.0, 201), speed=-1.0, acceleration=0.5)
+    assert np.array_equal(motion.driver_speed, np.full(201, -1.0))
+    assert np.abs(motion.coordinate("h0").acceleration - 0.5).max() < 1e-9
+
+
 def test_a_motion_on_which_no_equations_are_independent_ends_and_goes_on_from_there():
     """Rounding decides no more than that: the limit of the exact loop is far away."""
     exact, loop = (rounded.line_symmetric(13, r)
