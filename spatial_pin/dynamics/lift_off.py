@@ -9,9 +9,10 @@ from spatial_pin.mechanism.inertia import moving_mass
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Event
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.numerics.roots import between_samples
+from spatial_pin.numerics.roots import between_samples, onsets
 
 KIND = "lift off"
+WEIGHT = 9.81  # m/s²: the weight is a scale of forces, where gravity is off too
 NO_FORCE = 1e-9  # of the largest multiplier, or of the weight: what rounding leaves of none
 
 
@@ -36,12 +37,12 @@ def lift_offs(mechanism: Mechanism, multipliers: Array, at: Array, what: str) ->
         what: a format of these as text: "at {:.9g} s".
     """
     size = mechanism.characteristic_length * moving_mass(mechanism.model)
-    size = max(9.81 * size, float(np.abs(multipliers).max(initial=0.0)))
+    size = max(WEIGHT * size, float(np.abs(multipliers).max(initial=0.0)))
     events = []
     for name, (row, sign) in contacts_of(mechanism).items():
         push = sign * multipliers[:, row]
         pulls = push < -NO_FORCE * size
-        for k in np.flatnonzero(pulls & ~np.append(False, pulls[:-1])).tolist():
+        for k in onsets(pulls):
             ends = np.flatnonzero(~pulls[k:])
             until = between_samples(at, push, k + int(ends[0])) if len(ends) else None
             value = between_samples(at, push, k) if k else float(at[0])

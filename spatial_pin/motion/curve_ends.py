@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from spatial_pin.motion.motion import Event, Motion
-from spatial_pin.numerics.roots import between_samples
+from spatial_pin.numerics.roots import between_samples, onsets
 
 KIND = "end of curve"
 SLACK = 1e-10  # of its length
@@ -27,8 +27,7 @@ def curve_end_events(motion: Motion) -> list[Event]:
             continue
         s = motion.coordinate(f"{closure.name}.s").value
         for end, room in ((f"{curve.end:.6g} m", curve.end - s), ("0 m", s)):
-            beyond = room < -SLACK * curve.end
-            for k in np.flatnonzero(beyond & ~np.append(False, beyond[:-1])).tolist():
+            for k in onsets(room < -SLACK * curve.end):
                 value = float(k) if at is None else float(at[0]) if not k else (
                     between_samples(at, room, k))
                 where = what.format(value) if at is not None else f"before sample {k}"

@@ -1,4 +1,4 @@
-"""The root of a function between two signs."""
+"""Roots of functions, and changes of sign between samples."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -48,6 +49,12 @@ def sign_change(
                       full_output=True, disp=False)
     off = 2.0 * (xtol + rtol * abs(root))
     return next((end for end in (first, last) if abs(root - end) <= off), float(root))
+
+
+def onsets(holds: NDArray[np.bool_]) -> list[int]:
+    """Return the samples at which a condition (N,) begins to hold."""
+    starts: list[int] = np.flatnonzero(holds & ~np.append(False, holds[:-1])).tolist()
+    return starts
 
 
 def between_samples(at: Array, values: Array, k: int) -> float:
