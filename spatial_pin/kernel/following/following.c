@@ -18,7 +18,7 @@ static Path *path_of(Kernel *k)
     if (path)
         return path;
     path = kernel_memory(k, 1, sizeof *path);
-    Real *from = kernel_reals(k, 4 * point_numbers(k) + 3 * k->nv + k->nq * (BETWEEN_DEGREE + 1));
+    Real *from = kernel_reals(k, 4 * point_numbers(k) + 4 * k->nv + k->nq * (BETWEEN_DEGREE + 1));
     Int *chosen = kernel_ints(k, k->nv);
     if (!kernel_had_memory(k) || prescribed_create(k, &path->prescribed) != DONE)
         return NULL;
@@ -28,7 +28,8 @@ static Path *path_of(Kernel *k)
     path->probe.t = from;
     path->probe.along = from + k->nv;
     path->probe.change = from + 2 * k->nv;
-    path->between.coefficient = from + 3 * k->nv;
+    path->probe.c = from + 3 * k->nv;
+    path->between.coefficient = from + 4 * k->nv;
     path->k = k;
     path->chosen = chosen;
     path->here = path->points;

@@ -11,7 +11,7 @@ typedef struct {
     Real first, second; /* of errors of q, into those of t and of c */
     Real pace, bend, pivot; /* there: where they have changed, it is worth another look */
     Int rows;           /* written since */
-    Real *t, *along, *change; /* (nv) */
+    Real *t, *c, *along, *change; /* (nv), scaled */
 } Probe;
 
 typedef struct Path {
