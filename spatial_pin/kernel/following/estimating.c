@@ -189,6 +189,7 @@ Real estimate_between(Path *path, const Point *third, const Point *from, Real *e
     const Missed *m = MISSED + (degree == BETWEEN_DEGREE);
     const Real missing = missing_in_middle(path, from), grown = pow(way, m->order + 2.0);
     const Real e = larger_of(missing, degree == path->degree ? REMEMBERED * path->missed * grown : 0.0);
+    const Real open = missing > 0.0 ? equations_error(k) * e / missing : 0.0;
     const Real t = h * larger_of(largest_rate(k, from->t), largest_rate(k, to->t)); /* of one joint */
     const Real c = h * h * larger_of(largest_rate(k, from->c), largest_rate(k, to->c));
     const Real first = larger_of(t, REST * way), second = larger_of(c, STRAIGHT_BEND * first * first);
@@ -197,8 +198,16 @@ Real estimate_between(Path *path, const Point *third, const Point *from, Real *e
     const Real longer = pow(AIM / larger_of(part, 1e-30), 1.0 / m->order);
     const Real node = estimate_point(path, estimate);
     const Real noise = m->round_off * node / (second * path->accuracy.between);
-    path->between_way = fmin(way * fmin(fmax(noise > 1.0 ? 0.0 : longer, 0.25), GROWTH_POWER), LONGEST_GUESS);
-    path->missed = missing / grown;
+    /* Noise falls with the square of the way, as far as a third point allows; what is missing does not
+       grow where it is noise too. */
+    const int is_noise = missing <= node + 0.3 * h * estimate[1] + 0.03 * h * h * estimate[2];
+    const Real room = third ? larger_of(fabs(from->s - third->s) / (h * BETWEEN_NEAREST), SOONEST / way) : 1.0;
+    const Real most = fmin(GROWTH_POWER, room);
+    const Real best = noise <= 1.0 ? longer : is_noise && noise < most * most ? most : 0.0;
+    path->between_way = fmin(way * fmin(fmax(best, 0.25), GROWTH_POWER), LONGEST_GUESS);
+    path->between_open = SURE_TIMES * open + larger_of(from->error, to->error);
+    const Real last = degree == path->degree ? path->missed : 0.0; /* round-off tells no more than that */
+    path->missed = is_noise ? smaller_of(last, missing / grown) : missing / grown;
     path->degree = degree;
     estimate[0] += SURE_TIMES * e;
     estimate[1] += (SURE_TIMES * m->rates * e + 2.0 * node) / h;

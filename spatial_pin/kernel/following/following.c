@@ -82,7 +82,8 @@ static void forget(Path *path)
     path->zero = INFINITY;
     path->zero_known = path->has_before = path->stale = 0;
     path->idle_way = is_fixed ? INFINITY : IDLE_FIRST;
-    path->between_way = BETWEEN_FIRST * pow(path->accuracy.between, 1.0 / 7.0);
+    path->between_way = path->accuracy.between > WITHOUT_THIRD
+                            ? BETWEEN_FIRST * pow(path->accuracy.between, 1.0 / 7.0) : SOONEST;
     path->degree = 0;
     path->open = OPENED * path->here->error;
     path->idle_left = path->missed = 0.0;
