@@ -21,8 +21,8 @@ from spatial_pin.motion.motion import Motion, Output, content_of, fields_of, rea
 from spatial_pin.motion.summary import effort_lines, first_of
 from spatial_pin.numerics.linalg import Array
 
-# Times the error of a step from which on a motion is called unstable: stable falls have up to 1000.
-UNSTABLE = 3e4
+# Times the error of a step from which on a motion is called unstable: stable falls have up to 500.
+UNSTABLE = 5e3
 # Part of the energy, or of the energy of a fall over its size, that counts as exchanged.
 SMALL = 1e-2
 EPS = float(np.finfo(float).eps)

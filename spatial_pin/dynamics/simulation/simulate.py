@@ -312,8 +312,9 @@ def simulate(
     good = None
     for _ in range(CHOICES):
         other = partial(
-            simulate, mechanism, state, duration, efforts, times, drives=drives, external=external, laws=laws,
-            slip_speed=slip_speed, stop_when=stop_when, on_joint_limit=on_joint_limit)
+            simulate, mechanism, state, duration, efforts, times, drives=drives,
+            external=external, laws=laws, slip_speed=slip_speed, stop_when=stop_when,
+            on_joint_limit=on_joint_limit)
         whole = _followed(state, times, accuracy, (efforts, drives, external, laws), slip_speed,
                           stop_when, on_joint_limit, progress, other)
         n, opened = first_opened(whole, accuracy)
@@ -352,8 +353,8 @@ def _followed(
         moved = run.motion() if fall is None else fall.motion(
             run.motion(), run.record.start, problem.constant)
         del moved.error_estimates
-        setting = comparison(accuracy, run.longest_step)
-        moved.__dict__["_estimate"] = partial(error_estimates, partial(other, accuracy=setting))
+        moved.__dict__["_estimate"] = partial(error_estimates, lambda: other(
+            accuracy=comparison(accuracy, run.longest_step)))
         return moved
 
     bar = progress_bar(float(times[-1]), f"{mechanism.name}: seconds", progress)
