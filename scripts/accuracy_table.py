@@ -33,7 +33,7 @@ from spatial_pin.accuracy.tasks import describe, simulation_settings, sweep_sett
 from spatial_pin.accuracy.tradeoff import ROUND_OFF, pareto, tradeoff
 
 REPEATS = 15  # runs of each setting, of which the shortest counts, if the budget allows them
-MARGIN = {"sweep": 10.0, "simulate": 2.0}  # by which the promised error exceeds the largest measured
+MARGIN = {"sweep": 10.0, "simulate": 2.0}  # by which a promise exceeds the largest error
 MARGIN_LEAST = 3.0  # the same of a sweep's that no setting makes smaller: round-off
 LARGEST = 0.1  # error that is worth a promise
 HOPELESS = {"sweep": 1e-11, "simulate": 1e-9}  # best error above which the motion is to blame
@@ -140,7 +140,7 @@ def entries(task: str, tables: list[Table]) -> list[Entry]:
 
 
 def promised(task: str, error: float, least: float) -> float:
-    """Return a task's margin times an error, rounded up to one digit, with the least of all settings."""
+    """Return the margin times an error, rounded up to one digit, with the least of all settings."""
     most = (MARGIN_LEAST if error <= least else MARGIN[task]) * error
     size = 10.0 ** math.floor(math.log10(most))
     return float(f"{math.ceil(most / size * (1 - 1e-12)) * size:.0e}")
