@@ -70,7 +70,7 @@ def candidates(task: str) -> list[sp.Accuracy]:
     settings = [a for a in simulation_settings(1.0) if a.step is None]
     return list(dict.fromkeys(
         replace(a, integrator="automatic") if a.integrator == "DOP853" else a
-        for a in settings if a.formulation == "independent"))
+        for a in settings if a.integrator != "RK45" and a.formulation == "independent"))
 
 
 def measured(task: str, names: Iterable[str], budget: float) -> list[Table]:

@@ -20,7 +20,7 @@ class Integrator(NamedTuple):
        name: "scipy.integrate:Radau", or one of your own.
     2. One of the kernel (Runge and Kutta's) is an entry of `METHODS` in
        `kernel/integrators/integrating.c`; these have the same order here.
-    3. "automatic" begins as DOP853; `succeed` in
+    3. "automatic" begins as DOP853, or as RK45 with a loose tolerance; `next_integrator` in
        `dynamics.simulation.integrators` decides when Radau goes on, and when the first one again.
 
     Attributes:
@@ -79,8 +79,8 @@ class Accuracy:
             2e-7; a link that is 1 % too long leaves 1e-3 and more.
         formulation: of `simulate`: "independent" (coordinates, the loops closed inside) or
             "projected" (all joint coordinates, taken back to closed loops after every step).
-        integrator: of `simulate`: "automatic" (DOP853, and where strong damping or dry
-            friction would make it creep, Radau), "DOP853",
+        integrator: of `simulate`: "automatic" (DOP853, or from a `time_tolerance` of 3e-8 on RK45,
+            and where strong damping or dry friction would make them creep, Radau), "DOP853",
             "RK45", "Radau", "BDF", "LSODA", "RK4", "Gauss".
         time_tolerance: error that adaptive integrators allow in one step, relative and absolute
             [rad, characteristic lengths, and these per natural time]: about the period of a turn,
@@ -247,13 +247,13 @@ MEASURED: dict[str, tuple[tuple[float, Accuracy], ...]] = {
         (4e-13, Accuracy()),
     ),
     "simulate": (
-        (0.005, Accuracy(tolerance=1e-08, time_tolerance=1e-06)),
-        (0.002, Accuracy(tolerance=1e-09, time_tolerance=1e-07)),
-        (0.0002, Accuracy(tolerance=1e-08, time_tolerance=1e-08)),
-        (9e-05, Accuracy(tolerance=1e-10, time_tolerance=1e-08)),
-        (4e-05, Accuracy(tolerance=1e-11, time_tolerance=1e-09)),
-        (5e-07, Accuracy(tolerance=1e-12, time_tolerance=1e-10)),
-        (2e-08, Accuracy(time_tolerance=1e-11)),
-        (3e-09, Accuracy(time_tolerance=1e-12)),
+        (0.006, Accuracy(tolerance=1e-08, time_tolerance=1e-06)),
+        (0.0003, Accuracy(tolerance=1e-09, time_tolerance=1e-07)),
+        (4e-05, Accuracy(tolerance=1e-10, time_tolerance=1e-08)),
+        (7e-06, Accuracy(tolerance=1e-11, time_tolerance=1e-09)),
+        (9e-08, Accuracy(tolerance=1e-12, time_tolerance=1e-10)),
+        (3e-09, Accuracy(time_tolerance=1e-11)),
+        (1e-09, Accuracy(time_tolerance=1e-12)),
+        (4e-11, Accuracy(tolerance=1e-15, time_tolerance=1e-13)),
     ),
 }
