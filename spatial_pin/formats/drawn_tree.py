@@ -26,9 +26,8 @@ from spatial_pin.formats.drawn_file import (
     Vector,
     is_varied,
 )
-from spatial_pin.formats.graph.joint_graph import WORLD, GraphJoint, JointGraph, Link
+from spatial_pin.formats.graph.joint_graph import WORLD, GraphJoint, JointGraph, Link, SpanningTree
 from spatial_pin.formats.graph.open_tree import cut_notice
-from spatial_pin.formats.graph.spanning import SpanningTree
 from spatial_pin.formats.graph.urdf import named_coordinates
 from spatial_pin.formats.urdf.elements import UNBOUNDED, fresh, joint_element
 from spatial_pin.formats.urdf.urdf_model import RESISTANCES

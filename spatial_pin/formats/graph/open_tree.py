@@ -12,8 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError
-from spatial_pin.formats.graph.joint_graph import WORLD, GraphJoint, JointGraph, Link
-from spatial_pin.formats.graph.spanning import SpanningTree
+from spatial_pin.formats.graph.joint_graph import WORLD, GraphJoint, JointGraph, Link, SpanningTree
 from spatial_pin.formats.importers import Imported
 from spatial_pin.formats.urdf.elements import (
     finite_text,
