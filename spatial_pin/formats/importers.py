@@ -129,11 +129,11 @@ def on_use(module: str, name: str = "read") -> Callable[[Any], Any]:
 IMPORTERS: dict[str, Importer] = {
     "urdf": Importer("URDF or xacro", (".urdf", ".xacro", ".xml"),
                      on_use("urdf_importer", "is_urdf"), on_use("urdf_importer", "read_urdf")),
-    "sdf": Importer("SDFormat", (".sdf", ".world"), lambda path: True, on_use("sdf.reader"),
+    "sdf": Importer("SDFormat", (".sdf", ".world"), lambda path: True, on_use("sdf.sdf_reader"),
                     has_models=True),
     "usd": Importer("USD", (".usd", ".usda", ".usdc", ".usdz"), lambda path: True, on_use("usd")),
     "mjcf": Importer("MJCF", (".xml", ".mjcf"), on_use("mjcf.compiling", "is_mjcf"),
-                     on_use("mjcf.reader")),
+                     on_use("mjcf.mjcf_reader")),
     "folder": Importer("a folder with a URDF", (FOLDER,), on_use("urdf_importer", "has_urdf"),
                        on_use("urdf_importer", "read_folder")),
     "statement": Importer("robot.yaml or loop_closures.yaml beside a URDF", (".yaml", ".yml"),
