@@ -516,9 +516,6 @@ def of_mechanism(mechanism: Mechanism, state: State) -> State:
 
     For a rounded file it belongs to the mechanism without contradicting equations: use
     `state.mechanism`.
-
-    Raises:
-        SpatialPinError: it is a state of another mechanism, or of other dimensions.
     """
     require_mechanism(mechanism)
     if not isinstance(state, State):
@@ -581,11 +578,7 @@ def center_of_mass(mechanism: Mechanism, link: str) -> Array:
 
 
 def mass_shares(mechanism: Mechanism) -> list[tuple[int, float, Array]]:
-    """Return joint, part of the whole mass, centre (3,) on the joint of all bodies that move.
-
-    Raises:
-        SpatialPinError: they have no mass.
-    """
+    """Return joint, part of the whole mass, centre (3,) on the joint of all bodies that move."""
     model = mechanism.model
     total = moving_mass(model)
     if not total > 0.0:

@@ -59,9 +59,6 @@ def print_result(
         table: columns of equal length by heading, for `--csv`.
         files: that are written as it goes on.
         is_whole: whether nothing cut it short.
-
-    Raises:
-        CutShort: something did.
     """
     if not on_screen(options):
         say(text)

@@ -45,12 +45,7 @@ FIELDS = [field.name for field in fields(Mechanism) if field.init]
 
 
 class Variants:
-    """A mechanism at other dimensions; for motion alone, masses stay nominal.
-
-    Args:
-        mechanism: at its nominal dimensions.
-        names: the dimensions.
-    """
+    """A mechanism at other dimensions; for motion alone, masses stay nominal."""
 
     def __init__(self, mechanism: Mechanism, names: Iterable[str]) -> None:
         self.mechanism, self.names = mechanism, list(names)

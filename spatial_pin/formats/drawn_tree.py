@@ -114,12 +114,7 @@ def drawn_tree(content: Mapping[str, Any], where: str) -> DrawnTree:
 
 
 def spanning_tree(drawing: DrawnFile, rest: Mapping[str, Any], where: str) -> SpanningTree:
-    """Return a drawing's spanning tree, in which coordinates are that something refers to.
-
-    Raises:
-        MechanismFileError: a body is joined to nothing, or not to the ground, or all joints of a
-            loop are needed.
-    """
+    """Return a drawing's spanning tree, in which coordinates are that something refers to."""
     links = [Link(name, massless=False) for name in drawing.bodies]
     joints = [_graph_joint(name, joint) for name, joint in drawing.joints.items()]
     joints += [GraphJoint(name, "distance", _world(drawing.points[one][0]),

@@ -97,9 +97,6 @@ def with_free_flyer(urdf: str, path: Path, refined: Container[str] = ()) -> str:
 
     A new link, `world`, becomes the root (`ground` where a link has that name): closures to what
     stands still name it. Links that a file fixes to its root link go with it.
-
-    Raises:
-        MechanismFileError: all that the root carries floats already.
     """
     robot = parse_urdf(urdf, path)
     joints, links = robot.findall("joint"), robot.findall("link")
@@ -324,11 +321,7 @@ def _load_drawing(top: TomlTable, request: Request) -> Mechanism:
 
 
 def _for_file(request: Request, file: Path, importer: Importer) -> Request:
-    """Return a request for a file: `model` chooses among several, or is a xacro argument.
-
-    Raises:
-        MechanismFileError: the file takes no parameters, or no `model`.
-    """
+    """Return a request for a file: `model` chooses among several, or is a xacro argument."""
     if file.suffix == ".xacro" and request.model is not None:
         own: dict[str, Any] = {**request.parameters, "model": request.model}
         return replace(request, parameters=own, model=None)

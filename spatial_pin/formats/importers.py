@@ -149,11 +149,7 @@ def endings() -> tuple[str, ...]:
 
 
 def importer_of(path: Path) -> Importer | None:
-    """Return the importer that reads a file or folder; None where its name ends as none does.
-
-    Raises:
-        MechanismFileError: the file is not there, or is in none of the formats of its ending.
-    """
+    """Return the importer that reads a file or folder; None where its name ends as none does."""
     # os.path, unlike Path.is_dir, is false for names that are too long
     ending = FOLDER if os.path.isdir(path) else path.suffix.lower()
     candidates = [x for x in IMPORTERS.values() if ending in x.suffixes]

@@ -55,9 +55,6 @@ def save(mechanism: Mechanism, folder: str | Path, tabulate: Any = None) -> Path
 
     Returns:
         The mechanism file, for `load`.
-
-    Raises:
-        SpatialPinError: a target is a file of the mechanism itself, or cannot be written.
     """
     folder = named_folder(folder)
     stem = re.sub(r"[^\w.+-]+", "_", mechanism.name).strip("._") or "mechanism"
@@ -109,9 +106,6 @@ def export_urdf(mechanism: Mechanism, path: str | Path) -> list[Path]:
 
     Returns:
         The files written.
-
-    Raises:
-        SpatialPinError: the target is a file of the mechanism itself, or cannot be written.
     """
     path = named_path(path)
     for closure in mechanism.closures:
@@ -222,11 +216,7 @@ def _parts(mesh: Path) -> list[Path]:
 
 
 def robot_of(mechanism: Mechanism) -> ET.Element:
-    """Return the <robot> of a mechanism's tree.
-
-    Raises:
-        SpatialPinError: the mechanism was made without its text.
-    """
+    """Return the <robot> of a mechanism's tree."""
     try:
         return ET.fromstring(mechanism.urdf)
     except ET.ParseError as error:

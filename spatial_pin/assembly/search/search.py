@@ -40,10 +40,6 @@ class Search:
 
     Groups of loops without common free coordinates are searched one by one.
 
-    Args:
-        problem: the assembly problem.
-        limits: whether joint limits count.
-
     Attributes:
         worst: the search with the largest error, of a group of loops or this one.
         best: the nearest closed configuration, with its distance from the named values.

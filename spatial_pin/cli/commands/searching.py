@@ -114,11 +114,7 @@ def _bounds(path: Path, name: str, given: Any) -> Bounds:
 
 
 def check_bounds(bounds: Mapping[str, Bounds]) -> None:
-    """Refuse bounds with units of something else than a length or an angle, or of one of each.
-
-    Raises:
-        ValueError: names the dimension.
-    """
+    """Refuse bounds with units of something else than a length or an angle, or of one of each."""
     for name, ends in bounds.items():
         given = [x for x in ends or () if isinstance(x, ValueWithUnit) and x.unit]
         units = " and ".join(x.unit for x in given)

@@ -29,11 +29,7 @@ def is_prefixed(element: ET.Element) -> bool:
 
 
 def finite_numbers(text: str, count: int) -> Array:
-    """Return the `count` finite numbers of a text.
-
-    Raises:
-        ValueError: there are more or fewer, or no numbers.
-    """
+    """Return the `count` finite numbers of a text."""
     try:  # 1_0, and digits of other scripts, are numbers to Python only
         values = np.array([float(word) if word.isascii() and "_" not in word else math.nan
                            for word in text.split()])

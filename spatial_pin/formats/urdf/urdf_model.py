@@ -98,9 +98,6 @@ def tree_of(
         order: joints in the order of their coordinates; those not named go first. Default that of
             Pinocchio's reader: joint by joint upwards, alphabetically at each link.
         order_of: the file of this order, for errors.
-
-    Raises:
-        MechanismFileError: it is not a tree, or has impossible numbers.
     """
     robot = parse_urdf(urdf, path)
     for parent in list(robot.iter()):  # elements of other namespaces, from xacro
@@ -381,10 +378,6 @@ def _put_numbers(model: pin.Model, refinements: Mapping[str, JointRefinement]) -
 
     Returns:
         (nv,) slip speeds, NaN where there are none.
-
-    Raises:
-        MechanismFileError: there are more or fewer numbers than coordinates, or a lower limit is
-            above the upper one.
     """
     slip_speeds = np.full(model.nv, math.nan)
     of_resistances = {

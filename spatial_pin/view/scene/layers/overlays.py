@@ -58,11 +58,7 @@ def words(state: State) -> str:
 def others_of(
     stage: Stage, shown: Iterable[State | Motion], name: str
 ) -> list[tuple[list[Item], Array, str]]:
-    """Return solids, corners (K, 3) [m] and names of other states and motions.
-
-    Raises:
-        SpatialPinError: one is a state of another mechanism.
-    """
+    """Return solids, corners (K, 3) [m] and names of other states and motions."""
     others = []
     for k, one in enumerate(shown, start=1):
         own, mechanism = film(one), one.mechanism
@@ -167,11 +163,7 @@ TURNS = (np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]], dtype=float),
 
 
 def clearances(stage: Stage, clearance: Clearance) -> Layer:
-    """Return links that touch in red, lines between nearest points, and alarms.
-
-    Raises:
-        SpatialPinError: it belongs to another motion.
-    """
+    """Return links that touch in red, lines between nearest points, and alarms."""
     film = stage.film
     if len(clearance.motion) <= int(film.rows[-1]) or not np.array_equal(
             clearance.motion.q[film.rows], film.q):
@@ -236,11 +228,7 @@ def _line(stage: Stage, pair: PairClearance, colour: tuple[float, ...]) -> list[
 
 
 def workspaces(stage: Stage, workspace: Workspace) -> Layer:
-    """Return the points of a workspace in colours, and where the branch ends.
-
-    Raises:
-        SpatialPinError: it is that of another mechanism.
-    """
+    """Return the points of a workspace in colours, and where the branch ends."""
     shown_one, own = stage.film.mechanism.name, workspace.mechanism.name
     if shown_one != own:
         raise SpatialPinError(f"mechanism {shown_one!r}: the workspace is that of another one, "
@@ -285,9 +273,6 @@ def designs(stage: Stage, design: Design, drawn: tuple[str, ...]) -> Layer:
         stage: the scene.
         design: whose goals are drawn.
         drawn: frames whose paths are drawn anyway.
-
-    Raises:
-        SpatialPinError: something else is shown than the design's mechanism.
     """
     shown = stage.film.mechanism
     if shown.name != design.mechanism.name or shown.dimensions != design.mechanism.dimensions:
