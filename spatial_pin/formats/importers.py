@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
@@ -11,6 +12,7 @@ from typing import Any
 
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.file_access import Trust, check_file, shown
+from spatial_pin.formats.parsing import parse_urdf
 
 FOLDER = "/"  # the ending of a folder's name
 NAMED_FAULTS = 3  # of one kind in a warning: enough to see what they have in common
@@ -55,15 +57,19 @@ class Imported:
     """An open tree and the further content of its file.
 
     Attributes:
-        urdf: the open tree as plain URDF text, files of meshes by absolute paths.
+        urdf: the open tree as a plain URDF, its text or its <robot>; meshes by absolute paths.
         content: the other keys of a mechanism file, as `tomllib` reads them; `name` and
             `tree` may be left out.
         notices: of changes and omissions in reading, a sentence each; `load` warns of them.
     """
 
-    urdf: str
+    urdf: str | ET.Element
     content: Mapping[str, Any] = field(default_factory=dict)
     notices: tuple[str, ...] = ()
+
+    def robot(self, path: Path) -> ET.Element:
+        """Return the <robot> of the open tree; `path` is where it comes from."""
+        return parse_urdf(self.urdf, path) if isinstance(self.urdf, str) else self.urdf
 
 
 class Faults:

@@ -18,7 +18,6 @@ from spatial_pin.formats.checked_tables import BELONGS, BETWEEN, TOP, TomlTable,
 from spatial_pin.formats.file_access import Trust, read_text
 from spatial_pin.formats.graph.urdf import without_loops
 from spatial_pin.formats.importers import Faults, Request
-from spatial_pin.formats.parsing import parse_urdf
 from spatial_pin.formats.urdf.elements import inertial
 from spatial_pin.formats.urdf.urdf_model import (
     LIMITS,
@@ -157,9 +156,8 @@ class MechanismSpec:
         return tuple(found)
 
 
-def with_masses(urdf: str, masses: Mapping[str, pin.Inertia], path: Path, where: str) -> str:
-    """Return URDF text whose links have the masses that a mechanism file gives them."""
-    robot = parse_urdf(urdf, path)
+def put_masses(robot: ET.Element, masses: Mapping[str, pin.Inertia], where: str) -> None:
+    """Give the links of a URDF the masses that a mechanism file states."""
     links = {link.get("name", ""): link for link in robot.findall("link")}
     for name, mass in masses.items():
         if name not in links:
@@ -168,11 +166,10 @@ def with_masses(urdf: str, masses: Mapping[str, pin.Inertia], path: Path, where:
         for own in links[name].findall("inertial"):
             links[name].remove(own)
         links[name].append(inertial(mass))
-    return ET.tostring(robot, encoding="unicode")
 
 
 def mechanism_of(
-    top: TomlTable, file: Path, urdf: str, request: Request, faults: Faults
+    top: TomlTable, file: Path, robot: ET.Element, request: Request, faults: Faults
 ) -> Mechanism:
     """Return the mechanism of the expanded URDF of `file` and the table of the file asked for."""
     mistakes, written = Mistakes(top.where), top.content
@@ -184,16 +181,15 @@ def mechanism_of(
     if not spec.is_whole["joints"]:
         mistakes.raise_all()  # what the tree is, is not known
     with mistakes.each():
-        if spec.masses:
-            urdf = with_masses(urdf, spec.masses, file, top.where)
-        cut = without_loops(urdf, top.content, spec.refinements, file, faults)
+        put_masses(robot, spec.masses, top.where)
+        cut = without_loops(robot, top.content, spec.refinements, file, faults)
         if cut is not None:
             mistakes.raise_all()
             for notice in cut.notices:
                 faults.note(notice)
-            urdf, top = cut.urdf, TomlTable(cut.content, top.where)
+            robot, top = cut.robot(file), TomlTable(cut.content, top.where)
             spec = MechanismSpec(top, mistakes, trust)
-        tree, mimics = tree_of(urdf, file, spec.refinements, faults, trust, spec.order, top.where)
+        tree, mimics = tree_of(robot, file, spec.refinements, faults, trust, spec.order, top.where)
         if spec.gravity is not None:
             tree["model"].gravity.linear = spec.gravity
         spec.parts["closures"] += mimics

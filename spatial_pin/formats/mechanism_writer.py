@@ -414,7 +414,7 @@ def _edited(mechanism: Mechanism, table: str, name: str, entry: dict[str, Any]) 
         content = content_of(m)
         content[table] = {**content.get(table, {}), name: entry}
         request = Request(Path(f"{m.name}.toml"), trusted=m.trusted, packages=dict(m.packages))
-        made = made_of(content, Path(f"{m.name}.urdf"), m.urdf, request, ())
+        made = made_of(content, Path(f"{m.name}.urdf"), robot_of(m), request, ())
         return made.with_fields(
             path=path, tree=m.tree, notices=m.notices, parameters=m.parameters, gap=m.gap,
             free_flyer=m.free_flyer, visual_model=partial(getattr, m, "visual_model"),
