@@ -25,7 +25,7 @@ from spatial_pin.formats.urdf.urdf_model import (
     JointRefinement,
     tree_of,
 )
-from spatial_pin.formats.xacro.xacro_arguments import Values, dimensions, with_numbers
+from spatial_pin.formats.xacro.xacro_arguments import dimensions, with_numbers, worked_out
 from spatial_pin.mechanism.contact_sides import sided
 from spatial_pin.mechanism.coordinates import check_guess
 from spatial_pin.mechanism.curves import CurveShape, curve_of
@@ -213,7 +213,7 @@ def _build(
     parts["dimensions"] = partial(dimensions, *with_dimensions)  # read when they are asked for
     guess = parts.pop("guess")
     with mistakes.each():
-        parts["guess"] = Values(guess, request.path, "guess", *with_dimensions)
+        parts["guess"] = worked_out(guess, request.path, "guess", *with_dimensions)
     mechanism = Mechanism(
         name=top.content.get("name", ""), tree=file, path=request.path,
         parameters=dict(request.parameters), trusted=request.trusted, packages=request.packages,
