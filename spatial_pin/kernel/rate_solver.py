@@ -66,7 +66,7 @@ class _RateTask(ctypes.Structure):
 class RateSolver:
     """Solves for rates with some freedoms driven; one caller at a time.
 
-    Kept by the kernel whose memory it works in. What is asked for after `factor` or `solve` is that
+    Kept by the kernel whose memory it works in. Results read after `factor` or `solve` are those
     of their configuration.
 
     Args:
