@@ -147,7 +147,7 @@ class State:
             whole turns, as loops could not be followed there from the guess.
         rate_error: estimated round-off of v and a, relative to their size; it grows near a limit
             position of a driver, and near a branch point, up to 1: no digit. NaN until
-            `solve_rates`; of a sample of a sweep it is worked out when asked for, of a sample of
+            `solve_rates`; of a sample of a sweep it is worked out at first use, of a sample of
             a simulation it is NaN.
         in_time: whether v and a are rates in time; those of a sample of a sweep without speed are
             not, and forces there are those at rest.

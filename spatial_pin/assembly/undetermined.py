@@ -31,7 +31,7 @@ from spatial_pin.numerics.linalg import (
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 STEP = TOLERANCES.trial_step
-REGULAR_TRIALS = 4  # of which one nearly always closes, as each is short
+REGULAR_TRIALS = 4  # one of them nearly always closes, as each is short
 # Estimated from how equations turn over a trial step, they would become dependent after some way.
 # Lost rank is not looked for again within this part of it: they may turn faster farther on, but not
 # four times as fast.

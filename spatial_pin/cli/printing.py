@@ -140,7 +140,7 @@ def write_table(table: Table, path: str) -> list[str]:
 
 
 def finite(x: Any) -> Any:
-    """Return plain data as JSON has it: lists for arrays, None for what is not finite."""
+    """Return plain data as JSON has it: lists for arrays, None for numbers that are not finite."""
     if isinstance(x, Mapping):
         return {key: finite(one) for key, one in x.items()}
     if isinstance(x, np.ndarray):

@@ -87,7 +87,7 @@ class DrawnTree(NamedTuple):
 
 
 def drawn_tree(content: Mapping[str, Any], where: str) -> DrawnTree:
-    """Return the tree of a drawing, and what is cut of it.
+    """Return the tree of a drawing, and its cut joints.
 
     Args:
         content: of the mechanism file, as `tomllib` reads it; it has `bodies`.
@@ -158,7 +158,7 @@ def _check_joined(joints: Sequence[GraphJoint], bodies: Sequence[str], where: st
     loose = [name for name in bodies if name not in reached]
     if loose:
         raise MechanismFileError(
-            f"{where}: nothing joins {', '.join(loose)} to {GROUND!r}; what is free to move in "
+            f"{where}: nothing joins {', '.join(loose)} to {GROUND!r}; a body that moves freely in "
             f'space has a joint of type = "floating" between {GROUND!r} and it')
 
 

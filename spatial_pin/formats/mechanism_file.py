@@ -171,7 +171,7 @@ def put_masses(robot: ET.Element, masses: Mapping[str, pin.Inertia], where: str)
 def mechanism_of(
     top: TomlTable, file: Path, robot: ET.Element, request: Request, faults: Faults
 ) -> Mechanism:
-    """Return the mechanism of the expanded URDF of `file` and the table of the file asked for."""
+    """Return the mechanism of the expanded URDF of `file` and the table of the mechanism file."""
     mistakes, written = Mistakes(top.where), top.content
     trust = Trust.of(file, request.packages, request.trusted)
     with mistakes.each():
@@ -210,7 +210,7 @@ def _build(
         joints = dict(zip(list(tree["model"].names)[1:], tree["pairs"], strict=True))
         parts["drivers"] = drivers_of_tree(joints, parts["closures"])
     with_dimensions = file, dict(request.parameters), request.trusted, request.packages
-    parts["dimensions"] = partial(dimensions, *with_dimensions)  # read when they are asked for
+    parts["dimensions"] = partial(dimensions, *with_dimensions)  # read at first use
     guess = parts.pop("guess")
     with mistakes.each():
         parts["guess"] = worked_out(guess, request.path, "guess", *with_dimensions)
@@ -351,7 +351,7 @@ def _numbers(table: TomlTable, pair: Pair, context: Context) -> dict[str, Any]:
 
 
 def rows_of(file: Path) -> list[list[float | None]]:
-    """Return the numbers of a table, row by row, without its heading; None for what is none."""
+    """Return the numbers of a table, row by row, without its heading; None for another text."""
     rows = [line.replace(";", ",").split(",") for line in read_text(file).splitlines()
             if line.strip() and not line.lstrip().startswith("#")]
     values = [[_as_number(x) for x in row] for row in rows]

@@ -50,7 +50,7 @@ class Examined(NamedTuple):
         angles: (n_angles,) of screw closures, counting turns [rad].
         may_be_mirrored: as of `Closed`.
         least: of its closure equations, the columns of their derivatives made alike: the length
-            of what is left of the last one that is independent, relative to the first one's.
+            of the remainder of the last one that is independent, relative to the first one's.
         left_out: likewise of the longest of those that follow from others.
     """
 
@@ -67,7 +67,7 @@ class Reached(NamedTuple):
     Attributes:
         q: the configuration (nq,), whole turns taken off its angles.
         error, may_be_mirrored: as of `Closed`.
-        distance: from what is named, but of components of balls and floating joints [rad,
+        distance: from the named values, but of components of balls and floating joints [rad,
             characteristic lengths].
         examined: what it is like, where one start alone has led to a closed configuration.
     """
@@ -87,7 +87,7 @@ class NamedCoordinates(NamedTuple):
     Fixed ones have their values.
 
     Attributes:
-        value: (nq,) of what is named or fixed; those of a ball together.
+        value: (nq,) of named or fixed entries; those of a ball together.
         kinds: (nq,) NAMED, FIXED, TURNS, or several, of each; those of a ball at its first entry.
         lower, upper: (nq,) limits.
     """
@@ -121,7 +121,7 @@ class FurtherStarts:
     Args:
         steps: (m, `AT_ONCE`, nv) joint displacements from the first start, of each of m groups of
             loops: while one is displaced the others stand.
-        near: distance from what is named that is not questioned.
+        near: a distance from the named values that is accepted.
         group: (nv,) the group that each velocity is of.
     """
 
@@ -164,7 +164,7 @@ class Closer:
         kernel: the compiled mechanism, in whose memory it works.
         handle: of the C structure.
         at_task: address of the task.
-        paths: those that start where it closes the loops, by what is prescribed.
+        paths: those that start where it closes the loops, by prescribed coordinates.
     """
 
     def __init__(self, mechanism: Mechanism, pinned: Iterable[str] = ()) -> None:
@@ -253,7 +253,7 @@ class Closer:
         Args:
             q: where to start.
             settings: how.
-            value: (nq,) of what is named or fixed, see `NamedCoordinates`.
+            value: (nq,) of named or fixed entries, see `NamedCoordinates`.
             reference: see `close`.
             pinned: see `close`.
             further: close from the further starts too where a single one closes, nothing is at

@@ -686,7 +686,7 @@ def made(**fields: Any) -> Motion:
     """Return a Motion from all its fields; its arrays are checked to be finite and read-only.
 
     In place of events and error estimates that depend on nothing but these fields, there may be
-    functions of the motion that make them when they are asked for: see `LATER`.
+    functions of the motion that make them at first use: see `LATER`.
     """
     motion = Motion.__new__(Motion)
     resolved = fields["mechanism"].closure_resolution

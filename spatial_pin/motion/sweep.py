@@ -102,7 +102,7 @@ def sweep(
             them where a State as guess has them, else where they are assembled. "base" is a free
             base (a floating joint that alone carries a whole machine), "springs" the joints that
             springs act about, "NAME.rotation" and "NAME.translation" parts of a floating joint.
-            None: nothing. A "released" event tells of drivers, and of what is held by name, that
+            None: nothing. A "released" event names drivers, and coordinates held by name, that
             the loops do not let stand there.
         on_limit: where a value cannot be reached: "raise" a LimitError, or "stop", which ends the
             motion before it, with an event.
@@ -201,7 +201,7 @@ def _values(mechanism: Mechanism, driver: str, given: Any, speed: Any) -> Array:
             f"mechanism, {driver!r}, np.linspace({first:g}, {last:g}, 101)); one position is "
             f"sp.assemble(mechanism, {{{driver!r}: {first:g}}})")
     if values.ndim > 1 or not is_finite(values):
-        values = finite_array(values, (values.size,), "values")  # says what is wrong
+        values = finite_array(values, (values.size,), "values")  # refuses in words
     return values
 
 
@@ -271,10 +271,10 @@ def _events(
     Args:
         tracker: which has followed the branch.
         result: the samples of the path.
-        driver: what is swept.
+        driver: the swept coordinate.
         values: of it.
         released: see `State.released`.
-        gone: sentences on what is held, but not where the guess has it.
+        gone: sentences on held coordinates that do not stand where the guess has them.
     """
     moving, texts = tracker.moving_drivers, [*gone]
     if not (moving or released or texts or result.crossed):

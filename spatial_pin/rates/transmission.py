@@ -164,7 +164,7 @@ class MovedOutput(NamedTuple):
         """Return the transmission angle [rad].
 
         Args:
-            mechanism: of which it is an output.
+            mechanism: whose output it is.
             q: (nq,) a closed configuration.
             angles: (n_angles,) of screw closures there [rad].
         """

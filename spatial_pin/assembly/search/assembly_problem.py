@@ -107,7 +107,7 @@ def free_set(
     first = free & free_velocities(mechanism, still, own)
     has_first = bool(first.any()) and not np.array_equal(first, free)
     loose = [c.name for c in table.values() if c.v in loose_entries(mechanism)]
-    kinds = entry_kinds(mechanism, held, [*own, *loose])  # what is loose counts the guess's turns
+    kinds = entry_kinds(mechanism, held, [*own, *loose])  # loose ones count the guess's turns
     balls = dict.fromkeys(table[name].joint for name in own if table[name].q < 0)
     is_whole = all(mechanism.pair_of(joint) == "spherical"
                    and all(c.name in own for c in joints[joint]) for joint in balls)

@@ -268,8 +268,8 @@ def simulate(
         slip_speed: speed at which dry friction has 76 % of its full value, see `forward_dynamics`.
             Joints that friction should hold creep at a fraction of this speed.
         stop_when: ends the simulation where this function (t, State) crosses zero, with an event
-            and a last sample there. It is asked at every sample and end of a step: what crosses
-            zero twice between two of these passes unnoticed.
+            and a last sample there. It is evaluated at every sample and end of a step: two
+            crossings between two of these pass unnoticed.
         on_joint_limit: where a joint passes a limit of the URDF: "report" to go on with an event
             of kind "joint limit", for nothing holds the joint back; "stop" to end there, with a
             last sample; "ignore". The time is located to about 1e-12 s. Velocities and efforts (of

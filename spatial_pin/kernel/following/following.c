@@ -52,7 +52,7 @@ static int is_regular(Path *path)
     return stays_closed(path->k, path->here->q, path->here->error, path->next->q);
 }
 
-/* Move to q, with what is prescribed as it is there or, by polynomials, where the path begins. */
+/* Move to q; prescribed values are those of q or, by polynomials, those where the path begins. */
 static int move_to(Path *path, const Real *q)
 {
     Prescribed *p = &path->prescribed;

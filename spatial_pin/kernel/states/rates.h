@@ -31,7 +31,7 @@ EXPORT int rates_solve(Rates *r, const RateTask *task);
 
 /* Joint rates (nv), there, of any order. Where joints have no rate of that order, the equations have
    the second derivatives at joint velocities v (nv), or these derivatives (n_equations); either may
-   be NULL. What is driven has rates `drive` (n_driven); no component with `derivative`. */
+   be NULL. Driven coordinates have rates `drive` (n_driven); no component with `derivative`. */
 EXPORT int rates_answer(Rates *r, const Real *v, const Real *derivative, const Real *drive, Real *out);
 
 /* Joint velocities (n, nv), there, for a unit speed of each of the first n driven freedoms; and the

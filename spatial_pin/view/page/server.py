@@ -127,7 +127,7 @@ class _Server(ThreadingHTTPServer):
 class Viewer:
     """A page that is being served; `stop` it, or use it in a `with` statement.
 
-    The page plays in the browser without the server, which is only asked for it again when it is
+    The page plays in the browser without the server, which computes it again only when it is
     reloaded, or when it has a service. The server is gone when the interpreter exits. In a notebook
     the viewer, as the last value of a cell, is the page itself, stored and exported with it; one
     with a service is shown while it is served, and where it is not, a still page takes its place.
