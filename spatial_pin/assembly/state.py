@@ -142,9 +142,9 @@ class State:
         branch: label of the assembly mode, from `assembly_modes`.
         released: {driver: displacement [rad or m]} of drivers that were given no value, and had to
             leave where the guess has them, for the loops to close.
-        lost_turns: coordinates that were set further than half a turn from the guess in loops
-            where couplings or screws count turns, and others do not: what they count may have lost
-            whole turns, as loops could not be followed there from the guess.
+        lost_turns: coordinates that were set so far from the guess that others may have lost whole
+            turns, as loops could not be followed there: more than half a turn where couplings or
+            screws count turns behind loops that do not, more than one where nothing counts them.
         rate_error: estimated round-off of v and a, relative to their size; it grows near a limit
             position of a driver, and near a branch point, up to 1: no digit. NaN until
             `solve_rates`; of a sample of a sweep it is worked out at first use, of a sample of

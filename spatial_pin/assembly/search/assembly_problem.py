@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -151,13 +151,15 @@ class AssemblyProblem:
         workspaces: of a problem that this one is part of.
 
     Attributes:
-        lost: see `State.lost_turns`.
+        lost: coordinates with a warning, see `State.lost_turns`.
+        with_turns: see `turns_of_others`; None if nothing is set far from the guess.
         driver_values: wanted values of drivers without a given value, by coordinate.
         known: results of `reached` for the goal and further starts, if known.
     """
 
     known: list[Reached] | None = None
     lost: tuple[str, ...] = ()
+    with_turns: Callable[[Array], tuple[Array, tuple[str, ...]]] | None = None
     driver_values: Mapping[str, float] = NOTHING
 
     def __init__(

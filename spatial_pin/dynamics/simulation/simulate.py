@@ -208,7 +208,14 @@ def _times(duration: float, times: Any) -> Array:
 
 
 def _check_start(problem: Problem, state: State) -> None:
-    """Refuse a state that does not start as the laws of its prescribed drivers do."""
+    """Refuse a state that does not start as the laws of its prescribed drivers do.
+
+    Or where the force of a spring has no direction.
+    """
+    if problem.forces.lines:
+        with loops_of(problem.mechanism, state.angles) as evaluation:
+            evaluation.update(state.q)
+            problem.forces.wrenches(evaluation, state.v)
     name, drivers = problem.mechanism.name, driver_names(problem.mechanism)
     for c, law in problem.drives:
         value, rate, _ = law(0.0)
