@@ -24,6 +24,8 @@ from spatial_pin.inverse_kinematics.targets import (
     pose,
     position,
 )
+from spatial_pin.kernel.closer import ANGLE as TURNED
+from spatial_pin.kernel.closer import POINT, KernelTarget, frame_in_kernel
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import FRAME_UNITS
@@ -48,6 +50,14 @@ class PointPart(Target):
     offset: Array  # (3,) of the point in the frame's axes [m]
     axes: tuple[int, ...]  # numbers of the world's axes
     values: Array  # wanted components [m]
+
+    def for_kernel(self, mechanism: Mechanism) -> list[KernelTarget] | None:
+        """See `Target`."""
+        joint, columns, origin = frame_in_kernel(mechanism, self.frame)
+        point, wanted = origin + self.offset @ np.reshape(columns, (3, 3)), np.zeros(3)
+        wanted[[*self.axes]] = self.values
+        return [((POINT, joint, 0, sum(1 << axis for axis in self.axes)),
+                 [*point, *(wanted - mechanism.centre)])]
 
     def residual(self, evaluation: LoopEquations) -> Residual:
         """See `Target`."""
@@ -78,6 +88,12 @@ class AngleValue(Target):
 
     angle: LinkAngle
     value: float  # wanted angle [rad]
+
+    def for_kernel(self, mechanism: Mechanism) -> list[KernelTarget] | None:
+        """See `Target`."""
+        joint, columns, _ = frame_in_kernel(mechanism, self.angle.frame)
+        arm = self.angle.arm @ np.reshape(columns, (3, 3))
+        return [((TURNED, joint, 0, 0), [*arm, *self.angle.aside.ravel(), self.value])]
 
     def residual(self, evaluation: LoopEquations) -> Residual:
         """See `Target`: within half a turn."""

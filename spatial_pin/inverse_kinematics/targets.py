@@ -143,13 +143,13 @@ def _turn(at: pin.SE3, slope: Array, rotation: Array) -> Residual:
 
 def _placed_target(mechanism: Mechanism, name: str, point: Array) -> KernelTarget:
     """Return the target of the origin of a frame (3,) for the kernel."""
-    joint, _, origin = frame_in_kernel(mechanism, name)
+    joint, _, origin = frame_in_kernel(mechanism, mechanism.frame_id(name))
     return (POINT, joint, 0, ALL_AXES), origin + (point - mechanism.centre).tolist()
 
 
 def _turned_target(mechanism: Mechanism, name: str, rotation: Array) -> KernelTarget:
     """Return the target of the axes of a frame (3, 3) for the kernel."""
-    joint, axes, _ = frame_in_kernel(mechanism, name)
+    joint, axes, _ = frame_in_kernel(mechanism, mechanism.frame_id(name))
     return (TURN, joint, 0, 0), axes + rotation.T.ravel().tolist()
 
 
@@ -233,7 +233,7 @@ class Direction(Target):
 
     def for_kernel(self, mechanism: Mechanism) -> list[KernelTarget] | None:
         """See `Target`."""
-        joint, axes, _ = frame_in_kernel(mechanism, self.name)
+        joint, axes, _ = frame_in_kernel(mechanism, mechanism.frame_id(self.name))
         axis = self.axis @ np.reshape(axes, (3, 3))
         return [((DIRECTION, joint, 0, 0), [*axis, *self.along, *self._across.ravel()])]
 
@@ -306,7 +306,7 @@ class Distance(Target):
     def for_kernel(self, mechanism: Mechanism) -> list[KernelTarget] | None:
         """See `Target`."""
         (first, _, one), (second, _, two) = (
-            frame_in_kernel(mechanism, name) for name in (self.name, self.other))
+            frame_in_kernel(mechanism, mechanism.frame_id(name)) for name in (self.name, self.other))
         return [((DISTANCE, first, second, 0), [*one, *two, self.length])]
 
     def residual(self, evaluation: LoopEquations) -> Residual:

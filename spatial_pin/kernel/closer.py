@@ -29,7 +29,7 @@ AT_ONCE = 8  # starts at most that loops are closed from in one call
 MOST_GROUPS = 8  # of loops that are each closed from as many further ones in it
 LOOSE = TOLERANCES.nothing  # residual to which loops are closed where more is released then
 # Kinds of targets, and how many indices and numbers each has, see closing_parts.h.
-POINT, TURN, DIRECTION, DISTANCE, VALUE = range(5)
+POINT, TURN, DIRECTION, DISTANCE, ANGLE, VALUE = range(6)
 TARGET_INTS, TARGET_REALS = 4, 18
 MORE_TARGETS, FEW_EQUATIONS = 6, 100  # rows of targets besides one a velocity, with loops: closing.c
 KernelTarget = tuple[Sequence[int], Sequence[float]]  # kind and indices, then numbers
@@ -431,13 +431,14 @@ class Closer:
 
 
 @made_once
-def frame_in_kernel(mechanism: Mechanism, name: str) -> tuple[int, list[float], list[float]]:
-    """Return the joint of the kernel that carries a frame, and where the frame is in its axes.
+def frame_in_kernel(mechanism: Mechanism, frame: int) -> tuple[int, list[float], list[float]]:
+    """Return the joint of the kernel that carries a frame of the model, and where it is on it.
 
     Returns:
         The joint, the rotation (9,) by columns, and the origin (3,) [m].
     """
-    joint, at = mechanism.centred_frame(name)
+    own = mechanism.centred_model.frames[frame]
+    joint, at = int(own.parentJoint), own.placement
     known = packed(mechanism, True)
     carrier = int(known.carriers[joint])
     turned = known.frames[carrier].T

@@ -29,7 +29,9 @@ enum TargetKind {
     TURN_TARGET = 1,      /* frame in the body, wanted axes in the world (9 each, by columns) */
     DIRECTION_TARGET = 2, /* axis in the body, direction, two directions normal to it (3 each) */
     DISTANCE_TARGET = 3,  /* point in either body (3 each), length */
-    VALUE_TARGET = 4      /* value of a coordinate */
+    ANGLE_TARGET = 4,     /* direction in the body, where it points at zero and a quarter of a turn,
+                             angle: a number within half a turn */
+    VALUE_TARGET = 5      /* value of a coordinate */
 };
 enum { TARGET_INTS = 4, TARGET_REALS = 18 };
 

@@ -71,6 +71,15 @@ static Real between(const Kernel *k, const Int *of, const Real *number, Real *ou
     return sqrt(dot3(out, out));
 }
 
+/* Sine and cosine of the angle of a direction in a body, which is put into `arm`. */
+static void pointed(const Kernel *k, const Int *of, const Real *number, Real *arm, Real *sine,
+                    Real *cosine)
+{
+    rotate3(k->R + 9 * of[1], number, arm);
+    *cosine = dot3(number + 3, arm);
+    *sine = dot3(number + 6, arm);
+}
+
 /* An axis, its cosine with a direction, its parts across that, and their length, which is returned. */
 static Real aside(const Kernel *k, const Int *of, const Real *number, Real *axis, Real *cosine,
                   Real *across)
@@ -106,6 +115,11 @@ void targets_values(const Kernel *k, const Targets *t, Real *off)
             break;
         case DISTANCE_TARGET:
             off[0] = (between(k, of, number, x) - number[6]) / t->size;
+            break;
+        case ANGLE_TARGET:
+            pointed(k, of, number, x, &sine, &cosine);
+            off[0] = atan2(sine, cosine) - number[9];
+            off[0] -= 2.0 * PI * nearbyint(off[0] / (2.0 * PI));
             break;
         default:
             off[0] = (k->q[of[1]] - number[0]) / k->scale[of[2]];
@@ -162,6 +176,20 @@ static void direction_rows(const Kernel *k, const Int *of, const Real *number, R
     }
 }
 
+/* The turn rate of a direction a about the axis that its angle is about, of its sine s and cosine c:
+   (c s' - s c') / (c² + s²), s' = (a x sine's direction) . w */
+static void angle_row(const Kernel *k, const Int *of, const Real *number, Real *row)
+{
+    Real arm[3], sine, cosine, part[3];
+    pointed(k, of, number, arm, &sine, &cosine);
+    const Real square = sine * sine + cosine * cosine;
+    zero3(part);
+    add3(cosine / square, number + 6, part);
+    add3(-sine / square, number + 3, part);
+    zero3(row);
+    cross3(arm, part, row + 3);
+}
+
 void targets_put_rows(const Kernel *k, const Targets *t, const Int *free_index, Int n_free, Real *to)
 {
     static const Real nowhere[3] = {0.0, 0.0, 0.0};
@@ -179,10 +207,13 @@ void targets_put_rows(const Kernel *k, const Targets *t, const Int *free_index, 
             break;
         case TURN_TARGET:
         case DIRECTION_TARGET:
+        case ANGLE_TARGET:
             if (of[0] == TURN_TARGET)
                 turn_rows(k, of[1], number, row);
-            else
+            else if (of[0] == DIRECTION_TARGET)
                 direction_rows(k, of, number, row);
+            else
+                angle_row(k, of, number, row[0]);
             add_body_rows(k, of[1], nowhere, (const Real (*)[6])row, n, 1.0, free_index, n_free, to);
             break;
         case DISTANCE_TARGET:
