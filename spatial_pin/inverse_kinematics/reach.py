@@ -24,7 +24,7 @@ from spatial_pin.inverse_kinematics.targets import CoordinateValue, Target
 from spatial_pin.kernel.closer import KernelTarget, closer_of
 from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.mechanism.coordinates import coordinate_value, require_mechanism
-from spatial_pin.mechanism.joint_limits import JointLimit, beyond_limits, joint_limits
+from spatial_pin.mechanism.joint_limits import JointLimit, is_within_limits, joint_limits
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.angles import whole_turns
 from spatial_pin.numerics.least_squares import passed
@@ -133,12 +133,12 @@ def _nearest(
         if own is None:
             return None
         rows += own
-    if limits and beyond_limits(mechanism, start.q):
-        return None
     with closer_of(mechanism) as closer:
         met = closer.meet(start.q, _free(mechanism, held.entries), start.angles, rows, STEPS)
         if met is None or met.may_be_mirrored or met.error > TOLERANCES.closed or (
-                met.off > exact_for(mechanism)) or (limits and beyond_limits(mechanism, met.q)):
+                met.off > exact_for(mechanism)):
+            return None
+        if limits and not is_within_limits(mechanism, met.q):
             return None
         return State(mechanism, met.q, closure_error=met.error, angles=met.angles)
 

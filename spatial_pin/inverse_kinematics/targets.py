@@ -305,8 +305,8 @@ class Distance(Target):
 
     def for_kernel(self, mechanism: Mechanism) -> list[KernelTarget] | None:
         """See `Target`."""
-        (first, _, one), (second, _, two) = (
-            frame_in_kernel(mechanism, mechanism.frame_id(name)) for name in (self.name, self.other))
+        (first, _, one), (second, _, two) = (frame_in_kernel(mechanism, mechanism.frame_id(name))
+                                             for name in (self.name, self.other))
         return [((DISTANCE, first, second, 0), [*one, *two, self.length])]
 
     def residual(self, evaluation: LoopEquations) -> Residual:
@@ -415,10 +415,28 @@ def check_rotations(matrices: Array, what: str) -> None:
     Raises:
         ValueError: one is not a rotation.
     """
-    off = np.abs(matrices @ np.swapaxes(matrices, -1, -2) - np.eye(3))
-    if off.max() > TOLERANCES.nothing or np.any(np.linalg.det(matrices) < 0.0):
+    for (a, b, c), (d, e, f), (g, h, i) in matrices.reshape(-1, 3, 3).tolist():
+        off = (a * a + b * b + c * c - 1.0, d * d + e * e + f * f - 1.0, a * d + b * e + c * f,
+               g * g + h * h + i * i - 1.0, a * g + b * h + c * i, d * g + e * h + f * i)
+        size = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+        if size > 0.0 and max(map(abs, off)) <= TOLERANCES.nothing:
+            continue
         raise ValueError(f"{what} is no rotation matrix: its columns are not three axes of length "
                          "one normal to each other, right-handed")
+
+
+def placed(placement: pin.SE3) -> pin.SE3:
+    """Return a placement that is checked.
+
+    Raises:
+        TypeError: it is not a placement.
+        ValueError: a number is not finite, or its rotation is none.
+    """
+    if not isinstance(placement, pin.SE3):
+        raise TypeError(f"placement must be a pinocchio.SE3, not {type(placement).__name__}")
+    finite_array(placement.homogeneous, (4, 4), "placement")
+    check_rotations(placement.rotation, "the rotation of a placement")
+    return placement
 
 
 def pose(placement: pin.SE3, weight: float | None = None) -> Target:
@@ -440,11 +458,7 @@ def pose(placement: pin.SE3, weight: float | None = None) -> Target:
         >>> print(f"{state.placement('platform').translation[2] - here.translation[2]:.4f} m")
         0.0200 m
     """
-    if not isinstance(placement, pin.SE3):
-        raise TypeError(f"placement must be a pinocchio.SE3, not {type(placement).__name__}")
-    finite_array(placement.homogeneous, (4, 4), "placement")
-    check_rotations(placement.rotation, "the rotation of a placement")
-    return Pose(weight=_weight(weight), placement=placement)
+    return Pose(weight=_weight(weight), placement=placed(placement))
 
 
 @checked

@@ -67,11 +67,20 @@
 /* Smallest over largest pivot of loops and targets: below it a target is at the end of what is in
    reach, and met to half of the digits */
 #define IN_REACH TOLERANCE_HALF_PRECISION
+/* Weight of targets beside loops: where they contradict each other on the way, as a placement of what
+   moves along a line does, loops stay closed to its square */
+#define TARGET_WEIGHT 1e-2
 /* Newton steps at most to the least displacement: it takes some five */
 #define NEAREST_STEPS 20
 /* Size of the last of them: differences of this length leave half of the digits of the curvature,
    and so 1e-14 of the way */
 #define NEAREST_STEP 1e-8
+/* Part of a step that the next one by the same derivatives should be: below TOLERANCE_CONTRACTION, at
+   which Newton's method is sure of its solution [Deuflhard2011, 2.1] */
+#define WANTED_CONTRACTION 0.2
+/* Least part of the way to the targets that is gone at once, and how much longer it may become */
+#define LEAST_PART 1e-3
+#define LONGER 4.0
 #define DIFFERENCE 1e-6
 
 struct Closer {
@@ -86,6 +95,8 @@ struct Closer {
     LeastMotion whole;           /* of few equations */
     Int room;                    /* rows of targets at most */
     Real *dense, *few;           /* (n + room, nv), (nv) of free velocities */
+    Real *before;                /* (nq) scratch */
+    Real *first_off, left;       /* (room) the targets' residuals at the start; part that may be left */
     Real *off, *freedom, *curvature, *gradient; /* (room); (nv, nv), likewise, (4 nv) */
     Int *moves, *of_loops;       /* (nv) whether an equation depends on each velocity; a loop's */
     Int *free_index, n_free;          /* (nv) of each of these among the free ones; how many */
@@ -165,7 +176,18 @@ static void fill_dense(Closer *c)
             if (c->free_index[c->column[i]] >= 0)
                 row[c->free_index[c->column[i]]] = c->value[i];
     }
-    targets_put_rows(c->k, &c->targets, c->free_index, c->n_free, c->dense + c->n * c->n_free);
+    Real *rows = c->dense + c->n * c->n_free;
+    targets_put_rows(c->k, &c->targets, c->free_index, c->n_free, rows);
+    for (Int i = 0; i < c->n_rows * c->n_free; i++)
+        rows[i] *= TARGET_WEIGHT;
+}
+
+/* Take the residuals where they were evaluated last. */
+static void take_residual(Closer *c)
+{
+    memcpy(c->residual, c->k->residual, (size_t)c->k->n_closure * sizeof(Real));
+    for (Int i = 0; i < c->n_rows; i++)
+        c->residual[c->n + i] = TARGET_WEIGHT * (c->off[i] - c->left * c->first_off[i]);
 }
 
 /* Linearise the equations where they were evaluated last, at c->q. */
@@ -175,18 +197,23 @@ static void linearise(Closer *c, int far)
     equations_jacobian(c->k, &c->k->equations.all);
     if (far)
         rotations_put_entries(c->k, &c->rotations);
-    memcpy(c->residual, k->residual, (size_t)k->n_closure * sizeof(Real));
+    take_residual(c);
     memcpy(c->value, k->entry, (size_t)k->entry_start[k->n_closure] * sizeof(Real));
     put_pinned_rows(c);
     if (!c->squares) {
         fill_dense(c);
-        memcpy(c->residual + c->n, c->off, (size_t)c->n_rows * sizeof(Real));
         least_motion_factor(&c->whole, c->dense, c->n + c->n_rows, c->n_free, c->cut);
         return;
     }
     for (Int i = 0; i < c->start[c->n]; i++)
         c->value[i] = c->free[c->column[i]] ? c->value[i] : 0.0;
     envelope_square(&c->square, c->value);
+}
+
+static void linearise_at(Closer *c, const Real *q)
+{
+    residual_at(c, q, 0);
+    linearise(c, 0);
 }
 
 /* The step -Jᵀ (J Jᵀ + damping)⁻¹ r by the sparse squares; 0 where there is none. */
@@ -302,6 +329,55 @@ static Real polish(Closer *c)
     return error;
 }
 
+/* Newton's steps for loops and targets together, from closed loops in c->q; returns the largest
+   residual, or infinity. The targets come nearer by parts that are so short that steps contract: the
+   branch is the one that leads from the start to the targets. */
+static Real go_to_targets(Closer *c, Int steps)
+{
+    Real part = 1.0, reached = 0.0, error = INFINITY;
+    residual_at(c, c->q, 0);
+    memcpy(c->first_off, c->off, (size_t)c->n_rows * sizeof(Real));
+    for (Int i = 0; i < steps; i++) {
+        if (c->whole.m < 0)
+            linearise(c, 0);
+        const Real to = smaller_of(1.0, reached + part), gone = to - reached;
+        c->left = 1.0 - to;
+        take_residual(c);
+        try_step(c, 0.0, INFINITY);
+        const Real size = c->size;
+        Real shorter = size > TOLERANCE_LONGEST_STEP ? TOLERANCE_LONGEST_STEP / size : 1.0;
+        if (shorter == 1.0) {
+            memcpy(c->before, c->q, (size_t)c->k->nq * sizeof(Real));
+            accept(c);
+            residual_at(c, c->q, 0);
+            take_residual(c);
+            try_step(c, 0.0, INFINITY);
+            const Real contraction = size > 0.0 ? c->size / size : 0.0;
+            accept(c);
+            residual_at(c, c->q, 0);
+            const Real open = equations_error(c->k);
+            if ((contraction <= TOLERANCE_CONTRACTION && open <= TOLERANCE_UNEXPLAINED * size) ||
+                (!gone && size < TOLERANCE_TIGHT)) {
+                error = largest_residual(c);
+                if (to == 1.0 && (error <= DBL_EPSILON || c->size < TOLERANCE_ROUND_OFF))
+                    return error;
+                reached = to;
+                part = gone * smaller_of(LONGER, WANTED_CONTRACTION / (contraction + LEAST_PART));
+                c->whole.m = -1;
+                continue;
+            }
+            memcpy(c->q, c->before, (size_t)c->k->nq * sizeof(Real));
+            residual_at(c, c->q, 0);
+            shorter = larger_of(smaller_of(0.5, WANTED_CONTRACTION / contraction),
+                                TOLERANCE_UNEXPLAINED);
+        }
+        part = gone * shorter;
+        if (!(part > LEAST_PART))
+            break; /* or the last steps do not contract */
+    }
+    return INFINITY;
+}
+
 /* Descend from c->q to a residual of a length, or as far as that goes; returns what is left. */
 static Real come_near(Closer *c, const Int *free, Real tolerance, Int iterations, Real worthwhile)
 {
@@ -385,6 +461,8 @@ static int make_room(Closer *c)
         return kernel_had_memory(k) ? DONE : NO_MEMORY;
     c->dense = kernel_reals(k, (c->n + c->room) * k->nv);
     c->off = kernel_reals(k, c->room);
+    c->first_off = kernel_reals(k, c->room);
+    c->before = kernel_reals(k, k->nq);
     c->freedom = kernel_reals(k, k->nv * k->nv);
     c->curvature = kernel_reals(k, k->nv * k->nv);
     c->gradient = kernel_reals(k, 4 * k->nv);
@@ -655,25 +733,28 @@ static int nearest_step(Closer *c, Int n, Real *along)
    one, and nothing is at the end of its reach. */
 static int come_nearest(Closer *c)
 {
+    Real size_before = INFINITY;
+    c->left = 0.0;
     for (int i = 0; i < NEAREST_STEPS; i++) {
-        residual_at(c, c->q, 0);
-        linearise(c, 0);
         const Int rank = c->whole.rank, n = c->n_free - rank;
         const Real *R = c->whole.R, *last = R + (rank - 1) * (c->whole.n + 1);
-        if (rank && fabs(*last) < IN_REACH * fabs(*R))
+        if (rank && fabs(*last) < IN_REACH * TARGET_WEIGHT * fabs(*R))
             return 0;
         if (!n)
             return 1;
+        linearise_at(c, c->q);
         least_motion_solve(&c->whole, 0.0, c->residual, c->few);
-        Real *along = c->gradient + c->k->nv * 2, size = 0.0;
+        Real *along = c->gradient + c->k->nv * 2;
         if (!nearest_step(c, n, along))
             return 0;
         for (Int j = 0; j < n; j++)
             for (Int v = 0; v < c->n_free; v++)
                 c->few[v] += along[j] * c->freedom[j * c->n_free + v];
-        size = norm(c->few, c->n_free);
-        put_step(c, c->few, size > TOLERANCE_DAMPED_STEP ? TOLERANCE_DAMPED_STEP / size : 1.0,
-                 c->trial);
+        const Real size = norm(c->few, c->n_free);
+        if (!(size < TOLERANCE_DAMPED_STEP && size < 0.5 * size_before))
+            return 0;
+        size_before = size;
+        put_step(c, c->few, 1.0, c->trial);
         accept(c);
         if (size < NEAREST_STEP)
             return isfinite(polish(c));
@@ -693,8 +774,9 @@ static int reach_targets(Closer *c, ClosureTask *r)
     }
     targets_mark(c->k, &c->targets, c->moves);
     memcpy(c->q, start, (size_t)c->k->nq * sizeof(Real));
-    const Real error = close_one(c, &r->how);
-    const int is_nearest = error <= TOLERANCE_TIGHT && come_nearest(c);
+    let_move(c, r->how.free);
+    c->whole.m = -1;
+    const int is_nearest = go_to_targets(c, r->how.iterations) <= TOLERANCE_TIGHT && come_nearest(c);
     judge_one(c, r, 0);
     targets_values(c->k, &c->targets, c->off);
     r->distance[0] = norm(c->off, c->n_rows);
