@@ -357,7 +357,7 @@ static Real go_to_targets(Closer *c, Int steps)
             residual_at(c, c->q, 0);
             const Real open = equations_error(c->k);
             if ((contraction <= TOLERANCE_CONTRACTION && open <= TOLERANCE_UNEXPLAINED * size) ||
-                (!gone && size < TOLERANCE_TIGHT)) {
+                size < TOLERANCE_TIGHT) {
                 error = largest_residual(c);
                 if (to == 1.0 && (error <= DBL_EPSILON || c->size < TOLERANCE_ROUND_OFF))
                     return error;
