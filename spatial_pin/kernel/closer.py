@@ -77,6 +77,7 @@ class Reached(NamedTuple):
         distance: from what is named, but of components of balls and floating joints [rad,
             characteristic lengths].
         examined: what it is like, where one start alone has led to a closed configuration.
+        is_unique: whether it is certain that no other closed configuration is as near to its start.
     """
 
     q: Array
@@ -84,6 +85,7 @@ class Reached(NamedTuple):
     may_be_mirrored: bool
     distance: float
     examined: Examined | None = None
+    is_unique: bool = False
 
 
 class NamedCoordinates(NamedTuple):
@@ -121,7 +123,7 @@ class ClosureTask(ctypes.Structure):
         ("near", REAL), ("moved", POINTER), ("group", POINTER),
         *[(name, POINTER) for name in ("error", "distance", "mirrored", "facts", "angle")],
         ("n_targets", INT), ("target_of", POINTER), ("target_number", POINTER),
-        ("target_size", REAL)]
+        ("target_size", REAL), ("unique", INT)]
 
 
 class TargetsMet(NamedTuple):
@@ -166,6 +168,7 @@ class ClosureSettings(NamedTuple):
         tolerance, iterations, cut: see `Closer.close`.
         kinds, lower, upper: see `NamedCoordinates`.
         further: further starts; None: there are none.
+        are_all_named: whether the start names all that may move.
     """
 
     free: NDArray[np.bool_]
@@ -177,6 +180,7 @@ class ClosureSettings(NamedTuple):
     lower: Array
     upper: Array
     further: FurtherStarts | None
+    are_all_named: bool = False
 
 
 class Closer:
@@ -336,7 +340,8 @@ class Closer:
         if not all(map(math.isfinite, errors)):
             raise SingularError(NOT_FINITE)
         return [Reached(self._q[k].copy(), error, mirrored[k] != 0, self._distances.item(k),
-                        None if k else examined) for k, error in enumerate(errors)]
+                        None if k else examined, not k and bool(self._task.unique))
+                for k, error in enumerate(errors)]
 
     def set_task(
         self, q: Sequence[Array], settings: ClosureSettings, value: Array,
@@ -358,6 +363,7 @@ class Closer:
         self._value[:] = value
         task.m = len(q)
         task.n_steps = len(starts.steps) if further and starts else 0
+        task.unique = settings.are_all_named
 
     def _set_method(
         self, free: NDArray[np.bool_], first: NDArray[np.bool_] | None, tolerance: float,

@@ -664,6 +664,27 @@ static void put_start(const Closer *c, const ClosureTask *r, Int step, Int neare
     tree_integrate(k, q, r->steps + step * k->nv);
 }
 
+/* Whether the result in the first row is the closed configuration nearest to its start: the first Newton
+   step from there contracts so that there is one solution within twice its length, which is that
+   [Deuflhard2011, 2.1]. Named coordinates are all. */
+static int is_unique(Closer *c, const ClosureTask *r)
+{
+    Real *away = c->gradient;
+    if (c->squares || r->how.first)
+        return 0;
+    let_move(c, r->how.free);
+    memcpy(c->q, c->begin, (size_t)c->k->nq * sizeof(Real));
+    linearise_at(c, c->q);
+    try_step(c, 0.0, INFINITY);
+    const Real size = norm(c->few, c->n_free);
+    residual_at(c, c->trial, 0);
+    take_residual(c);
+    try_step(c, 0.0, INFINITY);
+    displacement_gradient(c->k, c->begin, r->q, away);
+    return norm(c->few, c->n_free) <= TOLERANCE_CONTRACTION * size &&
+           norm(away, c->k->nv) <= 2.0 * size;
+}
+
 /* Close from further starts, until one leads near to what is named. Of results where nothing is at
    fault only those nearer than all before them stay. */
 static void reach_nearer(Closer *c, ClosureTask *r)
@@ -788,8 +809,9 @@ static int reach_targets(Closer *c, ClosureTask *r)
 
 EXPORT int closer_close(Closer *c, ClosureTask *r)
 {
-    const Int starts = r->m;
+    const Int starts = r->m, is_unique_wanted = r->unique;
     begin(c, r->pinned, r->reference, r->cut);
+    r->unique = 0;
     memcpy(c->begin, r->q, (size_t)c->k->nq * sizeof(Real));
     if (r->targets.n)
         return reach_targets(c, r);
@@ -803,7 +825,10 @@ EXPORT int closer_close(Closer *c, ClosureTask *r)
     const Named nothing = {0};
     Int mirrored;
     const int code = closer_examine(c, r->q, r->reference, &nothing, r->facts, r->angle, &mirrored);
-    if (code == DONE && is_sound(r, 0))
+    if (code != DONE || !is_sound(r, 0))
+        return code;
+    r->unique = is_unique_wanted && is_unique(c, r);
+    if (!r->unique)
         reach_nearer(c, r);
     return code;
 }

@@ -30,6 +30,8 @@ typedef struct {
     Int *mirrored;                /* (m) whether axes point opposite ways */
     Real *facts, *angle;          /* as closer_examine has them; facts NULL: not wanted */
     Targets targets;              /* met too, from the first start */
+    Int unique;  /* whether it is of interest that no other closed configuration is as near to the first
+                    start; then whether that is certain, and further starts were not needed */
 } ClosureTask;
 
 /* Memory to close the loops of a kernel, freed with it. rotations: (n_rotations) first equations of
