@@ -395,7 +395,7 @@ def _near_limit(motion: Motion, t: Array) -> list[Event]:
     if not len(t):
         return []
     of_driver, slow = _sizes(motion.mechanism, motion.driver_name)
-    if np.vdot(t, t) < slow:  # no entry is larger than the length of all
+    if max(t.max(initial=0.0), -t.min(initial=0.0)) < slow:
         return []
     paces = np.abs(t / motion.mechanism.velocity_scale) * of_driver
     if paces.max() <= FAST:
@@ -414,10 +414,10 @@ def _near_limit(motion: Motion, t: Array) -> list[Event]:
 
 @made_once
 def _sizes(mechanism: Mechanism, driver: str) -> tuple[float, float]:
-    """Return the driver's size, and a square of dq/ds (nv,) that no joint is fast with."""
+    """Return the driver's size, and the least dq/ds that a fast joint has."""
     sizes = mechanism.velocity_scale
     of_driver = float(sizes[mechanism.coordinate(driver).v])
-    return of_driver, (0.5 * FAST * float(sizes.min()) / of_driver) ** 2
+    return of_driver, FAST * float(sizes.min()) / of_driver
 
 
 def _drift(motion: Motion) -> list[Event]:
