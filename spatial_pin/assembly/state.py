@@ -285,7 +285,7 @@ class State:
                 angular_velocity=v.angular[None], angular_acceleration=a.angular[None])
                 for at, v, a in ((self.placement(f), self.velocity(f), self.acceleration(f))
                                  for f in contact.frames)]
-            rows = contact_rates(self.mechanism, contact, ends, np.atleast_2d(self.angles))
+            rows = contact_rates(self.mechanism, contact, ends, np.atleast_2d(self.angles), name)
         else:
             rows = coordinate_rates(self.mechanism, name, self.q[None], self.v[None],
                                     self.a[None])

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import made_once
-from spatial_pin.constraints.opposite_axes import axis_pairs
+from spatial_pin.constraints.opposite_axes import TANGENT, axis_pairs
 from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import Kernel
@@ -201,6 +201,7 @@ class Closer:
         self.kernel = kernel = Kernel(mechanism)
         self._library = kernel.library
         turning = dict(_rotations(mechanism))
+        self._has_tangents = any(c.pair.aligned == TANGENT for c in mechanism.closures)
         rotations = np.array([*turning.values()], np.int64).reshape(-1, 2).T.copy()
         pins = np.array([_pin(mechanism, name) for name in pinned], np.int64).reshape(-1, 4)
         self._order = np.lexsort(pins.T[::-1])  # those of one joint side by side
@@ -334,7 +335,7 @@ class Closer:
 
     def reached(self) -> list[Reached]:
         """Return where C has closed the loops to; raises as `reach`."""
-        mirrored = self._mirrored.tolist()
+        mirrored = [x or self._has_tangents for x in self._mirrored.tolist()]
         examined = self._examined(mirrored[0] != 0) if self._facts.item(0) < np.inf else None
         errors = self._errors[: self._task.m].tolist()
         if not all(map(math.isfinite, errors)):
@@ -414,7 +415,7 @@ class Closer:
 
     @property
     def _may_be_mirrored(self) -> bool:
-        return self._mirrored.item(0) != 0
+        return self._mirrored.item(0) != 0 or self._has_tangents
 
     def _examined(self, mirrored: bool) -> Examined:
         error, _, least, left_out = self._facts.tolist()

@@ -352,7 +352,7 @@ class Motion(Tabular):
         contact = contact_closure(self.mechanism, name)
         if contact is not None:
             ends = [self.frame(f) for f in contact.frames]
-            return contact_rates(self.mechanism, contact, ends, self.angles)
+            return contact_rates(self.mechanism, contact, ends, self.angles, name)
         return coordinate_rates(self.mechanism, name, self.q, self.v, self.a)
 
     @checked
