@@ -90,6 +90,7 @@ from .motion.motion import (
     Output as Output,
 )
 from .motion.rated_limits import BeyondLimit as BeyondLimit
+from .motion.scattered_states import states as states
 from .motion.sweep import sweep as sweep
 from .motion.trace import trace as trace
 from .proximity.clearance import (
