@@ -159,7 +159,7 @@ typedef struct {
                              was independent of the chosen ones when these were chosen */
     Real mantissa;        /* size of the determinant is mantissa * 2^exponent */
     Int exponent;
-    Int factorisations;   /* counted since creation */
+    Int factorisations, orders; /* counted since creation; orders of pivots that were chosen */
 } SquareSystem;
 
 /* Memory that is freed with a kernel. */

@@ -61,7 +61,8 @@ void write_row(Path *path, const PathRows *rows, Int i)
     memcpy(rows->c + i * k->nv, here->c, (size_t)k->nv * sizeof *here->c);
     memcpy(rows->angles + i * k->n_angles, here->angle, (size_t)k->n_angles * sizeof *here->angle);
     rows->error[i] = here->error;
-    estimate_here(path, rows->estimate + 3 * i);
+    if (rows->estimate)
+        estimate_here(path, rows->estimate + 3 * i);
 }
 
 /* Row i is where the path stands; at a break the laws go on as behind it. */
