@@ -127,18 +127,16 @@ class ClosedDerivatives:
         """
         spare, loose = self._positions.null_space, self._rates.null_space
         n, m, own = len(spare), given.values.shape[1], self.geometry.v
-        none = np.zeros((len(self.scale), m + n + len(loose)))
-        q, v, a = (np.zeros((self.bodies.model.nv, none.shape[1])) for _ in range(3))
+        q, v, a = np.zeros((3, self.bodies.model.nv, m + n + len(loose)))
         q[:, :m] = self.geometry.moves @ given.dimensions
-        opened = self.by[0][0] @ q
-        q[own] = self._solved(self._positions, opened[:, :m], given.values, none)
+        q[own] = self._solved(self._positions, [(self.by[0][0], q)], given.values)
         q[own, m : m + n] = (spare * self.scale).T
         idle = self._idle_changes(given, q, v, 0)
-        v[own] = self._solved(self._rates, np.vstack([self.by[1][0] @ q, idle]), given.rates, none)
+        v[own] = self._solved(self._rates, [(self.by[1][0], q)], given.rates, idle)
         v[own, m + n :] = (loose * self.scale).T
         idle = self._idle_changes(given, q, v, 1)
-        a[own] = self._solved(self._rates, np.vstack([
-            self.by[2][0] @ q + self.by[2][1] @ v, idle]), given.accelerations, none)
+        a[own] = self._solved(self._rates, [(self.by[2][0], q), (self.by[2][1], v)],
+                              given.accelerations, idle)
         return Changes(q, v, a)
 
     def _idle_changes(self, given: Given, q: Array, v: Array, order: int) -> Array:
@@ -152,18 +150,32 @@ class ClosedDerivatives:
         return total
 
     def _solved(
-        self, system: Decomposition, opened: Array, driven: Array, like: Array
+        self, system: Decomposition, moved: Sequence[tuple[Array, Array]], driven: Array,
+        idle: Array | None = None,
     ) -> Array:
-        """Return joint changes (nv, m) that cancel changes of the equations, drivers changed."""
+        """Return joint changes (nv, m) that keep the loops closed.
+
+        Args:
+            system: the equations.
+            moved: derivatives of the closure equations, and changes (nv, m) of what these are by.
+            driven: (drivers, m) changes of the drivers.
+            idle: (k, m) of idle rotations that they cancel.
+
+        Raises:
+            OpenedError: they cannot.
+        """
+        opened = sum(by @ x for by, x in moved)
+        opened = opened if idle is None else np.vstack([opened, idle])
         sizes = np.array([self.scale[c.v] for c in self._driven]).reshape(-1, 1)
-        wanted = np.zeros((len(system.u), like.shape[1]))
-        at = len(opened)
-        wanted[:at, : opened.shape[1]] = -opened
+        wanted, at = np.zeros((len(system.u), opened.shape[1])), len(opened)
+        wanted[:at] = -opened
         wanted[at : at + len(driven), : driven.shape[1]] = driven / sizes
-        rest = np.abs(system.left_null_space @ wanted).max(axis=0, initial=0.0)
-        size = np.maximum(np.abs(wanted).max(axis=0, initial=0.0), TOLERANCES.zero)
-        if (rest > TOLERANCES.half_precision * size).any():
-            raise OpenedError(int(np.argmax(rest / size)))
+        size = np.abs(wanted).max(axis=0, initial=TOLERANCES.zero)
+        for by, x in moved:  # of terms that cancel each other, round-off is left
+            size = np.maximum(size, np.abs(by).max(initial=0.0) * np.abs(x).max(axis=0))
+        rest = np.abs(system.left_null_space @ wanted).max(axis=0, initial=0.0) / size
+        if (rest > TOLERANCES.half_precision).any():
+            raise OpenedError(int(np.argmax(rest)))
         return self.scale[:, None] * system.minimum_norm(wanted)
 
     # ------------------------------------------------------------ forces

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -159,6 +159,41 @@ class Function:
         slopes = self._worked_out(rows, True)[1]
         return self._shaped(x, np.einsum(
             "nk,nkm->nm", weights.reshape(len(rows), -1), slopes))
+
+    def jax(self) -> Callable[[Any], Any]:
+        """Return the function for JAX: of arrays (..., m), float64, with values (..., k).
+
+        `jit`, `vmap`, `grad`, `jvp`, `jacfwd` and `jacrev` work; second derivatives are refused.
+
+        Raises:
+            SpatialPinError: JAX is not installed; in a call: x is not float64
+                (`jax_enable_x64`).
+
+        Example:
+            >>> f = sp.function(sp.load("four_bar"), ["crank", "r2"], ["rocker_pin"])
+            >>> g = f.jax()  # doctest: +SKIP
+            >>> jax.grad(lambda x: g(x)[0])(jnp.array([1.0, 0.1]))  # doctest: +SKIP
+        """
+        from spatial_pin.function.frameworks import jax_function
+
+        return jax_function(self)
+
+    def torch(self) -> Callable[[Any], Any]:
+        """Return the function for PyTorch: of tensors (..., m), float64, with values (..., k).
+
+        Both modes and `torch.func` work; second derivatives are refused.
+
+        Raises:
+            SpatialPinError: PyTorch is not installed; in a call: x is not float64.
+
+        Example:
+            >>> f = sp.function(sp.load("four_bar"), ["crank", "r2"], ["rocker_pin"])
+            >>> g = f.torch()  # doctest: +SKIP
+            >>> g(torch.tensor([1.0, 0.1], dtype=torch.float64))  # doctest: +SKIP
+        """
+        from spatial_pin.function.frameworks import torch_function
+
+        return torch_function(self)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Function, (self.mechanism, self.inputs, self.outputs, self.home)
@@ -374,8 +409,9 @@ def _input(mechanism: Mechanism, name: str) -> _Input:
         stem, kind = name.removeprefix("effort."), EFFORT
     if stem in own and kind in (*RATES, ACCELERATION, EFFORT):
         return _Input(name, RATE if kind in RATES else kind, own[stem])
-    if name in mechanism.dimensions:
-        return _Input(name, DIMENSION, name)
+    dimension = name.removeprefix("dimension.")  # where a driver has its name
+    if dimension in mechanism.dimensions:
+        return _Input(name, DIMENSION, dimension)
     valid = [*own, *(f"{n}.{k}" for n in own for k in (*RATES, ACCELERATION)),
              *(f"effort.{n}" for n in own), *mechanism.dimensions]
     raise UnknownNameError("input", name, valid, f"mechanism {mechanism.name!r}: ")
@@ -441,7 +477,8 @@ def function(
     Args:
         mechanism: the mechanism.
         inputs: of a driver its value `crank` [rad, m], `crank.rate` (or `.velocity`) and
-            `crank.acceleration`; dimensions, as `sensitivity` names them; efforts `effort.crank`
+            `crank.acceleration`; dimensions, as `sensitivity` names them (`dimension.boom` where a
+            driver has the name too); efforts `effort.crank`
             [N·m, N], from which accelerations follow. Drivers that are not named stand where the
             guess has them, rates that are not named are zero.
         outputs: as `Motion.output` names coordinates, angles of links, and positions, velocities

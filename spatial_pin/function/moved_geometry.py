@@ -78,8 +78,8 @@ class _Placed(NamedTuple):
         inertias = np.concatenate([np.zeros(0), *(
             back[i].act(model.inertias[i]).toDynamicParameters()
             for i in range(1, model.njoints))])
-        axes = [back[joint].rotation @ axis
-                for joint, axis in constraints_of(mechanism).idle_axes]
+        axes = [back[joint].rotation @ axis for joint, axis in (
+            constraints_of(mechanism).idle_axes if mechanism.passives else ())]
         levers = {name: x.lever for name, x in mechanism.inertias.items()}
         return cls(joints, frames, inertias, axes, levers)
 

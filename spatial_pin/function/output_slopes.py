@@ -10,6 +10,7 @@ import pinocchio as pin
 
 from spatial_pin.assembly.link_angle import LinkAngle, link_angle
 from spatial_pin.assembly.state import center_of_mass, mass_shares
+from spatial_pin.constraints.tree_motion import skewed
 from spatial_pin.errors import UnknownNameError
 from spatial_pin.function.closed_derivatives import Changes, ClosedDerivatives
 from spatial_pin.mechanism.coordinates import (
@@ -135,7 +136,7 @@ def _coordinate(moved: Moved, c: Coordinate, order: int) -> Array:
         u, w = speeds[:3], speeds[3:]
         parts = [dq[:3], dv[:3] + _cross(dq[3:], u),
                  da[:3] + _cross(dv[3:], u) + _cross(w, dv[:3])
-                 + _cross(dq[3:], accels[:3] + np.cross(w, u))]
+                 + _cross(dq[3:], accels[:3] + _cross(w, u))]
         return (turn @ parts[order])[c.component][None]
     at_q = m.model.idx_qs[joint] + m.model.nqs[joint] - 4
     phi = rotation_vectors(state.q[None, at_q : at_q + 4])[0]
@@ -170,9 +171,8 @@ def _rotation(quaternion: Array) -> Array:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """Return a x b of vectors (3,) or (3, m)."""
-    shape = np.broadcast_shapes(a.reshape(3, -1).shape, b.reshape(3, -1).shape)
-    return np.cross(*(np.broadcast_to(x.reshape(3, -1), shape) for x in (a, b)), axis=0)
+    """Return a x b of a vector (3,) and vectors (3, m), in either order."""
+    return skewed(a) @ b if a.ndim == 1 else -skewed(b) @ a
 
 
 class _Point:
@@ -191,9 +191,9 @@ class _Point:
         shift = np.zeros_like(dx[3:])
         if shifts is not None:
             shift[:] = shifts.T @ moved.dimensions
-        speed = v[:3] + np.cross(w, point)
-        accel = (a[:3] + np.cross(w, v[:3]) + np.cross(a[3:], point)
-                 + np.cross(w, np.cross(w, point)))
+        speed = v[:3] + _cross(w, point)
+        accel = (a[:3] + _cross(w, v[:3]) + _cross(a[3:], point)
+                 + _cross(w, _cross(w, point)))
         self.rotation, self.turned = turn, dx[3:]
         self.values = [turn @ point + origin, turn @ speed, turn @ accel,
                        turn @ w, turn @ a[3:]]
@@ -202,7 +202,7 @@ class _Point:
             _cross(dx[3:], speed) + dv[:3] + _cross(dw, point) + _cross(w, shift),
             _cross(dx[3:], accel) + da[:3] + _cross(dw, v[:3]) + _cross(w, dv[:3])
             + _cross(da[3:], point) + _cross(a[3:], shift)
-            + _cross(dw, np.cross(w, point)) + _cross(w, _cross(dw, point) + _cross(w, shift)),
+            + _cross(dw, _cross(w, point)) + _cross(w, _cross(dw, point) + _cross(w, shift)),
             _cross(dx[3:], w) + dw, _cross(dx[3:], a[3:]) + da[3:]]
         self.changes = [turn @ x for x in local]
 
