@@ -21,6 +21,7 @@ import pinocchio as pin
 from spatial_pin.assembly.close import scaled_row
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
+from spatial_pin.dimensions.sensitivity import AROUND, EIGHTH
 from spatial_pin.dynamics.derivatives.derivatives import changes_of_forces
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
 from spatial_pin.dynamics.derivatives.spring_derivatives import ExternalWrenches, Springs
@@ -28,9 +29,11 @@ from spatial_pin.dynamics.forces import Forces
 from spatial_pin.dynamics.solvers.equations_of_motion import equations_of
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.function.moved_geometry import MovedGeometry
+from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array, Decomposition, decompose, full_decomposition
 from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.rates.jacobians import closure_jacobian
 
 
 class Given(NamedTuple):
@@ -119,6 +122,27 @@ class ClosedDerivatives:
         closed = np.vstack([self.by[0][0], self._idle[0]])[:, self.geometry.v]
         return full_decomposition(self._matrix(closed * self.scale))
 
+    @cached_property
+    def _written(self) -> Array:
+        """(3, n_closure, n) of the equations and their rates, by what the file computes with.
+
+        That is, what joints and frames of the tree leave out: lengths, axes, ratios, curves.
+        """
+        out = np.zeros((3, len(self.by[0][0]), self.geometry.moves.shape[1]))
+        moves, at = self.geometry.moves, self.state
+        for k, (step, around) in self.geometry.written.items():
+            values = []
+            for mechanism in around:
+                with loops_of(mechanism, at.angles) as loops:
+                    bias = loops.bias(at.q, at.v)
+                    loops.update(at.q)
+                    rows, n = loops.jacobian / mechanism.velocity_scale, out.shape[1]
+                    values.append([loops.residual.copy(), rows[:n] @ at.v,
+                                   (rows @ at.a + bias)[:n]])
+            out[:, :, k] = differences(np.array(values), step) - np.array(
+                [by_q @ moves[:, k] for by_q, _ in self.by])
+        return out
+
     def changes(self, given: Given) -> Changes:
         """Return the changes with the inputs; those of `undetermined` follow.
 
@@ -129,14 +153,15 @@ class ClosedDerivatives:
         n, m, own = len(spare), given.values.shape[1], self.geometry.v
         q, v, a = np.zeros((3, self.bodies.model.nv, m + n + len(loose)))
         q[:, :m] = self.geometry.moves @ given.dimensions
-        q[own] = self._solved(self._positions, [(self.by[0][0], q)], given.values)
+        written = self._written @ given.dimensions
+        q[own] = self._solved(self._positions, [(self.by[0][0], q)], given.values, written[0])
         q[own, m : m + n] = (spare * self.scale).T
         idle = self._idle_changes(given, q, v, 0)
-        v[own] = self._solved(self._rates, [(self.by[1][0], q)], given.rates, idle)
+        v[own] = self._solved(self._rates, [(self.by[1][0], q)], given.rates, written[1], idle)
         v[own, m + n :] = (loose * self.scale).T
         idle = self._idle_changes(given, q, v, 1)
         a[own] = self._solved(self._rates, [(self.by[2][0], q), (self.by[2][1], v)],
-                              given.accelerations, idle)
+                              given.accelerations, written[2], idle)
         return Changes(q, v, a)
 
     def _idle_changes(self, given: Given, q: Array, v: Array, order: int) -> Array:
@@ -151,7 +176,7 @@ class ClosedDerivatives:
 
     def _solved(
         self, system: Decomposition, moved: Sequence[tuple[Array, Array]], driven: Array,
-        idle: Array | None = None,
+        written: Array, idle: Array | None = None,
     ) -> Array:
         """Return joint changes (nv, m) that keep the loops closed.
 
@@ -159,12 +184,14 @@ class ClosedDerivatives:
             system: the equations.
             moved: derivatives of the closure equations, and changes (nv, m) of what these are by.
             driven: (drivers, m) changes of the drivers.
+            written: (n_closure, m) changes of the closure equations besides.
             idle: (k, m) of idle rotations that they cancel.
 
         Raises:
             OpenedError: they cannot.
         """
-        opened = sum(by @ x for by, x in moved)
+        opened = np.sum([by @ x for by, x in moved], axis=0)
+        opened[:, : written.shape[1]] += written
         opened = opened if idle is None else np.vstack([opened, idle])
         sizes = np.array([self.scale[c.v] for c in self._driven]).reshape(-1, 1)
         wanted, at = np.zeros((len(system.u), opened.shape[1])), len(opened)
@@ -201,15 +228,12 @@ class ClosedDerivatives:
             rows, springs, ExternalWrenches(self.mechanism, None), multipliers)
         load = (by_q @ changes.q + by_v @ changes.v)[own]
         m = self.state.mechanism
-        if geometry.inertias.any():
-            regressor = pin.computeJointTorqueRegressor(
-                m.model, m.model.createData(), self.state.q, self.state.v, a)
-            n = given.dimensions.shape[1]
-            load[:, :n] += regressor @ (geometry.inertias.T @ given.dimensions)
         n = given.efforts.shape[1]
         load[:, :n] -= given.efforts
+        load[:, :n] += self._dimension_forces(a, multipliers, by_q) @ given.dimensions
         by_q2, by_v2 = rows.changes(2)
         opened = by_q2 @ changes.q + by_v2 @ changes.v
+        opened[:, :n] += self._written[2] @ given.dimensions
         system = self._positions if prescribed else decompose(
             self.by[0][0][:, own] * self.scale)
         total = np.zeros((len(system.u), load.shape[1]))
@@ -238,6 +262,38 @@ class ClosedDerivatives:
                 "are one of many and have no derivatives: drop a driver from the mechanism")
         assert nv == len(load)
         return accelerations, borne[drivers] / sizes
+
+    def _dimension_forces(self, a: Array, multipliers: Array, by_q: Array) -> Array:
+        """Return changes (nv, n) of missing forces with dimensions, but by motions of the tree.
+
+        Inertia is a linear function of the bodies' numbers; forces that the file itself computes
+        are differenced.
+        """
+        geometry, at = self.geometry, self.state
+        out = np.zeros((len(self.scale), geometry.moves.shape[1]))
+        if geometry.inertias.any():
+            model = at.mechanism.model
+            out += pin.computeJointTorqueRegressor(
+                model, model.createData(), at.q, at.v, a) @ geometry.inertias.T
+        for k, (step, around) in geometry.written.items():
+            values = []
+            for mechanism in around:
+                there = State(mechanism, at.q, at.v, a, closure_error=0.0,
+                              angles=at.angles if at.angles.size else None)
+                with equations_of(mechanism) as equations:
+                    equations.update(there)
+                    values.append(equations.motion_forces(a) - equations.given
+                                  - closure_jacobian(mechanism, at.q).T @ multipliers)
+            out[:, k] = differences(np.array(values), step) - (  # masses are in it
+                by_q @ geometry.moves[:, k])[geometry.v]
+        return out
+
+
+def differences(values: Array, step: float) -> Array:
+    """Return the derivatives (...) of values (8, ...) at `AROUND` steps, of eighth order."""
+    weights = [np.sign(k) * EIGHTH[abs(k)] / step for k in AROUND]
+    slopes: Array = np.tensordot(weights, values, 1)
+    return slopes
 
 
 class OpenedError(SpatialPinError):

@@ -78,28 +78,41 @@ def jax_function(f: Any) -> Callable[[Any], Any]:
 
 def torch_function(f: Any) -> Callable[[Any], Any]:
     """Return a `Function` as one of a PyTorch tensor; see `Function.torch`."""
-    torch = _installed("torch", "PyTorch")
-    m, k = len(f.inputs), len(f.labels)
+    torch, m = _installed("torch", "PyTorch"), len(f.inputs)
+    outputs = _torch_operators(torch, f, m, len(f.labels))
 
+    def call(x: Any) -> Any:
+        if x.dtype != torch.float64:
+            raise _not_double("PyTorch", x.dtype, "make it with dtype=torch.float64")
+        if not x.ndim or x.shape[-1] != m:
+            raise ValueError(f"x has shape {tuple(x.shape)}; (..., {m}) is needed: "
+                             f"{', '.join(f.inputs)}")
+        return outputs.apply(x)
+
+    return call
+
+
+def _torch_operators(torch: Any, f: Any, m: int, k: int) -> Any:
+    """Return the outputs (..., k) of inputs (..., m) as an operator of PyTorch."""
     def on_rows(x: Any, work: Callable[[Any], Any], *shape: int) -> Any:
         rows = x.detach().cpu().numpy()
         out = work(rows.reshape(-1, m)).reshape(*rows.shape[:-1], *shape)
         return torch.from_numpy(out).to(x.device)
 
-    def batched(own: Any) -> Any:
-        def vmap(info: Any, in_dims: Any, x: Any) -> Any:
-            return own.apply(x.movedim(in_dims[0], 0)), 0
+    class Operator(torch.autograd.Function):  # type: ignore[misc,name-defined]
+        @staticmethod
+        def setup_context(ctx: Any, inputs: Any, output: Any) -> None:
+            ctx.save_for_backward(*inputs)
+            ctx.save_for_forward(*inputs)
 
-        return staticmethod(vmap)
+        @classmethod
+        def vmap(cls, info: Any, in_dims: Any, x: Any) -> Any:
+            return cls.apply(x.movedim(in_dims[0], 0)), 0
 
-    class Slopes(torch.autograd.Function):  # type: ignore[misc,name-defined]
+    class Slopes(Operator):
         @staticmethod
         def forward(x: Any) -> Any:
             return on_rows(x, f.jacobian, k, m)
-
-        @staticmethod
-        def setup_context(ctx: Any, inputs: Any, output: Any) -> None:
-            """Nothing is needed: there are no derivatives."""
 
         @staticmethod
         def backward(ctx: Any, *changes: Any) -> Any:
@@ -107,15 +120,10 @@ def torch_function(f: Any) -> Callable[[Any], Any]:
 
         jvp = backward
 
-    class Outputs(torch.autograd.Function):  # type: ignore[misc,name-defined]
+    class Outputs(Operator):
         @staticmethod
         def forward(x: Any) -> Any:
             return on_rows(x, f, k)
-
-        @staticmethod
-        def setup_context(ctx: Any, inputs: Any, output: Any) -> None:
-            ctx.save_for_backward(*inputs)
-            ctx.save_for_forward(*inputs)
 
         @staticmethod
         def backward(ctx: Any, y: Any) -> Any:
@@ -125,14 +133,4 @@ def torch_function(f: Any) -> Callable[[Any], Any]:
         def jvp(ctx: Any, dx: Any) -> Any:
             return (Slopes.apply(*ctx.saved_tensors) @ dx[..., None])[..., 0]
 
-    Slopes.vmap, Outputs.vmap = batched(Slopes), batched(Outputs)
-
-    def call(x: Any) -> Any:
-        if x.dtype != torch.float64:
-            raise _not_double("PyTorch", x.dtype, "make it with dtype=torch.float64")
-        if not x.ndim or x.shape[-1] != m:
-            raise ValueError(f"x has shape {tuple(x.shape)}; (..., {m}) is needed: "
-                             f"{', '.join(f.inputs)}")
-        return Outputs.apply(x)
-
-    return call
+    return Outputs

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spatial_pin._support.checks import as_array, checked, finite_array, names_of
 from spatial_pin.assembly.held_start import starting_state
@@ -90,6 +91,7 @@ class Function:
                              - {c.v for c in self._driven})
         self._dimensions = [x.of for x in self._inputs if x.kind == DIMENSION]
         self._variants = Variants(mechanism, self._dimensions) if self._dimensions else None
+        self._at_home: MovedGeometry | None = None
         self._needs = {x.needs for x in self._outputs}
         self._has_efforts = any(x.kind == EFFORT for x in self._inputs)
         self.labels = tuple(label for x in self._outputs for label in _labels(x))
@@ -234,7 +236,9 @@ class Function:
                     slopes[k] = self._slopes(k, geometry, state, load, values[k])
         return values, slopes
 
-    def _by_dimensions(self, rows: Array) -> Iterator[tuple[Array, Mechanism, State | None]]:
+    def _by_dimensions(
+        self, rows: Array
+    ) -> Iterator[tuple[NDArray[np.intp], Mechanism, State | None]]:
         """Yield numbers of rows with the same dimensions, their mechanism and its home.
 
         The home is None where the drivers of the guess cannot stand at these dimensions.
@@ -325,15 +329,18 @@ class Function:
     # ------------------------------------------------------------ derivatives
 
     def _geometry(self, mechanism: Mechanism) -> MovedGeometry:
-        return moved_geometry(
-            mechanism, self._variants,
-            {name: mechanism.dimensions[name] for name in self._dimensions}, self._with_masses)
+        if mechanism is not self.home.mechanism:
+            return moved_geometry(mechanism, self._variants, self._with_masses)
+        if self._at_home is None:
+            self._at_home = moved_geometry(mechanism, self._variants, self._with_masses)
+        return self._at_home
 
     def _given(self) -> Given:
         """Return the changes of what is given with each input."""
         m, numbers = len(self._inputs), [c.name for c in self._driven]
-        given = Given(*np.zeros((3, len(numbers), m)),
-                      np.zeros((self.mechanism.model.nv, m)), np.zeros((len(self._dimensions), m)))
+        values, rates, accelerations = np.zeros((3, len(numbers), m))
+        given = Given(values, rates, accelerations, np.zeros((self.mechanism.model.nv, m)),
+                      np.zeros((len(self._dimensions), m)))
         for k, x in enumerate(self._inputs):
             if x.kind == DIMENSION:
                 given.dimensions[self._dimensions.index(x.of), k] = 1.0
@@ -369,16 +376,16 @@ class Function:
         wide = np.zeros((len(self._dimensions), changes.q.shape[1]))
         wide[:, :m] = given.dimensions
         moved = Moved(at, changes, wide, efforts)
-        slopes = np.vstack([x.slope(moved) for x in self._outputs])
+        every: Array = np.vstack([x.slope(moved) for x in self._outputs])
         size = self.mechanism.characteristic_length + np.abs(values) + np.abs(
-            slopes[:, :m]).max(axis=1, initial=0.0)
-        loose = np.abs(slopes[:, m:]).max(axis=1, initial=0.0) > TOLERANCES.half_precision * size
+            every[:, :m]).max(axis=1, initial=0.0)
+        loose = np.abs(every[:, m:]).max(axis=1, initial=0.0) > TOLERANCES.half_precision * size
         if loose.any():
             raise SpatialPinError(
                 f"row {row}: mechanism {self.mechanism.name!r}: {self.labels[loose.argmax()]!r} "
                 "depends on a freedom that the drivers do not determine, such as an idle rotation: "
                 "it has no derivatives; choose another output, or drive that freedom")
-        return slopes[:, :m]
+        return every[:, :m]
 
     def _opened(self, row: int, column: int, state: State) -> SpatialPinError:
         """Return the error of an input that alone opens a loop."""

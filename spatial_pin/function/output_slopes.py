@@ -217,7 +217,8 @@ def _frame(moved: Moved, name: str, kind: str, is_centre: bool) -> Array:
     point, shifts = placement.translation, None
     if is_centre:
         point = placement.act(center_of_mass(moved.at.state.mechanism, name))
-        shifts = geometry.levers[name] @ placement.rotation.T
+        if name in geometry.levers:
+            shifts = geometry.levers[name] @ placement.rotation.T
     at = _Point(moved, joint, point, shifts)
     if kind != ROTATION:
         return at.changes[POINT_KINDS.index(kind)]
