@@ -362,7 +362,7 @@ class Function:
         at = ClosedDerivatives(geometry, state, self._driven, self._still)
         try:
             changes = at.changes(given)
-            efforts = np.zeros((0, changes.q.shape[1]))
+            efforts: Array = np.zeros((0, changes.q.shape[1]))
             if load is not None:
                 a, borne = at.forced(given, changes, load.a, load.multipliers,
                                      not self._has_efforts)
@@ -373,8 +373,8 @@ class Function:
                                      for name in self.mechanism.drivers]]
         except OpenedError as error:
             raise self._opened(row, error.column, state) from error
-        wide = np.zeros((len(self._dimensions), changes.q.shape[1]))
-        wide[:, :m] = given.dimensions
+        columns = changes.q.shape[1] - m  # of freedoms that nothing determines
+        wide = np.hstack([given.dimensions, np.zeros((len(self._dimensions), columns))])
         moved = Moved(at, changes, wide, efforts)
         every: Array = np.vstack([x.slope(moved) for x in self._outputs])
         size = self.mechanism.characteristic_length + np.abs(values) + np.abs(
