@@ -60,6 +60,8 @@ class ControlLoop:
         gravity_efforts: (n,) at rest: of weight, and of springs [N·m, N].
         velocity_efforts: (n,) at constant rates, without the former: of inertia, damping, friction.
         closure_error: as of a `State`.
+        rate_error: estimated round-off of all rates, relative to their size: it grows towards a
+            dead centre or another singular configuration, up to 1.
 
     Raises:
         AssemblyError: the guess does not close.
@@ -139,7 +141,7 @@ class ControlLoop:
             UnknownNameError: there is no such driver.
             ValueError: a number is NaN or infinite, or there are not n.
         """
-        np.take(self.q, self._at_q, out=self._wanted)
+        self.q.take(self._at_q, out=self._wanted, mode="clip")
         self._speeds[:] = 0.0
         self._read(drivers, self._wanted, "drivers")
         if rates is not None:
@@ -167,7 +169,7 @@ class ControlLoop:
 
     def _closed_next(self) -> tuple[Array, Array, float] | None:
         """Return the next configuration, from the tangent; None where it may be another branch."""
-        np.take(self.q, self._at_q, out=self._off)
+        self.q.take(self._at_q, out=self._off, mode="clip")
         np.subtract(self._wanted, self._off, out=self._off)
         np.matmul(self.influence.first, self._off, out=self._step)
         size = float(np.abs(self._step / self.mechanism.velocity_scale).max(initial=0.0))
@@ -208,7 +210,7 @@ class ControlLoop:
         if solved is None or not solved.is_finite:
             raise SingularError(f"mechanism {self.mechanism.name!r}: rates are not determined")
         self.q[:], self._angles[:], self.closure_error = q, angles, error
-        self.v[:], self.a[:] = solved.v, solved.a
+        self.v[:], self.a[:], self.rate_error = solved.v, solved.a, solved.lost
         first, second = self.influence
         first[:] = rates.columns()
         for name, (joint, local) in self._points.items():

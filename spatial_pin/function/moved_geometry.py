@@ -113,9 +113,11 @@ def moved_geometry(
         moves[larger.model.idx_vs[j] : larger.model.idx_vs[j] + 6] = twists[key].T
     for i, x in samples.inertias.items():
         inertias[:, i - 1] = slope(x)
-    axes = np.array([slope(x) for x in samples.axes]).reshape(-1, n, 3).swapaxes(0, 1)
+    axes = np.zeros((n, len(mechanism.passives), 3))
+    for i, x in enumerate(samples.axes):
+        axes[:, i] = slope(x)
     return MovedGeometry(
-        larger, joint, q, v, moves, inertias.reshape(n, -1),
+        larger, joint, q, v, moves, inertias.reshape(n, 10 * (model.njoints - 1)),
         {name: slope(x) for name, x in samples.levers.items()}, axes, written)
 
 
