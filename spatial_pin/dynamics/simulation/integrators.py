@@ -37,7 +37,7 @@ AUTOMATIC, IMPLICIT = "automatic", "Radau"
 EXPLICIT, EXPLICIT_LOOSE = "DOP853", "RK45"  # of "automatic", which takes the second one
 LOOSE = 3e-8  # from this tolerance of steps on: a method of fifth order is then as exact, and faster
 NEAR = 1e-3  # pivot, and step, relative to the largest so far, below which the motion stagnates
-TRIED = 1000  # after each so many steps without damping, the progress is compared with the duration
+TRIED = 1000  # every this many steps without damping, the progress is compared with the duration
 # The simulation is refused if this many times the allowed steps would not reach the end.
 HOPELESS = 10.0
 CREEPING = 60  # such steps in a row that show a singular configuration just ahead

@@ -394,7 +394,7 @@ def why_it_ends(problem: Problem, accuracy: Accuracy, first: State, t: float, la
 
     Args:
         problem: what acts.
-        accuracy: that was asked for.
+        accuracy: the wanted one.
         first: where the simulation began, at time 0.
         t: when it ends [s].
         last: the last good state.

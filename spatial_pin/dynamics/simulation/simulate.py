@@ -208,7 +208,14 @@ def _times(duration: float, times: Any) -> Array:
 
 
 def _check_start(problem: Problem, state: State) -> None:
-    """Refuse a state that does not start as the laws of its prescribed drivers do."""
+    """Refuse a state that does not start as the laws of its prescribed drivers do.
+
+    Or where the force of a spring has no direction.
+    """
+    if problem.forces.lines:
+        with loops_of(problem.mechanism, state.angles) as evaluation:
+            evaluation.update(state.q)
+            problem.forces.wrenches(evaluation, state.v)
     name, drivers = problem.mechanism.name, driver_names(problem.mechanism)
     for c, law in problem.drives:
         value, rate, _ = law(0.0)
@@ -268,8 +275,8 @@ def simulate(
         slip_speed: speed at which dry friction has 76 % of its full value, see `forward_dynamics`.
             Joints that friction should hold creep at a fraction of this speed.
         stop_when: ends the simulation where this function (t, State) crosses zero, with an event
-            and a last sample there. It is asked at every sample and end of a step: what crosses
-            zero twice between two of these passes unnoticed.
+            and a last sample there. It is evaluated at every sample and end of a step: two
+            crossings between two of these pass unnoticed.
         on_joint_limit: where a joint passes a limit of the URDF: "report" to go on with an event
             of kind "joint limit", for nothing holds the joint back; "stop" to end there, with a
             last sample; "ignore". The time is located to about 1e-12 s. Velocities and efforts (of

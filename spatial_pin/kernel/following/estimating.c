@@ -164,7 +164,7 @@ Real residual_allowed(const Path *path)
 
 void estimate_here(Path *path, Real *estimate) { estimate_point(path, estimate); }
 
-/* What is missing of q in the middle of an interpolated step, scaled: by one correction there, with the
+/* The error of q in the middle of an interpolated step, scaled: by one correction there, with the
    factors of its end. */
 static Real missing_in_middle(Path *path, const Point *from)
 {

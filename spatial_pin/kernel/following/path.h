@@ -47,7 +47,7 @@ typedef struct Path {
 /* Step to a value of s in the piece in use: DONE, or why not; then nothing has changed, but for what
    is `stale`. */
 int step(Path *path, Real target);
-/* Evaluate and factor at `here` again, with the piece of what is prescribed that is in use. */
+/* Evaluate and factor at `here` again, with the current piece of the drivers' laws. */
 int stand_again(Path *path);
 /* Let the piece that begins at `here` in the sense of a number be in use there. */
 int turn_into(Path *path, Real sense);
@@ -76,7 +76,7 @@ Real residual_allowed(const Path *path);
 /* Error estimates (3) of q, t and c, scaled, where the path stands. */
 void estimate_here(Path *path, Real *estimate);
 /* The same of samples that are interpolated between a point and the present one, to which one step has
-   led, with a third point before them or NULL. Returns their size by what is allowed, and learns from
+   led, with a third point before them or NULL. Returns their size by the allowed one, and learns from
    it how long the next step may be. */
 Real estimate_between(Path *path, const Point *third, const Point *from, Real *estimate);
 

@@ -6,7 +6,7 @@
 /* Way, in longest steps, of a value that is followed to at all: a hundred thousand turns,
    whose angles have lost five digits */
 #define FARTHEST_VALUE 640e3
-#define MOST_HALVINGS 8.0 /* of a step, before the caller is asked, who goes on by arc length */
+#define MOST_HALVINGS 8.0 /* of a step, before the caller takes over by arc length */
 #define PIN_HALVINGS 48.0 /* the same where a component is driven: there is no going on */
 #define MOST_FAILED 10000 /* steps on the way to one value: every path ends */
 #define REGROWTH 1.03  /* of the way between points from sample to sample, while there is none between */
@@ -16,7 +16,7 @@
                             like a root, and that way is four times the true one: a quarter of
                             this is left, and the path's sixth derivative grows fivefold */
 
-/* Go on to a value of s, by one piece of what is prescribed. */
+/* Go on to a value of s, by one piece of the drivers' laws. */
 static int reach_within(Path *path, Real target)
 {
     const Real first = smaller_of(fabs(target - path->here->s), longest_step(path));
@@ -61,10 +61,11 @@ void write_row(Path *path, const PathRows *rows, Int i)
     memcpy(rows->c + i * k->nv, here->c, (size_t)k->nv * sizeof *here->c);
     memcpy(rows->angles + i * k->n_angles, here->angle, (size_t)k->n_angles * sizeof *here->angle);
     rows->error[i] = here->error;
-    estimate_here(path, rows->estimate + 3 * i);
+    if (rows->estimate)
+        estimate_here(path, rows->estimate + 3 * i);
 }
 
-/* Row i is where the path stands; at a break what is prescribed goes on as behind it. */
+/* Row i is where the path stands; at a break the laws go on as behind it. */
 static int put_row(Path *path, const PathRows *rows, Int i)
 {
     const int code = turn_into(path, 1.0);
