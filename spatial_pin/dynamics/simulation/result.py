@@ -114,8 +114,9 @@ class Simulation(Motion):
         integrators: names of those that were used, in their order.
         time_tolerance: error allowed in one step [-]; 0 of fixed steps.
 
-    `error` is what another integration, ten times as inexact, differs from this one by: it is made
-    when `error`, or the text of a simulation, is first wanted, and takes as long as the simulation.
+    `error` is twice what another integration, thirty times as exact, differs from this one by. It
+    is made when `error`, or the text of a simulation, is first wanted, and takes about as long as
+    the simulation.
     `energy_drift` is no error of the motion: ten or thirty times less as a rule, and a hundred
     thousand times less where a motion is unstable.
 
