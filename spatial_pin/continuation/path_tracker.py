@@ -187,8 +187,9 @@ class Branch:
         system = self.system_at(state.q, state.angles)
         system.check_regular(state.q)
         if system.pivot < TOLERANCES.singular:
+            unlike = unlike_links(self.mechanism.model, self.mechanism.extent)
             raise SingularError(f"mechanism {self.mechanism.name!r}: singular configuration at "
-                                f"the start, {state}{unlike_links(self.mechanism)}", state=state)
+                                f"the start, {state}{unlike}", state=state)
         return system
 
     def point_at(self, q: Array, s: float, angles: Array, system: SquareSystem) -> PathPoint:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -18,9 +18,6 @@ from numpy.typing import NDArray
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import EPS, TOLERANCES
-
-if TYPE_CHECKING:
-    from spatial_pin.mechanism.mechanism import Mechanism
 
 SMALLEST = 1.0 / TOLERANCES.largest  # m
 # The world's origin, and a frame of the ground without joints, are near a machine within this many
@@ -95,17 +92,21 @@ def extent_of(model: pin.Model, joined: Collection[int], where: str) -> Extent:
     return Extent(length, centre, near, EPS * float(np.abs(centre).max()) / length)
 
 
-def unlike_links(mechanism: Mechanism) -> str:
+def unlike_links(model: pin.Model, extent: Extent) -> str:
     """Return words on links of so different lengths that loops lose their digits; "" if not so.
 
     A closure is known to round-off of the longest link. The shortest one moves it by its own
     length, and near dead centres by the square of what it is of the longest.
+
+    Args:
+        model: the tree of a mechanism.
+        extent: of it.
     """
-    model, lengths = mechanism.model, []
+    lengths = []
     for joint in range(model.njoints):
         points = [model.jointPlacements[k].translation for k in model.children[joint]]
         points += [frame.placement.translation for frame, counts in zip(
-            model.frames, mechanism.extent.frames, strict=True)
+            model.frames, extent.frames, strict=True)
             if counts and frame.parentJoint == joint]
         array = np.array([*points, *[np.zeros(3)] * (joint > 0)]).reshape(-1, 3)
         lengths.append(np.linalg.norm(array[:, None] - array, axis=2).ravel())

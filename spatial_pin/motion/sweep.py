@@ -470,7 +470,7 @@ def _error(
         return LimitError(
             f"{where} is out of reach: {stop.runs_away} runs away without end towards {driver} = "
             f"{stop.value:.9g} {unit} ({last})", limit=stop.value, motion=motion)
-    if unlike := unlike_links(motion.mechanism):
+    if unlike := unlike_links(motion.mechanism.model, motion.mechanism.extent):
         return SingularError(f"{where}: the loops do not determine the motion beyond {driver} = "
                              f"{stop.value:.12g} {unit} ({last}){unlike}", motion=motion)
     if stop.kind == "branch point":
