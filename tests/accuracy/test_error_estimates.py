@@ -148,6 +148,34 @@ def test_the_error_of_a_simulation_bounds_the_true_one(name, error, tmp_path):
     assert again.error == motion.error
 
 
+@pytest.mark.parametrize("name", ["four_bar", "watt_six_bar", "scotch_yoke"])
+@pytest.mark.parametrize("error", [1e-2, 1e-4])
+def test_few_long_steps_are_not_compared_with_the_same_ones(name, error):
+    """Steps that grow as fast as they may are the same ones at any tolerance."""
+    mech = library(name)
+    times = np.linspace(0.0, 0.03, 31)
+    state = sp.assemble(mech, {next(iter(mech.drivers)): 1.0})
+    motion, exact = (sp.simulate(mech, state, 0.03, times=times, accuracy=x) for x in (
+        sp.Accuracy.for_error(error, "simulate"), REFERENCE))
+    for one, true in zip(motion.error[:3], true_errors(motion, exact), strict=True):
+        assert true <= one + 1e-12
+
+
+def test_closure_errors_of_interpolated_samples_are_bounds():
+    for name in ("rssr", "four_bar", "stewart"):
+        motion = swept(name, 800, sp.Accuracy.for_error(1e-4))
+        for k in range(0, 800, 37):
+            state = sp.State(motion.mechanism, motion.q[k])
+            assert state.closure_error <= motion.closure_error[k] + ROUND_OFF
+
+
+def test_errors_of_1e_9_are_met_by_interpolation():
+    motion = swept("rssr", 2000, sp.Accuracy.for_error(1e-9))
+    true = true_errors(motion, swept("rssr", 2000, REFERENCE))
+    assert motion.closure_error.max() > 1e-14  # it is no motion closed sample by sample
+    assert all(x <= one <= 1e-9 for one, x in zip(motion.error[:3], true, strict=True))
+
+
 def test_an_unstable_simulation_says_so(tmp_path):
     """Double pendulums lose their digits in a few swings; one that hangs does not."""
     mech = library("four_bar")
