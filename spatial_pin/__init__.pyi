@@ -58,6 +58,8 @@ from .errors import (
 )
 from .formats.drawing import Drawing as Drawing
 from .formats.files import list_mechanisms as list_mechanisms, load as load
+from .function.control_loop import ControlLoop as ControlLoop
+from .function.function import Function as Function, function as function
 from .inverse_kinematics import targets as targets
 from .inverse_kinematics.reach import reach as reach
 from .inverse_kinematics.reach_path import reach_path as reach_path

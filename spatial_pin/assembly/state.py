@@ -174,12 +174,12 @@ class State:
         branch: label of the assembly mode, from `assembly_modes`.
         released: {driver: displacement [rad or m]} of drivers that were given no value, and had to
             leave where the guess has them, for the loops to close.
-        lost_turns: coordinates that were set further than half a turn from the guess in loops
-            where couplings or screws count turns, and others do not: what they count may have lost
-            whole turns, as loops could not be followed there from the guess.
+        lost_turns: coordinates that were set so far from the guess that others may have lost whole
+            turns, as loops could not be followed there: more than half a turn where couplings or
+            screws count turns behind loops that do not, more than one where nothing counts them.
         rate_error: estimated round-off of v and a, relative to their size; it grows near a limit
             position of a driver, and near a branch point, up to 1: no digit. NaN until
-            `solve_rates`; of a sample of a sweep it is worked out when asked for, of a sample of
+            `solve_rates`; of a sample of a sweep it is worked out at first use, of a sample of
             a simulation it is NaN.
         in_time: whether v and a are rates in time; those of a sample of a sweep without speed are
             not, and forces there are those at rest.
@@ -312,7 +312,7 @@ class State:
         contact = contact_closure(self.mechanism, name)
         if contact is not None:
             ends = [FrameMotion(*(x[None] for x in self.frame(f))) for f in contact.frames]
-            rows = contact_rates(self.mechanism, contact, ends, np.atleast_2d(self.angles))
+            rows = contact_rates(self.mechanism, contact, ends, np.atleast_2d(self.angles), name)
         else:
             rows = coordinate_rates(self.mechanism, name, self.q[None], self.v[None],
                                     self.a[None])
@@ -612,9 +612,6 @@ def of_mechanism(mechanism: Mechanism, state: State) -> State:
 
     For a rounded file it belongs to the mechanism without contradicting equations: use
     `state.mechanism`.
-
-    Raises:
-        SpatialPinError: it is a state of another mechanism, or of other dimensions.
     """
     require_mechanism(mechanism)
     if not isinstance(state, State):
@@ -677,11 +674,7 @@ def center_of_mass(mechanism: Mechanism, link: str) -> Array:
 
 
 def mass_shares(mechanism: Mechanism) -> list[tuple[int, float, Array]]:
-    """Return joint, part of the whole mass, centre (3,) on the joint of all bodies that move.
-
-    Raises:
-        SpatialPinError: they have no mass.
-    """
+    """Return joint, part of the whole mass, centre (3,) on the joint of all bodies that move."""
     model = mechanism.model
     total = moving_mass(model)
     if not total > 0.0:

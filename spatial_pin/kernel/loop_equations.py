@@ -37,7 +37,7 @@ class LoopEquations:
     Attributes:
         mechanism: the mechanism; model: its model, relative to the centre.
         constraints: what the equations are made of.
-        q: (nq,) the last configuration; not to be changed before what is made of it.
+        q: (nq,) the last configuration; not to be changed before its results are used.
         residual: (n_closure,) closure equations [-]; lengths divided by the characteristic length.
         jacobian: (n_closure + n_passive, nv) derivative of the equations for the scaled
             velocities v / `velocity_scale`; the last ones are rates of idle rotations.

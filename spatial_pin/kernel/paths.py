@@ -17,7 +17,7 @@ from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import INTERPOLATED, Accuracy
 
-UNCORRECTED_PART = 0.01  # of the tolerance: a prediction is left as it is; what is left grows
+UNCORRECTED_PART = 0.01  # of the tolerance: a prediction is left as it is; its error grows
 CLOSED_PART = 0.03  # of the tolerance, which points are closed to: the rest is their rates'
 # What points of a path are closed to that samples are interpolated between, or so much of the
 # tolerance and its root: second derivatives between them divide it by the square of the way, which
@@ -158,7 +158,7 @@ class Path:
         kernel: of the mechanism.
         chosen: independent closure equations; None: as many are chosen at the start as
             there are unknowns.
-        driven: what is prescribed, the driver first; see `prescribed_indices`.
+        driven: prescribed coordinates, the driver first; see `prescribed_indices`.
         fill: (k, nv) rows that give passive freedoms the least motion; None: there are none.
         accuracy: tolerance and order of the predictor.
         polynomials: the driven coordinates by a parameter; None: the first one leads.

@@ -100,7 +100,7 @@ class _RateTask(ctypes.Structure):
 class RateSolver:
     """Solves for rates with some freedoms driven; one caller at a time.
 
-    Kept by the kernel whose memory it works in. What is asked for after `factor` or `solve` is that
+    Kept by the kernel whose memory it works in. Results read after `factor` or `solve` are those
     of their configuration.
 
     Args:
@@ -110,7 +110,7 @@ class RateSolver:
         n_moving: how many do not.
 
     Attributes:
-        speeds, accelerations: (n,) of what is driven, for `solve`.
+        speeds, accelerations: (n,) of driven coordinates, for `solve`.
     """
 
     def __init__(self, kernel: Kernel, driven: Sequence[int], n_moving: int) -> None:
@@ -229,7 +229,7 @@ class RateSolver:
 
         Args:
             v: joint velocities.
-            drive: (n_driven,) accelerations of what is driven; none by default.
+            drive: (n_driven,) accelerations of driven coordinates; none by default.
         """
         v = numbers(v, (self.nv,))
         return self._answer(address(v), None, drive)
@@ -239,7 +239,7 @@ class RateSolver:
 
         Args:
             derivative: (n_closure + n_passive,) of the equations, where the rates are zero.
-            drive: (n_driven,) rates of what is driven; none by default.
+            drive: (n_driven,) rates of driven coordinates; none by default.
         """
         derivative = numbers(derivative, (self._n_equations,))
         return self._answer(None, address(derivative), drive)

@@ -409,7 +409,7 @@ class Motion(Samples, Tabular):
         contact = contact_closure(self.mechanism, name)
         if contact is not None:
             ends = [self.frame(f) for f in contact.frames]
-            return contact_rates(self.mechanism, contact, ends, self.angles)
+            return contact_rates(self.mechanism, contact, ends, self.angles, name)
         return coordinate_rates(self.mechanism, name, self.q, self.v, self.a)
 
     @checked
@@ -819,7 +819,7 @@ def made(**fields: Any) -> Motion:
     """Return a Motion from all its fields; its arrays are checked to be finite and read-only.
 
     In place of events and error estimates that depend on nothing but these fields, there may be
-    functions of the motion that make them when they are asked for: see `LATER`.
+    functions of the motion that make them at first use: see `LATER`.
     """
     motion = Motion.__new__(Motion)
     fields = {"rate_errors": np.empty(0), "unreached": {}, **fields}

@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from spatial_pin._support.checks import names_of
 from spatial_pin._support.columns import XYZ, Quantity
-from spatial_pin.assembly.contact_places import contact_closure
+from spatial_pin.assembly.contact_places import contact_closure, contact_coordinates
 from spatial_pin.assembly.link_angle import ANGLE, link_angle
 from spatial_pin.assembly.samples import angles_of
 from spatial_pin.assembly.state import center_of_mass, mass_shares
@@ -96,7 +96,8 @@ def output(motion: Motion, spec: str) -> Output:
         return component_of(_vector(motion, whole) or motion.output(whole), k)
     if is_of_whole(mechanism, spec):
         return _of_whole(motion, spec)
-    contact, _, kind = (spec, "", "value") if spec.endswith(".s") else spec.rpartition(".")
+    contact, _, kind = ((spec, "", "value") if spec.endswith((".s", ".s2"))
+                        else spec.rpartition("."))
     if contact_closure(mechanism, contact) is not None and kind in CONTACT_RATES:
         order = CONTACT_RATES.index(kind)
         unit = motion.rate_unit("m", order) if order else "m"
@@ -126,7 +127,7 @@ def output(motion: Motion, spec: str) -> Output:
              *(f"{n}.{k}" for n in (*mechanism.coordinate_table, *mechanism.drivers)
                for k in COORDINATE_OUTPUTS),
              *(f"{c.name}.{k}" for c in (mechanism.whole or mechanism).closures
-               if "curve" in c.numbers for k in ("s", *CONTACT_UNITS))]
+               if c.curves for k in (*contact_coordinates(c), *CONTACT_UNITS))]
     raise UnknownNameError("output", spec, valid, f"mechanism {mechanism.name!r}: ")
 
 

@@ -102,7 +102,7 @@ def sweep(
             them where a State as guess has them, else where they are assembled. "base" is a free
             base (a floating joint that alone carries a whole machine), "springs" the joints that
             springs act about, "NAME.rotation" and "NAME.translation" parts of a floating joint.
-            None: nothing. A "released" event tells of drivers, and of what is held by name, that
+            None: nothing. A "released" event names drivers, and coordinates held by name, that
             the loops do not let stand there.
         on_limit: where a value cannot be reached: "raise" a LimitError, or "stop", which ends the
             motion before it, with an event.
@@ -201,7 +201,7 @@ def _values(mechanism: Mechanism, driver: str, given: Any, speed: Any) -> Array:
             f"mechanism, {driver!r}, np.linspace({first:g}, {last:g}, 101)); one position is "
             f"sp.assemble(mechanism, {{{driver!r}: {first:g}}})")
     if values.ndim > 1 or not is_finite(values):
-        values = finite_array(values, (values.size,), "values")  # says what is wrong
+        values = finite_array(values, (values.size,), "values")  # refuses in words
     return values
 
 
@@ -233,7 +233,8 @@ def _followed(
             first = held_values(mechanism, {**given, **first}) if given else first
             problem = assembly_problem(
                 mechanism, first, guess, tolerance, gap_allowed(mechanism, accuracy))
-            started = None if ways is not None or not problem.is_for_kernel() else (
+            judged = ways is not None or problem.with_turns is not None
+            started = None if judged or not problem.is_for_kernel() else (
                 PathTracker.from_guess(problem, names, held, accuracy, workspaces,
                                        values[: chunk_of(mechanism)], n))
             if started is not None:
@@ -271,10 +272,10 @@ def _events(
     Args:
         tracker: which has followed the branch.
         result: the samples of the path.
-        driver: what is swept.
+        driver: the swept coordinate.
         values: of it.
         released: see `State.released`.
-        gone: sentences on what is held, but not where the guess has it.
+        gone: sentences on held coordinates that do not stand where the guess has them.
     """
     moving, texts = tracker.moving_drivers, [*gone]
     if not (moving or released or texts or result.crossed):
@@ -394,7 +395,7 @@ def _near_limit(motion: Motion, t: Array) -> list[Event]:
     if not len(t):
         return []
     of_driver, slow = _sizes(motion.mechanism, motion.driver_name)
-    if np.vdot(t, t) < slow:  # no entry is larger than the length of all
+    if max(t.max(initial=0.0), -t.min(initial=0.0)) < slow:
         return []
     paces = np.abs(t / motion.mechanism.velocity_scale) * of_driver
     if paces.max() <= FAST:
@@ -413,10 +414,10 @@ def _near_limit(motion: Motion, t: Array) -> list[Event]:
 
 @made_once
 def _sizes(mechanism: Mechanism, driver: str) -> tuple[float, float]:
-    """Return the driver's size, and a square of dq/ds (nv,) that no joint is fast with."""
+    """Return the driver's size, and the least dq/ds that a fast joint has."""
     sizes = mechanism.velocity_scale
     of_driver = float(sizes[mechanism.coordinate(driver).v])
-    return of_driver, (0.5 * FAST * float(sizes.min()) / of_driver) ** 2
+    return of_driver, FAST * float(sizes.min()) / of_driver
 
 
 def _drift(motion: Motion) -> list[Event]:

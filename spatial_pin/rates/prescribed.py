@@ -264,7 +264,7 @@ def rates_prescription(
     try:
         return _plan(mechanism, (tuple(speeds), tuple(accelerations)), hashable_hold(hold))
     except (SpatialPinError, ValueError):
-        return None  # what is tried says what is wrong
+        return None  # the solver refuses it in words
 
 
 @made_once

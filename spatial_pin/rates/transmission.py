@@ -207,7 +207,7 @@ class MovedOutput(NamedTuple):
         """Return the transmission angles (N,) [rad].
 
         Args:
-            mechanism: of which it is an output.
+            mechanism: whose output it is.
             q: (N, nq) closed configurations.
             angles: (N, n_angles) of screw closures there [rad].
         """

@@ -1,4 +1,4 @@
-/* The square system: chosen closure equations, idle rotations, what is driven, and rows that fill
+/* The square system: chosen closure equations, idle rotations, drivers, and rows that fill
  * it up where freedoms are left (passive ones that nothing determines). Unknowns are v / scale. */
 #include <string.h>
 

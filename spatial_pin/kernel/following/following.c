@@ -18,7 +18,7 @@ static Path *path_of(Kernel *k)
     if (path)
         return path;
     path = kernel_memory(k, 1, sizeof *path);
-    Real *from = kernel_reals(k, 4 * point_numbers(k) + 3 * k->nv + k->nq * (BETWEEN_DEGREE + 1));
+    Real *from = kernel_reals(k, 4 * point_numbers(k) + 4 * k->nv + k->nq * (BETWEEN_DEGREE + 1));
     Int *chosen = kernel_ints(k, k->nv);
     if (!kernel_had_memory(k) || prescribed_create(k, &path->prescribed) != DONE)
         return NULL;
@@ -28,7 +28,8 @@ static Path *path_of(Kernel *k)
     path->probe.t = from;
     path->probe.along = from + k->nv;
     path->probe.change = from + 2 * k->nv;
-    path->between.coefficient = from + 3 * k->nv;
+    path->probe.c = from + 3 * k->nv;
+    path->between.coefficient = from + 4 * k->nv;
     path->k = k;
     path->chosen = chosen;
     path->here = path->points;
@@ -52,7 +53,7 @@ static int is_regular(Path *path)
     return stays_closed(path->k, path->here->q, path->here->error, path->next->q);
 }
 
-/* Move to q, with what is prescribed as it is there or, by polynomials, where the path begins. */
+/* Move to q; prescribed values are those of q or, by polynomials, those where the path begins. */
 static int move_to(Path *path, const Real *q)
 {
     Prescribed *p = &path->prescribed;
@@ -81,7 +82,8 @@ static void forget(Path *path)
     path->zero = INFINITY;
     path->zero_known = path->has_before = path->stale = 0;
     path->idle_way = is_fixed ? INFINITY : IDLE_FIRST;
-    path->between_way = BETWEEN_FIRST * pow(path->accuracy.between, 1.0 / 7.0);
+    path->between_way = path->accuracy.between > WITHOUT_THIRD
+                            ? BETWEEN_FIRST * pow(path->accuracy.between, 1.0 / 7.0) : SOONEST;
     path->degree = 0;
     path->open = OPENED * path->here->error;
     path->idle_left = path->missed = 0.0;

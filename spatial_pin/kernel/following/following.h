@@ -1,6 +1,6 @@
 /* A path of closed configurations, followed through many values of its parameter s.
  *
- * As a rule s is the value of what is driven first. Samples are taken in any order; the path is
+ * As a rule s is the value of the first driver. Samples are taken in any order; the path is
  * a cursor that goes back and forth. */
 #ifndef SPATIAL_PIN_FOLLOWING_H
 #define SPATIAL_PIN_FOLLOWING_H
@@ -41,7 +41,7 @@ typedef struct {
     const Real *fill;    /* (n_fill, nv) likewise */
     Int n_fill;
     PathAccuracy accuracy;
-    Real begin;          /* s at the start, where values of what is driven, from the first on, are */
+    Real begin;          /* s at the start, where values of driven coordinates, from the first on, are */
     Int n_pieces, degree; /* piecewise polynomials of s (prescribing.h); no pieces: they are not */
     const Real *breaks, *coefficients;
     Real open;           /* of path_from_guess, see `closed_straight` */

@@ -1,6 +1,6 @@
 /* Velocities and accelerations of all joints at given rates of driven freedoms: K v = drive,
  * K a = drive' - bias(v), and whatever else the same K answers. K holds independent closure
- * equations, idle rotations, what is driven, and rows that fill it up: passive freedoms that nothing
+ * equations, idle rotations, driven coordinates, and rows that fill it up: passive freedoms that nothing
  * determines take the least rates.
  *
  * Equations are chosen here where as many as there have to be are independent of each other, of the
@@ -19,7 +19,7 @@
 #include "correcting.h"
 
 /* Part of the longest equation that is left of each that is chosen, and smallest over largest pivot
-   relative to the lengths of their rows, where it is clear what is independent. */
+   relative to the lengths of their rows, where it is clear which are independent. */
 #define WELL TOLERANCE_WELL_CONDITIONED
 /* Of a solution, relative to its size, before pivots magnify it */
 #define SOLUTION_ERROR (8.0 * DBL_EPSILON)
@@ -154,7 +154,7 @@ static int is_pin(const Rates *r, Int i) { return r->driven[i] >= r->k->nv; }
 
 static Real driven_scale(const Rates *r, Int i) { return r->k->scale[r->driven[i] % r->k->nv]; }
 
-/* Where the rows, and right sides, of what is driven begin. */
+/* Where the rows, and right sides, of driven coordinates begin. */
 static Int first_driven(const Rates *r) { return r->n_chosen + r->k->n_idle; }
 
 /* Factor K, with rows that fill it up, at the evaluated configuration. */
@@ -317,8 +317,8 @@ static Real round_off(Rates *r, const Real *v, Real known)
     return fmin(1.0, known + lost);
 }
 
-/* What is known of it without the velocities, where the fastest joint moves `pace` times as fast as
-   what is driven. */
+/* A bound of it without the velocities, where the fastest joint moves `pace` times as fast as the
+   drivers. */
 static Real known_round_off(const Rates *r, Real pace)
 {
     return fmin(1.0, SOLUTION_ERROR * pace * fmax(pace, 1.0 / fmax(r->matrix->pivot, 1e-300)));

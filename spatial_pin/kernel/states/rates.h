@@ -40,7 +40,7 @@ EXPORT int rates_solve(Rates *r, const RateTask *task);
 
 /* Joint rates (nv) of any order, at the last configuration. Where joints have no rate of that order,
    the equations have the second derivatives at joint velocities v (nv), or these derivatives
-   (n_equations); either may be NULL. What is driven has rates `drive` (n_driven); no component with
+   (n_equations); either may be NULL. Driven coordinates have rates `drive` (n_driven); no component with
    `derivative`. */
 EXPORT int rates_answer(Rates *r, const Real *v, const Real *derivative, const Real *drive, Real *out);
 
