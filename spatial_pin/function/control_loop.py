@@ -22,6 +22,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.follow import follow
 from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.rates.depending import frame_in_kernel
 from spatial_pin.rates.jacobians import Influence, moving_coordinates
 from spatial_pin.rates.prescribed import Prescription, chosen_at
 
@@ -103,7 +104,7 @@ class ControlLoop:
         self._free = np.ones(nv, bool)
         self._free[[*self._at_v, *self._given.still]] = False
         self._size_of_q = _sizes(own)
-        self._points = {name: _point(self._kernel, own.frame_id(own.placed(name)))
+        self._points = {name: frame_in_kernel(own, own.frame_id(own.placed(name)))
                         for name in names_of(frames, "frames")}
         self.q, self._angles = state.q.copy(), state.angles.copy()
         self.v, self.a, self._rest, self._step = np.zeros((4, nv))
@@ -202,19 +203,20 @@ class ControlLoop:
         """Work out what belongs to a closed configuration; it is taken when all of it is known."""
         rates, n = self._rates, len(self.drivers)
         rates.speeds[:n], rates.accelerations[:] = self._speeds, 0.0
-        solved = rates.solve(q, angles)
+        chosen, solved = None, rates.solve(q, angles)
         if solved is None:
             state = State(self.mechanism, q, closure_error=error,
                           angles=angles if angles.size else None)
-            solved = rates.solve(q, angles, chosen_at(state, self._given))
+            chosen = chosen_at(state, self._given)
+            solved = rates.solve(q, angles, chosen)
         if solved is None or not solved.is_finite:
             raise SingularError(f"mechanism {self.mechanism.name!r}: rates are not determined")
         self.q[:], self._angles[:], self.closure_error = q, angles, error
         self.v[:], self.a[:], self.rate_error = solved.v, solved.a, solved.lost
         first, second = self.influence
         first[:] = rates.columns()
-        for name, (joint, local) in self._points.items():
-            self.jacobians[name][:] = rates.jacobian(joint, local)
+        for name, point in self._points.items():
+            self.jacobians[name][:] = rates.jacobian(q, angles, point, chosen)
         for i in range(n):
             for j in range(i + 1):
                 plus, minus = (rates.acceleration(first[:, i] + sign * first[:, j])
@@ -279,10 +281,3 @@ def _sizes(mechanism: Mechanism) -> Array:
         if at >= 0:
             sizes[at] = mechanism.velocity_scale[c.v]
     return sizes
-
-
-def _point(kernel: Kernel, frame: int) -> tuple[int, Array]:
-    """Return the kernel's joint that carries a frame, and its origin in the joint's axes."""
-    own = kernel.mechanism.model.frames[frame]
-    joint = int(kernel.packed.carriers[own.parentJoint])
-    return joint, kernel.packed.frames[joint].T @ own.placement.translation
