@@ -30,7 +30,7 @@ torques = sp.function(
     [f"effort.{name}" for name in ankle.drivers], guess=ends[0]).torch()
 
 # motors go by polynomials of t/T: one from rest to rest, and some that are at rest at both ends
-duration, n, times = 0.2, 6, np.linspace(0.0, 1.0, 25)
+duration, n, times = 0.2, 6, np.linspace(0.0, 1.0, 17)
 rise = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])
 bump = np.polynomial.Polynomial([0, 0, 0, 1, -3, 3, -1])
 shapes = [bump * np.polynomial.Polynomial([-1, 2]) ** k for k in range(n)]
@@ -46,9 +46,9 @@ def work(weights):
 
 
 weights = torch.zeros(n, 2, dtype=torch.float64, requires_grad=True)
-descent = torch.optim.Adam([weights], lr=0.02)
+descent = torch.optim.Adam([weights], lr=0.04)
 before = work(weights).detach()
-for _ in range(80):
+for _ in range(40):
     descent.zero_grad()
     loss = (work(weights) ** 2).mean()
     loss.backward()
