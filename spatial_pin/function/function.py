@@ -148,7 +148,7 @@ class Function:
         Example:
             >>> f = sp.function(sp.load("four_bar"), ["crank", "r2"], ["rocker_pin"])
             >>> f.jacobian([1.0, 0.1]).round(4)  # (k, m)
-            array([[0.1935, 2.7489]])
+            array([[ 0.1935, -4.4373]])
         """
         return self._shaped(x, self._worked_out(self._rows(x), True)[1])
 
@@ -184,7 +184,7 @@ class Function:
         Example:
             >>> f = sp.function(sp.load("four_bar"), ["crank", "r2"], ["rocker_pin"])
             >>> f.vjp([1.0, 0.1], [2.0]).round(4)  # (m,)
-            array([0.3871, 5.4978])
+            array([ 0.387 , -8.8745])
         """
         rows = self._rows(x)
         weights = finite_array(y, (*np.shape(x)[:-1], len(self.labels)), "y")
