@@ -6,6 +6,7 @@ from .accuracy.tradeoff import Measured as Measured, Tradeoff as Tradeoff, trade
 from .assembly.assemble import assemble as assemble
 from .assembly.export_mjcf import export_mjcf as export_mjcf
 from .assembly.state import (
+    FrameMotion as FrameMotion,
     Gap as Gap,
     PointRates as PointRates,
     RelativeMotion as RelativeMotion,
@@ -48,6 +49,7 @@ from .errors import (
     LimitError as LimitError,
     MechanismFileError as MechanismFileError,
     ReachError as ReachError,
+    SampleError as SampleError,
     SingularError as SingularError,
     SpatialPinError as SpatialPinError,
     SpatialPinWarning as SpatialPinWarning,
@@ -86,11 +88,11 @@ from .motion.limits import Bound as Bound, Range as Range, limits as limits
 from .motion.motion import (
     ErrorEstimate as ErrorEstimate,
     Event as Event,
-    FrameMotion as FrameMotion,
     Motion as Motion,
     Output as Output,
 )
 from .motion.rated_limits import BeyondLimit as BeyondLimit
+from .motion.scattered_states import states as states
 from .motion.sweep import sweep as sweep
 from .motion.trace import trace as trace
 from .proximity.clearance import (

@@ -33,7 +33,7 @@ from spatial_pin.formats.parsing import parse_urdf
 from spatial_pin.formats.urdf.validation import check_links
 from spatial_pin.formats.xacro.expansion import expand, traced
 from spatial_pin.formats.xacro.tracing import depends
-from spatial_pin.formats.xacro.xacro_arguments import Values, written_dimensions
+from spatial_pin.formats.xacro.xacro_arguments import worked_out, written_dimensions
 from spatial_pin.mechanism.inertia import inertia_as_given, put_inertias
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import EPS, Array
@@ -45,12 +45,7 @@ FIELDS = [field.name for field in fields(Mechanism) if field.init]
 
 
 class Variants:
-    """A mechanism at other dimensions; for motion alone, masses stay nominal.
-
-    Args:
-        mechanism: at its nominal dimensions.
-        names: the dimensions.
-    """
+    """A mechanism at other dimensions; for motion alone, masses stay nominal."""
 
     def __init__(self, mechanism: Mechanism, names: Iterable[str]) -> None:
         self.mechanism, self.names = mechanism, list(names)
@@ -450,8 +445,10 @@ class TracedTree(TracedText):
         other = copied(m, model=model, inertias=inertias,
                        parameters={**m.parameters, **dimensions})
         other.__dict__["dimensions"] = {**m.dimensions, **dimensions}
-        if isinstance(m.guess, Values):
-            other.__dict__["guess"] = partial(m.guess.at, dict(dimensions))
+        written = m.content.get("guess", {})
+        if m.path and m.tree and written and written.keys() == m.guess.keys():
+            other.__dict__["guess"] = partial(worked_out, written, m.path, "guess", m.tree,
+                                              other.parameters, m.trusted, m.packages)
         return other
 
     def _placed(
