@@ -44,11 +44,6 @@ class ControlLoop:
     The efforts of the motors for accelerations s'' of the drivers are
     inertia @ s'' + velocity_efforts + gravity_efforts, as `inverse_dynamics` has them.
 
-    Args:
-        mechanism: the mechanism.
-        frames: links, frames or joints whose Jacobians are wanted.
-        guess: where to begin, as for `assemble`.
-
     Attributes:
         mechanism: the mechanism.
         drivers: names, in the order of all arrays.
@@ -63,6 +58,11 @@ class ControlLoop:
         closure_error: as of a `State`.
         rate_error: estimated round-off of all rates, relative to their size: it grows towards a
             dead centre or another singular configuration, up to 1.
+
+    Args:
+        mechanism: the mechanism.
+        frames: links, frames or joints whose Jacobians are wanted.
+        guess: where to begin, as for `assemble`.
 
     Raises:
         AssemblyError: the guess does not close.
@@ -121,7 +121,14 @@ class ControlLoop:
 
     @property
     def state(self) -> State:
-        """The State there, with v and a; of arrays of its own."""
+        """The State there, with v and a; of arrays of its own.
+
+        Example:
+            >>> loop = sp.ControlLoop(sp.load("four_bar"))
+            >>> loop.update([1.0])
+            >>> f"{loop.state.coordinate('rocker_pin').value:.4f} rad"
+            '1.6255 rad'
+        """
         return State(self.mechanism, self.q, self.v, self.a, closure_error=self.closure_error,
                      angles=self._angles if self._angles.size else None)
 
@@ -141,6 +148,12 @@ class ControlLoop:
             SingularError: they do not determine the motion there, or on the way to it.
             UnknownNameError: there is no such driver.
             ValueError: a number is NaN or infinite, or there are not n.
+
+        Example:
+            >>> loop = sp.ControlLoop(sp.load("four_bar"), frames=["rocker_b"])
+            >>> loop.update([1.0], rates=[10.0])  # or {"crank": 1.0}, {"crank": 10.0}
+            >>> (loop.jacobians["rocker_b"][:3, 0]).round(4)  # [m/s per rad/s]
+            array([-0.0464,  0.    , -0.0025])
         """
         self.q.take(self._at_q, out=self._wanted, mode="clip")
         self._speeds[:] = 0.0
@@ -210,7 +223,8 @@ class ControlLoop:
             chosen = chosen_at(state, self._given)
             solved = rates.solve(q, angles, chosen)
         if solved is None or not solved.is_finite:
-            raise SingularError(f"mechanism {self.mechanism.name!r}: rates are not determined")
+            raise SingularError(f"mechanism {self.mechanism.name!r}: the rates are not determined, "
+                                "or larger than numbers can be")
         self.q[:], self._angles[:], self.closure_error = q, angles, error
         self.v[:], self.a[:], self.rate_error = solved.v, solved.a, solved.lost
         first, second = self.influence

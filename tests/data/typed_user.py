@@ -199,6 +199,17 @@ def judging(mech: sp.Mechanism, motion: sp.Motion) -> None:
           omission.why.upper(), proof.worst + difference.position, pair.distance + contact.begin)
 
 
+def differentiating(mech: sp.Mechanism) -> None:
+    f: sp.Function = sp.function(mech, ["crank", "b"], ["rocker_pin"], guess={"crank_pin": 0.1})
+    slopes = f.jacobian([[1.0, 0.381]])
+    print(f.labels[0].upper(), slopes.shape, f.vjp([1.0, 0.381], [1.0]) @ f([1.0, 0.381]))
+    g = f.jax() if len(f.inputs) > 1 else f.torch()
+    loop: sp.ControlLoop = sp.ControlLoop(mech, frames=["tip"])
+    loop.update([0.1], rates={"crank": 2.0})
+    print(g([1.0, 0.381]), loop.inertia @ [1.0] + loop.gravity_efforts, loop.state.closure_error)
+    print(loop.jacobians["tip"].shape, loop.influence.second.shape, loop.rate_error + 1.0)
+
+
 def viewing(mech: sp.Mechanism, motion: sp.Motion) -> None:
     speed = sp.Vectors("tip", motion.frame("tip").position, motion.frame("tip").velocity,
                        "velocity", "m/s")
