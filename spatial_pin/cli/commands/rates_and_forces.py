@@ -237,13 +237,15 @@ def _print_efforts(
         "mechanism": mechanism.name, "closure_error": result.state.closure_error,
         "coordinates": {name: result.state.coordinate(name).value
                         for name in mechanism.coordinates},
-        "efforts": result.efforts, "units": units, "unique_efforts": alone,
-        "reactions": {name: [*force.linear.tolist(), *force.angular.tolist()]
-                      for name, force in result.reactions.items()},
-        "unique": {name: each.tolist() for name, each in result.unique.items()},
-        "on_ground": [*result.on_ground.linear.tolist(), *result.on_ground.angular.tolist()],
-    }
+        "efforts": result.efforts, "units": units, "unique_efforts": alone, **balance(result)}
     print_result(options, "\n".join(lines), content, _table(result, units))
+
+
+def balance(result: sp.Efforts | sp.Equilibrium) -> dict[str, Any]:
+    """Return reactions as JSON has them, force then moment, and which of them are unique."""
+    return {"reactions": {name: force.vector.tolist() for name, force in result.reactions.items()},
+            "unique": {name: each.tolist() for name, each in result.unique.items()},
+            "on_ground": result.on_ground.vector.tolist()}
 
 
 def _table(result: sp.Efforts, units: dict[str, str]) -> dict[str, list[Any]]:
