@@ -237,8 +237,7 @@ def content_of(mechanism: Mechanism) -> dict[str, Any]:
         "order": moving if moving != [n for n in urdf_order(robot) if n in moving] else [],
         "joints": {joint.get("name", ""): table for joint in robot.findall("joint")
                    if (table := _joint(mechanism, joint))},
-        "curves": {c.numbers["curve"].name: dict(c.numbers["curve"].form)
-                   for c in closures if "curve" in c.numbers},
+        "curves": {x.name: dict(x.form) for c in closures for x in c.curves},
         "closures": [_closure(c) for c in closures],
         "drivers": {d.name: {"joint": d.joint} for d in mechanism.drivers.values()},
         "springs": [_spring(s) for s in mechanism.springs],
@@ -260,12 +259,18 @@ def _with_named_curves(closures: tuple[Closure, ...]) -> list[Closure]:
     names: dict[int, str] = {}
     found = []
     for c in closures:
-        curve = c.numbers.get("curve")
-        if curve is not None:
+        named = {}
+        for curve in c.curves:
             name = names.setdefault(id(curve), fresh(curve.name or f"{c.name}_curve",
                                                      set(names.values())))
-            c = replace(c, numbers={**c.numbers, "curve": replace(curve, name=name)})
-        found.append(c)
+            named[id(curve)] = replace(curve, name=name)
+        numbers = dict(c.numbers)
+        if "curve" in numbers:
+            numbers["curve"] = named[id(numbers["curve"])]
+        if "curves" in numbers:
+            both = numbers["curves"]
+            numbers["curves"] = replace(both, one=named[id(both.one)], two=named[id(both.two)])
+        found.append(replace(c, numbers=numbers))
     return found
 
 
@@ -346,8 +351,8 @@ def _closure(closure: Closure) -> dict[str, Any]:
     for key in pair.keys:
         if key.name in closure.numbers:
             number = closure.numbers[key.name]
-            table[key.name] = number.name if isinstance(number, CurveShape) else dict(
-                number.form) if key.read else np.asarray(number).tolist()
+            table[key.name] = number.name if isinstance(number, CurveShape) else (
+                number.form if key.read else np.asarray(number).tolist())
     table |= pair.file_entries(
         geometry.axes1[:, 2], geometry.axes2[:, 2], geometry.lead, geometry.length)
     if closure.between:

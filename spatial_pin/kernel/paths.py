@@ -101,6 +101,31 @@ class _PathTask(ctypes.Structure):
         ("open", REAL), ("s", POINTER), ("here", _RowsStruct)]
 
 
+class _ScatterTask(ctypes.Structure):
+    """ScatterTask in following.h."""
+
+    _fields_ = [
+        ("n_rows", INT), ("n", INT), ("row", POINTER), ("parent", POINTER), ("n_values", INT),
+        ("values", POINTER), ("line", POINTER), ("is_last", INT), ("rows", _RowsStruct),
+        ("part", POINTER)]
+
+
+class Scattered(NamedTuple):
+    """Configurations at scattered values of what is driven, each found from another one.
+
+    Attributes:
+        values: (n, k) of what is driven first.
+        parent: (n,) row that each is followed to from, along a straight line.
+        samples: the rows.
+        part: (n,) of its line that each has gone; 1 where the values are reached.
+    """
+
+    values: Array
+    parent: NDArray[np.int64]
+    samples: PathSamples
+    part: Array
+
+
 @cache
 def path_accuracy(accuracy: Accuracy, has_redundant: bool, is_determined: bool) -> Any:
     """Return how exactly a path is followed, for C.
@@ -199,6 +224,28 @@ class Path:
         return self._library.path_from_guess(
             self.kernel.handle, self._at_task, closer.handle, closer.at_task, address(values),
             len(values), ctypes.byref(rows))
+
+    def scatter(
+        self, scattered: Scattered, rows: NDArray[np.int64], standing: Array, is_last: bool
+    ) -> None:
+        """Write rows of scattered values, each from its parent, or from the parent's if need be.
+
+        The interpreter is free meanwhile: other threads may write other rows.
+
+        Args:
+            scattered: whose rows are written; a row's parent is done before.
+            rows: (m,) their numbers.
+            standing: (n_driven,) values of what is driven and is not among the values.
+            is_last: whether what cannot be reached is to come as near as it can.
+        """
+        self.kernel.path, n = self._token, len(scattered.values)
+        line = np.column_stack([standing, np.zeros(len(standing))])
+        arrays = _RowsStruct(*addresses(scattered.samples))
+        arrays.estimate = None
+        task = _ScatterTask(
+            n, len(rows), address(rows), address(scattered.parent), scattered.values.shape[1],
+            address(scattered.values), address(line), is_last, arrays, address(scattered.part))
+        check(self._library.path_scatter(self.kernel.handle, self._at_task, ctypes.byref(task)))
 
     def follow(self, values: Array, samples: PathSamples) -> int:
         """Write samples at values of the parameter (m,); return how many were reached."""

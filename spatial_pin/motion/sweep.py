@@ -48,7 +48,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.motion.curve_ends import curve_end_events
 from spatial_pin.motion.joint_limit_events import joint_limit_events
-from spatial_pin.motion.motion import UNRESOLVED, Event, Motion, made
+from spatial_pin.motion.motion import UNRESOLVED, Event, Motion, made, steady_times
 from spatial_pin.motion.rated_limits import velocity_limit_events
 from spatial_pin.motion.rounding import CHOICES, independent_on, within_gap
 from spatial_pin.numerics.linalg import Array
@@ -233,7 +233,8 @@ def _followed(
             first = held_values(mechanism, {**given, **first}) if given else first
             problem = assembly_problem(
                 mechanism, first, guess, tolerance, gap_allowed(mechanism, accuracy))
-            started = None if ways is not None or not problem.is_for_kernel() else (
+            judged = ways is not None or problem.with_turns is not None
+            started = None if judged or not problem.is_for_kernel() else (
                 PathTracker.from_guess(problem, names, held, accuracy, workspaces,
                                        values[: chunk_of(mechanism)], n))
             if started is not None:
@@ -338,7 +339,7 @@ def _motion(
     if per == "s":
         speed = speeds.item(0) if is_steady and n and accels is None else 0.0
         if 1.0 / FASTEST < abs(speed) < FASTEST:
-            v, a, time = v * speed, a * (speed * speed), _time(values, speed)
+            v, a, time = v * speed, a * (speed * speed), steady_times(values, speed)
         else:
             v, a, time = _scaled(v, a, values, speeds, accels)
     check_finite(v, a, "the speeds and accelerations of the sweep")
@@ -361,7 +362,7 @@ def _scaled(
     if accels is not None:
         return t * speed, a + t * accels[:, None], None
     is_steady = len(values) > 0 and bool((speeds == speeds[0]).all())
-    return t * speed, a, _time(values, speeds.item(0)) if is_steady else None
+    return t * speed, a, steady_times(values, speeds.item(0)) if is_steady else None
 
 
 def scaled_estimates(
@@ -394,7 +395,7 @@ def _near_limit(motion: Motion, t: Array) -> list[Event]:
     if not len(t):
         return []
     of_driver, slow = _sizes(motion.mechanism, motion.driver_name)
-    if np.vdot(t, t) < slow:  # no entry is larger than the length of all
+    if max(t.max(initial=0.0), -t.min(initial=0.0)) < slow:
         return []
     paces = np.abs(t / motion.mechanism.velocity_scale) * of_driver
     if paces.max() <= FAST:
@@ -413,10 +414,10 @@ def _near_limit(motion: Motion, t: Array) -> list[Event]:
 
 @made_once
 def _sizes(mechanism: Mechanism, driver: str) -> tuple[float, float]:
-    """Return the driver's size, and a square of dq/ds (nv,) that no joint is fast with."""
+    """Return the driver's size, and the least dq/ds that a fast joint has."""
     sizes = mechanism.velocity_scale
     of_driver = float(sizes[mechanism.coordinate(driver).v])
-    return of_driver, (0.5 * FAST * float(sizes.min()) / of_driver) ** 2
+    return of_driver, FAST * float(sizes.min()) / of_driver
 
 
 def _drift(motion: Motion) -> list[Event]:
@@ -429,17 +430,6 @@ def _drift(motion: Motion) -> list[Event]:
     text = (f"loops open by more than {DRIFTED:g} from {motion.driver_name} = {value:.6g} {unit} "
             "on: too few corrections")
     return [Event("open", value, row, text)]
-
-
-def _time(values: Array, speed: float) -> Array | None:
-    """Return (value - first)/speed if it rises from sample to sample, else None."""
-    if speed == 0.0:
-        return None
-    if len(values) == 1:
-        return np.zeros(1)
-    time = (values - values[0]) / speed + 0.0  # nor -0.0
-    rises = not len(values) or (math.isfinite(time[-1]) and (time[1:] > time[:-1]).all())
-    return time if rises else None
 
 
 def crossed_event(value: float, row: int, at: str) -> Event:

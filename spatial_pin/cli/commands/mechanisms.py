@@ -56,6 +56,13 @@ CLOSURES = {  # of an example of each kind: a comment, its needs, further keys
                       "axis = [0, 0, 1]\naxis2 = [0, 0, 1]"),
     "point_on_curve": ("the second frame's origin on a curve that the first carries", FRAMES,
                        "curve = \"my_curve\"\n[curves.my_curve]\ncircle = {radius = 0.05}"),
+    "frame_on_curve": ("likewise, and its z along the tangent: a carriage on a track", FRAMES,
+                       "curve = \"my_track\"\n[curves.my_track]\n"
+                       "helix = {radius = 0.2, lead = 0.1}"),
+    "curve_on_curve": ("two profiles that touch in their plane", FRAMES,
+                       "curves = [\"my_oval\", \"my_wheel\"]\n[curves.my_oval]\n"
+                       "ellipse = {semi_axes = [0.05, 0.03]}\n[curves.my_wheel]\n"
+                       "circle = {radius = 0.04}"),
     "cam": ("a cam and its follower, in the plane of the cam", FRAMES,
             "curve = \"my_cam\"\nfollower = {roller = 0.008}\n[curves.my_cam]\n"
             "ellipse = {semi_axes = [0.05, 0.03]}"),

@@ -140,6 +140,7 @@ def dynamics_derivatives(
                               slip_speed=slip_speed)
     rows = RowDerivatives(mechanism, springs.forces, (state.q, state.v, answer.a))
     springs.move(rows)
+    springs.refuse_undirected()
     outside, effort = ExternalWrenches(mechanism, external), joint_efforts(mechanism, efforts)
     borne = closure_jacobian(mechanism, state.q).T @ answer.multipliers
     with equations_of(mechanism) as equations:

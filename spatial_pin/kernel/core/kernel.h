@@ -108,6 +108,16 @@ typedef struct {
     Real *rate, *bias;       /* of each; bias: second derivative */
 } Angles;
 
+/* Angles that sums define: one or two, at which as many sums vanish. They follow the equations: those
+   that vanish, one that is positive at a root, and one that is least there. */
+typedef struct {
+    Int n, n_sums;
+    const Int *at;           /* (4) first angle, how many, first sum; bits: which are periodic */
+    const Real *span;        /* (4) where roots of both are looked for */
+    Real *inverse;           /* (4) of the slopes of their sums */
+    char *is_angle;          /* (n_angles) whether an angle is one of them */
+} Implicit;
+
 /* Products, joint coordinates and angles, or functions of them, that terms of equations have. */
 typedef struct {
     Int n, n_functions;
@@ -124,7 +134,7 @@ typedef struct {
 /* Equations: a product each, or a sum of terms, which are numbers times quantities. */
 typedef struct {
     const Int *kind, *product;   /* (n_equations) EquationKind; the product of those that are one */
-    const Int *term_start;       /* (n_equations + 1) terms of a sum */
+    const Int *term_start;       /* (n_equations + implicit.n_sums + 1) terms of a sum */
     const Int *factor_start;     /* (n_terms + 1) quantities that a term's number is times */
     const Real *term_number;
     Parts all, system, rest;     /* of the mechanism; of the square system; and all others */
@@ -149,7 +159,7 @@ typedef struct {
                              was independent of the chosen ones when these were chosen */
     Real mantissa;        /* size of the determinant is mantissa * 2^exponent */
     Int exponent;
-    Int factorisations;   /* counted since creation */
+    Int factorisations, orders; /* counted since creation; orders of pivots that were chosen */
 } SquareSystem;
 
 /* Memory that is freed with a kernel. */
@@ -191,6 +201,7 @@ typedef struct Kernel {
     Vectors vectors;
     Products products;
     Angles angles;
+    Implicit implicit;
     Quantities quantities;
     Equations equations;
 
@@ -251,6 +262,20 @@ void equations_close_turns(Kernel *k, const Real *q);
 void equations_place_ground(Kernel *k); /* vectors that do not move, once for all */
 Real equations_error(const Kernel *k);           /* largest absolute residual; NaN if one is */
 int equations_are_sound(const Kernel *k);        /* whether their indices fit */
+
+/* ---- implicit.c ---- */
+/* Place angles that sums define near the reference; where that is 0, at their best root. */
+void implicit_place(Kernel *k);
+void implicit_rates(Kernel *k, const Real *v);
+/* Add factor times the derivatives of such an angle to the scratch row over all freedoms. */
+void implicit_add_row(Kernel *k, Int angle, Real factor);
+int implicit_is_sound(const Kernel *k); /* whether their indices fit */
+/* Of a sum, in equations.c: its value; slopes (n) by n angles from `first` on; first two derivatives
+   in time; and the derivatives by all else, added to the scratch row. */
+Real sum_value(Kernel *k, Int sum);
+void sum_slopes(const Kernel *k, Int sum, Int first, Int n, Real *slopes);
+void sum_rates(Kernel *k, Int sum, const Real *v, Real *rate, Real *bias);
+void sum_add_row(Kernel *k, Int sum, Real factor, Int first, Int n);
 
 /* ---- evaluating.c ---- */
 /* Configurations, and where goes what they give: as `_EvaluationStruct` in kernel.py. Of the outputs
