@@ -18,7 +18,8 @@ from numpy.typing import ArrayLike
 from spatial_pin._support.checks import finite_array, finite_number
 from spatial_pin._support.output_files import named_folder, named_path, replacing, write_text
 from spatial_pin.errors import MechanismFileError, SpatialPinError, UnknownNameError, warn
-from spatial_pin.formats.dialects import RobotReading, read_dialects
+from spatial_pin.formats.dialects.registry import read_dialects
+from spatial_pin.formats.dialects.robot import RobotReading
 from spatial_pin.formats.file_access import HeldFile, Trust, is_file, is_held, read_text
 from spatial_pin.formats.files import load, made_of
 from spatial_pin.formats.importers import Request
