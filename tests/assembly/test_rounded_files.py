@@ -129,6 +129,27 @@ def test_the_published_five_bar_in_six_decimals_has_three_freedoms():
     assert np.abs(values(state) - values(exact)).max() < 1e-6
 
 
+def slider_crank(gap):
+    """A slider-crank in four digits, in two halves with a weld between: it just misses 1e-4."""
+    urdf = (DATA / "rounded" / "slider_crank.urdf").read_text()
+    return from_text(urdf, {
+        "name": "slider_crank", "tree": "slider_crank", "drivers": {"crank": {"joint": "j0"}},
+        "closures": [{"name": "coupler", "type": "weld", "frames": ["c0_weld_0", "c0_weld_1"]}],
+        "gap": gap}, "slider_crank")
+
+
+@pytest.mark.filterwarnings("ignore::spatial_pin.SpatialPinWarning")
+def test_a_gap_that_is_just_too_small_is_named_though_another_branch_has_less():
+    with pytest.raises(sp.AssemblyError, match=r"gap=[24]e-04\) leaves out redundant"):
+        sp.assemble(slider_crank(1e-4))
+    drawn = sp.assemble(slider_crank(4e-4))
+    assert np.abs(drawn.q).max() < 1e-3
+    wanted = sp.assemble(slider_crank(4e-4), {"crank": 0.28})
+    assert np.abs(wanted.q).max() < 0.5
+    with pytest.raises(sp.AssemblyError, match=r"beyond the gap of 1e-04 \(gap=2e-04 allows it"):
+        sp.assemble(slider_crank(1.2e-4), {"crank": 0.28})
+
+
 # ------------------------------------------------------------ wrong is not rounded
 
 
