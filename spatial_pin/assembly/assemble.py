@@ -87,7 +87,7 @@ def assemble(
         guess: values by joint or coordinate as in the mechanism file [rad, m], a State, or q (nq,);
             default the file's guess; neutral for all others. Whole turns are taken off angles so
             large that their round-off would open the loops. Where couplings or screws count turns
-            that other loops do not, these are followed from the guess to what is set further off
+            that other loops do not, these are followed from the guess to values set further off
             than a quarter of a turn.
         limits: keep the joint limits of the URDF.
         release: let drivers without a value move if the loops cannot close otherwise; False raises

@@ -260,7 +260,7 @@ class Linearization(Tabular):
         """Return quantities by name: frequencies and damping ratios.
 
         Args:
-            outputs: names of what is wanted; default all.
+            outputs: names of the wanted outputs; default all.
 
         Raises:
             UnknownNameError: there is none of a name.

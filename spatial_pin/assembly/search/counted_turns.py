@@ -63,7 +63,7 @@ def uncounted(
     tied += [{entry_of[q] for q in np.flatnonzero(turns.row).tolist()}
              for turns in constraints.turns if turns.are_all]
     known = set(fixed)
-    for _ in tied:  # what is tied to something known by what counts
+    for _ in tied:  # coordinates that a counting closure ties to a known one
         for ends in tied:
             known |= ends if ends & known else set()
     angles = {c.v for c in table.values() if c.unit == "rad"}

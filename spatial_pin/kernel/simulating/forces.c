@@ -1,5 +1,5 @@
 /* Forces by Newton's and Euler's equations, body by body: what each needs to move as it does, less
- * what acts on it, gathered along the tree to what is missing at the joints [Featherstone2008, 5.3].
+ * the forces on it, gathered along the tree to the residuals at the joints [Featherstone2008, 5.3].
  * Springs act as forces on the bodies, gravity too. */
 #include <string.h>
 
