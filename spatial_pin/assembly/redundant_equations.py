@@ -79,7 +79,7 @@ USELESS = 0.05
 FAIR, TWICE = 0.3, 2.0
 # of motion from the guess, over which equations stay within the gap
 HALF_RADIAN, PARTS_OF_MOTION = 0.5, 4
-PART = HALF_RADIAN / PARTS_OF_MOTION
+PART = HALF_RADIAN / PARTS_OF_MOTION  # [rad, characteristic lengths]
 MOST_SAMPLED = 400  # configurations of a path: eight turns, in a tenth of a second
 DIRECTIONS = 6  # of that motion, each taken both ways
 LONGER_MOTION = 4  # such motions in a row, over which it is seen how long equations are independent
