@@ -544,5 +544,5 @@ def centre_of_mass(
     """
     point = tuple(None if v is None else finite_number(v, "a coordinate") for v in (x, y, z))
     if not any(v is not None for v in point):
-        raise ValueError("the centre of mass is asked for nothing")
+        raise ValueError("a target of the centre of mass has no number")
     return CentreOfMass(weight=_weight(weight), point=point)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import made_once
-from spatial_pin.constraints.opposite_axes import axis_pairs
+from spatial_pin.constraints.opposite_axes import TANGENT, axis_pairs
 from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import Kernel
@@ -57,7 +57,7 @@ class Examined(NamedTuple):
         angles: (n_angles,) of screw closures, counting turns [rad].
         may_be_mirrored: as of `Closed`.
         least: of its closure equations, the columns of their derivatives made alike: the length
-            of what is left of the last one that is independent, relative to the first one's.
+            of the remainder of the last one that is independent, relative to the first one's.
         left_out: likewise of the longest of those that follow from others.
     """
 
@@ -74,7 +74,7 @@ class Reached(NamedTuple):
     Attributes:
         q: the configuration (nq,), whole turns taken off its angles.
         error, may_be_mirrored: as of `Closed`.
-        distance: from what is named, but of components of balls and floating joints [rad,
+        distance: from the named values, but of components of balls and floating joints [rad,
             characteristic lengths].
         examined: what it is like, where one start alone has led to a closed configuration.
         is_unique: whether it is certain that no other closed configuration is as near to its start.
@@ -96,7 +96,7 @@ class NamedCoordinates(NamedTuple):
     Fixed ones have their values.
 
     Attributes:
-        value: (nq,) of what is named or fixed; those of a ball together.
+        value: (nq,) of named or fixed entries; those of a ball together.
         kinds: (nq,) NAMED, FIXED, TURNS, or several, of each; those of a ball at its first entry.
         lower, upper: (nq,) limits.
     """
@@ -154,7 +154,7 @@ class FurtherStarts:
     Args:
         steps: (m, `AT_ONCE`, nv) joint displacements from the first start, of each of m groups of
             loops: while one is displaced the others stand.
-        near: distance from what is named that is not questioned.
+        near: a distance from the named values that is accepted.
         group: (nv,) the group that each velocity is of.
     """
 
@@ -199,13 +199,14 @@ class Closer:
         kernel: the compiled mechanism, in whose memory it works.
         handle: of the C structure.
         at_task: address of the task.
-        paths: those that start where it closes the loops, by what is prescribed.
+        paths: those that start where it closes the loops, by prescribed coordinates.
     """
 
     def __init__(self, mechanism: Mechanism, pinned: Iterable[str] = ()) -> None:
         self.kernel = kernel = Kernel(mechanism)
         self._library = kernel.library
         turning = dict(_rotations(mechanism))
+        self._has_tangents = any(c.pair.aligned == TANGENT for c in mechanism.closures)
         rotations = np.array([*turning.values()], np.int64).reshape(-1, 2).T.copy()
         pins = np.array([_pin(mechanism, name) for name in pinned], np.int64).reshape(-1, 4)
         self._order = np.lexsort(pins.T[::-1])  # those of one joint side by side
@@ -323,7 +324,7 @@ class Closer:
         Args:
             q: where to start.
             settings: how.
-            value: (nq,) of what is named or fixed, see `NamedCoordinates`.
+            value: (nq,) of named or fixed entries, see `NamedCoordinates`.
             reference: see `close`.
             pinned: see `close`.
             further: close from the further starts too where a single one closes, nothing is at
@@ -339,7 +340,7 @@ class Closer:
 
     def reached(self) -> list[Reached]:
         """Return where C has closed the loops to; raises as `reach`."""
-        mirrored = self._mirrored.tolist()
+        mirrored = [x or self._has_tangents for x in self._mirrored.tolist()]
         examined = self._examined(mirrored[0] != 0) if self._facts.item(0) < np.inf else None
         errors = self._errors[: self._task.m].tolist()
         if not all(map(math.isfinite, errors)):
@@ -419,7 +420,7 @@ class Closer:
 
     @property
     def _may_be_mirrored(self) -> bool:
-        return self._mirrored.item(0) != 0
+        return self._mirrored.item(0) != 0 or self._has_tangents
 
     def _examined(self, mirrored: bool) -> Examined:
         error, _, least, left_out = self._facts.tolist()

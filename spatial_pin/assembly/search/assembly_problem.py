@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -109,7 +109,7 @@ def free_set(
     first = free & free_velocities(mechanism, still, own)
     has_first = bool(first.any()) and not np.array_equal(first, free)
     loose = [c.name for c in table.values() if c.v in loose_entries(mechanism)]
-    kinds = entry_kinds(mechanism, held, [*own, *loose])  # what is loose counts the guess's turns
+    kinds = entry_kinds(mechanism, held, [*own, *loose])  # loose ones count the guess's turns
     balls = dict.fromkeys(table[name].joint for name in own if table[name].q < 0)
     is_whole = all(mechanism.pair_of(joint) == "spherical"
                    and all(c.name in own for c in joints[joint]) for joint in balls)
@@ -153,13 +153,15 @@ class AssemblyProblem:
         workspaces: of a problem that this one is part of.
 
     Attributes:
-        lost: see `State.lost_turns`.
+        lost: coordinates with a warning, see `State.lost_turns`.
+        with_turns: see `turns_of_others`; None if nothing is set far from the guess.
         driver_values: wanted values of drivers without a given value, by coordinate.
         known: results of `reached` for the goal and further starts, if known.
     """
 
     known: list[Reached] | None = None
     lost: tuple[str, ...] = ()
+    with_turns: Callable[[Array], tuple[Array, tuple[str, ...]]] | None = None
     driver_values: Mapping[str, float] = NOTHING
 
     def __init__(

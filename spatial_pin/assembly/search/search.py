@@ -40,10 +40,6 @@ class Search:
 
     Groups of loops without common free coordinates are searched one by one.
 
-    Args:
-        problem: the assembly problem.
-        limits: whether joint limits count.
-
     Attributes:
         best: the nearest closed configuration, with its distance from the named values.
         nearest_miss: closure error, configuration and fault of the best failed attempt.

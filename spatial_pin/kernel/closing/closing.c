@@ -32,7 +32,7 @@
 #define HARDER 8.0
 /* At least, after a bad one: less shortens no step where singular values are above a thousandth */
 #define LEAST_HARDER TOLERANCE_HALF_PRECISION
-/* Trials of a damping, of which the last is 8^12 = 7e10 times the first: from 1e-12 to 0.07 */
+/* Trials of a damping, the last is 8^12 = 7e10 times the first: from 1e-12 to 0.07 */
 #define DAMPINGS 12
 /* Steps after which more than STALLED_LEFT of a residual will not vanish: damping has come and
    gone by then */
@@ -54,8 +54,8 @@
 #define AS_NEAR TOLERANCE_HALF_PRECISION
 /* The same of a place that is the nearer one, and the least difference, as `is_nearer` has them */
 #define NEARER_PART 1e-6 /* of their distances: what closing leaves in doubt is far less */
-#define NEARER_BY 1e-9   /* of two that are at what is named but for round-off neither is */
-/* Residual, and what is left to go, from which it is seen how far a branch is: what is left is known
+#define NEARER_BY 1e-9   /* of two at the named values but for round-off neither is */
+/* Residual, and remaining step, from which it is seen how far a branch is: the step is known
    from how fast steps grow shorter */
 #define SEEN 1e-4
 #define SQUARED (1e2 * DBL_EPSILON) /* of J Jᵀ by its size: redundant equations leave it singular */
@@ -165,7 +165,7 @@ static void let_move(Closer *c, const Int *free)
         c->free_index[v] = free[v] && c->moves[v] ? c->n_free++ : -1;
 }
 
-/* The derivatives with respect to free velocities as a matrix. What is held takes no part, nor what
+/* The derivatives with respect to free velocities as a matrix. Held entries take no part, nor what
    no equation depends on: it is not to move by the last bit. */
 static void fill_dense(Closer *c)
 {
@@ -378,7 +378,7 @@ static Real go_to_targets(Closer *c, Int steps)
     return INFINITY;
 }
 
-/* Descend from c->q to a residual of a length, or as far as that goes; returns what is left. */
+/* Descend from c->q to a residual of a length, or as far as that goes; returns the residual. */
 static Real come_near(Closer *c, const Int *free, Real tolerance, Int iterations, Real worthwhile)
 {
     Descent d = {PRODUCTS_LEAD, iterations, 1, 0, STALLED, worthwhile};
@@ -540,7 +540,7 @@ Real closer_close_one(Closer *c, Real *q, const Closing *how, const Real *refere
 }
 
 /* Take whole turns off the angles of a configuration q (nq), where some are named. error: its closure
-   error; mirrored: whether axes point opposite ways; distance: from what is named. */
+   error; mirrored: whether axes point opposite ways; distance: from the named values. */
 static void judge(Closer *c, Real *q, const Real *reference, const Named *named, Real *error,
                   Int *mirrored, Real *distance)
 {

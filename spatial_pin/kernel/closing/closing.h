@@ -24,9 +24,9 @@ typedef struct {
     Named named;
     Int n_steps;
     const Real *steps;            /* (n_steps, nv) of further starts: of a group, from the first one */
-    Real near;                    /* distance from what is named that is not questioned */
+    Real near;                    /* a distance from the named values that is accepted */
     const Int *moved, *group;     /* (n_steps) the group of loops that each moves; (nv) of velocities */
-    Real *error, *distance;       /* (m) closure error; distance from what is named */
+    Real *error, *distance;       /* (m) closure error; distance from the named values */
     Int *mirrored;                /* (m) whether axes point opposite ways */
     Real *facts, *angle;          /* as closer_examine has them; facts NULL: not wanted */
     Targets targets;              /* met too, from the first start */
@@ -52,7 +52,7 @@ EXPORT int closer_close(Closer *c, ClosureTask *r);
 int closed_straight(const ClosureTask *r, Real open);
 
 /* What a configuration q (nq) is like, whole turns taken off its angles where some are named. facts:
-   (4) closure error, distance from what is named, and, where `angle` is wanted, how clearly equations
+   (4) closure error, distance from the named values, and, where `angle` is wanted, how clearly equations
    are independent: `least` and `left_out`, see judge_independence. angle: (n_angles) of screws;
    mirrored: whether axes point opposite ways. */
 EXPORT int closer_examine(Closer *c, Real *q, const Real *reference, const Named *named, Real *facts,

@@ -107,7 +107,7 @@ void least_motion_multipliers(LeastMotion *e, const Real *gradient, Real *y);
 enum NamedKind { NAMED = 1, HELD = 2, TURNS = 4 };
 
 typedef struct {
-    const Real *value; /* (nq) of what is named or fixed; of a ball a quaternion; NULL: of nothing */
+    const Real *value; /* (nq) of named or fixed entries; of a ball a quaternion; NULL: none */
     const Int *kinds;           /* (nq) of a ball its first entry counts */
     const Real *lower, *upper; /* (nq) limits */
 } Named;

@@ -3,7 +3,7 @@
  * alone what no equation moves, and equations that follow from others change nothing: to the last
  * digits, where a factor of J Jᵀ + damping knows both by their squares only.
  *
- * Not by dense.c: here columns lie one behind the other, and what is zero is left out. Closing a
+ * Not by dense.c: here columns lie one behind the other, and zeros are left out. Closing a
  * platform on six legs (18 equations) takes 110 microseconds so, and 290 that way. */
 #include <string.h>
 
