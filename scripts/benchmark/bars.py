@@ -101,7 +101,7 @@ BARS = (
 
 def tasks() -> list[str]:
     """Return the tasks that the bars are about."""
-    wanted = {"ladder", *(bar.row.partition(" / ")[0] for bar in BARS)}
+    wanted = {"ladder", "control", *(bar.row.partition(" / ")[0] for bar in BARS)}
     return [task for task in TASKS if task in wanted]
 
 

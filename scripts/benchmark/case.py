@@ -131,6 +131,7 @@ TASKS: dict[str, Task] = {
                      ("position", "closure"), "of its centre at the end [m] against a simulation "
                      "of reference accuracy, closure relative to its size"),
     "ladder": Task("load, assemble, sweep and simulate a ladder of {} four-bar loops", "s", (), ""),
+    "control": Task("cycles of a controller of the delta robot", "µs", (), ""),
     **{name: Task(f"{name} falling for 10 s", "ms", ("energy", "closure"),
                   "relative to the weight's work over a leg, closure [m]")
        for name in ("five-bar", "3-RRR")},
