@@ -159,7 +159,7 @@ class LoopEquations:
         """
         values, wrenches = self._products()
         (on_bodies,) = combined_wrenches(self.constraints, [values[:, None]], [self.q[:, None]],
-                                     [wrenches])
+                                     [wrenches], self.angles)
         return on_bodies
 
     def joint_rows(self) -> Array:
@@ -171,7 +171,8 @@ class LoopEquations:
         forces, nv = np.zeros((c.n_closure, self.model.nv)), self.model.nv
         for group in c.composed:
             if len(group.coordinates[0]):
-                value, _ = group.values(group.seeded([values[:, None]], [self.q[:, None]]))
+                value, _ = group.values(group.seeded([values[:, None]], [self.q[:, None]]),
+                                        self.angles)
                 forces[group.rows] = composed_rows(
                     group, value.changes[0], np.zeros((len(values), nv)), np.ones(nv))
         return forces[c.of_joints]
@@ -181,7 +182,8 @@ class LoopEquations:
         c, at = self.constraints, self.model.idx_vs[joint]
         values, wrenches = self._products()
         signs = c.signs[:, at, None] / self.mechanism.velocity_scale[at]
-        (moved,) = combined_wrenches(c, [values[:, None]], [self.q[:, None]], [signs * wrenches])
+        (moved,) = combined_wrenches(c, [values[:, None]], [self.q[:, None]], [signs * wrenches],
+                                     self.angles)
         for k, x in enumerate(c.other_body_products, start=c.n_closure):
             moved[x.equation] += moved[k]
         return moved[: c.n_closure]

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from spatial_pin.assembly.contact_places import contact_shape
+from spatial_pin.assembly.contact_places import angles_of, contact_shape
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -47,7 +47,8 @@ def contact_quantity(
             loops.update(row)
             one, two = (loops.frame(mechanism.frame_id(name)) for name in closure.frames)
             seen = one.actInv(two)
-            shape = contact_shape(closure, (seen.translation[None], seen.rotation[None]))
+            shape = contact_shape(closure, (seen.translation[None], seen.rotation[None]),
+                                  angles_of(mechanism, closure, turned[None], 1))
             curvature = float(shape.curvature[0])
             if kind == "pressure_angle":
                 values.append(_pressure_angle(loops, closure, one.rotation @ shape.normal[0],

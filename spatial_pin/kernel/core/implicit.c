@@ -10,7 +10,7 @@
 #define LONGEST_STEP 0.1  /* of the span of an angle */
 #define STEP_NOISE 1e-13  /* likewise: a step so short is the last one */
 
-enum { MOST = 2, N_STARTS = 48, N_STARTS_OF_TWO = 24 };
+enum { MOST = 2, N_STARTS = 96, N_STARTS_OF_TWO = 16 };
 
 typedef struct {
     Int first, n, sum, periodic;
@@ -64,15 +64,50 @@ static int descends(Kernel *k, const Root *r)
     return sum_value(k, r->sum + r->n) > 0.0;
 }
 
-/* The best of all roots, of periodic angles on their first turn, or the turn nearest to others. */
-static void place_at_best(Kernel *k, const Root *r, const Real *near)
+/* How far angles at place (i, j) of a grid are from a root: squares of the sums; of one angle the
+   last sum, which is least at a nearest point. INFINITY where no root is wanted. */
+static Real grid_value(Kernel *k, const Root *r, Int n, Int i, Int j)
+{
+    const Int at[MOST] = {i, j};
+    Real *u = k->angle + r->first, total = 0.0;
+    for (Int x = 0; x < r->n; x++)
+        u[x] = r->span[2 * x] + (r->span[2 * x + 1] - r->span[2 * x]) * (Real)at[x] / (Real)n;
+    if (r->n == 1)
+        return sum_value(k, r->sum + 2);
+    if (!(sum_value(k, r->sum + 2) > 0.0))
+        return INFINITY;
+    for (Int x = 0; x < r->n; x++) {
+        const Real g = sum_value(k, r->sum + x);
+        total += g * g;
+    }
+    return total;
+}
+
+/* Whether a place of a grid is as low as those next to it. */
+static int is_lowest(const Real *value, Int n, Int rows, Int i, Int j)
+{
+    for (Int b = -1; b <= 1; b++)
+        for (Int a = -1; a <= 1; a++) {
+            const Int x = (i + a + n) % n, y = (j + b + rows) % rows;
+            if (value[y * n + x] < value[j * n + i])
+                return 0;
+        }
+    return value[j * n + i] < INFINITY;
+}
+
+/* The best of all roots, of periodic angles on their first turn, or the turn nearest to others; the
+   reference follows. */
+static void place_at_best(Kernel *k, const Root *r)
 {
     const Int n = r->n == 1 ? N_STARTS : N_STARTS_OF_TWO, rows = r->n == 1 ? 1 : n;
-    Real *u = k->angle + r->first, best[MOST] = {NAN, NAN}, least = INFINITY, step[MOST];
+    Real *u = k->angle + r->first, *near = k->angle_reference + r->first, step[MOST];
+    Real value[N_STARTS_OF_TWO * N_STARTS_OF_TWO], best[MOST] = {NAN, NAN}, least = INFINITY;
+    for (Int i = 0; i < n * rows; i++)
+        value[i] = grid_value(k, r, n, i % n, i / n);
     for (Int i = 0; i < n * rows; i++) {
-        const Int at[MOST] = {i % n, i / n};
-        for (Int x = 0; x < r->n; x++)
-            u[x] = r->span[2 * x] + (r->span[2 * x + 1] - r->span[2 * x]) * (Real)at[x] / (Real)n;
+        if (!is_lowest(value, n, rows, i % n, i / n))
+            continue;
+        grid_value(k, r, n, i % n, i / n); /* which places the angles */
         if (!descends(k, r))
             continue;
         const Real here = fabs(sum_value(k, r->sum + r->n + 1));
@@ -89,6 +124,8 @@ static void place_at_best(Kernel *k, const Root *r, const Real *near)
                                             : -floor((u[x] - low) / width));
     }
     newton_step(k, r, step);
+    if (least < INFINITY)
+        memcpy(near, u, (size_t)r->n * sizeof *u);
 }
 
 void implicit_place(Kernel *k)
@@ -98,7 +135,7 @@ void implicit_place(Kernel *k)
         const Real *near = k->angle_reference + r.first;
         memcpy(k->angle + r.first, near, (size_t)r.n * sizeof *near);
         if (near[0] == 0.0 || !descends(k, &r))
-            place_at_best(k, &r, near);
+            place_at_best(k, &r);
     }
 }
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.assembly.contact_places import contact_shape
+from spatial_pin.assembly.contact_places import angles_of, contact_shape
 from spatial_pin.mechanism.pairs import axes_from_z
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
@@ -45,7 +45,8 @@ def contacts(stage: Stage) -> Layer:
             items.append(Item(f"{name} {closure.name}", solid, CURVE, joint, on.homogeneous,
                               through=True, called=title))
             held += [stage.points(joint, on.act(p)) for p in path[:: max(1, len(path) // 8)]]
-        touched = contact_shape(closure, (seen, turned)).point
+        near = angles_of(mechanism, closure, stage.film.motion.angles, len(seen))
+        touched = contact_shape(closure, (seen, turned), near).point
         if np.isfinite(touched).all():
             world = start + np.einsum("nij,nj->ni", first, touched)
             items.append(Item(f"contact {closure.name}", ball(POINT * stage.size), CONTACT,
