@@ -17,7 +17,7 @@ from spatial_pin.constraints.composed_equations import (
     implicit_angles,
 )
 from spatial_pin.mechanism.coordinates import CoordinateRates
-from spatial_pin.mechanism.curves import CurveShape
+from spatial_pin.mechanism.curves import CurveShape, curves_in
 from spatial_pin.mechanism.equations import (
     Cosine,
     Displacement,
@@ -45,7 +45,7 @@ def contact_closure(mechanism: Mechanism, name: object) -> Closure | None:
 
 def contact_coordinates(closure: Closure) -> tuple[str, ...]:
     """Return the coordinates of a closure that lie along its curves: "s" and "s2"."""
-    return ("s", "s2")[: len(closure.curves)]
+    return ("s", "s2")[: len(curves_in(closure.numbers))]
 
 
 def contact_rates(
