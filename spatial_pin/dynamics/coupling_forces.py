@@ -17,6 +17,7 @@ coupling's multiplier: F t . (J2 - J1) = multiplier * row.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -201,7 +202,7 @@ def _tooth_line(
     return ForceLine(p, along, aside, _by_multiplier(where, p, t, moving, row))
 
 
-def _outwards(arms: list[Array | None], e: Array) -> float:
+def _outwards(arms: Sequence[Array | None], e: Array) -> float:
     """Return 1 if a direction (3,) leads from the first body into the second, else -1.
 
     Args:

@@ -143,7 +143,8 @@ def test_a_worm_pushes_its_wheel_as_the_textbook_has_it(torque, hand):
     force = np.array([-np.tan(ALPHA) / np.cos(angle) * abs(across), across,
                       -hand * across * np.tan(angle)])
     assert found.reactions["mesh"].linear == pytest.approx(force, rel=1e-12)
-    assert found.efforts["worm"] == pytest.approx(-hand * across * np.tan(angle) * radius, rel=1e-12)
+    turning = -hand * across * np.tan(angle) * radius
+    assert found.efforts["worm"] == pytest.approx(turning, rel=1e-12)
     assert found.determined["worm"] and found.determined["wheel"]
     # the worm's bearing bears the thrust, the wheel's what tilts it
     assert found.reactions["worm"].linear[1] == pytest.approx(across, rel=1e-12)
