@@ -35,7 +35,7 @@ FASTEST = 1e100  # largest rate: its square divided by a tolerance is finite whe
 SLOWEST = 1e3  # longest natural time in durations: a slower motion does not matter
 AUTOMATIC, IMPLICIT = "automatic", "Radau"
 EXPLICIT, EXPLICIT_LOOSE = "DOP853", "RK45"  # of "automatic", which takes the second one
-LOOSE = 3e-8  # from this tolerance of steps on: a method of fifth order is then as exact, and faster
+LOOSE = 3e-8  # from this step tolerance on a method of fifth order is as exact, and faster
 NEAR = 1e-3  # pivot, and step, relative to the largest so far, below which the motion stagnates
 TRIED = 1000  # every this many steps without damping, the progress is compared with the duration
 # The simulation is refused if this many times the allowed steps would not reach the end.
