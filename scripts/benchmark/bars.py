@@ -51,11 +51,12 @@ BARS = (
           key("sweep", n, f"sweep, for_error({error:g})"), None, [key("sweep", n, "sweep")], ratio)
       for n, error, ratio in ((360, 1e-2, 0.5), (360, 1e-4, 0.7), (3600, 1e-4, 0.33))),
     Bar("sweep four-bar, 360 values with rates", key("four_bar", 360, "sweep"), None,
-        [key("four_bar", 360, "numba steps with rates", "pylinkage")], 1.5),
+        [key("four_bar", 360, "numba steps with rates", "pylinkage")]),
     Bar("sweep Gough platform, 360 values", key("stewart", 360, "sweep"), 2.5e-3),
     Bar("sweep Gough platform, 3600 values", key("stewart", 3600, "sweep"), 2e-2),
     Bar("excavator, 1000 samples of three cylinders", key("excavator", 1000, "follow"), 0.1),
-    *(Bar(f"reach {name}, 20 targets", key(f"reach-{robot}", 0, "reach"), 2e-2)
+    *(Bar(f"reach {name}, 20 targets", key(f"reach-{robot}", 0, "reach"), None,
+          [key(f"reach-{robot}", 0, "hard closing tasks, soft target, q only", "placo")], 1.5)
       for robot, name in (("gough", "Gough platform"), ("delta", "delta robot"),
                           ("excavator", "excavator"), ("ankle", "G1's ankle"))),
     Bar("reach_path Gough platform, 200 placements", key("path-gough", 0, "reach_path, with rates"),
@@ -66,6 +67,9 @@ BARS = (
     Bar("assemble RSSR from a State", key("assembly", 0, "assemble, from a State there"), 2e-5),
     Bar("solve_rates RSSR", key("rates", 0, "solve_rates"), 1.5e-5),
     Bar("jacobian RSSR", key("jacobian", 0, "jacobian"), 1.2e-5),
+    Bar("jacobian RSSR of 2001 samples, beside their sweep",
+        key("samples", 2001, "jacobian of the motion"), None, [key("samples", 2001, "sweep")], 2.0),
+    Bar("states of the delta, 10000 scattered", key("scattered", 10000, "states"), 0.2),
     Bar("modes RSSR", key("modes", 0, "assembly_modes, RSSR"), 1e-2),
     Bar("modes of Dietmaier's platform, 40", key("modes", 0, "assembly_modes, six legs"), 0.5),
     Bar("modes of a general 6R, 16", key("modes", 0, "assembly_modes, six hinges"), 0.2),
@@ -97,7 +101,7 @@ BARS = (
 
 def tasks() -> list[str]:
     """Return the tasks that the bars are about."""
-    wanted = {"ladder", *(bar.row.partition(" / ")[0] for bar in BARS)}
+    wanted = {"ladder", "control", *(bar.row.partition(" / ")[0] for bar in BARS)}
     return [task for task in TASKS if task in wanted]
 
 

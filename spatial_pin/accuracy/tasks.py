@@ -83,7 +83,7 @@ class SimulationTask:
 
     Attributes:
         arguments: arguments of `simulate`, without accuracy.
-        is_usual: nobody asked for just this duration.
+        is_usual: the duration is the default.
     """
 
     mechanism: Mechanism
@@ -99,7 +99,7 @@ class SimulationTask:
         """Return a shorter one, which ends well before what it met.
 
         Raises:
-            SingularError: that, if the duration was asked for, or nothing came before.
+            SingularError: that, if the caller gave the duration, or nothing came before.
         """
         if not self.is_usual or error.motion is None or len(error.motion) < 2:
             raise error
@@ -115,7 +115,7 @@ Task = SweepTask | SimulationTask
 
 
 def task_of(mechanism: Mechanism, task: Mapping[str, Any] | str | Motion | None) -> Task:
-    """Return what is meant by a task; see `tradeoff`.
+    """Return the task of an argument; see `tradeoff`.
 
     Raises:
         SpatialPinError: the mechanism has nothing to do such a thing with.
@@ -252,7 +252,7 @@ FEWER = (1e-4, 1e-8, 1e-13)  # of lower ones
 CORRECTIONS = (0, 1, 2)
 TIME_TOLERANCES = {  # by formulation and integrator
     ("independent", "DOP853"): (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12),
-    ("independent", "RK45"): (1e-3, 1e-4, 1e-6, 1e-8),
+    ("independent", "RK45"): (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8),
     ("independent", "LSODA"): (1e-4, 1e-6, 1e-8, 1e-10),
     ("independent", "Radau"): (1e-3, 1e-5, 1e-7),
     ("independent", "BDF"): (1e-4, 1e-6),

@@ -34,6 +34,7 @@ from spatial_pin.kernel.kernel import Kernel, kernel_of
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
 from spatial_pin.kernel.paths import Path, PathSamples, path_of, prescribed_indices
 from spatial_pin.mechanism.coordinates import coordinate_value, driver_coordinates
+from spatial_pin.mechanism.extent import unlike_links
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array
@@ -187,7 +188,7 @@ class Branch:
         system.check_regular(state.q)
         if system.pivot < TOLERANCES.singular:
             raise SingularError(f"mechanism {self.mechanism.name!r}: singular configuration at "
-                                f"the start, {state}", state=state)
+                                f"the start, {state}{unlike_links(self.mechanism)}", state=state)
         return system
 
     def point_at(self, q: Array, s: float, angles: Array, system: SquareSystem) -> PathPoint:
@@ -487,7 +488,7 @@ class PathTracker(Branch):
             self.evaluation.angle_reference[:] = here.angles
         q, s = (here.q, here.s) if arrival is None else (arrival.q, arrival.value)
         sizes = self.mechanism.velocity_scale[[c.v for c in self.driven]]
-        # joints have any pace there; that of what is driven is a measure
+        # joints have any pace there; the drivers' is a measure
         pace = float(np.linalg.norm(self.leading.rates(s) / sizes))
         curve = self.curve(system, TOLERANCES.round_off, pace)
         return running_away(curve, curve.unknowns.of(q, s), goal)
@@ -513,7 +514,7 @@ class PathTracker(Branch):
         if end := self._running_away(goal, system):
             raise Stopped(end)
         here = self.here
-        # few steps: open loops would hide where the branch turns, and what is redundant
+        # few steps: open loops would hide where the branch turns, and redundant equations
         wanted = min(self.accuracy.tolerance, TOLERANCES.tight)
         curve = self.curve(system, max(wanted, 1e-14))
         arrival = followed_to(curve, curve.unknowns.of(here.q, here.s), value, here.t)

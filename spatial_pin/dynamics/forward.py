@@ -33,7 +33,7 @@ class Load(NamedTuple):
 class Dynamics:
     """Accelerations and reactions of a mechanism under given forces.
 
-    Reactions are worked out when they are asked for.
+    Reactions are worked out at first use.
 
     Attributes:
         a: (nv,) joint accelerations [rad/s², m/s²].

@@ -11,7 +11,7 @@ import math
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -26,9 +26,8 @@ from spatial_pin.formats.drawn_file import (
     Vector,
     is_varied,
 )
-from spatial_pin.formats.graph.joint_graph import WORLD, GraphJoint, JointGraph, Link
+from spatial_pin.formats.graph.joint_graph import WORLD, GraphJoint, JointGraph, Link, SpanningTree
 from spatial_pin.formats.graph.open_tree import cut_notice
-from spatial_pin.formats.graph.spanning import SpanningTree
 from spatial_pin.formats.graph.urdf import named_coordinates
 from spatial_pin.formats.urdf.elements import UNBOUNDED, fresh, joint_element
 from spatial_pin.formats.urdf.urdf_model import RESISTANCES
@@ -73,26 +72,18 @@ MACROS = """
 """
 
 
-class DrawnTree(NamedTuple):
-    """What a drawing becomes.
-
-    Attributes:
-        xacro: the text of the open tree.
-        content: what a mechanism file says beside it; `tree` is how its file is called.
-        notices: what was cut, a sentence each.
-    """
-
-    xacro: str
-    content: dict[str, Any]
-    notices: tuple[str, ...]
-
-
-def drawn_tree(content: Mapping[str, Any], where: str) -> DrawnTree:
-    """Return the tree of a drawing, and what is cut of it.
+def drawn_tree(
+    content: Mapping[str, Any], where: str
+) -> tuple[str, dict[str, Any], tuple[str, ...]]:
+    """Return the tree of a drawing.
 
     Args:
         content: of the mechanism file, as `tomllib` reads it; it has `bodies`.
         where: the file, for errors.
+
+    Returns:
+        Its xacro text; the content of a mechanism file for it, `tree` the name of its file; and
+        a sentence for everything that was cut.
 
     Raises:
         MechanismFileError: a body, joint, point or number cannot be; says all of them.
@@ -108,19 +99,14 @@ def drawn_tree(content: Mapping[str, Any], where: str) -> DrawnTree:
     stem = re.sub(r"[^\w.+-]+", "_", str(rest.get("name", ""))).strip("._") or "drawing"
     beside = {"name": "", **rest, "tree": f"{stem}.urdf.xacro",
               **{key: x for key, x in added.items() if x}}
-    return DrawnTree(text.xacro(), beside, tuple(text.notices()))
+    return text.xacro(), beside, tuple(text.notices())
 
 
 # ---------------------------------------------------------------- which joints are cut
 
 
 def spanning_tree(drawing: DrawnFile, rest: Mapping[str, Any], where: str) -> SpanningTree:
-    """Return a drawing's spanning tree, in which coordinates are that something refers to.
-
-    Raises:
-        MechanismFileError: a body is joined to nothing, or not to the ground, or all joints of a
-            loop are needed.
-    """
+    """Return a drawing's spanning tree, in which coordinates are that something refers to."""
     links = [Link(name, massless=False) for name in drawing.bodies]
     joints = [_graph_joint(name, joint) for name, joint in drawing.joints.items()]
     joints += [GraphJoint(name, "distance", _world(drawing.points[one][0]),
@@ -164,7 +150,7 @@ def _check_joined(joints: Sequence[GraphJoint], bodies: Sequence[str], where: st
     loose = [name for name in bodies if name not in reached]
     if loose:
         raise MechanismFileError(
-            f"{where}: nothing joins {', '.join(loose)} to {GROUND!r}; what is free to move in "
+            f"{where}: nothing joins {', '.join(loose)} to {GROUND!r}; a body that moves freely in "
             f'space has a joint of type = "floating" between {GROUND!r} and it')
 
 

@@ -411,7 +411,7 @@ def ellipse(semi_axes: ArrayLike, centre: ArrayLike = (0.0, 0.0, 0.0),
         semi_axes: (2,) positive [m], the first along `x_axis`.
         centre: (3,) [m].
         normal: (3,) of its plane, about which it runs anticlockwise.
-        x_axis: (3,) direction of the first semi-axis; default x, or what is nearest to it.
+        x_axis: (3,) direction of the first semi-axis; default x, or the direction nearest to it.
 
     Raises:
         ValueError: a semi-axis is not positive, or another number none.

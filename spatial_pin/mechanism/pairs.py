@@ -156,7 +156,7 @@ def axes_from_z(axis: Array) -> Array:
     if axis[2] <= -1.0 + TOLERANCES.last_digit:
         return np.diag([1.0, -1.0, -1.0])
     axes: Array = pin.Quaternion.FromTwoVectors(Z, axis).normalized().matrix()
-    axes[:, 2] = axis  # as it was given, so that what is written is what was read
+    axes[:, 2] = axis  # as it was given, so that a written file equals the file read
     return axes
 
 
@@ -394,7 +394,7 @@ def closure_types() -> tuple[str, ...]:
     return tuple(name for name, pair in PAIRS.items() if pair.rows)
 
 
-# Other words for types, as files, books and other tools have them; of what is no type, what to do.
+# Other words for types, in files, books and other tools; for a word that is no type, the remedy.
 TIES = ('gears, belts, racks and tendons tie joints: [[closures]] with type = "coupling", joints = '
         '["a", "b"] and a ratio')
 SPRING = "springs and dampers have tables of their own: [[springs]]"

@@ -11,6 +11,7 @@ from spatial_pin._support.checks import names_of
 from spatial_pin._support.columns import XYZ, Quantity
 from spatial_pin.assembly.contact_places import contact_closure, contact_coordinates
 from spatial_pin.assembly.link_angle import ANGLE, link_angle
+from spatial_pin.assembly.samples import angles_of
 from spatial_pin.assembly.state import center_of_mass, mass_shares
 from spatial_pin.constraints.trees import tree_of
 from spatial_pin.errors import SpatialPinError, UnknownNameError
@@ -21,7 +22,7 @@ from spatial_pin.motion.motion import FRAME_UNITS, FrameMotion, Motion, Output
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.rates.jerks import Jerks, solve_jerks
 from spatial_pin.rates.pressure_angle import UNITS as CONTACT_UNITS, contact_quantity
-from spatial_pin.rates.transmission import transmission_angle
+from spatial_pin.rates.transmission import MovedOutput
 
 RATES = ("rate", "velocity")  # two words for the first derivative of a coordinate
 CONTACT_RATES = ("value", "rate", "acceleration")
@@ -226,9 +227,11 @@ def _coordinate_output(motion: Motion, name: str, kind: str) -> Output:
         jerks = np.array([j.coordinate(name) for j in _jerks(motion)])
         return Output(jerks, f"{name} jerk", motion.rate_unit(unit, 3))
     if kind == "transmission_angle":
-        angles = [transmission_angle(motion.mechanism, motion.state(k), name, motion.driver_name)
-                  for k in range(len(motion.swept))]
-        return Output(np.array(angles), f"{name} transmission angle", "rad")
+        if not len(motion.swept):
+            return Output(np.empty(0), f"{name} transmission angle", "rad")
+        moved = MovedOutput.of(motion.mechanism, name, motion.driver_name)
+        angles = moved.angles(motion.mechanism, motion.q, angles_of(motion))
+        return Output(angles, f"{name} transmission angle", "rad")
     if len(motion.swept) and np.any(motion.driver_speed == 0.0):
         raise SpatialPinError(f"{name}.ratio: the driver stands still in this motion")
     by = motion.driver_unit

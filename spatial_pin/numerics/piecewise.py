@@ -81,7 +81,7 @@ def composed(x: Taylor, start: Array, derivatives: Sequence[Any]) -> Taylor:
 
 
 class SquareRoot:
-    """The square root of what is positive."""
+    """The square root of a positive function."""
 
     def __call__(self, x: Taylor) -> Taylor:
         """Return the square root of a series of arrays."""
@@ -124,7 +124,7 @@ class CalledFunction:
         return ctypes.cast(self.callback, ctypes.c_void_p).value or 0
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what is copied or sent elsewhere: all but the address."""
+        """Return the content to copy or to send elsewhere: all but the address."""
         return {"function": self.function}
 
 

@@ -88,6 +88,19 @@ def start(command: Sequence[str], folder: str) -> subprocess.Popen[bytes]:
                                 start_new_session=True)
 
 
+def address_of(process: subprocess.Popen[bytes], program: str, note: Path) -> str:
+    """Return the URL of a browser's websocket, once it has written it into a file."""
+    def written() -> list[str]:
+        if process.poll() is not None:
+            complaint = (note.parent / "stderr").read_text(errors="replace")[-2000:]
+            raise SpatialPinError(f"{program} ended at once:\n{complaint}")
+        lines = note.read_text().split() if note.is_file() else []
+        return lines if len(lines) == 2 else []
+
+    port, path = _patiently(written, f"{program} to start")
+    return f"ws://127.0.0.1:{port}{path}"
+
+
 def end(process: subprocess.Popen[bytes]) -> None:
     """End a browser and its group of processes."""
     if hasattr(os, "killpg"):
@@ -176,9 +189,6 @@ class Browser:
 
         Args:
             size: width and height of its page [pixels].
-
-        Raises:
-            SpatialPinError: there is no browser, or it does not start.
         """
         program = find_browser()
         if program is None:
@@ -194,16 +204,8 @@ class Browser:
         self._process = start([program, *OPTIONS, f"--user-data-dir={note.parent}", "about:blank"],
                               str(note.parent))
 
-        def written() -> list[str]:
-            if self._process.poll() is not None:
-                complaint = (note.parent / "stderr").read_text(errors="replace")[-2000:]
-                raise SpatialPinError(f"{program} ended at once:\n{complaint}")
-            lines = note.read_text().split() if note.is_file() else []
-            return lines if len(lines) == 2 else []
-
         try:
-            port, path = _patiently(written, f"{program} to start")
-            self._line = _Websocket(f"ws://127.0.0.1:{port}{path}")
+            self._line = _Websocket(address_of(self._process, program, note))
             pages = self.call("Target.getTargets")["targetInfos"]
             page = next((p["targetId"] for p in pages if p["type"] == "page"), None)
             page = page or self.call("Target.createTarget", url="about:blank")["targetId"]
@@ -217,11 +219,7 @@ class Browser:
             raise
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
-        """Return the result of a method of the DevTools protocol.
-
-        Raises:
-            SpatialPinError: the browser refuses, is gone or does not answer.
-        """
+        """Return the result of a method of the DevTools protocol."""
         if self._line is None:
             raise SpatialPinError("the browser is closed")
         self._questions += 1
@@ -269,9 +267,6 @@ class Browser:
         Args:
             address: a file, or a URL.
             ready: JavaScript that is true once the page can be used.
-
-        Raises:
-            SpatialPinError: it cannot be opened, or is not ready in time.
         """
         url = address.resolve().as_uri() if isinstance(address, Path) else address
         self.call("Page.navigate", url="about:blank")  # the same page again begins anew
@@ -282,11 +277,7 @@ class Browser:
         self.wait_until(f"document.readyState === 'complete' && ({ready})")
 
     def evaluate(self, script: str) -> Any:
-        """Return the value, as plain data, of JavaScript in the page; promises are awaited.
-
-        Raises:
-            SpatialPinError: the script throws.
-        """
+        """Return the value, as plain data, of JavaScript in the page; promises are awaited."""
         answer = self.call("Runtime.evaluate", expression=script, returnByValue=True,
                            awaitPromise=True)
         if "exceptionDetails" in answer:

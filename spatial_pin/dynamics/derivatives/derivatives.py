@@ -77,7 +77,7 @@ class Derivatives:
         The force, then the moment, that the pair exerts, as in `Dynamics.reactions`: world axes,
         about the pair's own origin, which moves with it. All NaN where loops can be under stress by
         themselves: what is one of many has no derivative. Beside couplings they are those of
-        what `Dynamics.reactions` has, without the couplings' forces. Worked out when asked for.
+        what `Dynamics.reactions` has, without the couplings' forces. Worked out at first use.
         """
         return self._borne[0]
 
@@ -140,6 +140,7 @@ def dynamics_derivatives(
                               slip_speed=slip_speed)
     rows = RowDerivatives(mechanism, springs.forces, (state.q, state.v, answer.a), state.angles)
     springs.move(rows)
+    springs.refuse_undirected()
     outside, effort = ExternalWrenches(mechanism, external), joint_efforts(mechanism, efforts)
     borne = closure_jacobian(mechanism, state.q).T @ answer.multipliers
     with equations_of(mechanism) as equations:

@@ -142,10 +142,12 @@ class ProductDerivatives:
         return rows, bodies, columns, coefficients, levels[0], of_q[0]
 
     def first_slopes(self, row: int) -> Array:
-        """Return the q derivatives (c, 3) of the first vector of a product."""
-        slopes_of: Array = next(slopes[0][:, rows == row] for rows, *_, slopes in self._blocks
-                            if row in rows)
-        return slopes_of[:, 0]
+        """Return the q derivatives (nv, 3) of the first vector of a product."""
+        total = np.zeros((self.nv, 3))
+        for rows, _, columns, *_, slopes in self._blocks:
+            if row in rows:
+                total[columns] = slopes[0][:, rows == row][:, 0]
+        return total
 
     def second_derivatives(self, weights: Array) -> Array:
         """Return q derivatives (nv, nv) of the q derivatives of the products' sum by weights."""

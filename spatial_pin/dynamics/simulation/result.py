@@ -21,14 +21,15 @@ from spatial_pin.motion.motion import Motion, Output, content_of, fields_of, rea
 from spatial_pin.motion.summary import effort_lines, first_of
 from spatial_pin.numerics.linalg import Array
 
-# Times the error of a step from which on a motion is called unstable: stable falls have up to 1000.
-UNSTABLE = 3e4
+# Times the error of a step from which on a motion is called unstable: stable falls have up to 500.
+UNSTABLE = 5e3
 # Part of the energy, or of the energy of a fall over its size, that counts as exchanged.
 SMALL = 1e-2
 EPS = float(np.finfo(float).eps)
 WITH_ENERGIES = frozenset(("energy", "work", "effort_names", "efforts", "told"))  # in a file
-TOLD = ("energy_drift", "coordinates", "evaluations", "steps", "by_drivers", "joint_limits",
-        "projection", "integrators", "time_tolerance")  # fields of a simulation that are no samples
+SUMMARY_FIELDS = (  # fields of a simulation that are no samples
+    "energy_drift", "coordinates", "evaluations", "steps", "by_drivers", "joint_limits",
+    "projection", "integrators", "time_tolerance")
 
 
 class Projection(NamedTuple):
@@ -113,8 +114,9 @@ class Simulation(Motion):
         integrators: names of those that were used, in their order.
         time_tolerance: error allowed in one step [-]; 0 of fixed steps.
 
-    `error` is what another integration, ten times as inexact, differs from this one by: it is made
-    when `error`, or the text of a simulation, is first wanted, and takes as long as the simulation.
+    `error` is twice what another integration, thirty times as exact, differs from this one by. It
+    is made when `error`, or the text of a simulation, is first wanted, and takes about as long as
+    the simulation.
     `energy_drift` is no error of the motion: ten or thirty times less as a rule, and a hundred
     thousand times less where a motion is unstable.
 
@@ -201,7 +203,7 @@ class Simulation(Motion):
             "energy": self.energy, "work": self.work,
             "effort_names": np.array([coordinate(name).name for name in self.efforts], str),
             "efforts": np.array(list(self.efforts.values())),
-            "told": json.dumps({name: getattr(self, name) for name in TOLD},
+            "told": json.dumps({name: getattr(self, name) for name in SUMMARY_FIELDS},
                                default=lambda x: x.item())})
 
     @classmethod
@@ -242,8 +244,8 @@ class Simulation(Motion):
         used = f" in {', '.join(self.coordinates)}" if self.coordinates else ""
         stiff = f" ({self.integrators[-1]} where stiff)" if len(self.integrators) > 1 else ""
         lines = [super().__str__(),
-                 f"  energy drift {self.energy_drift:.1e} of what is exchanged; {self.steps} steps "
-                 f"of the integrator{stiff}{used}", *growth_lines(self)]
+                 f"  energy drift {self.energy_drift:.1e} of the exchanged energy; "
+                 f"{self.steps} steps of the integrator{stiff}{used}", *growth_lines(self)]
         efforts = effort_lines(self, self.efforts)
         return "\n".join([*lines, *(["efforts:"] if efforts else []),
                           *first_of(efforts, "efforts")])

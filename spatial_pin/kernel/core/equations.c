@@ -257,7 +257,7 @@ static Int list(const char *mark, char wanted, Int n, Int *places)
     return count;
 }
 
-/* List what is marked so. */
+/* List the marked entries. */
 static void list_parts(const Kernel *k, char mark, Parts *of)
 {
     of->n_equations = list(k->equations.is_equation, mark, k->n_equations, of->equation);

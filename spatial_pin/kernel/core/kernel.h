@@ -1,4 +1,4 @@
-/* The compiled kernel: a mechanism as flat arrays, and what is worked out on them.
+/* The compiled kernel: a mechanism as flat arrays, and the work on them.
  *
  * A mechanism is a tree of joints (tree.c) and closure equations on it (equations.c). Joint axes
  * are the local z axes: whoever packs the mechanism turns the joint frames once. Rotations are
@@ -143,12 +143,12 @@ typedef struct {
     Real *row;                   /* (nv) scratch, zero between uses */
 } Equations;
 
-/* The square system: rows of chosen equations, idle rotations, what is driven, and filled rows. */
+/* The square system: rows of chosen equations, idle rotations, driven coordinates, and filled rows. */
 typedef struct {
     Int n_chosen, n_driven, n_fill;
     Int *chosen, *driven; /* equations; freedoms in v, or nv + v for the component that v is of */
     Int *candidate;       /* (nv) equations that may be chosen instead */
-    Pin *pin;             /* (n_pins) the components among what is driven, */
+    Pin *pin;             /* (n_pins) the components among driven coordinates, */
     Int n_pins, *pin_row, *pin_entry; /* their rows of the matrix, and first of three entries */
     Real *fill;           /* (n_fill, nv) rows with respect to v / scale */
     SparseLU *lu;
@@ -159,10 +159,10 @@ typedef struct {
                              was independent of the chosen ones when these were chosen */
     Real mantissa;        /* size of the determinant is mantissa * 2^exponent */
     Int exponent;
-    Int factorisations;   /* counted since creation */
+    Int factorisations, orders; /* counted since creation; orders of pivots that were chosen */
 } SquareSystem;
 
-/* What is freed with a kernel. */
+/* Memory that is freed with a kernel. */
 typedef struct {
     void **blocks;
     Int n_blocks, room, was_short; /* was_short: of memory, since the last kernel_had_memory */
@@ -310,7 +310,7 @@ EXPORT int kernel_evaluate(Kernel *k, const Evaluation *e);
 int system_set(Kernel *k, const Int *chosen, Int n_chosen, const Int *driven, Int n_driven,
                const Real *fill, Int n_fill);
 /* Rows of a square matrix: of equations and of all idle rotations, at the evaluated point, with room
-   for so many entries more; 0 if there is no memory. Then those of what is driven, at that point,
+   for so many entries more; 0 if there is no memory. Then those of driven coordinates, at that point,
    `pin` being its component if it is one; and rows (n, nv) that fill it up. */
 int system_put_equations(const Kernel *k, const Int *equations, Int n, Int more, Entries *to);
 void system_put_driven(const Kernel *k, Int row, Int driven, const Pin *pin, Entries *to);
@@ -321,20 +321,20 @@ static inline Real determinant_size(const Kernel *k)
 {
     return log2(k->system.mantissa) + (Real)k->system.exponent;
 }
-/* right sides of chosen, idle, driven, fill -> v / scale; those of what is driven by its scale */
+/* right sides of chosen, idle, driven, fill -> v / scale; those of driven coordinates by their scale */
 void system_solve(const Kernel *k, Real *x);
 /* Other independent equations at the point that was evaluated, as many; SINGULAR, and those there
    were, if there are none.
    `left_out` tells how independent the others are. */
 int system_reselect(Kernel *k);
 int system_choose(Kernel *k, const Int *chosen); /* these (n_chosen) instead */
-/* Right sides, in k->right, of rates where what is driven has these (n_driven); and of accelerations
+/* Right sides, in k->right, of rates where driven coordinates have these (n_driven); and of accelerations
    where joints have velocities v (nv). The others are zero. */
 void system_put_rates(Kernel *k, const Real *rate);
 void system_put_accelerations(Kernel *k, const Real *v, const Real *acceleration);
-/* dq/ds and d2q/ds2 (joint rates), at a factored point, where what is driven has derivatives
+/* dq/ds and d2q/ds2 (joint rates), at a factored point, where driven coordinates have derivatives
    `rate` and `bend` (n_driven) by s */
 void system_path_rates(Kernel *k, const Real *rate, const Real *bend, Real *first, Real *second);
-Int driven_at(const Kernel *k, Int i); /* the velocity entry of what is driven */
+Int driven_at(const Kernel *k, Int i); /* the velocity entry of a driven coordinate */
 
 #endif

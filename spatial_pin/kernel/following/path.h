@@ -11,7 +11,7 @@ typedef struct {
     Real first, second; /* of errors of q, into those of t and of c */
     Real pace, bend, pivot; /* there: where they have changed, it is worth another look */
     Int rows;           /* written since */
-    Real *t, *along, *change; /* (nv) */
+    Real *t, *c, *along, *change; /* (nv), scaled */
 } Probe;
 
 typedef struct Path {
@@ -23,6 +23,7 @@ typedef struct Path {
     Between between; /* polynomials of the last interpolated step */
     Point middle;   /* of that */
     int has_started; /* whether there is a point `here` */
+    int goes_to_end; /* whether steps become as short as it takes, where the path ends */
     int has_before; /* whether there is a point before `here`, on the same stretch */
     Int *chosen;    /* equations in use at `here` */
     Real sign;      /* of the determinant with these equations */
@@ -38,6 +39,8 @@ typedef struct Path {
     Real missed;    /* error in the middle of the last interpolated step, by the way's power that it
                        grows with; of polynomials of that degree */
     Int degree;
+    Real alone;     /* residual to reach where no sample is interpolated to the next; 0: as usual */
+    Real between_open; /* closure error of samples in the last interpolated step, at most */
     Real open;      /* residual of equations left out that no other choice makes smaller */
 } Path;
 
@@ -45,7 +48,7 @@ typedef struct Path {
 /* Step to a value of s in the piece in use: DONE, or why not; then nothing has changed, but for what
    is `stale`. */
 int step(Path *path, Real target);
-/* Evaluate and factor at `here` again, with the piece of what is prescribed that is in use. */
+/* Evaluate and factor at `here` again, with the current piece of the drivers' laws. */
 int stand_again(Path *path);
 /* Let the piece that begins at `here` in the sense of a number be in use there. */
 int turn_into(Path *path, Real sense);
@@ -69,10 +72,12 @@ int take_idle_back(Path *path, Real way);
 /* ---- estimating.c ---- */
 /* See how errors are magnified where the path stands, at its factored point. */
 void probe_errors(Path *path);
+/* The residual by which samples are off as far as is allowed, by the last probe. */
+Real residual_allowed(const Path *path);
 /* Error estimates (3) of q, t and c, scaled, where the path stands. */
 void estimate_here(Path *path, Real *estimate);
 /* The same of samples that are interpolated between a point and the present one, to which one step has
-   led, with a third point before them or NULL. Returns their size by what is allowed, and learns from
+   led, with a third point before them or NULL. Returns their size by the allowed one, and learns from
    it how long the next step may be. */
 Real estimate_between(Path *path, const Point *third, const Point *from, Real *estimate);
 
@@ -84,6 +89,9 @@ void write_row(Path *path, const PathRows *rows, Int i); /* of the current point
 /* Write samples at values (n) of s; returns how many were reached. */
 Int follow_values(Path *path, const Real *values, Int n, const PathRows *rows);
 
+#define WITHOUT_THIRD 1e-8 /* error allowed up to which polynomials of fifth degree miss too much */
+#define SOONEST 0.06   /* way between points for which one before them is far enough, as far as it stays
+                          (stepping.c) */
 #define IDLE_FIRST 0.05  /* first way with idle rotations, whose error is not known yet: of 4e-12
                             rad at a way of 0.3, as measured, (1/6)^6 is round-off */
 #define BETWEEN_FIRST 0.5 /* first way between points that samples are interpolated between, by the

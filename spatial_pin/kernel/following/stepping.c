@@ -137,7 +137,7 @@ static int is_driven(const Kernel *k, Int v)
 }
 
 /* Closure error that round-off of the unknown coordinates may leave: an angle that counts a million
- * turns is known to 1e-9 rad. What is driven has its value exactly; but all that hangs on a free base
+ * turns is known to 1e-9 rad. Drivers have their values exactly; but all that hangs on a free base
  * is known as well only as far as that is from the origin. */
 Real round_off_of(const Kernel *k, const Real *q)
 {
@@ -159,9 +159,10 @@ static int close_prediction(Path *path, Real way)
     const PathAccuracy *wanted = &path->accuracy;
     const Real least = path->rounding = round_off_of(k, path->here->q);
     const Real part = residual_part(k->system.pivot_ratio); /* 1, or factors near by are off as well */
-    Correction c = {.enough = larger_of(part * wanted->enough, 0.1 * least),
-                    .tolerance = larger_of(part * wanted->tolerance, 0.3 * least),
-                    .left = larger_of(wanted->left, least), .fixed = wanted->corrections,
+    const Real alone = part * path->alone;
+    Correction c = {.enough = fmax(larger_of(part * wanted->enough, 0.1 * least), 0.3 * alone),
+                    .tolerance = fmax(larger_of(part * wanted->tolerance, 0.3 * least), alone),
+                    .left = fmax(larger_of(wanted->left, least), alone), .fixed = wanted->corrections,
                     .reuse = !path->stale && part == 1.0 && wanted->corrections < 0,
                     .prescribed = &path->prescribed};
     c.allowed = wanted->order ? TOLERANCE_UNEXPLAINED * way : INFINITY;
@@ -240,7 +241,7 @@ static int is_explained(const Path *path)
 
 /* ---- one step, whole or not at all ---- */
 
-/* What is known at the corrected `next`: DONE if it lies on the same stretch of the same path. */
+/* The verdict on the corrected `next`: DONE if it lies on the same stretch of the same path. */
 static int arrive(Path *path, Real way)
 {
     Kernel *k = path->k;
