@@ -160,7 +160,7 @@ class Motion(Samples, Tabular):
         q: (N, nq) configurations as Pinocchio orders them [rad, m, quaternions x, y, z, w].
         v, a: (N, nv) joint velocities and accelerations [rad, m, per `per`].
         closure_error: (N,) largest residual of a constraint equation, of each sample [-]; as of a
-            `State`.
+            `State`, but of interpolated samples a bound.
         driver_speed: (N,) [rad/s or m/s]; 1 where the driver has no speed.
         events: limits, singular configurations and the like that were met, in their order.
         angles: (N, n) relative angle of every screw closure [rad], counting turns.

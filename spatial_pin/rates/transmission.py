@@ -261,7 +261,7 @@ def _velocities(
     with kernel_of(mechanism) as kernel:
         jacobian, columns = kernel.jacobians_and_columns(q, angles)
         placements = kernel.placements(q)
-    loose = twist_derivatives(mechanism, moved.joint, q, placements) * unit
+    loose = twist_derivatives(mechanism, moved.joint, q, placements, angles) * unit
     rows = jacobian[:, : loose.shape[1], free]
     if turned:
         pinned = [[scaled_row(mechanism, c, x)[free] for c in turned] for x in q]

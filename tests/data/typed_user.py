@@ -74,9 +74,24 @@ def rates(mech: sp.Mechanism, state: sp.State) -> None:
     rate: Array = sp.jacobian_rate(mech, moving, "coupler")
     influence: sp.Influence = sp.influence(mech, moving)
     jerks: sp.Jerks = sp.solve_jerks(mech, moving)
-    ratio: sp.Transmission = sp.transmission(mech, moving, "rocker_pin")
+    ratio: sp.Transmission[float] = sp.transmission(mech, moving, "rocker_pin")
     print(spin.shape, centre.velocity.shape, seen.coriolis.shape, rows.T, jacobian @ rate.T,
           influence.second.ndim, jerks.coordinate("rocker_pin") + 1.0, ratio.angle + ratio.ratio)
+
+
+def over(mech: sp.Mechanism, motion: sp.Motion) -> sp.Motion:
+    one: sp.State = motion[-1]
+    some: sp.Motion = motion[10:20]
+    faster: sp.Motion = sp.solve_rates(mech, some, {"crank": np.linspace(0.0, 1.0, 10)})
+    ratios: sp.Transmission[Array] = sp.transmission(mech, motion, "rocker_pin")
+    path: sp.FrameMotion = one.frame("coupler")
+    jacobians: Array = sp.jacobian(mech, motion, "coupler")
+    cloud: sp.Motion = sp.states(mech, {"crank": [0.0, 2.0, 1.0]}, threads=2)
+    reasons: dict[int, str] = cloud.unreached
+    print(ratios.angle.max(), path.velocity.shape, jacobians[0] @ np.ones(1), reasons.keys(),
+          motion.placement("coupler").shape, [state.closure_error + 1.0 for state in motion],
+          sp.influence(mech, motion).second.shape)
+    return faster
 
 
 def moving(mech: sp.Mechanism) -> sp.Motion:
