@@ -21,7 +21,6 @@ import pinocchio as pin
 from spatial_pin.assembly.close import scaled_row
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.constraints.tree_motion import TreeMotion
 from spatial_pin.dimensions.sensitivity import AROUND, EIGHTH
 from spatial_pin.dynamics.derivatives.derivatives import changes_of_forces
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
@@ -71,9 +70,8 @@ class ClosedDerivatives:
         still: velocity entries that do not move.
 
     Attributes:
+        rows: the closure equations and their derivatives at the motion.
         mechanism: with more joints.
-        rows: its closure equations and their derivatives at the motion.
-        bodies: its bodies there.
     """
 
     def __init__(
@@ -82,9 +80,9 @@ class ClosedDerivatives:
     ) -> None:
         self.geometry, self.state, self.mechanism = geometry, state, geometry.mechanism
         self._driven, self._still = list(driven), list(still)
-        motion = geometry.motion(state, state.a)
-        self.rows = RowDerivatives(self.mechanism, Forces(self.mechanism), motion)
-        self.bodies = TreeMotion(self.mechanism, motion)
+        self.rows = RowDerivatives(
+            self.mechanism, Forces(self.mechanism), geometry.motion(state, state.a))
+        self.bodies = self.rows.products.bodies
         self.scale = state.mechanism.velocity_scale
         self.by = [self.rows.changes(k) for k in range(3)]
 
