@@ -224,6 +224,7 @@ class ClosedDerivatives:
         rows = self.rows if np.array_equal(a, self.state.a) else RowDerivatives(
             self.mechanism, springs.forces, motion, self.state.angles)
         springs.move(rows)
+        springs.refuse_undirected()
         by_q, by_v = changes_of_forces(
             rows, springs, ExternalWrenches(self.mechanism, None), multipliers)
         load = (by_q @ changes.q + by_v @ changes.v)[own]
