@@ -22,6 +22,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.follow import follow
 from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.rates.depending import frame_in_kernel
 from spatial_pin.rates.jacobians import Influence, moving_coordinates
 from spatial_pin.rates.prescribed import Prescription, chosen_at
 
@@ -43,11 +44,6 @@ class ControlLoop:
     The efforts of the motors for accelerations s'' of the drivers are
     inertia @ s'' + velocity_efforts + gravity_efforts, as `inverse_dynamics` has them.
 
-    Args:
-        mechanism: the mechanism.
-        frames: links, frames or joints whose Jacobians are wanted.
-        guess: where to begin, as for `assemble`.
-
     Attributes:
         mechanism: the mechanism.
         drivers: names, in the order of all arrays.
@@ -62,6 +58,11 @@ class ControlLoop:
         closure_error: as of a `State`.
         rate_error: estimated round-off of all rates, relative to their size: it grows towards a
             dead centre or another singular configuration, up to 1.
+
+    Args:
+        mechanism: the mechanism.
+        frames: links, frames or joints whose Jacobians are wanted.
+        guess: where to begin, as for `assemble`.
 
     Raises:
         AssemblyError: the guess does not close.
@@ -103,7 +104,7 @@ class ControlLoop:
         self._free = np.ones(nv, bool)
         self._free[[*self._at_v, *self._given.still]] = False
         self._size_of_q = _sizes(own)
-        self._points = {name: _point(self._kernel, own.frame_id(own.placed(name)))
+        self._points = {name: frame_in_kernel(own, own.frame_id(own.placed(name)))
                         for name in names_of(frames, "frames")}
         self.q, self._angles = state.q.copy(), state.angles.copy()
         self.v, self.a, self._rest, self._step = np.zeros((4, nv))
@@ -120,7 +121,14 @@ class ControlLoop:
 
     @property
     def state(self) -> State:
-        """The State there, with v and a; of arrays of its own."""
+        """The State there, with v and a; of arrays of its own.
+
+        Example:
+            >>> loop = sp.ControlLoop(sp.load("four_bar"))
+            >>> loop.update([1.0])
+            >>> f"{loop.state.coordinate('rocker_pin').value:.4f} rad"
+            '1.6255 rad'
+        """
         return State(self.mechanism, self.q, self.v, self.a, closure_error=self.closure_error,
                      angles=self._angles if self._angles.size else None)
 
@@ -140,6 +148,12 @@ class ControlLoop:
             SingularError: they do not determine the motion there, or on the way to it.
             UnknownNameError: there is no such driver.
             ValueError: a number is NaN or infinite, or there are not n.
+
+        Example:
+            >>> loop = sp.ControlLoop(sp.load("four_bar"), frames=["rocker_b"])
+            >>> loop.update([1.0], rates=[10.0])  # or {"crank": 1.0}, {"crank": 10.0}
+            >>> (loop.jacobians["rocker_b"][:3, 0]).round(4)  # [m/s per rad/s]
+            array([-0.0464,  0.    , -0.0025])
         """
         self.q.take(self._at_q, out=self._wanted, mode="clip")
         self._speeds[:] = 0.0
@@ -202,19 +216,21 @@ class ControlLoop:
         """Work out what belongs to a closed configuration; it is taken when all of it is known."""
         rates, n = self._rates, len(self.drivers)
         rates.speeds[:n], rates.accelerations[:] = self._speeds, 0.0
-        solved = rates.solve(q, angles)
+        chosen, solved = None, rates.solve(q, angles)
         if solved is None:
             state = State(self.mechanism, q, closure_error=error,
                           angles=angles if angles.size else None)
-            solved = rates.solve(q, angles, chosen_at(state, self._given))
+            chosen = chosen_at(state, self._given)
+            solved = rates.solve(q, angles, chosen)
         if solved is None or not solved.is_finite:
-            raise SingularError(f"mechanism {self.mechanism.name!r}: rates are not determined")
+            raise SingularError(f"mechanism {self.mechanism.name!r}: the rates are not determined, "
+                                "or larger than numbers can be")
         self.q[:], self._angles[:], self.closure_error = q, angles, error
         self.v[:], self.a[:], self.rate_error = solved.v, solved.a, solved.lost
         first, second = self.influence
         first[:] = rates.columns()
-        for name, (joint, local) in self._points.items():
-            self.jacobians[name][:] = rates.jacobian(joint, local)
+        for name, point in self._points.items():
+            self.jacobians[name][:] = rates.jacobian(q, angles, point, chosen)
         for i in range(n):
             for j in range(i + 1):
                 plus, minus = (rates.acceleration(first[:, i] + sign * first[:, j])
@@ -279,10 +295,3 @@ def _sizes(mechanism: Mechanism) -> Array:
         if at >= 0:
             sizes[at] = mechanism.velocity_scale[c.v]
     return sizes
-
-
-def _point(kernel: Kernel, frame: int) -> tuple[int, Array]:
-    """Return the kernel's joint that carries a frame, and its origin in the joint's axes."""
-    own = kernel.mechanism.model.frames[frame]
-    joint = int(kernel.packed.carriers[own.parentJoint])
-    return joint, kernel.packed.frames[joint].T @ own.placement.translation

@@ -139,22 +139,52 @@ class Function:
         """Return the derivatives (N, k, m) at inputs x (N, m), or (k, m) at (m,).
 
         Raises:
-            AssemblyError, SingularError, ValueError: as a call.
+            AssemblyError: a row cannot be reached; says which.
+            SingularError: rates of a row are not determined.
             SpatialPinError: an output depends on a freedom that the inputs do not determine, or an
                 input alone opens a loop; says which.
+            ValueError: x is NaN or infinite, or has another shape.
+
+        Example:
+            >>> f = sp.function(sp.load("four_bar"), ["crank", "r2"], ["rocker_pin"])
+            >>> f.jacobian([1.0, 0.1]).round(4)  # (k, m)
+            array([[ 0.1935, -4.4373]])
         """
         return self._shaped(x, self._worked_out(self._rows(x), True)[1])
 
     def value_and_jacobian(self, x: Any) -> tuple[Array, Array]:
-        """Return the outputs and their derivatives, at the price of the latter."""
+        """Return the outputs and their derivatives, at the price of the latter.
+
+        Raises:
+            SpatialPinError, ValueError: as `jacobian`.
+
+        Example:
+            >>> f = sp.function(sp.load("four_bar"), ["crank", "r2"], ["rocker_pin"])
+            >>> values, slopes = f.value_and_jacobian([[1.0, 0.1], [2.0, 0.1]])
+            >>> values.shape, slopes.shape  # (N, k), (N, k, m)
+            ((2, 1), (2, 1, 2))
+        """
         values, slopes = self._worked_out(self._rows(x), True)
         return self._shaped(x, values), self._shaped(x, slopes)
 
     def vjp(self, x: Any, y: Any) -> Array:
-        """Return y times the derivatives, (N, m) at x (N, m) and y (N, k), or (m,) at (m,), (k,).
+        """Return y times the derivatives: the gradient of a function of the outputs.
+
+        Args:
+            x: (N, m) inputs, or (m,).
+            y: (N, k) weights of the outputs, or (k,).
+
+        Returns:
+            (N, m), or (m,).
 
         Raises:
-            as `jacobian`.
+            SpatialPinError: as `jacobian`.
+            ValueError: x or y is NaN or infinite, or has another shape.
+
+        Example:
+            >>> f = sp.function(sp.load("four_bar"), ["crank", "r2"], ["rocker_pin"])
+            >>> f.vjp([1.0, 0.1], [2.0]).round(4)  # (m,)
+            array([ 0.387 , -8.8745])
         """
         rows = self._rows(x)
         weights = finite_array(y, (*np.shape(x)[:-1], len(self.labels)), "y")

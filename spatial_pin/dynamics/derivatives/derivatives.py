@@ -138,7 +138,7 @@ def dynamics_derivatives(
     springs = Springs(mechanism, laws, slopes, slip_speed)
     answer = forward_dynamics(mechanism, state, efforts, external=external, laws=laws,
                               slip_speed=slip_speed)
-    rows = RowDerivatives(mechanism, springs.forces, (state.q, state.v, answer.a))
+    rows = RowDerivatives(mechanism, springs.forces, (state.q, state.v, answer.a), state.angles)
     springs.move(rows)
     springs.refuse_undirected()
     outside, effort = ExternalWrenches(mechanism, external), joint_efforts(mechanism, efforts)

@@ -193,10 +193,13 @@ class RowDerivatives:
         mechanism: the mechanism.
         forces: its springs.
         motion: q (nq,), v and a (nv,).
+        angles: (n_angles,) that counted ones are nearest to [rad].
     """
 
-    def __init__(self, mechanism: Mechanism, forces: Forces, motion: Motion) -> None:
-        self.constraints = c = constraints_of(mechanism)
+    def __init__(
+        self, mechanism: Mechanism, forces: Forces, motion: Motion, angles: Array
+    ) -> None:
+        self.constraints, self.angles = (c := constraints_of(mechanism)), angles
         self.motion, self.nv = motion, mechanism.model.nv
         self.closed, self.forces = c.passive_at, forces
         n = len(c.constants)
@@ -234,7 +237,7 @@ class RowDerivatives:
             moved[k] = np.eye(self.nv)
             for group in c.composed:
                 inputs = group.inputs(values, motion, list(change), moved)
-                out[k, group.rows] = group.values(inputs)[0].change(order)
+                out[k, group.rows] = group.values(inputs, self.angles)[0].change(order)
         return out[0], out[1]
 
     def joint_rows(self) -> tuple[Array, Array]:
@@ -258,7 +261,7 @@ class RowDerivatives:
         m = len(group.rows)
         return [(np.broadcast_to(x.values[0], (m, 1, 1))[:, 0, 0],
                  np.broadcast_to(x.values[1], (m, 1, self.nv))[:, 0])
-                for x in group.slopes(products, coordinates)]
+                for x in group.slopes(products, coordinates, self.angles)]
 
     def take_bending(self, total: Array, multipliers: Array, pulls: Array) -> None:
         """Subtract the q derivatives (nv, nv) of joint forces of rows and springs, kept as strong.

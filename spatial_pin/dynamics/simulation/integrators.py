@@ -33,7 +33,9 @@ SLOPE_STEP = 1e-7  # step of differences for implicit methods, relative to the u
 HUGE = 1e100  # rate in place of a missing one, where loops cannot be closed: the step is refused
 FASTEST = 1e100  # largest rate: its square divided by a tolerance is finite when squared
 SLOWEST = 1e3  # longest natural time in durations: a slower motion does not matter
-AUTOMATIC, EXPLICIT, IMPLICIT = "automatic", "DOP853", "Radau"
+AUTOMATIC, IMPLICIT = "automatic", "Radau"
+EXPLICIT, EXPLICIT_LOOSE = "DOP853", "RK45"  # of "automatic", which takes the second one
+LOOSE = 3e-8  # from this step tolerance on a method of fifth order is as exact, and faster
 NEAR = 1e-3  # pivot, and step, relative to the largest so far, below which the motion stagnates
 TRIED = 1000  # every this many steps without damping, the progress is compared with the duration
 # The simulation is refused if this many times the allowed steps would not reach the end.
@@ -199,6 +201,7 @@ class Stepping:
     def __init__(self, problem: Problem, accuracy: Accuracy, end: float) -> None:
         self._problem, self._accuracy, self._end = problem, accuracy, end
         self._chosen, self._method = accuracy.integrator, ""
+        self._explicit = EXPLICIT_LOOSE if accuracy.time_tolerance >= LOOSE else EXPLICIT
         self._easy, self._has_warned = 0, False
         self.used: list[str] = []
         self.largest: Array = np.zeros(2)
@@ -218,7 +221,7 @@ class Stepping:
             only_first: whether that holds for the first step alone.
         """
         self._units = natural_units(system, t, y, self._end - t)
-        method = EXPLICIT if self._chosen == AUTOMATIC else self._chosen
+        method = self._explicit if self._chosen == AUTOMATIC else self._chosen
         first, longest = (longest, np.inf) if only_first else (np.inf, longest)
         return self._made(method, system, t, y, longest, first)
 
@@ -232,14 +235,14 @@ class Stepping:
         if self._chosen != AUTOMATIC:
             return solver
         if isinstance(solver, RungeKutta):
-            method, self._easy = (IMPLICIT if solver.creeps else EXPLICIT), 0
+            method, self._easy = (IMPLICIT if solver.creeps else self._explicit), 0
         else:
             units = self._units[1]
             rates = np.linalg.eigvals(solver.J * units / units[:, None])
             fastest = float(np.abs(rates).max(initial=0.0))
             is_easy = (solver.t - solver.t_old) * fastest < SLOW
             self._easy = self._easy + 1 if is_easy else 0
-            method = EXPLICIT if self._easy >= LONG else IMPLICIT
+            method = self._explicit if self._easy >= LONG else IMPLICIT
         if method == self._method:
             return solver
         return self._made(method, system, t, y, solver.max_step)

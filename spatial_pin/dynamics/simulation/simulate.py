@@ -424,8 +424,8 @@ def _followed(
         moved = run.motion() if fall is None else fall.motion(
             run.motion(), run.record.start, problem.constant)
         del moved.error_estimates
-        setting = comparison(accuracy, run.longest_step)
-        moved.__dict__["_estimate"] = partial(error_estimates, partial(other, accuracy=setting))
+        moved.__dict__["_estimate"] = partial(error_estimates, lambda: other(
+            accuracy=comparison(accuracy, run.longest_step)))
         return moved
 
     bar = progress_bar(float(times[-1]), f"{mechanism.name}: seconds", progress)
