@@ -55,6 +55,7 @@ class KernelTree:
         columns: (6, nv) world joint Jacobian.
         twists, accelerations: (njoints, 6) spatial ones, joint axes.
         data: the part of a `pin.Data` that there is: `J` and `oMi`.
+        handle: of the C structure; at_armature: address of the joints' armatures in it.
     """
 
     def __init__(
@@ -77,6 +78,7 @@ class KernelTree:
         self._tau, self._scratch, self._facts = np.empty(nv), np.zeros((4, nv)), np.empty(4)
         self._R, self._p = np.empty((n, 3, 3)), np.empty((n, 3))
         self._moving = np.empty((2, n, 6))
+        self.at_armature = address(self._armature)
         self._at = dict(zip(("q", "v", "a", "armature", "R", "p"), map(address, (
             self._q, self._v, self._a, self._armature, self._R, self._p)), strict=True))
 
@@ -99,11 +101,11 @@ class KernelTree:
         for joint in range(n - 1, 0, -1):  # those in front in a joint that is split
             own[t.parent[joint]] |= own[joint]
         check(self._library.tree_create(handle, address(own), ctypes.byref(tree)))
-        self._handle, self.is_core = tree, np.zeros(self.model.nv, bool)
+        self.handle, self.is_core = tree, np.zeros(self.model.nv, bool)
         for joint in (np.flatnonzero(own[1:]) + 1).tolist():
             self.is_core[t.iv[joint] : t.iv[joint] + self._split.nvs[joint]] = True
 
-    def _take_masses(self) -> None:
+    def take_masses(self) -> None:
         """Take the masses and the gravity that the model has now, and its armatures."""
         gravity, model = self.model.gravity.linear, self.model
         self._armature[:] = model.armature
@@ -153,7 +155,7 @@ class KernelTree:
             self._a[:] = a
         for name, out in outputs.items():
             setattr(task, name, address(out))
-        self._library.tree_evaluate(self._handle, ctypes.byref(task))
+        self._library.tree_evaluate(self.handle, ctypes.byref(task))
 
     def _put_placements(self) -> None:
         at = self._carriers
@@ -183,13 +185,13 @@ class KernelTree:
 
         The next call overwrites them.
         """
-        self._take_masses()
+        self.take_masses()
         self._evaluate(q, v, a, tau=self._tau)
         return self._tau
 
     def transmitted(self, q: Array, v: Array, a: Array) -> Array:
         """Return the forces (njoints, 6) through the joints, joint axes, as in `pin.Data.f`."""
-        self._take_masses()
+        self.take_masses()
         wrench = self._moving[0]
         self._evaluate(q, v, a, tau=self._tau, wrench=wrench)
         self._put_placements()
@@ -211,7 +213,7 @@ class KernelTree:
                 that turn with their bodies.
             out: (2, nv, nv) zeros, to be filled with the transposed derivatives by q and by v.
         """
-        self._take_masses()
+        self.take_masses()
         self._evaluate(q, v, a, outside=outside, by_q=out[0], by_v=out[1])
 
     def mass_entries(self, all_joints: bool = True) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -234,11 +236,11 @@ class KernelTree:
 
     def masses(self, q: Array, out: Array) -> None:
         """Write the numbers of the mass matrix at q (nq,), in the order of `mass_entries`."""
-        self._take_masses()
+        self.take_masses()
         self._q[:] = q
         at = self._at
         self._library.tree_masses(
-            self._handle, at["q"], None, None, at["armature"], address(out), None)
+            self.handle, at["q"], None, None, at["armature"], address(out), None)
 
     # ------------------------------------------------------------ accelerations
 
@@ -256,11 +258,11 @@ class KernelTree:
         Returns:
             Whether every freedom that is eliminated has inertia.
         """
-        self._take_masses()
+        self.take_masses()
         self._q[:], self._v[:] = q, v
         at = self._at
         code = self._library.tree_masses(
-            self._handle, at["q"], at["v"], address(force), at["armature"], address(masses),
+            self.handle, at["q"], at["v"], address(force), at["armature"], address(masses),
             address(needed))
         if code not in (DONE, SINGULAR):
             check(code)
@@ -272,23 +274,4 @@ class KernelTree:
         Those of the core are zero.
         """
         at = address(forces)
-        self._library.tree_accelerations(self._handle, len(forces), at, None, at, None, None)
-
-    def complete(
-        self, force: Array, off: Array, a: Array
-    ) -> tuple[float, float, float, float]:
-        """Complete the accelerations (nv,) of the core by those of the rest, after `eliminate`.
-
-        Args:
-            force: (nv,) joint forces, those of `eliminate`.
-            off: (nv,) their largest errors.
-            a: the accelerations.
-
-        Returns:
-            By scale: the largest, the largest correction, the largest that round-off of motions
-            and wrenches makes, and the largest that joint forces `off` make by themselves.
-        """
-        self._library.tree_accelerations(
-            self._handle, 0, *map(address, (force, off, a, self._scratch, self._facts)))
-        largest, corrected, rounding, given = self._facts.tolist()
-        return largest, corrected, rounding, given
+        self._library.tree_accelerations(self.handle, len(forces), at, None, at, None, None)

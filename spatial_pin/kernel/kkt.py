@@ -5,16 +5,17 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Sequence
 from itertools import groupby
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from spatial_pin.constraints.kernel_tree import KernelTree
 from spatial_pin.kernel.kernel import Kernel, numbers
-from spatial_pin.kernel.library import POINTER, address, check
+from spatial_pin.kernel.library import INT, POINTER, address, check
 from spatial_pin.kernel.packing import packed
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.linalg import EPS, Array
 
 Places = NDArray[Any]
 
@@ -22,9 +23,25 @@ Places = NDArray[Any]
 class _KktTask(ctypes.Structure):
     """KktTask in kkt.c."""
 
-    _fields_ = [(name, POINTER) for name in (
-        "q", "v", "reference", "mass", "force", "a", "closures", "multipliers", "entry", "chosen",
-        "facts")]
+    _fields_ = [("n", INT), *((name, POINTER) for name in (
+        "tree", "q", "v", "reference", "mass", "force", "armature", "rounding", "a", "closures",
+        "multipliers", "entry", "chosen", "facts"))]
+
+
+class Accelerated(NamedTuple):
+    """Accelerations of a tree with loops at n configurations, in arrays of their own.
+
+    Attributes:
+        a: (n, nv) accelerations.
+        closures: (n, nv) joint forces of the closures.
+        facts: (n, 6) smallest over largest pivot, estimated error of the KKT system, rank of the
+            closure equations, estimated error of all; whether that is mostly round-off of the joint
+            forces, and whether a freedom outside of loops has no inertia, so that there are none.
+    """
+
+    a: Array
+    closures: Array
+    facts: Array
 
 
 class KKT:
@@ -63,11 +80,14 @@ class KKT:
         self._values, self._chosen = np.empty(len(self._at[0])), np.empty(n_closure, np.int64)
         self._q, self._reference = np.empty(kernel.nq), np.empty(kernel.n_angles)
         self._v, self._force, self._a = np.empty((3, nv))
-        self.mass, self._facts = np.empty(n_masses), np.empty(3)
+        self.mass, self._facts = np.empty(n_masses), np.empty(6)
         self.closures, self.multipliers = np.empty(nv), np.empty(n_closure)
-        self._task = _KktTask(*map(address, (
-            self._q, self._v, self._reference, self.mass, self._force, self._a, self.closures,
-            self.multipliers, self._values, self._chosen, self._facts)))
+        # signs of round-off of joint forces: as a coin gives them
+        self._rounding = EPS * np.random.default_rng(0).choice([-1.0, 1.0], nv)
+        self._task = _KktTask(1, None, *map(address, (
+            self._q, self._v, self._reference, self.mass, self._force, self._force,
+            self._rounding, self._a, self.closures, self.multipliers, self._values, self._chosen,
+            self._facts)))
         self._at_task = ctypes.byref(self._task)
 
     def accelerations(
@@ -82,12 +102,63 @@ class KKT:
             given: (nv,) joint forces f.
             needed: (nv,) joint forces b that the motion needs without acceleration.
         """
-        self._q[:], self._v[:], self._reference[:] = q, v, reference
         np.subtract(given, needed, out=self._force)
-        check(self._library.kkt_accelerations(self._handle, self._at_task))
-        self.pivot, self.error, rank = self._facts.tolist()
-        self.rank = int(rank)
+        self._solve(None, q, v, reference)
         return self._a
+
+    def of_tree(
+        self, tree: KernelTree, q: Array, v: Array, reference: Array | Sequence[float],
+        force: Array,
+    ) -> tuple[Array, float, bool, bool]:
+        """Return accelerations (nv,) of a tree, whose joints outside of loops are eliminated.
+
+        Args:
+            tree: its core has the mass entries.
+            q, v, reference: as for `accelerations`.
+            force: (nv,) joint forces f.
+
+        Returns:
+            The accelerations, which the next call overwrites; their estimated error, whether that
+            is mostly round-off of the joint forces, and whether there are accelerations: a freedom
+            outside of loops may have no inertia.
+        """
+        tree.take_masses()
+        self._force[:], self._task.armature = force, tree.at_armature
+        *_, error, of_forces, has_none = self._solve(tree.handle, q, v, reference)
+        return self._a, error, of_forces > 0.0, not has_none
+
+    def _solve(self, tree: Any, q: Array, v: Array, reference: Any) -> list[float]:
+        self._q[:], self._v[:], self._reference[:] = q, v, reference
+        self._task.tree = tree
+        check(self._library.kkt_accelerations(self._handle, self._at_task))
+        facts: list[float] = self._facts.tolist()
+        self.pivot, self.error, self.rank = facts[0], facts[1], int(facts[2])
+        return facts
+
+    def of_many(
+        self, tree: KernelTree, q: Array, v: Array, reference: Array, force: Array
+    ) -> Accelerated:
+        """Return what `of_tree` does of many configurations.
+
+        Args:
+            tree: as for `of_tree`.
+            q, v: (n, nq) configurations and (n, nv) joint velocities.
+            reference: (n, n_angles) from which the angles of screws count [rad].
+            force: (n, nv) joint forces.
+        """
+        tree.take_masses()
+        n, nv = v.shape
+        given = (numbers(x, x.shape) for x in (q, v, reference, force))
+        out = Accelerated(*np.empty((2, n, nv)), np.empty((n, 6)))
+        multipliers = np.empty((n, len(self._chosen)))
+        task = _KktTask(n, tree.handle, armature=tree.at_armature)
+        arrays = dict(zip(("q", "v", "reference", "force"), given, strict=True)) | dict(
+            rounding=self._rounding, a=out.a, closures=out.closures, multipliers=multipliers,
+            entry=self._values, chosen=self._chosen, facts=out.facts)
+        for name, array in arrays.items():
+            setattr(task, name, address(array))
+        check(self._library.kkt_accelerations(self._handle, ctypes.byref(task)))
+        return out
 
     def solve(self, force: Array, gamma: Array) -> tuple[Array, Array]:
         """Return accelerations (k, nv) and multipliers (k, n_closure) with the last matrix.

@@ -16,12 +16,14 @@
 #include "choosing.h"
 #include "factors.h"
 #include "memory.h"
+#include "tree_bodies.h"
 
 #define ROUNDING (128.0 * DBL_EPSILON) /* of an entry, with all that is added to it */
 #define PLACED (8.0 * DBL_EPSILON) /* of a place, by its distance: some joints, each rounded once */
 /* Smallest over largest pivot above which equations that are independent in each closure by itself
    surely are so together: the pivot of one that is off the others by d is of the order of d². */
 #define SURE TOLERANCE_HALF_PRECISION
+#define LEAST_ERROR (16.0 * DBL_EPSILON) /* of accelerations: their forces are rounded a few times */
 
 typedef struct {
     Kernel *k;
@@ -38,6 +40,9 @@ typedef struct {
     Real *x;          /* (nv + n_chosen) */
     Real *block;      /* to choose among the equations of a closure */
     Int *column;       /* the same: columns of it */
+    Int n_given;
+    Real *mass, *core; /* (n_given) entries of M; (nv) joint forces of the core */
+    Real *scratch;     /* (5 nv) */
 } Kkt;
 
 static Int most_in_a_group(const Kkt *s)
@@ -60,6 +65,9 @@ static int make_room(Kkt *s)
     s->x = kernel_reals(k, n);
     s->block = kernel_reals(k, most_in_a_group(s) * nv);
     s->column = kernel_ints(k, nv);
+    s->mass = kernel_reals(k, s->n_given);
+    s->core = kernel_reals(k, nv);
+    s->scratch = kernel_reals(k, 5 * nv);
     s->matrix = factors_new(k);
     if (!kernel_had_memory(k) || !s->matrix)
         return NO_MEMORY;
@@ -68,7 +76,7 @@ static int make_room(Kkt *s)
     return DONE;
 }
 
-static int is_sound(const Kkt *s, Int n_given)
+static int is_sound(const Kkt *s)
 {
     const Kernel *k = s->k;
     if (s->group[0] != 0 || s->group[s->n_groups] != k->n_closure)
@@ -78,12 +86,12 @@ static int is_sound(const Kkt *s, Int n_given)
             return 0;
     for (Int e = 0; e < s->n_mass; e++)
         if (!within(s->mass_row[e], k->nv) || !within(s->mass_column[e], k->nv) ||
-            !within(s->mass_from[e], n_given))
+            !within(s->mass_from[e], s->n_given))
             return 0;
     return 1;
 }
 
-static int take(Kkt *s, const Int *ints, Int n_given)
+static int take(Kkt *s, const Int *ints)
 {
     Source from = {.k = s->k, .ints = ints, .n_ints = s->n_groups + 1 + 3 * s->n_mass};
     s->group = read_ints(&from, s->n_groups + 1);
@@ -92,7 +100,7 @@ static int take(Kkt *s, const Int *ints, Int n_given)
     s->mass_from = read_ints(&from, s->n_mass);
     if (from.failed)
         return NO_MEMORY;
-    return is_sound(s, n_given) ? make_room(s) : BAD_ARRAYS;
+    return is_sound(s) ? make_room(s) : BAD_ARRAYS;
 }
 
 /* Memory for the KKT system of a kernel of a characteristic length, freed with the kernel. The ints
@@ -102,13 +110,14 @@ EXPORT int kkt_create(Kernel *k, const Int *ints, Int n_groups, Int n_mass, Int 
                       Real length, Kkt **out)
 {
     *out = NULL;
-    if (n_groups < 0 || n_mass < 0)
+    if (n_groups < 0 || n_mass < 0 || n_given < 0)
         return BAD_ARRAYS;
     Kkt *s = kernel_memory(k, 1, sizeof *s);
     if (!s)
         return NO_MEMORY;
     s->k = k, s->length = length, s->n_groups = n_groups, s->n_mass = n_mass;
-    const int code = take(s, ints, n_given);
+    s->n_given = n_given;
+    const int code = take(s, ints);
     if (code == DONE)
         *out = s;
     return code;
@@ -339,35 +348,120 @@ static void forces_of(const Kernel *k, const Real *multipliers, Real *force)
         force[v] /= k->scale[v];
 }
 
-/* Accelerations under joint forces at q, and what they follow from: as `_KktTask` in kkt.py. */
-typedef struct {
-    const Real *q, *v, *reference; /* (nq), (nv), (n_angles) from which angles of screws count */
-    const Real *mass, *force;      /* entries of M; (nv) f - b */
-    Real *a, *closures;            /* (nv) accelerations; joint forces of the closures */
-    Real *multipliers;             /* (n_closure) */
-    Real *entry;                   /* entries of J of all equations, for v / scale, row by row */
-    Int *chosen;                   /* (n_chosen) room for n_closure */
-    Real *facts;                   /* (3) smallest over largest pivot, estimated error of the
-                                      accelerations, how many equations are chosen */
-} KktTask;
+/* ---------------------------------------------------------------- a tree with loops
 
-/* Evaluate at q, choose equations, factor and solve. */
-EXPORT int kkt_accelerations(Kkt *s, const KktTask *task)
+   Joints that no loop is built on are eliminated before; what is left, the core, has a KKT system as
+   if its bodies had the inertias of all that they carry. */
+
+/* Accelerations under joint forces, and what they follow from: as `_KktTask` in kkt.py. */
+typedef struct {
+    Int n;                 /* configurations */
+    Tree *tree;            /* whose masses they are; NULL: of one configuration, masses are given */
+    const Real *q, *v;     /* (n, nq), (n, nv) */
+    const Real *reference; /* (n, n_angles) from which angles of screws count */
+    const Real *mass;      /* entries of M; not with a tree */
+    const Real *force;     /* (n, nv) f, and f - b where masses are given */
+    const Real *armature;  /* (nv) of the tree */
+    const Real *rounding;  /* (nv) by which part of it each joint force of the tree may be off */
+    Real *a, *closures;    /* (n, nv) accelerations; joint forces of the closures */
+    Real *multipliers;     /* (n, n_closure), 0 of equations that are not chosen */
+    Real *entry;           /* of the last: entries of J of all equations, for v / scale, row by row */
+    Int *chosen;           /* (n_chosen) of the last; room for n_closure */
+    Real *facts;           /* (n, 6) smallest over largest pivot; estimated error of the KKT system's
+                              accelerations, how many equations are chosen; estimated error of all;
+                              whether round-off of the joint forces is most of that; whether a freedom
+                              of the limbs has no inertia, so that there are none */
+} KktTask;
+enum { PIVOT, OF_CORE, RANK, OF_ALL, OF_FORCES, NO_INERTIA, FACTS };
+
+/* Evaluate at q, choose equations, factor and solve, for joint forces f - b. */
+static int solve_core(Kkt *s, const KktTask *task, Int i, const Real *mass, const Real *force)
 {
     Kernel *k = s->k;
-    equations_values_near(k, task->q, task->reference);
+    Real *multipliers = task->multipliers + i * k->n_closure, *facts = task->facts + FACTS * i;
+    equations_values_near(k, task->q + i * k->nq, task->reference + i * k->n_angles);
     equations_jacobian(k, &k->equations.all);
-    const int code = choose_and_factor(s, task->mass);
+    const int code = choose_and_factor(s, mass);
     if (code != DONE)
         return code;
-    equations_bias(k, &k->equations.all, task->v);
-    solve(s, task->force, k->equations.bias, task->a, task->multipliers);
-    forces_of(k, task->multipliers, task->closures);
+    equations_bias(k, &k->equations.all, task->v + i * k->nv);
+    solve(s, force, k->equations.bias, task->a + i * k->nv, multipliers);
+    forces_of(k, multipliers, task->closures + i * k->nv);
+    facts[PIVOT] = s->matrix->pivot;
+    facts[OF_CORE] = facts[OF_ALL] = estimated_error(s);
+    facts[RANK] = (Real)s->n_chosen;
+    return DONE;
+}
+
+/* Joint forces f - b of the core, after tree_masses; the masses of all other freedoms are made the
+   heaviest one's, for they have no part in the system. Returns how many freedoms are the core's. */
+static Int put_core(Kkt *s, const Tree *tree, const Real *force)
+{
+    const Kernel *k = tree->k;
+    Real heaviest = 0.0;
+    Int n = 0;
+    for (Int j = 1; j < k->n_joints; j++)
+        for (Int v = k->iv[j]; v < k->iv[j] + joint_nv(k->kind[j]); v++) {
+            s->core[v] = tree->is_core[j] ? force[v] - s->core[v] : 0.0;
+            s->column[v] = tree->is_core[j] ? 1 : 0;
+            n += tree->is_core[j] ? 1 : 0;
+        }
+    for (int others = 0; others < 2; others++)
+        for (Int e = 0; e < s->n_mass; e++) {
+            const Int v = s->mass_row[e];
+            const Real square = k->scale[v] * k->scale[v];
+            if (v != s->mass_column[e] || s->column[v] == others)
+                continue;
+            if (others)
+                s->mass[s->mass_from[e]] = (heaviest > 0.0 ? heaviest : 1.0) / square;
+            else
+                heaviest = fmax(heaviest, s->mass[s->mass_from[e]] * square);
+        }
+    for (Int v = 0; v < k->nv; v++)
+        s->column[v] = -1;
+    return n;
+}
+
+static int solve_tree(Kkt *s, const KktTask *task, Int i)
+{
+    const Int nv = s->k->nv;
+    const Real *force = task->force + i * nv;
+    Real *a = task->a + i * nv, *facts = task->facts + FACTS * i, *off = s->scratch + 4 * nv, sizes[4];
+    const int code = tree_masses(task->tree, task->q + i * s->k->nq, task->v + i * nv, force,
+                                 task->armature, s->mass, s->core);
+    memset(facts, 0, FACTS * sizeof *facts);
+    facts[NO_INERTIA] = code != DONE;
+    if (code != DONE)
+        return DONE;
+    const Int n = put_core(s, task->tree, force);
+    if (n) {
+        const int solved = solve_core(s, task, i, s->mass, s->core);
+        if (solved != DONE || n == nv)
+            return solved;
+    } else {
+        memset(task->closures + i * nv, 0, (size_t)nv * sizeof(Real));
+        facts[PIVOT] = 1.0;
+    }
+    for (Int v = 0; v < nv; v++)
+        off[v] = task->rounding[v] * force[v];
+    tree_accelerations(task->tree, 0, force, off, a, s->scratch, sizes);
+    const Real largest = sizes[0] != 0.0 ? sizes[0] : 1.0;
+    facts[OF_ALL] = fmax(fmax(facts[OF_CORE], LEAST_ERROR), (sizes[1] + sizes[2]) / largest);
+    facts[OF_FORCES] = facts[OF_ALL] * sizes[0] <= 10.0 * sizes[3];
+    return DONE;
+}
+
+EXPORT int kkt_accelerations(Kkt *s, const KktTask *task)
+{
+    const Kernel *k = s->k;
+    for (Int i = 0; i < task->n; i++) {
+        const int code = task->tree ? solve_tree(s, task, i)
+                                    : solve_core(s, task, i, task->mass, task->force);
+        if (code != DONE)
+            return code;
+    }
     memcpy(task->entry, k->entry, (size_t)k->entry_start[k->n_closure] * sizeof(Real));
     memcpy(task->chosen, s->chosen, (size_t)s->n_chosen * sizeof(Int));
-    task->facts[0] = s->matrix->pivot;
-    task->facts[1] = estimated_error(s);
-    task->facts[2] = (Real)s->n_chosen;
     return DONE;
 }
 
