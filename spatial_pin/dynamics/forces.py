@@ -61,6 +61,7 @@ class Forces:
 
     Attributes:
         resistance: damping and dry friction of the joints.
+        exist: whether there is any spring, or any resistance.
     """
 
     def __init__(
@@ -79,6 +80,7 @@ class Forces:
         self.bushings: list[Bushing] = []
         for spring in mechanism.springs:
             self._add(spring, laws.get(spring.name))
+        self.exist = bool(mechanism.springs or self.resistance)
 
     def _add(self, spring: Spring, law: Law | None) -> None:
         m = self.mechanism
@@ -102,11 +104,6 @@ class Forces:
         points = tuple(np.append(x.translation, 1.0) for x in (m1, m2))
         self.lines.append(LineSpring(spring.name, (i1, i2), points, sign, law, energy,  # type: ignore[arg-type]
                                is_linear))
-
-    @property
-    def exist(self) -> bool:
-        """Whether there is any spring, or any resistance."""
-        return bool(self.lines or self.turns or self.bushings or self.resistance)
 
     def generalised(self, evaluation: LoopEquations, q: Array, v: Array) -> Array:
         """Return the generalised forces (nv,) of all, after `evaluation.update(q)`."""

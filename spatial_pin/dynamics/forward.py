@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -21,13 +20,9 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.numerics.linalg import Array
 
-
-class Load(NamedTuple):
-    """Forces besides gravity, efforts and closures: on frames, of springs, dry friction."""
-
-    external: Mapping[str, pin.Force] | None = None
-    laws: Mapping[str, Law] | None = None
-    slip_speed: SlipSpeed | None = None
+# Forces besides gravity, efforts and closures, as `Equations.update` takes them: those on frames,
+# laws of springs, slip speed of dry friction.
+Load = tuple[Mapping[str, pin.Force] | None, Mapping[str, Law] | None, SlipSpeed | None]
 
 
 class Dynamics:
@@ -222,11 +217,12 @@ def forward_dynamics(
     """
     state = moving_in_time(mechanism, state)
     mechanism = state.mechanism
-    effort = joint_efforts(mechanism, efforts)
-    load = Load(external, laws, slip_speed)
+    load = external, laws, slip_speed
     with equations_of(mechanism) as equations:
-        equations.update(state, *load)
-        a, closures, error = equations.solve(effort + equations.given)
+        equations.update(state, external, laws, slip_speed)
+        effort = joint_efforts(mechanism, efforts) if efforts else equations.rest
+        a, closures, error = equations.solve(
+            effort + equations.given if efforts else equations.given)
         undetermined = equations.undetermined
     warn_of_no_inertia(mechanism, efforts, external)
     return Dynamics(state, load, a, closures, effort, error, undetermined)

@@ -216,7 +216,7 @@ def inverse_dynamics(
     mechanism = state.mechanism
     actuation = actuation_of(mechanism, actuated)
     warn_of_no_inertia(mechanism, external=external)
-    load = Load(external, laws, slip_speed)
+    load = external, laws, slip_speed
     with equations_of(mechanism) as equations:
         equations.update(state, *load)
         efforts, a, closures = balance(equations, actuation)

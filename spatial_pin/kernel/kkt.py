@@ -52,18 +52,23 @@ class KKT:
         mass_entries: rows, columns and indices among the `n_masses` numbers of all entries of its
             mass matrix that can be other than zero.
         n_masses: length of `mass`.
+        tree: whose core has these entries; its other joints, outside of loops, are eliminated.
 
     Attributes:
         mass: (n_masses,) the mass matrix, to be filled in.
         pivot: smallest over largest pivot of the last `accelerations`, 0 where there are none.
         error: estimated round-off of them, relative to their size.
+        error_of_tree, is_of_forces: of the last `of_tree`, and whether it is mostly round-off of
+            the joint forces: no solver can be better.
+        a: (nv,) the accelerations.
         rank: how many independent equations there are.
         closures: (nv,) joint forces of the closures.
         multipliers: (n_closure,) 0 of equations that are left out.
     """
 
     def __init__(
-        self, mechanism: Mechanism, mass_entries: tuple[Places, Places, Places], n_masses: int
+        self, mechanism: Mechanism, mass_entries: tuple[Places, Places, Places], n_masses: int,
+        tree: KernelTree | None = None,
     ) -> None:
         self._kernel = kernel = Kernel(mechanism, packed(mechanism, False))
         self._library, nv, n_closure = kernel.library, kernel.nv, kernel.n_closure
@@ -76,17 +81,20 @@ class KKT:
                                        mechanism.characteristic_length, ctypes.byref(handle)))
         self._handle = handle
         self.pivot, self.error, self.rank = 1.0, 0.0, 0
+        self.error_of_tree, self.is_of_forces = 0.0, False
         self._at = np.nonzero(kernel.constraints.occurring[:n_closure])
         self._values, self._chosen = np.empty(len(self._at[0])), np.empty(n_closure, np.int64)
         self._q, self._reference = np.empty(kernel.nq), np.empty(kernel.n_angles)
-        self._v, self._force, self._a = np.empty((3, nv))
+        self._v, self._force, self.a = np.empty((3, nv))
         self.mass, self._facts = np.empty(n_masses), np.empty(6)
         self.closures, self.multipliers = np.empty(nv), np.empty(n_closure)
         # signs of round-off of joint forces: as a coin gives them
         self._rounding = EPS * np.random.default_rng(0).choice([-1.0, 1.0], nv)
-        self._task = _KktTask(1, None, *map(address, (
-            self._q, self._v, self._reference, self.mass, self._force, self._force,
-            self._rounding, self._a, self.closures, self.multipliers, self._values, self._chosen,
+        self._tree = tree
+        self._task = _KktTask(1, tree.handle if tree else None, *map(address, (
+            self._q, self._v, self._reference, self.mass, self._force,
+            tree.armature if tree else self._force, self._rounding, self.a, self.closures,
+            self.multipliers, self._values, self._chosen,
             self._facts)))
         self._at_task = ctypes.byref(self._task)
 
@@ -103,55 +111,58 @@ class KKT:
             needed: (nv,) joint forces b that the motion needs without acceleration.
         """
         np.subtract(given, needed, out=self._force)
-        self._solve(None, q, v, reference)
-        return self._a
+        self._solve(q, v, reference)
+        return self.a
 
     def of_tree(
-        self, tree: KernelTree, q: Array, v: Array, reference: Array | Sequence[float],
-        force: Array,
-    ) -> tuple[Array, float, bool, bool]:
-        """Return accelerations (nv,) of a tree, whose joints outside of loops are eliminated.
+        self, q: Array, v: Array, reference: Array | Sequence[float], force: Array
+    ) -> bool:
+        """Find accelerations with the masses and gravity that the tree has now.
+
+        False where there are none: a freedom outside of loops has no inertia.
 
         Args:
-            tree: its core has the mass entries.
-            q, v, reference: as for `accelerations`.
+            q: (nq,) configuration.
+            v: (nv,) joint velocities.
+            reference: as for `accelerations`.
             force: (nv,) joint forces f.
-
-        Returns:
-            The accelerations, which the next call overwrites; their estimated error, whether that
-            is mostly round-off of the joint forces, and whether there are accelerations: a freedom
-            outside of loops may have no inertia.
         """
-        tree.take_masses()
-        self._force[:], self._task.armature = force, tree.at_armature
-        *_, error, of_forces, has_none = self._solve(tree.handle, q, v, reference)
-        return self._a, error, of_forces > 0.0, not has_none
+        assert self._tree
+        self._tree.take_masses()
+        self._force[:] = force
+        return not self._solve(q, v, reference)
 
-    def _solve(self, tree: Any, q: Array, v: Array, reference: Any) -> list[float]:
-        self._q[:], self._v[:], self._reference[:] = q, v, reference
-        self._task.tree = tree
-        check(self._library.kkt_accelerations(self._handle, self._at_task))
-        facts: list[float] = self._facts.tolist()
-        self.pivot, self.error, self.rank = facts[0], facts[1], int(facts[2])
-        return facts
+    def _solve(self, q: Array, v: Array, reference: Any) -> float:
+        self._q[:], self._v[:] = q, v
+        if len(reference):
+            self._reference[:] = reference
+        code = self._library.kkt_accelerations(self._handle, self._at_task)
+        if code:
+            check(code)
+        has_none: float
+        self.pivot, self.error, rank, self.error_of_tree, of_forces, has_none = (
+            self._facts.tolist())
+        self.rank, self.is_of_forces = int(rank), of_forces > 0.0
+        return has_none
 
     def of_many(
-        self, tree: KernelTree, q: Array, v: Array, reference: Array, force: Array
+        self, q: Array, v: Array, reference: Array, force: Array
     ) -> Accelerated:
         """Return what `of_tree` does of many configurations.
 
         Args:
-            tree: as for `of_tree`.
-            q, v: (n, nq) configurations and (n, nv) joint velocities.
+            q: (n, nq) configurations.
+            v: (n, nv) joint velocities.
             reference: (n, n_angles) from which the angles of screws count [rad].
             force: (n, nv) joint forces.
         """
-        tree.take_masses()
+        assert self._tree
+        self._tree.take_masses()
         n, nv = v.shape
-        given = (numbers(x, x.shape) for x in (q, v, reference, force))
-        out = Accelerated(*np.empty((2, n, nv)), np.empty((n, 6)))
+        given = [numbers(x, x.shape) for x in (q, v, reference, force)]
+        out = Accelerated(np.empty((n, nv)), np.empty((n, nv)), np.empty((n, 6)))
         multipliers = np.empty((n, len(self._chosen)))
-        task = _KktTask(n, tree.handle, armature=tree.at_armature)
+        task = _KktTask(n, self._tree.handle, armature=address(self._tree.armature))
         arrays = dict(zip(("q", "v", "reference", "force"), given, strict=True)) | dict(
             rounding=self._rounding, a=out.a, closures=out.closures, multipliers=multipliers,
             entry=self._values, chosen=self._chosen, facts=out.facts)

@@ -22,15 +22,14 @@ from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.dynamics.derivatives.reaction_derivatives import Linear, ReactionChanges
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
 from spatial_pin.dynamics.derivatives.spring_derivatives import ExternalWrenches, Slopes, Springs
-from spatial_pin.dynamics.forces import Law, joint_efforts
-from spatial_pin.dynamics.forward import forward_dynamics
+from spatial_pin.dynamics.forces import Law, joint_efforts, warn_of_no_inertia
+from spatial_pin.dynamics.forward import Dynamics
 from spatial_pin.dynamics.solvers.equations_of_motion import Equations, equations_of
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.numerics.linalg import Array, null_space
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.rates.jacobians import closure_jacobian
 
 
 class Derivatives:
@@ -135,18 +134,20 @@ def dynamics_derivatives(
     """
     state = moving_in_time(mechanism, state)
     mechanism = exact_mechanism(state)
-    springs = Springs(mechanism, laws, slopes, slip_speed)
-    answer = forward_dynamics(mechanism, state, efforts, external=external, laws=laws,
-                              slip_speed=slip_speed)
-    rows = RowDerivatives(mechanism, springs.forces, (state.q, state.v, answer.a))
-    springs.move(rows)
-    outside, effort = ExternalWrenches(mechanism, external), joint_efforts(mechanism, efforts)
-    borne = closure_jacobian(mechanism, state.q).T @ answer.multipliers
+    effort = joint_efforts(mechanism, efforts)
     with equations_of(mechanism) as equations:
-        equations.move_to(state)
-        chosen, multipliers = _independent(equations, borne)
-        by = _changes(equations, rows, springs, outside, chosen, multipliers)
-    a, lam = Linear(answer.a, *by[0]), Linear(multipliers, *(x[chosen] for x in by[1]))
+        equations.update(state, external, laws, slip_speed)
+        springs = Springs(equations.springs, laws, slopes)
+        accelerations, closures, error = equations.solve(effort + equations.given)
+        answer = Dynamics(state, (external, laws, slip_speed), accelerations, closures, effort,
+                          error, equations.undetermined)
+        rows = RowDerivatives(mechanism, springs.forces, (state.q, state.v, answer.a))
+        springs.move(rows)
+        outside, kkt = ExternalWrenches(mechanism, external), equations.whole_kkt(closures)
+        chosen, multipliers = kkt.rows, kkt.multipliers.copy()
+        a_by, multipliers_by = _changes(equations, rows, springs, outside, multipliers)
+    warn_of_no_inertia(mechanism, efforts, external)
+    a, lam = Linear(answer.a, *a_by), Linear(multipliers[chosen], *multipliers_by[:, chosen])
     return Derivatives(a, chosen, lam, ReactionChanges(
         answer, rows, springs, outside, effort, a, lam, chosen))
 
@@ -175,50 +176,39 @@ def changes_of_forces(
         multipliers: (n_closure,) of the closure equations.
         out: (2, nv, nv) zeros, to be filled with the transposed derivatives.
     """
-    bodies, total = rows.products.bodies, np.zeros((2, rows.nv, rows.nv)) if out is None else out
-    bodies.forces_by_motion(outside.on_joints(bodies), total)
+    total = np.zeros((2, rows.nv, rows.nv)) if out is None else out
     by_q, by_v = total[0].T, total[1].T
-    outside.take_turning(by_q, bodies)
+    weights, composed = rows.weights(multipliers, springs.pulls)
+    rows.force_changes(outside.on_joints(rows), weights, total)
+    if composed is not None:
+        by_q -= composed
+    outside.take_turning(by_q, rows)
     springs.take_slopes(by_q, by_v)
-    rows.take_bending(by_q, multipliers, springs.pulls)
     return by_q, by_v
-
-
-def _independent(equations: Equations, borne: Array) -> tuple[NDArray[np.intp], Array]:
-    """Return independent closure equations (k,), and their multipliers, of joint forces (nv,)."""
-    if not equations.n_closure:
-        return np.zeros(0, np.intp), np.zeros(0)
-    state, at_rest = equations.state, np.zeros((1, equations.n_closure))
-    equations.by_kkt(state.q, state.v, state.angles, borne, borne)
-    chosen = equations.kkt.rows
-    return chosen, equations.kkt.solve(-borne[None], at_rest)[1][0, chosen]
 
 
 def _changes(
     equations: Equations, rows: RowDerivatives, springs: Springs, outside: ExternalWrenches,
-    chosen: NDArray[np.intp], multipliers: Array,
-) -> tuple[list[Array], list[Array]]:
+    multipliers: Array,
+) -> tuple[Array, Array]:
     """Return derivatives with respect to q, v, efforts: of accelerations, and of multipliers.
 
-    The former are (nv, nv), the latter (n_closure, nv); `multipliers` are those of the rows
-    `chosen`.
+    The former are (3, nv, nv), the latter (3, n_closure, nv); `multipliers` (n_closure,) are those
+    of the KKT system.
 
     Raises:
         SingularError: a motion has no inertia.
     """
     nv, n, state, limbs = rows.nv, equations.n_closure, equations.state, equations.limbs
-    borne = np.zeros(n)
-    borne[chosen] = multipliers
     work = np.zeros((3, nv, nv))
-    changes_of_forces(rows, springs, outside, borne, work[:2])
+    changes_of_forces(rows, springs, outside, multipliers, work[:2])
     np.negative(work[:2], out=work[:2])
     np.fill_diagonal(work[2], 1.0)
-    work = work.reshape(3 * nv, nv)
-    if limbs and not n and limbs.respond(state, work):
-        return [x.T for x in np.split(work, 3)], [np.zeros((0, nv))] * 3
-    if not n:
-        equations.by_kkt(state.q, state.v, state.angles, np.zeros(nv), np.zeros(nv))
-    if equations.kkt.pivot < TOLERANCES.zero:
+    flat = work.reshape(3 * nv, nv)
+    if not n and limbs.respond(state, flat):
+        return work.swapaxes(1, 2), np.zeros((3, 0, nv))
+    kkt = equations.whole_kkt(equations.rest)
+    if kkt.pivot < TOLERANCES.zero:
         freedoms = null_space(equations.scaled) * equations.scale
         inertias = freedoms @ equations.mass() @ freedoms.T
         motion = np.linalg.eigh(inertias)[1][:, 0] @ freedoms  # that of the least inertia
@@ -228,7 +218,9 @@ def _changes(
             f"mechanism {equations.mechanism.name!r}: {state}: beside others a motion of "
             f"{', '.join(names)} has no inertia, so accelerations have no "
             "derivatives there: give its links more mass", state=state)
-    closed_by_q, closed_by_v = rows.changes(2)
-    gamma = np.vstack([closed_by_q.T, closed_by_v.T, np.zeros((nv, n))])
-    a_by, multipliers_by = equations.kkt.solve(work, gamma)
-    return ([x.T for x in np.split(a_by, 3)], [x.T for x in np.split(multipliers_by, 3)])
+    gamma = np.zeros((3, nv, n))
+    for out, change in zip(gamma, rows.changes(2), strict=False):
+        out[:] = change.T
+    a_by, multipliers_by = kkt.solve(flat, gamma.reshape(3 * nv, n))
+    return (a_by.reshape(3, nv, nv).swapaxes(1, 2),
+            multipliers_by.reshape(3, nv, n).swapaxes(1, 2))

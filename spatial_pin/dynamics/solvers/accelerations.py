@@ -13,7 +13,6 @@ What decides is the estimated round-off of the accelerations, relative to their 
 from __future__ import annotations
 
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,38 +49,21 @@ class Limbs:
         is_core: (njoints,) joints that loops are built on, and those that carry them.
 
     Attributes:
-        error: estimated round-off of the last accelerations, relative to the largest.
-        is_of_forces: whether that is mostly round-off of the joint forces: no solver can be better.
         kkt: of the core.
-        has_core: whether there is a core.
+        has_core, is_all: whether there is a core, and nothing else.
     """
 
     def __init__(self, mechanism: Mechanism, is_core: NDArray[np.bool_]) -> None:
         self.tree = tree = KernelTree(mechanism.model, mechanism.velocity_scale, is_core)
         nv, others = mechanism.model.nv, np.flatnonzero(~tree.is_core)
-        self.has_core = len(others) < nv
-        self.error, self.is_of_forces = 0.0, False
+        self.has_core, self.is_all = len(others) < nv, len(others) == 0
         rows, columns = tree.mass_entries(all_joints=False)
         n = len(rows)
         rows, columns, indices = both_halves(rows, columns)
         units = np.arange(n, n + len(others))  # of the others, which have no part in the KKT system
         self.kkt = KKT(mechanism, (
             np.concatenate([rows, others]), np.concatenate([columns, others]),
-            np.concatenate([indices, units])), n + len(others))
-
-    def solve(self, state: State, reference: Array, force: Array) -> Array | None:
-        """Return the accelerations (nv,) under joint forces (nv,); None where a limb has no inertia.
-
-        The next call overwrites them.
-
-        Args:
-            state: configuration and velocity.
-            reference: (n_angles,) from which the angles of screws count [rad].
-            force: the joint forces.
-        """
-        a, self.error, self.is_of_forces, exist = self.kkt.of_tree(
-            self.tree, state.q, state.v, reference, force)
-        return a if exist else None
+            np.concatenate([indices, units])), n + len(others), tree)
 
     def respond(self, state: State, forces: Array) -> bool:
         """Make joint forces (n, nv) the accelerations of an open tree under them alone.
@@ -95,18 +77,9 @@ class Limbs:
         return True
 
 
-class Solution(NamedTuple):
-    """Accelerations under forces.
-
-    Attributes:
-        a: (nv,) joint accelerations.
-        closures: (nv,) joint forces of the closures, J^T multipliers.
-        error: estimated round-off of a, relative to its size.
-    """
-
-    a: Array
-    closures: Array
-    error: float
+# Accelerations under forces: (nv,) of the joints, (nv,) joint forces of the closures, J^T
+# multipliers, and the estimated round-off of the former, relative to their size.
+Solution = tuple[Array, Array, float]
 
 
 class MotionEquations(Loops):
@@ -121,6 +94,7 @@ class MotionEquations(Loops):
     """
 
     undetermined: tuple[str, ...] = ()
+    _solved: KKT | None = None  # the system whose factors and multipliers are those of the State
 
     def solve(self, given: Array) -> Solution:
         """Return the accelerations under joint forces f (nv,) at the State of the last `place`.
@@ -128,12 +102,13 @@ class MotionEquations(Loops):
         Raises:
             SingularError: a freedom has no inertia, or the loops have lost rank.
         """
-        self.undetermined = ()
-        limbs = self.limbs
-        found = limbs.solve(self.state, self.angle_reference, given)
-        if found is not None and self._is_accurate(limbs):
-            return Solution(found.copy(), limbs.kkt.closures.copy(), limbs.error)
-        state, kkt = self.state, self.kkt
+        self.undetermined, self._solved = (), None
+        state, of_core = self.state, self.limbs.kkt
+        if of_core.of_tree(state.q, state.v, self.angle_reference, given) and (
+                self._is_accurate(of_core)):
+            self._solved = of_core
+            return of_core.a.copy(), of_core.closures.copy(), of_core.error_of_tree
+        kkt = self.kkt
         needed = self.bodies.inverse_dynamics(state.q, state.v)
         a = self.by_kkt(state.q, state.v, self.angle_reference, given, needed).copy()
         closures, error = kkt.closures.copy(), kkt.error
@@ -141,10 +116,10 @@ class MotionEquations(Loops):
         is_accurate = kkt.pivot >= TOLERANCES.rank if self._is_large else error <= DOUBTFUL
         self.check_rank(kkt.rank)
         if is_accurate:
-            return Solution(a, closures, error)
+            return a, closures, error
         if is_in_kernel(self.model) and not self._is_large and kkt.pivot >= TOLERANCES.zero:
             corrected = self._corrected(a, closures, given)
-            if corrected.error <= CORRECTED:
+            if corrected[2] <= CORRECTED:
                 return corrected
         scaled = self.scaled
         chosen = independent_rows(scaled)
@@ -153,11 +128,27 @@ class MotionEquations(Loops):
         least = self.least_constraint.solve(
             state.q, state.v, coordinates.carried(gamma, state.v), coordinates.columns, given)
         if not (kkt.pivot < TOLERANCES.zero or least.error < error):
-            return Solution(a, closures, error)
+            return a, closures, error
         self._refuse(least)
         self.undetermined = tuple(self.moving(self._still(least)))
         closures = self.bodies.inverse_dynamics(state.q, state.v, least.a) - given
-        return Solution(least.a, closures, least.error)
+        return least.a, closures, least.error
+
+    def whole_kkt(self, closures: Array) -> KKT:
+        """Return the KKT system of all joints, with the multipliers of joint forces of closures.
+
+        Args:
+            closures: (nv,) the joint forces, of the last `solve` at the State if not zero.
+        """
+        if self._solved is self.limbs.kkt and self.limbs.is_all:
+            return self._solved
+        state, kkt = self.state, self.kkt
+        if self._solved is not kkt:
+            self.by_kkt(state.q, state.v, self.angle_reference, closures, closures)
+            _, multipliers = kkt.solve(-closures[None], np.zeros((1, self.n_closure)))
+            kkt.multipliers[:] = multipliers[0]
+            self._solved = kkt
+        return kkt
 
     def by_kkt(self, q: Array, v: Array, reference: Array, given: Array, needed: Array) -> Array:
         """Return accelerations (nv,) from the KKT system; overwritten by the next call.
@@ -184,7 +175,7 @@ class MotionEquations(Loops):
         (change,), (multipliers,) = self.kkt.solve(missing[None], opening[None])
         closures = closures + (multipliers @ self.scaled) / self.scale
         sizes = np.abs([change, a]) / self.scale
-        return Solution(a + change, closures, float(sizes[0].max() / max(sizes[1].max(), 1e-300)))
+        return a + change, closures, float(sizes[0].max() / max(sizes[1].max(), 1e-300))
 
     @cached_property
     def limbs(self) -> Limbs:
@@ -196,21 +187,22 @@ class MotionEquations(Loops):
             is_core[model.parents[joint]] |= is_core[joint]
         return Limbs(self.mechanism, is_core)
 
-    def _is_accurate(self, limbs: Limbs) -> bool:
-        """Whether the last accelerations of `Limbs` are accurate enough.
+    def _is_accurate(self, of_core: KKT) -> bool:
+        """Whether the last accelerations that began with `Limbs` are accurate enough.
 
         Raises:
             SingularError: the loops have lost rank.
         """
-        if limbs.has_core:
-            self.check_rank(limbs.kkt.rank)
-            if self._is_large and not limbs.kkt.pivot >= TOLERANCES.rank:
+        has_core = self.limbs.has_core
+        if has_core:
+            self.check_rank(of_core.rank)
+            if self._is_large and not of_core.pivot >= TOLERANCES.rank:
                 return False
-        if limbs.error <= DOUBTFUL or self._is_large:
+        if of_core.error_of_tree <= DOUBTFUL or self._is_large:
             return True
-        if not limbs.has_core:
-            return self.model.nv > PROBED or limbs.is_of_forces
-        return limbs.kkt.error <= DOUBTFUL and limbs.is_of_forces
+        if not has_core:
+            return self.model.nv > PROBED or of_core.is_of_forces
+        return of_core.error <= DOUBTFUL and of_core.is_of_forces
 
     @cached_property
     def least_constraint(self) -> LeastConstraint:

@@ -49,8 +49,10 @@ class Loops:
         self.n_closure = self.constraints.n_closure
         self._is_large = is_large(self.model) if large is None else large
         self.bodies = bodies_of(self.model)
-        self._rest, self._no_freedoms = np.zeros(self.model.nv), np.zeros((0, self.model.nv))
+        self.rest, self._no_freedoms = np.zeros(self.model.nv), np.zeros((0, self.model.nv))
         self._regular: Regular | None = None
+        self._kept_at: State | None = None  # where equations keep the rank that they had there last
+        self._kept = 0
         self._spaces: Decomposition | SparseSpaces | None = None
         self._tied_freedoms: tuple[Array, int] | None = None
         self._rank: int | None = None
@@ -189,9 +191,12 @@ class Loops:
         Raises:
             SingularError: they have; the motion is not determined by the forces.
         """
+        if self._kept_at is self.state and self._kept == rank:
+            return
         known = self._regular
         if has_constant_rank(self.mechanism, self.n_closure, rank) or (
                 known is not None and known.holds(self.mechanism, self.state.q, rank)):
+            self._kept_at, self._kept = self.state, rank
             return
         if self._is_large and self.model.nv > PROBED:
             self._check_second_order(rank)
@@ -232,6 +237,6 @@ class Loops:
         own = rows == columns
         self.kkt.mass[:] = 0.0
         self.kkt.mass[at[own]] = self.scale[rows[own]] ** -2.0
-        rest = self._rest
+        rest = self.rest
         return self.kkt.accelerations(self.state.q, rest if v is None else v, self.angle_reference,
                                       rest if force is None else force, rest)

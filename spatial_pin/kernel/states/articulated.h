@@ -20,6 +20,17 @@ typedef struct {
                                 that turn with the bodies: for by_q and by_v, where v and a are given */
     Real *by_q, *by_v;       /* (nv, nv) zeros before; a row for each entry of q and v: how `tau`,
                                 less what is outside, changes, as `pin.computeRNEADerivatives` */
+    /* Products of two vectors A and B, where v and a are given */
+    Int n_products;
+    const Int *bodies;       /* (n_products, 2) the joints whose bodies carry them; 0: the ground */
+    const Real *a_parts, *b_parts; /* (n_products, 2, 4) what each of these carries of A and of B, in
+                                the joint's axes, and 1 for a point */
+    Real *values;            /* (3, n_products) of the products and their first and second rates; NULL:
+                                not wanted */
+    Real *product_by_q, *product_by_v; /* (3, n_products, nv) zeros before: how these change */
+    const Real *weights;     /* (n_products) */
+    Real *bent;              /* (nv, nv) zeros before; second derivatives by q of their weighted sum: how
+                                a row's derivative changes with a column's entry of q */
 } TreeTask;
 
 /* Memory for the motions and forces of a kernel's tree, freed with the kernel. is_core: (n_joints)
