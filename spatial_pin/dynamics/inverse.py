@@ -71,7 +71,7 @@ class Actuation:
                 raise SpatialPinError(f"mechanism {mechanism.name!r}: {name!r} cannot be actuated: "
                                       f"{_base_hint(mechanism, joint)}")
             self.coordinates.append(mechanism.driven_coordinate(name))
-        self.columns = np.array([c.v for c in self.coordinates], dtype=int)
+        self.columns = np.array([c.v for c in self.coordinates], dtype=np.int64)
         self.root = 1.0 / np.sqrt(weights)
         tied = constraints_of(mechanism).tied
         is_alone = (np.bincount(self.columns, minlength=len(tied)) == 1) & ~tied
@@ -233,9 +233,16 @@ def balance(equations: Equations, actuation: Actuation) -> tuple[Array, Array, A
         SpatialPinError: a freedom is not actuated, or carries load.
         SingularError: the loops have lost rank, or a passive freedom has no inertia.
     """
+    a, kkt, state = equations.state.a, equations.limbs.kkt, equations.state
+    if not equations.is_rounded:
+        found = kkt.efforts_of(
+            state.q, state.v, a, equations.angle_reference, equations.given, actuation.columns)
+        if found is not None:
+            equations.check_rank(kkt.rank)
+            return found, a, kkt.closures.copy()
     freedoms, rank = _freedoms(equations, actuation)
     equations.check_rank(rank)
-    a, scale = equations.state.a, equations.scale
+    scale = equations.scale
     if len(freedoms):
         pull = freedoms[:, actuation.columns]
         size = np.where(actuation.shared, np.abs(pull).max(axis=0, initial=0.0), 1.0)

@@ -24,8 +24,9 @@ class _KktTask(ctypes.Structure):
     """KktTask in kkt.c."""
 
     _fields_ = [("n", INT), *((name, POINTER) for name in (
-        "tree", "q", "v", "reference", "mass", "force", "armature", "rounding", "a", "closures",
-        "multipliers", "entry", "chosen", "facts"))]
+        "tree", "q", "v", "reference", "mass", "force", "armature", "rounding"))]
+    _fields_ += [("n_actuated", INT), *((name, POINTER) for name in (
+        "actuated", "efforts", "a", "closures", "multipliers", "entry", "chosen", "facts"))]
 
 
 class Accelerated(NamedTuple):
@@ -93,9 +94,9 @@ class KKT:
         self._tree = tree
         self._task = _KktTask(1, tree.handle if tree else None, *map(address, (
             self._q, self._v, self._reference, self.mass, self._force,
-            tree.armature if tree else self._force, self._rounding, self.a, self.closures,
-            self.multipliers, self._values, self._chosen,
-            self._facts)))
+            tree.armature if tree else self._force, self._rounding)), 0, None, None,
+            *map(address, (self.a, self.closures, self.multipliers, self._values, self._chosen,
+                           self._facts)))
         self._at_task = ctypes.byref(self._task)
 
     def accelerations(
@@ -144,6 +145,33 @@ class KKT:
             self._facts.tolist())
         self.rank, self.is_of_forces = int(rank), of_forces > 0.0
         return has_none
+
+    def efforts_of(
+        self, q: Array, v: Array, a: Array, reference: Array | Sequence[float], force: Array,
+        actuated: NDArray[np.int64],
+    ) -> Array | None:
+        """Return the efforts (k,) of actuators that accelerations need, and find `closures`.
+
+        With the masses and gravity that the tree has now. None where it is not clear that closures
+        and actuators together bear any force in one way, and in one way only.
+
+        Args:
+            q: (nq,) configuration.
+            v: (nv,) joint velocities.
+            a: (nv,) joint accelerations.
+            reference: as for `accelerations`.
+            force: (nv,) other joint forces.
+            actuated: (k,) velocity entries that have efforts.
+        """
+        assert self._tree
+        self._tree.take_masses()
+        self.a[:], self._force[:], efforts = a, force, np.empty(len(actuated))
+        task = self._task
+        task.n_actuated, task.actuated, task.efforts = (
+            len(actuated), address(actuated), address(efforts))
+        failed = self._solve(q, v, reference)
+        task.actuated = None
+        return None if failed else efforts
 
     def of_many(
         self, q: Array, v: Array, reference: Array, force: Array

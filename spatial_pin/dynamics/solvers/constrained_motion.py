@@ -137,6 +137,11 @@ class Loops:
         return self._spaces
 
     @property
+    def is_rounded(self) -> bool:
+        """Whether the State is one of a file with rounded numbers."""
+        return self._rank is not None
+
+    @property
     def is_sparse(self) -> bool:
         """Whether the subspaces are sparse: those of a large tree whose numbers are exact."""
         return self._is_large and self._rank is None

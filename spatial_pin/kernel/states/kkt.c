@@ -25,6 +25,8 @@
 #define SURE TOLERANCE_HALF_PRECISION
 #define LEAST_ERROR (16.0 * DBL_EPSILON) /* of accelerations: their forces are rounded a few times */
 
+enum { BLOCK = 16 }; /* right sides that are solved for at once */
+
 typedef struct {
     Kernel *k;
     Int n_groups, n_mass;
@@ -37,7 +39,7 @@ typedef struct {
     Factors *matrix;
     Real length;      /* characteristic */
     Real shortest;    /* largest entry of the chosen equation whose own is the smallest */
-    Real *x;          /* (nv + n_chosen) */
+    Real *x;          /* (nv + n_chosen, BLOCK) */
     Real *block;      /* to choose among the equations of a closure */
     Int *column;       /* the same: columns of it */
     Int n_given;
@@ -62,7 +64,7 @@ static int make_room(Kkt *s)
     s->chosen = kernel_ints(k, nc);
     s->unit = kernel_reals(k, nv);
     s->size = kernel_reals(k, nc);
-    s->x = kernel_reals(k, n);
+    s->x = kernel_reals(k, BLOCK * n);
     s->block = kernel_reals(k, most_in_a_group(s) * nv);
     s->column = kernel_ints(k, nv);
     s->mass = kernel_reals(k, s->n_given);
@@ -283,22 +285,28 @@ static int choose_and_factor(Kkt *s, const Real *mass)
 
 /* ---------------------------------------------------------------- solutions */
 
-/* Accelerations and multipliers (n_closure), 0 of equations that are not chosen, for joint forces
-   f - b (nv) and second derivatives (n_closure) of the equations at zero acceleration. */
-static void solve(Kkt *s, const Real *force, const Real *gamma, Real *a, Real *multipliers)
+/* Accelerations (n, nv) and multipliers (n, n_closure), 0 of equations that are not chosen, for n
+   joint forces f - b (n, nv), BLOCK at most, and second derivatives (n, n_closure) of the equations
+   at zero acceleration. */
+static void solve(Kkt *s, Int n, const Real *force, const Real *gamma, Real *a, Real *multipliers)
 {
     const Kernel *k = s->k;
+    const Int nv = k->nv, nc = k->n_closure;
     Real *x = s->x;
-    for (Int v = 0; v < k->nv; v++)
-        x[v] = k->scale[v] * s->unit[v] * force[v];
+    for (Int v = 0; v < nv; v++)
+        for (Int c = 0; c < n; c++)
+            x[v * n + c] = k->scale[v] * s->unit[v] * force[c * nv + v];
     for (Int i = 0; i < s->n_chosen; i++)
-        x[k->nv + i] = -gamma[s->chosen[i]] / s->size[i];
-    factors_solve(s->matrix, x);
-    for (Int v = 0; v < k->nv; v++)
-        a[v] = k->scale[v] * s->unit[v] * x[v];
-    memset(multipliers, 0, (size_t)k->n_closure * sizeof(Real));
+        for (Int c = 0; c < n; c++)
+            x[(nv + i) * n + c] = -gamma[c * nc + s->chosen[i]] / s->size[i];
+    factors_solve(s->matrix, n, x);
+    for (Int v = 0; v < nv; v++)
+        for (Int c = 0; c < n; c++)
+            a[c * nv + v] = k->scale[v] * s->unit[v] * x[v * n + c];
+    memset(multipliers, 0, (size_t)(n * nc) * sizeof(Real));
     for (Int i = 0; i < s->n_chosen; i++)
-        multipliers[s->chosen[i]] = -x[k->nv + i] / s->size[i];
+        for (Int c = 0; c < n; c++)
+            multipliers[c * nc + s->chosen[i]] = -x[(nv + i) * n + c] / s->size[i];
 }
 
 /* How far off equations are, by the size of the shortest: their entries are differences of places,
@@ -363,16 +371,21 @@ typedef struct {
     const Real *force;     /* (n, nv) f, and f - b where masses are given */
     const Real *armature;  /* (nv) of the tree */
     const Real *rounding;  /* (nv) by which part of it each joint force of the tree may be off */
+    Int n_actuated;
+    const Int *actuated;   /* (n_actuated) freedoms whose efforts are looked for, accelerations being
+                              given; NULL: accelerations are looked for */
+    Real *efforts;         /* (n, n_actuated) */
     Real *a, *closures;    /* (n, nv) accelerations; joint forces of the closures */
     Real *multipliers;     /* (n, n_closure), 0 of equations that are not chosen */
     Real *entry;           /* of the last: entries of J of all equations, for v / scale, row by row */
     Int *chosen;           /* (n_chosen) of the last; room for n_closure */
     Real *facts;           /* (n, 6) smallest over largest pivot; estimated error of the KKT system's
                               accelerations, how many equations are chosen; estimated error of all;
-                              whether round-off of the joint forces is most of that; whether a freedom
-                              of the limbs has no inertia, so that there are none */
+                              whether round-off of the joint forces is most of that; whether there are
+                              no results: a freedom of the limbs has no inertia, or it is not clear
+                              that closures and actuators together bear any force in one way */
 } KktTask;
-enum { PIVOT, OF_CORE, RANK, OF_ALL, OF_FORCES, NO_INERTIA, FACTS };
+enum { PIVOT, OF_CORE, RANK, OF_ALL, OF_FORCES, FAILED, FACTS };
 
 /* Evaluate at q, choose equations, factor and solve, for joint forces f - b. */
 static int solve_core(Kkt *s, const KktTask *task, Int i, const Real *mass, const Real *force)
@@ -385,7 +398,7 @@ static int solve_core(Kkt *s, const KktTask *task, Int i, const Real *mass, cons
     if (code != DONE)
         return code;
     equations_bias(k, &k->equations.all, task->v + i * k->nv);
-    solve(s, force, k->equations.bias, task->a + i * k->nv, multipliers);
+    solve(s, 1, force, k->equations.bias, task->a + i * k->nv, multipliers);
     forces_of(k, multipliers, task->closures + i * k->nv);
     facts[PIVOT] = s->matrix->pivot;
     facts[OF_CORE] = facts[OF_ALL] = estimated_error(s);
@@ -430,7 +443,7 @@ static int solve_tree(Kkt *s, const KktTask *task, Int i)
     const int code = tree_masses(task->tree, task->q + i * s->k->nq, task->v + i * nv, force,
                                  task->armature, s->mass, s->core);
     memset(facts, 0, FACTS * sizeof *facts);
-    facts[NO_INERTIA] = code != DONE;
+    facts[FAILED] = code != DONE;
     if (code != DONE)
         return DONE;
     const Int n = put_core(s, task->tree, force);
@@ -451,12 +464,81 @@ static int solve_tree(Kkt *s, const KktTask *task, Int i)
     return DONE;
 }
 
+/* ---------------------------------------------------------------- efforts of a motion */
+
+/* Factor the forces of the chosen equations and of the actuators, of the size of one. */
+static int factor_bearing(Kkt *s, const KktTask *task)
+{
+    const Kernel *k = s->k;
+    Entries *to = &s->matrix->entries;
+    if (!entries_begin(to, k->entry_start[k->n_closure] + task->n_actuated))
+        return NO_MEMORY;
+    for (Int i = 0; i < s->n_chosen; i++) {
+        const Int from = k->entry_start[s->chosen[i]], end = k->entry_start[s->chosen[i] + 1];
+        Real most = 0.0;
+        for (Int e = from; e < end; e++)
+            most = fmax(most, fabs(k->entry[e]));
+        for (Int e = from; e < end; e++)
+            entries_put(to, i, k->entry_v[e], k->entry[e] / most);
+    }
+    for (Int c = 0; c < task->n_actuated; c++)
+        entries_put(to, s->n_chosen + c, task->actuated[c], 1.0);
+    return factors_make(s->matrix, k->nv);
+}
+
+/* Joint velocities, by scale, that move one actuator at a time and leave the loops closed: efforts are
+   what the motion needs along these. */
+static int solve_efforts(Kkt *s, const KktTask *task, Int i)
+{
+    Kernel *k = s->k;
+    const Int nv = k->nv, n = task->n_actuated;
+    Real *needed = task->closures + i * nv, *facts = task->facts + FACTS * i;
+    int (*const ways[])(Kkt *) = {choose_all, choose_in_closures, choose_among_all};
+    memset(facts, 0, FACTS * sizeof *facts);
+    tree_evaluate(task->tree, &(TreeTask){.q = task->q + i * k->nq, .v = task->v + i * nv,
+                                          .a = task->a + i * nv, .armature = task->armature,
+                                          .tau = needed});
+    equations_values_near(k, task->q + i * k->nq, task->reference + i * k->n_angles);
+    equations_jacobian(k, &k->equations.all);
+    for (int way = 0; way < 3; way++) {
+        int code = ways[way](s);
+        s->matrix->pivot = 0.0;
+        if (code == DONE && s->n_chosen + n == nv)
+            code = factor_bearing(s, task);
+        if (code != DONE)
+            return code;
+        if (s->matrix->pivot > SURE)
+            break;
+    }
+    facts[PIVOT] = s->matrix->pivot;
+    facts[RANK] = (Real)s->n_chosen;
+    facts[FAILED] = !(s->matrix->pivot > SURE);
+    for (Int v = 0; v < nv; v++)
+        needed[v] -= task->force[i * nv + v];
+    for (Int c = 0; facts[FAILED] == 0.0 && c < n; c++) {
+        Real effort = 0.0;
+        memset(s->x, 0, (size_t)nv * sizeof(Real));
+        s->x[s->n_chosen + c] = 1.0;
+        factors_solve(s->matrix, 1, s->x);
+        for (Int v = 0; v < nv; v++)
+            effort += k->scale[v] * s->x[v] * needed[v];
+        task->efforts[i * n + c] = effort / k->scale[task->actuated[c]];
+    }
+    for (Int c = 0; facts[FAILED] == 0.0 && c < n; c++)
+        needed[task->actuated[c]] -= task->efforts[i * n + c];
+    return DONE;
+}
+
 EXPORT int kkt_accelerations(Kkt *s, const KktTask *task)
 {
     const Kernel *k = s->k;
+    for (Int c = 0; task->actuated && c < task->n_actuated; c++)
+        if (!within(task->actuated[c], k->nv))
+            return BAD_ARRAYS;
     for (Int i = 0; i < task->n; i++) {
-        const int code = task->tree ? solve_tree(s, task, i)
-                                    : solve_core(s, task, i, task->mass, task->force);
+        const int code = task->actuated ? solve_efforts(s, task, i)
+                         : task->tree   ? solve_tree(s, task, i)
+                                        : solve_core(s, task, i, task->mass, task->force);
         if (code != DONE)
             return code;
     }
@@ -471,6 +553,7 @@ EXPORT void kkt_solve(Kkt *s, Int n, const Real *force, const Real *gamma, Real 
                       Real *multipliers)
 {
     const Int nv = s->k->nv, nc = s->k->n_closure;
-    for (Int i = 0; i < n; i++)
-        solve(s, force + i * nv, gamma + i * nc, a + i * nv, multipliers + i * nc);
+    for (Int i = 0; i < n; i += BLOCK)
+        solve(s, n - i < BLOCK ? n - i : BLOCK, force + i * nv, gamma + i * nc, a + i * nv,
+              multipliers + i * nc);
 }
