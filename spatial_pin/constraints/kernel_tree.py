@@ -38,9 +38,9 @@ class TreePlacements:
 class _TreeTask(ctypes.Structure):
     """TreeTask in articulated.h."""
 
-    _fields_ = [(name, POINTER) for name in (
+    _fields_ = [("n", INT), *((name, POINTER) for name in (
         "q", "v", "a", "armature", "R", "p", "jacobian", "velocity", "acceleration", "tau",
-        "wrench", "outside", "by_q", "by_v")]
+        "wrench", "outside", "by_q", "by_v"))]
     _fields_ += [("n_products", INT), *((name, POINTER) for name in (
         "bodies", "a_parts", "b_parts", "values", "product_by_q", "product_by_v", "weights",
         "bent"))]
@@ -100,7 +100,7 @@ class KernelTree:
         self._tau, self._scratch, self._facts = np.empty(nv), np.zeros((4, nv)), np.empty(4)
         self._R, self._p = np.empty((n, 3, 3)), np.empty((n, 3))
         self._moving = np.empty((2, n, 6))
-        self._task = _TreeTask(*map(address, (
+        self._task = _TreeTask(1, *map(address, (
             self._q, self._v, self._a, self.armature, self._R, self._p)))
 
     def _create(self, scale: Array, is_core: NDArray[np.bool_]) -> None:

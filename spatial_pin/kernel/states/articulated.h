@@ -6,9 +6,10 @@
 
 typedef struct Tree Tree;
 
-/* A motion of a tree, and what it gives: as `_TreeTask` in kernel_tree.py. Outputs that are NULL are
-   not wanted. */
+/* n motions of a tree, and what each gives: as `_TreeTask` in kernel_tree.py. Outputs that are NULL are
+   not wanted; from `outside` on they are those of one motion. */
 typedef struct {
+    Int n;
     const Real *q, *v, *a;   /* (nq), (nv), (nv); v NULL: placements and Jacobian alone; a NULL: none */
     const Real *armature;    /* (nv) */
     Real *R, *p, *jacobian;  /* (n_joints, 9) by columns, (n_joints, 3); (6, nv) of the world */
@@ -36,7 +37,7 @@ typedef struct {
 /* Memory for the motions and forces of a kernel's tree, freed with the kernel. is_core: (n_joints)
    whether loops are built on each joint. */
 EXPORT int tree_create(Kernel *k, const Int *is_core, Tree **out);
-/* Evaluate a motion. */
+/* Evaluate motions. */
 EXPORT void tree_evaluate(Tree *s, const TreeTask *task);
 
 /* Masses of all joints at q, in the order of put_masses. Where joint forces `force` (nv) are given,

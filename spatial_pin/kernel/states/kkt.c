@@ -478,24 +478,25 @@ static int factor_bearing(Kkt *s, const KktTask *task)
         Real most = 0.0;
         for (Int e = from; e < end; e++)
             most = fmax(most, fabs(k->entry[e]));
+        s->size[i] = most;
         for (Int e = from; e < end; e++)
-            entries_put(to, i, k->entry_v[e], k->entry[e] / most);
+            entries_put(to, k->entry_v[e], i, k->entry[e] / most);
     }
     for (Int c = 0; c < task->n_actuated; c++)
-        entries_put(to, s->n_chosen + c, task->actuated[c], 1.0);
+        entries_put(to, task->actuated[c], s->n_chosen + c, 1.0);
     return factors_make(s->matrix, k->nv);
 }
 
-/* Joint velocities, by scale, that move one actuator at a time and leave the loops closed: efforts are
-   what the motion needs along these. */
+/* Efforts and multipliers that together are what the motion needs. */
 static int solve_efforts(Kkt *s, const KktTask *task, Int i)
 {
     Kernel *k = s->k;
     const Int nv = k->nv, n = task->n_actuated;
     Real *needed = task->closures + i * nv, *facts = task->facts + FACTS * i;
+    Real *efforts = task->efforts + i * n, *multipliers = task->multipliers + i * k->n_closure;
     int (*const ways[])(Kkt *) = {choose_all, choose_in_closures, choose_among_all};
     memset(facts, 0, FACTS * sizeof *facts);
-    tree_evaluate(task->tree, &(TreeTask){.q = task->q + i * k->nq, .v = task->v + i * nv,
+    tree_evaluate(task->tree, &(TreeTask){.n = 1, .q = task->q + i * k->nq, .v = task->v + i * nv,
                                           .a = task->a + i * nv, .armature = task->armature,
                                           .tau = needed});
     equations_values_near(k, task->q + i * k->nq, task->reference + i * k->n_angles);
@@ -513,19 +514,20 @@ static int solve_efforts(Kkt *s, const KktTask *task, Int i)
     facts[PIVOT] = s->matrix->pivot;
     facts[RANK] = (Real)s->n_chosen;
     facts[FAILED] = !(s->matrix->pivot > SURE);
-    for (Int v = 0; v < nv; v++)
+    for (Int v = 0; v < nv; v++) {
         needed[v] -= task->force[i * nv + v];
-    for (Int c = 0; facts[FAILED] == 0.0 && c < n; c++) {
-        Real effort = 0.0;
-        memset(s->x, 0, (size_t)nv * sizeof(Real));
-        s->x[s->n_chosen + c] = 1.0;
-        factors_solve(s->matrix, 1, s->x);
-        for (Int v = 0; v < nv; v++)
-            effort += k->scale[v] * s->x[v] * needed[v];
-        task->efforts[i * n + c] = effort / k->scale[task->actuated[c]];
+        s->x[v] = k->scale[v] * needed[v];
     }
-    for (Int c = 0; facts[FAILED] == 0.0 && c < n; c++)
-        needed[task->actuated[c]] -= task->efforts[i * n + c];
+    if (facts[FAILED] != 0.0)
+        return DONE;
+    factors_solve(s->matrix, 1, s->x);
+    memset(multipliers, 0, (size_t)k->n_closure * sizeof(Real));
+    for (Int e = 0; e < s->n_chosen; e++)
+        multipliers[s->chosen[e]] = s->x[e] / s->size[e];
+    for (Int c = 0; c < n; c++) {
+        efforts[c] = s->x[s->n_chosen + c] / k->scale[task->actuated[c]];
+        needed[task->actuated[c]] -= efforts[c];
+    }
     return DONE;
 }
 

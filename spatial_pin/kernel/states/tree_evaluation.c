@@ -216,7 +216,7 @@ static void copy_out(Real *out, const Real *from, Int n)
         memcpy(out, from, (size_t)n * sizeof *out);
 }
 
-EXPORT void tree_evaluate(Tree *s, const TreeTask *task)
+static void evaluate(Tree *s, const TreeTask *task)
 {
     Kernel *k = s->k;
     const Int n = k->n_joints;
@@ -248,3 +248,20 @@ EXPORT void tree_evaluate(Tree *s, const TreeTask *task)
     copy_out(task->p, k->p, 3 * n);
 }
 
+static Real *next(Real *row, Int size) { return row ? row + size : NULL; }
+
+EXPORT void tree_evaluate(Tree *s, const TreeTask *task)
+{
+    const Int nq = s->k->nq, nv = s->k->nv, n = s->k->n_joints;
+    TreeTask one = *task;
+    for (Int i = 0; i < task->n; i++) {
+        evaluate(s, &one);
+        one.q += nq;
+        one.v = one.v ? one.v + nv : NULL;
+        one.a = one.a ? one.a + nv : NULL;
+        one.R = next(one.R, 9 * n), one.p = next(one.p, 3 * n);
+        one.jacobian = next(one.jacobian, 6 * nv);
+        one.velocity = next(one.velocity, 6 * n), one.acceleration = next(one.acceleration, 6 * n);
+        one.tau = next(one.tau, nv), one.wrench = next(one.wrench, 6 * n);
+    }
+}
