@@ -225,6 +225,35 @@ class KernelTree:
         forces[0] = 0.0
         return forces
 
+    def at_many(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
+        """Return placements, Jacobians and forces through the joints of many motions.
+
+        Args:
+            q: (m, nq) configurations.
+            v: (m, nv) joint velocities.
+            a: (m, nv) joint accelerations.
+
+        Returns:
+            (m, njoints, 4, 3) as `placements`, (m, 6, nv) as `columns`, and (m, njoints, 6) as
+            `transmitted`.
+        """
+        self.take_masses()
+        m, n, nv = len(q), self._split.njoints, self.model.nv
+        given = [np.ascontiguousarray(x) for x in (q, v, a)]
+        given = [x if x.flags.writeable else x.copy() for x in given]
+        columns, tau, wrench = np.empty((m, 6, nv)), np.empty((m, nv)), np.empty((m, n, 6))
+        rotations, places = np.empty((m, n, 3, 3)), np.empty((m, n, 3))
+        task = _TreeTask(m, *map(address, given), address(self.armature), *map(address, (
+            rotations, places, columns)), tau=address(tau), wrench=address(wrench))
+        self._library.tree_evaluate(self.handle, ctypes.byref(task))
+        at, placements = self._carriers, np.empty((m, self.model.njoints, 4, 3))
+        np.matmul(self._tree.frames[at], rotations[:, at], out=placements[..., :3, :])
+        placements[..., 3, :] = places[:, at]
+        forces = (placements[..., None, :3, :] @ wrench[:, at].reshape(m, -1, 2, 3, 1)).reshape(
+            m, -1, 6)
+        forces[:, 0] = 0.0
+        return placements, columns, forces
+
     def derivatives(
         self, q: Array, v: Array, a: Array, outside: Array, out: Array, products: TreeProducts,
         weights: Array, bent: Array,

@@ -8,7 +8,7 @@ joint, are in `bushings`.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -198,6 +198,19 @@ def warn_of_no_inertia(
             f"mechanism {mechanism.name!r}: no link has a mass or a moment of inertia, so that "
             f"weights are missing from all forces and nothing is moved by {' and '.join(acting)}; "
             "give the links an <inertial> in the URDF")
+
+
+def at_state(external: Any) -> Mapping[str, pin.Force] | None:
+    """Return forces at frames of a State as they are.
+
+    Raises:
+        TypeError: they are a function, as only a Motion takes.
+    """
+    if callable(external):
+        raise TypeError("external is a function, which takes a Motion; of a State give a mapping "
+                        "of forces by frame")
+    forces: Mapping[str, pin.Force] | None = external
+    return forces
 
 
 def joint_efforts(mechanism: Mechanism, efforts: Mapping[str, float] | None) -> Array:

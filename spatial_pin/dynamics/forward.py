@@ -5,20 +5,26 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from spatial_pin._support.brief import first_names, words
 from spatial_pin._support.checks import checked
 from spatial_pin.assembly.state import State, moving_in_time
-from spatial_pin.dynamics.forces import Law, joint_efforts, warn_of_no_inertia
+from spatial_pin.dynamics.forces import Law, at_state, joint_efforts, warn_of_no_inertia
 from spatial_pin.dynamics.reactions import why_not_unique
 from spatial_pin.dynamics.solvers.equations_of_motion import Equations, equations_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.numerics.linalg import Array
+
+if TYPE_CHECKING:
+    from spatial_pin.dynamics.kinetostatics import Kinetostatics
+    from spatial_pin.dynamics.samples import External
+    from spatial_pin.motion.motion import Motion
 
 # Forces besides gravity, efforts and closures, as `Equations.update` takes them: those on frames,
 # laws of springs, slip speed of dry friction.
@@ -168,16 +174,28 @@ def _words(x: Array, unique: NDArray[np.bool_]) -> str:
     return "(" + ", ".join(marked) + ")"
 
 
+@overload
+def forward_dynamics(
+    mechanism: Mechanism, state: State, efforts: Mapping[str, float] | None = None, *,
+    external: Mapping[str, pin.Force] | None = None, laws: Mapping[str, Law] | None = None,
+    slip_speed: SlipSpeed | None = None,
+) -> Dynamics: ...
+@overload
+def forward_dynamics(
+    mechanism: Mechanism, state: Motion, efforts: Mapping[str, ArrayLike] | None = None, *,
+    external: External | None = None, laws: Mapping[str, Law] | None = None,
+    slip_speed: SlipSpeed | None = None,
+) -> Kinetostatics: ...
 @checked
 def forward_dynamics(
     mechanism: Mechanism,
-    state: State,
-    efforts: Mapping[str, float] | None = None,
+    state: State | Motion,
+    efforts: Mapping[str, Any] | None = None,
     *,
-    external: Mapping[str, pin.Force] | None = None,
+    external: External | None = None,
     laws: Mapping[str, Law] | None = None,
     slip_speed: SlipSpeed | None = None,
-) -> Dynamics:
+) -> Dynamics | Kinetostatics:
     """Solve accelerations, multipliers and reactions of a closed mechanism under forces.
 
     Gravity, the file's springs, damping and dry friction of joints (URDF, or the mechanism file)
@@ -188,9 +206,12 @@ def forward_dynamics(
 
     Args:
         mechanism: the mechanism.
-        state: configuration and velocity.
-        efforts: by driver, joint or coordinate [N·m about it, N along it].
-        external: by link, frame or joint, the force on it at its origin, world axes.
+        state: configuration and velocity; or a Motion of N samples, all of which are solved.
+        efforts: by driver, joint or coordinate [N·m about it, N along it]; over a Motion each may
+            be an array (N,).
+        external: by link, frame or joint, the force on it at its origin, world axes; over a Motion
+            each may be an array (N, 6), force and moment, or all a function of the time and the
+            State, or of the State alone, that returns such a mapping.
         laws: by spring, force as a function of (length, rate) instead of stiffness and damping,
             positive pulling together; about a joint torque of (angle, rate), positive turning back.
         slip_speed: speed at which dry friction has 76 % of its full value (tanh 1), instead of the
@@ -199,7 +220,7 @@ def forward_dynamics(
             all.
 
     Returns:
-        The Dynamics.
+        The Dynamics; over a Motion the Kinetostatics, at rest where that is no motion in time.
 
     Raises:
         SingularError: the loops lose rank there, or a freedom that forces act on has no inertia.
@@ -215,8 +236,12 @@ def forward_dynamics(
         >>> found.reactions["output_pin"].linear.round(3)  # on the rocker [N], world axes
         array([ 1.381, -0.   , -1.826])
     """
+    if not isinstance(state, State):
+        from spatial_pin.dynamics.kinetostatics import forward_over
+
+        return forward_over(mechanism, state, efforts, (external, laws, slip_speed))
     state = moving_in_time(mechanism, state)
-    mechanism = state.mechanism
+    mechanism, external = state.mechanism, at_state(external)
     load = external, laws, slip_speed
     with equations_of(mechanism) as equations:
         equations.update(state, external, laws, slip_speed)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from functools import cached_property
+from typing import TYPE_CHECKING, overload
 
 import numpy as np
 import pinocchio as pin
@@ -17,7 +18,7 @@ from spatial_pin.assembly.passive_freedoms import is_in_loop, passive_freedoms
 from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
-from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
+from spatial_pin.dynamics.forces import Law, at_state, warn_of_no_inertia
 from spatial_pin.dynamics.forward import Dynamics, Load
 from spatial_pin.dynamics.reactions import UNMOVED
 from spatial_pin.dynamics.solvers.equations_of_motion import Equations, equations_of
@@ -33,6 +34,11 @@ from spatial_pin.mobility.idle_freedoms import idle_freedoms
 from spatial_pin.motion.summary import EFFORTS
 from spatial_pin.numerics.linalg import Array, common_rows, decompose, independent_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
+
+if TYPE_CHECKING:
+    from spatial_pin.dynamics.kinetostatics import Kinetostatics
+    from spatial_pin.dynamics.samples import External
+    from spatial_pin.motion.motion import Motion
 
 NO_MOTOR = "no motor acts on a component of a ball or of a floating joint"
 
@@ -163,16 +169,30 @@ class Efforts(Dynamics):
         return "\n".join([*lines, super().__str__()])
 
 
+@overload
+def inverse_dynamics(
+    mechanism: Mechanism, state: State,
+    actuated: Iterable[str] | Mapping[str, float] | None = None, *,
+    external: Mapping[str, pin.Force] | None = None, laws: Mapping[str, Law] | None = None,
+    slip_speed: SlipSpeed | None = None,
+) -> Efforts: ...
+@overload
+def inverse_dynamics(
+    mechanism: Mechanism, state: Motion,
+    actuated: Iterable[str] | Mapping[str, float] | None = None, *,
+    external: External | None = None, laws: Mapping[str, Law] | None = None,
+    slip_speed: SlipSpeed | None = None,
+) -> Kinetostatics: ...
 @checked
 def inverse_dynamics(
     mechanism: Mechanism,
-    state: State,
+    state: State | Motion,
     actuated: Iterable[str] | Mapping[str, float] | None = None,
     *,
-    external: Mapping[str, pin.Force] | None = None,
+    external: External | None = None,
     laws: Mapping[str, Law] | None = None,
     slip_speed: SlipSpeed | None = None,
-) -> Efforts:
+) -> Efforts | Kinetostatics:
     """Solve the efforts that move a mechanism as `state` says, and the reactions.
 
     At rest this is statics. All that moves must be actuated, or be without load: a link that hangs
@@ -186,15 +206,17 @@ def inverse_dynamics(
 
     Args:
         mechanism: the mechanism.
-        state: configuration, velocity and acceleration, from `solve_rates`.
+        state: configuration, velocity and acceleration, from `solve_rates`; or a Motion, of which
+            all samples are solved (`kinetostatics`).
         actuated: drivers, joints or coordinates that have efforts, by default all drivers; with
             weights (a mapping), the sum of weight * effort² is least.
-        external: by link, frame or joint, the force on it at its origin, world axes.
+        external: by link, frame or joint, the force on it at its origin, world axes; over a Motion
+            as for `forward_dynamics`.
         laws: of springs, as for `forward_dynamics`.
         slip_speed: of dry friction, as for `forward_dynamics`; there is none at rest.
 
     Returns:
-        The Efforts.
+        The Efforts; over a Motion the Kinetostatics.
 
     Raises:
         SpatialPinError: a freedom is not actuated, or carries load though nobody drives it; says
@@ -212,8 +234,13 @@ def inverse_dynamics(
         >>> found.reactions["output_pin"].linear.round(4)  # on the rocker [N], world axes
         array([-6.2348, -0.    , -8.7523])
     """
+    if not isinstance(state, State):
+        from spatial_pin.dynamics.kinetostatics import kinetostatics
+
+        return kinetostatics(mechanism, state, actuated, external=external, laws=laws,
+                             slip_speed=slip_speed)
     state = moving_in_time(mechanism, state)
-    mechanism = state.mechanism
+    mechanism, external = state.mechanism, at_state(external)
     actuation = actuation_of(mechanism, actuated)
     warn_of_no_inertia(mechanism, external=external)
     load = external, laws, slip_speed

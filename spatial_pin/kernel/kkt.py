@@ -29,19 +29,25 @@ class _KktTask(ctypes.Structure):
         "actuated", "efforts", "a", "closures", "multipliers", "entry", "chosen", "facts"))]
 
 
+RANK, ERROR, FAILED = 2, 3, 5  # among the facts
+
+
 class Accelerated(NamedTuple):
-    """Accelerations of a tree with loops at n configurations, in arrays of their own.
+    """Accelerations, or efforts, of a tree with loops at n configurations.
 
     Attributes:
         a: (n, nv) accelerations.
+        efforts: (n, k) of actuators.
         closures: (n, nv) joint forces of the closures.
-        facts: (n, 6) smallest over largest pivot, estimated error of the KKT system, rank of the
-            closure equations, estimated error of all; whether that is mostly round-off of the joint
-            forces, and whether a freedom outside of loops has no inertia, so that there are none.
+        multipliers: (n, n_closure) 0 of equations that are left out.
+        facts: (n, 6) as in kkt.c: the rank of the closure equations, the estimated error of
+            accelerations, and whether there are no results are among them.
     """
 
     a: Array
+    efforts: Array
     closures: Array
+    multipliers: Array
     facts: Array
 
 
@@ -174,28 +180,31 @@ class KKT:
         return None if failed else efforts
 
     def of_many(
-        self, q: Array, v: Array, reference: Array, force: Array
+        self, q: Array, v: Array, reference: Array, force: Array, a: Array | None = None,
+        actuated: NDArray[np.int64] | None = None,
     ) -> Accelerated:
-        """Return what `of_tree` does of many configurations.
+        """Return what `of_tree` finds at many configurations, or what `efforts_of` does.
 
         Args:
             q: (n, nq) configurations.
             v: (n, nv) joint velocities.
             reference: (n, n_angles) from which the angles of screws count [rad].
             force: (n, nv) joint forces.
+            a: (n, nv) accelerations, where efforts are wanted.
+            actuated: (k,) velocity entries that have efforts.
         """
         assert self._tree
         self._tree.take_masses()
-        n, nv = v.shape
+        n, nv, k = len(q), len(self.a), 0 if actuated is None else len(actuated)
         given = [numbers(x, x.shape) for x in (q, v, reference, force)]
-        out = Accelerated(np.empty((n, nv)), np.empty((n, nv)), np.empty((n, 6)))
-        multipliers = np.empty((n, len(self._chosen)))
-        task = _KktTask(n, self._tree.handle, armature=address(self._tree.armature))
-        arrays = dict(zip(("q", "v", "reference", "force"), given, strict=True)) | dict(
-            rounding=self._rounding, a=out.a, closures=out.closures, multipliers=multipliers,
-            entry=self._values, chosen=self._chosen, facts=out.facts)
-        for name, array in arrays.items():
-            setattr(task, name, address(array))
+        out = Accelerated(np.empty((n, nv)) if a is None else numbers(a, (n, nv)),
+                          np.empty((n, k)), np.empty((n, nv)), np.empty((n, len(self._chosen))),
+                          np.empty((n, len(self._facts))))
+        task = _KktTask.from_buffer_copy(self._task)
+        task.n, task.n_actuated = n, k
+        task.actuated = None if actuated is None else address(actuated)
+        task.q, task.v, task.reference, task.force = map(address, given)
+        task.a, task.efforts, task.closures, task.multipliers, task.facts = map(address, out)
         check(self._library.kkt_accelerations(self._handle, ctypes.byref(task)))
         return out
 

@@ -10,11 +10,11 @@ from the differences of its own accelerations on trees with composite joints, an
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin._support.checks import checked
@@ -22,22 +22,26 @@ from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.dynamics.derivatives.reaction_derivatives import Linear, ReactionChanges
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
 from spatial_pin.dynamics.derivatives.spring_derivatives import ExternalWrenches, Slopes, Springs
-from spatial_pin.dynamics.forces import Law, joint_efforts, warn_of_no_inertia
+from spatial_pin.dynamics.forces import Law, at_state, joint_efforts, warn_of_no_inertia
 from spatial_pin.dynamics.forward import Dynamics
+from spatial_pin.dynamics.samples import External, efforts_over, forces_at
 from spatial_pin.dynamics.solvers.equations_of_motion import Equations, equations_of
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
+from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array, null_space
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 
 class Derivatives:
-    """Derivatives of `forward_dynamics` at a state.
+    """Derivatives of `forward_dynamics` at a state, or at the N samples of a motion.
 
     Changes of q are joint velocities (the tangent of `pin.integrate`). Where loops are
     overconstrained, a_by_q dq + a_by_v dv holds for changes that keep the loops closed, in position
     and in velocity; the multipliers are those of `rows` alone, the others being zero.
+
+    Over a Motion all have a leading axis (N, ...).
 
     Attributes:
         a: (nv,) the accelerations [rad/s², m/s²].
@@ -56,7 +60,8 @@ class Derivatives:
     """
 
     def __init__(
-        self, a: Linear, rows: NDArray[np.intp], multipliers: Linear, reactions: ReactionChanges
+        self, a: Linear, rows: NDArray[np.intp], multipliers: Linear,
+        reactions: ReactionChanges | _OfSamples,
     ) -> None:
         self.a, self.a_by_q, self.a_by_v, self.a_by_effort = a
         self.rows = rows
@@ -86,17 +91,34 @@ class Derivatives:
         return self._borne[1]
 
     def __repr__(self) -> str:
-        return (f"Derivatives({len(self.a)} accelerations, {len(self.rows)} multipliers and the "
-                f"reactions by {len(self.a)} q, v and efforts)")
+        nv, of_many = self.a.shape[-1], f" at {len(self.a)} samples" if self.a.ndim > 1 else ""
+        return (f"Derivatives({nv} accelerations, {self.rows.shape[-1]} multipliers and the "
+                f"reactions by {nv} q, v and efforts{of_many})")
+
+
+class _OfSamples(NamedTuple):
+    """The reactions of the samples of a motion and their derivatives."""
+
+    samples: list[Derivatives]
+
+    def all(self) -> tuple[dict[str, Linear], Linear]:
+        """Return the reactions by pair and the wrench on the fixed link."""
+        pairs, ground = zip(*((x.reactions, x.on_ground) for x in self.samples), strict=True)
+        return {name: stacked(x[name] for x in pairs) for name in pairs[0]}, stacked(ground)
+
+
+def stacked(parts: Iterable[Linear]) -> Linear:
+    """Return quantities of samples and their derivatives as one, with a leading axis."""
+    return Linear(*(np.stack(x) for x in zip(*parts, strict=True)))
 
 
 @checked
 def dynamics_derivatives(
     mechanism: Mechanism,
-    state: State,
-    efforts: Mapping[str, float] | None = None,
+    state: State | Motion,
+    efforts: Mapping[str, Any] | None = None,
     *,
-    external: Mapping[str, pin.Force] | None = None,
+    external: External | None = None,
     laws: Mapping[str, Law] | None = None,
     slopes: Mapping[str, Slopes] | None = None,
     slip_speed: SlipSpeed | None = None,
@@ -105,10 +127,10 @@ def dynamics_derivatives(
 
     Args:
         mechanism: the mechanism, with its springs and gravity.
-        state: configuration and velocity.
-        efforts: by driver, joint or coordinate [N·m, N].
+        state: configuration and velocity; or a Motion, at all samples of which they are wanted.
+        efforts: by driver, joint or coordinate [N·m, N]; over a Motion as for `forward_dynamics`.
         external: by link, frame or joint, the force on it at its origin, world axes; it keeps its
-            world axes as the frame moves.
+            world axes as the frame moves. Over a Motion as for `forward_dynamics`.
         laws: of springs, as for `forward_dynamics`; smooth at the state.
         slopes: by spring with a law, its derivatives with respect to (length, rate) as a function
             of (length, rate); extrapolated differences of the law where not given.
@@ -132,8 +154,10 @@ def dynamics_derivatives(
         >>> found.a_by_effort[:, 0].round(1)  # rad/s² per N·m on the crank
         array([ 105.3, -130.9,   20.4])
     """
+    if not isinstance(state, State):
+        return _over(mechanism, state, efforts, external, laws, slopes, slip_speed)
     state = moving_in_time(mechanism, state)
-    mechanism = exact_mechanism(state)
+    mechanism, external = exact_mechanism(state), at_state(external)
     effort = joint_efforts(mechanism, efforts)
     with equations_of(mechanism) as equations:
         equations.update(state, external, laws, slip_speed)
@@ -150,6 +174,28 @@ def dynamics_derivatives(
     a, lam = Linear(answer.a, *a_by), Linear(multipliers[chosen], *multipliers_by[:, chosen])
     return Derivatives(a, chosen, lam, ReactionChanges(
         answer, rows, springs, outside, effort, a, lam, chosen))
+
+
+def _over(
+    mechanism: Mechanism, motion: Motion, efforts: Mapping[str, Any] | None,
+    external: External | None, *more: Any,
+) -> Derivatives:
+    """Return the derivatives at all samples of a motion."""
+    if not len(motion):
+        raise SpatialPinError("the motion has no sample")
+    rows, at = efforts_over(mechanism, motion, efforts), forces_at(mechanism, motion, external)
+    laws, slopes, slip_speed = more
+    samples = []
+    for k in range(len(motion)):
+        state = motion.state(k)
+        samples.append(dynamics_derivatives(
+            mechanism, state, {name: float(x[k]) for name, x in rows.items()},
+            external=at(k, state) if at else None, laws=laws, slopes=slopes,
+            slip_speed=slip_speed))
+    a, multipliers = (stacked(Linear(*(getattr(x, name) for name in (
+        of, f"{of}_by_q", f"{of}_by_v", f"{of}_by_effort"))) for x in samples)
+        for of in ("a", "multipliers"))
+    return Derivatives(a, np.stack([x.rows for x in samples]), multipliers, _OfSamples(samples))
 
 
 def exact_mechanism(state: State) -> Mechanism:

@@ -113,11 +113,11 @@ class MotionEquations(Loops):
         a = self.by_kkt(state.q, state.v, self.angle_reference, given, needed).copy()
         closures, error = kkt.closures.copy(), kkt.error
         # the least constraint is dense: of a large tree only where the KKT system is singular
-        is_accurate = kkt.pivot >= TOLERANCES.rank if self._is_large else error <= DOUBTFUL
+        is_accurate = kkt.pivot >= TOLERANCES.rank if self.is_large else error <= DOUBTFUL
         self.check_rank(kkt.rank)
         if is_accurate:
             return a, closures, error
-        if is_in_kernel(self.model) and not self._is_large and kkt.pivot >= TOLERANCES.zero:
+        if is_in_kernel(self.model) and not self.is_large and kkt.pivot >= TOLERANCES.zero:
             corrected = self._corrected(a, closures, given)
             if corrected[2] <= CORRECTED:
                 return corrected
@@ -196,9 +196,9 @@ class MotionEquations(Loops):
         has_core = self.limbs.has_core
         if has_core:
             self.check_rank(of_core.rank)
-            if self._is_large and not of_core.pivot >= TOLERANCES.rank:
+            if self.is_large and not of_core.pivot >= TOLERANCES.rank:
                 return False
-        if of_core.error_of_tree <= DOUBTFUL or self._is_large:
+        if of_core.error_of_tree <= DOUBTFUL or self.is_large:
             return True
         if not has_core:
             return self.model.nv > PROBED or of_core.is_of_forces

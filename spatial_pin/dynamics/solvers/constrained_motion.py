@@ -40,6 +40,7 @@ class Loops:
 
     Attributes:
         scale: (nv,) velocity of a unit of each scaled unknown.
+        is_large: whether it is treated as a large one.
         bodies: mass matrix and inverse dynamics of the tree.
     """
 
@@ -47,7 +48,7 @@ class Loops:
         self.mechanism, self.model = mechanism, mechanism.model
         self.constraints, self.scale = constraints_of(mechanism), mechanism.velocity_scale
         self.n_closure = self.constraints.n_closure
-        self._is_large = is_large(self.model) if large is None else large
+        self.is_large = is_large(self.model) if large is None else large
         self.bodies = bodies_of(self.model)
         self.rest, self._no_freedoms = np.zeros(self.model.nv), np.zeros((0, self.model.nv))
         self._regular: Regular | None = None
@@ -87,7 +88,7 @@ class Loops:
         evaluation = self._evaluation
         if self._placed is not self.state:
             evaluation.angle_reference[:] = self.angle_reference
-            if self._is_large:
+            if self.is_large:
                 evaluation.update(self.state.q, with_jacobian=False)
             else:
                 evaluation.update(self.state.q)
@@ -144,7 +145,7 @@ class Loops:
     @property
     def is_sparse(self) -> bool:
         """Whether the subspaces are sparse: those of a large tree whose numbers are exact."""
-        return self._is_large and self._rank is None
+        return self.is_large and self._rank is None
 
     @property
     def tied_freedoms(self) -> tuple[Array, int]:
@@ -190,6 +191,12 @@ class Loops:
 
     # ------------------------------------------------------------ rank
 
+    def keeps_rank(self, rank: int, q: Array) -> bool:
+        """Whether the equations surely keep this rank near q (nq,), by what is known of them."""
+        known = self._regular
+        return has_constant_rank(self.mechanism, self.n_closure, rank) or (
+            known is not None and known.holds(self.mechanism, q, rank))
+
     def check_rank(self, rank: int) -> None:
         """Refuse configurations in which the loops have lost rank.
 
@@ -198,12 +205,10 @@ class Loops:
         """
         if self._kept_at is self.state and self._kept == rank:
             return
-        known = self._regular
-        if has_constant_rank(self.mechanism, self.n_closure, rank) or (
-                known is not None and known.holds(self.mechanism, self.state.q, rank)):
+        if self.keeps_rank(rank, self.state.q):
             self._kept_at, self._kept = self.state, rank
             return
-        if self._is_large and self.model.nv > PROBED:
+        if self.is_large and self.model.nv > PROBED:
             self._check_second_order(rank)
             return
         with loops_of(self.mechanism, self.angle_reference) as evaluation:
