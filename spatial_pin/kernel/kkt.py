@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.constraints.kernel_tree import KernelTree
+from spatial_pin.constraints.kernel_tree import KernelTree, TreeProducts
 from spatial_pin.kernel.kernel import Kernel, numbers
 from spatial_pin.kernel.library import INT, POINTER, address, check
 from spatial_pin.kernel.packing import packed
@@ -218,8 +218,33 @@ class KKT:
         n = len(force)
         force, gamma = numbers(force, (n, len(self._v))), numbers(gamma, (n, len(self._chosen)))
         a, multipliers = np.empty_like(force), np.empty_like(gamma)
-        self._library.kkt_solve(self._handle, n, *map(address, (force, gamma, a, multipliers)))
+        self._library.kkt_solve(
+            self._handle, n, *map(address, (force, gamma, a, multipliers)), None, None)
         return a, multipliers
+
+    def changes(
+        self, tree: KernelTree, motion: tuple[Array, Array, Array], products: TreeProducts,
+        multipliers: Array,
+    ) -> tuple[Array, Array]:
+        """Return derivatives by q, v and efforts: of a (3, nv, nv), multipliers (3, nv, n_closure).
+
+        A row for each entry of q, v or efforts, with the last matrix, where every equation is a
+        product and nothing else acts.
+
+        Args:
+            tree: of single joints, relative to the centre.
+            motion: q (nq,), v and a (nv,).
+            products: of the equations.
+            multipliers: (n_closure,) at which the joint forces are differentiated.
+        """
+        nv, n = len(self.a), len(self._chosen)
+        force, gamma = np.zeros((3, nv, nv)), np.empty((3, nv, n))
+        a_by, multipliers_by = np.empty_like(force), np.empty_like(gamma)
+        task = tree.changes_task(motion, products, multipliers, force)
+        self._library.kkt_solve(
+            self._handle, 3 * nv, *map(address, (force, gamma, a_by, multipliers_by)), tree.handle,
+            ctypes.byref(task))
+        return a_by, multipliers_by
 
     @property
     def entries(self) -> tuple[Places, Places, Array]:

@@ -15,7 +15,7 @@ from spatial_pin.dimensions import tolerance
 from spatial_pin.dimensions.predictions import Predictions
 from spatial_pin.dimensions.sensitivity import _Around
 from spatial_pin.dimensions.varied_samples import VariedSamples
-from spatial_pin.dynamics.kinetostatics import _StoredSamples
+from spatial_pin.dynamics.samples import LoadedSamples
 from spatial_pin.dynamics.simulation.run import Run
 from spatial_pin.inverse_kinematics import reach_path
 from spatial_pin.mobility.mode_search import ModeSearch
@@ -215,7 +215,7 @@ def test_forces_and_derivatives_along_a_motion_are_kept_until_ctrl_c(monkeypatch
     motion = sp.sweep(mechanism, "crank", VALUES, speed=2.0)
     forces, derived = sp.kinetostatics(mechanism, motion), sp.sensitivity(
         mechanism, motion, "rocker_pin", ["r3"])
-    monkeypatch.setattr(_StoredSamples, "fill", interrupting(_StoredSamples.fill, 21))
+    monkeypatch.setattr(LoadedSamples, "place", interrupting(LoadedSamples.place, 22))  # one before
     with pytest.raises(sp.Interrupted) as stopped:
         sp.kinetostatics(mechanism, motion)
     assert "not whole" in repr(stopped.value)
@@ -232,15 +232,15 @@ def test_forces_and_derivatives_along_a_motion_are_kept_until_ctrl_c(monkeypatch
                                   derived.derivatives["r3"][:20])
 
 
-@pytest.mark.parametrize(("words", "owner", "name"), [
-    (["statics", "four_bar"], _StoredSamples, "fill"),
-    (["sensitivity", "four_bar", "rocker_pin"], _Around, "differentiated"),
-    (["transmission", "four_bar", "rocker_pin"], sp, "transmission"),
+@pytest.mark.parametrize(("words", "owner", "name", "at"), [
+    (["statics", "four_bar"], LoadedSamples, "place", 9),  # the first one is placed once before
+    (["sensitivity", "four_bar", "rocker_pin"], _Around, "differentiated", 8),
+    (["transmission", "four_bar", "rocker_pin"], sp, "transmission", 8),
 ], ids=["statics", "sensitivity", "transmission"])
 def test_commands_tell_what_they_found_along_a_sweep_until_ctrl_c(
-        monkeypatch, tmp_path, capsys, words, owner, name):
+        monkeypatch, tmp_path, capsys, words, owner, name, at):
     file = tmp_path / "found.csv"
-    monkeypatch.setattr(owner, name, interrupting(getattr(owner, name), 8))
+    monkeypatch.setattr(owner, name, interrupting(getattr(owner, name), at))
     assert main([*words, "--over", "crank=0..3", "--steps", "31", "--csv", str(file)]) == 130
     assert capsys.readouterr().err == "spatial-pin: cut short after 7 values\n"
     rows = file.read_text().splitlines()

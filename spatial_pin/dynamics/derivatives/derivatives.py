@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.checks import checked
 from spatial_pin.assembly.state import State, moving_in_time
+from spatial_pin.constraints.tree_motion import tree_of_single_joints
 from spatial_pin.dynamics.derivatives.reaction_derivatives import Linear, ReactionChanges
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
 from spatial_pin.dynamics.derivatives.spring_derivatives import ExternalWrenches, Slopes, Springs
@@ -246,11 +247,16 @@ def _changes(
         SingularError: a motion has no inertia.
     """
     nv, n, state, limbs = rows.nv, equations.n_closure, equations.state, equations.limbs
+    kkt = equations.whole_kkt(equations.rest) if n else None
+    if kkt and kkt.pivot >= TOLERANCES.zero and rows.is_plain and not outside.given:
+        with tree_of_single_joints(rows.mechanism) as tree:
+            a_by, multipliers_by = kkt.changes(tree, rows.motion, rows.of_products, multipliers)
+        return a_by.swapaxes(1, 2), multipliers_by.swapaxes(1, 2)
     work = np.zeros((3, nv, nv))
     changes_of_forces(rows, springs, outside, multipliers, work[:2])
     np.negative(work[:2], out=work[:2])
-    np.fill_diagonal(work[2], 1.0)
     flat = work.reshape(3 * nv, nv)
+    work.reshape(-1)[2 * nv * nv :: nv + 1] = 1.0
     if not n and limbs.respond(state, flat):
         return work.swapaxes(1, 2), np.zeros((3, 0, nv))
     kkt = equations.whole_kkt(equations.rest)

@@ -37,18 +37,38 @@ class RowDerivatives:
         motion: q (nq,), v and a (nv,).
 
     Attributes:
-        values: (3, n) of the products and of their first and second rates.
-        by_q, by_v: (3, n, nv) derivatives of each of the three.
+        of_products: the products.
+        is_plain: whether every row is a product, and there is nothing else.
     """
 
     def __init__(self, mechanism: Mechanism, forces: Forces, motion: Motion) -> None:
         self.mechanism, self.constraints = mechanism, constraints_of(mechanism)
         self.motion, self.nv, self.forces = motion, mechanism.model.nv, forces
-        self.closed = closed = self.constraints.passive_at
-        self._products = _products_of(mechanism)
-        with tree_of_single_joints(mechanism) as tree:
-            self.values, self.by_q, self.by_v = tree.products(*motion, self._products)
-        self.values[0, :closed] -= self.constraints.constants[:closed]
+        self.closed = self.constraints.passive_at
+        self.is_plain = not (self.constraints.composed or forces.exist)
+        self.of_products = _products_of(mechanism)
+
+    @property
+    def values(self) -> Array:
+        """(3, n) of the products and of their first and second rates."""
+        return self._evaluated[0]
+
+    @property
+    def by_q(self) -> Array:
+        """(3, n, nv) derivatives of each of the three by q."""
+        return self._evaluated[1]
+
+    @property
+    def by_v(self) -> Array:
+        """(3, n, nv) derivatives of each of the three by v."""
+        return self._evaluated[2]
+
+    @cached_property
+    def _evaluated(self) -> tuple[Array, Array, Array]:
+        with tree_of_single_joints(self.mechanism) as tree:
+            found = tree.products(*self.motion, self.of_products)
+        found[0][0, : self.closed] -= self.constraints.constants[: self.closed]
+        return found
 
     @cached_property
     def bodies(self) -> TreeMotion:
@@ -71,9 +91,9 @@ class RowDerivatives:
             weights: (n,) of the products, in whose sum the second derivatives are taken.
             out: (2, nv, nv) zeros, to be filled with the transposed derivatives by q and by v.
         """
-        bent = np.zeros_like(out[0])
+        bent = np.zeros((self.nv, self.nv))
         with tree_of_single_joints(self.mechanism) as tree:
-            tree.derivatives(*self.motion, outside, out, self._products, weights, bent)
+            tree.derivatives(*self.motion, outside, out, self.of_products, weights, bent)
         out[0] -= bent.T
 
     def changes(self, order: int) -> tuple[Array, Array]:
@@ -125,9 +145,10 @@ class RowDerivatives:
             multipliers: (n_closure,) of the closure rows.
             pulls: of the springs, by half their squared lengths, and by the products of bushings.
         """
-        c, by_q = self.constraints, self.by_q[0]
+        c = self.constraints
         if not (c.composed or len(pulls)):
             return multipliers, None
+        by_q = self.by_q[0]
         weights, total = np.zeros(len(by_q)), np.zeros((self.nv, self.nv))
         weights[c.plain], weights[self.closed :] = multipliers[c.plain], pulls
         for group in c.composed:

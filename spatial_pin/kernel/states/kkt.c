@@ -549,12 +549,36 @@ EXPORT int kkt_accelerations(Kkt *s, const KktTask *task)
     return DONE;
 }
 
+/* How joint forces (3 nv, nv) and second derivatives of the equations (3 nv, n_closure), each a product
+   of the task, change at constant multipliers: a row for each entry of q, of v, and of the efforts. */
+static void put_changes(const Kkt *s, Tree *tree, const TreeTask *task, Real *force, Real *gamma)
+{
+    const Int nv = s->k->nv, nc = s->k->n_closure, last = 2 * nc * nv;
+    tree_evaluate(tree, task); /* by_q and by_v are the beginning of force */
+    for (Int j = 0; j < nv; j++)
+        for (Int v = 0; v < nv; v++) {
+            Real *by_q = force + j * nv + v, *by_v = by_q + nv * nv;
+            *by_q = task->bent[v * nv + j] - *by_q;
+            *by_v = -*by_v;
+            by_v[nv * nv] = j == v ? 1.0 : 0.0;
+        }
+    for (Int j = 0; j < nv; j++)
+        for (Int i = 0; i < nc; i++) {
+            gamma[j * nc + i] = task->product_by_q[last + i * nv + j];
+            gamma[(nv + j) * nc + i] = task->product_by_v[last + i * nv + j];
+        }
+    memset(gamma + 2 * nv * nc, 0, (size_t)(nv * nc) * sizeof(Real));
+}
+
 /* Solve with the last factors: forces f - b (n, nv), gamma (n, n_closure) -> a and multipliers,
- * alike. */
-EXPORT void kkt_solve(Kkt *s, Int n, const Real *force, const Real *gamma, Real *a,
-                      Real *multipliers)
+ * alike. Where a task is given, n is 3 nv: of the derivatives by q, v and efforts; `force`, zeros
+ * before, and gamma are made of it. */
+EXPORT void kkt_solve(Kkt *s, Int n, Real *force, Real *gamma, Real *a, Real *multipliers, Tree *tree,
+                      const TreeTask *task)
 {
     const Int nv = s->k->nv, nc = s->k->n_closure;
+    if (task)
+        put_changes(s, tree, task, force, gamma);
     for (Int i = 0; i < n; i += BLOCK)
         solve(s, n - i < BLOCK ? n - i : BLOCK, force + i * nv, gamma + i * nc, a + i * nv,
               multipliers + i * nc);
