@@ -6,6 +6,7 @@ from .accuracy.tradeoff import Measured as Measured, Tradeoff as Tradeoff, trade
 from .assembly.assemble import assemble as assemble
 from .assembly.export_mjcf import export_mjcf as export_mjcf
 from .assembly.state import (
+    FrameMotion as FrameMotion,
     Gap as Gap,
     PointRates as PointRates,
     RelativeMotion as RelativeMotion,
@@ -48,6 +49,7 @@ from .errors import (
     LimitError as LimitError,
     MechanismFileError as MechanismFileError,
     ReachError as ReachError,
+    SampleError as SampleError,
     SingularError as SingularError,
     SpatialPinError as SpatialPinError,
     SpatialPinWarning as SpatialPinWarning,
@@ -56,6 +58,8 @@ from .errors import (
 )
 from .formats.drawing import Drawing as Drawing
 from .formats.files import list_mechanisms as list_mechanisms, load as load
+from .function.control_loop import ControlLoop as ControlLoop
+from .function.function import Function as Function, function as function
 from .inverse_kinematics import targets as targets
 from .inverse_kinematics.reach import reach as reach
 from .inverse_kinematics.reach_path import reach_path as reach_path
@@ -84,11 +88,11 @@ from .motion.limits import Bound as Bound, Range as Range, limits as limits
 from .motion.motion import (
     ErrorEstimate as ErrorEstimate,
     Event as Event,
-    FrameMotion as FrameMotion,
     Motion as Motion,
     Output as Output,
 )
 from .motion.rated_limits import BeyondLimit as BeyondLimit
+from .motion.scattered_states import states as states
 from .motion.sweep import sweep as sweep
 from .motion.trace import trace as trace
 from .proximity.clearance import (

@@ -147,6 +147,19 @@ class UnknownNameError(SpatialPinError, LookupError):
         super().__init__(f"{where}no {kind} {name!r}; {suggestion(name, self.valid)}")
 
 
+class SampleError(SpatialPinError, IndexError):
+    """A motion has no sample of that number.
+
+    Example:
+        >>> motion = sp.sweep(sp.load("rssr"), "crank", [0.0, 0.5, 1.0])
+        >>> try:
+        ...     motion[3]
+        ... except sp.SampleError as error:
+        ...     print(error)
+        there is no sample 3: 3 samples are 0 to 2, or -3 to -1
+    """
+
+
 class AssemblyError(SpatialPinError):
     """The solver reached no closed configuration.
 

@@ -237,7 +237,7 @@ LEVELS = {
     "reference": Accuracy(tolerance=1e-15, time_tolerance=1e-13),
 }
 
-INTERPOLATED = 1e-8  # tolerance from which on samples of a sweep are interpolated, to that error
+INTERPOLATED = 1e-9  # tolerance from which on samples of a sweep are interpolated, to that error
 LOOSEST = 1e-2  # of these: farther apart, points would not be predicted
 # error that each setting keeps, the cheapest first, as printed by scripts/accuracy_table.py
 MEASURED: dict[str, tuple[tuple[float, Accuracy], ...]] = {

@@ -51,11 +51,12 @@ BARS = (
           key("sweep", n, f"sweep, for_error({error:g})"), None, [key("sweep", n, "sweep")], ratio)
       for n, error, ratio in ((360, 1e-2, 0.5), (360, 1e-4, 0.7), (3600, 1e-4, 0.33))),
     Bar("sweep four-bar, 360 values with rates", key("four_bar", 360, "sweep"), None,
-        [key("four_bar", 360, "numba steps with rates", "pylinkage")], 1.5),
+        [key("four_bar", 360, "numba steps with rates", "pylinkage")]),
     Bar("sweep Gough platform, 360 values", key("stewart", 360, "sweep"), 2.5e-3),
     Bar("sweep Gough platform, 3600 values", key("stewart", 3600, "sweep"), 2e-2),
     Bar("excavator, 1000 samples of three cylinders", key("excavator", 1000, "follow"), 0.1),
-    *(Bar(f"reach {name}, 20 targets", key(f"reach-{robot}", 0, "reach"), 2e-2)
+    *(Bar(f"reach {name}, 20 targets", key(f"reach-{robot}", 0, "reach"), None,
+          [key(f"reach-{robot}", 0, "hard closing tasks, soft target, q only", "placo")], 1.5)
       for robot, name in (("gough", "Gough platform"), ("delta", "delta robot"),
                           ("excavator", "excavator"), ("ankle", "G1's ankle"))),
     Bar("reach_path Gough platform, 200 placements", key("path-gough", 0, "reach_path, with rates"),

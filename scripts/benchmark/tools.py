@@ -41,7 +41,8 @@ PEERS = (
          ("drake", "scipy")),
     Tool("Exudyn", ("with_exudyn",), ("exudyn",),
          ("exudyn", "scipy")),
-    Tool("placo", ("with_placo_reach",), ("placo",), ("placo", "scipy")),
+    Tool("placo", ("with_placo_reach",), ("placo",), ("placo", "scipy"),
+         ("reach-gough", "reach-delta", "reach-excavator", "reach-ankle")),
     Tool("pylinkage", ("with_pylinkage", "with_pylinkage_design"),
          ("pylinkage", "numba"),
          ("pylinkage", "numba", "scipy"),  # its synthesis imports SciPy and does not ask for it

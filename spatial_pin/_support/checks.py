@@ -144,9 +144,19 @@ def _parts(annotation: str) -> list[str]:
     return [part.strip() for part in bare.split("|")]
 
 
+# verbs of a State that take a Motion too, all its samples at a time
+OVER_MOTIONS = ("jacobian", "jacobian_rate", "influence", "solve_rates", "transmission",
+                "closure_jacobian", "forward_dynamics", "inverse_dynamics",
+                "dynamics_derivatives", "sensitivity")
+
+
 def _refuse(where: str, kinds: list[str], value: Any) -> None:
     """Raise the error that names the kinds a value may have."""
     own = [kind for kind in kinds if kind in MADE_BY]
+    if "State" in own and "Motion" in (kind.__name__ for kind in type(value).__mro__):
+        raise TypeError(f"{where}: a State is needed, not a whole Motion: motion[k] is that of "
+                        f"sample k. {', '.join(OVER_MOTIONS[:-1])} and {OVER_MOTIONS[-1]} take a "
+                        "Motion too")
     if own and set(kinds) <= {*own, "None"}:
         a = "an" if own[0][0] in "AEIO" else "a"
         text = f"{_beginning(value)[:40]!r} of type " if isinstance(value, str) else ""

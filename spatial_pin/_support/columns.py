@@ -107,7 +107,7 @@ class Tabular:
         """Return the table as arrays (N,) by their headings, such as `crank rate [rad/s]`.
 
         Args:
-            outputs: names of what is wanted, in this order; of a motion time and driver come
+            outputs: names of the wanted outputs, in this order; of a motion time and driver come
                 before them. Default all that the table has.
 
         Raises:

@@ -25,7 +25,9 @@ from spatial_pin.mechanism.equations import (
     Cosine,
     Displacement,
     FunctionOf,
+    ImplicitParameters,
     JointCoordinate,
+    Parameter,
     PointDistance,
     Quantity,
     Square,
@@ -38,6 +40,7 @@ from spatial_pin.numerics.taylor import Taylor
 
 Long: Any = np.longdouble
 EPS = float(np.finfo(Long).eps)  # 1.1e-19 on x86; that of float64 where there is nothing longer
+LONG_STEPS = 3  # of Newton's method, from a parameter with the digits of float64
 
 
 class _Joint(NamedTuple):
@@ -113,6 +116,35 @@ def _compose(a: Array, b: Array) -> Array:
                       wa * wb - (va * vb).sum(-1, keepdims=True)])
 
 
+class _Given(NamedTuple):
+    """What a row of a closure is made of: its frames and joints with their rates, N samples.
+
+    Attributes:
+        closure: the closure.
+        frames: (3, N, 4, 4) placements.
+        joints: (3, N) coordinates.
+        turns: of its angles, in their order.
+        parameters: those found so far.
+        n: number of samples.
+    """
+
+    closure: Closure
+    frames: list[Array]
+    joints: list[Array]
+    turns: Iterator[Array]
+    parameters: dict[ImplicitParameters, list[Array]]
+    n: int
+
+
+def _inverse(x: Array) -> Array:
+    """Return the inverse of matrices (N, m, m) of long numbers, m 1 or 2."""
+    if x.shape[-1] == 1:
+        return 1 / x
+    (a, b), (c, d) = np.moveaxis(x, 0, -1)
+    found: Array = np.moveaxis(np.array([[d, -b], [-c, a]], dtype=Long) / (a * d - b * c), -1, 0)
+    return found
+
+
 class Extended:
     """The closure equations of a mechanism in extended precision.
 
@@ -186,10 +218,8 @@ class Extended:
             joints = [self.mechanism.coordinate(name) for name in closure.joints]
             known = [np.stack([q[:, c.q], v[:, c.v], a[:, c.v]]) for c in joints]
             for row in closure.rows:
-                blocks.append(self._size(closure, row) * sum(
-                    self._term(Long(number), [self._quantity(x, closure, frames, known, counted)
-                                              for x in factors], len(q))
-                    for number, factors in row.terms))
+                given = _Given(closure, frames, known, counted, {}, len(q))
+                blocks.append(self._size(closure, row) * self._sum(row, given))
         return np.stack(blocks, axis=-1) if blocks else np.zeros((3, len(q), 0), dtype=Long)
 
     def _frame(self, placements: list[Array], name: str) -> Array:
@@ -204,15 +234,54 @@ class Extended:
             product = dot(product[..., None], x[..., None])
         return product
 
-    def _quantity(
-        self, x: Quantity, closure: Closure, frames: list[Array], joints: list[Array],
-        turns: Iterator[Array],
-    ) -> Array:
+    def _sum(self, row: ConstraintEquation, given: _Given) -> Array:
+        """Return a sum of terms with its rates (3, N)."""
+        found: Array = sum((self._term(Long(number), [self._quantity(x, given) for x in factors],
+                                       given.n) for number, factors in row.terms),
+                           np.zeros((3, given.n), dtype=Long))
+        return found
+
+    def _implicit(self, of: ImplicitParameters, given: _Given) -> list[Array]:
+        """Return parameters with their rates (3, N), by Newton's method from what they were.
+
+        A parameter that moves alone at a rate of 1 tells the slopes of the sums, and one that
+        stands still what else makes of them.
+        """
+        m, still = len(of.spans), given._replace(frames=[
+            x * np.array([1, 0, 0], dtype=Long)[:, None, None, None] for x in given.frames])
+        u = np.stack([np.array(next(given.turns), dtype=Long) for _ in range(m)])
+        inverse = np.zeros((given.n, m, m), dtype=Long)
+
+        def sums(of_what: _Given, moving: Array) -> Array:
+            of_what.parameters[of] = list(moving)
+            return np.stack([self._sum(x, of_what) for x in of.definition[:m]])
+
+        for _ in range(LONG_STEPS):
+            slopes = []
+            for k in range(m):
+                moving = np.zeros((m, 3, given.n), dtype=Long)
+                moving[:, 0], moving[k, 1] = u, 1
+                found = sums(still, moving)
+                slopes.append(found[:, 1])
+            inverse = _inverse(np.stack(slopes, axis=1).transpose(2, 0, 1))
+            u = u - np.einsum("nij,jn->in", inverse, found[:, 0])
+        moving = np.zeros((m, 3, given.n), dtype=Long)
+        moving[:, 0] = u
+        for order in (1, 2):
+            moving[:, order] = -np.einsum("nij,jn->in", inverse, sums(given, moving)[:, order])
+        given.parameters[of] = list(moving)
+        return given.parameters[of]
+
+    def _quantity(self, x: Quantity, given: _Given) -> Array:
         """Return a quantity with its rates (3, N) [m, rad or 1]."""
+        closure, frames, turns = given.closure, given.frames, given.turns
         if isinstance(x, JointCoordinate):
-            return joints[x.joint]
+            return given.joints[x.joint]
+        if isinstance(x, Parameter):
+            known = given.parameters.get(x.of)
+            return (self._implicit(x.of, given) if known is None else known)[x.which]
         if isinstance(x, FunctionOf):
-            inner = self._quantity(x.argument, closure, frames, joints, turns)
+            inner = self._quantity(x.argument, given)
             series = x.function(Taylor([inner[0], Long(1), Long(0)]))
             f = [series.derivative(k) for k in range(3)]
             return np.stack([f[0], f[1] * inner[1], f[1] * inner[2] + f[2] * inner[1] ** 2])

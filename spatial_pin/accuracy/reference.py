@@ -204,7 +204,7 @@ class Errors(NamedTuple):
 
 
 class Astray(Exception):
-    """A motion is not the one asked for; says how."""
+    """A motion differs from its task; says how."""
 
 
 class SweepReference:

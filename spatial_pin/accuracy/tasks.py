@@ -83,7 +83,7 @@ class SimulationTask:
 
     Attributes:
         arguments: arguments of `simulate`, without accuracy.
-        is_usual: nobody asked for just this duration.
+        is_usual: the duration is the default.
     """
 
     mechanism: Mechanism
@@ -99,7 +99,7 @@ class SimulationTask:
         """Return a shorter one, which ends well before what it met.
 
         Raises:
-            SingularError: that, if the duration was asked for, or nothing came before.
+            SingularError: that, if the caller gave the duration, or nothing came before.
         """
         if not self.is_usual or error.motion is None or len(error.motion) < 2:
             raise error
@@ -115,7 +115,7 @@ Task = SweepTask | SimulationTask
 
 
 def task_of(mechanism: Mechanism, task: Mapping[str, Any] | str | Motion | None) -> Task:
-    """Return what is meant by a task; see `tradeoff`.
+    """Return the task of an argument; see `tradeoff`.
 
     Raises:
         SpatialPinError: the mechanism has nothing to do such a thing with.

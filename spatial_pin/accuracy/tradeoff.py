@@ -371,7 +371,7 @@ def tradeoff(
 
     Raises:
         SpatialPinError: the task cannot be done at all, or the mechanism has no such task.
-        TypeError, ValueError: what is given is no task, or a number is out of range.
+        TypeError, ValueError: no task, or a number out of range.
         UnknownNameError: an argument or name does not exist.
         Interrupted: after Ctrl-C; `.result` has the settings that were measured until then.
 

@@ -18,7 +18,7 @@ from spatial_pin.assembly.redundant_equations import (
     without_rounded_equations,
 )
 from spatial_pin.assembly.search.assembly_problem import ACCEPTED, AssemblyProblem, deviations
-from spatial_pin.assembly.search.counted_turns import with_followed_turns
+from spatial_pin.assembly.search.counted_turns import turns_of_others, with_followed_turns
 from spatial_pin.assembly.search.guesses import Guess, read_guess
 from spatial_pin.assembly.search.refusals import failure
 from spatial_pin.assembly.search.release import beyond_words
@@ -87,7 +87,7 @@ def assemble(
         guess: values by joint or coordinate as in the mechanism file [rad, m], a State, or q (nq,);
             default the file's guess; neutral for all others. Whole turns are taken off angles so
             large that their round-off would open the loops. Where couplings or screws count turns
-            that other loops do not, these are followed from the guess to what is set further off
+            that other loops do not, these are followed from the guess to values set further off
             than a quarter of a turn.
         limits: keep the joint limits of the URDF.
         release: let drivers without a value move if the loops cannot close otherwise; False raises
@@ -201,12 +201,17 @@ def assembly_problem(
         standing = {name: coordinate_value(mechanism, table[name], start.q)
                     for name in driver_values}
     angles, lost = NO_ANGLES, tuple[str, ...]()
+    of_guess = guess.angles if isinstance(guess, State) else None
+    named = start.names if isinstance(guess, Mapping) else ()
     if constraints_of(mechanism).counts_turns:
         start, angles, lost = with_followed_turns(
-            mechanism, held, start, guess.angles if isinstance(guess, State) else None, standing,
-            start.names if isinstance(guess, Mapping) else ())
+            mechanism, held, start, of_guess, standing, named)
     problem = AssemblyProblem(mechanism, held, standing, start, tolerance, gap, angles)
     problem.driver_values, problem.lost = driver_values, lost
+    if held and mechanism.closures:
+        fixed = tuple(name for name in problem.held if mechanism.coordinate_table[name].q >= 0)
+        problem.with_turns = turns_of_others(
+            mechanism, start.q, problem.goal, fixed, named, of_guess)
     return problem
 
 
@@ -227,6 +232,10 @@ def solved(
     if not limits and (together or len(problem.free_set.groups) < 2):
         result = problem.closed_at_once()
     q, seen = result or _searched(problem, limits, release)
+    lost = problem.lost
+    if problem.with_turns is not None:
+        q, others = problem.with_turns(q)
+        seen, lost = problem.examined(q), tuple(dict.fromkeys((*lost, *others)))
     if problem.lost:
         warn(f"mechanism {mechanism.name!r}: turns of {', '.join(problem.lost)} may be lost: "
              "couplings or screws count them, but not the loops between, which cannot be followed "
@@ -236,7 +245,7 @@ def solved(
         names = {d.joint: d.name for d in mechanism.drivers.values()}
         released = {names[c]: x for c, x in released.items()}
     state = made(mechanism, q, None, None, closure_error=seen.error, angles=seen.angles,
-                 released=released, lost_turns=problem.lost)
+                 released=released, lost_turns=lost)
     if mechanism.whole is not None:
         warn_of_rounding(state)
     return state

@@ -1,4 +1,7 @@
-"""Where a point or a follower touches its curve: the coordinate `CLOSURE.s` [m], and the shape."""
+"""Where a point or a follower touches its curve: the coordinate `CLOSURE.s` [m], and the shape.
+
+Of two curves that touch `CLOSURE.s` is on the first, `CLOSURE.s2` on the second.
+"""
 
 from __future__ import annotations
 
@@ -8,26 +11,45 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from spatial_pin.constraints.compiled_equations import constraints_of
+from spatial_pin.constraints.composed_equations import (
+    ImplicitAngles,
+    QuantityIndex,
+    implicit_angles,
+)
 from spatial_pin.mechanism.coordinates import CoordinateRates
+from spatial_pin.mechanism.curves import CurveShape
+from spatial_pin.mechanism.equations import (
+    Cosine,
+    Displacement,
+    FunctionOf,
+    ImplicitParameters,
+    Parameter,
+    Quantity,
+)
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.taylor import Taylor, argument
 
-END = ".s"
+Series = list[Taylor]
 
 
 def contact_closure(mechanism: Mechanism, name: object) -> Closure | None:
-    """Return the closure that a name `CLOSURE.s` is of; None of other names."""
-    if not isinstance(name, str) or not name.endswith(END) or name in mechanism.coordinate_table:
+    """Return the closure that a name `CLOSURE.s` or `CLOSURE.s2` is of; None of other names."""
+    if not isinstance(name, str) or name in mechanism.coordinate_table:
         return None
-    whole = mechanism.whole or mechanism
-    return next((c for c in whole.closures
-                 if "curve" in c.numbers and c.name == name.removesuffix(END)), None)
+    of, _, end = name.rpartition(".")
+    found = next((c for c in (mechanism.whole or mechanism).closures if c.name == of), None)
+    return found if found is not None and end in contact_coordinates(found) else None
+
+
+def contact_coordinates(closure: Closure) -> tuple[str, ...]:
+    """Return the coordinates of a closure that lie along its curves: "s" and "s2"."""
+    return ("s", "s2")[: len(closure.curves)]
 
 
 def contact_rates(
-    mechanism: Mechanism, closure: Closure, frames: Sequence[Any], angles: Array
+    mechanism: Mechanism, closure: Closure, frames: Sequence[Any], angles: Array, name: str = "s"
 ) -> CoordinateRates[Array]:
     """Return place, rate and acceleration (N,) along the curve [m, m/s, m/s²].
 
@@ -36,44 +58,115 @@ def contact_rates(
         closure: of a curve.
         frames: motions (N,) of its two frames, as `FrameMotion`.
         angles: (N, n_angles) that count turns [rad].
+        name: ends in "s2" of the second of two curves.
     """
-    one, two = frames
-    curve, follower = closure.numbers["curve"], closure.numbers.get("follower")
-    w, e = one.angular_velocity, one.angular_acceleration
-    if follower is not None and follower.flat is not None:  # the face's normal, in the world
-        normal = two.rotation @ (follower.side * follower.flat)
-        rate = np.cross(two.angular_velocity, normal)
-        vectors = normal, rate, (np.cross(two.angular_acceleration, normal)
-                                 + np.cross(two.angular_velocity, rate))
+    position, rotation = _relative(*frames)
+    rows = [k for k, angle in enumerate(constraints_of(mechanism).angles)
+            if angle.name[0] == closure.name]
+    near = angles[:, rows].T if rows and angles.shape[-1] else np.zeros((2, *position[0].values[0].
+                                                                         shape))
+    second = name.endswith("2")
+    curve = _curve(closure, second)
+    if "curves" in closure.numbers or curve.path is not None:
+        u = parameters_of(closure, position, rotation, near)
+        s = curve.by_parameter.arc(u[int(second)])
     else:
-        centre = one.rotation @ curve.centre
-        moving = np.cross(w, centre)
-        vectors = (two.position - one.position - centre, two.velocity - one.velocity - moving,
-                   two.acceleration - one.acceleration - np.cross(e, centre) - np.cross(w, moving))
-    d, v, a = vectors
-    v_seen = v - np.cross(w, d)  # as frame 1 sees it
-    a_seen = a - np.cross(e, d) - 2.0 * np.cross(w, v_seen) - np.cross(w, np.cross(w, d))
-    local = [np.einsum("nij,ni->nj", one.rotation, x) @ curve.axes for x in (d, v_seen, a_seen)]
-    x, y, z = (Taylor.of([part[:, k] for part in local]) for k in range(3))
-    if curve.graph:
-        s = curve.graph[2](z)
-        return CoordinateRates(*(s.derivative(k) for k in range(3)))
+        s = _place(closure, position, rotation, near)
+    return CoordinateRates(*(s.derivative(k) for k in range(3)))
+
+
+def _curve(closure: Closure, second: bool = False) -> CurveShape:
+    """Return the curve of a closure, the first or second of two."""
+    found: CurveShape = closure.numbers["curve"] if "curve" in closure.numbers else getattr(
+        closure.numbers["curves"], "two" if second else "one")
+    return found
+
+
+def _relative(one: Any, two: Any) -> tuple[Series, list[Series]]:
+    """Return series of the position (3,) [m] and the rotation (3, 3) of frame 2 in frame 1."""
+    w, e = one.angular_velocity, one.angular_acceleration
+    vectors = [tuple(getattr(two, key) - getattr(one, key)
+                     for key in ("position", "velocity", "acceleration"))]
+    for u in np.moveaxis(two.rotation, -1, 0):
+        rate = np.cross(two.angular_velocity, u)
+        vectors.append((u, rate, np.cross(two.angular_acceleration, u)
+                        + np.cross(two.angular_velocity, rate)))
+    columns = []
+    for d, v, a in vectors:
+        v_seen = v - np.cross(w, d)  # as frame 1 sees it
+        a_seen = a - np.cross(e, d) - 2.0 * np.cross(w, v_seen) - np.cross(w, np.cross(w, d))
+        local = [np.einsum("nij,ni->nj", one.rotation, x) for x in (d, v_seen, a_seen)]
+        columns.append([Taylor.of([x[:, k] for x in local]) for k in range(3)])
+    return columns[0], [list(row) for row in zip(*columns[1:], strict=True)]
+
+
+def _combined(numbers: Array, series: Series) -> Taylor:
+    """Return the sum of numbers (3,) times series."""
+    x, y, z = (part * float(a) for a, part in zip(numbers, series, strict=True))
+    return x + y + z
+
+
+def _place(closure: Closure, position: Series, rotation: list[Series], near: Array) -> Taylor:
+    """Return the place on a curve that is followed by a direction, or along a line."""
+    curve: Any = closure.numbers["curve"]
+    follower: Any = closure.numbers.get("follower")
+    is_face = follower is not None and follower.flat is not None
+    d = ([_combined(follower.side * follower.flat, row) for row in rotation] if is_face else
+         [x - float(c) for x, c in zip(position, curve.centre, strict=True)])
+    x, y, z = (_combined(u, d) for u in curve.axes.T)
     if curve.at is None and not curve.numbers:  # a line
-        return CoordinateRates(*(z.derivative(k) for k in range(3)))
-    constraints = constraints_of(mechanism)
-    row = [k for k, angle in enumerate(constraints.angles) if angle.name[0] == closure.name]
-    near = angles[:, row[0]] if row and angles.shape[-1] else np.zeros(len(d))
-    angle = argument(y, x, near)
+        return z
+    angle = argument(y, x, near[0])
     if curve.at is None:
         radius, lead = curve.numbers
-        s = angle * float(np.hypot(radius, lead / (2.0 * np.pi)))
-    elif follower is None:
-        s = curve.radial()[1](angle)
-    elif follower.flat is None:
-        s = curve.radial(follower.side * follower.radius)[1](angle)
-    else:
-        s = curve.support()[1](angle)
-    return CoordinateRates(*(s.derivative(k) for k in range(3)))
+        return angle * float(np.hypot(radius, lead / (2.0 * np.pi)))
+    offset = follower.side * follower.radius if follower is not None else 0.0
+    found: Taylor = curve.support()[1](angle) if is_face else curve.radial(offset)[1](angle)
+    return found
+
+
+def parameters_of(
+    closure: Closure, position: Series, rotation: list[Series], near: Array
+) -> Series:
+    """Return the parameters of a closure's curves where they are touched.
+
+    Args:
+        closure: whose equations have such parameters.
+        position: series of the origin of frame 2 in frame 1 [m].
+        rotation: of the entries of its rotation, row by row.
+        near: (2, N) that they are nearest to; 0 for the best of all.
+    """
+    root = _parameters_in(closure)
+    known: dict[str, Series] = {"product": [], "coordinate": [], "angle": [
+        Taylor([x, *[0.0 * x] * (len(position[0].values) - 1)]) for x in near[: len(root.spans)]]}
+    places: dict[int, int] = {}
+
+    def index(x: Quantity) -> QuantityIndex:
+        if isinstance(x, FunctionOf):
+            return index(x.argument)._replace(function=x.function)
+        if isinstance(x, Parameter):
+            return QuantityIndex("angle", x.which)
+        assert isinstance(x, Displacement | Cosine)
+        if id(x) not in places:
+            places[id(x)] = len(places)
+            known["product"].append(
+                _combined(x.u, position) - x.offset if isinstance(x, Displacement)
+                else _combined(x.u, [_combined(x.w, row) for row in rotation]))
+        return QuantityIndex("product", places[id(x)])
+
+    sums = tuple(tuple((number, tuple(map(index, factors))) for number, factors in of.terms)
+                 for of in root.definition)
+    implicit_angles(ImplicitAngles(0, sums, root.spans, root.is_periodic), known)
+    return known["angle"]
+
+
+def _parameters_in(closure: Closure) -> ImplicitParameters:
+    """Return the parameters that the first equation of a closure has."""
+    for _, factors in closure.rows[0].terms:
+        for x in factors:
+            if isinstance(x, FunctionOf) and isinstance(x.argument, Parameter):
+                return x.argument.of
+    raise AssertionError  # who calls has looked
 
 
 class ContactShape(NamedTuple):
@@ -97,16 +190,14 @@ def contact_shape(closure: Closure, seen: tuple[Array, Array]) -> ContactShape:
         closure: of a curve.
         seen: origin (N, 3) [m] and rotation (N, 3, 3) of frame 2 in frame 1.
     """
-    curve: Any = closure.numbers["curve"]
+    curve: Any = _curve(closure)
     follower: Any = closure.numbers.get("follower")
     position, rotation = seen
-    if curve.graph:
-        z = (position - curve.centre) @ curve.axes[:, 2]
-        series = [f(Taylor.of([z, np.ones_like(z), np.zeros_like(z)])) for f in curve.graph[:2]]
-        rate, rise = (np.column_stack([*(x.derivative(k) for x in series), (2 - k) + 0.0 * z])
-                      for k in (1, 2))
-        bent = np.linalg.norm(np.cross(rate, rise), axis=1) / np.linalg.norm(rate, axis=1)**3
-        return ContactShape(np.full_like(position, np.nan), position, bent)
+    if "curves" in closure.numbers or curve.path is not None:
+        series = ([Taylor([x]) for x in position.T],
+                  [[Taylor([x]) for x in row] for row in np.moveaxis(rotation, 0, -1)])
+        u = parameters_of(closure, *series, np.zeros((2, len(position))))[0].values[0]
+        return _shape_at(curve, u)
     if curve.at is None:
         radius, lead = curve.numbers or (0.0, 1.0)
         bent = radius / (radius**2 + (lead / (2.0 * np.pi))**2)
@@ -138,3 +229,17 @@ def contact_shape(closure: Closure, seen: tuple[Array, Array]) -> ContactShape:
         point = ahead * r[:, None] - offset * normal
     plane = curve.axes[:, :2].T
     return ContactShape(normal @ plane, point @ plane + curve.centre, bent)
+
+
+def _shape_at(curve: CurveShape, u: Array) -> ContactShape:
+    """Return a curve at parameters (N,)."""
+    path = curve.by_parameter
+    x = Taylor([u, np.ones_like(u), np.zeros_like(u)])
+    point, rate, rise = (np.column_stack([f(x).derivative(k) for f in path.coordinates])
+                         for k in range(3))
+    size, across = np.linalg.norm(rate, axis=1), np.cross(rate, rise)
+    is_profile = curve.is_closed and curve.is_plane
+    bent = across[:, 2] if is_profile else np.linalg.norm(across, axis=1)
+    normal = np.column_stack([rate[:, 1], -rate[:, 0], 0.0 * u]) / size[:, None]
+    return ContactShape(normal @ curve.axes.T if is_profile else np.full_like(point, np.nan),
+                        curve.centre + point @ curve.axes.T, bent / size**3)

@@ -49,14 +49,7 @@ class Located(NamedTuple):
 
 
 def located(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Located | None:
-    """Return a motion of a tree in the kernel; None for a small tree.
-
-    Args:
-        mechanism: the mechanism.
-        q: (nq,) configuration.
-        v: (nv,) joint velocities.
-        a: (nv,) joint accelerations.
-    """
+    """Return a motion of a tree in the kernel; None for a small tree."""
     model = mechanism.model
     if not is_in_kernel(model):
         return None

@@ -71,7 +71,7 @@ def held_start(
         try:
             return assembled(mechanism, {**values, **held}, guess, accuracy=accuracy), []
         except AssemblyError:
-            pass  # they are let go, and it is told how far they went
+            pass  # they are released, and the result says how far they went
     state = assembled(mechanism, values, guess, accuracy=accuracy)
     drivers = driver_coordinates(mechanism)
     texts, released = [], {drivers[name].name for name in state.released}

@@ -61,7 +61,7 @@ EVERY = 4
 # least singular value, seldom by more than ten times.
 INDEPENDENT = 1e-2
 CLEAR_OF_CUT = 3.0  # ratio to the cut of all singular values of a regular mechanism
-MOTION_SAMPLES = 48  # samples of the motion, of which half must be reached: more than one turn
+MOTION_SAMPLES = 48  # samples of the motion; half must be reached: more than one turn
 STRIDE = 0.4  # distance between samples [rad, characteristic lengths]: three turns in all
 START_SAMPLES = 8  # starts if the guess of the file does not close: usually one in two closes
 # Factor on singular values and gaps of the samples for other configurations: rounding is the same
@@ -580,7 +580,7 @@ def _independent(
 def _sums(
     rows: Array, jacobians: Array, samples: list[Sample], blocks: list[NDArray[np.intp]]
 ) -> Array:
-    """Return rows (rank, n), of which those of blocks are sums that are independent at samples.
+    """Return rows (rank, n); those of blocks are sums that are independent at samples.
 
     Of one closure they span the mean of the spaces of Jacobians' columns, with weights that bring
     the farthest nearer; closures are gone through one after the other, with the rows of others.

@@ -81,11 +81,7 @@ class SquareSystem:
             self.drive[k] = scaled_row(evaluation.mechanism, c, evaluation.q)
 
     def select(self, q: Array) -> None:
-        """Choose the independent equations at q.
-
-        Raises:
-            SingularError: the drivers are not independent there, or a freedom is not driven.
-        """
+        """Choose the independent equations at q."""
         evaluation = self.evaluation
         evaluation.update(q)
         self._aim()

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from types import MappingProxyType, SimpleNamespace
+from contextlib import suppress
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,7 +16,7 @@ from spatial_pin._support.lazy import cached_property, made_once
 from spatial_pin.assembly.contact_places import contact_closure, contact_rates
 from spatial_pin.assembly.frames import Located, located
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.errors import SpatialPinError
+from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
 from spatial_pin.mechanism.coordinates import CoordinateRates, coordinate_rates, require_mechanism
 from spatial_pin.mechanism.inertia import moving_mass
@@ -48,6 +49,37 @@ class PointRates(NamedTuple):
     position: Array
     velocity: Array
     acceleration: Array
+
+    def __repr__(self) -> str:
+        return brief(self, position="m")
+
+
+class FrameMotion(NamedTuple):
+    """Motion of a frame or of a link's centre of mass, world axes, N samples.
+
+    Of a State the arrays have no leading N.
+
+    Attributes:
+        position: (N, 3) [m].
+        rotation: (N, 3, 3), columns are the axes of the frame in the world.
+        velocity: (N, 3) [m/s].
+        acceleration: (N, 3) second derivative of the position [m/s²].
+        angular_velocity: (N, 3) [rad/s].
+        angular_acceleration: (N, 3) [rad/s²].
+
+    Example:
+        >>> motion = sp.sweep(sp.load("rssr"), "crank", np.linspace(0.0, 1.0, 11), speed=2.0)
+        >>> point = motion.frame("coupler_b")
+        >>> point.position.shape, point.rotation.shape, point.velocity.shape
+        ((11, 3), (11, 3, 3), (11, 3))
+    """
+
+    position: Array
+    rotation: Array
+    velocity: Array
+    acceleration: Array
+    angular_velocity: Array
+    angular_acceleration: Array
 
     def __repr__(self) -> str:
         return brief(self, position="m")
@@ -142,12 +174,12 @@ class State:
         branch: label of the assembly mode, from `assembly_modes`.
         released: {driver: displacement [rad or m]} of drivers that were given no value, and had to
             leave where the guess has them, for the loops to close.
-        lost_turns: coordinates that were set further than half a turn from the guess in loops
-            where couplings or screws count turns, and others do not: what they count may have lost
-            whole turns, as loops could not be followed there from the guess.
+        lost_turns: coordinates that were set so far from the guess that others may have lost whole
+            turns, as loops could not be followed there: more than half a turn where couplings or
+            screws count turns behind loops that do not, more than one where nothing counts them.
         rate_error: estimated round-off of v and a, relative to their size; it grows near a limit
             position of a driver, and near a branch point, up to 1: no digit. NaN until
-            `solve_rates`; of a sample of a sweep it is worked out when asked for, of a sample of
+            `solve_rates`; of a sample of a sweep it is worked out at first use, of a sample of
             a simulation it is NaN.
         in_time: whether v and a are rates in time; those of a sample of a sweep without speed are
             not, and forces there are those at rest.
@@ -279,13 +311,8 @@ class State:
         """
         contact = contact_closure(self.mechanism, name)
         if contact is not None:
-            ends = [SimpleNamespace(
-                position=at.translation[None], rotation=at.rotation[None],
-                velocity=v.linear[None], acceleration=a.linear[None],
-                angular_velocity=v.angular[None], angular_acceleration=a.angular[None])
-                for at, v, a in ((self.placement(f), self.velocity(f), self.acceleration(f))
-                                 for f in contact.frames)]
-            rows = contact_rates(self.mechanism, contact, ends, np.atleast_2d(self.angles))
+            ends = [FrameMotion(*(x[None] for x in self.frame(f))) for f in contact.frames]
+            rows = contact_rates(self.mechanism, contact, ends, np.atleast_2d(self.angles), name)
         else:
             rows = coordinate_rates(self.mechanism, name, self.q[None], self.v[None],
                                     self.a[None])
@@ -358,6 +385,43 @@ class State:
         frame, large = self._frame(name), self._located
         return large.motion(frame)[1] if large is not None else pin.getFrameClassicalAcceleration(
             self.mechanism.model, self.data, frame, WORLD_AXES)
+
+    def frame(self, name: str) -> FrameMotion:
+        """Return placement, velocity and acceleration of a link, frame or joint together.
+
+        Args:
+            name: link, frame or joint.
+
+        Returns:
+            The FrameMotion of its origin: arrays (3,), `rotation` (3, 3), world axes [m, rad, s].
+
+        Raises:
+            UnknownNameError: there is none.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> state = sp.solve_rates(mech, sp.assemble(mech, {"crank": 1.0}), {"crank": 10.0})
+            >>> state.frame("coupler_b").velocity.round(4)  # (3,) [m/s], world axes
+            array([-0.4637,  0.    , -0.0254])
+        """
+        at, v, a = self.placement(name), self.velocity(name), self.acceleration(name)
+        return FrameMotion(*(x.copy() for x in (
+            at.translation, at.rotation, v.linear, a.linear, v.angular, a.angular)))
+
+    def __getitem__(self, name: str) -> CoordinateRates[float] | FrameMotion:
+        """Return the coordinate, or the frame, of a name: `coordinate` or `frame` of it.
+
+        Raises:
+            UnknownNameError: there is none.
+            SpatialPinError: both have that name.
+            TypeError: it is no name.
+        """
+        if not isinstance(name, str):
+            raise TypeError(f"a State is indexed by a name, as state['crank_pin'], not by {name!r}:"
+                            " a Motion has samples by number")
+        return (self.coordinate if is_coordinate(self.mechanism, name) else self.frame)(name)
+
+    __iter__ = None  # it is no sequence, though it has items
 
     def angular_velocity(self, name: str) -> Array:
         """Return the angular velocity of a link or frame, world axes (3,) [rad/s].
@@ -511,14 +575,43 @@ def made(
     return state
 
 
+def is_coordinate(mechanism: Mechanism, name: str) -> bool:
+    """Whether a name is that of a coordinate, or driver, and not of a link or frame.
+
+    A joint of one freedom is the coordinate.
+
+    Raises:
+        UnknownNameError: it is neither.
+        SpatialPinError: it is both.
+    """
+    is_named = name in mechanism.coordinate_table or name in mechanism.drivers or (
+        contact_closure(mechanism, name) is not None)
+    is_placed = is_named and name in mechanism.frame_ids
+    if not is_named:
+        with suppress(UnknownNameError):
+            is_placed = mechanism.frame_id(mechanism.placed(name)) >= 0
+    if not (is_named or is_placed):
+        raise UnknownNameError(
+            "coordinate, driver, link or frame", name,
+            [*mechanism.coordinate_table, *mechanism.drivers, *mechanism.frame_ids],
+            f"mechanism {mechanism.name!r}: ")
+    if is_named and is_placed and not mechanism.model.existJointName(name):
+        raise SpatialPinError(
+            f"mechanism {mechanism.name!r}: {name!r} is a driver or coordinate, and a link or frame"
+            f" too: say .coordinate({name!r}) or .frame({name!r})")
+    return is_named
+
+
+class Samples:
+    """What has a sample of a mechanism in each row: a Motion, for the rooms below its own."""
+
+
+
 def of_mechanism(mechanism: Mechanism, state: State) -> State:
     """Return `state` as a state of `mechanism`: itself, or converted from another load of it.
 
     For a rounded file it belongs to the mechanism without contradicting equations: use
     `state.mechanism`.
-
-    Raises:
-        SpatialPinError: it is a state of another mechanism, or of other dimensions.
     """
     require_mechanism(mechanism)
     if not isinstance(state, State):
@@ -581,11 +674,7 @@ def center_of_mass(mechanism: Mechanism, link: str) -> Array:
 
 
 def mass_shares(mechanism: Mechanism) -> list[tuple[int, float, Array]]:
-    """Return joint, part of the whole mass, centre (3,) on the joint of all bodies that move.
-
-    Raises:
-        SpatialPinError: they have no mass.
-    """
+    """Return joint, part of the whole mass, centre (3,) on the joint of all bodies that move."""
     model = mechanism.model
     total = moving_mass(model)
     if not total > 0.0:

@@ -31,14 +31,15 @@ from spatial_pin.numerics.linalg import (
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 STEP = TOLERANCES.trial_step
-REGULAR_TRIALS = 4  # of which one nearly always closes, as each is short
+REGULAR_TRIALS = 4  # one of them nearly always closes, as each is short
 # Estimated from how equations turn over a trial step, they would become dependent after some way.
 # Lost rank is not looked for again within this part of it: they may turn faster farther on, but not
 # four times as fast.
 SURE_WAY = 0.25
 # Way after which equations that depend on each other at one configuration only are independent in
 # earnest, of those that shake to the second order too; links that are next to nothing stay so.
-SOME_WAY = 0.1  # rad, characteristic lengths
+SOME_WAY = 0.1  # rad, characteristic lengths: far above all rounding
+NEARBY = 0.02  # rad, characteristic lengths: most that a joint moves to a regular configuration
 # Part of weak equations that a motion to a singular configuration nearby may leave: the block of
 # them is linear to a hundredth there, and rounded numbers leave about all of it.
 LINEAR = 0.1
@@ -104,7 +105,9 @@ def rank_loss(evaluation: LoopEquations, q: Array, rank: int) -> int:
     strong = int(np.count_nonzero(svd.s > TOLERANCES.half_precision * svd.s.max(initial=0.0)))
     freedoms = svd.vt[len(rows) :]
     if strong < len(rows) and not _is_beside_singular(evaluation, q, rows, svd, strong):
-        lost = _rank_away(evaluation, q, freedoms) - strong
+        steps = np.vstack([freedoms, -freedoms])
+        steps *= SOME_WAY / np.abs(steps).max(axis=1, keepdims=True)
+        lost = _rank_near(evaluation, q, steps, TOLERANCES.near_singular) - strong
         evaluation.update(q)
         if lost > 0:
             return lost
@@ -119,7 +122,8 @@ def rank_loss(evaluation: LoopEquations, q: Array, rank: int) -> int:
         evaluation.regular = Regular(q.copy(), rank, radius, near)
         evaluation.update(q)
         return 0
-    lost = _generic_rank(evaluation, q) - rank
+    steps = np.random.default_rng(3).uniform(-NEARBY, NEARBY, (REGULAR_TRIALS, len(jacobian.T)))
+    lost = _rank_near(evaluation, q, steps, TOLERANCES.rank) - rank
     evaluation.update(q)
     return max(lost, int(step is not None))
 
@@ -149,31 +153,14 @@ def _is_beside_singular(
     return bool(np.linalg.norm(rest) <= LINEAR * np.linalg.norm(here))
 
 
-def _rank_away(evaluation: LoopEquations, q: Array, freedoms: Array) -> int:
-    """Return the closure rank some way off q along freedoms (k, nv), far above all rounding."""
+def _rank_near(evaluation: LoopEquations, q: Array, steps: Array, cut: float) -> int:
+    """Return the largest closure rank at closed configurations near scaled steps (k, nv) from q."""
     n, model = evaluation.constraints.n_closure, evaluation.model
-    free, scale = np.ones(model.nv, dtype=bool), evaluation.mechanism.velocity_scale
-    best = 0
-    for v in (*freedoms, *-freedoms):
-        step = scale * v * (SOME_WAY / np.abs(v).max())
+    free, best = np.ones(model.nv, dtype=bool), 0
+    for step in evaluation.mechanism.velocity_scale * steps:
         _, error = close(evaluation, pin.integrate(model, q, step), free, TOLERANCES.zero)
         if error <= TOLERANCES.closed:
-            best = max(best, len(independent_rows(evaluation.jacobian[:n],
-                                                  TOLERANCES.near_singular)))
-    return best
-
-
-def _generic_rank(evaluation: LoopEquations, q: Array) -> int:
-    """Return the closure rank at closed configurations near q."""
-    n, model = evaluation.constraints.n_closure, evaluation.model
-    free = np.ones(model.nv, dtype=bool)
-    rng = np.random.default_rng(3)
-    best = 0
-    for _ in range(REGULAR_TRIALS):
-        step = evaluation.mechanism.velocity_scale * rng.uniform(-0.02, 0.02, model.nv)
-        _, error = close(evaluation, pin.integrate(model, q, step), free, TOLERANCES.zero)
-        if error <= TOLERANCES.closed:
-            best = max(best, len(independent_rows(evaluation.jacobian[:n])))
+            best = max(best, len(independent_rows(evaluation.jacobian[:n], cut)))
     return best
 
 

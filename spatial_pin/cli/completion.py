@@ -59,12 +59,7 @@ class _CommandWords(NamedTuple):
 
 
 def script(shell: str, parsers: Mapping[str, argparse.ArgumentParser]) -> str:
-    """Return the script of a shell, one of `SHELLS`.
-
-    Args:
-        shell: its name.
-        parsers: of the commands, by name.
-    """
+    """Return the script of a shell, one of `SHELLS`."""
     commands = []
     for name, parser in parsers.items():
         options = []

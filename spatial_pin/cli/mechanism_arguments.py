@@ -64,9 +64,6 @@ def fitting(
         mechanism: whose coordinates these are.
         values: by name.
         rate: a key of RATES, where they are speeds or accelerations.
-
-    Raises:
-        ValueError: a unit is of something else.
     """
     known = mechanism.coordinate_table
     for name, x in values.items():
@@ -108,22 +105,14 @@ def _is_beyond(mechanism: sp.Mechanism, name: str, x: float) -> bool:
 
 
 def in_units(values: Mapping[str, float], *units: str) -> None:
-    """Refuse quantities in other units.
-
-    Raises:
-        ValueError: names the quantity.
-    """
+    """Refuse quantities in other units."""
     for name, x in values.items():
         if isinstance(x, ValueWithUnit) and x.unit not in ("", *units):
             raise ValueError(f"{name} is in {' or '.join(units)}, not in {x.unit}")
 
 
 def check_names(options: argparse.Namespace, mechanism: sp.Mechanism) -> None:
-    """Refuse names of outputs, traces, arrows and held coordinates that do not exist.
-
-    Raises:
-        UnknownNameError: lists the nearest names.
-    """
+    """Refuse names of outputs, traces, arrows and held coordinates that do not exist."""
     check_held(options, mechanism)
     if not any(getattr(options, key, ()) for key in ("output", "trace", "arrow")):
         return

@@ -291,10 +291,6 @@ def as_taken(words: Sequence[str], parser: argparse.ArgumentParser) -> list[str]
 
     `crank 0 360deg`, `crank 0..360deg`, `crank=0..360deg` and `crank=0 360deg` are one range: three
     words where the parser takes a first and a last value, else one.
-
-    Args:
-        words: that were typed.
-        parser: of the command.
     """
     actions = parser._actions
     valued = {flag for action in actions if action.nargs != 0 for flag in action.option_strings}

@@ -59,9 +59,6 @@ def print_result(
         table: columns of equal length by heading, for `--csv`.
         files: that are written as it goes on.
         is_whole: whether nothing cut it short.
-
-    Raises:
-        CutShort: something did.
     """
     if not on_screen(options):
         say(text)
@@ -143,7 +140,7 @@ def write_table(table: Table, path: str) -> list[str]:
 
 
 def finite(x: Any) -> Any:
-    """Return plain data as JSON has it: lists for arrays, None for what is not finite."""
+    """Return plain data as JSON has it: lists for arrays, None for numbers that are not finite."""
     if isinstance(x, Mapping):
         return {key: finite(one) for key, one in x.items()}
     if isinstance(x, np.ndarray):

@@ -190,12 +190,7 @@ def _hints(options: argparse.Namespace) -> list[str]:
 
 
 def _check_files(options: argparse.Namespace) -> None:
-    """Refuse files that cannot be written before any work is done for them.
-
-    Raises:
-        ValueError: there is no such folder, it is not to be written in, or it is a folder; or a
-            figure's name has no suffix that tells how to write it.
-    """
+    """Refuse files that cannot be written before any work is done for them."""
     both = [name for name in DATA if getattr(options, name, None) == SCREEN]
     if len(both) > 1:
         options.usage_error("standard output holds one of --json - and --csv -")

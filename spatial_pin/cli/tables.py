@@ -82,11 +82,7 @@ def read_table(
 
 @contextmanager
 def name_of_column(path: str | Path, column: str) -> Iterator[None]:
-    """Name file and column where it is the name of nothing.
-
-    Raises:
-        SpatialPinError: the block looks up a name that does not exist.
-    """
+    """Name file and column where it is the name of nothing."""
     try:
         yield
     except UnknownNameError as error:
@@ -165,9 +161,6 @@ def frame_targets(where: str, frame: str, parts: Mapping[str, Any]) -> Any:
         where: text before the names of missing columns.
         frame: its name.
         parts: the columns.
-
-    Raises:
-        SpatialPinError: some are missing.
     """
     wanted = (*POINT, *TURNED) if set(parts) & set(TURNED) else POINT
     missing = [f"{frame}.{part}" for part in wanted if part not in parts]
@@ -299,9 +292,6 @@ def read_target(text: str) -> tuple[str, Any]:
     rotation vector alone, `NAME.direction=x,y,z` says where the z axis of the frame points,
     `NAME.distance=OTHER,d` how far it is from another frame. `com=x,y,z` is the centre of mass, `_`
     for what may be anywhere. `@w` behind any of them is its weight.
-
-    Raises:
-        ValueError: it is none of these.
     """
     name, equals, value = text.partition("=")
     if not (name.strip() and equals):

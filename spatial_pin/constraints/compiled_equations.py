@@ -24,7 +24,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import made_once
-from spatial_pin.constraints.composed_equations import Composed, Equation, QuantityIndex
+from spatial_pin.constraints.composed_equations import (
+    CompiledTerm,
+    Composed,
+    Equation,
+    ImplicitAngles,
+    QuantityIndex,
+)
 from spatial_pin.constraints.turns import turns_of
 from spatial_pin.constraints.vector_products import Products, matrix_of
 from spatial_pin.mechanism.equations import (
@@ -35,7 +41,9 @@ from spatial_pin.mechanism.equations import (
     Cosine,
     Displacement,
     FunctionOf,
+    ImplicitParameters,
     JointCoordinate,
+    Parameter,
     PointDistance,
     Quantity,
     ScalarProduct,
@@ -159,13 +167,7 @@ class Constraints:
         if _plain_constant(equation) is not None:
             return Equation((at,))
         made = _EquationBuilder(self.mechanism, closure, products, at, len(self.angles))
-        size, terms = self._size(closure, equation), []
-        for weight, quantities in equation.terms:
-            lengths = sum(isinstance(x, Displacement | Square | PointDistance) for x in quantities)
-            power = equation.is_length - lengths
-            if weight or quantities:
-                terms.append((size * weight * self.scale**power,
-                              tuple(made.index_of(x) for x in quantities)))
+        terms = made.terms_of(equation, self._size(closure, equation))
         row = self.labels[at].equation
         row = row if closure.equations is None else closure.equations[row]
         self.angles += [CountedAngle(at, (closure.name, row, k)) for k in range(len(made.angles))]
@@ -174,8 +176,8 @@ class Constraints:
             self.other_body_products.append(OtherBodyProduct(at, made.products[k], (
                 self.mechanism.frame_on_joint(names[one])[0],
                 self.mechanism.frame_on_joint(names[two])[0])))
-        return Equation(tuple(made.products), tuple(made.coordinates), tuple(made.angles),
-                        tuple(terms), tuple(k for k, _ in made.other_body_products))
+        return Equation(tuple(made.products), tuple(made.coordinates), tuple(made.angles), terms,
+                        tuple(k for k, _ in made.other_body_products), tuple(made.implicit))
 
     def _size(self, closure: Closure, equation: ConstraintEquation) -> float:
         """Return the factor of an equation of joint coordinates alone; 1 for others.
@@ -225,6 +227,29 @@ class _EquationBuilder:
         self.coordinates: list[Coordinate] = []
         self.angles: list[tuple[int, int]] = []
         self.other_body_products: list[tuple[int, tuple[int, int]]] = []
+        self.implicit: list[ImplicitAngles] = []
+        self._roots: dict[ImplicitParameters, int] = {}
+        self._places: dict[int, int] = {}  # of products that occur again
+
+    def terms_of(self, equation: ConstraintEquation, size: float = 1.0) -> tuple[CompiledTerm, ...]:
+        """Add the quantities of a sum; return its terms."""
+        terms = []
+        for weight, quantities in equation.terms:
+            lengths = sum(isinstance(x, Displacement | Square | PointDistance) for x in quantities)
+            power = equation.is_length - lengths
+            if weight or quantities:
+                terms.append((size * weight * self.all_products.scale**power,
+                              tuple(self.index_of(x) for x in quantities)))
+        return tuple(terms)
+
+    def _implicit(self, root: ImplicitParameters) -> int:
+        """Add parameters to the angles of the equation; return the index of the first."""
+        if root not in self._roots:
+            first = self._roots[root] = len(self.angles)
+            self.angles += [(self._angles_before + first + k, -1) for k in range(len(root.spans))]
+            sums = tuple(self.terms_of(x) for x in root.definition)
+            self.implicit.append(ImplicitAngles(first, sums, root.spans, root.is_periodic))
+        return self._roots[root]
 
     def index_of(self, quantity: Quantity) -> QuantityIndex:
         """Add a quantity to the equation; return its index."""
@@ -237,7 +262,11 @@ class _EquationBuilder:
             name = self.closure.joints[quantity.joint]
             self.coordinates.append(self.mechanism.coordinate(name))
             return QuantityIndex("coordinate", len(self.coordinates) - 1)
+        if isinstance(quantity, Parameter):
+            return QuantityIndex("angle", self._implicit(quantity.of) + quantity.which)
         first = len(self.products)
+        if id(quantity) in self._places:
+            return QuantityIndex("product", self._places[id(quantity)])
         for product in _products_of(quantity):
             if product.frames != FIRST_TWO:
                 self.other_body_products.append((len(self.products), product.frames))
@@ -245,6 +274,8 @@ class _EquationBuilder:
                                  else self._first)
         if not isinstance(quantity, Angle | Bearing):
             root = ROOT if isinstance(quantity, PointDistance) else None
+            if isinstance(quantity, Displacement | Cosine):
+                self._places[id(quantity)] = first
             return QuantityIndex("product", first, root)
         self.angles.append((self._angles_before + len(self.angles), first))
         return QuantityIndex("angle", len(self.angles) - 1)
@@ -260,7 +291,7 @@ def _products_of(quantity: Quantity) -> list[ScalarProduct | PointDistance]:
     if isinstance(quantity, Bearing):
         return [Displacement(u, quantity.frames, float(u @ quantity.centre))
                 for u in (quantity.axes[:, 1], quantity.axes[:, 0])]
-    return [] if isinstance(quantity, JointCoordinate) else [quantity]
+    return [] if isinstance(quantity, JointCoordinate | Parameter) else [quantity]
 
 
 def _first_product(equation: ConstraintEquation) -> ScalarProduct | PointDistance | None:
@@ -268,11 +299,17 @@ def _first_product(equation: ConstraintEquation) -> ScalarProduct | PointDistanc
                 None)
 
 
-def _angles_of(equation: ConstraintEquation) -> list[Angle | Bearing]:
-    """Return the angles of an equation, in the order of its terms."""
+def _angles_of(equation: ConstraintEquation) -> list[Angle | Bearing | Parameter]:
+    """Return the angles of an equation, in the order of its terms, parameters once."""
     bare = [x.argument if isinstance(x, FunctionOf) else x
             for _, factors in equation.terms for x in factors]
-    return [x for x in bare if isinstance(x, Angle | Bearing)]
+    found: list[Angle | Bearing | Parameter] = []
+    for x in bare:
+        if isinstance(x, Angle | Bearing):
+            found.append(x)
+        elif isinstance(x, Parameter) and x not in found:
+            found += x.of.parameters
+    return found
 
 
 def _plain_constant(equation: ConstraintEquation) -> float | None:

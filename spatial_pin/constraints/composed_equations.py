@@ -7,10 +7,10 @@ of the products and coordinates.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,11 @@ from spatial_pin.numerics.piecewise import Function
 from spatial_pin.numerics.taylor import Taylor, argument
 
 Ints = NDArray[np.intp]
+# Of Newton's method for parameters: as in the kernel (`implicit.c`).
+NEWTON_STEPS = 30
+LONGEST_STEP = 0.1  # of the span of a parameter
+STEP_NOISE = 1e-13  # likewise: a step so short is the last one
+STARTS = 48, 24  # of one parameter, and along each of two
 
 
 class QuantityIndex(NamedTuple):
@@ -37,6 +42,24 @@ class QuantityIndex(NamedTuple):
     function: Function | None = None
 
 
+CompiledTerm = tuple[float, tuple[QuantityIndex, ...]]
+
+
+class ImplicitAngles(NamedTuple):
+    """Angles of an equation that sums of its quantities define, compiled; as many vanish.
+
+    Attributes:
+        first: index of the first of them.
+        sums: terms of these; of one that is positive at a root, and of one that is least there.
+        spans, is_periodic: see `ImplicitParameters`.
+    """
+
+    first: int
+    sums: tuple[tuple[CompiledTerm, ...], ...]
+    spans: tuple[tuple[float, float], ...]
+    is_periodic: tuple[bool, ...]
+
+
 class Equation(NamedTuple):
     """One equation, compiled.
 
@@ -47,24 +70,31 @@ class Equation(NamedTuple):
         terms: numbers with what they are multiplied by; none of a plain equation.
         other_body_products: indices of products that act on other bodies than the closure's first
             two.
+        implicit: angles that sums define, whose index of a sine is -1.
     """
 
     products: tuple[int, ...]
     coordinates: tuple[Coordinate, ...] = ()
     angles: tuple[tuple[int, int], ...] = ()
-    terms: tuple[tuple[float, tuple[QuantityIndex, ...]], ...] = ()
+    terms: tuple[CompiledTerm, ...] = ()
     other_body_products: tuple[int, ...] = ()
+    implicit: tuple[ImplicitAngles, ...] = ()
 
     @property
     def sines_and_cosines(self) -> list[tuple[int, int]]:
-        """Numbers of the products that are sine and cosine of each of its angles."""
-        return [(self.products[k], self.products[k + 1]) for _, k in self.angles]
+        """Numbers of the products that are sine and cosine of each of its angles.
+
+        Of those that sums define it is any product.
+        """
+        return [(self.products[k], self.products[k + 1]) if k >= 0 else (self.products[0],) * 2
+                for _, k in self.angles]
 
     @property
     def form(self) -> tuple[object, ...]:
         """Key of equations that can be evaluated together."""
         return (len(self.products), len(self.coordinates), tuple(sine for _, sine in self.angles),
-                tuple(factors for _, factors in self.terms), self.other_body_products)
+                tuple(factors for _, factors in self.terms), self.other_body_products,
+                self.implicit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,21 +182,18 @@ class Composed:
             reference: (n_angles, ...) that the angles are nearest to [rad]; zero if left out.
         """
         like, first = inputs[0].values[0], self.equations[0]
-        angles = []
+        angles: list[Taylor] = []
         for (_, sine), numbers in zip(first.angles, self.angles, strict=True):
             near = 0.0 if reference is None else _with_axes_of(reference[numbers], like)
-            angles.append(argument(inputs[sine], inputs[sine + 1], near))
+            angles.append(argument(inputs[sine], inputs[sine + 1], near) if sine >= 0
+                          else inputs[0] * 0.0 + near)
         n = len(first.products)
         known = {"product": inputs[:n], "coordinate": inputs[n:], "angle": angles}
-        total: Taylor = inputs[0] * 0.0
-        for weights, (_, factors) in zip(self.weights, first.terms, strict=True):
-            weight, term = _with_axes_of(weights, like), None
-            for kind, at, function in factors:
-                x = known[kind][at]
-                x = function(x) if function else x
-                term = x if term is None else term * x
-            total = total + (weight if term is None else term * weight)
-        return total, angles
+        for implicit in first.implicit:
+            implicit_angles(implicit, known)
+        terms = [(_with_axes_of(weight, like), factors)
+                 for weight, (_, factors) in zip(self.weights, first.terms, strict=True)]
+        return _sum(terms, known) + inputs[0] * 0.0, angles
 
     def slopes(self, products: Sequence[Array], coordinates: Sequence[Array]) -> list[Taylor]:
         """Return derivatives (m, 1, ...) of the equations, by products and then coordinates.
@@ -179,6 +206,110 @@ class Composed:
         n = len(self.products) + len(self.coordinates[0])
         return [Taylor([x[:, k : k + 1] if np.ndim(x) and x.shape[1] == n else x
                         for x in value.changes]) for k in range(n)]
+
+
+def _sum(terms: Iterable[tuple[Any, tuple[QuantityIndex, ...]]],
+         known: Mapping[str, Sequence[Taylor]]) -> Any:
+    """Return the sum of terms of quantities by kind."""
+    total: Any = 0.0
+    for weight, factors in terms:
+        term: Any = weight
+        for kind, at, function in factors:
+            x = known[kind][at]
+            term = (function(x) if function else x) * term
+        total = term + total
+    return total
+
+
+def implicit_angles(implicit: ImplicitAngles, known: dict[str, list[Taylor]]) -> None:
+    """Find the series of angles that sums define, by Newton's method on series.
+
+    Args:
+        implicit: what defines them.
+        known: series of quantities by kind; those of the angles start near them, or at 0, and are
+            exchanged.
+    """
+    own = slice(implicit.first, implicit.first + len(implicit.spans))
+    still = {kind: [Taylor([x.values[0]]) for x in of] for kind, of in known.items()}
+    inputs = np.broadcast_shapes(*(np.shape(x.values[0]) for of in known.values() for x in of))
+    u = np.array([np.broadcast_to(x.values[0], inputs) for x in known["angle"][own]], float)
+    near, (u, good) = u, _roots(implicit, still, u)
+    good &= np.any(near != 0.0, axis=0)
+    if not np.all(good):
+        far = _nearest_roots(implicit, still)
+        u = np.where(good, u, far)
+    known["angle"][own] = [Taylor([x]) for x in u]
+    still["angle"][own] = known["angle"][own]
+    _, slopes = _with_slopes(implicit, still, u)
+    inverse = np.linalg.inv(np.moveaxis(slopes, (0, 1), (-2, -1)))
+    like = next(x for kind in ("product", "coordinate") for x in known[kind])
+    series = [like * 0.0 + x for x in u]
+    for _ in range(len(like.values) + bool(like.changes)):
+        known["angle"][own] = series
+        sums = [_sum(x, known) for x in implicit.sums[: len(u)]]
+        series = [x - sum((g * inverse[..., k, m] for m, g in enumerate(sums)), 0.0)
+                  for k, x in enumerate(series)]
+    known["angle"][own] = series
+
+
+def _with_slopes(
+    implicit: ImplicitAngles, known: Mapping[str, Sequence[Taylor]], u: Array
+) -> tuple[Array, Array]:
+    """Return all the sums (m + 2, ...) at angles (m, ...), and slopes (m, m, ...) of the first."""
+    m, all_sums, slopes = len(u), [], []
+    for k in range(m):
+        seeded = {kind: [Taylor([x.values[0], 0.0 * x.values[0]]) for x in of]
+                  for kind, of in known.items()}
+        seeded["angle"][implicit.first : implicit.first + m] = [
+            Taylor([x, np.full_like(x, float(i == k))]) for i, x in enumerate(u)]
+        found = [_sum(x, seeded) for x in implicit.sums]
+        all_sums = [np.broadcast_to(x.values[0] if isinstance(x, Taylor) else x, u[0].shape)
+                    for x in found]
+        slopes.append([np.broadcast_to(x.values[1], u[0].shape) for x in found[:m]])
+    return np.array(all_sums), np.array(slopes).swapaxes(0, 1)
+
+
+def _roots(
+    implicit: ImplicitAngles, known: Mapping[str, Sequence[Taylor]], u: Array
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the roots (m, ...) that Newton's method finds from angles, and where it found one."""
+    span = np.array([high - low for low, high in implicit.spans])
+    span = span.reshape(-1, *[1] * (u.ndim - 1))
+    step = u
+    for _ in range(NEWTON_STEPS):
+        sums, slopes = _with_slopes(implicit, known, u)
+        if len(u) == 1:  # downhill, towards the nearest point of a curve
+            step = -sums[:1] / np.maximum(np.abs(slopes[0]), 1e-300)
+        else:
+            square = np.moveaxis(slopes, (0, 1), (-2, -1))
+            step = -np.moveaxis(np.linalg.pinv(square) @ np.moveaxis(sums[:2], 0, -1)[..., None],
+                                -2, 0)[..., 0]
+        size = np.max(np.abs(step) / span, axis=0)
+        u = u + step * np.minimum(1.0, LONGEST_STEP / np.maximum(size, 1e-300))
+        if np.all(size <= STEP_NOISE):
+            break
+    is_root = np.max(np.abs(step) / span, axis=0) <= STEP_NOISE
+    return u, is_root & (_with_slopes(implicit, known, u)[0][-2] > 0.0)
+
+
+def _nearest_roots(
+    implicit: ImplicitAngles, known: Mapping[str, Sequence[Taylor]]
+) -> Array:
+    """Return of all the roots the ones (m, ...) at which the last sum is least in size."""
+    m = len(implicit.spans)
+    grid = np.meshgrid(*(np.linspace(low, high, STARTS[m - 1], endpoint=False)
+                         for low, high in implicit.spans))
+    starts = np.array([x.ravel() for x in grid])
+    shape = np.broadcast_shapes(*(np.shape(x.values[0]) for of in known.values() for x in of))
+    starts = np.broadcast_to(starts.reshape(m, -1, *[1] * len(shape)),
+                             (m, starts.shape[1], *shape)).copy()
+    u, is_root = _roots(implicit, known, starts)
+    last = np.abs(_with_slopes(implicit, known, u)[0][-1])
+    last = np.where(is_root, last, np.inf)
+    best = np.argmin(last, axis=0)[None]
+    found: Array = np.array([np.take_along_axis(x, best, axis=0)[0] for x in u])
+    return np.array([low + np.mod(x - low, high - low) if periodic else x for x, (low, high),
+                     periodic in zip(found, implicit.spans, implicit.is_periodic, strict=True)])
 
 
 def _with_axes_of(x: Array, like: Array) -> Array:

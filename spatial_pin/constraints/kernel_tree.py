@@ -105,7 +105,7 @@ class KernelTree:
 
     def _create(self, scale: Array, is_core: NDArray[np.bool_]) -> None:
         t, n = self._tree, self._split.njoints
-        head = [n, self.model.nq, self.model.nv, *[0] * 11]  # no equations:
+        head = [n, self.model.nq, self.model.nv, *[0] * 13]  # no equations:
         starts = [0] * 5  # of supports, terms, factors, patterns and turns
         ints = np.concatenate([head, t.kind, t.parent, t.iq, t.iv, starts]).astype(np.int64)
         parts = (t.rotation, t.translation, t.pitch, t.mass, t.com, t.inertia,

@@ -10,6 +10,8 @@ from spatial_pin.constraints.vector_products import FrameOnBody
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 
+TANGENT = "tangent"  # `Pair.aligned` of a direction along that of a curve
+
 
 def opposite_axes(mechanism: Mechanism, data: pin.Data) -> dict[str, bool]:
     """Return closures whose axes do not point the same way, and whether half a turn helps.
@@ -27,6 +29,13 @@ def opposite_axes(mechanism: Mechanism, data: pin.Data) -> dict[str, bool]:
         cosines = np.vecdot(one.T, two.T)
         if np.any(cosines < 0.5):
             opposite[name] = bool(np.all(np.abs(cosines) > 0.5))
+    for closure in mechanism.closures:
+        if closure.pair.aligned == TANGENT:
+            frames = (FrameOnBody.of(mechanism, name) for name in closure.frames)
+            first, second = (data.oMi[frame.joint] * frame.placement for frame in frames)
+            seen = first.actInv(second)
+            if closure.numbers["curve"].tangent(seen.translation) @ seen.rotation[:, 2] < 0.0:
+                opposite[closure.name] = True
     return opposite
 
 
@@ -35,7 +44,7 @@ def axis_pairs(mechanism: Mechanism) -> list[tuple[str, list[tuple[int, Array]]]
     """Return closures with axes: name, and of each end its joint and axes (3, n) fixed to it."""
     pairs = []
     for closure in mechanism.closures:
-        if not closure.pair.aligned:
+        if not closure.pair.aligned or closure.pair.aligned == TANGENT:
             continue
         geometry, first = closure.geometry, 2 if closure.pair.aligned == "z" else 0
         ends = [

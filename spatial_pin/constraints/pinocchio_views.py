@@ -44,7 +44,7 @@ def forces(data: pin.Data) -> Array:
 def inertias(model: pin.Model) -> Array:
     """Return a view (njoints, 10) on inertias: mass, lever, then xx, xy, yy, xz, yz, zz about it.
 
-    It sees what is changed later.
+    It sees later changes.
     """
     first, second = (model.inertias[i].lever for i in (0, min(1, model.njoints - 1)))
     at, after = (x.__array_interface__["data"][0] for x in (first, second))

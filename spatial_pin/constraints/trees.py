@@ -68,7 +68,7 @@ def tree_of(model: pin.Model) -> Tree | KernelTree:
 
 
 def mass_pattern(model: pin.Model) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return (rows, columns) of freedoms of which one carries the other."""
+    """Return (rows, columns) of freedoms where one carries the other."""
     related = np.zeros((model.nv, model.nv), dtype=bool)
     for i in range(1, model.njoints):
         own = slice(model.idx_vs[i], model.idx_vs[i] + model.nvs[i])

@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.constraints.composite_joints import split_of
-from spatial_pin.mechanism.equations import Angle, Bearing
+from spatial_pin.mechanism.equations import Angle, Bearing, Parameter
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
@@ -59,9 +59,11 @@ class _Hinge(NamedTuple):
         return len(sines) == 1 and sines[0] < NEARLY_PARALLEL
 
 
-def turns_of(mechanism: Mechanism, closure: Closure, angle: Angle | Bearing) -> Turns:
+def turns_of(
+    mechanism: Mechanism, closure: Closure, angle: Angle | Bearing | Parameter
+) -> Turns:
     """Return the coordinates that count the turns of an angle of a closure."""
-    if isinstance(angle, Bearing):  # of a point that moves: turns are counted along a path
+    if not isinstance(angle, Angle):  # of a point that moves: turns are counted along a path
         return Turns(np.zeros(mechanism.model.nq), 0.0, False)
     model, carriers = split_of(mechanism)
     ends, frames = [], []

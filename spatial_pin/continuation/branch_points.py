@@ -118,7 +118,7 @@ class Passage(NamedTuple):
     Attributes:
         tracker: the point that came to it.
         smooth: what leads along the polynomials: a law that bends between its pieces is followed
-            by a smooth one, and what is between the two is added by derivatives.
+            by a smooth one, and the difference of the two is added by derivatives.
         branch_points: leading values of the branch point, and of others that are as near.
         ends: leading values before and behind them, where the equations are solvable.
         q, angles: interpolators of configuration and relative angles of screw closures.

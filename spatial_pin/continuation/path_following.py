@@ -27,14 +27,14 @@ class Followed(NamedTuple):
     """The samples of a followed branch, and how it ended.
 
     Attributes:
-        samples: of which `done` are done.
+        samples: the first `done` of them are done.
         done: how many.
         stop: what ended it before the last; None if nothing did.
         crossed: branch points passed, each with the number of the sample behind it.
         undriven: the same of configurations in which the drivers alone do not determine a motion
             that targets do.
         is_cut: whether Ctrl-C ended it.
-        released: sentences on what is held, but not where the guess has it.
+        released: sentences on held coordinates that do not stand where the guess has them.
     """
 
     samples: PathSamples

@@ -487,7 +487,7 @@ class PathTracker(Branch):
             self.evaluation.angle_reference[:] = here.angles
         q, s = (here.q, here.s) if arrival is None else (arrival.q, arrival.value)
         sizes = self.mechanism.velocity_scale[[c.v for c in self.driven]]
-        # joints have any pace there; that of what is driven is a measure
+        # joints have any pace there; the drivers' is a measure
         pace = float(np.linalg.norm(self.leading.rates(s) / sizes))
         curve = self.curve(system, TOLERANCES.round_off, pace)
         return running_away(curve, curve.unknowns.of(q, s), goal)
@@ -513,7 +513,7 @@ class PathTracker(Branch):
         if end := self._running_away(goal, system):
             raise Stopped(end)
         here = self.here
-        # few steps: open loops would hide where the branch turns, and what is redundant
+        # few steps: open loops would hide where the branch turns, and redundant equations
         wanted = min(self.accuracy.tolerance, TOLERANCES.tight)
         curve = self.curve(system, max(wanted, 1e-14))
         arrival = followed_to(curve, curve.unknowns.of(here.q, here.s), value, here.t)

@@ -30,7 +30,7 @@ class OneDriver:
 
     Attributes:
         begin: the leading value at the start [rad or m].
-        n_moving: how many of what is driven move, the first ones.
+        n_moving: how many prescribed coordinates move, the first ones.
 
     Args:
         mechanism: the mechanism.
@@ -161,12 +161,12 @@ class Configurations:
 
     Attributes:
         scale: (n,) change of a unit of each unknown's velocity.
-        drive: (d, nv) equations of what is driven or stands still.
+        drive: (d, nv) equations of prescribed coordinates, moving or not.
         at: place of the leading value in x.
         rate: place of its rate in tangents.
 
     Args:
-        system: the square system of what is driven.
+        system: the square system with its prescribed coordinates.
     """
 
     def __init__(self, system: SquareSystem) -> None:
@@ -218,7 +218,7 @@ class WithParameter(Configurations):
     """Unknowns x (nq + 1,): a configuration, and the parameter of the drivers' law.
 
     Args:
-        system: the square system of what is driven.
+        system: the square system with its prescribed coordinates.
         law: how the drivers go.
         unit: change of the parameter that counts as one radian.
     """

@@ -79,7 +79,7 @@ class Sensitivity:
         for name, derivative in self.derivatives.items():
             error = np.reshape(self.errors[name], np.shape(self.errors[name]) + (1,) * (
                 np.ndim(derivative) - np.ndim(self.errors[name])))
-            d = np.where(np.abs(derivative) <= error, 0.0, derivative)  # what is left is noise
+            d = np.where(np.abs(derivative) <= error, 0.0, derivative)  # the rest is noise
             lines.append(f"  d/d {name} = 0: it changes nothing in the file" if name in self.idle
                          else f"  d/d {name} = {_words(d)}  (± {np.max(error, initial=0.0):.0e})"
                          f"{unit}")

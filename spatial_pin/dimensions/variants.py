@@ -33,7 +33,7 @@ from spatial_pin.formats.parsing import parse_urdf
 from spatial_pin.formats.urdf.validation import check_links
 from spatial_pin.formats.xacro.expansion import expand, traced
 from spatial_pin.formats.xacro.tracing import depends
-from spatial_pin.formats.xacro.xacro_arguments import Values, written_dimensions
+from spatial_pin.formats.xacro.xacro_arguments import worked_out, written_dimensions
 from spatial_pin.mechanism.inertia import inertia_as_given, put_inertias
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import EPS, Array
@@ -45,12 +45,7 @@ FIELDS = [field.name for field in fields(Mechanism) if field.init]
 
 
 class Variants:
-    """A mechanism at other dimensions; for motion alone, masses stay nominal.
-
-    Args:
-        mechanism: at its nominal dimensions.
-        names: the dimensions.
-    """
+    """A mechanism at other dimensions; for motion alone, masses stay nominal."""
 
     def __init__(self, mechanism: Mechanism, names: Iterable[str]) -> None:
         self.mechanism, self.names = mechanism, list(names)
@@ -401,6 +396,33 @@ class TracedTree(TracedText):
                     parts[i].set(key, " ".join(map(repr, own)))
         return check_links(robot, self._mechanism.tree or Path(), Faults())
 
+    def link_inertias(self, numbers: Array) -> dict[str, Array]:
+        """Return (m or 1, 10) of the inertias of links, as `pin.Inertia` orders its parameters.
+
+        In the links' frames, from traced numbers (k, m); those that depend on no dimension are left
+        out.
+        """
+        found = {}
+        for name, (inertial, words) in self._inertials.items():
+            if not any(x.vary for *_, x in words):
+                continue
+            tags = [part.tag for part in inertial.iter()]
+            known = {(tags[i], key): word.at(numbers) for i, key, word in words}
+            xyz, rpy = (known.get(("origin", key), np.zeros((1, 3))) for key in ("xyz", "rpy"))
+            mass, *entries = (known.get(key, np.zeros((1, 1)))[:, 0] for key in (
+                ("mass", "value"), *(("inertia", f"i{k}") for k in SYMMETRIC)))
+            m = max(len(x) for x in (xyz, rpy, mass, *entries))
+            turn, inertia = PlacementBatch.from_origin(xyz, rpy).rotation, np.empty((m, 3, 3))
+            for (i, j), x in zip(SYMMETRIC.values(), entries, strict=True):
+                inertia[:, i, j] = inertia[:, j, i] = x
+            about = turn @ inertia @ turn.transpose(0, 2, 1) + mass[:, None, None] * (
+                np.sum(xyz * xyz, axis=1)[:, None, None] * np.eye(3)
+                - xyz[:, :, None] * xyz[:, None])
+            found[name] = np.column_stack([
+                np.broadcast_to(mass, m), mass[:, None] * np.broadcast_to(xyz, (m, 3)),
+                *(about[:, i, j] for i, j in SYMMETRIC.values())])
+        return found
+
     def mechanism_at(
         self, dimensions: Mapping[str, float], geometry: TracedGeometry, k: int
     ) -> Mechanism:
@@ -423,8 +445,10 @@ class TracedTree(TracedText):
         other = copied(m, model=model, inertias=inertias,
                        parameters={**m.parameters, **dimensions})
         other.__dict__["dimensions"] = {**m.dimensions, **dimensions}
-        if isinstance(m.guess, Values):
-            other.__dict__["guess"] = partial(m.guess.at, dict(dimensions))
+        written = m.content.get("guess", {})
+        if m.path and m.tree and written and written.keys() == m.guess.keys():
+            other.__dict__["guess"] = partial(worked_out, written, m.path, "guess", m.tree,
+                                              other.parameters, m.trusted, m.packages)
         return other
 
     def _placed(
@@ -449,6 +473,8 @@ class TracedTree(TracedText):
         return joints, frames
 
 
+# entries of an inertia, in the order of Pinocchio's parameters
+SYMMETRIC = {"xx": (0, 0), "xy": (0, 1), "yy": (1, 1), "xz": (0, 2), "yz": (1, 2), "zz": (2, 2)}
 ORIGINS = (pin.FrameType.JOINT, pin.FrameType.FIXED_JOINT)
 
 

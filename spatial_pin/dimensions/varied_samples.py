@@ -169,13 +169,7 @@ class SampleGeometry(NamedTuple):
 
 
 class VariedSamples:
-    """Outputs of a mechanism at many sets of its dimensions; make it by `of`.
-
-    Args:
-        mechanism: at its nominal dimensions.
-        tree: its traced file.
-        wanted: the outputs.
-    """
+    """Outputs of a mechanism at many sets of its dimensions; make it by `of`."""
 
     def __init__(self, mechanism: Mechanism, tree: TracedTree, wanted: list[_Wanted]) -> None:
         self.mechanism, self._tree, self._wanted = mechanism, tree, wanted

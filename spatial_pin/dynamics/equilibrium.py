@@ -40,7 +40,7 @@ from spatial_pin.numerics.linalg import Array, decompose, pivoted_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy, accuracy_of
 
-# Steps of one search. Twenty suffice as a rule; after so many the mechanism falls without end.
+# Steps of one search. Twenty suffice as a rule; after these the mechanism falls without end.
 MOST_DESCENTS = 500
 LONGEST = 0.3  # longest step [rad, characteristic lengths]: equilibria are farther apart as a rule
 OVERSHOT = 0.5  # largest slope at the end of a step, relative to the one at its start
@@ -172,7 +172,7 @@ class Equilibria(Tabular, list[Equilibrium]):
         """Return quantities by name: coordinates, energy, kind, and how many starts reached it.
 
         Args:
-            outputs: names of what is wanted; default all.
+            outputs: names of the wanted outputs; default all.
 
         Raises:
             UnknownNameError: there is none of a name.
@@ -245,7 +245,7 @@ def equilibrium(
 
     Args:
         mechanism: the mechanism.
-        guess: where the search starts, as for `assemble`; what is held has its value there.
+        guess: start of the search, as for `assemble`; held coordinates have their values there.
         hold: names of joints, coordinates or drivers that stand still; "base" for a free base.
         speeds: by driver or coordinate, a constant speed [rad/s, m/s]: the mechanism is at rest
             relative to what turns so.
@@ -302,7 +302,7 @@ def equilibria(
 
     Args:
         mechanism: the mechanism.
-        guess: the first start; what is held has its value there.
+        guess: the first start; held coordinates have their values there.
         hold: as for `equilibrium`, as are speeds, efforts, external, laws, coordinates and
             accuracy.
         speeds: see `hold`.

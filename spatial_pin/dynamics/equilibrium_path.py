@@ -46,9 +46,9 @@ from spatial_pin.settings import Accuracy, accuracy_of
 # one fails, the path ends.
 FIRST_LENGTH, LARGEST_LENGTH, SMALLEST_LENGTH = 0.02, 0.1, 1e-7
 MOST_POSES = 5000  # poses of a path: a snap-through takes fifty
-MOST_RANGES = 11.0  # a load factor that leaves its range by so many ranges does not come back
+MOST_RANGES = 11.0  # a load factor that leaves its range by this many ranges does not come back
 POSE_CORRECTIONS = 12  # Newton steps: beyond, a shorter step of the path costs less
-# After at most so many corrections the next step is longer, after more than so many it is shorter.
+# After fewer corrections the next step is longer, after more it is shorter.
 FEW_CORRECTIONS, MANY_CORRECTIONS = 4, 7
 AT_ORIGIN = 1e-3  # distance at which a path is where it began: at a branch point half of the digits
 LOAD_FACTOR = "load_factor"  # an output
@@ -261,7 +261,7 @@ class LoadPath:
                 return None
         return None
 
-    # ------------------------------------------------------------ what is met on the way
+    # ---------------------------------------------------------------- events of the path
 
     def steps(self, first: LoadPoint, ends: tuple[float, float]) -> Iterator[LoadPoint]:
         """Yield the points of the path until the factor is the last one, and there exactly.

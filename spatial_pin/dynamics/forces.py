@@ -109,8 +109,8 @@ class Forces:
         """Return the generalised forces (nv,) of all, after `evaluation.update(q)`."""
         total = self.turning(q, v)
         for line in self.lines:
-            row, length, _ = self.row(evaluation, line)
-            total -= line.law(length, float(row @ v)) * row
+            row, force, _ = self._pull(evaluation, line, v)
+            total -= force * row
         return total + generalised(evaluation, self._of_bushings(evaluation, v))
 
     def _of_bushings(self, evaluation: LoopEquations, v: Array) -> list[tuple[int, Array]]:
@@ -133,8 +133,7 @@ class Forces:
         """Return (joint, wrench (6,) on its body about the world origin) of springs on frames."""
         on_bodies = self._of_bushings(evaluation, v)
         for line in self.lines:
-            row, length, wrench = self.row(evaluation, line)
-            force = line.law(length, float(row @ v))
+            _, force, wrench = self._pull(evaluation, line, v)
             on_bodies += [(line.bodies[0], force * wrench), (line.bodies[1], -force * wrench)]
         return on_bodies
 
@@ -164,6 +163,42 @@ class Forces:
         """Return the round-off of a point's position [m]."""
         size = self.mechanism.characteristic_length + float(np.abs(point).max())
         return TOLERANCES.last_digit * size
+
+    def _pull(
+        self, evaluation: LoopEquations, line: LineSpring, v: Array
+    ) -> tuple[Array, float, Array]:
+        """Return d(length)/dv (nv,), the force, and the unit wrench of lengthening (6,).
+
+        Where the frames coincide, they part in the direction of their motion.
+        """
+        row, length, wrench = self.row(evaluation, line)
+        if length:
+            return row, line.law(length, float(row @ v)), wrench
+        x, y, z = (line.points[1] @ evaluation.placements[line.bodies[1]]).tolist()
+        along = np.array([[1.0, 0.0, 0.0, 0.0, z, -y], [0.0, 1.0, 0.0, -z, 0.0, x],
+                          [0.0, 0.0, 1.0, y, -x, 0.0]])  # unit forces at the point
+        parting = (along @ joint_jacobian(evaluation.data, evaluation.model.nv)) * line.sign
+        if not self.can_part(parting):
+            return row, 0.0, wrench
+        if force := line.law(0.0, 0.0):
+            raise self.without_direction(line.name, f"force of {force:.6g} N")
+        motion = parting @ v
+        pace = float(np.sqrt(motion @ motion))
+        if not pace:
+            return row, 0.0, wrench
+        return motion @ parting / pace, line.law(0.0, pace), motion @ along / pace
+
+    def can_part(self, parting: Array) -> bool:
+        """Whether velocities move two points apart, by the derivatives (3, nv) of their offset."""
+        size = self.mechanism.characteristic_length * TOLERANCES.tight
+        return bool(np.abs(parting).max(initial=0.0) > size)
+
+    def without_direction(self, name: str, what: str) -> SpatialPinError:
+        """Return the error of a spring whose force or damping has no direction."""
+        return SpatialPinError(
+            f"mechanism {self.mechanism.name!r}: the two frames of spring {name!r} coincide, where "
+            f"its {what} has no direction: start where its frames are apart, or give it a joint "
+            "instead of frames")
 
     def row(self, evaluation: LoopEquations, line: LineSpring) -> tuple[Array, float, Array]:
         """Return d(length)/dv (nv,), the length, and the unit wrench of lengthening (6,)."""

@@ -34,7 +34,7 @@ Load = tuple[Mapping[str, pin.Force] | None, Mapping[str, Law] | None, SlipSpeed
 class Dynamics:
     """Accelerations and reactions of a mechanism under given forces.
 
-    Reactions are worked out when they are asked for.
+    Reactions are worked out at first use.
 
     Attributes:
         a: (nv,) joint accelerations [rad/s², m/s²].

@@ -17,18 +17,26 @@ NO_FORCE = 1e-9  # of the largest multiplier, or of the weight: what rounding le
 
 
 def contacts_of(mechanism: Mechanism) -> dict[str, tuple[int, int]]:
-    """Return by cam closure the number of its equation, and the sign of a multiplier that pushes.
+    """Return by closure that pushes alone its equation, and the sign of a multiplier that pushes.
 
-    The equation of a roller grows outwards of the cam, that of a face away from the cam.
+    The equation of a roller grows outwards of the cam, that of a face away from the cam, and that
+    of two curves outwards of the first.
     """
     whole = mechanism.whole or mechanism
     rows = {x.closure: k for k, x in enumerate(constraints_of(whole).labels)}
-    followers = {c.name: c.numbers["follower"] for c in whole.closures if "follower" in c.numbers}
-    return {name: (rows[name], x.side if x.flat is None else 1) for name, x in followers.items()}
+    signs = {}
+    for c in whole.closures:
+        both = c.numbers.get("curves")
+        if both is not None:  # the second one is inside of the first, pushed inwards, or not
+            signs[c.name] = -1 if both.side < 0 and both.two.length < both.one.length else 1
+        follower = c.numbers.get("follower")
+        if follower is not None:
+            signs[c.name] = follower.side if follower.flat is None else 1
+    return {name: (rows[name], sign) for name, sign in signs.items()}
 
 
 def lift_offs(mechanism: Mechanism, multipliers: Array, at: Array, what: str) -> list[Event]:
-    """Return an event where each contact of a cam begins to pull, in their order.
+    """Return an event where each contact begins to pull, in their order.
 
     Args:
         mechanism: what moves.

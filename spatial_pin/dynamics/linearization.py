@@ -260,7 +260,7 @@ class Linearization(Tabular):
         """Return quantities by name: frequencies and damping ratios.
 
         Args:
-            outputs: names of what is wanted; default all.
+            outputs: names of the wanted outputs; default all.
 
         Raises:
             UnknownNameError: there is none of a name.
@@ -337,6 +337,7 @@ def linearize(
     at = _at_rest(mechanism, state, AppliedLoads(
         exact_mechanism(state), hold, speeds, efforts, external, laws))
     wished = None if coordinates is None else names_of(coordinates, "coordinates")
+    at.loads.springs.refuse_undirected()
     verdict = stability_of(at)
     names, rates, motions = independent_motions(at, verdict.free, wished)
     reduced = at.reduced(motions, rates)

@@ -129,7 +129,7 @@ class Drawing:
     every coordinate is zero there. `mechanism` chooses a tree and cuts the loops; the order of the
     statements means nothing.
 
-    `d["b"] = 0.3` makes a dimension; its symbol `d["b"]`, or what is computed from it, may stand
+    `d["b"] = 0.3` makes a dimension; its symbol `d["b"]`, or an expression of it, may stand
     wherever a number may. A place has three numbers, or two in the plane z = 0. Names of bodies and
     points that are not there are told by `mechanism`, all together.
 

@@ -26,9 +26,8 @@ from spatial_pin.formats.drawn_file import (
     Vector,
     is_varied,
 )
-from spatial_pin.formats.graph.joint_graph import WORLD, GraphJoint, JointGraph, Link
+from spatial_pin.formats.graph.joint_graph import WORLD, GraphJoint, JointGraph, Link, SpanningTree
 from spatial_pin.formats.graph.open_tree import cut_notice
-from spatial_pin.formats.graph.spanning import SpanningTree
 from spatial_pin.formats.graph.urdf import named_coordinates
 from spatial_pin.formats.urdf.elements import UNBOUNDED, fresh, joint_element
 from spatial_pin.formats.urdf.urdf_model import RESISTANCES
@@ -88,7 +87,7 @@ class DrawnTree(NamedTuple):
 
 
 def drawn_tree(content: Mapping[str, Any], where: str) -> DrawnTree:
-    """Return the tree of a drawing, and what is cut of it.
+    """Return the tree of a drawing, and its cut joints.
 
     Args:
         content: of the mechanism file, as `tomllib` reads it; it has `bodies`.
@@ -115,12 +114,7 @@ def drawn_tree(content: Mapping[str, Any], where: str) -> DrawnTree:
 
 
 def spanning_tree(drawing: DrawnFile, rest: Mapping[str, Any], where: str) -> SpanningTree:
-    """Return a drawing's spanning tree, in which coordinates are that something refers to.
-
-    Raises:
-        MechanismFileError: a body is joined to nothing, or not to the ground, or all joints of a
-            loop are needed.
-    """
+    """Return a drawing's spanning tree, in which coordinates are that something refers to."""
     links = [Link(name, massless=False) for name in drawing.bodies]
     joints = [_graph_joint(name, joint) for name, joint in drawing.joints.items()]
     joints += [GraphJoint(name, "distance", _world(drawing.points[one][0]),
@@ -164,7 +158,7 @@ def _check_joined(joints: Sequence[GraphJoint], bodies: Sequence[str], where: st
     loose = [name for name in bodies if name not in reached]
     if loose:
         raise MechanismFileError(
-            f"{where}: nothing joins {', '.join(loose)} to {GROUND!r}; what is free to move in "
+            f"{where}: nothing joins {', '.join(loose)} to {GROUND!r}; a body that moves freely in "
             f'space has a joint of type = "floating" between {GROUND!r} and it')
 
 

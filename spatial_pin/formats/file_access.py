@@ -75,11 +75,7 @@ def shown(path: Path | str) -> str:
 
 
 def check_file(path: Path) -> None:
-    """Refuse a path that is no plain file.
-
-    Raises:
-        MechanismFileError: it is not there, a folder, a pipe, or larger than any mechanism.
-    """
+    """Refuse a path that is no plain file."""
     if is_held(path):
         return
     try:
@@ -214,11 +210,7 @@ class Trust:
         return cls(folder.resolve(), packages, trusted)
 
     def resolved(self, name: Path | str) -> Path:
-        """Return where a file lies that may be read if it is there.
-
-        Raises:
-            MechanismFileError: it lies elsewhere.
-        """
+        """Return where a file lies that may be read if it is there."""
         try:
             path = Path(name).resolve()
         except (OSError, ValueError, RuntimeError) as error:  # too long a name, a loop of links

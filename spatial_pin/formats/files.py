@@ -92,22 +92,18 @@ def _replaced(entry: Mapping[str, Any], mine: Any) -> str:
     return ""
 
 
-def with_free_flyer(urdf: str, path: Path, refined: Container[str] = ()) -> str:
-    """Return URDF text in which a floating joint carries the root link.
+def add_free_flyer(robot: ET.Element, path: Path, refined: Container[str] = ()) -> None:
+    """Let a floating joint carry the root link of a URDF.
 
     A new link, `world`, becomes the root (`ground` where a link has that name): closures to what
     stands still name it. Links that a file fixes to its root link go with it.
-
-    Raises:
-        MechanismFileError: all that the root carries floats already.
     """
-    robot = parse_urdf(urdf, path)
     joints, links = robot.findall("joint"), robot.findall("link")
     children = {end_of(joint, "child") for joint in joints}
     roots = [link for link in links if link.get("name", "") not in children]
     where = f"{shown(path)}: free_flyer=True"
     if not roots:
-        return urdf  # no tree: its reader refuses it
+        return  # no tree: its reader refuses it
     root = roots[0].get("name", "")
     if len(roots) > 1:
         names = ", ".join(link.get("name", "") for link in roots)
@@ -129,7 +125,6 @@ def with_free_flyer(urdf: str, path: Path, refined: Container[str] = ()) -> str:
     ET.SubElement(joint, "child", link=root)
     robot.insert(0, ET.Element("link", name=ground))
     robot.insert(1, joint)
-    return ET.tostring(robot, encoding="unicode")
 
 
 def list_mechanisms() -> list[str]:
@@ -257,7 +252,7 @@ def _loaded(request: Request) -> Mechanism:
     imported, path = importer.read(request), request.path
     name = path.name.removesuffix(".xacro").removesuffix(".urdf")
     content = {"name": name, "tree": path.name, **imported.content}
-    return made_of(content, path, imported.urdf, request, imported.notices)
+    return made_of(content, path, imported.robot(path), request, imported.notices)
 
 
 def _folders(packages: Mapping[str, str | Path]) -> dict[str, Path]:
@@ -293,8 +288,13 @@ def _find(source: str | Path) -> Path:
 def _load_toml(request: Request) -> Mechanism:
     path = request.path
     top = TomlTable(parse_toml(read_text(path), path), str(path))
-    if "bodies" in top:
-        return _load_drawing(top, request)
+    if "bodies" in top:  # what is cut of a drawing is no fault that a warning tells
+        drawn = drawn_tree(top.content, top.where)
+        held = HeldFile.of(path.parent / drawn.content["tree"], drawn.xacro)
+        text = request.expanded or expand(held, request.parameters, request.trusted,
+                                          request.packages)
+        made = made_of(drawn.content, held, parse_urdf(text, held), request, ())
+        return made.with_fields(notices=(*drawn.notices, *made.notices))
     mistakes = Mistakes(str(path))
     with mistakes.each():
         file = _tree_of(top, request)
@@ -309,26 +309,11 @@ def _load_toml(request: Request) -> Mechanism:
     if mistakes:
         MechanismSpec(top, mistakes, Trust.of(path, request.packages, request.trusted))
         mistakes.raise_all()
-    return made_of(content, file, tree.urdf, request, (*tree.notices, *replaced))
-
-
-def _load_drawing(top: TomlTable, request: Request) -> Mechanism:
-    """Return the mechanism of a drawing; what was cut of it is no fault that a warning tells."""
-    drawn = drawn_tree(top.content, top.where)
-    tree = HeldFile.of(request.path.parent / drawn.content["tree"], drawn.xacro)
-    urdf = request.expanded
-    if urdf is None:
-        urdf = expand(tree, request.parameters, request.trusted, request.packages)
-    made = made_of(drawn.content, tree, urdf, request, ())
-    return made.with_fields(notices=(*drawn.notices, *made.notices))
+    return made_of(content, file, tree.robot(file), request, (*tree.notices, *replaced))
 
 
 def _for_file(request: Request, file: Path, importer: Importer) -> Request:
-    """Return a request for a file: `model` chooses among several, or is a xacro argument.
-
-    Raises:
-        MechanismFileError: the file takes no parameters, or no `model`.
-    """
+    """Return a request for a file: `model` chooses among several, or is a xacro argument."""
     if file.suffix == ".xacro" and request.model is not None:
         own: dict[str, Any] = {**request.parameters, "model": request.model}
         return replace(request, parameters=own, model=None)
@@ -370,7 +355,8 @@ def _tree_of(top: TomlTable, request: Request) -> Path:
 
 
 def made_of(
-    content: dict[str, Any], file: Path, urdf: str, request: Request, notices: Iterable[str]
+    content: dict[str, Any], file: Path, robot: ET.Element, request: Request,
+    notices: Iterable[str],
 ) -> Mechanism:
     """Return the mechanism of a file's content and the tree of `file`; a warning names faults."""
     faults = Faults()
@@ -380,8 +366,8 @@ def made_of(
         joints = content.get("joints")
         tables = joints if isinstance(joints, dict) else {}
         refined = [name for name, x in tables.items() if isinstance(x, dict) and "type" in x]
-        urdf = with_free_flyer(urdf, file, refined)
-    made = mechanism_of(TomlTable(content, str(request.path)), file, urdf, request, faults)
+        add_free_flyer(robot, file, refined)
+    made = mechanism_of(TomlTable(content, str(request.path)), file, robot, request, faults)
     if summary := faults.summary():
         warn(f"{shown(request.path)}: {summary}")
     return made

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
@@ -11,6 +12,7 @@ from typing import Any
 
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.file_access import Trust, check_file, shown
+from spatial_pin.formats.parsing import parse_urdf
 
 FOLDER = "/"  # the ending of a folder's name
 NAMED_FAULTS = 3  # of one kind in a warning: enough to see what they have in common
@@ -55,15 +57,19 @@ class Imported:
     """An open tree and the further content of its file.
 
     Attributes:
-        urdf: the open tree as plain URDF text, files of meshes by absolute paths.
+        urdf: the open tree as a plain URDF, its text or its <robot>; meshes by absolute paths.
         content: the other keys of a mechanism file, as `tomllib` reads them; `name` and
             `tree` may be left out.
         notices: of changes and omissions in reading, a sentence each; `load` warns of them.
     """
 
-    urdf: str
+    urdf: str | ET.Element
     content: Mapping[str, Any] = field(default_factory=dict)
     notices: tuple[str, ...] = ()
+
+    def robot(self, path: Path) -> ET.Element:
+        """Return the <robot> of the open tree; `path` is where it comes from."""
+        return parse_urdf(self.urdf, path) if isinstance(self.urdf, str) else self.urdf
 
 
 class Faults:
@@ -129,11 +135,11 @@ def on_use(module: str, name: str = "read") -> Callable[[Any], Any]:
 IMPORTERS: dict[str, Importer] = {
     "urdf": Importer("URDF or xacro", (".urdf", ".xacro", ".xml"),
                      on_use("urdf_importer", "is_urdf"), on_use("urdf_importer", "read_urdf")),
-    "sdf": Importer("SDFormat", (".sdf", ".world"), lambda path: True, on_use("sdf.reader"),
+    "sdf": Importer("SDFormat", (".sdf", ".world"), lambda path: True, on_use("sdf.sdf_reader"),
                     has_models=True),
     "usd": Importer("USD", (".usd", ".usda", ".usdc", ".usdz"), lambda path: True, on_use("usd")),
     "mjcf": Importer("MJCF", (".xml", ".mjcf"), on_use("mjcf.compiling", "is_mjcf"),
-                     on_use("mjcf.reader")),
+                     on_use("mjcf.mjcf_reader")),
     "folder": Importer("a folder with a URDF", (FOLDER,), on_use("urdf_importer", "has_urdf"),
                        on_use("urdf_importer", "read_folder")),
     "statement": Importer("robot.yaml or loop_closures.yaml beside a URDF", (".yaml", ".yml"),
@@ -149,11 +155,7 @@ def endings() -> tuple[str, ...]:
 
 
 def importer_of(path: Path) -> Importer | None:
-    """Return the importer that reads a file or folder; None where its name ends as none does.
-
-    Raises:
-        MechanismFileError: the file is not there, or is in none of the formats of its ending.
-    """
+    """Return the importer that reads a file or folder; None where its name ends as none does."""
     # os.path, unlike Path.is_dir, is false for names that are too long
     ending = FOLDER if os.path.isdir(path) else path.suffix.lower()
     candidates = [x for x in IMPORTERS.values() if ending in x.suffixes]

@@ -18,7 +18,6 @@ from spatial_pin.formats.checked_tables import BELONGS, BETWEEN, TOP, TomlTable,
 from spatial_pin.formats.file_access import Trust, read_text
 from spatial_pin.formats.graph.urdf import without_loops
 from spatial_pin.formats.importers import Faults, Request
-from spatial_pin.formats.parsing import parse_urdf
 from spatial_pin.formats.urdf.elements import inertial
 from spatial_pin.formats.urdf.urdf_model import (
     LIMITS,
@@ -26,7 +25,7 @@ from spatial_pin.formats.urdf.urdf_model import (
     JointRefinement,
     tree_of,
 )
-from spatial_pin.formats.xacro.xacro_arguments import Values, dimensions, with_numbers
+from spatial_pin.formats.xacro.xacro_arguments import dimensions, with_numbers, worked_out
 from spatial_pin.mechanism.contact_sides import sided
 from spatial_pin.mechanism.coordinates import check_guess
 from spatial_pin.mechanism.curves import CurveShape, curve_of
@@ -157,9 +156,8 @@ class MechanismSpec:
         return tuple(found)
 
 
-def with_masses(urdf: str, masses: Mapping[str, pin.Inertia], path: Path, where: str) -> str:
-    """Return URDF text whose links have the masses that a mechanism file gives them."""
-    robot = parse_urdf(urdf, path)
+def put_masses(robot: ET.Element, masses: Mapping[str, pin.Inertia], where: str) -> None:
+    """Give the links of a URDF the masses that a mechanism file states."""
     links = {link.get("name", ""): link for link in robot.findall("link")}
     for name, mass in masses.items():
         if name not in links:
@@ -168,13 +166,12 @@ def with_masses(urdf: str, masses: Mapping[str, pin.Inertia], path: Path, where:
         for own in links[name].findall("inertial"):
             links[name].remove(own)
         links[name].append(inertial(mass))
-    return ET.tostring(robot, encoding="unicode")
 
 
 def mechanism_of(
-    top: TomlTable, file: Path, urdf: str, request: Request, faults: Faults
+    top: TomlTable, file: Path, robot: ET.Element, request: Request, faults: Faults
 ) -> Mechanism:
-    """Return the mechanism of the expanded URDF of `file` and the table of the file asked for."""
+    """Return the mechanism of the expanded URDF of `file` and the table of the mechanism file."""
     mistakes, written = Mistakes(top.where), top.content
     trust = Trust.of(file, request.packages, request.trusted)
     with mistakes.each():
@@ -184,16 +181,15 @@ def mechanism_of(
     if not spec.is_whole["joints"]:
         mistakes.raise_all()  # what the tree is, is not known
     with mistakes.each():
-        if spec.masses:
-            urdf = with_masses(urdf, spec.masses, file, top.where)
-        cut = without_loops(urdf, top.content, spec.refinements, file, faults)
+        put_masses(robot, spec.masses, top.where)
+        cut = without_loops(robot, top.content, spec.refinements, file, faults)
         if cut is not None:
             mistakes.raise_all()
             for notice in cut.notices:
                 faults.note(notice)
-            urdf, top = cut.urdf, TomlTable(cut.content, top.where)
+            robot, top = cut.robot(file), TomlTable(cut.content, top.where)
             spec = MechanismSpec(top, mistakes, trust)
-        tree, mimics = tree_of(urdf, file, spec.refinements, faults, trust, spec.order, top.where)
+        tree, mimics = tree_of(robot, file, spec.refinements, faults, trust, spec.order, top.where)
         if spec.gravity is not None:
             tree["model"].gravity.linear = spec.gravity
         spec.parts["closures"] += mimics
@@ -214,10 +210,10 @@ def _build(
         joints = dict(zip(list(tree["model"].names)[1:], tree["pairs"], strict=True))
         parts["drivers"] = drivers_of_tree(joints, parts["closures"])
     with_dimensions = file, dict(request.parameters), request.trusted, request.packages
-    parts["dimensions"] = partial(dimensions, *with_dimensions)  # read when they are asked for
+    parts["dimensions"] = partial(dimensions, *with_dimensions)  # read at first use
     guess = parts.pop("guess")
     with mistakes.each():
-        parts["guess"] = Values(guess, request.path, "guess", *with_dimensions)
+        parts["guess"] = worked_out(guess, request.path, "guess", *with_dimensions)
     mechanism = Mechanism(
         name=top.content.get("name", ""), tree=file, path=request.path,
         parameters=dict(request.parameters), trusted=request.trusted, packages=request.packages,
@@ -355,7 +351,7 @@ def _numbers(table: TomlTable, pair: Pair, context: Context) -> dict[str, Any]:
 
 
 def rows_of(file: Path) -> list[list[float | None]]:
-    """Return the numbers of a table, row by row, without its heading; None for what is none."""
+    """Return the numbers of a table, row by row, without its heading; None for another text."""
     rows = [line.replace(";", ",").split(",") for line in read_text(file).splitlines()
             if line.strip() and not line.lstrip().startswith("#")]
     values = [[_as_number(x) for x in row] for row in rows]

@@ -1,4 +1,4 @@
-"""Writing a mechanism as plain files: the expanded URDF, and a mechanism file for the rest."""
+"""A mechanism as plain files: expanded URDF, and a mechanism file for the rest; edits of that."""
 
 from __future__ import annotations
 
@@ -8,16 +8,21 @@ import shutil
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from spatial_pin._support.checks import finite_array, finite_number
 from spatial_pin._support.output_files import named_folder, named_path, replacing, write_text
-from spatial_pin.errors import MechanismFileError, SpatialPinError, warn
+from spatial_pin.errors import MechanismFileError, SpatialPinError, UnknownNameError, warn
 from spatial_pin.formats.dialects import RobotReading, read_dialects
-from spatial_pin.formats.file_access import Trust, is_file, is_held, read_text
-from spatial_pin.formats.parsing import toml_text
+from spatial_pin.formats.file_access import HeldFile, Trust, is_file, is_held, read_text
+from spatial_pin.formats.files import load, made_of
+from spatial_pin.formats.importers import Request
+from spatial_pin.formats.parsing import parse_toml, toml_text
 from spatial_pin.formats.pinocchio_model.pair_tree import joint_axis
 from spatial_pin.formats.urdf.elements import fresh
 from spatial_pin.formats.urdf.urdf_model import (
@@ -50,9 +55,6 @@ def save(mechanism: Mechanism, folder: str | Path, tabulate: Any = None) -> Path
 
     Returns:
         The mechanism file, for `load`.
-
-    Raises:
-        SpatialPinError: a target is a file of the mechanism itself, or cannot be written.
     """
     folder = named_folder(folder)
     stem = re.sub(r"[^\w.+-]+", "_", mechanism.name).strip("._") or "mechanism"
@@ -104,9 +106,6 @@ def export_urdf(mechanism: Mechanism, path: str | Path) -> list[Path]:
 
     Returns:
         The files written.
-
-    Raises:
-        SpatialPinError: the target is a file of the mechanism itself, or cannot be written.
     """
     path = named_path(path)
     for closure in mechanism.closures:
@@ -217,11 +216,7 @@ def _parts(mesh: Path) -> list[Path]:
 
 
 def robot_of(mechanism: Mechanism) -> ET.Element:
-    """Return the <robot> of a mechanism's tree.
-
-    Raises:
-        SpatialPinError: the mechanism was made without its text.
-    """
+    """Return the <robot> of a mechanism's tree."""
     try:
         return ET.fromstring(mechanism.urdf)
     except ET.ParseError as error:
@@ -241,8 +236,7 @@ def content_of(mechanism: Mechanism) -> dict[str, Any]:
         "order": moving if moving != [n for n in urdf_order(robot) if n in moving] else [],
         "joints": {joint.get("name", ""): table for joint in robot.findall("joint")
                    if (table := _joint(mechanism, joint))},
-        "curves": {c.numbers["curve"].name: dict(c.numbers["curve"].form)
-                   for c in closures if "curve" in c.numbers},
+        "curves": {x.name: dict(x.form) for c in closures for x in c.curves},
         "closures": [_closure(c) for c in closures],
         "drivers": {d.name: {"joint": d.joint} for d in mechanism.drivers.values()},
         "springs": [_spring(s) for s in mechanism.springs],
@@ -264,12 +258,18 @@ def _with_named_curves(closures: tuple[Closure, ...]) -> list[Closure]:
     names: dict[int, str] = {}
     found = []
     for c in closures:
-        curve = c.numbers.get("curve")
-        if curve is not None:
+        named = {}
+        for curve in c.curves:
             name = names.setdefault(id(curve), fresh(curve.name or f"{c.name}_curve",
                                                      set(names.values())))
-            c = replace(c, numbers={**c.numbers, "curve": replace(curve, name=name)})
-        found.append(c)
+            named[id(curve)] = replace(curve, name=name)
+        numbers = dict(c.numbers)
+        if "curve" in numbers:
+            numbers["curve"] = named[id(numbers["curve"])]
+        if "curves" in numbers:
+            both = numbers["curves"]
+            numbers["curves"] = replace(both, one=named[id(both.one)], two=named[id(both.two)])
+        found.append(replace(c, numbers=numbers))
     return found
 
 
@@ -350,8 +350,8 @@ def _closure(closure: Closure) -> dict[str, Any]:
     for key in pair.keys:
         if key.name in closure.numbers:
             number = closure.numbers[key.name]
-            table[key.name] = number.name if isinstance(number, CurveShape) else dict(
-                number.form) if key.read else np.asarray(number).tolist()
+            table[key.name] = number.name if isinstance(number, CurveShape) else (
+                number.form if key.read else np.asarray(number).tolist())
     table |= pair.file_entries(
         geometry.axes1[:, 2], geometry.axes2[:, 2], geometry.lead, geometry.length)
     if closure.between:
@@ -376,3 +376,56 @@ def _spring(spring: Spring) -> dict[str, Any]:
         free = "free_length" if spring.free_length else "free_angle"
         return {**table, "joint": spring.joint, free: spring.free}
     return {**table, "frames": list(spring.frames), "free_length": spring.free_length}
+
+
+def with_point(
+    mechanism: Mechanism, name: str, body: str, xyz: ArrayLike, rpy: ArrayLike
+) -> Mechanism:
+    """Return a mechanism with a frame on a body; see `Mechanism.with_point`."""
+    places = {key: finite_array(x, (3,), f"{key} of point {name!r}").tolist()
+              for key, x in (("xyz", xyz), ("rpy", rpy))}
+    if not isinstance(name, str):
+        raise TypeError(f"the name of a point is text, not {name!r}")
+    if name in mechanism.frame_ids:
+        raise MechanismFileError(f"mechanism {mechanism.name!r}: there is a link, joint or frame "
+                                 f"{name!r} already; choose another name for the point")
+    mechanism.frame_id(body)
+    return _edited(mechanism, "frames", name, {"link": body, **places})
+
+
+def with_mass(
+    mechanism: Mechanism, body: str, mass: float, com: ArrayLike, inertia: ArrayLike
+) -> Mechanism:
+    """Return a mechanism with another mass of a link; see `Mechanism.with_mass`."""
+    if body not in mechanism.links:
+        raise UnknownNameError("link", body, mechanism.links, f"mechanism {mechanism.name!r}: ")
+    shape = np.shape(inertia)
+    if shape not in ((), (3,), (3, 3)):
+        raise ValueError(f"inertia of {body!r} is one number, three, or (3, 3), not {shape}")
+    return _edited(mechanism, "masses", body, {
+        "mass": finite_number(mass, f"mass of {body!r}"),
+        "com": finite_array(com, (3,), f"com of {body!r}").tolist(),
+        "inertia": finite_array(inertia, shape, f"inertia of {body!r}").tolist()})
+
+
+def _edited(mechanism: Mechanism, table: str, name: str, entry: dict[str, Any]) -> Mechanism:
+    """Return a mechanism as its file makes it with one table `[TABLE.NAME]` more.
+
+    The file is where the old one is, over the same tree, so that dimensions go on. Of a mechanism
+    without file one says all that there is.
+    """
+    m, path = mechanism, mechanism.path
+    if path is None or os.path.isdir(path):
+        content = content_of(m)
+        content[table] = {**content.get(table, {}), name: entry}
+        request = Request(Path(f"{m.name}.toml"), trusted=m.trusted, packages=dict(m.packages))
+        made = made_of(content, Path(f"{m.name}.urdf"), robot_of(m), request, ())
+        return made.with_fields(
+            path=path, tree=m.tree, notices=m.notices, parameters=m.parameters, gap=m.gap,
+            free_flyer=m.free_flyer, visual_model=partial(getattr, m, "visual_model"),
+            collision_model=partial(getattr, m, "collision_model"))
+    own: dict[str, Any] = {"name": m.name, "tree": path.name}
+    if path.suffix == ".toml":
+        own = parse_toml(read_text(path), path)
+    content = {**own, table: {**own.get(table, {}), name: entry}}
+    return load(HeldFile.of(path.with_suffix(".toml"), toml_text(content)), **m.loading)

@@ -90,12 +90,7 @@ Part = tuple[Any, Any, Any]  # points (N, 3), triangles (M, 3), colour (4,)
 
 
 def read_collada(file: str) -> Part:
-    """Return points (N, 3) [m], triangles (M, 3) and their colours (M, 4), NaN for those without.
-
-    Raises:
-        ValueError: it has unknown elements, or lacks needed ones.
-        ElementTree.ParseError: it is no XML.
-    """
+    """Return points (N, 3) [m], triangles (M, 3) and colours (M, 4), NaN for those without."""
     root = ET.parse(file).getroot()
     for element in root.iter():
         element.tag = element.tag.rpartition("}")[2]
@@ -257,11 +252,7 @@ def _corners(primitive: ET.Element) -> Any:
 
 
 def read_wavefront(file: str) -> tuple[Any, Any, Any]:
-    """Return points (N, 3), triangles (M, 3) and their colours (M, 4), NaN for those without.
-
-    Raises:
-        ValueError: a line is not understood, or a face has points that are not there.
-    """
+    """Return points (N, 3), triangles (M, 3) and their colours (M, 4), NaN for those without."""
     points, corners, colours = [], [], []
     known: dict[str, list[float]] = {}
     none = [np.nan] * 4

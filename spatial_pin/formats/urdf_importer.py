@@ -12,7 +12,7 @@ from spatial_pin.formats.dialects import RobotReading, read_dialects, yaml_loops
 from spatial_pin.formats.dialects.registry import refuse_unread
 from spatial_pin.formats.file_access import Trust, read_text, shown
 from spatial_pin.formats.importers import Imported, Request
-from spatial_pin.formats.parsing import ROOT, parse_urdf, parse_xml
+from spatial_pin.formats.parsing import ROOT, parse_urdf
 from spatial_pin.formats.urdf.elements import leave_out, local
 from spatial_pin.formats.urdf.validation import end_of
 from spatial_pin.formats.xacro.expansion import expand
@@ -43,11 +43,12 @@ def read_urdf(request: Request, loops_file: Path | None = None) -> Imported:
     if text is None:
         text = expand(request.path, request.parameters, request.trusted, request.packages)
     robot = parse_urdf(text, request.path)
-    before = ET.tostring(robot, encoding="unicode")
-    notices = leave_out(robot, request.without, str(request.path)) if request.without else []
-    if request.path.suffix != ".xacro" and (written := re.search(r"\$\{[^}]*\}", before)):
+    notices = []
+    if request.path.suffix != ".xacro" and "${" in text and (written := re.search(
+            r"\$\{[^}]*\}", ET.tostring(robot, encoding="unicode"))):
         notices.append(f"{written[0]} is in it as text: xacro puts values in, where "
                        "the file's name ends in .urdf.xacro")
+    notices += leave_out(robot, request.without, str(request.path)) if request.without else []
     links = {link.get("name") for link in robot.findall("link")}
     named = {end_of(x, "parent") for x in robot.iter() if local(x) == "joint"}
     named |= {x.get("name", "") for x in robot.iter() if local(x).endswith(("_body_A", "_body_B"))}
@@ -61,8 +62,7 @@ def read_urdf(request: Request, loops_file: Path | None = None) -> Imported:
         read_dialects(reading, loops_file)
     if request.alone and not reading.content.get("closures"):
         yaml_loops.note_unstated(reading)
-    after = ET.tostring(reading.robot, encoding="unicode")
-    return Imported(text if after == before else after, reading.content, tuple(reading.notices))
+    return Imported(reading.robot, reading.content, tuple(reading.notices))
 
 
 def is_statement(path: Path) -> bool:
@@ -95,13 +95,12 @@ def read_statement(request: Request) -> Imported:
 
 def _read(urdf: Path, request: Request, name: str, statement: Path | None = None) -> Imported:
     imported = read_urdf(replace(request, path=urdf), statement)
-    robot = parse_xml(imported.urdf, urdf)
+    robot = imported.robot(urdf)
     for mesh in robot.iter("mesh"):
         file = mesh.get("filename", "")
         if file and "://" not in file:  # relative to the URDF, not to the file that was loaded
             mesh.set("filename", str(urdf.resolve().parent / file))
-    return Imported(ET.tostring(robot, encoding="unicode"), {"name": name, **imported.content},
-                    imported.notices)
+    return replace(imported, urdf=robot, content={"name": name, **imported.content})
 
 
 def _candidates(folder: Path, trust: Trust) -> list[Path]:

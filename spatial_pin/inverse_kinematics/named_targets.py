@@ -17,13 +17,13 @@ from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.inverse_kinematics.targets import (
     CentreOfMass,
     CoordinateValue,
+    Pose,
     Position,
     Residual,
     Target,
-    coordinate,
-    pose,
-    position,
+    placed,
 )
+from spatial_pin.kernel.closer import LINK_ANGLE, POINT, KernelTarget, frame_in_kernel
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import FRAME_UNITS
@@ -48,6 +48,14 @@ class PointPart(Target):
     offset: Array  # (3,) of the point in the frame's axes [m]
     axes: tuple[int, ...]  # numbers of the world's axes
     values: Array  # wanted components [m]
+
+    def for_kernel(self, mechanism: Mechanism) -> list[KernelTarget] | None:
+        """See `Target`."""
+        joint, columns, origin = frame_in_kernel(mechanism, self.frame)
+        point, wanted = origin + self.offset @ np.reshape(columns, (3, 3)), np.zeros(3)
+        wanted[[*self.axes]] = self.values
+        return [((POINT, joint, 0, sum(1 << axis for axis in self.axes)),
+                 [*point, *(wanted - mechanism.centre)])]
 
     def residual(self, evaluation: LoopEquations) -> Residual:
         """See `Target`."""
@@ -78,6 +86,12 @@ class AngleValue(Target):
 
     angle: LinkAngle
     value: float  # wanted angle [rad]
+
+    def for_kernel(self, mechanism: Mechanism) -> list[KernelTarget] | None:
+        """See `Target`."""
+        joint, columns, _ = frame_in_kernel(mechanism, self.angle.frame)
+        arm = self.angle.arm @ np.reshape(columns, (3, 3))
+        return [((LINK_ANGLE, joint, 0, 0), [*arm, *self.angle.aside.ravel(), self.value])]
 
     def residual(self, evaluation: LoopEquations) -> Residual:
         """See `Target`: within half a turn."""
@@ -175,11 +189,11 @@ def read_targets(mechanism: Mechanism, targets: Mapping[str, Any]) -> list[Targe
             target = _named(mechanism, name, one)
             target.check(mechanism)
             read.append(target)
-    for target in read:
+    for target in read if len(read) > 1 else ():
         for words, value in target.wishes(mechanism) if target.weight is None else ():
             before = wanted.setdefault(words, value)
-            if np.abs(np.subtract(value, before)).max() > TOLERANCES.closed * (
-                    1.0 + np.abs(before).max()):
+            if before is not value and np.abs(np.subtract(value, before)).max() > (
+                    TOLERANCES.closed * (1.0 + np.abs(before).max())):
                 raise ValueError(f"targets contradict each other: {words} is wanted at {before} "
                                  f"and at {value}; leave one out, or give one a weight")
     return read
@@ -194,17 +208,18 @@ def _named(mechanism: Mechanism, name: str, given: Any) -> Target:
             return output_target(mechanism, target.name, numbers, target.weight) or target
         return target
     if isinstance(given, pin.SE3):
-        return replace(pose(given), name=name)
+        return Pose(name, placement=placed(given))
     is_text, what = isinstance(given, str | bytes), f"target {name!r}"
-    if not is_text and np.shape(given) in ((), (3,)):
+    shape = () if isinstance(given, float) else np.shape(given)
+    if not is_text and shape in ((), (3,)):
         output = output_target(mechanism, name, given)
         if output is not None:
             return output
     is_frame = name in mechanism.frame_ids and not is_coordinate(mechanism, name)
-    if np.ndim(given) == 0 and not (is_frame or is_text):
-        return replace(coordinate(finite_number(given, what)), name=name)
-    if np.shape(given) == (3,):
-        return replace(position(finite_array(given, (3,), what)), name=name)
+    if shape == () and not (is_frame or is_text):
+        return CoordinateValue(name, value=finite_number(given, what))
+    if shape == (3,):
+        return Position(name, point=finite_array(given, (3,), what))
     raise TypeError(f"target {name!r}: {given!r} is none; a frame has a point (3,) or a "
                     "pinocchio.SE3, a coordinate or another output a number; or give one of "
                     "spatial_pin.targets")

@@ -8,20 +8,23 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from spatial_pin._support.brief import counted
 from spatial_pin._support.checks import checked
+from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.held_start import starting_state
-from spatial_pin.assembly.holding import BASE, Hold, held_by
+from spatial_pin.assembly.holding import BASE, Held, Hold, free_velocities, held_by
 from spatial_pin.assembly.search.whole_turns import periodic
 from spatial_pin.assembly.state import State
 from spatial_pin.errors import ReachError
 from spatial_pin.inverse_kinematics.named_targets import read_targets
 from spatial_pin.inverse_kinematics.solving import Level, ReachResult, Solver
-from spatial_pin.inverse_kinematics.targets import CoordinateValue
+from spatial_pin.inverse_kinematics.targets import CoordinateValue, Target
+from spatial_pin.kernel.closer import KernelTarget, closer_of
 from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.mechanism.coordinates import coordinate_value, require_mechanism
-from spatial_pin.mechanism.joint_limits import JointLimit, joint_limits
+from spatial_pin.mechanism.joint_limits import JointLimit, is_within_limits, joint_limits
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.angles import whole_turns
 from spatial_pin.numerics.least_squares import passed
@@ -33,6 +36,7 @@ START_SPREAD = 0.5  # largest displacement of near starts [rad, characteristic l
 # Number of distant starts per freedom and per near start. With these, every test target that 10
 # near starts missed was reached: 5 starts for 2 or 3 joints, 30 for 6.
 FAR_STARTS = 0.5
+STEPS = 40  # damped steps of the kernel at most: it takes some five
 LEG = 2.0  # path length between two far starts, for each freedom [rad, characteristic lengths]
 
 
@@ -96,6 +100,9 @@ def reach(
     held = held_by(mechanism, hold)
     wanted += [CoordinateValue(c.name, value=coordinate_value(mechanism, c, start.q))
               for c in held.coordinates]
+    reached = _nearest(start, wanted, held, limits)
+    if reached is not None:
+        return reached
     joint_bounds = joint_limits(mechanism) if limits else []
     with loops_of(mechanism, start.angles) as evaluation:
         solver = Solver(evaluation, wanted, joint_bounds, held.entries, exact_for(mechanism))
@@ -110,6 +117,36 @@ def reach(
         if not best.is_met(solver.tolerance) or best.ran_out:
             raise _short(start, solver, best, reached)
     return reached
+
+
+def _nearest(
+    start: State, wanted: Iterable[Target], held: Held, limits: bool
+) -> State | None:
+    """Return the state by the kernel's steps from the start, the nearest there.
+
+    None where targets have weights or are of a kind that it does not know, or are not met so; or
+    where it passes a joint limit.
+    """
+    mechanism, rows = start.mechanism, list[KernelTarget]()
+    for target in wanted:
+        own = target.for_kernel(mechanism) if target.weight is None else None
+        if own is None:
+            return None
+        rows += own
+    with closer_of(mechanism) as closer:
+        met = closer.meet(start.q, _free(mechanism, held.entries), start.angles, rows, STEPS)
+        if met is None or met.may_be_mirrored or met.error > TOLERANCES.closed or (
+                met.off > exact_for(mechanism)):
+            return None
+        if limits and not is_within_limits(mechanism, met.q):
+            return None
+        return State(mechanism, met.q, closure_error=met.error, angles=met.angles)
+
+
+@made_once
+def _free(mechanism: Mechanism, still: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Return which velocities may move (nv,)."""
+    return free_velocities(mechanism, still, ())
 
 
 def exact_for(mechanism: Mechanism) -> float:

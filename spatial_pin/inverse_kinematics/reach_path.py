@@ -303,7 +303,7 @@ def reach_path(
         raise _too_much(first, tables, count, freedom)
     moved = None if times is None else s
     if not count or not all(chain.has_closure for chain in chains):
-        # it stands still, and what is left free may as well; or no coordinate stands for a target
+        # it stands still, and free coordinates may as well; or no coordinate stands for a target
         return by_drivers(first, tables, moved, hold, accuracy, progress)
     try:
         followed = _followed(first, chains, s, hold, accuracy, progress)

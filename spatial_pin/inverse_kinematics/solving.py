@@ -50,7 +50,7 @@ class Constrained(LimitedJoints):
         moves[list(still)] = False
         super().__init__(evaluation, moves, limits)
         self.tolerance = tolerance
-        # the last residuals, with configuration and targets: they are asked for again and again
+        # the last residuals, with configuration and targets: they are needed again and again
         self._known: list[tuple[Array, Sequence[Target], tuple[Array, Array]]] = []
         self._last: Closed | None = None  # where closing led
 

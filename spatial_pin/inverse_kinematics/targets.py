@@ -32,6 +32,15 @@ from spatial_pin._support.checks import (
 )
 from spatial_pin._support.columns import XYZ
 from spatial_pin.assembly.state import mass_shares
+from spatial_pin.kernel.closer import (
+    DIRECTION,
+    DISTANCE,
+    POINT,
+    TURN,
+    VALUE,
+    KernelTarget,
+    frame_in_kernel,
+)
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.coordinates import coordinate_gradient, coordinate_value
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -42,6 +51,7 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 __all__ = [
     "centre_of_mass", "coordinate", "direction", "distance", "orientation", "pose", "position",
 ]
+ALL_AXES = 7  # of a position, in bits
 Residual = tuple[Array, Array]  # (k,), and its derivative (k, nv) for joint velocities
 
 
@@ -82,6 +92,10 @@ class Target(ABC):
         """
         rows = self.residual(evaluation)[1]
         return forces[: len(rows)] @ rows, forces[len(rows) :]
+
+    def for_kernel(self, mechanism: Mechanism) -> list[KernelTarget] | None:
+        """Return it as the kernel takes it; None for a kind that the kernel does not know."""
+        return None
 
     def check(self, mechanism: Mechanism) -> None:
         """Refuse names that the mechanism does not have.
@@ -127,11 +141,27 @@ def _turn(at: pin.SE3, slope: Array, rotation: Array) -> Residual:
     return pin.log3(turned), pin.Jlog3(turned) @ at.rotation.T @ slope[3:]
 
 
+def _placed_target(mechanism: Mechanism, name: str, point: Array) -> KernelTarget:
+    """Return the target of the origin of a frame (3,) for the kernel."""
+    joint, _, origin = frame_in_kernel(mechanism, mechanism.frame_id(name))
+    return (POINT, joint, 0, ALL_AXES), origin + (point - mechanism.centre).tolist()
+
+
+def _turned_target(mechanism: Mechanism, name: str, rotation: Array) -> KernelTarget:
+    """Return the target of the axes of a frame (3, 3) for the kernel."""
+    joint, axes, _ = frame_in_kernel(mechanism, mechanism.frame_id(name))
+    return (TURN, joint, 0, 0), axes + rotation.T.ravel().tolist()
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Position(Target):
     """The origin of a frame at a point of the world."""
 
     point: Array
+
+    def for_kernel(self, mechanism: Mechanism) -> list[KernelTarget] | None:
+        """See `Target`."""
+        return [_placed_target(mechanism, self.name, self.point)]
 
     def residual(self, evaluation: LoopEquations) -> Residual:
         """See `Target`."""
@@ -147,6 +177,10 @@ class Orientation(Target):
     """The axes of a frame along given directions of the world."""
 
     rotation: Array
+
+    def for_kernel(self, mechanism: Mechanism) -> list[KernelTarget] | None:
+        """See `Target`."""
+        return [_turned_target(mechanism, self.name, self.rotation)]
 
     def residual(self, evaluation: LoopEquations) -> Residual:
         """See `Target`: the logarithm of the rotation from the target to the frame."""
@@ -166,6 +200,12 @@ class Pose(Target):
     """A frame at a placement in the world."""
 
     placement: pin.SE3
+
+    def for_kernel(self, mechanism: Mechanism) -> list[KernelTarget] | None:
+        """See `Target`."""
+        at = self.placement
+        return [_placed_target(mechanism, self.name, at.translation),
+                _turned_target(mechanism, self.name, at.rotation)]
 
     def residual(self, evaluation: LoopEquations) -> Residual:
         """See `Target`: those of `Position`, then those of `Orientation`."""
@@ -190,6 +230,12 @@ class Direction(Target):
 
     axis: Array
     along: Array
+
+    def for_kernel(self, mechanism: Mechanism) -> list[KernelTarget] | None:
+        """See `Target`."""
+        joint, axes, _ = frame_in_kernel(mechanism, mechanism.frame_id(self.name))
+        axis = self.axis @ np.reshape(axes, (3, 3))
+        return [((DIRECTION, joint, 0, 0), [*axis, *self.along, *self._across.ravel()])]
 
     def residual(self, evaluation: LoopEquations) -> Residual:
         """See `Target`: the angle between them, along two directions normal to the target."""
@@ -221,6 +267,13 @@ class CoordinateValue(Target):
 
     value: float
 
+    def for_kernel(self, mechanism: Mechanism) -> list[KernelTarget] | None:
+        """See `Target`: not of a component of a ball or floating joint."""
+        coordinate = mechanism.prescribed_coordinate(self.name)
+        if coordinate.q < 0:
+            return None
+        return [((VALUE, coordinate.q, coordinate.v, 0), [self.value])]
+
     def residual(self, evaluation: LoopEquations) -> Residual:
         """See `Target`: relative to the coordinate's size."""
         mechanism = evaluation.mechanism
@@ -249,6 +302,12 @@ class Distance(Target):
 
     other: str
     length: float
+
+    def for_kernel(self, mechanism: Mechanism) -> list[KernelTarget] | None:
+        """See `Target`."""
+        (first, _, one), (second, _, two) = (frame_in_kernel(mechanism, mechanism.frame_id(name))
+                                             for name in (self.name, self.other))
+        return [((DISTANCE, first, second, 0), [*one, *two, self.length])]
 
     def residual(self, evaluation: LoopEquations) -> Residual:
         """See `Target`."""
@@ -356,10 +415,28 @@ def check_rotations(matrices: Array, what: str) -> None:
     Raises:
         ValueError: one is not a rotation.
     """
-    off = np.abs(matrices @ np.swapaxes(matrices, -1, -2) - np.eye(3))
-    if off.max() > TOLERANCES.nothing or np.any(np.linalg.det(matrices) < 0.0):
+    for (a, b, c), (d, e, f), (g, h, i) in matrices.reshape(-1, 3, 3).tolist():
+        off = (a * a + b * b + c * c - 1.0, d * d + e * e + f * f - 1.0, a * d + b * e + c * f,
+               g * g + h * h + i * i - 1.0, a * g + b * h + c * i, d * g + e * h + f * i)
+        size = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+        if size > 0.0 and max(map(abs, off)) <= TOLERANCES.nothing:
+            continue
         raise ValueError(f"{what} is no rotation matrix: its columns are not three axes of length "
                          "one normal to each other, right-handed")
+
+
+def placed(placement: pin.SE3) -> pin.SE3:
+    """Return a placement that is checked.
+
+    Raises:
+        TypeError: it is not a placement.
+        ValueError: a number is not finite, or its rotation is none.
+    """
+    if not isinstance(placement, pin.SE3):
+        raise TypeError(f"placement must be a pinocchio.SE3, not {type(placement).__name__}")
+    finite_array(placement.homogeneous, (4, 4), "placement")
+    check_rotations(placement.rotation, "the rotation of a placement")
+    return placement
 
 
 def pose(placement: pin.SE3, weight: float | None = None) -> Target:
@@ -381,11 +458,7 @@ def pose(placement: pin.SE3, weight: float | None = None) -> Target:
         >>> print(f"{state.placement('platform').translation[2] - here.translation[2]:.4f} m")
         0.0200 m
     """
-    if not isinstance(placement, pin.SE3):
-        raise TypeError(f"placement must be a pinocchio.SE3, not {type(placement).__name__}")
-    finite_array(placement.homogeneous, (4, 4), "placement")
-    check_rotations(placement.rotation, "the rotation of a placement")
-    return Pose(weight=_weight(weight), placement=placement)
+    return Pose(weight=_weight(weight), placement=placed(placement))
 
 
 @checked
@@ -481,5 +554,5 @@ def centre_of_mass(
     """
     point = tuple(None if v is None else finite_number(v, "a coordinate") for v in (x, y, z))
     if not any(v is not None for v in point):
-        raise ValueError("the centre of mass is asked for nothing")
+        raise ValueError("a target of the centre of mass has no number")
     return CentreOfMass(weight=_weight(weight), point=point)

@@ -10,11 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.constraints.opposite_axes import axis_pairs
+from spatial_pin._support.lazy import made_once
+from spatial_pin.constraints.opposite_axes import TANGENT, axis_pairs
 from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.library import INT, POINTER, REAL, address, check
+from spatial_pin.kernel.packing import packed
 from spatial_pin.mechanism.equations import Cosine
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import NOT_FINITE, Array
@@ -26,6 +28,11 @@ NAMED, FIXED, TURNS = 1, 2, 4  # kinds of an entry of q; TURNS: whole turns mean
 AT_ONCE = 8  # starts at most that loops are closed from in one call
 MOST_GROUPS = 8  # of loops that are each closed from as many further ones in it
 LOOSE = TOLERANCES.nothing  # residual to which loops are closed where more is released then
+# Kinds of targets, and how many indices and numbers each has, see closing_parts.h.
+POINT, TURN, DIRECTION, DISTANCE, LINK_ANGLE, VALUE = range(6)
+TARGET_INTS, TARGET_REALS = 4, 18
+MORE_TARGETS = 6  # rows of targets besides one for each velocity, see closing.c
+KernelTarget = tuple[Sequence[int], Sequence[float]]  # kind and indices, then numbers
 
 
 class Closed(NamedTuple):
@@ -50,7 +57,7 @@ class Examined(NamedTuple):
         angles: (n_angles,) of screw closures, counting turns [rad].
         may_be_mirrored: as of `Closed`.
         least: of its closure equations, the columns of their derivatives made alike: the length
-            of what is left of the last one that is independent, relative to the first one's.
+            of the remainder of the last one that is independent, relative to the first one's.
         left_out: likewise of the longest of those that follow from others.
     """
 
@@ -67,9 +74,10 @@ class Reached(NamedTuple):
     Attributes:
         q: the configuration (nq,), whole turns taken off its angles.
         error, may_be_mirrored: as of `Closed`.
-        distance: from what is named, but of components of balls and floating joints [rad,
+        distance: from the named values, but of components of balls and floating joints [rad,
             characteristic lengths].
         examined: what it is like, where one start alone has led to a closed configuration.
+        is_unique: whether it is certain that no other closed configuration is as near to its start.
     """
 
     q: Array
@@ -77,6 +85,7 @@ class Reached(NamedTuple):
     may_be_mirrored: bool
     distance: float
     examined: Examined | None = None
+    is_unique: bool = False
 
 
 class NamedCoordinates(NamedTuple):
@@ -87,7 +96,7 @@ class NamedCoordinates(NamedTuple):
     Fixed ones have their values.
 
     Attributes:
-        value: (nq,) of what is named or fixed; those of a ball together.
+        value: (nq,) of named or fixed entries; those of a ball together.
         kinds: (nq,) NAMED, FIXED, TURNS, or several, of each; those of a ball at its first entry.
         lower, upper: (nq,) limits.
     """
@@ -112,7 +121,26 @@ class ClosureTask(ctypes.Structure):
         ("tolerance", REAL), ("iterations", INT), ("pinned", POINTER), ("reference", POINTER),
         ("cut", REAL), ("named", NamedStruct), ("n_steps", INT), ("steps", POINTER),
         ("near", REAL), ("moved", POINTER), ("group", POINTER),
-        *[(name, POINTER) for name in ("error", "distance", "mirrored", "facts", "angle")]]
+        *[(name, POINTER) for name in ("error", "distance", "mirrored", "facts", "angle")],
+        ("n_targets", INT), ("target_of", POINTER), ("target_number", POINTER),
+        ("target_size", REAL), ("unique", INT)]
+
+
+class TargetsMet(NamedTuple):
+    """The nearest configuration at which targets are met.
+
+    Attributes:
+        q: the configuration (nq,).
+        error, may_be_mirrored: as of `Closed`.
+        off: length of the residuals of the targets.
+        angles: (n_angles,) of screw closures, counting turns [rad].
+    """
+
+    q: Array
+    error: float
+    may_be_mirrored: bool
+    off: float
+    angles: Array
 
 
 class FurtherStarts:
@@ -121,7 +149,7 @@ class FurtherStarts:
     Args:
         steps: (m, `AT_ONCE`, nv) joint displacements from the first start, of each of m groups of
             loops: while one is displaced the others stand.
-        near: distance from what is named that is not questioned.
+        near: a distance from the named values that is accepted.
         group: (nv,) the group that each velocity is of.
     """
 
@@ -140,6 +168,7 @@ class ClosureSettings(NamedTuple):
         tolerance, iterations, cut: see `Closer.close`.
         kinds, lower, upper: see `NamedCoordinates`.
         further: further starts; None: there are none.
+        are_all_named: whether the start names all that may move.
     """
 
     free: NDArray[np.bool_]
@@ -151,6 +180,7 @@ class ClosureSettings(NamedTuple):
     lower: Array
     upper: Array
     further: FurtherStarts | None
+    are_all_named: bool = False
 
 
 class Closer:
@@ -164,13 +194,14 @@ class Closer:
         kernel: the compiled mechanism, in whose memory it works.
         handle: of the C structure.
         at_task: address of the task.
-        paths: those that start where it closes the loops, by what is prescribed.
+        paths: those that start where it closes the loops, by prescribed coordinates.
     """
 
     def __init__(self, mechanism: Mechanism, pinned: Iterable[str] = ()) -> None:
         self.kernel = kernel = Kernel(mechanism)
         self._library = kernel.library
         turning = dict(_rotations(mechanism))
+        self._has_tangents = any(c.pair.aligned == TANGENT for c in mechanism.closures)
         rotations = np.array([*turning.values()], np.int64).reshape(-1, 2).T.copy()
         pins = np.array([_pin(mechanism, name) for name in pinned], np.int64).reshape(-1, 4)
         self._order = np.lexsort(pins.T[::-1])  # those of one joint side by side
@@ -189,13 +220,16 @@ class Closer:
         self._reference, self._angles = np.empty((2, kernel.n_angles))
         self._pinned, self._facts = np.empty(len(pins)), np.empty(4)
         self._errors, self._distances = np.empty((2, rows))
+        self._of = np.zeros((kernel.nv + MORE_TARGETS, TARGET_INTS), np.int64)
+        self._number = np.zeros((len(self._of), TARGET_REALS))
         self._at_value, self._at_kinds, self._at_first, self._at_facts, self._at_angles = map(
             address, (self._value, self._kinds, self._first, self._facts, self._angles))
         self._task = ClosureTask(
             0, address(self._q), None, address(self._free), pinned=address(self._pinned),
             reference=address(self._reference), error=address(self._errors),
             distance=address(self._distances), mirrored=address(self._mirrored),
-            angle=self._at_angles)
+            angle=self._at_angles, target_of=address(self._of),
+            target_number=address(self._number), target_size=mechanism.characteristic_length)
         self.at_task = ctypes.byref(self._task)
         self._settings: ClosureSettings | None = None  # what the task is set to
 
@@ -230,6 +264,38 @@ class Closer:
             raise SingularError(NOT_FINITE)
         return Closed(self._q[0].copy(), error, self._may_be_mirrored)
 
+    def meet(
+        self, q: Array, free: NDArray[np.bool_], reference: Array, targets: Sequence[KernelTarget],
+        iterations: int,
+    ) -> TargetsMet | None:
+        """Close the loops from q (nq,) where targets are met, by the least displacement.
+
+        Args:
+            q: where to start.
+            free: (nv,) velocities that may move.
+            reference: (n_angles,) from which the angles of screws count [rad].
+            targets: what is to be met.
+            iterations: damped steps at most.
+
+        Returns:
+            The configuration; None where there are more targets than it takes, where they are not
+            met from there, or only just at the end of what is in reach.
+        """
+        if len(targets) > len(self._of):
+            return None
+        task, self._settings = self._task, None
+        for row, (of, number) in enumerate(targets):
+            self._of[row], self._number[row, : len(number)] = of, number
+        self._set_method(free, None, TOLERANCES.round_off, iterations, TOLERANCES.rank)
+        self._set_values(reference, ())
+        self._q[0], task.m, task.n_steps, task.facts = q, 1, 0, None
+        task.named.value, task.n_targets = None, len(targets)
+        code = self._library.closer_close(self.handle, self.at_task)
+        task.n_targets = 0
+        return None if code else TargetsMet(
+            self._q[0], self._errors.item(0), self._may_be_mirrored, self._distances.item(0),
+            self._angles)
+
     def _axes(
         self, pairs: Sequence[Sequence[tuple[int, Array]]]
     ) -> tuple[NDArray[np.int64], Array]:
@@ -253,7 +319,7 @@ class Closer:
         Args:
             q: where to start.
             settings: how.
-            value: (nq,) of what is named or fixed, see `NamedCoordinates`.
+            value: (nq,) of named or fixed entries, see `NamedCoordinates`.
             reference: see `close`.
             pinned: see `close`.
             further: close from the further starts too where a single one closes, nothing is at
@@ -269,13 +335,14 @@ class Closer:
 
     def reached(self) -> list[Reached]:
         """Return where C has closed the loops to; raises as `reach`."""
-        mirrored = self._mirrored.tolist()
+        mirrored = [x or self._has_tangents for x in self._mirrored.tolist()]
         examined = self._examined(mirrored[0] != 0) if self._facts.item(0) < np.inf else None
         errors = self._errors[: self._task.m].tolist()
         if not all(map(math.isfinite, errors)):
             raise SingularError(NOT_FINITE)
         return [Reached(self._q[k].copy(), error, mirrored[k] != 0, self._distances.item(k),
-                        None if k else examined) for k, error in enumerate(errors)]
+                        None if k else examined, not k and bool(self._task.unique))
+                for k, error in enumerate(errors)]
 
     def set_task(
         self, q: Sequence[Array], settings: ClosureSettings, value: Array,
@@ -297,6 +364,7 @@ class Closer:
         self._value[:] = value
         task.m = len(q)
         task.n_steps = len(starts.steps) if further and starts else 0
+        task.unique = settings.are_all_named
 
     def _set_method(
         self, free: NDArray[np.bool_], first: NDArray[np.bool_] | None, tolerance: float,
@@ -347,7 +415,7 @@ class Closer:
 
     @property
     def _may_be_mirrored(self) -> bool:
-        return self._mirrored.item(0) != 0
+        return self._mirrored.item(0) != 0 or self._has_tangents
 
     def _examined(self, mirrored: bool) -> Examined:
         error, _, least, left_out = self._facts.tolist()
@@ -367,6 +435,22 @@ class Closer:
             self.handle, len(q), address(q), self._task.free, tolerance, iterations,
             address(errors)))
         return q, errors
+
+
+@made_once
+def frame_in_kernel(mechanism: Mechanism, frame: int) -> tuple[int, list[float], list[float]]:
+    """Return the joint of the kernel that carries a frame of the model, and where it is on it.
+
+    Returns:
+        The joint, the rotation (9,) by columns, and the origin (3,) [m].
+    """
+    own = mechanism.centred_model.frames[frame]
+    joint, at = int(own.parentJoint), own.placement
+    known = packed(mechanism, True)
+    carrier = int(known.carriers[joint])
+    turned = known.frames[carrier].T
+    return (carrier, (turned @ at.rotation).T.ravel().tolist(),
+            (turned @ at.translation).tolist())
 
 
 def closer_of(mechanism: Mechanism, pinned: Iterable[str] = ()) -> acquired[Closer]:

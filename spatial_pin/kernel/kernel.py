@@ -101,16 +101,33 @@ class Kernel:
 
     def jacobians(self, q: Array) -> Array:
         """Return (m, n_closure + n_passive, nv) at q (m, nq), by v / `velocity_scale`."""
+        return self.jacobians_and_columns(q, np.zeros((len(q), self.n_angles)))[0]
+
+    def jacobians_and_columns(self, q: Array, reference: Array) -> tuple[Array, Array]:
+        """Return `jacobians`, and the joint Jacobian (m, nv, 6) about the world's origin.
+
+        Args:
+            q: (m, nq) configurations.
+            reference: (m, n_angles) from which the angles of screws count [rad].
+        """
         n = self.n_closure + self.n_passive
         jacobian = np.empty((len(q), n + self.n_angles, self.nv))
-        self._evaluate(q, jacobian=jacobian)
-        return jacobian[:, :n]
+        linear, angular = np.empty((2, len(q), self.nv, 3))
+        self._evaluate(q, reference, jacobian=jacobian, linear=linear, angular=angular)
+        return jacobian[:, :n], np.concatenate([linear, angular], axis=2)
 
-    def _evaluate(self, q: Array, **outputs: Array) -> None:
-        """Evaluate q (m, nq), the angles of screws counting from zero."""
-        q, zero = numbers(q, (len(q), self.nq)), np.zeros((len(q), self.n_angles))
+    def errors(self, q: Array, reference: Array) -> Array:
+        """Return the largest absolute closure equations (m,) at q (m, nq)."""
+        residual = np.empty((len(q), self.n_closure))
+        self._evaluate(q, reference, residual=residual)
+        return np.abs(residual).max(axis=1, initial=0.0)
+
+    def _evaluate(self, q: Array, reference: Array | None = None, **outputs: Array) -> None:
+        """Evaluate q (m, nq), the angles of screws counting from a reference, or from zero."""
+        q, shape = numbers(q, (len(q), self.nq)), (len(q), self.n_angles)
+        reference = np.zeros(shape) if reference is None else numbers(reference, shape)
         self.library.kernel_evaluate(self.handle, ctypes.byref(EvaluationStruct(
-            len(q), address(q), reference=address(zero),
+            len(q), address(q), reference=address(reference),
             **{name: address(x) for name, x in outputs.items()})))
 
     def displaced(self, q: Array, steps: Array) -> Array:

@@ -14,7 +14,11 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.constraints.compiled_equations import Constraints, combined_wrenches
+from spatial_pin.constraints.compiled_equations import (
+    Constraints,
+    combined_wrenches,
+    constraints_of,
+)
 from spatial_pin.constraints.composed_equations import composed_rows
 from spatial_pin.constraints.kernel_tree import KernelTree
 from spatial_pin.constraints.opposite_axes import opposite_axes
@@ -24,6 +28,7 @@ from spatial_pin.kernel.kernel import EvaluationStruct, Kernel, numbers
 from spatial_pin.kernel.library import address
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.stacked import cross
 
 
 class LoopEquations:
@@ -32,7 +37,7 @@ class LoopEquations:
     Attributes:
         mechanism: the mechanism; model: its model, relative to the centre.
         constraints: what the equations are made of.
-        q: (nq,) the last configuration; not to be changed before what is made of it.
+        q: (nq,) the last configuration; not to be changed before its results are used.
         residual: (n_closure,) closure equations [-]; lengths divided by the characteristic length.
         jacobian: (n_closure + n_passive, nv) derivative of the equations for the scaled
             velocities v / `velocity_scale`; the last ones are rates of idle rotations.
@@ -173,15 +178,26 @@ class LoopEquations:
                     group, value.changes[0], np.zeros((len(values), nv)), np.ones(nv))
         return forces[c.of_joints]
 
-    def twist_derivatives(self, joint: int) -> Array:
-        """Return derivatives (n_closure, 6) of equations for a twist of what a joint carries."""
-        c, at = self.constraints, self.model.idx_vs[joint]
-        values, wrenches = self._products()
-        signs = c.signs[:, at, None] / self.mechanism.velocity_scale[at]
-        (moved,) = combined_wrenches(c, [values[:, None]], [self.q[:, None]], [signs * wrenches])
-        for k, x in enumerate(c.other_body_products, start=c.n_closure):
-            moved[x.equation] += moved[k]
-        return moved[: c.n_closure]
+
+def twist_derivatives(mechanism: Mechanism, joint: int, q: Array, placements: Array) -> Array:
+    """Return derivatives (m, n_closure, 6) of equations for a twist of what a joint carries.
+
+    Args:
+        mechanism: the mechanism.
+        joint: the joint.
+        q: (m, nq) configurations.
+        placements: (m, njoints, 4, 3) of the joints there, see `Kernel.placements`.
+    """
+    c, at = constraints_of(mechanism), mechanism.model.idx_vs[joint]
+    vectors = c.c_abx @ placements.reshape(len(q), -1, 3)
+    a, b, x = np.moveaxis(vectors.reshape(len(q), 3, -1, 3), 1, 0)  # (m, products, 3) each
+    values = (np.vecdot(a, b) - c.constants).T[:, None]
+    wrenches = np.concatenate([b * c.factors, cross(x, b)], axis=2).transpose(1, 2, 0)
+    signs = c.signs[:, at, None, None] / mechanism.velocity_scale[at]
+    (moved,) = combined_wrenches(c, [values], [q.T[:, None]], [signs * wrenches])
+    for k, other in enumerate(c.other_body_products, start=c.n_closure):
+        moved[other.equation] += moved[k]
+    return moved[: c.n_closure].transpose(2, 0, 1)
 
 
 def _products_at(c: Constraints, placements: Array) -> tuple[Array, Array]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import made_anew, made_once
 from spatial_pin.constraints.compiled_equations import Constraints, constraints_of
-from spatial_pin.constraints.composed_equations import Equation, QuantityIndex
+from spatial_pin.constraints.composed_equations import CompiledTerm, Equation, QuantityIndex
 from spatial_pin.constraints.composite_joints import TreeArrays, split_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
@@ -109,19 +109,20 @@ def packed(mechanism: Mechanism, idle: bool) -> Packed:
     head = [model.njoints, model.nq, model.nv, len(vectors.body), len(constraints.constants),
             constraints.n_closure, n_idle, constraints.n_angles,
             len(freedoms), starts[-1], sum(map(len, turned)), len(sums.numbers),
-            len(sums.kinds), len(sums.shapes)]
+            len(sums.kinds), len(sums.shapes), len(sums.implicit), sums.n_defining]
     directions = [x for e in constraints.equations for x in e.sines_and_cosines]
     return Packed(
         _joined(np.int64, head, tree.kind, tree.parent, tree.iq, tree.iv, vectors.body,
                 vectors.flag, *vectors.numbers, supports, freedoms, kinds, [IDLE] * n_idle, product,
-                directions, sums.terms, sums.factors, sums.kinds, sums.indices,
+                directions, sums.implicit, sums.terms, sums.factors, sums.kinds, sums.indices,
                 sums.function, sums.shapes, starts, *patterns,
                 np.cumsum([0, *map(len, turned)]), *turned),
         _joined(float, tree.rotation, tree.translation, tree.pitch, tree.mass, tree.com,
                 tree.inertia, model.gravity.linear, mechanism.velocity_scale, vectors.local,
                 *vectors.factors, constraints.constants, constraints.factors,
                 constraints.signs[moved, freedoms], [turns.offset for turns in constraints.turns],
-                *(row[at] for row, at in zip(turning, turned, strict=True)), sums.numbers,
+                *(row[at] for row, at in zip(turning, turned, strict=True)), sums.spans,
+                sums.numbers,
                 *sums.functions),
         tree.frames, carriers, np.array(vectors.fixed_in, np.int64),
         np.array(vectors.flag, bool), sums.called)
@@ -199,6 +200,8 @@ class _Sums:
         kinds, places, function: of quantities; the number of their function, or -1.
         shapes, functions: of functions; numbers of those that are piecewise polynomials.
         called: functions in code, by their number among all.
+        implicit, spans: of angles that sums define; these sums follow the equations.
+        n_defining: their number.
     """
 
     def __init__(self, equations: Sequence[Equation]) -> None:
@@ -210,13 +213,28 @@ class _Sums:
         self.shapes: list[tuple[int, ...]] = []
         self.functions: list[Array] = []
         self.called: dict[int, CalledFunction] = {}
+        self.implicit: list[tuple[int, ...]] = []
+        self.spans: list[tuple[float, ...]] = []
+        self._known: dict[int, int] = {}
         for equation in equations:
-            for number, factors in equation.terms:
-                self.numbers.append(number)
-                for factor in factors:
-                    self._add(equation, factor)
-                self.factors.append(len(self.kinds))
-            self.terms.append(len(self.numbers))
+            self._add_sum(equation, equation.terms)
+        for equation in equations:
+            for x in equation.implicit:
+                which = sum(periodic << k for k, periodic in enumerate(x.is_periodic))
+                self.implicit.append((equation.angles[x.first][0], len(x.spans),
+                                      len(self.terms) - 1, which))
+                self.spans.append((*x.spans[0], *x.spans[-1]))
+                for terms in x.sums:
+                    self._add_sum(equation, terms)
+        self.n_defining = len(self.terms) - 1 - len(equations)
+
+    def _add_sum(self, equation: Equation, terms: Sequence[CompiledTerm]) -> None:
+        for number, factors in terms:
+            self.numbers.append(number)
+            for factor in factors:
+                self._add(equation, factor)
+            self.factors.append(len(self.kinds))
+        self.terms.append(len(self.numbers))
 
     def _add(self, equation: Equation, factor: QuantityIndex) -> None:
         """Add a quantity, and the function of it if there is one."""
@@ -229,7 +247,12 @@ class _Sums:
         self.kinds.append(QUANTITIES.index(factor.kind))
         self.indices.append(entry)
         f = factor.function
+        if f is not None and id(f) in self._known:
+            self.function.append(self._known[id(f)])
+            return
         self.function.append(-1 if f is None else len(self.shapes))
+        if f is not None:
+            self._known[id(f)] = len(self.shapes)
         if isinstance(f, SquareRoot | CalledFunction):  # see `piecewise.h`
             if isinstance(f, CalledFunction):
                 self.called[len(self.shapes)] = f

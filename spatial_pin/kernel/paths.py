@@ -17,7 +17,7 @@ from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import INTERPOLATED, Accuracy
 
-UNCORRECTED_PART = 0.01  # of the tolerance: a prediction is left as it is; what is left grows
+UNCORRECTED_PART = 0.01  # of the tolerance: a prediction is left as it is; its error grows
 CLOSED_PART = 0.03  # of the tolerance, which points are closed to: the rest is their rates'
 # What points of a path are closed to that samples are interpolated between, or so much of the
 # tolerance and its root: second derivatives between them divide it by the square of the way, which
@@ -101,6 +101,31 @@ class _PathTask(ctypes.Structure):
         ("open", REAL), ("s", POINTER), ("here", _RowsStruct)]
 
 
+class _ScatterTask(ctypes.Structure):
+    """ScatterTask in following.h."""
+
+    _fields_ = [
+        ("n_rows", INT), ("n", INT), ("row", POINTER), ("parent", POINTER), ("n_values", INT),
+        ("values", POINTER), ("line", POINTER), ("is_last", INT), ("rows", _RowsStruct),
+        ("part", POINTER)]
+
+
+class Scattered(NamedTuple):
+    """Configurations at scattered values of what is driven, each found from another one.
+
+    Attributes:
+        values: (n, k) of what is driven first.
+        parent: (n,) row that each is followed to from, along a straight line.
+        samples: the rows.
+        part: (n,) of its line that each has gone; 1 where the values are reached.
+    """
+
+    values: Array
+    parent: NDArray[np.int64]
+    samples: PathSamples
+    part: Array
+
+
 @cache
 def path_accuracy(accuracy: Accuracy, has_redundant: bool, is_determined: bool) -> Any:
     """Return how exactly a path is followed, for C.
@@ -133,7 +158,7 @@ class Path:
         kernel: of the mechanism.
         chosen: independent closure equations; None: as many are chosen at the start as
             there are unknowns.
-        driven: what is prescribed, the driver first; see `prescribed_indices`.
+        driven: prescribed coordinates, the driver first; see `prescribed_indices`.
         fill: (k, nv) rows that give passive freedoms the least motion; None: there are none.
         accuracy: tolerance and order of the predictor.
         polynomials: the driven coordinates by a parameter; None: the first one leads.
@@ -199,6 +224,28 @@ class Path:
         return self._library.path_from_guess(
             self.kernel.handle, self._at_task, closer.handle, closer.at_task, address(values),
             len(values), ctypes.byref(rows))
+
+    def scatter(
+        self, scattered: Scattered, rows: NDArray[np.int64], standing: Array, is_last: bool
+    ) -> None:
+        """Write rows of scattered values, each from its parent, or from the parent's if need be.
+
+        The interpreter is free meanwhile: other threads may write other rows.
+
+        Args:
+            scattered: whose rows are written; a row's parent is done before.
+            rows: (m,) their numbers.
+            standing: (n_driven,) values of what is driven and is not among the values.
+            is_last: whether what cannot be reached is to come as near as it can.
+        """
+        self.kernel.path, n = self._token, len(scattered.values)
+        line = np.column_stack([standing, np.zeros(len(standing))])
+        arrays = _RowsStruct(*addresses(scattered.samples))
+        arrays.estimate = None
+        task = _ScatterTask(
+            n, len(rows), address(rows), address(scattered.parent), scattered.values.shape[1],
+            address(scattered.values), address(line), is_last, arrays, address(scattered.part))
+        check(self._library.path_scatter(self.kernel.handle, self._at_task, ctypes.byref(task)))
 
     def follow(self, values: Array, samples: PathSamples) -> int:
         """Write samples at values of the parameter (m,); return how many were reached."""

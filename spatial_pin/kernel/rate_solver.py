@@ -15,8 +15,6 @@ from spatial_pin.kernel.library import (
     INT,
     NOT_FINITE,
     POINTER,
-    SINGULAR,
-    UNSAFE,
     address,
     check,
 )
@@ -54,19 +52,55 @@ class Chosen(NamedTuple):
     fill: Array
 
 
+class BodyPoint(NamedTuple):
+    """A point fixed in a body of the kernel, whose Jacobian is wanted.
+
+    Attributes:
+        joint: of the kernel, that carries it.
+        local: (3,) the point in the joint's axes [m].
+    """
+
+    joint: int
+    local: Array
+
+
+class RateRows(NamedTuple):
+    """What rates give at m configurations; arrays that were not wanted are None.
+
+    Attributes:
+        codes: (m,) of the kernel: `DONE` where equations determine the rates.
+        columns: (m, nv, n_moving) joint velocities per unit speed of each that moves.
+        second: (m, nv, n_moving, n_moving) joint accelerations per product of two speeds.
+        jacobian, jacobian_rate: (m, 6, n_moving) of the frame.
+        v, a: (m, nv) joint velocities and accelerations.
+        facts: (m, 3) pivot, lost and known, see `Solved`.
+    """
+
+    codes: NDArray[np.int64]
+    columns: Array | None = None
+    second: Array | None = None
+    jacobian: Array | None = None
+    jacobian_rate: Array | None = None
+    v: Array | None = None
+    a: Array | None = None
+    facts: Array | None = None
+
+
 class _RateTask(ctypes.Structure):
     """RateTask in rates.h."""
 
     _fields_ = [
-        ("q", POINTER), ("reference", POINTER), ("equations", POINTER), ("n_equations", INT),
-        ("fill", POINTER), ("n_fill", INT), ("n_moving", INT), *((name, POINTER) for name in (
-            "speed", "acceleration", "columns", "v", "a", "facts"))]
+        ("n", INT), ("q", POINTER), ("reference", POINTER), ("equations", POINTER),
+        ("n_equations", INT), ("fill", POINTER), ("n_fill", INT), ("speed", POINTER),
+        ("acceleration", POINTER), ("motion", POINTER), ("joint", INT), ("local", POINTER),
+        *((name, POINTER) for name in (
+            "code", "columns", "second", "jacobian", "jacobian_rate", "v", "a", "facts"))]
 
 
 class RateSolver:
     """Solves for rates with some freedoms driven; one caller at a time.
 
-    Kept by the kernel whose memory it works in. What is asked for after `factor` or `solve` is that
+    Kept by the kernel whose memory it works in. Results read after `factor` or `solve` are those
     of their configuration.
 
     Args:
@@ -76,8 +110,7 @@ class RateSolver:
         n_moving: how many do not.
 
     Attributes:
-        speeds, accelerations: (n,) of what is driven, for `solve`.
-        pivot: smallest over largest pivot of the equations, where they were last factored.
+        speeds, accelerations: (n,) of driven coordinates, for `solve`.
     """
 
     def __init__(self, kernel: Kernel, driven: Sequence[int], n_moving: int) -> None:
@@ -86,19 +119,20 @@ class RateSolver:
         self._n_equations = kernel.n_closure + kernel.n_passive
         at = np.array(driven, np.int64)
         check(self._library.rates_create(
-            kernel.handle, address(at), len(at), ctypes.byref(handle)))
+            kernel.handle, address(at), len(at), n_moving, ctypes.byref(handle)))
         self._handle = handle
         self._q, self._reference = np.empty(kernel.nq), np.empty(kernel.n_angles)
         self.speeds, self.accelerations = np.zeros((2, len(at)))
-        self._columns, self._v, self._a = np.empty((n_moving, self.nv)), *np.empty((2, self.nv))
+        self._columns, self._v, self._a = np.empty((self.nv, n_moving)), *np.empty((2, self.nv))
         self._facts, self._local = np.zeros(3), np.empty(3)
-        self._jacobian, self._at_speeds = np.empty((6, n_moving)), address(self.speeds)
+        self._jacobian, self._code_at = np.empty((6, n_moving)), np.zeros(1, np.int64)
+        self._addresses = address(self.speeds), address(self._local)
         self._task = _RateTask(
-            address(self._q), address(self._reference), n_moving=n_moving,
-            acceleration=address(self.accelerations), columns=address(self._columns),
-            v=address(self._v), a=address(self._a), facts=address(self._facts))
+            1, address(self._q), address(self._reference),
+            acceleration=address(self.accelerations), code=address(self._code_at),
+            columns=address(self._columns), jacobian=address(self._jacobian), v=address(self._v),
+            a=address(self._a), facts=address(self._facts))
         self._at_task = ctypes.byref(self._task)
-        self._frame = [address(x) for x in (self._local, self._jacobian)]
 
     def factor(self, q: Array, reference: Array, chosen: Chosen | None = None) -> bool:
         """Factor the equations at q (nq,); False where nothing determines rates there.
@@ -111,7 +145,6 @@ class RateSolver:
             reference: (n_angles,) from which the angles of screws count [rad].
             chosen: the equations, if the kernel is not to choose them.
         """
-        self._task.speed = None
         return self._code(q, reference, chosen) in (DONE, NOT_FINITE)
 
     def solve(self, q: Array, reference: Array, chosen: Chosen | None = None) -> Solved | None:
@@ -119,27 +152,30 @@ class RateSolver:
 
         None as `factor`.
         """
-        self._task.speed = self._at_speeds
-        code = self._code(q, reference, chosen)
+        code = self._code(q, reference, chosen, speed=self._addresses[0])
         if code not in (DONE, NOT_FINITE):
             return None
         pivot, lost, known = self._facts.tolist()
         return Solved(self._v.copy(), self._a.copy(), pivot, lost, known, code == DONE)
 
-    def _code(self, q: Array, reference: Array, chosen: Chosen | None) -> int:
+    def jacobian(
+        self, q: Array, reference: Array, frame: BodyPoint, chosen: Chosen | None = None
+    ) -> Array | None:
+        """Return the Jacobian (6, n_moving) of a frame at q (nq,); None as `factor`."""
+        self._local[:], self._task.joint = frame.local, frame.joint
+        is_found = self._code(q, reference, chosen, local=self._addresses[1]) == DONE
+        return self._jacobian.copy() if is_found else None
+
+    def _code(
+        self, q: Array, reference: Array, chosen: Chosen | None, speed: int | None = None,
+        local: int | None = None,
+    ) -> int:
         """Solve the task; return the kernel's code, which says whether rates are determined."""
         self._q[:], self._reference[:], task = q, reference, self._task
-        if chosen is None:
-            task.equations = None
-        else:
-            rows = np.ascontiguousarray(chosen.rows, np.int64)
-            fill = np.ascontiguousarray(chosen.fill, float)
-            task.equations, task.n_equations = address(rows), len(rows)
-            task.fill, task.n_fill = address(fill), len(fill)
-        code: int = self._library.rates_solve(self._handle, self._at_task)
-        if code not in (DONE, UNSAFE, SINGULAR, NOT_FINITE):
-            check(code)
-        return code
+        task.speed, task.local, alive = speed, local, _choose(task, chosen)
+        check(self._library.rates_solve(self._handle, self._at_task))
+        del alive
+        return self._code_at.item(0)
 
     @property
     def pivot(self) -> float:
@@ -148,16 +184,52 @@ class RateSolver:
 
     def columns(self) -> Array:
         """Return (nv, n_moving): joint velocities per unit speed of each that moves."""
-        check(self._library.rates_columns(
-            self._handle, self.n_moving, self._task.columns, 0, None, None))
-        return self._columns.T.copy()
+        return self._columns.copy()
+
+    def rows(
+        self, q: Array, reference: Array, wanted: Sequence[str], *, frame: BodyPoint | None = None,
+        v: Array | None = None, rates: tuple[Array, Array] | None = None,
+        chosen: Chosen | None = None,
+    ) -> RateRows:
+        """Return results at configurations q (m, nq).
+
+        Args:
+            q: closed configurations.
+            reference: (m, n_angles) from which the angles of screws count [rad].
+            wanted: names of results of `RateRows`; "v" brings "a" and "facts".
+            frame: of the Jacobians.
+            v: (m, nv) joint velocities of "jacobian_rate".
+            rates: speeds and accelerations (m, n_driven) of what is driven, for "v".
+            chosen: the equations at all of them, if the kernel is not to choose them.
+        """
+        m, n, nv = len(q), self.n_moving, self.nv
+        shapes = {"columns": (nv, n), "second": (nv, n, n), "jacobian": (6, n),
+                  "jacobian_rate": (6, n), "v": (nv,), "a": (nv,), "facts": (3,)}
+        names = [*wanted, "a", "facts"] if "v" in wanted else wanted
+        found = RateRows(np.zeros(m, np.int64), **{x: np.zeros((m, *shapes[x])) for x in names})
+        given = [numbers(q, (m, self._q.size)), numbers(reference, (m, self._reference.size))]
+        task = _RateTask(m, *map(address, given), code=address(found.codes),
+                         **{x: address(getattr(found, x)) for x in names})
+        if frame is not None:
+            given.append(numbers(frame.local, (3,)))
+            task.joint, task.local = frame.joint, address(given[-1])
+        if v is not None:
+            given.append(numbers(v, (m, nv)))
+            task.motion = address(given[-1])
+        if rates is not None:
+            given += [numbers(x, (m, self.n_driven)) for x in rates]
+            task.speed, task.acceleration = map(address, given[-2:])
+        alive = given, _choose(task, chosen)
+        check(self._library.rates_solve(self._handle, ctypes.byref(task)))
+        del alive
+        return found
 
     def acceleration(self, v: Array, drive: Array | None = None) -> Array:
         """Return (nv,) joint accelerations at joint velocities v (nv,).
 
         Args:
             v: joint velocities.
-            drive: (n_driven,) accelerations of what is driven; none by default.
+            drive: (n_driven,) accelerations of driven coordinates; none by default.
         """
         v = numbers(v, (self.nv,))
         return self._answer(address(v), None, drive)
@@ -167,7 +239,7 @@ class RateSolver:
 
         Args:
             derivative: (n_closure + n_passive,) of the equations, where the rates are zero.
-            drive: (n_driven,) rates of what is driven; none by default.
+            drive: (n_driven,) rates of driven coordinates; none by default.
         """
         derivative = numbers(derivative, (self._n_equations,))
         return self._answer(None, address(derivative), drive)
@@ -179,19 +251,17 @@ class RateSolver:
         self._library.rates_answer(self._handle, v, derivative, address(full), address(rates))
         return rates
 
-    def jacobian(self, joint: int, local: Array) -> Array:
-        """Return the Jacobian (6, n_moving) of a point of a joint's body.
 
-        Args:
-            joint: of the kernel.
-            local: (3,) the point in the joint's axes [m].
-        """
-        self._local[:] = local
-        code = self._library.rates_columns(
-            self._handle, self.n_moving, self._task.columns, joint, *self._frame)
-        if code != NOT_FINITE:
-            check(code)
-        return self._jacobian.copy()
+def _choose(task: _RateTask, chosen: Chosen | None) -> tuple[NDArray[Any], ...]:
+    """Let a task have chosen equations; returns what is to live as long as C reads it."""
+    if chosen is None:
+        task.equations = None
+        return ()
+    rows = np.ascontiguousarray(chosen.rows, np.int64)
+    fill = np.ascontiguousarray(chosen.fill, float)
+    task.equations, task.n_equations = address(rows), len(rows)
+    task.fill, task.n_fill = address(fill), len(fill)
+    return rows, fill
 
 
 def rates_of(kernel: Kernel, driven: tuple[int, ...], n_moving: int) -> RateSolver:

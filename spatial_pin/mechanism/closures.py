@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 
 from spatial_pin._support.checks import finite_array, finite_number, positive_number, unit_vector
 from spatial_pin.errors import ClosureTypeError, suggestion
-from spatial_pin.mechanism.curves import CurveShape, follower_of
+from spatial_pin.mechanism.curves import CurveShape, TouchingCurves, follower_of
 from spatial_pin.mechanism.force_paths import strands_of, teeth_of
 from spatial_pin.mechanism.functions import function_of
 from spatial_pin.mechanism.pairs import (
@@ -37,9 +37,9 @@ from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
 
 __all__ = [
-    "cam", "coupling", "cylindrical", "distance", "fixed", "parallel", "perpendicular", "planar",
-    "point_on_curve", "point_on_line", "point_on_plane", "prismatic", "revolute", "rope", "screw",
-    "spherical", "universal", "weld",
+    "cam", "coupling", "curve_on_curve", "cylindrical", "distance", "fixed", "frame_on_curve",
+    "parallel", "perpendicular", "planar", "point_on_curve", "point_on_line", "point_on_plane",
+    "prismatic", "revolute", "rope", "screw", "spherical", "universal", "weld",
 ]
 FrameSpec = str | tuple[str, pin.SE3]  # a frame by name, or as a placement on a link or joint
 NATIVE = {  # Pinocchio's constraints that hold two bodies together
@@ -596,6 +596,65 @@ def cam(frame_1: FrameSpec, frame_2: FrameSpec, curve: CurveShape, follower: Map
     """
     made = Closure(_name(name), "cam", frames=_frame_pair((frame_1, frame_2)), numbers={
         "curve": _curve(curve), "follower": follower_of(follower)})
+    fault = made.pair.fault(made)
+    if fault:
+        raise ValueError(" ".join(fault))
+    return made
+
+
+def frame_on_curve(frame_1: FrameSpec, frame_2: FrameSpec, curve: CurveShape,
+                   name: str | None = None) -> Closure:
+    """Return a carriage on a track: origin 2 on a curve of frame 1, z of frame 2 along its tangent.
+
+    It has 4 equations and leaves the place on the curve, the coordinate `NAME.s` as of
+    `point_on_curve`, and the turn about the tangent.
+
+    Args:
+        frame_1: frame on the first body: its name, or (link or joint, `pin.SE3` on it) [m].
+        frame_2: frame on the second body, likewise.
+        curve: in the axes of frame 1, see `spatial_pin.curves`.
+        name: for reports; default its type.
+
+    Raises:
+        TypeError: a frame is neither a name nor a placement, or the curve is none.
+
+    Example:
+        >>> track = sp.curves.helix(0.4, 0.2)
+        >>> sp.closures.frame_on_curve("ground", "carriage", track).n_rows
+        4
+    """
+    return Closure(_name(name), "frame_on_curve", frames=_frame_pair((frame_1, frame_2)),
+                   numbers={"curve": _curve(curve)})
+
+
+def curve_on_curve(frame_1: FrameSpec, frame_2: FrameSpec, curves: Sequence[CurveShape],
+                   name: str | None = None) -> Closure:
+    """Return two profiles that touch in their plane: point and normal are the same (1 equation).
+
+    They are outside each other, or one inside the other where the guess has it so. The places of
+    contact are the coordinates `NAME.s` on the first curve and `NAME.s2` on the second, arc
+    lengths from their first points, counting turns [m].
+
+    Args:
+        frame_1: frame on the first body: its name, or (link or joint, `pin.SE3` on it) [m].
+        frame_2: frame on the second body, likewise.
+        curves: two closed ones in planes, in the axes of frame 1 and of frame 2, whose normals stay
+            parallel.
+        name: for reports; default its type.
+
+    Raises:
+        TypeError: a frame is neither a name nor a placement, or a curve is none.
+        ValueError: there are not two, or one is open, crosses itself, or is not in a plane.
+
+    Example:
+        >>> oval = sp.curves.ellipse([0.04, 0.03])
+        >>> sp.closures.curve_on_curve("cam", "lever", [oval, oval]).n_rows
+        1
+    """
+    if len(curves) != 2:
+        raise ValueError(f"curves: two curves touch, not {len(curves)}")
+    made = Closure(_name(name), "curve_on_curve", frames=_frame_pair((frame_1, frame_2)),
+                   numbers={"curves": TouchingCurves(_curve(curves[0]), _curve(curves[1]))})
     fault = made.pair.fault(made)
     if fault:
         raise ValueError(" ".join(fault))

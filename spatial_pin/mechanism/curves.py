@@ -2,7 +2,7 @@
 
 A plane closed curve is followed by the direction in which a point of it is seen from a centre: its
 distance, and the arc length there, are piecewise polynomials of that angle, as exact as numbers
-are. A curve that its centre does not see whole is refused.
+are. Other splines, which their centre does not see whole, are followed by a parameter.
 
 Example:
     >>> profile = sp.curves.ellipse([0.04, 0.03])
@@ -30,10 +30,13 @@ from spatial_pin.numerics.taylor import Taylor, argument
 __all__ = ["circle", "ellipse", "helix", "line", "spline"]
 CELLS = 96  # of a turn, each with a polynomial of degree 9: the rest is below round-off
 ORDER = 4  # of the derivatives that these have at their ends
+FACTORIALS = np.array([math.factorial(k) for k in range(ORDER + 1)], float)
+TURN = 2.0 * math.pi
 FLAT = 1e-6  # of its size: how far points of rounded numbers may be off their plane
 FLATTEST_CURVE = 0.02  # sine of the angle at which a curve is seen from its centre
 MOST_HELIX_TURNS = 60.0  # of a helix that is drawn
-STEEPEST = 0.05  # cosine of the steepest part of an open spline to its direction
+STRAIGHT = 0.25  # of its length: the end of an open spline goes over into a straight line on it
+DIRECTIONS = 400  # of which one is not that of any tangent
 FORMS = ("circle", "ellipse", "line", "helix", "points", "table")
 
 
@@ -53,7 +56,8 @@ class CurveShape:
             plane, from the centre, and their first five derivatives, (6, n, 2); anticlockwise.
         breaks: (k,) u between which all derivatives are continuous, from 0 on.
         numbers: radius and lead of a helix.
-        graph: of an open spline: x, y and arc length as functions of z, from its first point.
+        path: by a parameter, of splines that are open, in space, or that no centre sees whole;
+            None of others, see `by_parameter`.
         end: arc length at its end [m]; infinite of a line without one, and of a helix.
         name: in a mechanism file.
 
@@ -68,7 +72,7 @@ class CurveShape:
     at: Callable[[Array, Array], Array] | None = None
     breaks: Array = field(default_factory=lambda: np.linspace(0.0, 2.0 * np.pi, CELLS + 1))
     numbers: tuple[float, ...] = ()
-    graph: tuple[Piecewise, ...] = ()
+    path: CurvePath | None = None
     end: float = np.inf
     name: str = ""
 
@@ -105,10 +109,10 @@ class CurveShape:
             u = np.linspace(0.0, self.breaks[-1], 2 * CELLS + 1)
             flat = self.at(u, u)[0]
             return self.centre + flat @ self.axes[:, :2].T
-        if self.graph:
-            z = np.linspace(0.0, float(self.graph[0].breaks[-1]), 2 * CELLS + 1)
-            x, y = (f(Taylor.of([z])).values[0] for f in self.graph[:2])
-            return self.centre + np.column_stack([x, y, z]) @ self.axes.T
+        if self.path is not None:
+            u = np.linspace(*self.path.span, 4 * CELLS + 1)
+            flat = np.column_stack([x(Taylor([u])).values[0] for x in self.path.coordinates])
+            return self.centre + flat @ self.axes.T
         if not self.numbers:
             ends = (0.0, self.end) if np.isfinite(self.end) else along
             return self.centre + np.outer(ends, self.axes[:, 2])
@@ -118,6 +122,66 @@ class CurveShape:
         angle = 2.0 * np.pi * z / lead
         local = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), z])
         return self.centre + local @ self.axes.T
+
+    @cached_property
+    def by_parameter(self) -> CurvePath:
+        """It by a parameter; of all but lines and helices, which have no need of one."""
+        if self.path is not None:
+            return self.path
+        middles = 0.5 * (self.breaks[:-1] + self.breaks[1:])
+        ends = [self._at(u, middles)[: ORDER + 1] / FACTORIALS[:, None, None]
+                for u in (self.breaks[:-1], self.breaks[1:])]
+        widths = np.diff(self.breaks)
+        begin = self.breaks + (self.breaks[-1] - self.breaks[0])
+        flat = [Piecewise(begin, hermite(widths, ends[0][..., k], ends[1][..., k]), True)
+                for k in range(2)]
+        level = Piecewise(begin, np.zeros((len(widths), 1)), True)
+        return CurvePath.of((*flat, level), (float(begin[0]), float(begin[-1])), begin)
+
+    @property
+    def is_plane(self) -> bool:
+        """Whether it lies in the plane through its centre, square to its last axis."""
+        return self.at is not None or (self.path is not None and self.path.is_level)
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether its end is its beginning."""
+        return self.at is not None or (self.path is not None and self.path.arc.is_periodic)
+
+    def tangent(self, point: Array) -> Array:
+        """Return the direction (3,) in which it runs where it is nearest to a point (3,) of it."""
+        x, y, z = (point - self.centre) @ self.axes
+        if self.numbers:
+            radius, lead = self.numbers
+            turn = math.atan2(y, x)
+            local = np.array([-radius * math.sin(turn), radius * math.cos(turn), lead / TURN])
+        elif self.at is not None:
+            u = Taylor([np.array([math.atan2(y, x)])])
+            nx, ny = (f(u).values[0][0] for f in self.normals)
+            local = np.array([-ny, nx, 0.0])
+        elif self.path is None:
+            local = np.array([0.0, 0.0, 1.0])
+        else:
+            u = Taylor([np.linspace(*self.path.reach, 40 * CELLS)])
+            apart = sum((f(u).values[0] - k)**2
+                        for f, k in zip(self.path.coordinates, (x, y, z), strict=True))
+            at = Taylor([u.values[0][np.argmin(apart)]])
+            local = np.array([f(at).values[0] for f in self.path.slopes])
+        return self.axes @ local / np.linalg.norm(local)
+
+    def crosses_itself(self) -> bool:
+        """Whether a closed curve in a plane does, or comes to the same place twice."""
+        p = ((self.points() - self.centre) @ self.axes)[:, :2]
+        one, two = p[:-1, None], np.diff(p, axis=0)[:, None]
+        n, (c, d) = len(one), (x.swapaxes(0, 1) for x in (one, two))
+        apart = c - one
+        cross = two[..., 0] * d[..., 1] - two[..., 1] * d[..., 0]
+        with np.errstate(all="ignore"):
+            along = (apart[..., 0] * d[..., 1] - apart[..., 1] * d[..., 0]) / cross
+            other = (apart[..., 0] * two[..., 1] - apart[..., 1] * two[..., 0]) / cross
+        meet = (along >= 0.0) & (along <= 1.0) & (other >= 0.0) & (other <= 1.0)
+        far = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
+        return bool(np.any(meet & (far > 1) & (far < n - 1)))
 
     def radial(self, offset: float = 0.0) -> tuple[Piecewise, Piecewise]:
         """Return the squared distance [m^2] and the arc length [m] by direction from the centre.
@@ -142,6 +206,17 @@ class CurveShape:
             known[offset] = self._by_direction(seen)
         found: tuple[Piecewise, Piecewise] = known[offset]
         return found
+
+    @cached_property
+    def normals(self) -> tuple[Piecewise, Piecewise]:
+        """X and y of its outward normal by direction from the centre, a closed curve in a plane."""
+        def part(k: int) -> Callable[..., tuple[Taylor, Taylor, Taylor]]:
+            def of(x: Taylor, y: Taylor, dx: Taylor, dy: Taylor) -> tuple[Taylor, Taylor, Taylor]:
+                size = power(dx * dx + dy * dy, -0.5)
+                return x, y, (dy if k == 0 else dx * -1.0) * size
+            return of
+
+        return self._by_direction(part(0))[0], self._by_direction(part(1))[0]
 
     def support(self) -> tuple[Piecewise, Piecewise]:
         """Return the distance [m] of its tangent and the arc length [m], by outward normal.
@@ -205,6 +280,67 @@ class CurveShape:
             end[1][0] = arcs[k : len(arcs) - 1 + k]
         one, two = (hermite(np.diff(breaks), ends[0][k], ends[1][k]) for k in range(2))
         return (Piecewise(breaks, one, True), Piecewise(breaks, two, True, float(arcs[-1])))
+
+
+@dataclass(frozen=True, eq=False)
+class CurvePath:
+    """A curve by a parameter u, in its own axes from its centre.
+
+    Open ones go on straight beyond their ends. The parameter never is 0 on the first turn.
+
+    Attributes:
+        coordinates: x, y and z [m].
+        slopes: their derivatives.
+        arc: length from the first point [m].
+        span: u at the first and at the last point.
+        reach: u between which a nearest point is looked for.
+        is_level: whether z is zero.
+    """
+
+    coordinates: tuple[Piecewise, ...]
+    slopes: tuple[Piecewise, ...]
+    arc: Piecewise
+    span: tuple[float, float]
+    reach: tuple[float, float]
+    is_level: bool
+
+    @staticmethod
+    def of(
+        coordinates: tuple[Piecewise, ...], span: tuple[float, float], cells: Array
+    ) -> CurvePath:
+        """Return a path with its arc length, a polynomial in each of some cells."""
+        slopes = tuple(x.derivative() for x in coordinates)
+        nodes, weights = np.polynomial.legendre.leggauss(16)
+        half = 0.5 * np.diff(cells)
+        u = (cells[:-1, None] + half[:, None] * (nodes + 1.0)).ravel()
+        arcs = np.concatenate([[0.0], np.cumsum(half * (_speed(slopes, u)[0].reshape(-1, 16)
+                                                        @ weights))])
+        arcs -= arcs[np.searchsorted(cells, span[0])]
+        middles, ends = 0.5 * (cells[:-1] + cells[1:]), []
+        for side, start in ((cells[:-1], arcs[:-1]), (cells[1:], arcs[1:])):
+            speed = _speed(slopes, side, middles)
+            ends.append(np.array([start, *(v / (k + 1) for k, v in enumerate(speed[:ORDER]))]))
+        is_closed, rise = slopes[0].is_periodic, float(arcs[-1] - arcs[0])
+        arc = Piecewise(cells, hermite(np.diff(cells), *ends), is_closed, rise * is_closed)
+        return CurvePath(coordinates, slopes, arc, span, (float(cells[0]), float(cells[-1])),
+                         not np.any(coordinates[2].coefficients))
+
+    @property
+    def length(self) -> float:
+        """Its length between its first and last point [m]."""
+        return float(np.ptp(self.arc(Taylor([np.array(self.span)])).values[0])) or self.arc.rise
+
+
+def _speed(slopes: Sequence[Piecewise], u: Array, within: Array | None = None) -> list[Array]:
+    """Return the series of the arc length's derivative at u (n,), whose first term is it.
+
+    Where u is an end of cells, it is that of the cells that other u are within.
+    """
+    square: Any = 0.0
+    for f in slopes:
+        rates = f(Taylor([u, 1.0 + 0.0 * u, *[0.0 * u] * (ORDER - 1)]), within)
+        square = rates * rates + square
+    return list(power(square, 0.5).values)
 
 
 def power(x: Taylor, exponent: float) -> Taylor:
@@ -275,7 +411,7 @@ def ellipse(semi_axes: ArrayLike, centre: ArrayLike = (0.0, 0.0, 0.0),
         semi_axes: (2,) positive [m], the first along `x_axis`.
         centre: (3,) [m].
         normal: (3,) of its plane, about which it runs anticlockwise.
-        x_axis: (3,) direction of the first semi-axis; default x, or what is nearest to it.
+        x_axis: (3,) direction of the first semi-axis; default x, or the direction nearest to it.
 
     Raises:
         ValueError: a semi-axis is not positive, or another number none.
@@ -342,18 +478,16 @@ def helix(radius: float, lead: float, axis: ArrayLike = (0.0, 0.0, 1.0),
 
 
 def spline(points: ArrayLike, closed: bool = True) -> CurveShape:
-    """Return the quintic spline through points.
+    """Return the quintic spline through points, in a plane or in space.
 
-    A closed one is plane, a function of chord length. An open one, plane or not, is a function of
-    the way along the line from its first point to its last, on which every next point is further.
+    It is a function of chord length.
 
     Args:
-        points: (n, 3), four or more, none twice [m].
+        points: (n, 3), four or more, no two neighbours at the same place [m].
         closed: whether the last one is followed by the first.
 
     Raises:
-        ValueError: fewer than four points, or two at the same place; of a closed curve points not
-            in one plane, or one that crosses itself; of an open one points that turn back.
+        ValueError: fewer than four points, or two neighbours at the same place.
 
     Example:
         >>> turn = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
@@ -362,92 +496,101 @@ def spline(points: ArrayLike, closed: bool = True) -> CurveShape:
         >>> print(f"{profile.length:.6f} m")
         0.125664 m
     """
-    if not closed:
-        return _open_spline(points)
-    p, chords, middle, axes = _profile(points)
-    around = np.vstack([p, p[:1]])
+    p, chords = _points(points, closed)
+    if closed:
+        try:
+            return _profile(p, chords)
+        except ValueError:
+            pass  # in space, or a curve that no centre sees whole
     u = np.concatenate([[0.0], np.cumsum(chords)])
-    flat = (around - middle) @ axes[:, :2]
-    flat[-1] = flat[0]
-    pieces = [quintic_spline(u, x, True) for x in flat.T]
-
-    def at(t: Array, within: Array) -> Array:
-        k = np.clip(np.searchsorted(u, within, side="right") - 1, 0, len(u) - 2)
-        local, found = t - u[k], np.zeros((ORDER + 2, len(t), 2))
-        for axis, piece in enumerate(pieces):
-            c = piece.coefficients[k]
-            for order in range(ORDER + 2):
-                total = np.zeros(len(t))
-                for power in range(c.shape[1] - 1, order - 1, -1):
-                    factor = np.prod(np.arange(power - order + 1, power + 1))
-                    total = total * local + factor * c[:, power]
-                found[order, :, axis] = total
-        return found
-
+    around = np.vstack([p, p[:1]]) if closed else p
+    centre = p.mean(axis=0) if closed else p[0]
+    world = [quintic_spline(u, x, closed) for x in (around - centre).T]
+    breaks = world[0].breaks
     cells = np.unique(np.concatenate([np.linspace(a, b, max(2, 1 + CELLS // len(p)))
-                                      for a, b in pairwise(u)]))
-    made = CurveShape({"points": p.tolist(), "closed": True}, axes, middle, at, cells)
-    try:
-        made.radial()
-    except ValueError as error:
-        raise ValueError(f"points: {error}") from error
-    return made
+                                      for a, b in pairwise(breaks)]))
+    axes = _free_axes(np.column_stack([
+        x.derivative()(Taylor([0.5 * (cells[:-1] + cells[1:])])).values[0] for x in world]),
+        np.cross(p - centre, np.roll(p, -1, axis=0) - centre).sum(axis=0))
+    turned = np.einsum("ki,knj->inj", axes, np.array([x.coefficients for x in world]))
+    turned[np.abs(turned) <= 1e-15 * np.abs(turned).max(axis=(0, 1))] = 0.0
+    shift = u[-1]
+    if closed:
+        shape = [Piecewise(breaks + shift, c, True) for c in turned]
+        path = CurvePath.of(tuple(shape), (shift, 2.0 * shift), cells + shift)
+    else:
+        extra = STRAIGHT * u[-1]
+        shape = [_with_straight_ends(breaks + shift, c, extra) for c in turned]
+        cells = np.concatenate([[-2.0 * extra, -extra], cells, u[-1] + [extra, 2.0 * extra]])
+        path = CurvePath.of(tuple(shape), (shift, 2.0 * shift), cells + shift)
+    return CurveShape({"points": p.tolist(), "closed": closed}, axes, centre, path=path,
+                      end=path.length)
 
 
-def _open_spline(points: ArrayLike) -> CurveShape:
-    p = _points(points)
-    chords = np.linalg.norm(np.diff(p, axis=0), axis=1)
-    axes = _axes(p[-1] - p[0], None) if np.any(p[-1] != p[0]) else np.eye(3)
-    x, y, z = ((p - p[0]) @ axes).T
-    if np.any(np.diff(z) < STEEPEST * chords):
-        k = int(np.argmin(np.diff(z) / chords))
-        raise ValueError(f"points: number {k + 2} of an open curve is not further along the line "
-                         "from the first point to the last: a track that turns back is made of "
-                         "several curves, or closed")
-    graph = quintic_spline(z, x), quintic_spline(z, y)
-    cells = np.unique(np.concatenate([np.linspace(a, b, max(2, 1 + CELLS // len(p)))
-                                      for a, b in pairwise(z)]))
-    nodes, weights = np.polynomial.legendre.leggauss(16)
-    half = 0.5 * np.diff(cells)
-    at = (cells[:-1, None] + half[:, None] * (nodes + 1.0)).ravel()
-    speeds = _speed(graph, at)[0].reshape(-1, 16)
-    arcs = np.concatenate([[0.0], np.cumsum(half * (speeds @ weights))])
-    ends = []
-    for side, start in ((cells[:-1], arcs[:-1]), (cells[1:], arcs[1:])):
-        speed = _speed(graph, side)
-        ends.append(np.array([start, *(v / (k + 1) for k, v in enumerate(speed[:ORDER]))]))
-    arc = Piecewise(cells, hermite(np.diff(cells), *ends))
-    return CurveShape({"points": p.tolist(), "closed": False}, axes, p[0], graph=(*graph, arc),
-                      end=float(arcs[-1]))
+def _with_straight_ends(breaks: Array, coefficients: Array, extra: float) -> Piecewise:
+    """Return a spline that goes over into straight lines beyond its ends, within a distance."""
+    inside, width = Piecewise(breaks, coefficients), 2 * (ORDER + 1)
+
+    def as_wide(x: Array) -> Array:
+        wide: Array = np.pad(x, ((0, 0), (0, width - x.shape[1])))
+        return wide
+
+    def beyond(at: float, sign: float) -> list[Array]:
+        """The piece next to an end, and the straight one behind it."""
+        series = np.array([x[0] for x in inside(Taylor([
+            np.array([at]), np.ones(1), *[np.zeros(1)] * (ORDER - 1)])).values])[:, None]
+        line = np.zeros_like(series)
+        line[:2] = series[:2]
+        line[0] += sign * extra * series[1, 0]
+        ends = (series, line) if sign > 0.0 else (line, series)
+        straight = line[:2].T.copy()
+        straight[0, 0] -= extra * straight[0, 1] * (sign < 0.0)
+        return [as_wide(hermite(np.array([extra]), *ends)), as_wide(straight)]
+
+    pieces: list[Array] = [*beyond(breaks[0], -1.0)[::-1], as_wide(coefficients), *beyond(breaks[-1], 1.0)]
+    outer = np.array([2.0, 1.0]) * extra
+    return Piecewise(np.concatenate([breaks[0] - outer, breaks, breaks[-1] + outer[::-1]]),
+                     np.ascontiguousarray(np.vstack(pieces)))
 
 
-def _speed(graph: Sequence[Piecewise], z: Array) -> list[Array]:
-    """Return the series of the arc length's derivative by z (n,), whose first term is it."""
-    still = [0.0 * z] * (ORDER - 1)
-    square: Any = 1.0
-    for f in graph:
-        slope = f(Taylor([z, 1.0 + 0.0 * z, *still])).values
-        rates = Taylor([(k + 1) * x for k, x in enumerate(slope[1:])])
-        square = rates * rates + square
-    return list(power(square, 0.5).values)
+def _free_axes(tangents: Array, area: Array) -> Array:
+    """Return axes (3, 3) whose last is square to tangents (n, 3), or far from each of them.
+
+    A closed curve in a plane runs anticlockwise about it: its area (3,) is along it.
+    """
+    tangents = tangents / np.linalg.norm(tangents, axis=1)[:, None]
+    _, _, own = np.linalg.svd(tangents, full_matrices=True)
+    k = np.arange(DIRECTIONS) + 0.5
+    z, turn = 1.0 - k / DIRECTIONS, np.pi * (1.0 + 5.0**0.5) * k
+    r = np.sqrt(1.0 - z * z)
+    tried = np.vstack([own[::-1], np.column_stack([r * np.cos(turn), r * np.sin(turn), z])])
+    apart = 1.0 - np.abs(tangents @ tried.T).max(axis=0)
+    best = tried[int(np.argmax(apart > 0.9 * apart.max()))]
+    sign = best @ area if abs(best @ area) > 1e-9 * np.linalg.norm(area) else best[
+        np.argmax(np.abs(best))]
+    best = best * np.sign(sign)
+    return _axes(best, None)
 
 
-def _points(points: ArrayLike) -> Array:
+def _points(points: ArrayLike, closed: bool) -> tuple[Array, Array]:
+    """Return points (n, 3) and the chords from each to the next."""
     p = np.array(points, float)
     if p.ndim != 2 or p.shape[1:] != (3,) or len(p) < 4 or not np.isfinite(p).all():
         raise ValueError("points: four or more are needed, each of three finite numbers")
-    return p
-
-
-def _profile(points: ArrayLike) -> tuple[Array, Array, Array, Array]:
-    """Return points (n, 3) of a plane curve, the chords (n,), their middle and axes (3, 3)."""
-    p = _points(points)
-    around = np.vstack([p, p[:1]])
-    chords = np.linalg.norm(np.diff(around, axis=0), axis=1)
+    chords = np.linalg.norm(np.diff(np.vstack([p, p[:1]] if closed else p), axis=0), axis=1)
     if np.any(chords <= 1e-9 * chords.max()):
         k = int(np.argmin(chords))
         raise ValueError(f"points: number {k + 1} and the next one are at the same place (a closed "
                          "curve does not repeat its first point)")
+    return p, chords
+
+
+def _profile(p: Array, chords: Array) -> CurveShape:
+    """Return the closed curve through points (n, 3) in a plane, which their middle sees whole.
+
+    Raises:
+        ValueError: they do not lie in a plane, or it does not see it whole.
+    """
     middle = p.mean(axis=0)
     area = np.cross(p - middle, np.roll(p, -1, axis=0) - middle).sum(axis=0)  # anticlockwise
     size = float(np.abs(p - middle).max())
@@ -455,8 +598,23 @@ def _profile(points: ArrayLike) -> tuple[Array, Array, Array, Array]:
         raise ValueError("points: the curve crosses itself, or lies on a line")
     axes = _axes(area, None)
     if np.abs((p - middle) @ axes[:, 2]).max() > FLAT * size:
-        raise ValueError("points: a closed curve lies in a plane; these do not")
-    return p, chords, middle, axes
+        raise ValueError("points: they do not lie in a plane")
+    u = np.concatenate([[0.0], np.cumsum(chords)])
+    flat = (np.vstack([p, p[:1]]) - middle) @ axes[:, :2]
+    flat[-1] = flat[0]
+    pieces = [quintic_spline(u, x, True) for x in flat.T]
+
+    def at(t: Array, within: Array) -> Array:
+        still = [0.0 * t] * ORDER
+        series = [x(Taylor([t, 1.0 + 0.0 * t, *still]), within).values for x in pieces]
+        return np.array([[math.factorial(k) * x[k] for x in series]
+                         for k in range(ORDER + 2)]).transpose(0, 2, 1)
+
+    cells = np.unique(np.concatenate([np.linspace(a, b, max(2, 1 + CELLS // len(p)))
+                                      for a, b in pairwise(u)]))
+    made = CurveShape({"points": p.tolist(), "closed": True}, axes, middle, at, cells)
+    made.radial()
+    return made
 
 
 def curve_of(name: str, given: Any, read: Callable[[str], Any] | None = None) -> CurveShape:
@@ -527,6 +685,26 @@ def _axes(z: Array, x_axis: ArrayLike | None) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
+class TouchingCurves:
+    """Two profiles that touch.
+
+    Attributes:
+        one: the curve that frame 1 carries.
+        two: that frame 2 carries.
+        side: 1 outside each other, -1 where one is inside the other.
+    """
+
+    one: CurveShape
+    two: CurveShape
+    side: int = 1
+
+    @property
+    def form(self) -> list[str]:
+        """Their names, as a mechanism file has them."""
+        return [self.one.name, self.two.name]
+
+
+@dataclass(frozen=True, eq=False)
 class Follower:
     """The follower of a cam.
 
@@ -581,3 +759,17 @@ def named_curve(given: Any, context: Any = None) -> CurveShape:
         raise ValueError(f"names [curves.NAME], not {str(given)[:60]!r}; there are: {there}")
     found: CurveShape = curves[given]
     return found
+
+
+def two_curves(given: Any, context: Any = None) -> TouchingCurves:
+    """Return two curves by their names in a mechanism file, or as they are.
+
+    Raises:
+        ValueError: they are no two, or there is none of a name.
+    """
+    if isinstance(given, TouchingCurves):
+        return given
+    if isinstance(given, str) or not isinstance(given, Sequence) or len(given) != 2:
+        raise ValueError(f'are two, as ["cam", "lever"], not {str(given)[:60]!r}')
+    one, two = (named_curve(each, context) for each in given)
+    return TouchingCurves(one, two)

@@ -1,9 +1,10 @@
 """The scalar equations of closures.
 
 An equation is a sum of terms: a number times quantities. A quantity is a scalar product of vectors
-that are fixed in two frames, the angle of one frame relative to another, a joint coordinate, or a
-function of one of these. With d the vector from origin i to origin j, u a vector fixed in frame i
-and w a vector fixed in frame j, the scalar products are [Haug1989, 9.4]:
+that are fixed in two frames, the angle of one frame relative to another, a joint coordinate, a
+parameter of a curve that other sums define, or a function of one of these. With d the vector from
+origin i to origin j, u a vector fixed in frame i and w a vector fixed in frame j, the scalar
+products are [Haug1989, 9.4]:
 
 ================  ==========  ====================================================
 quantity          value       an equation of it
@@ -20,8 +21,9 @@ every quantity come from one product rule (`kernel/core/equations.c`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -98,11 +100,46 @@ class JointCoordinate(NamedTuple):
     joint: int
 
 
+@dataclass(frozen=True, eq=False)
+class ImplicitParameters:
+    """One or two numbers at which as many sums vanish, as where a point is nearest to a curve.
+
+    They count turns, as angles do, and are near those of before; 0 stands for nothing before.
+
+    Attributes:
+        sums: of the parameters -> terms of as many sums, lengths or not; of one that is positive
+            at a root that is wanted; and of one that is least there.
+        spans: of each, where roots are looked for if there was nothing before.
+        is_periodic: of each, whether it may be that many spans more.
+    """
+
+    sums: Callable[..., tuple[ConstraintEquation, ...]]
+    spans: tuple[tuple[float, float], ...]
+    is_periodic: tuple[bool, ...]
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The parameters."""
+        return tuple(Parameter(self, k) for k in range(len(self.spans)))
+
+    @cached_property
+    def definition(self) -> tuple[ConstraintEquation, ...]:
+        """The sums."""
+        return self.sums(*self.parameters)
+
+
+class Parameter(NamedTuple):
+    """One of some parameters."""
+
+    of: ImplicitParameters
+    which: int
+
+
 class FunctionOf(NamedTuple):
     """A function of another quantity."""
 
     function: Function
-    argument: Angle | Bearing | JointCoordinate | Displacement
+    argument: Angle | Bearing | JointCoordinate | Displacement | Parameter
 
 
 class PointDistance(NamedTuple):
@@ -112,7 +149,8 @@ class PointDistance(NamedTuple):
 
 
 ScalarProduct = Displacement | Cosine | Square
-Quantity = ScalarProduct | Angle | Bearing | JointCoordinate | FunctionOf | PointDistance
+Quantity = (ScalarProduct | Angle | Bearing | JointCoordinate | Parameter | FunctionOf
+            | PointDistance)
 Term = tuple[float, tuple[Quantity, ...]]
 
 

@@ -107,6 +107,12 @@ def beyond_limits(mechanism: Mechanism, q: Array) -> dict[str, float]:
     return {limits[k].name: float(sides[k] * by[k]) for k in np.flatnonzero(by > slack)}
 
 
+def is_within_limits(mechanism: Mechanism, q: Array) -> bool:
+    """Whether no coordinate of a configuration (nq,) is beyond its joint limits."""
+    _, entries, values, sides, slack = _stated(mechanism)
+    return not (sides * (q[entries] - values) > slack).any()
+
+
 def _stated(mechanism: Mechanism) -> LimitArrays:
     """Return the present limits of the model, which its user may change."""
     lower, upper = position_limits(mechanism)

@@ -500,7 +500,7 @@ class Mechanism:
             >>> sp.assemble(mech, {"crank": 0.0}).placement("mid").translation.shape
             (3,)
         """
-        from spatial_pin.formats.edited_file import with_point
+        from spatial_pin.formats.mechanism_writer import with_point
 
         return with_point(self, name, body, xyz, rpy)
 
@@ -529,7 +529,7 @@ class Mechanism:
             >>> mech.inertias["coupler"].mass
             2.0
         """
-        from spatial_pin.formats.edited_file import with_mass
+        from spatial_pin.formats.mechanism_writer import with_mass
 
         return with_mass(self, body, mass, com, inertia)
 

@@ -7,8 +7,8 @@ To add a pair, add one entry to `PAIRS`:
    wherever they hold. They are sums of quantities, see `spatial_pin.mechanism.equations`.
 3. `joint`: a function (axis, axis2, lead) to a Pinocchio joint model, None where the pair only
    closes loops, with `coordinates` (suffix, unit) in the order of its velocity vector.
-4. `aligned`: which axes ("z", "xyz") must point the same way when closed: product equations have
-   mirror roots, and assembly refuses them.
+4. `aligned`: which axes ("z", "xyz"; "tangent": z along that of a curve) must point the same way
+   when closed: product equations have mirror roots, and assembly refuses them.
 5. `n_frames`, `n_joints`: how many frames it joins, two as a rule, and of how many joints it has
    the coordinates; at least, if it `has_more` of them.
 6. `keys`: its own numbers in a mechanism file, which a `Closure` has in `numbers`, and `fault`: a
@@ -27,13 +27,10 @@ from typing import Any, Protocol
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.mechanism.curves import CurveShape, follower_of, named_curve
+from spatial_pin.mechanism.curve_rows import along_curve, follows, on_curve, touching
+from spatial_pin.mechanism.curves import CurveShape, follower_of, named_curve, two_curves
 from spatial_pin.mechanism.equations import (
-    Angle,
-    Bearing,
     ConstraintEquation,
-    Cosine,
-    Displacement,
     FunctionOf,
     JointCoordinate,
     PointDistance,
@@ -159,7 +156,7 @@ def axes_from_z(axis: Array) -> Array:
     if axis[2] <= -1.0 + TOLERANCES.last_digit:
         return np.diag([1.0, -1.0, -1.0])
     axes: Array = pin.Quaternion.FromTwoVectors(Z, axis).normalized().matrix()
-    axes[:, 2] = axis  # as it was given, so that what is written is what was read
+    axes[:, 2] = axis  # as it was given, so that a written file equals the file read
     return axes
 
 
@@ -276,65 +273,49 @@ def _fault_of_coupling(c: ClosureData) -> tuple[str, str] | None:
     return None
 
 
-def _around(curve: CurveShape, offset: float = 0.0) -> ConstraintEquation:
-    """Origin 2 is on a plane closed curve, or outside of it: squares by the mean radius [m]."""
-    square, _ = curve.radial(offset)
-    x, y = (Displacement(u, offset=float(u @ curve.centre)) for u in curve.axes.T[:2])
-    number = 0.5 / math.sqrt(float(square.coefficients[:, 0].mean()))
-    return ConstraintEquation(((number, (x, x)), (number, (y, y)), (-number, (
-        FunctionOf(square, Bearing(curve.axes, curve.centre)),))), is_length=True)
-
-
 def _on_curve(c: ClosureData) -> Rows:
+    return on_curve(c.numbers["curve"])
+
+
+def _frame_on_curve(c: ClosureData) -> Rows:
     curve = c.numbers["curve"]
-    x, y, z = (Displacement(u, offset=float(u @ curve.centre)) for u in curve.axes.T)
-    if curve.at is not None:
-        return _around(curve), ConstraintEquation(((1.0, (z,)),), is_length=True)
-    if curve.graph:
-        return tuple(ConstraintEquation(((1.0, (u,)), (-1.0, (FunctionOf(f, z),))),
-                                        is_length=True)
-                     for u, f in zip((x, y), curve.graph, strict=False))
-    if not curve.numbers:  # a line
-        return tuple(ConstraintEquation(((1.0, (u,)),), is_length=True) for u in (x, y))
-    radius, lead = curve.numbers
-    number = 0.5 / radius
-    around = (number, (x, x)), (number, (y, y)), (-0.5 * radius, ())
-    along = (1.0, (z,)), (-lead / (2.0 * np.pi), (Bearing(curve.axes, curve.centre),))
-    return (ConstraintEquation(around, is_length=True),
-            ConstraintEquation(along, is_length=True))
+    return *on_curve(curve), *along_curve(curve, Z)
 
 
 def _cam(c: ClosureData) -> Rows:
-    curve, follower = c.numbers["curve"], c.numbers["follower"]
-    if follower.flat is None:
-        return (_around(curve, follower.side * follower.radius),)
-    n = follower.side * follower.flat  # away from the cam
-    distance, _ = curve.support()
-    # from origin 1 to the face, by its normal, less what the cam reaches towards it
-    terms: list[Any] = [(1.0, (Displacement(n, of_second=True),)),
-                        (-1.0, (FunctionOf(distance, _facing(curve, n)),))]
-    if np.any(curve.centre):
-        size = float(np.linalg.norm(curve.centre))
-        terms.append((-size, (Cosine(curve.centre / size, n),)))
-    return (ConstraintEquation(tuple(terms), is_length=True),)
+    follower = c.numbers["follower"]
+    across = Z if follower.flat is None else axes_from_z(follower.flat)[:, 0]
+    return follows(c.numbers["curve"], follower, across)
 
 
-def _facing(curve: CurveShape, normal: Array) -> Angle:
-    """Return the angle of a direction of frame 2 in the plane of a curve."""
-    return Angle(curve.axes, np.column_stack([normal, axes_from_z(normal)[:, 0],
-                                              curve.axes[:, 2]]))
+def _touching(c: ClosureData) -> Rows:
+    curves = c.numbers["curves"]
+    return touching(curves.one, curves.two, curves.side)
 
 
-def _fault_of_curve(c: ClosureData) -> tuple[str, str] | None:
-    """Whether a cam is a closed curve that its follower fits."""
+def _fault_of_cam(c: ClosureData) -> tuple[str, str] | None:
+    """Whether a cam is a profile that its follower fits."""
+    fault = _fault_of_profile(c.numbers["curve"])
+    if fault:
+        return "curve", fault
     try:
-        if "follower" in c.numbers:
-            if c.numbers["curve"].at is None:
-                return "curve", "of a cam is closed: a circle, an ellipse or points"
-            _cam(c)
+        _cam(c)
     except ValueError as error:
         return "follower", str(error)
     return None
+
+
+def _fault_of_profiles(c: ClosureData) -> tuple[str, str] | None:
+    """Whether both curves are profiles."""
+    curves = c.numbers["curves"]
+    fault = _fault_of_profile(curves.one) or _fault_of_profile(curves.two)
+    return ("curves", fault) if fault else None
+
+
+def _fault_of_profile(curve: CurveShape) -> str:
+    if not (curve.is_closed and curve.is_plane):
+        return "of a cam is closed and in a plane: a circle, an ellipse or points"
+    return "of a cam crosses itself" if curve.path is not None and curve.crosses_itself() else ""
 
 
 def _rope(c: ClosureData) -> Rows:
@@ -385,8 +366,12 @@ PAIRS: dict[str, Pair] = {
     "parallel": Pair(4, _parallel, aligned="z"),
     "perpendicular": Pair(5, _perpendicular, uses_axis2=True),
     "point_on_curve": Pair(4, _on_curve, uses_axis=False, keys=(Key("curve", read=named_curve),)),
+    "frame_on_curve": Pair(2, _frame_on_curve, uses_axis=False, aligned="tangent",
+                           keys=(Key("curve", read=named_curve),)),
+    "curve_on_curve": Pair(5, _touching, uses_axis=False,
+                           keys=(Key("curves", read=two_curves),), fault=_fault_of_profiles),
     "cam": Pair(5, _cam, uses_axis=False, keys=(
-        Key("curve", read=named_curve), Key("follower", read=follower_of)), fault=_fault_of_curve),
+        Key("curve", read=named_curve), Key("follower", read=follower_of)), fault=_fault_of_cam),
     "rope": Pair(5, _rope, uses_axis=False, has_more=True, keys=(Key("length"),),
                  fault=_fault_of_rope),
     "coupling": Pair(
@@ -409,7 +394,7 @@ def closure_types() -> tuple[str, ...]:
     return tuple(name for name, pair in PAIRS.items() if pair.rows)
 
 
-# Other words for types, as files, books and other tools have them; of what is no type, what to do.
+# Other words for types, in files, books and other tools; for a word that is no type, the remedy.
 TIES = ('gears, belts, racks and tendons tie joints: [[closures]] with type = "coupling", joints = '
         '["a", "b"] and a ratio')
 SPRING = "springs and dampers have tables of their own: [[springs]]"
@@ -433,7 +418,9 @@ OTHER_WORDS: dict[str, str] = {
     **dict.fromkeys(("spring", "damper"), SPRING),
     **dict.fromkeys(("contact", "collision", "rolling", "wheel"), CONTACT),
     **dict.fromkeys(("cam_follower", "follower"), "cam"),
-    **dict.fromkeys(("track", "guide_curve"), "point_on_curve"),
+    **dict.fromkeys(("guide_curve", "curve"), "point_on_curve"),
+    **dict.fromkeys(("track", "rail", "carriage", "roller_coaster"), "frame_on_curve"),
+    **dict.fromkeys(("two_cams", "conjugate_profiles"), "curve_on_curve"),
 }
 
 

@@ -228,11 +228,7 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
 
 
 def driver_advice(state: State, freedom: Mobility) -> str:
-    """Return advice if drivers and freedoms differ in number; else "".
-
-    Raises:
-        MechanismFileError: the mechanism has drivers and cannot move.
-    """
+    """Return advice if drivers and freedoms differ in number; otherwise an empty text."""
     mechanism = state.mechanism
     drivers = list(driver_coordinates(mechanism).values())
     working = freedom.dof - len(freedom.passive)

@@ -103,7 +103,7 @@ class AssemblyModes(list[State]):
 
     @property
     def completeness(self) -> str:
-        """What is known of modes that may be missing, in words."""
+        """A sentence on modes that may be missing."""
         if self.missing >= 0.5:
             return f"about {self.missing:.0f} more must be expected: give more starts"
         if self.starts <= 1:

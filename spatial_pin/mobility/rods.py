@@ -249,7 +249,7 @@ def core_of(mechanism: Mechanism, held: Mapping[str, float], rods: list[Rod]) ->
             small.addFrame(pin.Frame(name, at, 0, on * placement, pin.FrameType.OP_FRAME))
     removed = {end.closure for rod in out for end in rod.ends}
     is_rounded = mechanism.whole is not None  # its axes are parallel to some digits only
-    closures = [c if is_rounded or not c.pair.aligned else Aligned(
+    closures = [c if is_rounded or not c.pair.aligned or c.numbers else Aligned(
         c.name, c.type, c.frames, c.geometry, equations=c.equations)
         for c in mechanism.closures if c.name not in removed]
     for k, (ends, length) in enumerate(distances):

@@ -23,7 +23,7 @@ def curve_end_events(motion: Motion) -> list[Event]:
     events = []
     for closure in whole.closures:
         curve = closure.numbers.get("curve")
-        if curve is None or curve.at is not None or not np.isfinite(curve.end) or not len(motion):
+        if curve is None or curve.is_closed or not np.isfinite(curve.end) or not len(motion):
             continue
         s = motion.coordinate(f"{closure.name}.s").value
         for end, room in ((f"{curve.end:.6g} m", curve.end - s), ("0 m", s)):

@@ -106,7 +106,7 @@ def follow(
     require_mechanism(mechanism)
     check_choice("on_limit", on_limit, ("raise", "stop"))
     check_choice("on_crossing", on_crossing, ("straight", "stop", "raise"))
-    names, table = _table(mechanism, values)
+    names, table = table_of(mechanism, values)
     if len(names) == 1 and times is None and rates is None:
         return sweep(mechanism, names[0], table[:, 0], guess=guess, hold=hold, on_limit=on_limit,
                      on_crossing=on_crossing, accuracy=accuracy, progress=progress)
@@ -213,8 +213,13 @@ def finished(
     return motion
 
 
-def _table(mechanism: Mechanism, values: Mapping[str, Any]) -> tuple[list[str], Array]:
-    """Return names of coordinates and their values (N, k)."""
+def table_of(mechanism: Mechanism, values: Mapping[str, Any]) -> tuple[list[str], Array]:
+    """Return names of coordinates and their values (N, k).
+
+    Raises:
+        UnknownNameError: a name does not exist.
+        ValueError: they are not finite, of different lengths, or none.
+    """
     columns: dict[str, Array] = {}
     for name, given in mapping(values, "values").items():
         coordinate = mechanism.prescribed_coordinate(name).name

@@ -143,22 +143,34 @@ def _may_be_passed(motion: Motion, limits: list[JointLimit]) -> NDArray[np.bool_
     q, v, side, value, size = (np.array(x) for x in zip(*(
         (c.q, c.v, c.side, c.value, c.size) for c in limits), strict=True))
     noise = NOISE * float(np.abs(motion.v / motion.mechanism.velocity_scale).max(initial=0.0))
-    closing = side * motion.v[:, v]
+    may = np.zeros((len(limits), len(motion) - 1), dtype=bool)
+    steps, rates, bends = _steps(motion), motion.v[:, v], motion.a[:, v]
+    room = side * (value - motion.q[:, q])
+    outside = room < -SLACK * size
+    swings = np.full(len(v), np.inf)  # beyond both samples of a step, at most
+    if steps is not None:
+        h = float(steps.max(initial=0.0))
+        swings = 2.0 * h * (SWING_OF_RATES * np.abs(rates).max(axis=0) +
+                            h * SWING_OF_ACCELERATIONS * np.abs(bends).max(axis=0))
+    close = np.flatnonzero(outside.any(axis=0) | (room.min(axis=0) <= (1.0 + DOUBT) * swings))
+    if not close.size:  # as most are far from all limits
+        return may
+    room, outside, side, size = room[:, close], outside[:, close], side[close], size[close]
+    rates, bends = rates[:, close], bends[:, close]
+    closing = side * rates
     sense = np.ones((len(motion) - 1, 1))  # -1 where samples go against their rates
     if motion.driver is not None and motion.time is None:
         rate = motion.coordinate(motion.driver_name).rate
         sense[~(np.diff(motion.driver) * (rate[:-1] + rate[1:]) >= 0.0)] = -1.0
-    room = side * (value - motion.q[:, q])
-    outside = room < -SLACK * size
     turning = (sense * closing[:-1] > noise * size) & (sense * closing[1:] < -noise * size)
-    steps = _steps(motion)
-    swings = np.full((len(motion) - 1, len(v)), np.inf)  # beyond both samples of a step, at most
+    swings = np.full((len(motion) - 1, len(close)), np.inf)
     if steps is not None:
         h = steps[:, None]
-        rates, bends = (np.abs(x[:-1, v]) + np.abs(x[1:, v]) for x in (motion.v, motion.a))
-        swings = h * SWING_OF_RATES * rates + h * h * SWING_OF_ACCELERATIONS * bends
+        pace, bend = (np.abs(x[:-1]) + np.abs(x[1:]) for x in (rates, bends))
+        swings = h * SWING_OF_RATES * pace + h * h * SWING_OF_ACCELERATIONS * bend
     near = np.minimum(room[:-1], room[1:]) <= (1.0 + DOUBT) * swings
-    return (~outside[:-1] & (outside[1:] | (turning & near))).T
+    may[close] = (~outside[:-1] & (outside[1:] | (turning & near))).T
+    return may
 
 
 def _steps(motion: Motion) -> Array | None:

@@ -4,23 +4,24 @@ from __future__ import annotations
 
 import zipfile
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from copy import copy
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin._support.brief import brief, words
+from spatial_pin._support.brief import words
 from spatial_pin._support.checks import checked, is_finite
 from spatial_pin._support.columns import Quantity, Tabular, read_only, write_npz
 from spatial_pin._support.output_files import named_path
 from spatial_pin.assembly.contact_places import contact_closure, contact_rates
 from spatial_pin.assembly.holding import BASE, hold_from_file, hold_to_file
-from spatial_pin.assembly.state import State
-from spatial_pin.errors import SpatialPinError
+from spatial_pin.assembly.state import FrameMotion, Samples, State, is_coordinate
+from spatial_pin.errors import SampleError, SpatialPinError
 from spatial_pin.mechanism.coordinates import CoordinateRates, coordinate_rates
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
@@ -56,35 +57,6 @@ class Event(NamedTuple):
     value: float
     row: int
     text: str
-
-
-class FrameMotion(NamedTuple):
-    """Motion of a frame or of a link's centre of mass, world axes, N samples.
-
-    Attributes:
-        position: (N, 3) [m].
-        rotation: (N, 3, 3), columns are the axes of the frame in the world.
-        velocity: (N, 3) [m/s].
-        acceleration: (N, 3) second derivative of the position [m/s²].
-        angular_velocity: (N, 3) [rad/s].
-        angular_acceleration: (N, 3) [rad/s²].
-
-    Example:
-        >>> motion = sp.sweep(sp.load("rssr"), "crank", np.linspace(0.0, 1.0, 11), speed=2.0)
-        >>> point = motion.frame("coupler_b")
-        >>> point.position.shape, point.rotation.shape, point.velocity.shape
-        ((11, 3), (11, 3, 3), (11, 3))
-    """
-
-    position: Array
-    rotation: Array
-    velocity: Array
-    acceleration: Array
-    angular_velocity: Array
-    angular_acceleration: Array
-
-    def __repr__(self) -> str:
-        return brief(self, position="m")
 
 
 class Output(NamedTuple):
@@ -177,7 +149,7 @@ FRAME_UNITS = {  # unit and order of the derivative
 
 
 @dataclass(eq=False)
-class Motion(Tabular):
+class Motion(Samples, Tabular):
     """A motion of a mechanism, one sample per step; its arrays are read-only.
 
     Attributes:
@@ -213,6 +185,10 @@ class Motion(Tabular):
         0.24 s, crank in rad
         >>> motion.swept is motion.driver, motion.rate_unit("m", 2)
         (True, 'm/s²')
+        >>> motion[-1].coordinate("crank").value, len(motion[10:20])  # a State, a Motion
+        (6.0, 10)
+        >>> motion["rocker_pin"].value.shape, motion["coupler_b"].position.shape
+        ((61,), (61, 3))
     """
 
     mechanism: Mechanism
@@ -229,6 +205,8 @@ class Motion(Tabular):
     per: str = "s"
     held: tuple[str, ...] = (BASE,)
     error_estimates: Array = field(default_factory=lambda: np.empty((0, 3)))
+    rate_errors: Array = field(default_factory=lambda: np.empty(0))
+    unreached: dict[int, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         resolved = self.mechanism.closure_resolution
@@ -256,11 +234,90 @@ class Motion(Tabular):
 
     def __setstate__(self, fields: dict[str, Any]) -> None:
         """Set the fields that were copied or pickled."""
-        self.__dict__.update(fields)
+        self.__dict__.update({"rate_errors": np.empty(0), "unreached": {}, **fields})
         self.__post_init__()
 
     def __len__(self) -> int:
         return len(self.q)
+
+    def __iter__(self) -> Iterator[State]:
+        """Return the samples as States, one after the other."""
+        return (self.state(row) for row in range(len(self)))
+
+    @overload
+    def __getitem__(self, item: int | np.integer[Any]) -> State: ...
+
+    @overload
+    def __getitem__(self, item: str) -> CoordinateRates[Array] | FrameMotion: ...
+
+    @overload
+    def __getitem__(self, item: slice | list[int] | NDArray[Any]) -> Motion: ...
+
+    def __getitem__(self, item: Any) -> Any:
+        """Return a sample, samples, or the coordinate or frame of a name.
+
+        Args:
+            item: the number of a sample, negative from the end; a slice, a mask (N,) or numbers
+                (k,) of samples; or a name.
+
+        Returns:
+            A State; a Motion, whose events are those before, between and behind its samples; or
+            `coordinate(name)`, or of a link, frame or joint of several freedoms `frame(name)`.
+
+        Raises:
+            SampleError: there is no such sample; it is an IndexError.
+            UnknownNameError: there is no such name.
+            SpatialPinError: a coordinate and a link have that name.
+            TypeError: it is none of these.
+        """
+        if isinstance(item, str):
+            is_named = is_coordinate(self.mechanism, item)
+            return self.coordinate(item) if is_named else self.frame(item)
+        if isinstance(item, slice):
+            return selected(self, np.arange(len(self))[item], item)
+        rows: NDArray[Any] = np.asarray(item if isinstance(item, np.ndarray | list) else [])
+        if (isinstance(item, int | np.integer) and not isinstance(item, bool)) or (
+                rows.ndim == 0 and rows.dtype.kind in "iu"):
+            return self.state(int(item))
+        if rows.ndim == 1 and rows.dtype.kind == "b" and len(rows) == len(self):
+            return selected(self, np.flatnonzero(rows))
+        if isinstance(item, np.ndarray | list) and rows.ndim == 1 and (
+                rows.dtype.kind in "iu" or not rows.size):
+            if wrong := [x for x in rows.tolist() if not -len(self) <= x < len(self)]:
+                self.state(wrong[0])  # which says what is wrong
+            return selected(self, np.arange(len(self))[rows.astype(int)])
+        raise TypeError(
+            "a Motion is indexed by the number of a sample, a slice, a mask of all "
+            f"{len(self)} samples, numbers of samples, or a name; not by {item!r}")
+
+    def at_rates(self, v: Array, a: Array, rate_errors: Array | None = None) -> Motion:
+        """Return the same configurations with other rates in time; see `solve_rates`.
+
+        Args:
+            v: (N, nv) joint velocities [rad/s, m/s].
+            a: (N, nv) joint accelerations [rad/s², m/s²].
+            rate_errors: (N,) their round-off, by their size.
+
+        Returns:
+            The Motion. Its `time` is (driver value - first)/speed, if one driver was swept, its
+            speed is the same at all samples, and that rises; where none was, the motion's own.
+
+        Example:
+            >>> motion = sp.sweep(sp.load("rssr"), "crank", [0.0, 0.5, 1.0])
+            >>> motion.at_rates(4.0 * motion.v, 16.0 * motion.a).time
+            array([0.   , 0.125, 0.25 ])
+        """
+        moved = Motion(
+            self.mechanism, self.driver, self.driver_name, self.time, self.q, v, a,
+            self.closure_error, np.ones(len(self)), [*self.events], self.angles, "s", self.held,
+            rate_errors=np.empty(0) if rate_errors is None else rate_errors,
+            unreached=self.unreached)
+        if self.driver is not None:
+            _, speeds, bends = moved.coordinate(self.driver_name)
+            steady = len(self) > 0 and not bends.any() and bool((speeds == speeds[0]).all())
+            moved.driver_speed = read_only(speeds)
+            moved.time = steady_times(self.driver, float(speeds[0])) if steady else None
+        return moved
 
     @property
     def driver_unit(self) -> str:
@@ -352,7 +409,7 @@ class Motion(Tabular):
         contact = contact_closure(self.mechanism, name)
         if contact is not None:
             ends = [self.frame(f) for f in contact.frames]
-            return contact_rates(self.mechanism, contact, ends, self.angles)
+            return contact_rates(self.mechanism, contact, ends, self.angles, name)
         return coordinate_rates(self.mechanism, name, self.q, self.v, self.a)
 
     @checked
@@ -366,7 +423,7 @@ class Motion(Tabular):
             The State, with v and a as the motion has them.
 
         Raises:
-            SpatialPinError: there is no such row.
+            SampleError: there is no such row.
 
         Example:
             >>> motion = sp.sweep(sp.load("rssr"), "crank", [0.0, 0.5, 1.0], speed=2.0)
@@ -375,11 +432,13 @@ class Motion(Tabular):
         """
         row, n = int(row), len(self)
         if not -n <= row < n:
-            raise SpatialPinError(
+            raise SampleError(
                 f"there is no sample {row}: {n} samples are 0 to {n - 1}, or -{n} to -1" if n else
                 f"there is no sample {row}: the motion has none")
         lost: Any = np.nan
-        if self.driver is not None:
+        if len(self.rate_errors):
+            lost = float(self.rate_errors[row])
+        elif self.driver is not None:
             # tangents of a traced curve are solved up to a branch point, and behind it
             size = self.mechanism.velocity_scale[self.mechanism.coordinate(self.driver_name).v]
             is_solved = self.per == "length" or not any(
@@ -428,6 +487,28 @@ class Motion(Tabular):
         from spatial_pin.motion.outputs import frame
 
         return frame(self, name)
+
+    @checked
+    def placement(self, name: str) -> Array:
+        """Return the placements (N, 4, 4) of a link, frame or joint in the world [m].
+
+        Args:
+            name: link, frame or joint.
+
+        Returns:
+            Homogeneous matrices, as `State.placement(name).homogeneous` of each sample.
+
+        Raises:
+            UnknownNameError: there is none.
+
+        Example:
+            >>> motion = sp.sweep(sp.load("rssr"), "crank", [0.0, 0.5, 1.0], speed=2.0)
+            >>> motion.placement("coupler_b")[-1, :3, 3].round(4)  # [m], world axes
+            array([-0.3261,  0.2537,  0.    ])
+        """
+        at, out = self.frame(name), np.zeros((len(self), 4, 4))
+        out[:, :3, :3], out[:, :3, 3], out[:, 3, 3] = at.rotation, at.position, 1.0
+        return out
 
     @checked
     def com(self, name: str) -> FrameMotion:
@@ -591,6 +672,17 @@ class Motion(Tabular):
         return summary(self)
 
 
+def steady_times(values: Array, speed: float) -> Array | None:
+    """Return (value - first)/speed if it rises from sample to sample, else None."""
+    if speed == 0.0:
+        return None
+    if len(values) == 1:
+        return np.zeros(1)
+    time = (values - values[0]) / speed + 0.0  # nor -0.0
+    rises = not len(values) or (np.isfinite(time[-1]) and (time[1:] > time[:-1]).all())
+    return time if rises else None
+
+
 def content_of(motion: Motion) -> dict[str, Any]:
     """Return the content of a motion's file, by name."""
     return {
@@ -601,7 +693,9 @@ def content_of(motion: Motion) -> dict[str, Any]:
         "driver_speed": motion.driver_speed, "angles": motion.angles,
         "mechanism": motion.mechanism.name, "per": motion.per,
         "held": np.array(hold_to_file(motion.held), str),
-        "error_estimates": motion.error_estimates,
+        "error_estimates": motion.error_estimates, "rate_errors": motion.rate_errors,
+        "unreached_row": np.array([*motion.unreached], dtype=int),
+        "unreached_text": np.array([*motion.unreached.values()], dtype=str),
         "coordinates": np.array(motion.mechanism.coordinates),
         "event_kind": np.array([e.kind for e in motion.events], dtype=str),
         "event_value": np.array([e.value for e in motion.events], dtype=float),
@@ -646,6 +740,9 @@ def fields_of(content: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
         "held": hold_from_file(content["held"].tolist()) if "held" in content else (BASE,),
         **{name: content[name] for name in arrays},
         "error_estimates": content.get("error_estimates", np.empty((0, 3))),
+        "rate_errors": content.get("rate_errors", np.empty(0)),
+        "unreached": {} if "unreached_row" not in content else dict(zip(
+            *(content[f"unreached_{x}"].tolist() for x in ("row", "text")), strict=True)),
     }
 
 
@@ -665,30 +762,67 @@ AnyMotion = TypeVar("AnyMotion", bound=Motion)
 
 def first_samples(motion: AnyMotion, n: int) -> AnyMotion:
     """Return the first n samples of a motion, with their events."""
+    return selected(motion, np.arange(len(motion))[:n], slice(n))
+
+
+def selected(
+    motion: AnyMotion, rows: NDArray[np.intp], piece: slice | None = None
+) -> AnyMotion:
+    """Return samples of a motion by their numbers (k,).
+
+    Args:
+        motion: the motion.
+        rows: the numbers. Where they rise or fall the events come along.
+        piece: the same as a slice, of which arrays are views.
+    """
+    n, index = len(motion), rows if piece is None else piece
+
     def cut(x: Any) -> Any:
         if isinstance(x, dict):
-            return {key: cut(value) for key, value in x.items()}
-        return x[:n] if isinstance(x, np.ndarray) and len(x) == len(motion) else x
+            whole = copy(x)
+            whole.update({key: cut(value) for key, value in x.items()})
+            return whole
+        return x[index] if isinstance(x, np.ndarray) and len(x) == n else x
 
     later = LATER["error_estimates"]
     is_known = later not in motion.__dict__
     parts = {f.name: cut(getattr(motion, f.name)) for f in fields(motion)
              if is_known or f.name != "error_estimates"}
     none = {} if is_known else {"error_estimates": np.empty((0, 3))}
-    first = replace(motion, **{**parts, **none, "events": [e for e in motion.events if e.row < n]})
+    parts["unreached"] = {k: motion.unreached[row] for k, row in enumerate(rows.tolist())
+                          if row in motion.unreached}
+    part = replace(motion, **{**parts, **none, "events": _events_of(motion.events, rows, n)})
     if not is_known:  # a simulation makes another one for them
-        del first.error_estimates
-        first.__dict__[later] = lambda _: motion.error_estimates[:n]
-    return first
+        del part.error_estimates
+        part.__dict__[later] = lambda _: motion.error_estimates[index]
+    return part
+
+
+def _events_of(events: list[Event], rows: NDArray[np.intp], n: int) -> list[Event]:
+    """Return the events among samples of these numbers, of n; each with its new number.
+
+    An event stands before the sample of its number; those behind the last sample come along with
+    it.
+    """
+    steps = np.diff(rows)
+    rises = bool((steps > 0).all())
+    if not len(rows) or not (rises or (steps < 0).all()):
+        return []
+    first, last = sorted((int(rows[0]), int(rows[-1])))
+    inside = [e for e in events if first <= e.row <= last or e.row == n == last + 1]
+    if rises:
+        return [e._replace(row=int(np.searchsorted(rows, e.row))) for e in inside]
+    return [e._replace(row=int(np.count_nonzero(rows >= e.row))) for e in reversed(inside)]
 
 
 def made(**fields: Any) -> Motion:
     """Return a Motion from all its fields; its arrays are checked to be finite and read-only.
 
     In place of events and error estimates that depend on nothing but these fields, there may be
-    functions of the motion that make them when they are asked for: see `LATER`.
+    functions of the motion that make them at first use: see `LATER`.
     """
     motion = Motion.__new__(Motion)
+    fields = {"rate_errors": np.empty(0), "unreached": {}, **fields}
     resolved = fields["mechanism"].closure_resolution
     if resolved:
         fields["closure_error"] = np.maximum(fields["closure_error"], resolved)

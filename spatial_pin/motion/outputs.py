@@ -9,8 +9,9 @@ import pinocchio as pin
 
 from spatial_pin._support.checks import names_of
 from spatial_pin._support.columns import XYZ, Quantity
-from spatial_pin.assembly.contact_places import contact_closure
+from spatial_pin.assembly.contact_places import contact_closure, contact_coordinates
 from spatial_pin.assembly.link_angle import ANGLE, link_angle
+from spatial_pin.assembly.samples import angles_of
 from spatial_pin.assembly.state import center_of_mass, mass_shares
 from spatial_pin.constraints.trees import tree_of
 from spatial_pin.errors import SpatialPinError, UnknownNameError
@@ -20,7 +21,7 @@ from spatial_pin.motion.motion import FRAME_UNITS, FrameMotion, Motion, Output
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.rates.jerks import Jerks, solve_jerks
 from spatial_pin.rates.pressure_angle import UNITS as CONTACT_UNITS, contact_quantity
-from spatial_pin.rates.transmission import transmission_angle
+from spatial_pin.rates.transmission import MovedOutput
 
 RATES = ("rate", "velocity")  # two words for the first derivative of a coordinate
 CONTACT_RATES = ("value", "rate", "acceleration")
@@ -95,7 +96,8 @@ def output(motion: Motion, spec: str) -> Output:
         return component_of(_vector(motion, whole) or motion.output(whole), k)
     if is_of_whole(mechanism, spec):
         return _of_whole(motion, spec)
-    contact, _, kind = (spec, "", "value") if spec.endswith(".s") else spec.rpartition(".")
+    contact, _, kind = ((spec, "", "value") if spec.endswith((".s", ".s2"))
+                        else spec.rpartition("."))
     if contact_closure(mechanism, contact) is not None and kind in CONTACT_RATES:
         order = CONTACT_RATES.index(kind)
         unit = motion.rate_unit("m", order) if order else "m"
@@ -125,7 +127,7 @@ def output(motion: Motion, spec: str) -> Output:
              *(f"{n}.{k}" for n in (*mechanism.coordinate_table, *mechanism.drivers)
                for k in COORDINATE_OUTPUTS),
              *(f"{c.name}.{k}" for c in (mechanism.whole or mechanism).closures
-               if "curve" in c.numbers for k in ("s", *CONTACT_UNITS))]
+               if c.curves for k in (*contact_coordinates(c), *CONTACT_UNITS))]
     raise UnknownNameError("output", spec, valid, f"mechanism {mechanism.name!r}: ")
 
 
@@ -224,9 +226,11 @@ def _coordinate_output(motion: Motion, name: str, kind: str) -> Output:
         jerks = np.array([j.coordinate(name) for j in _jerks(motion)])
         return Output(jerks, f"{name} jerk", motion.rate_unit(unit, 3))
     if kind == "transmission_angle":
-        angles = [transmission_angle(motion.mechanism, motion.state(k), name, motion.driver_name)
-                  for k in range(len(motion.swept))]
-        return Output(np.array(angles), f"{name} transmission angle", "rad")
+        if not len(motion.swept):
+            return Output(np.empty(0), f"{name} transmission angle", "rad")
+        moved = MovedOutput.of(motion.mechanism, name, motion.driver_name)
+        angles = moved.angles(motion.mechanism, motion.q, angles_of(motion))
+        return Output(angles, f"{name} transmission angle", "rad")
     if len(motion.swept) and np.any(motion.driver_speed == 0.0):
         raise SpatialPinError(f"{name}.ratio: the driver stands still in this motion")
     by = motion.driver_unit

@@ -48,7 +48,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.motion.curve_ends import curve_end_events
 from spatial_pin.motion.joint_limit_events import joint_limit_events
-from spatial_pin.motion.motion import UNRESOLVED, Event, Motion, made
+from spatial_pin.motion.motion import UNRESOLVED, Event, Motion, made, steady_times
 from spatial_pin.motion.rated_limits import velocity_limit_events
 from spatial_pin.motion.rounding import CHOICES, independent_on, within_gap
 from spatial_pin.numerics.linalg import Array
@@ -102,7 +102,7 @@ def sweep(
             them where a State as guess has them, else where they are assembled. "base" is a free
             base (a floating joint that alone carries a whole machine), "springs" the joints that
             springs act about, "NAME.rotation" and "NAME.translation" parts of a floating joint.
-            None: nothing. A "released" event tells of drivers, and of what is held by name, that
+            None: nothing. A "released" event names drivers, and coordinates held by name, that
             the loops do not let stand there.
         on_limit: where a value cannot be reached: "raise" a LimitError, or "stop", which ends the
             motion before it, with an event.
@@ -201,7 +201,7 @@ def _values(mechanism: Mechanism, driver: str, given: Any, speed: Any) -> Array:
             f"mechanism, {driver!r}, np.linspace({first:g}, {last:g}, 101)); one position is "
             f"sp.assemble(mechanism, {{{driver!r}: {first:g}}})")
     if values.ndim > 1 or not is_finite(values):
-        values = finite_array(values, (values.size,), "values")  # says what is wrong
+        values = finite_array(values, (values.size,), "values")  # refuses in words
     return values
 
 
@@ -233,7 +233,8 @@ def _followed(
             first = held_values(mechanism, {**given, **first}) if given else first
             problem = assembly_problem(
                 mechanism, first, guess, tolerance, gap_allowed(mechanism, accuracy))
-            started = None if ways is not None or not problem.is_for_kernel() else (
+            judged = ways is not None or problem.with_turns is not None
+            started = None if judged or not problem.is_for_kernel() else (
                 PathTracker.from_guess(problem, names, held, accuracy, workspaces,
                                        values[: chunk_of(mechanism)], n))
             if started is not None:
@@ -271,10 +272,10 @@ def _events(
     Args:
         tracker: which has followed the branch.
         result: the samples of the path.
-        driver: what is swept.
+        driver: the swept coordinate.
         values: of it.
         released: see `State.released`.
-        gone: sentences on what is held, but not where the guess has it.
+        gone: sentences on held coordinates that do not stand where the guess has them.
     """
     moving, texts = tracker.moving_drivers, [*gone]
     if not (moving or released or texts or result.crossed):
@@ -338,7 +339,7 @@ def _motion(
     if per == "s":
         speed = speeds.item(0) if is_steady and n and accels is None else 0.0
         if 1.0 / FASTEST < abs(speed) < FASTEST:
-            v, a, time = v * speed, a * (speed * speed), _time(values, speed)
+            v, a, time = v * speed, a * (speed * speed), steady_times(values, speed)
         else:
             v, a, time = _scaled(v, a, values, speeds, accels)
     check_finite(v, a, "the speeds and accelerations of the sweep")
@@ -361,7 +362,7 @@ def _scaled(
     if accels is not None:
         return t * speed, a + t * accels[:, None], None
     is_steady = len(values) > 0 and bool((speeds == speeds[0]).all())
-    return t * speed, a, _time(values, speeds.item(0)) if is_steady else None
+    return t * speed, a, steady_times(values, speeds.item(0)) if is_steady else None
 
 
 def scaled_estimates(
@@ -394,7 +395,7 @@ def _near_limit(motion: Motion, t: Array) -> list[Event]:
     if not len(t):
         return []
     of_driver, slow = _sizes(motion.mechanism, motion.driver_name)
-    if np.vdot(t, t) < slow:  # no entry is larger than the length of all
+    if max(t.max(initial=0.0), -t.min(initial=0.0)) < slow:
         return []
     paces = np.abs(t / motion.mechanism.velocity_scale) * of_driver
     if paces.max() <= FAST:
@@ -413,10 +414,10 @@ def _near_limit(motion: Motion, t: Array) -> list[Event]:
 
 @made_once
 def _sizes(mechanism: Mechanism, driver: str) -> tuple[float, float]:
-    """Return the driver's size, and a square of dq/ds (nv,) that no joint is fast with."""
+    """Return the driver's size, and the least dq/ds that a fast joint has."""
     sizes = mechanism.velocity_scale
     of_driver = float(sizes[mechanism.coordinate(driver).v])
-    return of_driver, (0.5 * FAST * float(sizes.min()) / of_driver) ** 2
+    return of_driver, FAST * float(sizes.min()) / of_driver
 
 
 def _drift(motion: Motion) -> list[Event]:
@@ -429,17 +430,6 @@ def _drift(motion: Motion) -> list[Event]:
     text = (f"loops open by more than {DRIFTED:g} from {motion.driver_name} = {value:.6g} {unit} "
             "on: too few corrections")
     return [Event("open", value, row, text)]
-
-
-def _time(values: Array, speed: float) -> Array | None:
-    """Return (value - first)/speed if it rises from sample to sample, else None."""
-    if speed == 0.0:
-        return None
-    if len(values) == 1:
-        return np.zeros(1)
-    time = (values - values[0]) / speed + 0.0  # nor -0.0
-    rises = not len(values) or (math.isfinite(time[-1]) and (time[1:] > time[:-1]).all())
-    return time if rises else None
 
 
 def crossed_event(value: float, row: int, at: str) -> Event:

@@ -41,7 +41,7 @@ class Matches(NamedTuple):
     """The best fits of parts of m curves to given points.
 
     Attributes:
-        misfit: (m,) what is missed, relative to the size of what is given.
+        misfit: (m,) the distance that remains, relative to the size of the given curve.
         size: (m,) by which a curve is multiplied, then turned.
         rotation: (m, 3, 3).
         at: (m, k) parts of its length, 0 to 1, at which each curve is at the given points.

@@ -75,7 +75,7 @@ class Independence(NamedTuple):
 
     Attributes:
         rows: their indices, ascending.
-        least: length of what is left of the last one chosen, relative to the first one's; 0 where
+        least: length of the remainder of the last one chosen, relative to the first one's; 0 where
             there is none.
         left_out: likewise of the longest of those that were not.
     """
@@ -91,7 +91,7 @@ def independence(a: Array, most: int, part: float) -> Independence:
     Args:
         a: the rows.
         most: how many are chosen at most.
-        part: of the length of the first one, below which what is left of a row is none.
+        part: of the length of the first one, below which the remainder of a row counts as zero.
     """
     chosen, facts = np.empty(len(a), dtype=np.int64), np.zeros(2)
     if not a.size:

@@ -46,7 +46,7 @@ DOUBLE_ROOT = 0.15, 0.35
 NEARLY_THERE = 0.9995
 CURVATURE_STEP = 1e-6  # step of one-sided differences: half of their digits are right
 GRADIENT_STEP = 1e-4  # step of central differences: their error is 1e-9 to 1e-11
-SLACK = TOLERANCES.closed  # beyond a bound that is not called so: what is corrected is known to it
+SLACK = TOLERANCES.closed  # tolerated beyond a bound: corrected numbers are known to it
 Bounds = dict[int, int]  # active ones, by unknown: 0 the lower, 1 the upper one
 
 
@@ -146,7 +146,7 @@ def passed(room: Array, step: Array, active: Bounds) -> tuple[int, int] | None:
     """Return unknown and side of the bound that a step (n,) passes first, or None.
 
     Args:
-        room: (2, n) what is left before the bounds.
+        room: (2, n) distances to the bounds.
         step: the step.
         active: bounds that are kept anyway.
     """
@@ -293,7 +293,7 @@ class Lagrangian:
         sizes, ways = self.curvature
         size, along = np.abs(sizes), ways.T @ self.gradient
         most = max(float(size.max()), self.least)
-        # What is flat, as an idle rotation is, comes last: differences leave some millionths of
+        # A flat direction, as of an idle rotation, comes last: differences leave some millionths of
         # other directions in it, and so of their gradients, over a curvature that is nothing.
         is_flat = size <= TOLERANCES.half_precision * most
         along[is_flat & (np.abs(along) <= TOLERANCES.regular * np.abs(along).max())] = 0.0
@@ -368,7 +368,7 @@ class Descent:
     """The steps of `minimised`: their damping, and whether they are Newton's.
 
     Args:
-        problem: what is made least.
+        problem: the residuals to minimise, with constraints and bounds.
         off: part of the square of a step by which constraints may be off on the way.
     """
 

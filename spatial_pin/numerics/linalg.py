@@ -312,7 +312,7 @@ class Factors:
         Args:
             x: the solution (n,) or (n, k).
             known: (n, n) how far the entries of the matrix may be off.
-            rounding: of an entry of the factors, relative to the size of what is added to it.
+            rounding: of an entry of the factors, relative to the size of its summands.
         """
         if not len(known):
             return np.zeros_like(x)

@@ -31,9 +31,12 @@ class Piecewise:
     is_periodic: bool = False
     rise: float = 0.0
 
-    def __call__(self, x: Taylor) -> Taylor:
-        """Return the function of a series of arrays, by Horner's rule in the piece it begins in."""
-        start = np.asarray(x.values[0], float)
+    def __call__(self, x: Taylor, within: Array | None = None) -> Taylor:
+        """Return the function of a series of arrays, by Horner's rule in the piece it begins in.
+
+        Or in the pieces that other places are within.
+        """
+        start = np.asarray(x.values[0] if within is None else within, float)
         first, last = self.breaks[0], self.breaks[-1]
         periods = np.floor((start - first) / (last - first)) if self.is_periodic else 0.0 * start
         shift = (last - first) * periods
@@ -44,6 +47,13 @@ class Piecewise:
         for k in range(self.coefficients.shape[1] - 2, -1, -1):
             total = total * local + self.coefficients[piece, k]
         return total + self.rise * periods
+
+    def derivative(self) -> Piecewise:
+        """Return its derivative."""
+        powers = np.arange(1, self.coefficients.shape[1])
+        slopes = self.coefficients[:, 1:] * powers if len(powers) else np.zeros_like(
+            self.coefficients)
+        return Piecewise(self.breaks, np.ascontiguousarray(slopes), self.is_periodic)
 
     def of_scaled(self, scale: float) -> Piecewise:
         """Return the same function of scale times x."""
@@ -63,7 +73,7 @@ def composed(x: Taylor, start: Array, derivatives: Sequence[Any]) -> Taylor:
 
 
 class SquareRoot:
-    """The square root of what is positive."""
+    """The square root of a positive function."""
 
     def __call__(self, x: Taylor) -> Taylor:
         """Return the square root of a series of arrays."""
@@ -106,7 +116,7 @@ class CalledFunction:
         return ctypes.cast(self.callback, ctypes.c_void_p).value or 0
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what is copied or sent elsewhere: all but the address."""
+        """Return the content to copy or to send elsewhere: all but the address."""
         return {"function": self.function}
 
 

@@ -20,8 +20,8 @@ def sign_change(
 ) -> float:
     """Return the point at which a function changes its sign between two others.
 
-    What is computed from closed configurations is round-off near its zero, and may have another
-    sign when it is computed again: the values at the ends are given, and never asked for again.
+    A function of closed configurations is round-off near its zero, and may have another
+    sign when it is computed again: the values at the ends are given, and never computed again.
     Where they are of one sign, round-off hides a change at the end whose value is the smaller. A
     change as near to an end as it is known is there.
     A place where the function is NaN counts as one behind the change.

@@ -66,6 +66,32 @@ def null_spaces(a: Array) -> Array:
     return vt * free[:, :, None]
 
 
+def padded_null_spaces(a: Array) -> Array:
+    """Return orthonormal rows (m, n, n) that span the null space of each a (m, k, n), or are zero.
+
+    With the ranks that `linalg.decompose` tells.
+    """
+    m, k, n = a.shape
+    if not k or not n:
+        return np.broadcast_to(np.eye(n), (m, n, n))
+    _, s, vt = np.linalg.svd(a, full_matrices=k < n)
+    return vt * (np.arange(n) >= _ranks(s))[:, :, None]
+
+
+def padded_row_spaces(a: Array) -> Array:
+    """Return orthonormal rows (m, j, n) that span the rows of each a (m, k, n), or are zero."""
+    if not a.size:
+        return a
+    _, s, vt = np.linalg.svd(a, full_matrices=False)
+    return vt * (np.arange(s.shape[1]) < _ranks(s))[:, :, None]
+
+
+def _ranks(s: Array) -> NDArray[np.intp]:
+    """Return the ranks (m, 1) of matrices by their singular values (m, k)."""
+    return np.count_nonzero(s > np.maximum(TOLERANCES.rank * s[:, :1], TOLERANCES.zero),
+                            axis=1, keepdims=True)
+
+
 def projected(b: Array, a: Array, weights: Array | None = None) -> Array:
     """Return the part of b (m, k, n) that is normal to the columns of a (m, k, j).
 

@@ -1,8 +1,8 @@
 """The tolerances of the library: one object, in units of machine epsilon and characteristic length.
 
-What is compared with them has no unit: lengths are divided by the characteristic length, angles
-are in radians, rates and singular values are divided by the largest of their kind, equations are
-of order one. So a mechanism of 1e-30 m decides as one of 1e30 m does.
+Numbers that are compared with them have no unit: lengths are divided by the characteristic
+length, angles are in radians, rates and singular values are divided by the largest of their kind,
+equations are of order one. So a mechanism of 1e-30 m decides as one of 1e30 m does.
 
 Three facts give most of the values. Of 160 random mechanisms and those of the library, closed
 loops were open by at most 1e-15, along sweeps by 3e-15; redundant equations had singular values
@@ -45,7 +45,7 @@ class Tolerances:
             `half_precision`, of which each is something.
         singular: the smallest pivot, relative to the largest, of a configuration that has rates:
             eps/s² is 2 % there, and their first digit is lost at half as much.
-        half_precision: what is known to half of the digits. A singular configuration is known to
+        half_precision: of numbers known to half of the digits. A singular configuration is known to
             the square root of round-off, 1.5e-8, and so are singular values there; two ways to one
             configuration differ by as much, or by the loosest tolerance, 1e-8. A hundred times
             that: configurations farther apart are two, singular values above it are not zero.

@@ -62,7 +62,7 @@ from spatial_pin.operators.screw import (
     screw_from_placement,
 )
 
-# what `spatial-pin list` shows: module, what is in it, where it comes from
+# lines of `spatial-pin list`: module, its content, its source
 OPERATORS = {
     "planar": ("Finite rotations and translations in the plane", "EMT 2431 lecture notes, 2"),
     "rotation": ("Rotation about any axis and back, composite rotations",

@@ -162,11 +162,6 @@ class SampledClearance:
     Attributes:
         sampled: (N, pairs) distances at the samples [m].
         points: (N, pairs, 2, 3) nearest points there, in the world [m].
-
-    Args:
-        distances: of the pairs.
-        between: the interpolated motion.
-        touching: distance of a contact [m].
     """
 
     def __init__(self, distances: Distances, between: Between, touching: float) -> None:

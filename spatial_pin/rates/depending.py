@@ -21,15 +21,15 @@ from spatial_pin.assembly.search.loop_groups import LoopGroup, loop_groups, part
 from spatial_pin.assembly.state import State, made
 from spatial_pin.assembly.undetermined import rank_loss
 from spatial_pin.errors import SingularError
-from spatial_pin.kernel.kernel import Kernel, kernel_of
 from spatial_pin.kernel.loop_equations import loops_of
+from spatial_pin.kernel.packing import packed
 from spatial_pin.kernel.paths import PathSamples
-from spatial_pin.kernel.rate_solver import Chosen, RateSolver
+from spatial_pin.kernel.rate_solver import BodyPoint, Chosen
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 from spatial_pin.numerics.linalg import Array, common_rows, independent_rows, null_space
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.rates.prescribed import Prescription, chosen_at
+from spatial_pin.rates.prescribed import Prescription, chosen_at, solved_by
 from spatial_pin.rates.rates import usual_prescription, wanted_coordinates
 
 
@@ -109,27 +109,23 @@ class FrameDependence(NamedTuple):
     columns: list[int]
     chosen: Chosen | None
 
-    def rates(self, kernel: Kernel) -> RateSolver:
-        """Return the solver for rates there, in a kernel of the state's mechanism."""
-        rates = self.given.rates(kernel)
-        rates.factor(self.state.q, self.state.angles, self.chosen)
-        return rates
-
-    def among_all(self, columns: Array, n: int) -> Array:
-        """Return columns (k, m) of its moving coordinates among all n; the others are zero."""
-        if len(self.columns) == n:
-            return columns
-        whole = np.zeros((len(columns), n))
-        whole[:, self.columns] = columns
-        return whole
+    def solved(
+        self, wanted: str, n: int, frame: BodyPoint | None = None, v: Array | None = None
+    ) -> list[Array]:
+        """Return a result (k, n) of `RateRows`, a column for each of n moving coordinates."""
+        found = solved_by(self.state, self.given, (wanted,), frame, self.chosen, v)
+        assert found is not None
+        whole = np.zeros((len(found[0]), n))
+        whole[:, self.columns] = found[0]
+        return [whole]
 
 
-def equations_for_all_frames(state: State, given: Prescription) -> FrameDependence | None:
-    """Return the equations for all frames; None if these are not clear."""
-    with kernel_of(state.mechanism) as kernel:
-        if given.rates(kernel).factor(state.q, state.angles):
-            return FrameDependence(state, given, list(range(given.n_moving)), None)
-    return None
+@made_once
+def frame_in_kernel(mechanism: Mechanism, frame: int) -> BodyPoint:
+    """Return a frame of the model as a point of a joint of the kernel."""
+    own, arrays = mechanism.model.frames[frame], packed(mechanism, True)
+    joint = int(arrays.carriers[own.parentJoint])
+    return BodyPoint(joint, arrays.frames[joint].T @ own.placement.translation)
 
 
 def equations_for_frame(state: State, given: Prescription, frame: int) -> FrameDependence:

@@ -3,38 +3,43 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from spatial_pin._support.brief import brief
 from spatial_pin._support.checks import checked, names_of
 from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.holding import BASE, FixedHold, Hold, free_bases, hashable_hold, is_base
-from spatial_pin.assembly.state import WORLD_AXES, State, of_mechanism
-from spatial_pin.constraints.compiled_equations import Constraints
-from spatial_pin.constraints.pinocchio_views import frame_jacobian
-from spatial_pin.kernel.kernel import Kernel, kernel_of
-from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
-from spatial_pin.kernel.rate_solver import RateSolver
+from spatial_pin.assembly.samples import is_motion, pieces, samples_of
+from spatial_pin.assembly.state import State
+from spatial_pin.kernel.kernel import kernel_of
+from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.mechanism.coordinates import finite_array, require_mechanism
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mechanism.parts import Coordinate, drivers_of_tree
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.rates.depending import equations_for_all_frames, equations_for_frame
+from spatial_pin.rates.depending import (
+    equations_for_frame,
+    frame_in_kernel,
+)
 from spatial_pin.rates.prescribed import (
     Prescription,
+    chosen_at,
     driven_coordinates,
-    factored_rates,
     rate_coordinates,
     refuse_components,
+    samples_solved_by,
+    solved_by,
 )
+
+if TYPE_CHECKING:
+    import spatial_pin as sp
 
 
 @checked
-def closure_jacobian(mechanism: Mechanism, q: Array | State) -> Array:
+def closure_jacobian(mechanism: Mechanism, q: Array | State | sp.Motion) -> Array:
     """Return the derivative of all closure equations with respect to joint velocities.
 
     Equations come closure by closure, couplings last; lengths are divided by the characteristic
@@ -42,10 +47,10 @@ def closure_jacobian(mechanism: Mechanism, q: Array | State) -> Array:
 
     Args:
         mechanism: the mechanism.
-        q: (nq,) configuration, closed or not, or a State.
+        q: (nq,) configuration, closed or not, or a State; or a Motion.
 
     Returns:
-        The matrix (equations, nv).
+        The matrix (equations, nv); of a Motion (N, equations, nv).
 
     Raises:
         ValueError: q has another shape, or is not finite.
@@ -57,6 +62,12 @@ def closure_jacobian(mechanism: Mechanism, q: Array | State) -> Array:
         (5, 3)
     """
     require_mechanism(mechanism)
+    if is_motion(q):
+        x = finite_array(q.q, (len(q), mechanism.model.nq), "q")
+        with kernel_of(mechanism) as kernel:
+            return np.concatenate([
+                kernel.jacobians(x[piece])[:, : kernel.n_closure] / mechanism.velocity_scale
+                for piece in pieces(q)])
     x = finite_array(q.q if isinstance(q, State) else q, (mechanism.model.nq,), "q")
     with loops_of(mechanism) as evaluation:
         evaluation.update(x)
@@ -66,8 +77,8 @@ def closure_jacobian(mechanism: Mechanism, q: Array | State) -> Array:
 
 @checked
 def jacobian(
-    mechanism: Mechanism, state: State, name: str, drivers: Iterable[str] | None = None, *,
-    hold: Hold = BASE,
+    mechanism: Mechanism, state: State | sp.Motion, name: str,
+    drivers: Iterable[str] | None = None, *, hold: Hold = BASE,
 ) -> Array:
     """Return the closed-loop Jacobian (6, n) of a link, frame or joint.
 
@@ -78,7 +89,7 @@ def jacobian(
 
     Args:
         mechanism: the mechanism.
-        state: a closed configuration.
+        state: a closed configuration; or a Motion, for all its samples at a time.
         name: link, frame or joint.
         drivers: the drivers, joints or coordinates that move it, in the order of the columns; the
             rest follows. By default `mechanism.drivers`; in an open tree that names none, all
@@ -88,11 +99,11 @@ def jacobian(
             it.
 
     Returns:
-        The matrix (6, n).
+        The matrix (6, n); of a Motion (N, 6, n).
 
     Raises:
         SingularError: the drivers do not determine the frame's velocity there; says which depend on
-            others, or which freedoms are left.
+            others, or which freedoms are left, and of a Motion at which sample.
         UnknownNameError: a name does not exist.
         ValueError: a driver is named twice.
 
@@ -104,25 +115,17 @@ def jacobian(
         ((6, 1), array([-0.0464,  0.    , -0.0025]))
     """
     frame = mechanism.frame_id(mechanism.placed(name))
-    state = of_mechanism(mechanism, state)
     names = None if drivers is None else tuple(names_of(drivers, "drivers"))
-    mechanism = state.mechanism
-    given = _prescribed(mechanism, names, hashable_hold(hold))
-    with kernel_of(mechanism) as kernel:
-        rates = given.rates(kernel)
-        if rates.factor(state.q, state.angles):
-            return _columns(kernel, rates, frame)
-    dependence = equations_for_frame(state, given, frame)
-    with kernel_of(dependence.state.mechanism) as kernel:
-        columns = _columns(kernel, dependence.rates(kernel), frame)
-        return dependence.among_all(columns, given.n_moving)
-
-
-def _columns(kernel: Kernel, rates: RateSolver, frame: int) -> Array:
-    """Return the Jacobian (6, n) of a frame for placed rates."""
-    own = kernel.mechanism.model.frames[frame]
-    joint = int(kernel.packed.carriers[own.parentJoint])
-    return rates.jacobian(joint, kernel.packed.frames[joint].T @ own.placement.translation)
+    samples = samples_of(mechanism, state)
+    own = samples.mechanism
+    given, point = _prescribed(own, names, hashable_hold(hold)), frame_in_kernel(own, frame)
+    if not isinstance(samples, State):
+        return samples_solved_by(samples, given, ("jacobian",), lambda row: [
+            jacobian(mechanism, samples.state(row), name, names, hold=hold)], point)[0]
+    with kernel_of(own) as kernel:
+        found = given.rates(kernel).jacobian(samples.q, samples.angles, point)
+    return found if found is not None else equations_for_frame(
+        samples, given, frame).solved("jacobian", given.n_moving, point)[0]
 
 
 @made_once
@@ -172,8 +175,8 @@ def moving_coordinates(
 
 @checked
 def jacobian_rate(
-    mechanism: Mechanism, state: State, name: str, drivers: Iterable[str] | None = None, *,
-    hold: Hold = BASE,
+    mechanism: Mechanism, state: State | sp.Motion, name: str,
+    drivers: Iterable[str] | None = None, *, hold: Hold = BASE,
 ) -> Array:
     """Return the time derivative (6, n) of `jacobian` as the state moves with its v.
 
@@ -185,16 +188,16 @@ def jacobian_rate(
 
     Args:
         mechanism: the mechanism.
-        state: from `solve_rates`.
+        state: from `solve_rates`; or a Motion, for all its samples at a time.
         name: link, frame or joint.
         drivers: as for `jacobian`.
         hold: as for `jacobian`.
 
     Returns:
-        The matrix (6, n) [those of `jacobian`, per s].
+        The matrix (6, n) [those of `jacobian`, per s]; of a Motion (N, 6, n) [per its `per`].
 
     Raises:
-        SingularError: the drivers do not determine the velocities there.
+        SingularError: the drivers do not determine the velocities there, or at a sample.
         UnknownNameError: there is no such frame.
 
     Example:
@@ -207,78 +210,24 @@ def jacobian_rate(
         array([-11.971,   0.   ,  -1.555])
     """
     frame = mechanism.frame_id(mechanism.placed(name))
-    state = of_mechanism(mechanism, state)
-    mechanism = state.mechanism
-    given = Prescription.of(mechanism, moving_coordinates(mechanism, drivers, hold), hold)
-    refuse_components(mechanism, given.driven)
-    moving = _Moving(mechanism, state, frame)
-    dependence = equations_for_all_frames(state, given) or equations_for_frame(state, given, frame)
-    part, angles = dependence.state.mechanism, dependence.state.angles
-    with kernel_of(part) as kernel, loops_of(part, angles) as evaluation:
-        rates = dependence.rates(kernel)
-        evaluation.update(state.q)
-        columns = []
-        for w in rates.columns().T:
-            turned = _bracket(mechanism, state.v, w)
-            polar = rates.acceleration(state.v + w) - rates.acceleration(state.v - w)
-            spread = rates.answer(_equation_brackets(evaluation, turned, state.v, w))
-            columns.append(moving.rate(w, turned)
-                           + moving.jacobian @ (0.25 * polar + 0.5 * spread))
-    return dependence.among_all(np.array(columns).reshape(-1, 6).T, given.n_moving)
+    samples = samples_of(mechanism, state)
+    own = samples.mechanism
+    given = Prescription.of(own, moving_coordinates(own, drivers, hold), hold)
+    refuse_components(own, given.driven)
+    point = frame_in_kernel(own, frame)
 
+    wanted = ("jacobian_rate",)
 
-class _Moving:
-    """The tree's Jacobian of a frame, and its rate in a motion."""
+    def rate(at: State) -> list[Array]:
+        return solved_by(at, given, wanted, point) or equations_for_frame(at, given, frame).solved(
+            "jacobian_rate", given.n_moving, point, at.v)
 
-    def __init__(self, mechanism: Mechanism, state: State, frame: int) -> None:
-        self.model, self.q, self.v, self.frame = mechanism.centred_model, state.q, state.v, frame
-        self.data = self.model.createData()
-        pin.computeJointJacobians(self.model, self.data, self.q)
-        pin.updateFramePlacements(self.model, self.data)
-        self.jacobian = frame_jacobian(self.model, self.data, frame)
-
-    def rate(self, w: Array, turned: Array) -> Array:
-        """Return (6,) the derivative of jacobian @ w at fixed w; `turned` is the bracket [v, w]."""
-        plus, minus = self._bias(self.v + w), self._bias(self.v - w)
-        skew = self.jacobian @ turned
-        skew[3:] += np.cross(self.jacobian[3:] @ self.v, self.jacobian[3:] @ w)
-        return 0.25 * (plus - minus) + 0.5 * skew
-
-    def _bias(self, v: Array) -> Array:
-        """Return (6,) the frame's classical acceleration at zero joint acceleration."""
-        pin.forwardKinematics(self.model, self.data, self.q, v, np.zeros_like(v))
-        accel = pin.getFrameClassicalAcceleration(self.model, self.data, self.frame, WORLD_AXES)
-        return accel.vector
-
-
-def _bracket(mechanism: Mechanism, u: Array, w: Array) -> Array:
-    """Return the Lie bracket (nv,) of joint velocities, zero except for spatial joints."""
-    out = np.zeros_like(u)
-    for i, pair in enumerate(mechanism.pairs, start=1):
-        if not PAIRS[pair].is_linear:
-            at, n = mechanism.model.idx_vs[i], mechanism.model.nvs[i]
-            first, second = (pin.Motion(np.concatenate([np.zeros(6 - n), x[at : at + n]]))
-                             for x in (u, w))
-            out[at : at + n] = first.cross(second).vector[6 - n :]
-    return out
-
-
-def _equation_brackets(evaluation: LoopEquations, turned: Array, u: Array, w: Array) -> Array:
-    """Return the asymmetry of the equations' second derivatives, (n_closure + n_passive,).
-
-    The spin about a line fixed in a body is not a function of the configuration: the body's angular
-    velocities have a bracket of their own.
-    """
-    c: Constraints = evaluation.constraints
-    out = evaluation.jacobian @ (turned / evaluation.mechanism.velocity_scale)
-    for k, (joint, axis) in enumerate(c.idle_axes):
-        columns = evaluation.placements[joint, :3] @ evaluation.body_jacobian(joint)[3:]
-        out[c.n_closure + k] -= axis @ np.cross(columns @ u, columns @ w)
-    return out
+    return (rate(samples) if isinstance(samples, State) else
+            samples_solved_by(samples, given, wanted, lambda k: rate(samples.state(k)), point))[0]
 
 
 class Influence(NamedTuple):
-    """First and second-order influence coefficients of the joints.
+    """First and second-order influence coefficients of the joints; of a Motion a row each.
 
     With driver speeds s and accelerations s', v = first @ s and
     a = first @ s' + s @ second @ s (z' and z'' where there is one driver).
@@ -304,7 +253,7 @@ class Influence(NamedTuple):
 
 @checked
 def influence(
-    mechanism: Mechanism, state: State, drivers: Iterable[str] | None = None, *,
+    mechanism: Mechanism, state: State | sp.Motion, drivers: Iterable[str] | None = None, *,
     hold: Hold = BASE,
 ) -> Influence:
     """Return the influence coefficients of a closed state with respect to its drivers.
@@ -314,15 +263,16 @@ def influence(
 
     Args:
         mechanism: the mechanism.
-        state: a closed configuration.
+        state: a closed configuration; or a Motion, for all its samples at a time.
         drivers: as for `jacobian`.
         hold: as for `jacobian`.
 
     Returns:
-        The Influence: `first` (nv, n) and `second` (nv, n, n).
+        The Influence: `first` (nv, n) and `second` (nv, n, n); of a Motion (N, nv, n) and
+        (N, nv, n, n).
 
     Raises:
-        SingularError: the drivers do not determine the velocities there.
+        SingularError: the drivers do not determine the velocities there, or at a sample.
 
     Example:
         >>> mech = sp.load("four_bar")
@@ -333,18 +283,22 @@ def influence(
         array([ 1.    , -1.2429,  0.1935])
         >>> found.second[:, 0, 0].round(4)  # rad/s² per (rad/s)²
         array([0.    , 0.334 , 0.5016])
+        >>> motion = sp.sweep(mech, "crank", np.linspace(1.0, 2.0, 101))
+        >>> sp.influence(mech, motion).second.shape  # (N, nv, n, n)
+        (101, 3, 1, 1)
     """
-    state = of_mechanism(mechanism, state)
-    mechanism = state.mechanism
-    given = Prescription.of(mechanism, moving_coordinates(mechanism, drivers, hold), hold)
-    with kernel_of(mechanism) as kernel:
-        rates = factored_rates(kernel, state, given)
-        first = rates.columns()
-        n = first.shape[1]
-        second = np.empty((len(first), n, n))
-        for i in range(n):
-            for j in range(i + 1):
-                plus, minus = (rates.acceleration(first[:, i] + sign * first[:, j])
-                               for sign in (1.0, -1.0))
-                second[:, i, j] = second[:, j, i] = 0.25 * (plus - minus)
-    return Influence(first, second)
+    samples = samples_of(mechanism, state)
+    own = samples.mechanism
+    given = Prescription.of(own, moving_coordinates(own, drivers, hold), hold)
+
+    wanted = ("columns", "second")
+
+    def coefficients(at: State) -> list[Array]:
+        found = solved_by(at, given, wanted) or solved_by(
+            at, given, wanted, chosen=chosen_at(at, given))
+        assert found is not None
+        return found
+
+    return Influence(*(coefficients(samples) if isinstance(samples, State) else
+                       samples_solved_by(samples, given, wanted,
+                                         lambda k: coefficients(samples.state(k)))))

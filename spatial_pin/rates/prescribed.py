@@ -11,25 +11,30 @@ with least rates, the square system chooses, or reports why the rates are not de
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from spatial_pin._support.checks import finite_array, finite_number
 from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.holding import FixedHold, Hold, divided, hashable_hold, held_by
+from spatial_pin.assembly.samples import angles_of, at_sample, pieces
 from spatial_pin.assembly.square_system import SINGULAR_PIVOT, SquareSystem
 from spatial_pin.assembly.state import State
 from spatial_pin.errors import SingularError, SpatialPinError
-from spatial_pin.kernel.kernel import Kernel
+from spatial_pin.kernel.kernel import Kernel, kernel_of
 from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.kernel.paths import prescribed_indices
-from spatial_pin.kernel.rate_solver import Chosen, RateSolver, rates_of
+from spatial_pin.kernel.rate_solver import BodyPoint, Chosen, RateRows, RateSolver, rates_of
 from spatial_pin.mechanism.coordinates import coordinates_of, driver_coordinates
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
+from spatial_pin.numerics.linalg import Array
+
+if TYPE_CHECKING:
+    import spatial_pin as sp
 
 
 def rate_coordinates(mechanism: Mechanism, name: str) -> list[Coordinate]:
@@ -66,31 +71,39 @@ def siblings(mechanism: Mechanism, named: Iterable[Coordinate]) -> list[Coordina
 
 
 def rates_by_coordinate(
-    mechanism: Mechanism, given: Mapping[str, Any], what: str
-) -> dict[Coordinate, float]:
+    mechanism: Mechanism, given: Mapping[str, Any], what: str, n: int | None = None
+) -> dict[Coordinate, Any]:
     """Return rates, by prescribed coordinate.
 
     Args:
         mechanism: the mechanism.
         given: a number by coordinate, driver or joint, or one for each freedom of the joint.
         what: name of the rates for messages: "speed".
+        n: of so many samples, which may each have their own; None: of one State.
+
+    Returns:
+        Numbers; of samples arrays (n,).
 
     Raises:
         UnknownNameError: a name does not exist.
         ValueError: no finite number, not one for each freedom of the joint, or given twice.
     """
-    rates: dict[Coordinate, float] = {}
+    rates: dict[Coordinate, Any] = {}
     for name, value in given.items():
         chosen = rate_coordinates(mechanism, name)
-        if len(chosen) == 1:
-            values = np.array([finite_number(value, f"{what} of {name!r}")])
+        k, words = len(chosen), f"{what} of {name!r}"
+        if k > 1:
+            words += " (" + ", ".join(c.name for c in chosen) + ")"
+        if is_each := n is not None and np.ndim(value) > (k > 1):
+            m = n or 0
+            values: Any = finite_array(value, (m, k) if k > 1 else (m,), words).reshape(m, k).T
         else:
-            values = finite_array(value, (len(chosen),), f"{what} of {name!r} ("
-                                  + ", ".join(c.name for c in chosen) + ")")
-        for c, x in zip(chosen, values.tolist(), strict=True):
+            values = [finite_number(value, words)] if k == 1 else finite_array(
+                value, (k,), words).tolist()
+        for c, x in zip(chosen, values, strict=True):
             if c in rates:
                 raise ValueError(f"{what} of {c.name!r} is given twice")
-            rates[c] = x
+            rates[c] = x if n is None or is_each else np.full(n, x)
     return rates
 
 
@@ -151,6 +164,54 @@ def factored_rates(kernel: Kernel, state: State, given: Prescription) -> RateSol
     return rates
 
 
+def solved_by(
+    state: State, given: Prescription, wanted: Sequence[str], frame: BodyPoint | None = None,
+    chosen: Chosen | None = None, v: Array | None = None,
+) -> list[Array] | None:
+    """Return results of `RateRows` at a state; None where its equations are not clear.
+
+    Joint velocities v (nv,) are the state's own by default.
+    """
+    v = state.v if v is None else v
+    with kernel_of(state.mechanism) as kernel:
+        rows = given.rates(kernel).rows(state.q[None], state.angles[None], wanted, frame=frame,
+                                        v=v[None], chosen=chosen)
+    return None if rows.codes[0] else [getattr(rows, name)[0] for name in wanted]
+
+
+def samples_solved_by(
+    motion: sp.Motion, given: Prescription, wanted: Sequence[str],
+    at: Callable[[int], Sequence[Array]], frame: BodyPoint | None = None,
+    rates: tuple[Array, Array] | None = None,
+) -> list[Array]:
+    """Return results of `RateRows` at all samples of a motion.
+
+    Args:
+        motion: the motion.
+        given: the prescribed coordinates.
+        wanted: names of the results.
+        at: returns the same of the sample of a number, where equations are not clear.
+        frame: of Jacobians.
+        rates: speeds and accelerations (N, k) of the prescribed coordinates.
+
+    Raises:
+        SingularError: they are not determined at a sample; says which.
+    """
+    parts, angles = list[RateRows](), angles_of(motion)
+    with kernel_of(motion.mechanism) as kernel:
+        solver = given.rates(kernel)
+        for piece in pieces(motion):
+            own = None if rates is None else (rates[0][piece], rates[1][piece])
+            parts.append(solver.rows(motion.q[piece], angles[piece], wanted, frame=frame,
+                                     v=motion.v[piece], rates=own))
+    results = [np.concatenate([getattr(rows, name) for rows in parts]) for name in wanted]
+    for row in np.flatnonzero(np.concatenate([rows.codes for rows in parts])).tolist():
+        with at_sample(row):
+            for result, found in zip(results, at(row), strict=True):
+                result[row] = found
+    return results
+
+
 def chosen_at(state: State, given: Prescription, frame: int | None = None) -> Chosen:
     """Return the equations that determine the rates of a closed state.
 
@@ -203,7 +264,7 @@ def rates_prescription(
     try:
         return _plan(mechanism, (tuple(speeds), tuple(accelerations)), hashable_hold(hold))
     except (SpatialPinError, ValueError):
-        return None  # what is tried says what is wrong
+        return None  # the solver refuses it in words
 
 
 @made_once

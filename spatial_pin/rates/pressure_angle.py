@@ -22,10 +22,10 @@ def contact_quantity(
 ) -> Array:
     """Return a quantity (N,) of a contact of a curve.
 
-    "curvature" is that of the curve, positive where a closed one is convex [1/m]; "undercut" the
-    radius of a roller over that of the hollow that it is in, 0 where there is none: it is undercut
-    from 1 on; "pressure_angle" the angle between the normal and the direction in which the
-    follower can move while the cam stands still [rad] [Norton2009, ch. 7].
+    "curvature" is that of the curve, of two the first, positive where a closed one is convex
+    [1/m]; "undercut" the radius of a roller over that of the hollow that it is in, 0 where there is
+    none: it is undercut from 1 on; "pressure_angle" the angle between the normal and the direction
+    in which the follower can move while the cam stands still [rad] [Norton2009, ch. 7].
 
     Args:
         mechanism: the mechanism.
@@ -37,9 +37,10 @@ def contact_quantity(
     Raises:
         SpatialPinError: the curve is not a closed one, and has no single normal.
     """
-    if kind == "pressure_angle" and closure.numbers["curve"].at is None:
+    curve = closure.curves[0]
+    if kind == "pressure_angle" and not (curve.is_closed and curve.is_plane):
         raise SpatialPinError(f"{closure.name}.pressure_angle: a pressure angle is that of a "
-                              "closed curve in a plane, and this curve is open")
+                              "closed curve in a plane, and this curve is none")
     values = []
     for row, turned in zip(q, angles, strict=True):
         with loops_of(mechanism, turned) as loops:
@@ -61,7 +62,8 @@ def contact_quantity(
 def _pressure_angle(loops: LoopEquations, closure: Closure, normal: Array, point: Array) -> float:
     """Return the angle between a normal (3,) and the path of the follower [rad].
 
-    That of a face is the path of its point of contact, of others that of the origin of frame 2.
+    That of a face or a curve is the path of its point of contact, of others that of the origin of
+    frame 2.
     The cam stands still, and so do drivers; where nothing moves then, a driver may, and where still
     nothing moves, as where the cam goes around its follower, the follower stands still instead.
     """
@@ -73,8 +75,8 @@ def _pressure_angle(loops: LoopEquations, closure: Closure, normal: Array, point
     driven = [mechanism.coordinate(d.joint).v for d in mechanism.drivers.values()]
     ids = [mechanism.frame_id(name) for name in closure.frames]
     twists = [loops.frame_jacobian(k) * scale / np.array([[size]] * 3 + [[1.0]] * 3) for k in ids]
-    at = point if follower is not None and follower.flat is not None else (
-        loops.frame(ids[1]).translation)
+    is_point = follower is None or follower.flat is None
+    at = loops.frame(ids[1]).translation if is_point and len(closure.curves) < 2 else point
     paths = [twist[:3] + np.cross(twist[3:].T, (at - loops.frame(k).translation) / size).T
              for k, twist in zip(ids, twists, strict=True)]
     for still in twists:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
@@ -19,11 +19,12 @@ from spatial_pin.assembly.holding import (
     hashable_hold,
     held_by,
 )
-from spatial_pin.assembly.state import State, made, of_mechanism
+from spatial_pin.assembly.samples import at_sample, samples_of
+from spatial_pin.assembly.state import State, made
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_at, loops_of
-from spatial_pin.kernel.rate_solver import Solved
+from spatial_pin.kernel.rate_solver import Chosen, Solved
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import EPS, Array, decompose, independent_rows, rank
@@ -34,10 +35,15 @@ from spatial_pin.rates.prescribed import (
     chosen_at,
     driven_coordinates,
     prescription_by,
+    rate_coordinates,
     rates_by_coordinate,
     rates_prescription,
+    samples_solved_by,
     siblings,
 )
+
+if TYPE_CHECKING:
+    import spatial_pin as sp
 
 SOLUTION_ERROR = 8.0 * EPS  # of a solution, relative to its size: as in `closing/rate_errors.c`
 
@@ -176,15 +182,29 @@ def _check_not_held(
                              "too: choose one")
 
 
+@overload
+def solve_rates(
+    mechanism: Mechanism, state: State, speeds: Mapping[str, Any] | None = None,
+    accelerations: Mapping[str, Any] | None = None, *, hold: Hold = BASE,
+) -> State: ...
+
+
+@overload
+def solve_rates(
+    mechanism: Mechanism, state: sp.Motion, speeds: Mapping[str, Any] | None = None,
+    accelerations: Mapping[str, Any] | None = None, *, hold: Hold = BASE,
+) -> sp.Motion: ...
+
+
 @checked
 def solve_rates(
     mechanism: Mechanism,
-    state: State,
+    state: State | sp.Motion,
     speeds: Mapping[str, Any] | None = None,
     accelerations: Mapping[str, Any] | None = None,
     *,
     hold: Hold = BASE,
-) -> State:
+) -> State | sp.Motion:
     """Solve velocities and accelerations of all joints of a closed state.
 
     A passive freedom, such as the idle rotation of a rod between two balls, follows the mechanism
@@ -194,14 +214,15 @@ def solve_rates(
 
     Args:
         mechanism: the mechanism.
-        state: a closed configuration, from `assemble`.
+        state: a closed configuration, from `assemble`; or a Motion, for all its samples at a time.
         speeds: by driver, coordinate or joint [rad/s, m/s]; drivers left out stand still. The
             speed of a coordinate is its derivative (`ball.x`: of the rotation vector); the other
             coordinates of its joint stand still where the loops leave that open. The name of a
             joint of several freedoms takes all of them, as Pinocchio has its velocity: of a
             spherical joint the angular velocity (3,) of the child in the child's axes, of a
             floating one (6,) the linear velocity in these axes before that, of the others the
-            rates of their coordinates.
+            rates of their coordinates. Of a Motion one number for all samples, or (N,); of a joint
+            of k freedoms (k,), or (N, k).
         accelerations: likewise [rad/s², m/s²]: second derivatives of coordinates, derivatives of
             the joint's velocity.
         hold: names of joints or coordinates that stand still. "base": a free base (a floating
@@ -210,10 +231,12 @@ def solve_rates(
             floating joint. None: nothing.
 
     Returns:
-        The State with v and a, and `rate_error`.
+        The State with v and a, and `rate_error`; or the Motion, its rates those in time. Of a
+        Motion `time` is as `Motion.at_rates` has it.
 
     Raises:
-        SingularError: the drivers do not determine the rates there; says which and why.
+        SingularError: the drivers do not determine the rates there; says which and why, and of a
+            Motion at which sample.
         UnknownNameError: a name does not exist.
         ValueError: a value is NaN or infinite, or makes rates that are; or a joint is not given as
             many as it has freedoms.
@@ -225,11 +248,18 @@ def solve_rates(
         >>> value, rate, acceleration = moving.coordinate("rocker_pin")
         >>> print(f"{value:.4f} rad, {rate:.4f} rad/s, {acceleration:.3f} rad/s²")
         1.6255 rad, 1.9351 rad/s, 50.157 rad/s²
+        >>> motion = sp.sweep(mech, "crank", np.linspace(0.0, 1.0, 101))
+        >>> motion = sp.solve_rates(mech, motion, {"crank": np.linspace(0.0, 10.0, 101)})
+        >>> motion.coordinate("rocker_pin").rate[[0, -1]].round(4)  # [rad/s]
+        array([-0.    ,  1.9351])
     """
-    state = of_mechanism(mechanism, state)
-    mechanism = state.mechanism
+    samples = samples_of(mechanism, state)
+    mechanism = samples.mechanism
     speeds = mapping(speeds, "speeds")
     accelerations, hold = mapping(accelerations, "accelerations"), hashable_hold(hold)
+    if not isinstance(samples, State):
+        return _motion_solved(samples, speeds, accelerations, hold)
+    state = samples
     clear = _solved(state, speeds, accelerations, hold)
     solution = clear or _solved_by_trial(state, speeds, accelerations, hold)
     if not solution.is_finite:
@@ -240,6 +270,48 @@ def solve_rates(
     return made(mechanism, state.q, solution.v, solution.a, closure_error=state.closure_error,
                 angles=state.angles, rate_error=_reported_error(mechanism, solution.lost),
                 released=state.released, lost_turns=state.lost_turns)
+
+
+def _motion_solved(
+    motion: sp.Motion, speeds: Mapping[str, Any], accelerations: Mapping[str, Any], hold: Hold
+) -> sp.Motion:
+    """Return a motion with the rates that its samples have at prescribed ones.
+
+    The prescription is that of the first sample; a sample where its equations are not clear is
+    solved as a State.
+    """
+    mechanism, n = motion.mechanism, len(motion)
+    v_of, a_of = (rates_by_coordinate(mechanism, rates, what, n) for rates, what in (
+        (speeds, "speed"), (accelerations, "acceleration")))
+    plan = rates_prescription(mechanism, speeds, accelerations, hold)
+    if not n:
+        return motion.at_rates(motion.v, motion.a)
+    if plan is not None:
+        given = plan[0]
+    else:
+        with at_sample(0):
+            given = _chosen_prescription(motion.state(0), [*v_of, *a_of], hold)[0]
+    rates = np.zeros((2, n, len(given.driven) + len(given.still)))
+    for target, of in zip(rates, (v_of, a_of), strict=True):
+        for c, x in of.items():
+            target[:, given.driven.index(c)] = x
+
+    def at(row: int) -> tuple[Array, Array, Array]:
+        own = [{name: _at_row(mechanism, name, x, row) for name, x in of.items()}
+               for of in (speeds, accelerations)]
+        moving = solve_rates(mechanism, motion.state(row), *own, hold=hold)
+        known = moving.rate_error / _more_error(mechanism)
+        return moving.v, moving.a, np.array([0.0, known, 0.0])
+
+    v, a, facts = samples_solved_by(
+        motion, given, ("v", "a", "facts"), at, rates=(rates[0], rates[1]))
+    return motion.at_rates(v, a, np.minimum(facts[:, 1] * _more_error(mechanism), 1.0))
+
+
+def _at_row(mechanism: Mechanism, name: str, rates: Any, row: int) -> Any:
+    """Return the rates of a name at a sample, where they may be given for all samples."""
+    is_whole = len(rate_coordinates(mechanism, name)) > 1
+    return np.asarray(rates)[row] if np.ndim(rates) > is_whole else rates
 
 
 def _solved(
@@ -278,18 +350,7 @@ def _solved_by_trial(
     mechanism = state.mechanism
     v_of = rates_by_coordinate(mechanism, speeds, "speed")
     a_of = rates_by_coordinate(mechanism, accelerations, "acceleration")
-    check_unambiguous(mechanism, [*v_of, *a_of])
-    check_not_held(mechanism, [*v_of, *a_of], hold)
-    errors: list[SingularError] = []
-    for driven in _choices(state, list(dict.fromkeys([*v_of, *a_of])), hold):
-        given = Prescription.of(mechanism, driven, hold)
-        try:
-            chosen = chosen_at(state, given)
-            break
-        except SingularError as error:
-            errors.append(error)
-    else:
-        raise errors[-1]
+    given, chosen = _chosen_prescription(state, [*v_of, *a_of], hold)
     with kernel_of(mechanism) as kernel:
         rates = given.rates(kernel)
         for target, of in ((rates.speeds, v_of), (rates.accelerations, a_of)):
@@ -298,6 +359,23 @@ def _solved_by_trial(
         solution = rates.solve(state.q, state.angles, chosen)
     assert solution is not None
     return solution
+
+
+def _chosen_prescription(
+    state: State, named: Sequence[Coordinate], hold: Hold
+) -> tuple[Prescription, Chosen]:
+    """Return the first prescription of named coordinates that determines rates; raises as above."""
+    mechanism = state.mechanism
+    check_unambiguous(mechanism, named)
+    check_not_held(mechanism, named, hold)
+    errors: list[SingularError] = []
+    for driven in _choices(state, list(dict.fromkeys(named)), hold):
+        given = Prescription.of(mechanism, driven, hold)
+        try:
+            return given, chosen_at(state, given)
+        except SingularError as error:
+            errors.append(error)
+    raise errors[-1]
 
 
 def check_finite(v: np.ndarray, a: np.ndarray, what: str) -> None:
@@ -347,14 +425,13 @@ def rate_error(driver: str, solved: bool, state: State, held: Hold = BASE) -> fl
 
 
 def _reported_error(mechanism: Mechanism, lost: float) -> float:
-    """Return the reported error of rates: far from the origin, coordinates have round-off too.
+    """Return the reported error of rates, given the round-off of the solution."""
+    return min(lost * _more_error(mechanism), 1.0)
 
-    Args:
-        mechanism: the mechanism.
-        lost: round-off of the solution, relative to the rates.
-    """
-    resolved = mechanism.extent.resolution
-    return min(lost * (1.0 + resolved / SOLUTION_ERROR), 1.0) if resolved else lost
+
+def _more_error(mechanism: Mechanism) -> float:
+    """Return by what errors of rates are larger far from the origin: coordinates have round-off."""
+    return 1.0 + mechanism.extent.resolution / SOLUTION_ERROR
 
 
 def _apart(state: State, solution: Solved) -> float:

@@ -3,30 +3,42 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar, overload
 
 import numpy as np
 
 from spatial_pin._support.brief import brief
 from spatial_pin._support.checks import checked
-from spatial_pin.assembly.close import pinned_rows
+from spatial_pin.assembly.close import scaled_row
 from spatial_pin.assembly.holding import BASE, Hold
-from spatial_pin.assembly.state import State, of_mechanism
-from spatial_pin.constraints.pinocchio_views import joint_jacobian
+from spatial_pin.assembly.samples import PIECE, angles_of, samples_of
+from spatial_pin.assembly.state import State
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.kernel.kernel import kernel_of
-from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
+from spatial_pin.kernel.loop_equations import twist_derivatives
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
-from spatial_pin.numerics.linalg import Array, null_space, row_space
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.stacked import cross, padded_null_spaces, padded_row_spaces
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.rates.depending import equations_for_all_frames, equations_for_entries
-from spatial_pin.rates.prescribed import Prescription, driven_coordinates
+from spatial_pin.rates.depending import equations_for_entries
+from spatial_pin.rates.prescribed import (
+    Prescription,
+    driven_coordinates,
+    samples_solved_by,
+    solved_by,
+)
 from spatial_pin.rates.rates import check_not_held
 
+if TYPE_CHECKING:
+    import spatial_pin as sp
 
-class Transmission(NamedTuple):
-    """How a driver moves an output at one configuration.
+
+Number = TypeVar("Number", bound=float | Array)  # of a State; (N,) of a Motion
+
+
+class Transmission(NamedTuple, Generic[Number]):
+    """How a driver moves an output at one configuration; of a Motion with arrays (N,).
 
     Attributes:
         ratio: output speed per driver speed [in their units].
@@ -44,20 +56,34 @@ class Transmission(NamedTuple):
         True
     """
 
-    ratio: float
-    mechanical_advantage: float
-    angle: float
+    ratio: Number
+    mechanical_advantage: Number
+    angle: Number
     at: str
 
     def __repr__(self) -> str:
         return brief(self, angle="rad")
 
 
-@checked
+@overload
 def transmission(
     mechanism: Mechanism, state: State, output: str, driver: str | None = None,
     at: str | None = None, *, hold: Hold = BASE,
-) -> Transmission:
+) -> Transmission[float]: ...
+
+
+@overload
+def transmission(
+    mechanism: Mechanism, state: sp.Motion, output: str, driver: str | None = None,
+    at: str | None = None, *, hold: Hold = BASE,
+) -> Transmission[Array]: ...
+
+
+@checked
+def transmission(
+    mechanism: Mechanism, state: State | sp.Motion, output: str, driver: str | None = None,
+    at: str | None = None, *, hold: Hold = BASE,
+) -> Transmission[float] | Transmission[Array]:
     """Return speed ratio, mechanical advantage and transmission angle of an output.
 
     The transmission angle is the angle between two velocities of the point `at` of the output link:
@@ -70,28 +96,31 @@ def transmission(
 
     Args:
         mechanism: the mechanism.
-        state: a closed configuration.
+        state: a closed configuration; or a Motion, for all its samples at a time.
         output: coordinate of a one-freedom joint of the tree.
         driver: the driver or coordinate that moves it; the only driver if not given.
         at: closure or joint that moves the output link; needed where there are several.
         hold: names of joints that stand still besides the other drivers, as for `solve_rates`.
 
     Returns:
-        The Transmission: ratio, mechanical advantage, angle [rad].
+        The Transmission: ratio, mechanical advantage, angle [rad]; of a Motion arrays (N,).
 
     Raises:
         UnknownNameError: a name does not exist.
         SpatialPinError: the output's link is moved at several pairs, or at none.
-        SingularError: the drivers do not determine the velocities there.
+        SingularError: the drivers do not determine the velocities there, or at a sample.
 
     Example:
         >>> mech = sp.load("four_bar")
         >>> found = sp.transmission(mech, sp.assemble(mech, {"crank": 1.0}), "rocker_pin")
         >>> print(f"ratio {found.ratio:.4f}, {np.degrees(found.angle):.1f}° at {found.at}")
         ratio 0.1935, 59.4° at output_pin
+        >>> motion = sp.sweep(mech, "crank", np.linspace(0.0, 6.28, 181))
+        >>> np.degrees(sp.transmission(mech, motion, "rocker_pin").angle.min()).round(1)
+        36.9
     """
-    state = of_mechanism(mechanism, state)
-    mechanism = state.mechanism
+    samples = samples_of(mechanism, state)
+    mechanism = samples.mechanism
     if driver is None:
         names = list(mechanism.drivers)
         if len(names) != 1:
@@ -101,15 +130,25 @@ def transmission(
     input_ = mechanism.driven_coordinate(driver)
     check_not_held(mechanism, [input_], hold)
     moved = MovedOutput.of(mechanism, output, input_.name, at, hold)
-    angle = moved.angle(mechanism, state.q, state.angles)
-    at_output = mechanism.driven_coordinate(output).v
-    dependence = equations_for_all_frames(state, moved.given) or equations_for_entries(
-        state, moved.given, (at_output,))
-    with kernel_of(dependence.state.mechanism) as kernel:
-        columns = dependence.among_all(dependence.rates(kernel).columns(), moved.given.n_moving)
-    ratio = float(columns[at_output, [c.name for c in moved.given.driven].index(input_.name)])
-    advantage = 1.0 / ratio if ratio else math.copysign(math.inf, ratio)
-    return Transmission(ratio, advantage, angle, moved.at)
+    given, at_output = moved.given, mechanism.driven_coordinate(output).v
+    column = [c.name for c in given.driven].index(input_.name)
+
+    def columns(at: State) -> list[Array]:
+        return solved_by(at, given, ("columns",)) or equations_for_entries(
+            at, given, (at_output,)).solved("columns", given.n_moving)
+
+    if isinstance(samples, State):
+        ratio = float(columns(samples)[0][at_output, column])
+        advantage = 1.0 / ratio if ratio else math.copysign(math.inf, ratio)
+        angle = moved.angle(mechanism, samples.q, samples.angles)
+        return Transmission(ratio, advantage, angle, moved.at)
+    ratios = samples_solved_by(
+        samples, given, ("columns",), lambda k: columns(samples.state(k)),
+    )[0][:, at_output, column]
+    with np.errstate(divide="ignore"):
+        advantages = 1.0 / ratios
+    return Transmission(ratios.copy(), advantages, moved.angles(
+        mechanism, samples.q, angles_of(samples)), moved.at)
 
 
 def transmission_angle(mechanism: Mechanism, state: State, output: str, driver: str) -> float:
@@ -161,18 +200,25 @@ class MovedOutput(NamedTuple):
         return cls(coordinate, given, joint, *_moved_at(mechanism, joint, at))
 
     def angle(self, mechanism: Mechanism, q: Array, angles: Array) -> float:
-        """Return the transmission angle [rad].
+        """Return the transmission angle at one configuration [rad]; see `angles`."""
+        return float(self.angles(mechanism, q[None], angles[None])[0])
+
+    def angles(self, mechanism: Mechanism, q: Array, angles: Array) -> Array:
+        """Return the transmission angles (N,) [rad].
 
         Args:
-            mechanism: of which it is an output.
-            q: (nq,) a closed configuration.
-            angles: (n_angles,) of screw closures there [rad].
+            mechanism: whose output it is.
+            q: (N, nq) closed configurations.
+            angles: (N, n_angles) of screw closures there [rad].
         """
-        with loops_of(mechanism, angles) as evaluation:
-            evaluation.update(q)
-            own, allowed = _velocities(evaluation, self.joint, self.coordinate, self.given)
-            point = evaluation.data.oMi[self.joint].act(self.point)
-        return _angle(own, allowed, point / mechanism.characteristic_length)
+        size, n = mechanism.characteristic_length, max(PIECE // mechanism.model.nv**2, 1)
+        found: list[Array] = [np.empty(0)]
+        for first in range(0, len(q), n):
+            piece = slice(first, first + n)
+            own, allowed, placed = _velocities(mechanism, self, q[piece], angles[piece])
+            points = placed[:, 3] + np.einsum("mci,c->mi", placed[:, :3], self.point)
+            found.append(_angles(own, allowed, points / size))
+        return np.concatenate(found)
 
 
 def _moved_at(mechanism: Mechanism, joint: int, at: str | None) -> tuple[str, Array]:
@@ -198,33 +244,40 @@ def _moved_at(mechanism: Mechanism, joint: int, at: str | None) -> tuple[str, Ar
 
 
 def _velocities(
-    evaluation: LoopEquations, joint: int, output: Coordinate, given: Prescription
-) -> tuple[Array, Array]:
-    """Return the twist of the output's own joint, and possible twists with that joint removed.
+    mechanism: Mechanism, moved: MovedOutput, q: Array, angles: Array
+) -> tuple[Array, Array, Array]:
+    """Return the twists of the output's own joint, and possible twists with that joint removed.
 
-    Both relative to the joint's parent, at the world origin in world axes, (6,) and (k, 6), lengths
-    relative to the characteristic length; prescribed coordinates are fixed in the latter. Removing
-    a joint adds six freedoms between the subtree and the rest.
+    Both relative to the joint's parent, at the world origin in world axes, (m, 6) and (m, k, 6),
+    lengths relative to the characteristic length; prescribed coordinates are fixed in the latter.
+    Removing a joint adds six freedoms between the subtree and the rest. And the joint's placements
+    (m, 4, 3), columns of the rotation, then the position.
     """
-    n, mechanism = evaluation.constraints.n_closure, evaluation.mechanism
-    size = mechanism.characteristic_length
-    unit = np.array([size] * 3 + [1.0] * 3)
-    loose = evaluation.twist_derivatives(joint) * unit
-    turned = [c.name for c in given.driven if c.q < 0]  # components of balls are no entries
-    free = np.ones(evaluation.model.nv, dtype=bool)
+    output, given = moved.coordinate, moved.given
+    unit = np.array([mechanism.characteristic_length] * 3 + [1.0] * 3)
+    free = np.ones(mechanism.model.nv, dtype=bool)
     free[[output.v, *given.still, *(c.v for c in given.driven if c.q >= 0)]] = False
-    rows, _ = pinned_rows(evaluation, free, turned)
-    loose = np.vstack([loose, np.zeros((len(rows) - n, loose.shape[1]))])
-    allowed = null_space(np.hstack([rows, loose]))[:, rows.shape[1]:]
-    own = joint_jacobian(evaluation.data, evaluation.model.nv)[:, output.v]
-    return own / unit * mechanism.velocity_scale[output.v], allowed
+    turned = [c for c in given.driven if c.q < 0]  # components of balls are no entries
+    with kernel_of(mechanism) as kernel:
+        jacobian, columns = kernel.jacobians_and_columns(q, angles)
+        placements = kernel.placements(q)
+    loose = twist_derivatives(mechanism, moved.joint, q, placements) * unit
+    rows = jacobian[:, : loose.shape[1], free]
+    if turned:
+        pinned = [[scaled_row(mechanism, c, x)[free] for c in turned] for x in q]
+        rows = np.concatenate([rows, pinned], axis=1)
+        loose = np.concatenate([loose, np.zeros((len(q), len(turned), 6))], axis=1)
+    allowed = padded_null_spaces(np.concatenate([rows, loose], axis=2))[:, :, rows.shape[2]:]
+    own = columns[:, output.v] / unit * mechanism.velocity_scale[output.v]
+    return own, allowed, placements[:, moved.joint]
 
 
-def _angle(own: Array, allowed: Array, point: Array) -> float:
-    """Return the angle between the velocities of a point from two sets of twists [rad]."""
-    u, others = (x[..., :3] + np.cross(x[..., 3:], point) for x in (own, allowed))
-    if np.linalg.norm(u) < TOLERANCES.nothing:
-        u, others = own[3:], allowed[:, 3:]
-    basis = row_space(others)
-    along = basis.T @ (basis @ u)
-    return math.atan2(float(np.linalg.norm(u - along)), float(np.linalg.norm(along)))
+def _angles(own: Array, allowed: Array, points: Array) -> Array:
+    """Return the angles (m,) between the velocities of points from two sets of twists [rad]."""
+    u = own[:, :3] + cross(own[:, 3:], points)
+    others = allowed[:, :, :3] + cross(allowed[:, :, 3:], points[:, None])
+    stands = np.linalg.norm(u, axis=1) < TOLERANCES.nothing
+    u = np.where(stands[:, None], own[:, 3:], u)
+    basis = padded_row_spaces(np.where(stands[:, None, None], allowed[:, :, 3:], others))
+    along = np.einsum("mki,mkj,mj->mi", basis, basis, u)
+    return np.arctan2(np.linalg.norm(u - along, axis=1), np.linalg.norm(along, axis=1))

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin.formats.pinocchio_model.from_model import LinkTree, urdf_of
 from spatial_pin.formats.pinocchio_model.pair_tree import copy_numbers
-from spatial_pin.formats.pinocchio_model.urdf_text import LinkTree, urdf_of
 from spatial_pin.formats.urdf.elements import fresh
 from spatial_pin.mechanism.mechanism import Mechanism, point_on_body, rigid_distance
 from spatial_pin.mechanism.mechanism_checks import check_mechanism

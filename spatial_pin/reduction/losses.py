@@ -105,9 +105,9 @@ def omissions(model: ReducedModel, locked: frozenset[int]) -> Iterator[Omission]
     if not model.dynamics:
         heavy = [n for n in full.inertias if n not in model.requested.frames]
         if heavy:
-            yield Omission("inertia", "", f"of {len(heavy)} links: motion alone is asked for")
+            yield Omission("inertia", "", f"of {len(heavy)} links: only the motion is wanted")
         for spring in full.springs:
-            yield Omission("spring", spring.name, "motion alone is asked for")
+            yield Omission("spring", spring.name, "only the motion is wanted")
     yield from _lost_parts(model, locked)
     yield from (Omission(*note) for note in model.notes)
     gone = dict.fromkeys(
@@ -133,7 +133,7 @@ def _lost_parts(model: ReducedModel, locked: frozenset[int]) -> Iterator[Omissio
     for i in sorted(locked):
         yield Omission("joint", names[i], "locked: welded")
     for i in sorted(model.needed.welded - locked):
-        yield Omission("joint", names[i], "welded: nothing asked for moves with it")
+        yield Omission("joint", names[i], "welded: no wanted output moves with it")
     gone = [names[i] for i in range(1, model.full.model.njoints)
             if i not in model.needed.moving | model.needed.welded | locked]
     if gone:

@@ -314,7 +314,7 @@ def _locked(
             coordinate = mechanism.driven_coordinate(name)
             values[coordinate.name] = there.coordinate(coordinate.name).value
         guess = there
-    for _ in mechanism.closures:  # what is geared to a locked joint is locked
+    for _ in mechanism.closures:  # a joint geared to a locked one is locked
         for c in mechanism.closures:
             ratios = linear_ratios(c.rows[0]) if c.joints and not c.frames else None
             if ratios is not None:

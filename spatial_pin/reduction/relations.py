@@ -136,13 +136,7 @@ def open_configurations(mechanism: Mechanism, q: Array, free: Array | float = 1.
 
 
 class WeldedBodies:
-    """The rigid bodies of a tree with some welded joints.
-
-    Args:
-        mechanism: the mechanism.
-        q: (nq,) configuration of the weld.
-        welded: the joints.
-    """
+    """The rigid bodies of a tree with some welded joints."""
 
     def __init__(self, mechanism: Mechanism, q: Array, welded: frozenset[int]) -> None:
         self.mechanism, self.welded = mechanism, welded

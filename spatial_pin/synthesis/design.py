@@ -157,7 +157,7 @@ def design(
         executor: where starts are worked on (any `concurrent.futures` executor, a Dask client's
             too); default in this process.
         progress: show a bar on stderr after a second, if that is a terminal.
-        resume: a file in which what is found is kept as it comes: a search that was cut short goes
+        resume: a file that stores solutions as they come: a search that was cut short goes
             on from there.
         most: designs to return.
 

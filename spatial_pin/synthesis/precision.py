@@ -44,7 +44,7 @@ class Goal(ABC):
     """
 
     weight: float | None = None
-    _words: ClassVar[str]  # its name, in which {0.KEY} is what was asked for
+    _words: ClassVar[str]  # its name, with the wanted number at {0.KEY}
     _unit: ClassVar[str]
 
     @property

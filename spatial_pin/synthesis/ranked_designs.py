@@ -72,7 +72,7 @@ class Met(NamedTuple):
     """A goal of precision, and the values of a design at its samples.
 
     Attributes:
-        goal: what was asked.
+        goal: the goal.
         states: (k,) closed states.
         targets: (k, 3) points of a path in the world [m], (k, 4, 4) placements of poses, or (k,)
             values of a function's output; moved as the goal's free numbers say.
@@ -117,7 +117,7 @@ class Design:
             vector in rad] and scaled, zeros of outputs and drivers [m or rad].
         met: the goals of precision, their states and targets.
         evaluations: sets of dimensions that were tried on the way to it.
-        demands: what was asked of the mechanism as a whole.
+        demands: requirements on the mechanism as a whole.
 
     Example:
         >>> mech = sp.load("four_bar")
@@ -264,7 +264,7 @@ class Designs(Sequence[Design]):
         starts: how many local solutions were tried.
         failed: how many of them led to no design.
         evaluations: sets of dimensions that were tried in all.
-        nearest: of those that led to no design, the least by which what is to be met exactly was
+        nearest: of those that led to no design, the least by which an exact goal was
             missed [characteristic lengths, rad, or parts of what is allowed]; infinite if the loops
             closed at none, or nothing could be judged.
         why: what was said of the first start that led nowhere at all; empty if there is none.
@@ -326,7 +326,7 @@ class Designs(Sequence[Design]):
             return ""
         if not np.isfinite(self.nearest):
             return f"; {self.why or 'the loops closed at none of them'}"
-        return ("; the nearest misses what is to be met exactly by "
+        return ("; the nearest misses an exact goal by "
                 f"{self.nearest:.2g} characteristic lengths, rad, or parts of what is allowed")
 
     def __repr__(self) -> str:
@@ -370,7 +370,7 @@ def designs_of(problem: DesignProblem, searched: Searched, most: int) -> Designs
             made.append(design_of(problem, solution))
         except SpatialPinError as error:  # its loops close, but its file makes no such mechanism
             failed, why = failed + 1, why or str(error)
-    if searched.is_whole:  # after Ctrl-C defects are looked for when they are asked for
+    if searched.is_whole:  # after Ctrl-C defects are computed at first use
         made = _ranked(made)
     return Designs(tuple(made), problem.mechanism.name, searched.is_whole,
                    searched.starts, failed, searched.evaluations, searched.nearest, why)

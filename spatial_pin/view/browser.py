@@ -176,9 +176,6 @@ class Browser:
 
         Args:
             size: width and height of its page [pixels].
-
-        Raises:
-            SpatialPinError: there is no browser, or it does not start.
         """
         program = find_browser()
         if program is None:
@@ -217,11 +214,7 @@ class Browser:
             raise
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
-        """Return the result of a method of the DevTools protocol.
-
-        Raises:
-            SpatialPinError: the browser refuses, is gone or does not answer.
-        """
+        """Return the result of a method of the DevTools protocol."""
         if self._line is None:
             raise SpatialPinError("the browser is closed")
         self._questions += 1
@@ -269,9 +262,6 @@ class Browser:
         Args:
             address: a file, or a URL.
             ready: JavaScript that is true once the page can be used.
-
-        Raises:
-            SpatialPinError: it cannot be opened, or is not ready in time.
         """
         url = address.resolve().as_uri() if isinstance(address, Path) else address
         self.call("Page.navigate", url="about:blank")  # the same page again begins anew
@@ -282,11 +272,7 @@ class Browser:
         self.wait_until(f"document.readyState === 'complete' && ({ready})")
 
     def evaluate(self, script: str) -> Any:
-        """Return the value, as plain data, of JavaScript in the page; promises are awaited.
-
-        Raises:
-            SpatialPinError: the script throws.
-        """
+        """Return the value, as plain data, of JavaScript in the page; promises are awaited."""
         answer = self.call("Runtime.evaluate", expression=script, returnByValue=True,
                            awaitPromise=True)
         if "exceptionDetails" in answer:

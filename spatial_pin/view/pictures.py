@@ -113,9 +113,6 @@ def write_gif(
         camera: from a time [s] to a picture.
         fps: frames a second, at most 50.
         colours: number of colours, at most 256.
-
-    Raises:
-        ValueError: more frames a second than a GIF can show.
     """
     from PIL import Image
 
@@ -146,9 +143,6 @@ def write_mp4(path: Path, seconds: Sequence[float], camera: Shoot, fps: float) -
         seconds: times of the frames [s].
         camera: from a time [s] to a picture.
         fps: frames a second.
-
-    Raises:
-        SpatialPinError: imageio-ffmpeg is not installed.
     """
     try:
         from imageio_ffmpeg import write_frames

@@ -179,7 +179,7 @@ def other_starts(filling: FilledGrid) -> Iterator[tuple[Index, LinePoints]]:
     The first reached point of the known branch comes first, then points all over the grid.
     """
     config, mechanism = filling.config, filling.config.mechanism
-    # what is held, but for free bases, which stand anyway
+    # held coordinates, but for free bases, which stand anyway
     held = held_by(mechanism, [x for x in config.hold if not is_base(mechanism, x)])
     names = [*config.names, *config.standing, *(
         c.name for c in mechanism.coordinate_table.values()

@@ -1,5 +1,7 @@
 """Whole turns are kept by every closure that counts them, and told where they may be lost."""
 
+from itertools import pairwise
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -172,6 +174,86 @@ def test_a_differential_of_welds_and_couplings_turns_as_its_gears_do(left, right
 def test_turns_that_a_guess_names_are_kept():
     state = sp.assemble(differential(), {"left": 3.5, "right": 3.5}, {"tilt": 3.5})
     assert value(state, "tilt") == pytest.approx(3.5, abs=1e-12)
+
+
+def shafts(*names, welded=True):
+    """Coaxial hinges of the ground, each welded to the next, or joined by a slide."""
+    model = pin.Model()
+    for k, name in enumerate(names):
+        model.addJoint(0, pin.JointModelRZ(), at(0.0, 0.0, 0.1 * k), name)
+    join = sp.closures.weld if welded else sp.closures.prismatic
+    closures = [join(one, (two, at(0.0, 0.0, -0.1)), name=f"{one} to {two}")
+                for one, two in pairwise(names)]
+    return model, closures
+
+
+@pytest.mark.parametrize("turns", [0.25, 0.6, 3.5, -12.25])
+@pytest.mark.parametrize("welded", [True, False])
+def test_shafts_that_are_joined_turn_alike(turns, welded):
+    mechanism = sp.Mechanism.from_model(*shafts("a", "b", "c", welded=welded), drivers=["a"])
+    angle = 2.0 * np.pi * turns
+    origin = sp.assemble(mechanism, {"a": -angle})
+    for guess in (None, origin):
+        state = sp.assemble(mechanism, {"a": angle}, guess)
+        assert [value(state, name) for name in "bc"] == pytest.approx([angle] * 2, abs=1e-12)
+        assert state.lost_turns == ()
+    motion = sp.sweep(mechanism, "a", angle + np.linspace(0.0, 1.0, 5))
+    assert motion.coordinate("c").value[0] == pytest.approx(angle, abs=1e-12)
+    assert value(sp.assemble(mechanism, {"a": angle}, {"c": angle + 4.0 * np.pi}), "c") == (
+        pytest.approx(angle + 4.0 * np.pi, abs=1e-12))
+
+
+@pytest.mark.parametrize("turns", [0.6, 3.5, -12.25])
+def test_shafts_that_are_joined_to_a_nut_turn_as_it_asks(turns):
+    model, closures = shafts("a", "b")
+    model.addJoint(0, pin.JointModelPZ(), HERE, "nut")
+    screw = sp.closures.screw("nut", ("b", at(0.0, 0.0, -0.1)), LEAD)
+    mechanism = sp.Mechanism.from_model(model, [*closures, screw], drivers=["nut"])
+    state = sp.assemble(mechanism, {"nut": -turns * LEAD})
+    assert [value(state, name) for name in "ab"] == pytest.approx(
+        [2.0 * np.pi * turns] * 2, abs=1e-9)
+
+
+def test_a_shaft_welded_to_the_second_of_two_in_a_row_turns_by_their_sum():
+    model = pin.Model()
+    first = model.addJoint(0, pin.JointModelRX(), HERE, "first")
+    model.addJoint(first, pin.JointModelRevoluteUnaligned(np.array([-1.0, 0.0, 0.0])),
+                   at(0.1, 0.0, 0.0), "second")
+    model.addJoint(0, pin.JointModelRX(), at(0.3, 0.0, 0.0), "sum")
+    weld = sp.closures.weld("second", ("sum", at(-0.2, 0.0, 0.0)))
+    mechanism = sp.Mechanism.from_model(model, [weld], drivers=["first", "second"])
+    state = sp.assemble(mechanism, {"first": 22.0, "second": -60.0})
+    assert value(state, "sum") == pytest.approx(82.0, abs=1e-11)
+
+
+def test_turns_beyond_the_limits_of_a_shaft_are_lost_and_named():
+    model, closures = shafts("a", "b")
+    model.lowerPositionLimit[1], model.upperPositionLimit[1] = -3.2, 3.2
+    mechanism = sp.Mechanism.from_model(model, closures, drivers=["a"])
+    state = sp.assemble(mechanism, {"a": 7.0 * np.pi})
+    assert abs(value(state, "b")) == pytest.approx(np.pi, abs=1e-12)
+    assert state.lost_turns == ("a",)
+
+
+def welded_four_bar():
+    """Four hinges in a row, the last link welded to the ground; it is open at neutral."""
+    model, joint = pin.Model(), 0
+    for name, length in {"crank": 0.0, "pin": 0.2, "knee": 0.9, "rocker": 0.6}.items():
+        joint = model.addJoint(joint, pin.JointModelRZ(), at(length, 0.0, 0.0), name)
+    weld = sp.closures.weld("rocker", ("universe", at(0.8, 0.0, 0.0)))
+    return sp.Mechanism.from_model(model, [weld], drivers=["crank"])
+
+
+@pytest.mark.parametrize("turns", [3.5, -12.25])
+def test_linkages_that_no_closure_counts_are_followed_over_more_than_a_turn(turns):
+    """A sweep agrees; where the start of the way is open, the turns are lost, and named."""
+    mechanism, angle = welded_four_bar(), 2.0 * np.pi * turns
+    closed = sp.assemble(mechanism, {"crank": 0.0}, {"pin": 0.3})
+    state = sp.assemble(mechanism, {"crank": angle}, closed)
+    motion = sp.sweep(mechanism, "crank", np.linspace(0.0, angle, 200), guess=closed)
+    assert state.q == pytest.approx(motion.q[-1], abs=1e-9)
+    assert state.lost_turns == ()
+    assert sp.assemble(mechanism, {"crank": angle}).lost_turns == ("crank",)
 
 
 def shaft_and_rack(crank=0.2, rocker=0.2, coupler=1.0):

@@ -79,7 +79,7 @@ def test_the_centre_of_mass_and_a_distance_are_where_they_should_be(reached):
 
 @pytest.mark.parametrize(("word", "code", "says"), [
     ("com=1,2", 2, "3 numbers, _ for any, not 2"),
-    ("com=_,_,_", 2, "is asked for nothing"),
+    ("com=_,_,_", 2, "has no number"),
     ("com=1,2,3deg", 2, "numbers in m"),
     ("platform.distance=base", 2, "a distance is NAME.distance=OTHER,d"),
     ("platform.distance=base,3deg", 2, "a distance is in m, not in deg"),

@@ -132,3 +132,86 @@ def test_a_band_without_length_across_a_loop():
     want = differences(mech, state)
     assert by_q(mech, state) == pytest.approx(want, abs=1e-7 * np.abs(want).max())
     assert np.abs(want - differences(crossed(), state)).max() > 1.0
+
+
+# ---------------------------------------------------------------- all verbs alike
+
+
+def held(joints, lever=LEVER, **numbers):
+    """A chain at neutral, without weight, whose last body a spring of no length holds."""
+    mech = pulled(joints, lever, **numbers)
+    model = mech.model.copy()
+    model.gravity.linear = np.zeros(3)
+    drivers = [f"j{k}" for k, joint in enumerate(joints) if joint.nv == 1]
+    return sp.Mechanism.from_model(model, springs=mech.springs, drivers=drivers)
+
+
+@pytest.mark.parametrize("joints", [[HINGE], [SLIDE], [HINGE, SLIDE], [FREE]], ids=str)
+def test_a_damper_acts_where_its_frames_pass_each_other(joints):
+    """As just before and just after, in the direction of the motion."""
+    mech = held(joints, stiffness=50.0, damping=4.0)
+    model, q = mech.model, pin.neutral(mech.model)
+    v = np.linspace(0.7, -1.3, model.nv)
+    found, before, after = (
+        sp.forward_dynamics(mech, sp.State(mech, pin.integrate(model, q, t * v), v)).a
+        for t in (0.0, -1e-7, 1e-7))
+    assert np.abs(found).max() > 1.0
+    assert found == pytest.approx((before + after) / 2.0, abs=1e-5)
+    motion = sp.simulate(mech, sp.State(mech, q, v), 1e-3, times=[0.0, 1e-3])
+    assert motion.a[0] == pytest.approx(found, rel=1e-9)
+
+
+@pytest.mark.parametrize("joints, freedoms", [([HINGE], 1), ([SLIDE], 1), ([HINGE, SLIDE], 2)])
+def test_a_damped_band_holds_a_pose_at_rest_as_stiffly_as_an_undamped_one(joints, freedoms):
+    damped, plain = (held(joints, stiffness=50.0, damping=c) for c in (4.0, 0.0))
+    state, same = sp.assemble(damped), sp.assemble(plain)
+    found, want = sp.equilibrium(damped, state), sp.equilibrium(plain, same)
+    assert found.stiffness == pytest.approx(want.stiffness, rel=1e-12)
+    assert found.stable and want.stiffness.shape == (freedoms, freedoms)
+    name = damped.model.names[-1]
+    assert sp.compliance(damped, state, name) == pytest.approx(
+        sp.compliance(plain, same, name), rel=1e-12)
+
+
+@pytest.mark.parametrize("joint", [HINGE, SLIDE])
+def test_damping_along_one_line_is_linear(joint):
+    mech = held([joint], stiffness=50.0, damping=4.0)
+    state, q = sp.assemble(mech), pin.neutral(mech.model)
+    vibration = sp.linearize(mech, state)
+    assert vibration.damping == pytest.approx(vibration.stiffness * 4.0 / 50.0, rel=1e-12)
+    found = sp.dynamics_derivatives(mech, state)
+    by_v = np.vstack([found.a_by_v, *(x.by_v for x in found.reactions.values()),
+                      found.on_ground.by_v])
+    want = (loads(mech, q, np.array([1e-4])) - loads(mech, q, np.array([-1e-4]))) / 2e-4
+    assert by_v[:, 0] == pytest.approx(want, abs=1e-9)
+
+
+def test_damping_between_two_cranks_that_a_rod_joins_is_linear():
+    """The cranks could part along two lines, but not with the rod."""
+    mech = crossed(stiffness=50.0, damping=4.0)
+    model = mech.model.copy()
+    model.gravity.linear = np.zeros(3)
+    mech = sp.Mechanism.from_model(model, mech.closures, drivers=["left"], springs=mech.springs)
+    vibration = sp.linearize(mech, sp.assemble(mech))
+    assert vibration.damping == pytest.approx(vibration.stiffness * 4.0 / 50.0, rel=1e-9)
+
+
+@pytest.mark.parametrize("verb", ["linearize", "dynamics_derivatives"])
+def test_damping_across_a_plane_is_not_linear_and_refused(verb):
+    mech = held([HINGE, SLIDE], stiffness=50.0, damping=4.0)
+    with pytest.raises(SpatialPinError, match="spring 'band' coincide, where its damping"):
+        getattr(sp, verb)(mech, sp.assemble(mech))
+
+
+@pytest.mark.parametrize("verb", [
+    sp.forward_dynamics, sp.inverse_dynamics, sp.dynamics_derivatives, sp.linearize,
+    lambda mech, state: sp.equilibrium(mech, state),
+    lambda mech, state: sp.compliance(mech, state, "end"),
+    lambda mech, state: sp.simulate(mech, state, 0.1),
+    lambda mech, state: sp.kinetostatics(mech, sp.sweep(mech, "j0", [-0.1, 0.0, 0.1])),
+], ids=["forward", "inverse", "derivatives", "linearize", "equilibrium", "compliance", "simulate",
+        "kinetostatics"])
+def test_a_spring_pressed_to_no_length_is_refused_by_every_verb(verb):
+    mech = held([HINGE], stiffness=50.0, free_length=0.3)
+    with pytest.raises(SpatialPinError, match="spring 'band' coincide, where its force of -15 N"):
+        verb(mech, sp.assemble(mech))

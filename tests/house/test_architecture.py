@@ -23,7 +23,7 @@ LAYERS = {
     "": ["errors", "_support", "settings", "units", "kernel.sources", "kernel.library", "numerics",
          "operators", "mechanism", "formats", "constraints", "kernel", "assembly", "rates",
          "mobility", "continuation", "motion", "proximity", "inverse_kinematics", "workspace",
-         "dynamics", "dimensions", "reduction", "accuracy", "synthesis", "view",
+         "dynamics", "dimensions", "function", "reduction", "accuracy", "synthesis", "view",
          "cli", "__main__"],
     "formats": ["xacro", "urdf", "graph", "sdf", "dialects", "usd", "mjcf",
                 "pinocchio_model"],

@@ -6,9 +6,15 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from spatial_pin.formats.graph import WORLD, GraphJoint, JointGraph, Link, SpanningTree
+from spatial_pin.formats.graph.joint_graph import (
+    WORLD,
+    GraphJoint,
+    JointGraph,
+    Link,
+    SpanningTree,
+    in_loops,
+)
 from spatial_pin.formats.graph.open_tree import coordinates_at
-from spatial_pin.formats.graph.spanning import in_loops
 from spatial_pin.mechanism.pairs import JOINT_TYPES, PAIRS
 
 MOVING = [kind for kind in JOINT_TYPES if kind != "fixed"]

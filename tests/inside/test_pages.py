@@ -28,7 +28,7 @@ from spatial_pin.view.page.html import packed
 from spatial_pin.view.page.jog import BESIDE, Jog
 from spatial_pin.view.page.markup import number, table, tiny
 from spatial_pin.view.page.plots import default_outputs, svg
-from spatial_pin.view.page.sections import SECTIONS
+from spatial_pin.view.page.report_page import SECTIONS
 from spatial_pin.view.scene.shapes import rod
 from spatial_pin.view.scene.stage import joint_poses
 

@@ -249,36 +249,37 @@ def use_rates(handle: ctypes.c_void_p, ints: np.ndarray, q, turns, rng) -> set[i
     n, nv, free = int(ints[0]), int(ints[2]), max(int(ints[2] - ints[6] - ints[5]), 0)
     count = free + int(rng.integers(-1, 2)) if rng.random() < 0.5 else int(rng.integers(-1, nv + 2))
     driven = wild_places(nv, rng, max(count, 0))
-    end = c.rates_create(handle, address(driven), count, ctypes.byref(rates))
+    moving = int(rng.integers(0, max(count, 0) + 1)) + int(rng.choice([0] * 8 + [-1, 1]))
+    end = c.rates_create(handle, address(driven), count, moving, ctypes.byref(rates))
     assert (end == 0) == bool(rates)
     if end:
         return {end}
-    moving = int(rng.integers(-1, count + 2))
-    speed = np.ones((2, count))
-    columns, v, facts = np.empty((count, nv)), np.empty((2, nv)), np.empty(3)
-    jacobian, local = np.empty((6, count)), rng.normal(size=3)
-    joint = int(wild_places(n, rng, 1)[0])
+    m, speed, v, local = 2, np.ones((2, 2, count)), np.empty((3, 2, nv)), rng.normal(size=3)
+    first, second = np.empty((m, nv, moving)), np.empty((m, nv, moving, moving))
+    jacobians, facts, codes = np.empty((2, m, 6, moving)), np.empty((m, 3)), np.zeros(m, np.int64)
     closed, idle = int(ints[5]), int(ints[6])
     chosen = wild_places(closed, rng, int(rng.integers(0, max(closed, 0) + 1)))
     fill = rng.normal(size=(max(nv - idle - count - len(chosen), 0), nv))
+    v[2] = rng.normal(size=(2, nv))
+    both = np.array([q, q]), np.array([turns, turns])
     task = _RateTask(
-        address(q), address(turns), rng.choice([None, address(chosen)]), len(chosen),
-        address(fill), len(fill), moving, *map(address, (
-            speed[0], speed[1], columns, v[0], v[1], facts)))
+        m, *map(address, both), rng.choice([None, address(chosen)]), len(chosen), address(fill),
+        len(fill), address(speed[0]), address(speed[1]), address(v[2]),
+        int(wild_places(n, rng, 1)[0]), rng.choice([None, address(local)]), *map(address, (
+            codes, first, second, jacobians[0], jacobians[1], v[0], v[1], facts)))
     bias = np.ones(max(closed + idle, 0))
     there = np.empty(int(ints[1]))
     few = rng.normal(size=(max(nv - idle - len(chosen), 0), nv))
     ends = {c.tangent_step(handle, address(q), address(turns), address(chosen), len(chosen),
                            address(few), len(few), address(there)),
-            c.rates_columns(rates, moving, address(columns), 0, None, None),
-            c.rates_solve(rates, ctypes.byref(task))}
+            c.rates_solve(rates, ctypes.byref(task)), *codes.tolist()}
     task.speed = None
     for given in ((v[0], None), (None, bias), (v[0], bias)):
-        ends.add(c.rates_solve(rates, ctypes.byref(task)))
+        ends |= {c.rates_solve(rates, ctypes.byref(task)), *codes.tolist()}
         ends.add(c.rates_answer(rates, *(None if x is None else address(x) for x in given),
                                 address(speed[0]), address(v[1])))
-    ends.add(c.rates_columns(rates, moving, address(columns), joint, address(local),
-                             address(jacobian)))
+    task.n = -1
+    ends.add(c.rates_solve(rates, ctypes.byref(task)))
     return ends
 
 

@@ -167,7 +167,7 @@ def test_it_is_reported_how_far_the_nearest_is_from_what_is_to_be_met_exactly():
     goal = sp.goals.path("coupler_b", [[0.0, 0.0, 5.0], [0.1, 0.0, 5.0]], weight=None)
     found = designed((goal,), {"r2": (0.05, 0.2)}, starts=1)
     assert not found and 1.0 < found.nearest < 20.0
-    words = f"the nearest misses what is to be met exactly by {found.nearest:.2g} characteristic"
+    words = f"the nearest misses an exact goal by {found.nearest:.2g} characteristic"
     assert words in " ".join(str(found).split())
     with pytest.raises(IndexError, match="there is no design 0; 0 were found, from 1 start; "):
         found[0]

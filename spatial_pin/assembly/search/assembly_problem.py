@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -68,6 +68,7 @@ class FreeSet:
         is_whole: whether the guess names all components of a joint or none.
         spread: starts other than the guess; None if all is fixed.
         groups: of loops without common free coordinates.
+        are_all_named: whether the guess names all that may move.
         places: indices in q of fixed coordinates; -1 for components of balls and floating joints.
         largest: entry of q with at least one correct digit left.
     """
@@ -80,6 +81,7 @@ class FreeSet:
     is_whole: bool
     spread: StartSpread | None
     groups: tuple[LoopGroup, ...]
+    are_all_named: bool
     places: list[int]
     largest: float
 
@@ -107,7 +109,7 @@ def free_set(
     first = free & free_velocities(mechanism, still, own)
     has_first = bool(first.any()) and not np.array_equal(first, free)
     loose = [c.name for c in table.values() if c.v in loose_entries(mechanism)]
-    kinds = entry_kinds(mechanism, held, [*own, *loose])  # what is loose counts the guess's turns
+    kinds = entry_kinds(mechanism, held, [*own, *loose])  # loose ones count the guess's turns
     balls = dict.fromkeys(table[name].joint for name in own if table[name].q < 0)
     is_whole = all(mechanism.pair_of(joint) == "spherical"
                    and all(c.name in own for c in joints[joint]) for joint in balls)
@@ -119,7 +121,7 @@ def free_set(
     for array in (free, first, kinds):
         array.flags.writeable = False
     return FreeSet(pinned, still, free, first if has_first else None, kinds, is_whole, spread,
-                   groups, [table[name].q for name in held],
+                   groups, not first.any(), [table[name].q for name in held],
                    float(mechanism.velocity_scale.min(initial=1.0)) / COORDINATE_ERROR)
 
 
@@ -129,7 +131,7 @@ def closure_settings(mechanism: Mechanism, free: FreeSet, tolerance: float) -> C
     lower, upper = position_limits(mechanism)
     shakes = None if free.spread is None else free.spread.first
     return ClosureSettings(free.free, free.first, tolerance, DAMPED_STEPS, TOLERANCES.rank,
-                           free.kinds, lower, upper, shakes)
+                           free.kinds, lower, upper, shakes, free.are_all_named)
 
 
 class AssemblyProblem:
@@ -151,13 +153,15 @@ class AssemblyProblem:
         workspaces: of a problem that this one is part of.
 
     Attributes:
-        lost: see `State.lost_turns`.
+        lost: coordinates with a warning, see `State.lost_turns`.
+        with_turns: see `turns_of_others`; None if nothing is set far from the guess.
         driver_values: wanted values of drivers without a given value, by coordinate.
         known: results of `reached` for the goal and further starts, if known.
     """
 
     known: list[Reached] | None = None
     lost: tuple[str, ...] = ()
+    with_turns: Callable[[Array], tuple[Array, tuple[str, ...]]] | None = None
     driver_values: Mapping[str, float] = NOTHING
 
     def __init__(
@@ -283,8 +287,10 @@ class AssemblyProblem:
 
     def is_for_kernel(self) -> bool:
         """Whether the kernel may judge its results from the guess by itself."""
-        return (not self.pinned and self.goal.size > 0 and self.has_digits(self.goal)
-                and self.can_perturb())
+        return self._is_plain() and self.can_perturb()
+
+    def _is_plain(self) -> bool:
+        return not self.pinned and self.goal.size > 0 and self.has_digits(self.goal)
 
     @property
     def widest_gap(self) -> float:
@@ -301,12 +307,19 @@ class AssemblyProblem:
 
         None if a result needs a judgement: the results are then `known`.
         """
-        if not self.is_for_kernel():
+        is_compared = self.can_perturb()  # else its distance is not that of the kernel
+        if not self._is_plain() or self.mechanism.whole is not None or self.let_go or not (
+                is_compared or self.free_set.are_all_named):
             return None
         with closer_of(self.mechanism) as closer:
-            results = self.known = closer.reach(
-                [self.goal], self.settings, self.goal, self.reference, further=True)
+            results = closer.reach(
+                [self.goal], self.settings, self.goal, self.reference, further=is_compared)
             best = results[0]
+            if best.is_unique:
+                return best.q, best.examined or closer.examine(best.q, self.reference)
+            if not is_compared:
+                return None
+            self.known = results
             for result in results:
                 if result.error <= ACCEPTED and not result.may_be_mirrored:
                     best = result if is_nearer(result.distance, best.distance) else best

@@ -40,12 +40,7 @@ class Search:
 
     Groups of loops without common free coordinates are searched one by one.
 
-    Args:
-        problem: the assembly problem.
-        limits: whether joint limits count.
-
     Attributes:
-        worst: the search with the largest error, of a group of loops or this one.
         best: the nearest closed configuration, with its distance from the named values.
         nearest_miss: closure error, configuration and fault of the best failed attempt.
     """
@@ -56,7 +51,7 @@ class Search:
         self.nearest_miss: tuple[float, Array, str] | None = None
         self._known: Examined | None = None
         self._first_success = -1
-        self.worst: Search = self
+        self._worst: Search | None = None
 
     @cached_property
     def parts(self) -> list[tuple[LoopGroup, Search]]:
@@ -87,6 +82,11 @@ class Search:
                 part.run(q, release)
         self._join()
 
+    @property
+    def worst(self) -> Search:
+        """The search with the largest error, of a group of loops or this one."""
+        return self._worst or self
+
     def has_closed(self, group: LoopGroup) -> bool:
         """Whether all loops of a group were closed in the searches of groups."""
         return bool(self.parts) and all(
@@ -110,7 +110,7 @@ class Search:
         if not failed:
             self.keep(self.problem.judged_at(q))
         elif len(misses) == len(failed):
-            error, there, fault, group, self.worst = max(misses, key=lambda x: x[0])
+            error, there, fault, group, self._worst = max(misses, key=lambda x: x[0])
             own = configuration_indices(self.mechanism, group)
             q[own] = there[own]
             self.nearest_miss = error, q, fault

@@ -128,11 +128,7 @@ def sweep_task(options: argparse.Namespace, mechanism: sp.Mechanism) -> dict[str
 
 
 def run_sweep(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motion:
-    """Return the sweep of the options, up to the first joint limit if limits are kept.
-
-    Raises:
-        LimitError: it passes one, and is not to stop there.
-    """
+    """Return the sweep of the options, up to the first joint limit if limits are kept."""
     task = sweep_task(options, mechanism)
     if getattr(options, "only", None):
         state = sp.assemble(mechanism, {options.driver: options.first}, task["guess"])

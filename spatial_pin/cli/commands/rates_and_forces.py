@@ -156,11 +156,7 @@ def _tell_along(options: argparse.Namespace, motion: sp.Motion) -> None:
 
 
 def _each(options: argparse.Namespace, motion: sp.Motion, driver: str) -> list[sp.Transmission]:
-    """Return the transmission at every sample.
-
-    Raises:
-        Interrupted: Ctrl-C ended it; has those until then.
-    """
+    """Return the transmission at every sample."""
     results: list[sp.Transmission] = []
     try:
         for state in map(motion.state, range(len(motion))):

@@ -82,7 +82,7 @@ class Derivatives:
         The force, then the moment, that the pair exerts, as in `Dynamics.reactions`: world axes,
         about the pair's own origin, which moves with it. All NaN where loops can be under stress by
         themselves: what is one of many has no derivative. Beside couplings they are those of
-        what `Dynamics.reactions` has, without the couplings' forces. Worked out when asked for.
+        what `Dynamics.reactions` has, without the couplings' forces. Worked out at first use.
         """
         return self._borne[0]
 
@@ -168,6 +168,7 @@ def dynamics_derivatives(
                           error, equations.undetermined)
         rows = RowDerivatives(mechanism, springs.forces, (state.q, state.v, answer.a))
         springs.move(rows)
+        springs.refuse_undirected()
         outside, kkt = ExternalWrenches(mechanism, external), equations.whole_kkt(closures)
         chosen, multipliers = kkt.rows, kkt.multipliers.copy()
         a_by, multipliers_by = _changes(equations, rows, springs, outside, multipliers)

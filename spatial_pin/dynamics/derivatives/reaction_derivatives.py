@@ -226,7 +226,7 @@ class ReactionChanges:
                     for i, x in zip(line.bodies, line.points, strict=True)]
             moved = [x @ self.placements_by_q[i]
                      for i, x in zip(line.bodies, line.points, strict=True)]  # (nv, 3)
-            _, n = forces.line_between(*ends)
+            n = pull.along
             turned = pull.per_length * (moved[1] - moved[0] - np.outer(pull.row, n))
             along = np.concatenate([n, np.cross(ends[1], n)])
             bent = np.hstack([

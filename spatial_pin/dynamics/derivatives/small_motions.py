@@ -149,7 +149,7 @@ class SmallMotions:
         self.freedoms = svd.null_space
         self._inverse = (svd.vt[: svd.rank].T / svd.s[: svd.rank]) @ svd.u[:, : svd.rank].T
         self._rows = rows = RowDerivatives(mechanism, loads.springs.forces, (q, v, a))
-        loads.springs.move(rows)
+        loads.springs.move(rows, svd.null_space * scale)
         multipliers = svd.minimum_norm_transposed(scale * self.wanted)
         self.by_q, self.by_v = changes_of_forces(
             rows, loads.springs, ExternalWrenches(mechanism, loads.external), multipliers[:n])

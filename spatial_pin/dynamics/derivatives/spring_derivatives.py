@@ -17,15 +17,15 @@ import pinocchio as pin
 from spatial_pin.constraints.composite_joints import split_of
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
 from spatial_pin.dynamics.forces import Forces, Law, LineSpring
-from spatial_pin.errors import SpatialPinError, UnknownNameError
+from spatial_pin.errors import UnknownNameError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.stacked import cross
-from spatial_pin.numerics.tolerances import TOLERANCES
 
 Slopes = Callable[[float, float], tuple[float, float]]
 REACH = 0.1  # first step of the differences of a law, relative to its argument
 HALVINGS = 14  # halvings of that step at most: then round-off is larger than the truncation error
+ONE_LINE = 1e-9  # part of a velocity across a line that is round-off
 CENTRAL, ONE_SIDED = 4.0, 2.0  # halving the step divides the error of a difference by these numbers
 
 
@@ -35,13 +35,15 @@ class SpringForce(NamedTuple):
     Attributes:
         force: as its law says [N].
         per_length: force divided by length [N/m].
-        row: (nv,) derivative of the length; of a line without length it is zero.
+        row: (nv,) derivative of the length; of a line without length and damping it is zero.
+        along: (3,) the unit vector along the line, or zero likewise.
         by_q, by_v: (nv,) of the force.
     """
 
     force: float
     per_length: float
     row: Array
+    along: Array
     by_q: Array
     by_v: Array
 
@@ -62,11 +64,13 @@ class Springs:
             the joint's own coordinate and velocity.
         bushings: in the order of `forces.bushings`, the derivatives (12, nv) of their products by
             q, then what `Bushing.force_derivatives` returns.
+        undirected: a spring whose damping has no direction, and is left out; else "".
     """
 
     lines: list[SpringForce]
     turning: Array
     bushings: list[tuple[Array, Array, Array, Array]]
+    undirected = ""
 
     def __init__(
         self, forces: Forces, laws: Mapping[str, Law] | None = None,
@@ -96,27 +100,32 @@ class Springs:
                                 ONE_SIDED), by_rate
         return slope(lambda y: law(y, rate), x, REACH * (abs(x) or unit)), by_rate
 
-    def move(self, rows: RowDerivatives) -> None:
+    def move(self, rows: RowDerivatives, motions: Array | None = None) -> None:
         """Evaluate the forces at the motion of the rows.
+
+        Args:
+            rows: the rows at the motion.
+            motions: (n, nv) all possible joint velocities; None: each for itself.
 
         Raises:
             SpatialPinError: a spring has no length, and its force no direction.
         """
         self.lines, self.bushings, self.turning = [], [], np.zeros((3, rows.nv))
-        q, v, _ = rows.motion
+        self.undirected, (q, v, _) = "", rows.motion
         if not self.forces.exist:
             return
         for at, line in enumerate(self.forces.lines, start=rows.closed):
-            length, _ = self.forces.line_between(*(x @ rows.placements[i] for i, x in zip(
-                line.bodies, line.points, strict=True)))
+            length, along = self.forces.line_between(*(
+                x @ rows.placements[i] for i, x in zip(line.bodies, line.points, strict=True)))
             if not length:
-                self.lines.append(self._at_a_point(line, rows, at))
+                self.lines.append(self._at_a_point(line, rows, at, motions))
                 continue
             row, rate = rows.by_q[0][at] / length, float(rows.values[1][at]) / length
             by_length, by_rate = self._slopes(line.name, length, rate)
             by_q = by_length * row + by_rate * (rows.by_q[1][at] - rate * row) / length
             force = line.law(length, rate)
-            self.lines.append(SpringForce(force, force / length, row, by_q, by_rate * row))
+            self.lines.append(SpringForce(
+                force, force / length, row, along, by_q, by_rate * row))
         first = rows.closed + len(self.forces.lines)
         self.bushings = [
             (rows.by_q[0, at : at + 12], *bushing.force_derivatives(
@@ -129,29 +138,42 @@ class Springs:
         self.turning[0] -= resistance.forces(v)
         self.turning[2] += resistance.slopes(v)
 
-    def _at_a_point(self, line: LineSpring, rows: RowDerivatives, at: int) -> SpringForce:
+    def _at_a_point(
+        self, line: LineSpring, rows: RowDerivatives, at: int, motions: Array | None
+    ) -> SpringForce:
         """Return the force of a spring whose frames coincide: stiffness times their distance.
 
-        If nothing can move them apart, any stiffness is right. Its length is row `at`.
+        If nothing can move them apart, any stiffness is right. Its length is row `at`. Damping has
+        a direction if the frames can part along one line only.
         """
         bodies = rows.bodies
-        parting = sum(sense * (bodies.columns[:, :3] + cross(bodies.columns[:, 3:], x @ place))
-                      * bodies.moved_by[bodies.joints[i], :, None] for sense, i, x, place in zip(
-                          (-1.0, 1.0), line.bodies, line.points,
-                          (rows.placements[i] for i in line.bodies), strict=True))
+        parting = sum((sense * (bodies.columns[:, :3] + cross(bodies.columns[:, 3:], x @ place))
+                       * bodies.moved_by[bodies.joints[i], :, None] for sense, i, x, place in zip(
+                           (-1.0, 1.0), line.bodies, line.points,
+                           (rows.placements[i] for i in line.bodies), strict=True)),
+                      np.zeros((rows.nv, 3)))
+        moved = parting if motions is None else motions @ parting
         none, pace = np.zeros(rows.nv), float(np.sqrt(max(rows.values[2][at], 0.0)))
-        if np.abs(parting).max(initial=0.0) <= TOLERANCES.tight * (
-                self.forces.mechanism.characteristic_length):
-            return SpringForce(0.0, 0.0, none, none, none)
-        forces = [line.law(0.0, rate) for rate in (0.0, pace, -pace)]
+        if not self.forces.can_part(moved):
+            return SpringForce(0.0, 0.0, none, np.zeros(3), none, none)
+        force = line.law(0.0, 0.0)
         stiffness, damping = self._slopes(line.name, 0.0, 0.0)
-        if any(forces) or damping:
-            what = f"force of {forces[0]:.6g} N" if forces[0] else "damping"
-            raise SpatialPinError(
-                f"mechanism {self.forces.mechanism.name!r}: the two frames of spring {line.name!r} "
-                f"coincide, where its {what} has no direction, so that there are no derivatives: "
-                "start where its frames are apart, or give it a joint instead of frames")
-        return SpringForce(0.0, stiffness, none, none, none)
+        if force or any(line.law(0.0, rate) for rate in (pace, -pace)):
+            raise self.forces.without_direction(
+                line.name, f"force of {force:.6g} N" if force else "damping")
+        if not damping:
+            return SpringForce(0.0, stiffness, none, np.zeros(3), none, none)
+        _, sizes, along = np.linalg.svd(moved)
+        if sizes.size > 1 and sizes[1] > ONE_LINE * sizes[0]:
+            self.undirected = line.name
+            return SpringForce(0.0, stiffness, none, np.zeros(3), none, none)
+        row = parting @ along[0]
+        return SpringForce(0.0, stiffness, row, along[0], stiffness * row, damping * row)
+
+    def refuse_undirected(self) -> None:
+        """Raise an error if the damping of a spring has no direction, and was left out."""
+        if self.undirected:
+            raise self.forces.without_direction(self.undirected, "damping")
 
     @property
     def pulls(self) -> Array:

@@ -61,7 +61,7 @@ class Freedoms:
         self._state: State | None = None
         self._jacobian: Array = np.empty((0, 0))
         self._rows: NDArray[np.intp] = np.empty(0, np.intp)
-        self._spaces: dict[bytes, Array] = {}  # freedoms, keyed by what is held
+        self._spaces: dict[bytes, Array] = {}  # freedoms, keyed by the held coordinates
 
     def equations(self, state: State) -> NDArray[np.intp]:
         """Return which closure equations are independent at a state."""

@@ -96,7 +96,7 @@ class RatedLimits:
     once, at the start.
 
     Args:
-        problem: what is simulated.
+        problem: the simulated mechanism, with its laws and efforts.
         state: where it starts.
 
     Attributes:
@@ -256,7 +256,7 @@ class EventDetector:
     """Detects the events in the steps of a simulation.
 
     Args:
-        problem: what is simulated.
+        problem: the simulated mechanism, with its laws and efforts.
         state: where it starts.
         stop_when: function whose zeros end it.
         on_joint_limit: "report", "stop" or "ignore".

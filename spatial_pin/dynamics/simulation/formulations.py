@@ -8,7 +8,7 @@ their angular velocity about it is constant.
 Accelerations are those of the independent coordinates' engine, at the nearest configuration with
 closed loops; after every step the unknowns are taken there by the shortest way, and velocities to
 what the loops allow. Dearer than independent coordinates, which are only used to solve the
-equations: what is integrated does not depend on their choice.
+equations: the integrated motion does not depend on their choice.
 """
 
 from __future__ import annotations

@@ -1,10 +1,11 @@
-"""Error estimate of a simulation: its difference from one with other tolerances.
+"""Error estimate of a simulation: its difference from one that is more exact.
 
 Local errors of steps add up, and grow or decay as the motion is unstable or damped. A second
-integration whose steps may be ten times as inexact shows that with all that acts: where errors are
-proportional to the tolerance, it is off by ten times as much [HairerNorsettWanner1993, II.4].
-Beside a loose one they are no longer proportional, and the second one is more exact: then the
-difference is the error itself, but for a little.
+integration shows that with all that acts. Its tolerance is a thirtieth, so that the difference is
+the error of the first but for a little [HairerNorsettWanner1993, II.4]. Near round-off no
+integration is more exact: there it is ten times as loose, and off by more. Its steps are shorter
+than the longest of the first, as a few long steps are often the same at any tolerance: they grow
+from a first one as fast as they may.
 """
 
 from __future__ import annotations
@@ -25,23 +26,27 @@ from spatial_pin.settings import INTEGRATORS, Accuracy
 if TYPE_CHECKING:
     from spatial_pin.dynamics.simulation.result import Simulation
 
-LOOSER = 10.0  # times the tolerances of the other integration; fixed steps are twice as long
-TIGHTER = 30.0  # the same where it is the more exact one
-LOOSE_TOLERANCE = 3e-6  # tolerance of steps from which on it is
-LOOSEST_COMPARED = 1e-6  # closure residual: loops that are more open jump where branches are near
-ERROR_MARGIN = 1.5  # times the difference: a more exact one is off a little itself
+TIGHTER = 30.0  # part of the tolerances that the other integration has, or
+LOOSER = 10.0  # times the tolerances, where the other one would be
+TIGHTEST = 1e-13  # tolerance of steps: round-off. Fixed steps are twice as long
+SHORTER = 0.7  # its longest step, by the longest of the first
+ERROR_MARGIN = 2.0  # times the difference: a more exact one is off a little itself
 ERROR_FLOOR = 1e-13  # error of any motion, as samples are closed to that
 
 
-def comparison(accuracy: Accuracy) -> Accuracy:
-    """Return the setting of the other integration."""
+def comparison(accuracy: Accuracy, longest: float) -> Accuracy:
+    """Return the setting of the other integration.
+
+    Args:
+        accuracy: that of the simulation.
+        longest: its longest step [s].
+    """
     if INTEGRATORS[accuracy.integrator].is_fixed and accuracy.step is not None:
         return replace(accuracy, step=2.0 * accuracy.step)
-    if accuracy.time_tolerance > LOOSE_TOLERANCE:
-        return replace(accuracy, tolerance=accuracy.tolerance / TIGHTER,
-                       time_tolerance=accuracy.time_tolerance / TIGHTER)
-    tolerance = max(accuracy.tolerance, min(LOOSER * accuracy.tolerance, LOOSEST_COMPARED))
-    return replace(accuracy, tolerance=tolerance, time_tolerance=LOOSER * accuracy.time_tolerance)
+    part = 1.0 / TIGHTER if accuracy.time_tolerance > TIGHTER * TIGHTEST else LOOSER
+    step = SHORTER * longest if longest > 0.0 else accuracy.step
+    return replace(accuracy, tolerance=part * accuracy.tolerance, step=step,
+                   time_tolerance=part * accuracy.time_tolerance)
 
 
 def error_estimates(run: Callable[[], Simulation], motion: Simulation) -> Array:

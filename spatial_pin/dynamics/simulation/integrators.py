@@ -35,7 +35,7 @@ FASTEST = 1e100  # largest rate: its square divided by a tolerance is finite whe
 SLOWEST = 1e3  # longest natural time in durations: a slower motion does not matter
 AUTOMATIC, EXPLICIT, IMPLICIT = "automatic", "DOP853", "Radau"
 NEAR = 1e-3  # pivot, and step, relative to the largest so far, below which the motion stagnates
-TRIED = 1000  # after each so many steps without damping, the progress is compared with the duration
+TRIED = 1000  # every this many steps without damping, the progress is compared with the duration
 # The simulation is refused if this many times the allowed steps would not reach the end.
 HOPELESS = 10.0
 CREEPING = 60  # such steps in a row that show a singular configuration just ahead

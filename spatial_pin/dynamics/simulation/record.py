@@ -36,7 +36,7 @@ class Record:
     """Samples and events of a simulation up to the present time.
 
     Args:
-        problem: what is simulated.
+        problem: the simulated mechanism, with its laws and efforts.
         times: (N,) of the samples.
         detector: detects the events.
 

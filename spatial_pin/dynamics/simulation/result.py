@@ -27,8 +27,9 @@ UNSTABLE = 3e4
 SMALL = 1e-2
 EPS = float(np.finfo(float).eps)
 WITH_ENERGIES = frozenset(("energy", "work", "effort_names", "efforts", "told"))  # in a file
-TOLD = ("energy_drift", "coordinates", "evaluations", "steps", "by_drivers", "joint_limits",
-        "projection", "integrators", "time_tolerance")  # fields of a simulation that are no samples
+SUMMARY_FIELDS = (  # fields of a simulation that are no samples
+    "energy_drift", "coordinates", "evaluations", "steps", "by_drivers", "joint_limits",
+    "projection", "integrators", "time_tolerance")
 
 
 class Projection(NamedTuple):
@@ -201,7 +202,7 @@ class Simulation(Motion):
             "energy": self.energy, "work": self.work,
             "effort_names": np.array([coordinate(name).name for name in self.efforts], str),
             "efforts": np.array(list(self.efforts.values())),
-            "told": json.dumps({name: getattr(self, name) for name in TOLD},
+            "told": json.dumps({name: getattr(self, name) for name in SUMMARY_FIELDS},
                                default=lambda x: x.item())})
 
     @classmethod
@@ -242,8 +243,8 @@ class Simulation(Motion):
         used = f" in {', '.join(self.coordinates)}" if self.coordinates else ""
         stiff = f" ({self.integrators[-1]} where stiff)" if len(self.integrators) > 1 else ""
         lines = [super().__str__(),
-                 f"  energy drift {self.energy_drift:.1e} of what is exchanged; {self.steps} steps "
-                 f"of the integrator{stiff}{used}", *growth_lines(self)]
+                 f"  energy drift {self.energy_drift:.1e} of the exchanged energy; "
+                 f"{self.steps} steps of the integrator{stiff}{used}", *growth_lines(self)]
         efforts = effort_lines(self, self.efforts)
         return "\n".join([*lines, *(["efforts:"] if efforts else []),
                           *first_of(efforts, "efforts")])

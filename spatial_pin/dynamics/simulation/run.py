@@ -264,6 +264,11 @@ class Run:
         """Return why the motion cannot be followed beyond the present time."""
         return self._in_use.why(self.t, self.y)
 
+    @property
+    def longest_step(self) -> float:
+        """The longest step so far [s]; 0 where there was none."""
+        return float(self._stepping.largest[1])
+
     def motion(self) -> Simulation:
         """Return the samples so far."""
         in_use = self._in_use
@@ -389,7 +394,7 @@ def why_it_ends(problem: Problem, accuracy: Accuracy, first: State, t: float, la
 
     Args:
         problem: what acts.
-        accuracy: that was asked for.
+        accuracy: the wanted one.
         first: where the simulation began, at time 0.
         t: when it ends [s].
         last: the last good state.

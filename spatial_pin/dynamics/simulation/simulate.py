@@ -208,7 +208,14 @@ def _times(duration: float, times: Any) -> Array:
 
 
 def _check_start(problem: Problem, state: State) -> None:
-    """Refuse a state that does not start as the laws of its prescribed drivers do."""
+    """Refuse a state that does not start as the laws of its prescribed drivers do.
+
+    Or where the force of a spring has no direction.
+    """
+    if problem.forces.lines:
+        with loops_of(problem.mechanism, state.angles) as evaluation:
+            evaluation.update(state.q)
+            problem.forces.wrenches(evaluation, state.v)
     name, drivers = problem.mechanism.name, driver_names(problem.mechanism)
     for c, law in problem.drives:
         value, rate, _ = law(0.0)
@@ -268,8 +275,8 @@ def simulate(
         slip_speed: speed at which dry friction has 76 % of its full value, see `forward_dynamics`.
             Joints that friction should hold creep at a fraction of this speed.
         stop_when: ends the simulation where this function (t, State) crosses zero, with an event
-            and a last sample there. It is asked at every sample and end of a step: what crosses
-            zero twice between two of these passes unnoticed.
+            and a last sample there. It is evaluated at every sample and end of a step: two
+            crossings between two of these pass unnoticed.
         on_joint_limit: where a joint passes a limit of the URDF: "report" to go on with an event
             of kind "joint limit", for nothing holds the joint back; "stop" to end there, with a
             last sample; "ignore". The time is located to about 1e-12 s. Velocities and efforts (of
@@ -312,9 +319,8 @@ def simulate(
     good = None
     for _ in range(CHOICES):
         other = partial(
-            simulate, mechanism, state, duration, efforts, times, comparison(accuracy),
-            drives=drives, external=external, laws=laws, slip_speed=slip_speed,
-            stop_when=stop_when, on_joint_limit=on_joint_limit)
+            simulate, mechanism, state, duration, efforts, times, drives=drives, external=external, laws=laws,
+            slip_speed=slip_speed, stop_when=stop_when, on_joint_limit=on_joint_limit)
         whole = _followed(state, times, accuracy, (efforts, drives, external, laws), slip_speed,
                           stop_when, on_joint_limit, progress, other)
         n, opened = first_opened(whole, accuracy)
@@ -331,12 +337,12 @@ def simulate(
 def _followed(
     state: State, times: Array, accuracy: Accuracy, forces: tuple[Any, Any, Any, Any],
     slip_speed: SlipSpeed | None, stop_when: Callable[[float, State], float] | None,
-    on_joint_limit: str, progress: bool, other: Callable[[], Simulation],
+    on_joint_limit: str, progress: bool, other: Callable[..., Simulation],
 ) -> Simulation:
     """Return the motion from a state, with the arguments of `simulate`.
 
-    `forces` are efforts, drives, external forces and laws; `other` follows it with other
-    tolerances.
+    `forces` are efforts, drives, external forces and laws; `other` follows it with another
+    `accuracy`.
     """
     mechanism, (efforts, drives, external, laws) = state.mechanism, forces
     problem = Problem(mechanism, efforts, drives, laws, accuracy.tolerance, slip_speed,
@@ -353,7 +359,8 @@ def _followed(
         moved = run.motion() if fall is None else fall.motion(
             run.motion(), run.record.start, problem.constant)
         del moved.error_estimates
-        moved.__dict__["_estimate"] = partial(error_estimates, other)
+        setting = comparison(accuracy, run.longest_step)
+        moved.__dict__["_estimate"] = partial(error_estimates, partial(other, accuracy=setting))
         return moved
 
     bar = progress_bar(float(times[-1]), f"{mechanism.name}: seconds", progress)

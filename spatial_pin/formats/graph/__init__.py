@@ -1,7 +1,1 @@
 """Joint graphs, as SDFormat, USD and URDFs with loops state them, to open trees and closures."""
-
-from spatial_pin.formats.graph.joint_graph import WORLD, GraphJoint, JointGraph, Link
-from spatial_pin.formats.graph.open_tree import open_tree
-from spatial_pin.formats.graph.spanning import SpanningTree
-
-__all__ = ["WORLD", "GraphJoint", "JointGraph", "Link", "SpanningTree", "open_tree"]

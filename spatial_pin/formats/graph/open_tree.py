@@ -1,4 +1,4 @@
-"""A spanning tree as URDF text, and its cut joints as the closures of a mechanism file."""
+"""A spanning tree as a URDF, and its cut joints as the closures of a mechanism file."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError
-from spatial_pin.formats.graph.joint_graph import WORLD, GraphJoint, JointGraph, Link
-from spatial_pin.formats.graph.spanning import SpanningTree
+from spatial_pin.formats.graph.joint_graph import WORLD, GraphJoint, JointGraph, Link, SpanningTree
 from spatial_pin.formats.importers import Imported
 from spatial_pin.formats.urdf.elements import (
     finite_text,
@@ -125,7 +124,7 @@ def open_tree(
               "closures": [*content.get("closures", []), *writer.closures],
               "springs": [*content.get("springs", []), *writer.springs],
               "guess": {**guess, **content.get("guess", {})}}
-    return Imported(ET.tostring(writer.robot, encoding="unicode"), merged,
+    return Imported(writer.robot, merged,
                     (*notices, *writer.notices, *notices_of(writer, off)))
 
 

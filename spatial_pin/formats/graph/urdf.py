@@ -12,7 +12,6 @@ import numpy as np
 from spatial_pin.formats.graph.joint_graph import GraphJoint, JointGraph, Link
 from spatial_pin.formats.graph.open_tree import open_tree
 from spatial_pin.formats.importers import Faults, Imported
-from spatial_pin.formats.parsing import parse_urdf
 from spatial_pin.formats.urdf.urdf_model import (
     CONTAINED_PAIRS,
     PAIR_OF_URDF_TYPE,
@@ -26,8 +25,8 @@ LIMITED = ("revolute", "prismatic")  # URDF types that have limits of position
 
 
 def without_loops(
-    urdf: str, content: Mapping[str, Any], refinements: Mapping[str, JointRefinement], path: Path,
-    faults: Faults,
+    robot: ET.Element, content: Mapping[str, Any], refinements: Mapping[str, JointRefinement],
+    path: Path, faults: Faults,
 ) -> Imported | None:
     """Return a URDF with its loops cut, and the tables of a mechanism file for them.
 
@@ -38,7 +37,6 @@ def without_loops(
         MechanismFileError: a joint has impossible numbers, or something refers to the coordinate
             of every joint at which a loop could be cut.
     """
-    robot = parse_urdf(urdf, path)
     elements, names = robot.findall("joint"), [x.get("name", "") for x in robot.findall("link")]
     ends = [(end_of(joint, "parent"), end_of(joint, "child")) for joint in elements]
     named = {joint.get("name", "") for joint in elements}

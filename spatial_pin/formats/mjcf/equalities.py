@@ -42,11 +42,7 @@ Connect = tuple[int, str, tuple[EqualityEnd, EqualityEnd]]  # a ball: its number
 
 
 def read_closures(reading: MjcfReading, where: str) -> list[dict[str, Any]]:
-    """Return the loops of a model, and add their frames to its tree.
-
-    Raises:
-        MechanismFileError: an equality has no exact counterpart; it is named.
-    """
+    """Return the loops of a model, and add their frames to its tree."""
     model, closures = reading.model, []
     connects: dict[frozenset[int], list[Connect]] = {}
     off = reading.is_off("EQUALITY") or reading.is_off("CONSTRAINT")

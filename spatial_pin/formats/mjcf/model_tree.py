@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.formats.mjcf.compiling import MeshFile
-from spatial_pin.formats.urdf.elements import UrdfText, fresh, numbers_text
+from spatial_pin.formats.urdf.elements import UrdfTree, fresh, numbers_text
 from spatial_pin.numerics.linalg import Array
 
 WORLD = "world"
@@ -75,7 +75,7 @@ class MjcfReading:
             if not joints[j]:  # named after body and kind
                 kind = mujoco.mjtJoint(model.jnt_type[j]).name.removeprefix("mjJNT_").lower()
                 joints[j] = fresh(f"{model.body(model.jnt_bodyid[j]).name}_{kind}", taken)
-        self.urdf = UrdfText(name, WORLD, [*bodies, *joints])
+        self.urdf = UrdfTree(name, WORLD, [*bodies, *joints])
         for body in range(1, model.nbody):
             self.links.append(_add_body(self, body, joints))
             mass, moments = float(model.body_mass[body]), np.array(model.body_inertia[body])

@@ -29,11 +29,7 @@ def is_prefixed(element: ET.Element) -> bool:
 
 
 def finite_numbers(text: str, count: int) -> Array:
-    """Return the `count` finite numbers of a text.
-
-    Raises:
-        ValueError: there are more or fewer, or no numbers.
-    """
+    """Return the `count` finite numbers of a text."""
     try:  # 1_0, and digits of other scripts, are numbers to Python only
         values = np.array([float(word) if word.isascii() and "_" not in word else math.nan
                            for word in text.split()])
@@ -84,11 +80,15 @@ def joint_element(
     return element
 
 
-class UrdfText:
-    """A URDF that grows link by link and joint by joint; names are made unique."""
+class UrdfTree:
+    """A URDF that grows link by link and joint by joint; names are made unique.
+
+    Attributes:
+        robot: its root element.
+    """
 
     def __init__(self, name: str, root: str, reserved: Iterable[str] = ()) -> None:
-        self._robot = ET.Element("robot", name=name)
+        self.robot = ET.Element("robot", name=name)
         self._reserved = set(reserved)
         self._links: dict[str, ET.Element] = {}
         self._joints: set[str] = set()
@@ -96,7 +96,7 @@ class UrdfText:
 
     def _link(self, wanted: str) -> str:
         name = unique(wanted, self._links)
-        self._links[name] = ET.SubElement(self._robot, "link", name=name)
+        self._links[name] = ET.SubElement(self.robot, "link", name=name)
         return name
 
     def joint(
@@ -119,7 +119,7 @@ class UrdfText:
         """
         name, link = unique(wanted, self._joints), self._link(child)
         self._joints.add(name)
-        joint = joint_element(self._robot, name, kind, parent, link, placement)
+        joint = joint_element(self.robot, name, kind, parent, link, placement)
         if axis is not None:
             ET.SubElement(joint, "axis", xyz=numbers_text(axis))
         if limits is not None:
@@ -158,11 +158,6 @@ class UrdfText:
             material = ET.SubElement(shape, "material", name=f"rgba {numbers_text(rgba)}",
                                      override="true")
             ET.SubElement(material, "color", rgba=numbers_text(rgba))
-
-    def text(self) -> str:
-        """Return the URDF."""
-        return ET.tostring(self._robot, encoding="unicode")
-
 
 def unique(wanted: str, taken: Iterable[str]) -> str:
     """Return a name that is not taken: the wanted one, or that with a number."""

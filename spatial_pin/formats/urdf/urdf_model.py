@@ -23,7 +23,6 @@ import pinocchio as pin
 from spatial_pin.errors import MechanismFileError, Mistakes, suggestion
 from spatial_pin.formats.file_access import Trust
 from spatial_pin.formats.importers import Faults
-from spatial_pin.formats.parsing import parse_urdf
 from spatial_pin.formats.urdf.elements import UNBOUNDED, URDF_AXIS, numbers_text
 from spatial_pin.formats.urdf.geometry import geometry_of, take_shapes
 from spatial_pin.formats.urdf.validation import (
@@ -84,13 +83,13 @@ class JointRefinement:
 
 
 def tree_of(
-    urdf: str, path: Path, refinements: Mapping[str, JointRefinement], faults: Faults,
+    robot: ET.Element, path: Path, refinements: Mapping[str, JointRefinement], faults: Faults,
     trust: Trust, order: Sequence[str] = (), order_of: str = "",
 ) -> tuple[dict[str, Any], tuple[Closure, ...]]:
-    """Return the fields of a `Mechanism` for an open tree of URDF text, and its mimics.
+    """Return the fields of a `Mechanism` for the open tree of a URDF, and its mimics.
 
     Args:
-        urdf: the text.
+        robot: its root element, which changes.
         path: where it comes from, for relative paths and errors.
         refinements: tables of joints in a mechanism file.
         faults: collects faults that do not stop the reading.
@@ -98,11 +97,7 @@ def tree_of(
         order: joints in the order of their coordinates; those not named go first. Default that of
             Pinocchio's reader: joint by joint upwards, alphabetically at each link.
         order_of: the file of this order, for errors.
-
-    Raises:
-        MechanismFileError: it is not a tree, or has impossible numbers.
     """
-    robot = parse_urdf(urdf, path)
     for parent in list(robot.iter()):  # elements of other namespaces, from xacro
         for key in [key for key in parent.attrib if "}" in key]:
             del parent.attrib[key]
@@ -381,10 +376,6 @@ def _put_numbers(model: pin.Model, refinements: Mapping[str, JointRefinement]) -
 
     Returns:
         (nv,) slip speeds, NaN where there are none.
-
-    Raises:
-        MechanismFileError: there are more or fewer numbers than coordinates, or a lower limit is
-            above the upper one.
     """
     slip_speeds = np.full(model.nv, math.nan)
     of_resistances = {

@@ -70,7 +70,15 @@ class UsdStage:
             prim: the prim.
             mirrored: whether it may have left-handed axes; one of them is then reversed.
         """
-        self._check_turns(prim)
+        above = prim  # a turn by no number, which USD takes for none
+        while above and above.GetPath() not in self._turning:
+            self._turning.add(above.GetPath())
+            for op in UsdGeom.Xformable(above).GetOrderedXformOps():
+                value = op.GetAttr().Get(Usd.TimeCode.EarliestTime())
+                if hasattr(value, "GetImaginary") and np.any(np.isnan(rotation_of(value))):
+                    self.fail(above, f"{op.GetOpName()} is {value}; it must be a quaternion of "
+                                     "finite numbers")
+            above = above.GetParent()
         matrix = np.array(self._cache.GetLocalToWorldTransform(prim)).T
         axes = matrix[:3, :3]
         scale = np.linalg.norm(axes, axis=0)
@@ -83,17 +91,6 @@ class UsdStage:
                 "body or joint needs right-handed axes")
         quaternion = pin.Quaternion(axes / scale).normalized()
         return pin.SE3(quaternion.matrix(), self.metre * matrix[:3, 3]), scale
-
-    def _check_turns(self, prim: Any) -> None:
-        """Refuse what turns a prim or one above it by no number; USD takes it for no turn."""
-        while prim and prim.GetPath() not in self._turning:
-            self._turning.add(prim.GetPath())
-            for op in UsdGeom.Xformable(prim).GetOrderedXformOps():
-                value = op.GetAttr().Get(Usd.TimeCode.EarliestTime())
-                if hasattr(value, "GetImaginary") and np.any(np.isnan(rotation_of(value))):
-                    self.fail(prim, f"{op.GetOpName()} is {value}; it must be a quaternion of "
-                                    "finite numbers")
-            prim = prim.GetParent()
 
     def fail(self, prim: Any, why: str) -> NoReturn:
         """Raise the error of a prim."""

@@ -45,11 +45,7 @@ class Budget:
         self.remaining, self.tape = STEPS, tape
 
     def spend(self, steps: int) -> None:
-        """Take steps.
-
-        Raises:
-            RefusedError: too few remain.
-        """
+        """Take steps."""
         self.remaining -= steps
         if self.remaining < 0:
             raise RefusedError(f"its expressions and macros take more than {STEPS:,} steps or "

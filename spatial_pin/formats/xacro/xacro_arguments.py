@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping
-from functools import partial
 from pathlib import Path
 from typing import Any
 from xml.dom import minidom
@@ -72,76 +71,59 @@ def _evaluated(
 # ---------------------------------------------------------------- numbers written with them
 
 
-class Values(dict[str, Any]):
-    """A table of a mechanism file with numbers in the place of texts with `${...}`.
+def worked_out(
+    table: Mapping[str, Any], where: Path, name: str, tree: Path, parameters: Mapping[str, float],
+    trusted: bool, packages: Mapping[str, Path],
+) -> dict[str, Any]:
+    """Return a table of a mechanism file with numbers in the place of texts with `${...}`.
 
-    It remembers how they are written.
+    Args:
+        table: as the file has it.
+        where: the file.
+        name: that of the table, for errors.
+        tree: the file of the tree, whose arguments are the names in the texts.
+        parameters: what both were loaded with [SI, rad].
+        trusted: likewise.
+        packages: likewise.
+
+    Raises:
+        MechanismFileError: a text is no expression of the arguments, or its value no number.
     """
+    if not any(map(_is_written, table.values())):
+        return dict(table)
+    texts = arguments(tree, parameters, trusted, packages)
+    expansion = Expansion(where, trusted, packages)
+    known = f"dimensions are: {', '.join(texts)}" if texts else "no dimensions"
+    names: dict[str, Any] = {}
 
-    def __init__(
-        self, table: Mapping[str, Any], where: Path, table_name: str, tree: Path,
-        parameters: Mapping[str, float], trusted: bool, packages: Mapping[str, Path],
-    ) -> None:
-        """Work a table out.
+    def number(key: str, value: Any) -> Any:
+        if isinstance(value, list):
+            return [number(key, x) for x in value]
+        if isinstance(value, dict):
+            return {k: number(f"{key}.{k}", x) for k, x in value.items()}
+        if not _is_written(value):
+            return value
+        try:
+            result = expansion.eval_text(value, names)
+        except MechanismFileError as error:
+            reason = str(error).removeprefix(f"{shown(where)}: ")
+            raise MechanismFileError(
+                f"{shown(where)}: {name}: {key}: {reason} ({known})") from error
+        several = isinstance(result, list | tuple)
+        parts = list(result) if several else [result]
+        if not all(not isinstance(x, bool) and _is_number(x) for x in parts):
+            raise MechanismFileError(f"{shown(where)}: {name}: {key}: {value!r} is "
+                                     f"{str(result)[:80]!r}, no finite number")
+        return [float(x) for x in parts] if several else float(result)
 
-        Args:
-            table: as the file has it.
-            where: the file.
-            table_name: name of the table, for errors.
-            tree: the file of the tree, whose arguments are the names in the texts.
-            parameters: what both were loaded with [SI, rad].
-            trusted: likewise.
-            packages: likewise.
-
-        Raises:
-            MechanismFileError: a text is no expression of the arguments, or its value no number.
-        """
-        super().__init__(table)
-        self._table, self._where, self._name = table, where, table_name
-        self._loaded = tree, parameters, trusted, packages
-        if any(map(_is_written, table.values())):
-            texts = arguments(tree, parameters, trusted, packages)
-            expansion = Expansion(where, trusted, packages)
-            self.update(expansion.guarded(partial(self._worked_out, expansion, texts)))
-
-    def at(self, given: Mapping[str, float]) -> Values:
-        """Return the same table with other arguments than the parameters [SI, rad]."""
-        tree, parameters, trusted, packages = self._loaded
-        return Values(self._table, self._where, self._name, tree, {**parameters, **given}, trusted,
-                      packages)
-
-    def _worked_out(
-        self, expansion: Expansion, texts: dict[str, str], xacro: Any
-    ) -> dict[str, Any]:
-        """Return the table with all texts worked out by a copy of xacro."""
-        where = shown(self._where)
-        xacro.init_stacks(str(self._where))
+    def run(xacro: Any) -> dict[str, Any]:
+        xacro.init_stacks(str(where))
         xacro.substitution_args_context["arg"] = texts
-        names = {**xacro._global_symbols,
-                 **{name: expansion.literal(text) for name, text in texts.items()}}
+        names.update(xacro._global_symbols)
+        names.update((key, expansion.literal(text)) for key, text in texts.items())
+        return {key: number(key, value) for key, value in table.items()}
 
-        def number(key: str, value: Any) -> Any:
-            if isinstance(value, list):
-                return [number(key, x) for x in value]
-            if isinstance(value, dict):
-                return {k: number(f"{key}.{k}", x) for k, x in value.items()}
-            if not _is_written(value):
-                return value
-            try:
-                result = expansion.eval_text(value, names)
-            except MechanismFileError as error:
-                reason = str(error).removeprefix(f"{where}: ")
-                known = f"dimensions are: {', '.join(texts)}" if texts else "no dimensions"
-                raise MechanismFileError(f"{where}: {self._name}: {key}: {reason} "
-                                         f"({known})") from error
-            several = isinstance(result, list | tuple)
-            parts = list(result) if several else [result]
-            if not all(not isinstance(x, bool) and _is_number(x) for x in parts):
-                raise MechanismFileError(f"{where}: {self._name}: {key}: {value!r} is "
-                                         f"{str(result)[:80]!r}, no finite number")
-            return [float(x) for x in parts] if several else float(result)
-
-        return {key: number(key, value) for key, value in self._table.items()}
+    return dict(expansion.guarded(run))
 
 
 SECTIONS = "joints", "closures", "curves", "springs", "masses"  # of a mechanism file, with numbers
@@ -156,7 +138,10 @@ def expressions_in(content: Mapping[str, Any]) -> dict[str, str]:
         place, value = waiting.pop()
         if isinstance(value, str) and WRITTEN.fullmatch(value):
             found[place] = value
-        waiting += [(f"{place}{name}", inner) for name, inner in _inner(value)]
+        if isinstance(value, dict):
+            waiting += [(f"{place}.{key}", x) for key, x in value.items()]
+        elif isinstance(value, list):
+            waiting += [(f"{place}[{k}]", x) for k, x in enumerate(value)]
     return found
 
 
@@ -166,21 +151,15 @@ def written_dimensions(content: Mapping[str, Any], names: Iterable[str]) -> set[
     return {name for name in names if re.search(rf"\b{re.escape(name)}\b", texts)}
 
 
-def _inner(value: Any) -> list[tuple[str, Any]]:
-    if isinstance(value, dict):
-        return [(f".{key}", x) for key, x in value.items()]
-    return [(f"[{k}]", x) for k, x in enumerate(value)] if isinstance(value, list) else []
-
-
 def with_numbers(
     content: Mapping[str, Any], where: Path, tree: Path, parameters: Mapping[str, float],
     trusted: bool, packages: Mapping[str, Path],
 ) -> dict[str, Any]:
-    """Return a mechanism file's content with numbers in the place of `${...}`; see `Values`."""
+    """Return a mechanism file's content with numbers in the place of `${...}`."""
     written = expressions_in(content)
     if not written:
         return dict(content)
-    numbers = Values(written, where, "numbers", tree, parameters, trusted, packages)
+    numbers = worked_out(written, where, "numbers", tree, parameters, trusted, packages)
 
     def replaced(place: str, value: Any) -> Any:
         if isinstance(value, dict):

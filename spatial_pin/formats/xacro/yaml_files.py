@@ -43,9 +43,6 @@ def read_yaml(path: Path, evaluate: Callable[[str], Any]) -> Any:
     Args:
         path: the file.
         evaluate: gives the value of an expression behind a unit, as in `!degrees 90/2`.
-
-    Raises:
-        MechanismFileError: it cannot be read.
     """
     loader: Any = type("Loader", (_PlainLoader,), {})  # with the units of this file
     for tag, unit in UNITS.items():

@@ -7,7 +7,7 @@
 /* Choose rows of a matrix (n, width), stored by rows: `most` of them at most, the longest one left
  * first, as long as one is left whose length is more than a part of the first one's. Returns how many;
  * -1 where there is no memory. `chosen`, ascending. facts: (2), or NULL: length of the last one chosen,
- * 0 if none is, and what is left of the longest of the others, less its part along the chosen, both
+ * 0 if none is, and the remainder of the longest of the others, less its part along the chosen, both
  * relative to the length of the first one. */
 EXPORT Int independent_rows(Int n, Int width, const Real *rows, Int most, Real part, Int *chosen,
                             Real *facts);

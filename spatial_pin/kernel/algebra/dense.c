@@ -282,7 +282,7 @@ static void reflect(Int m, Int n, const Real *qr, Int k, Real tau, Int columns, 
         add_row(width, -tau * qr[i * n + k], scratch, x + i * columns + first);
 }
 
-/* Lengths of what is left of the columns after step k: those that have lost half their digits since
+/* Lengths of the remainders of the columns after step k: those that have lost half their digits since
    they were last measured are measured anew [GolubVanLoan2013, 5.4.2]. */
 static void shorten(Int m, Int n, const Real *a, Int k, Real *length, Real *measured)
 {

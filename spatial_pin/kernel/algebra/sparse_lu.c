@@ -71,7 +71,7 @@ void entries_free(Entries *e)
     free(e->value);
 }
 
-/* ---- what is known of the factors ---- */
+/* ---- pattern of the factors ---- */
 
 SparseLU *lu_new(void) { return calloc(1, sizeof(SparseLU)); }
 

@@ -14,6 +14,7 @@
 #include "choosing.h"
 #include "closing.h"
 #include "closing_parts.h"
+#include "dense.h"
 #include "memory.h"
 #include "pins.h"
 
@@ -31,7 +32,7 @@
 #define HARDER 8.0
 /* At least, after a bad one: less shortens no step where singular values are above a thousandth */
 #define LEAST_HARDER TOLERANCE_HALF_PRECISION
-/* Trials of a damping, of which the last is 8^12 = 7e10 times the first: from 1e-12 to 0.07 */
+/* Trials of a damping, the last is 8^12 = 7e10 times the first: from 1e-12 to 0.07 */
 #define DAMPINGS 12
 /* Steps after which more than STALLED_LEFT of a residual will not vanish: damping has come and
    gone by then */
@@ -53,14 +54,34 @@
 #define AS_NEAR TOLERANCE_HALF_PRECISION
 /* The same of a place that is the nearer one, and the least difference, as `is_nearer` has them */
 #define NEARER_PART 1e-6 /* of their distances: what closing leaves in doubt is far less */
-#define NEARER_BY 1e-9   /* of two that are at what is named but for round-off neither is */
-/* Residual, and what is left to go, from which it is seen how far a branch is: what is left is known
+#define NEARER_BY 1e-9   /* of two at the named values but for round-off neither is */
+/* Residual, and remaining step, from which it is seen how far a branch is: the step is known
    from how fast steps grow shorter */
 #define SEEN 1e-4
 #define SQUARED (1e2 * DBL_EPSILON) /* of J Jᵀ by its size: redundant equations leave it singular */
 /* Equations up to which steps are worked out without squares, whole: 0.5 ms each. Squares are
    sparse, and for many loops the only way. */
 #define FEW_EQUATIONS 100
+/* Rows of targets at most, besides one for each velocity: those of a placement in a plane */
+#define MORE_TARGETS 6
+/* Smallest over largest pivot of loops and targets: below it a target is at the end of what is in
+   reach, and met to half of the digits */
+#define IN_REACH TOLERANCE_HALF_PRECISION
+/* Weight of targets beside loops: where they contradict each other on the way, as a placement of what
+   moves along a line does, loops stay closed to its square */
+#define TARGET_WEIGHT 1e-2
+/* Newton steps at most to the least displacement: it takes some five */
+#define NEAREST_STEPS 20
+/* Size of the last of them: differences of this length leave half of the digits of the curvature,
+   and so 1e-14 of the way */
+#define NEAREST_STEP 1e-8
+/* Part of a step that the next one by the same derivatives should be: below TOLERANCE_CONTRACTION, at
+   which Newton's method is sure of its solution [Deuflhard2011, 2.1] */
+#define WANTED_CONTRACTION 0.2
+/* Least part of the way to the targets that is gone at once, and how much longer it may become */
+#define LEAST_PART 1e-3
+#define LONGER 4.0
+#define DIFFERENCE 1e-6
 
 struct Closer {
     Kernel *k;
@@ -72,8 +93,12 @@ struct Closer {
     Real *value, *residual, *multiplier;
     Envelope square;
     LeastMotion whole;           /* of few equations */
-    Real *dense, *few;           /* (n, nv), (nv) of free velocities */
-    Int *moves;                  /* (nv) whether an equation depends on each velocity */
+    Int room;                    /* rows of targets at most */
+    Real *dense, *few;           /* (n + room, nv), (nv) of free velocities */
+    Real *before;                /* (nq) scratch */
+    Real *first_off, left;       /* (room) the targets' residuals at the start; part that may be left */
+    Real *off, *freedom, *curvature, *gradient; /* (room); (nv, nv), likewise, (4 nv) */
+    Int *moves, *of_loops;       /* (nv) whether an equation depends on each velocity; a loop's */
     Int *free_index, n_free;          /* (nv) of each of these among the free ones; how many */
     Real *q, *trial, *step;
     Real size, rest;     /* of the step tried last, of what is left to go, by entries of v / scale */
@@ -83,6 +108,8 @@ struct Closer {
     const Int *free;     /* (nv) velocities that may move */
     const Real *wanted;  /* values of pinned coordinates */
     Real cut;            /* size of equations, by the largest, that move nothing */
+    Targets targets;
+    Int n_rows;          /* of these */
     int squares;         /* whether steps are worked out by squares */
 };
 
@@ -112,13 +139,22 @@ static void put_pinned_rows(Closer *c)
 
 /* ---------------------------------------------------------------- steps */
 
-/* Evaluate the equations at q; returns the length of the residual. */
+/* Evaluate the equations at q, and the targets; returns the length of the residual. */
 static Real residual_at(Closer *c, const Real *q, int far)
 {
     equations_values(c->k, q);
     if (far)
         rotations_put_values(c->k, &c->rotations);
-    return norm(c->k->residual, c->k->n_closure);
+    targets_values(c->k, &c->targets, c->off);
+    return sqrt(dot(c->k->residual, c->k->residual, c->k->n_closure) +
+                dot(c->off, c->off, c->n_rows));
+}
+
+/* The largest residual, where they were evaluated last. */
+static Real largest_residual(const Closer *c)
+{
+    const Real error = equations_error(c->k), off = largest(c->off, c->n_rows);
+    return error >= off ? error : off;
 }
 
 static void let_move(Closer *c, const Int *free)
@@ -129,17 +165,29 @@ static void let_move(Closer *c, const Int *free)
         c->free_index[v] = free[v] && c->moves[v] ? c->n_free++ : -1;
 }
 
-/* The derivatives with respect to free velocities as a matrix. What is held takes no part, nor what
+/* The derivatives with respect to free velocities as a matrix. Held entries take no part, nor what
    no equation depends on: it is not to move by the last bit. */
 static void fill_dense(Closer *c)
 {
-    memset(c->dense, 0, (size_t)(c->n * c->n_free) * sizeof(Real));
+    memset(c->dense, 0, (size_t)((c->n + c->n_rows) * c->n_free) * sizeof(Real));
     for (Int r = 0; r < c->n; r++) {
         Real *row = c->dense + r * c->n_free;
         for (Int i = c->start[r]; i < c->start[r + 1]; i++)
             if (c->free_index[c->column[i]] >= 0)
                 row[c->free_index[c->column[i]]] = c->value[i];
     }
+    Real *rows = c->dense + c->n * c->n_free;
+    targets_put_rows(c->k, &c->targets, c->free_index, c->n_free, rows);
+    for (Int i = 0; i < c->n_rows * c->n_free; i++)
+        rows[i] *= TARGET_WEIGHT;
+}
+
+/* Take the residuals where they were evaluated last. */
+static void take_residual(Closer *c)
+{
+    memcpy(c->residual, c->k->residual, (size_t)c->k->n_closure * sizeof(Real));
+    for (Int i = 0; i < c->n_rows; i++)
+        c->residual[c->n + i] = TARGET_WEIGHT * (c->off[i] - c->left * c->first_off[i]);
 }
 
 /* Linearise the equations where they were evaluated last, at c->q. */
@@ -149,17 +197,23 @@ static void linearise(Closer *c, int far)
     equations_jacobian(c->k, &c->k->equations.all);
     if (far)
         rotations_put_entries(c->k, &c->rotations);
-    memcpy(c->residual, k->residual, (size_t)k->n_closure * sizeof(Real));
+    take_residual(c);
     memcpy(c->value, k->entry, (size_t)k->entry_start[k->n_closure] * sizeof(Real));
     put_pinned_rows(c);
     if (!c->squares) {
         fill_dense(c);
-        least_motion_factor(&c->whole, c->dense, c->n_free, c->cut);
+        least_motion_factor(&c->whole, c->dense, c->n + c->n_rows, c->n_free, c->cut);
         return;
     }
     for (Int i = 0; i < c->start[c->n]; i++)
         c->value[i] = c->free[c->column[i]] ? c->value[i] : 0.0;
     envelope_square(&c->square, c->value);
+}
+
+static void linearise_at(Closer *c, const Real *q)
+{
+    residual_at(c, q, 0);
+    linearise(c, 0);
 }
 
 /* The step -Jᵀ (J Jᵀ + damping)⁻¹ r by the sparse squares; 0 where there is none. */
@@ -258,13 +312,13 @@ static Real polish(Closer *c)
 {
     Kernel *k = c->k;
     residual_at(c, c->q, 0);
-    Real error = equations_error(k);
-    for (int i = 0; i < POLISHED && error > DBL_EPSILON && k->n_closure; i++) {
+    Real error = largest_residual(c);
+    for (int i = 0; i < POLISHED && error > DBL_EPSILON && k->n_closure + c->n_rows; i++) {
         linearise(c, 0);
         if (!try_step(c, 0.0, INFINITY))
             break;
         residual_at(c, c->trial, 0);
-        const Real trial_error = equations_error(k), before = error;
+        const Real trial_error = largest_residual(c), before = error;
         if (trial_error < before) {
             accept(c);
             error = trial_error;
@@ -275,7 +329,56 @@ static Real polish(Closer *c)
     return error;
 }
 
-/* Descend from c->q to a residual of a length, or as far as that goes; returns what is left. */
+/* Newton's steps for loops and targets together, from closed loops in c->q; returns the largest
+   residual, or infinity. The targets come nearer by parts that are so short that steps contract: the
+   branch is the one that leads from the start to the targets. */
+static Real go_to_targets(Closer *c, Int steps)
+{
+    Real part = 1.0, reached = 0.0, error = INFINITY;
+    residual_at(c, c->q, 0);
+    memcpy(c->first_off, c->off, (size_t)c->n_rows * sizeof(Real));
+    for (Int i = 0; i < steps; i++) {
+        if (c->whole.m < 0)
+            linearise(c, 0);
+        const Real to = smaller_of(1.0, reached + part), gone = to - reached;
+        c->left = 1.0 - to;
+        take_residual(c);
+        try_step(c, 0.0, INFINITY);
+        const Real size = c->size;
+        Real shorter = size > TOLERANCE_LONGEST_STEP ? TOLERANCE_LONGEST_STEP / size : 1.0;
+        if (shorter == 1.0) {
+            memcpy(c->before, c->q, (size_t)c->k->nq * sizeof(Real));
+            accept(c);
+            residual_at(c, c->q, 0);
+            take_residual(c);
+            try_step(c, 0.0, INFINITY);
+            const Real contraction = size > 0.0 ? c->size / size : 0.0;
+            accept(c);
+            residual_at(c, c->q, 0);
+            const Real open = equations_error(c->k);
+            if ((contraction <= TOLERANCE_CONTRACTION && open <= TOLERANCE_UNEXPLAINED * size) ||
+                size < TOLERANCE_TIGHT) {
+                error = largest_residual(c);
+                if (to == 1.0 && (error <= DBL_EPSILON || c->size < TOLERANCE_ROUND_OFF))
+                    return error;
+                reached = to;
+                part = gone * smaller_of(LONGER, WANTED_CONTRACTION / (contraction + LEAST_PART));
+                c->whole.m = -1;
+                continue;
+            }
+            memcpy(c->q, c->before, (size_t)c->k->nq * sizeof(Real));
+            residual_at(c, c->q, 0);
+            shorter = larger_of(smaller_of(0.5, WANTED_CONTRACTION / contraction),
+                                TOLERANCE_UNEXPLAINED);
+        }
+        part = gone * shorter;
+        if (!(part > LEAST_PART))
+            break; /* or the last steps do not contract */
+    }
+    return INFINITY;
+}
+
+/* Descend from c->q to a residual of a length, or as far as that goes; returns the residual. */
 static Real come_near(Closer *c, const Int *free, Real tolerance, Int iterations, Real worthwhile)
 {
     Descent d = {PRODUCTS_LEAD, iterations, 1, 0, STALLED, worthwhile};
@@ -346,8 +449,9 @@ static int make_pattern(Closer *c)
 static int make_room(Closer *c)
 {
     Kernel *k = c->k;
-    c->residual = kernel_reals(k, c->n); /* that of pinned ones stays zero */
-    c->multiplier = kernel_reals(k, c->n);
+    c->room = c->n > FEW_EQUATIONS ? 0 : k->nv + MORE_TARGETS;
+    c->residual = kernel_reals(k, c->n + c->room); /* that of pinned ones stays zero */
+    c->multiplier = kernel_reals(k, c->n + c->room);
     c->q = kernel_reals(k, k->nq);
     c->trial = kernel_reals(k, k->nq);
     c->begin = kernel_reals(k, k->nq);
@@ -355,15 +459,23 @@ static int make_room(Closer *c)
     c->order = kernel_ints(k, c->n);
     if (c->n > FEW_EQUATIONS)
         return kernel_had_memory(k) ? DONE : NO_MEMORY;
-    c->dense = kernel_reals(k, c->n * k->nv);
+    c->dense = kernel_reals(k, (c->n + c->room) * k->nv);
+    c->off = kernel_reals(k, c->room);
+    c->first_off = kernel_reals(k, c->room);
+    c->before = kernel_reals(k, k->nq);
+    c->freedom = kernel_reals(k, k->nv * k->nv);
+    c->curvature = kernel_reals(k, k->nv * k->nv);
+    c->gradient = kernel_reals(k, 4 * k->nv);
     c->few = kernel_reals(k, k->nv);
     c->moves = kernel_ints(k, k->nv);
+    c->of_loops = kernel_ints(k, k->nv);
     c->free_index = kernel_ints(k, k->nv);
     if (!kernel_had_memory(k))
         return NO_MEMORY;
     for (Int i = 0; i < c->start[c->n]; i++)
         c->moves[c->column[i]] = 1;
-    return least_motion_create(k, c->n, k->nv, &c->whole);
+    memcpy(c->of_loops, c->moves, (size_t)k->nv * sizeof(Int));
+    return least_motion_create(k, c->n + c->room, k->nv, &c->whole);
 }
 
 static int take_axes(Closer *c, const Int *body, const Real *axis, Int n)
@@ -414,6 +526,7 @@ static void begin(Closer *c, const Real *pinned, const Real *reference, Real cut
     c->wanted = pinned;
     c->cut = cut;
     c->squares = c->n > FEW_EQUATIONS;
+    c->targets.n = c->n_rows = 0;
     memcpy(c->k->angle_reference, reference, (size_t)c->k->n_angles * sizeof(Real));
 }
 
@@ -427,7 +540,7 @@ Real closer_close_one(Closer *c, Real *q, const Closing *how, const Real *refere
 }
 
 /* Take whole turns off the angles of a configuration q (nq), where some are named. error: its closure
-   error; mirrored: whether axes point opposite ways; distance: from what is named. */
+   error; mirrored: whether axes point opposite ways; distance: from the named values. */
 static void judge(Closer *c, Real *q, const Real *reference, const Named *named, Real *error,
                   Int *mirrored, Real *distance)
 {
@@ -551,6 +664,27 @@ static void put_start(const Closer *c, const ClosureTask *r, Int step, Int neare
     tree_integrate(k, q, r->steps + step * k->nv);
 }
 
+/* Whether the result in the first row is the closed configuration nearest to its start: the first Newton
+   step from there contracts so that there is one solution within twice its length, which is that
+   [Deuflhard2011, 2.1]. Named coordinates are all. */
+static int is_unique(Closer *c, const ClosureTask *r)
+{
+    Real *away = c->gradient;
+    if (c->squares || r->how.first)
+        return 0;
+    let_move(c, r->how.free);
+    memcpy(c->q, c->begin, (size_t)c->k->nq * sizeof(Real));
+    linearise_at(c, c->q);
+    try_step(c, 0.0, INFINITY);
+    const Real size = norm(c->few, c->n_free);
+    residual_at(c, c->trial, 0);
+    take_residual(c);
+    try_step(c, 0.0, INFINITY);
+    displacement_gradient(c->k, c->begin, r->q, away);
+    return norm(c->few, c->n_free) <= TOLERANCE_CONTRACTION * size &&
+           norm(away, c->k->nv) <= 2.0 * size;
+}
+
 /* Close from further starts, until one leads near to what is named. Of results where nothing is at
    fault only those nearer than all before them stay. */
 static void reach_nearer(Closer *c, ClosureTask *r)
@@ -566,11 +700,121 @@ static void reach_nearer(Closer *c, ClosureTask *r)
     }
 }
 
+/* ---- targets ---- */
+
+/* The gradient (n_free) of the displacement from the start, less the pull of the multipliers. */
+static void pulled_gradient(Closer *c, const Real *q, int is_pulled, Real *out)
+{
+    Real *whole = c->gradient + 3 * c->k->nv;
+    displacement_gradient(c->k, c->begin, q, whole);
+    for (Int v = 0; v < c->k->nv; v++)
+        if (c->free_index[v] >= 0)
+            out[c->free_index[v]] = whole[v];
+    for (Int r = 0; r < c->n + c->n_rows && is_pulled; r++)
+        for (Int i = 0; i < c->n_free; i++)
+            out[i] -= c->multiplier[r] * c->dense[r * c->n_free + i];
+}
+
+static void put_step(Closer *c, const Real *few, Real factor, Real *q)
+{
+    for (Int v = 0; v < c->k->nv; v++)
+        c->step[v] = c->free_index[v] >= 0 ? factor * c->k->scale[v] * few[c->free_index[v]] : 0.0;
+    memcpy(q, c->q, (size_t)c->k->nq * sizeof(Real));
+    tree_integrate(c->k, q, c->step);
+}
+
+/* The Newton step along n freedoms to the least displacement [NocedalWright2006, 18]: the curvature of
+   its Lagrangian is differenced. 0 where that is no minimum. */
+static int nearest_step(Closer *c, Int n, Real *along)
+{
+    const Int m = c->n_free;
+    Real *here = c->gradient, *there = c->gradient + c->k->nv;
+    pulled_gradient(c, c->q, 0, here);
+    least_motion_freedoms(&c->whole, c->freedom);
+    least_motion_multipliers(&c->whole, here, c->multiplier);
+    for (Int i = 0; i < n; i++)
+        along[i] = -dot(c->freedom + i * m, here, m);
+    for (Int i = 0; i < n; i++) {
+        put_step(c, c->freedom + i * m, DIFFERENCE, c->trial);
+        residual_at(c, c->trial, 0);
+        equations_jacobian(c->k, &c->k->equations.all);
+        memcpy(c->value, c->k->entry, (size_t)c->start[c->k->n_closure] * sizeof(Real));
+        fill_dense(c);
+        pulled_gradient(c, c->trial, 1, there);
+        for (Int j = 0; j < n; j++)
+            c->curvature[i * n + j] = (dot(c->freedom + j * m, there, m) + along[j]) / DIFFERENCE;
+    }
+    for (Int i = 0; i < n; i++)
+        for (Int j = 0; j < i; j++)
+            c->curvature[i * n + j] = 0.5 * (c->curvature[i * n + j] + c->curvature[j * n + i]);
+    return !dense_cholesky_solve(n, c->curvature, along, TOLERANCE_REGULAR);
+}
+
+/* Go from a configuration that meets the targets to the nearest to the start that does. Whether that is
+   one, and nothing is at the end of its reach. */
+static int come_nearest(Closer *c)
+{
+    Real size_before = INFINITY;
+    c->left = 0.0;
+    for (int i = 0; i < NEAREST_STEPS; i++) {
+        const Int rank = c->whole.rank, n = c->n_free - rank;
+        const Real *R = c->whole.R, *last = R + (rank - 1) * (c->whole.n + 1);
+        if (rank && fabs(*last) < IN_REACH * TARGET_WEIGHT * fabs(*R))
+            return 0;
+        if (!n)
+            return 1;
+        linearise_at(c, c->q);
+        least_motion_solve(&c->whole, 0.0, c->residual, c->few);
+        Real *along = c->gradient + c->k->nv * 2;
+        if (!nearest_step(c, n, along))
+            return 0;
+        for (Int j = 0; j < n; j++)
+            for (Int v = 0; v < c->n_free; v++)
+                c->few[v] += along[j] * c->freedom[j * c->n_free + v];
+        const Real size = norm(c->few, c->n_free);
+        if (!(size < TOLERANCE_DAMPED_STEP && size < 0.5 * size_before))
+            return 0;
+        size_before = size;
+        put_step(c, c->few, 1.0, c->trial);
+        accept(c);
+        if (size < NEAREST_STEP)
+            return isfinite(polish(c));
+    }
+    return 0;
+}
+
+/* Close the loops from the first row where the targets are met too, with the least displacement. */
+static int reach_targets(Closer *c, ClosureTask *r)
+{
+    const Real *start = c->begin;
+    c->targets = r->targets;
+    c->n_rows = targets_count(c->k, &c->targets);
+    if (c->n_rows < 0 || c->n_rows > c->room || c->n + c->n_rows > FEW_EQUATIONS || c->n_pins) {
+        c->targets.n = c->n_rows = 0;
+        return BAD_ARRAYS;
+    }
+    targets_mark(c->k, &c->targets, c->moves);
+    memcpy(c->q, start, (size_t)c->k->nq * sizeof(Real));
+    let_move(c, r->how.free);
+    c->whole.m = -1;
+    const int is_nearest = go_to_targets(c, r->how.iterations) <= TOLERANCE_TIGHT && come_nearest(c);
+    judge_one(c, r, 0);
+    targets_values(c->k, &c->targets, c->off);
+    r->distance[0] = norm(c->off, c->n_rows);
+    memcpy(r->angle, c->k->angle, (size_t)c->k->n_angles * sizeof(Real));
+    c->targets.n = c->n_rows = 0;
+    memcpy(c->moves, c->of_loops, (size_t)c->k->nv * sizeof(Int));
+    return is_nearest ? DONE : NOT_CONVERGED;
+}
+
 EXPORT int closer_close(Closer *c, ClosureTask *r)
 {
-    const Int starts = r->m;
+    const Int starts = r->m, is_unique_wanted = r->unique;
     begin(c, r->pinned, r->reference, r->cut);
+    r->unique = 0;
     memcpy(c->begin, r->q, (size_t)c->k->nq * sizeof(Real));
+    if (r->targets.n)
+        return reach_targets(c, r);
     for (Int i = 0; i < starts; i++)
         reach_one(c, r, i);
     if (!r->facts)
@@ -581,7 +825,10 @@ EXPORT int closer_close(Closer *c, ClosureTask *r)
     const Named nothing = {0};
     Int mirrored;
     const int code = closer_examine(c, r->q, r->reference, &nothing, r->facts, r->angle, &mirrored);
-    if (code == DONE && is_sound(r, 0))
+    if (code != DONE || !is_sound(r, 0))
+        return code;
+    r->unique = is_unique_wanted && is_unique(c, r);
+    if (!r->unique)
         reach_nearer(c, r);
     return code;
 }

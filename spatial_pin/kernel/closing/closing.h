@@ -24,11 +24,14 @@ typedef struct {
     Named named;
     Int n_steps;
     const Real *steps;            /* (n_steps, nv) of further starts: of a group, from the first one */
-    Real near;                    /* distance from what is named that is not questioned */
+    Real near;                    /* a distance from the named values that is accepted */
     const Int *moved, *group;     /* (n_steps) the group of loops that each moves; (nv) of velocities */
-    Real *error, *distance;       /* (m) closure error; distance from what is named */
+    Real *error, *distance;       /* (m) closure error; distance from the named values */
     Int *mirrored;                /* (m) whether axes point opposite ways */
     Real *facts, *angle;          /* as closer_examine has them; facts NULL: not wanted */
+    Targets targets;              /* met too, from the first start */
+    Int unique;  /* whether it is of interest that no other closed configuration is as near to the first
+                    start; then whether that is certain, and further starts were not needed */
 } ClosureTask;
 
 /* Memory to close the loops of a kernel, freed with it. rotations: (n_rotations) first equations of
@@ -40,14 +43,16 @@ EXPORT int closer_create(Kernel *k, const Int *rotations, Int n_rotations, const
 
 /* Close the loops from each start by itself, and judge where that leads. Of a single start, what is
    closed is examined too, else facts[0] is infinite; and where nothing is at fault there, further
-   starts are tried: q, error, distance and mirrored have room for 1 + n_steps rows. */
+   starts are tried: q, error, distance and mirrored have room for 1 + n_steps rows. With targets it
+   is the nearest to the first start that meets them, `distance` what is left of them, `first` and
+   pinned coordinates are none; NOT_CONVERGED where that was not found. */
 EXPORT int closer_close(Closer *c, ClosureTask *r);
 /* Whether nothing is at fault in the first row, and it is the nearest, or near where there was no
    other start. Others may be open by more than `open`: their starts have led nowhere. */
 int closed_straight(const ClosureTask *r, Real open);
 
 /* What a configuration q (nq) is like, whole turns taken off its angles where some are named. facts:
-   (4) closure error, distance from what is named, and, where `angle` is wanted, how clearly equations
+   (4) closure error, distance from the named values, and, where `angle` is wanted, how clearly equations
    are independent: `least` and `left_out`, see judge_independence. angle: (n_angles) of screws;
    mirrored: whether axes point opposite ways. */
 EXPORT int closer_examine(Closer *c, Real *q, const Real *reference, const Named *named, Real *facts,

@@ -10,7 +10,7 @@
 #include "closing.h"
 #include "relative.h"
 
-/* What is written down of a sample. */
+/* The record of a sample. */
 typedef struct {
     Real error;           /* closure error */
     Real farthest, way;   /* of a joint, and of all together [rad, characteristic lengths] */

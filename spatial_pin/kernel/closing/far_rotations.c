@@ -44,8 +44,7 @@ int rotations_are_sound(const Kernel *k, const Rotations *rotations)
     return 1;
 }
 
-/* The rotation vector of R, given by its columns' rows r[3 * i + j], as Pinocchio's log3. */
-static void logarithm(const Real *r, Real *phi)
+void rotation_logarithm(const Real *r, Real *phi)
 {
     const Real trace = r[0] + r[4] + r[8];
     const Real angle = trace >= 3.0 ? 0.0 : trace <= -1.0 ? PI : acos(0.5 * (trace - 1.0));
@@ -103,7 +102,7 @@ static void rotation_vector(const Kernel *k, Int first, Int axes, Real *phi)
     Real r[9];
     relative_axes(k, first, axes, r);
     if (axes == 3) {
-        logarithm(r, phi);
+        rotation_logarithm(r, phi);
         return;
     }
     const Real z[3] = {r[2], r[5], r[8]};

@@ -3,7 +3,7 @@
  * alone what no equation moves, and equations that follow from others change nothing: to the last
  * digits, where a factor of J Jᵀ + damping knows both by their squares only.
  *
- * Not by dense.c: here columns lie one behind the other, and what is zero is left out. Closing a
+ * Not by dense.c: here columns lie one behind the other, and zeros are left out. Closing a
  * platform on six legs (18 equations) takes 110 microseconds so, and 290 that way. */
 #include <string.h>
 
@@ -15,7 +15,7 @@ static Int smaller(Int a, Int b) { return a < b ? a : b; }
 int least_motion_create(Kernel *k, Int n, Int most, LeastMotion *e)
 {
     const Int r = smaller(n, most);
-    e->n = n, e->m = most, e->rank = 0;
+    e->n = e->most = n, e->m = most, e->rank = 0;
     e->pivot = kernel_ints(k, n);
     e->vectors = kernel_reals(k, n * most);
     e->factor = kernel_reals(k, 2 * r);
@@ -103,9 +103,9 @@ static void gather(LeastMotion *e)
                 e->R[s * e->n + j] = j < s ? 0.0 : e->vectors[j * e->m + s];
 }
 
-void least_motion_factor(LeastMotion *e, const Real *J, Int m, Real cut)
+void least_motion_factor(LeastMotion *e, const Real *J, Int n, Int m, Real cut)
 {
-    e->m = m;
+    e->n = n, e->m = m;
     decompose(e, J, cut);
     gather(e);
 }
@@ -118,6 +118,15 @@ static void solve_tall(LeastMotion *e, Real damping, const Real *residual, Real 
     Real *right = e->right, *factor = e->factor + smaller(n, e->m);
     for (Int i = 0; i < n; i++)
         right[i] = -residual[e->pivot[i]];
+    if (r == n && damping == 0.0) { /* Rᵀ is square, and it is solved as it is */
+        for (Int i = 0; i < n; i++) {
+            z[i] = right[i];
+            for (Int s = 0; s < i; s++)
+                z[i] -= e->R[s * n + i] * z[s];
+            z[i] /= e->R[i * n + i];
+        }
+        return;
+    }
     memset(right + n, 0, (size_t)r * sizeof(Real));
     for (Int c = 0; c < r; c++) {
         Real *column = e->tall + c * rows;
@@ -148,4 +157,29 @@ void least_motion_solve(LeastMotion *e, Real damping, const Real *residual, Real
     solve_tall(e, damping, residual, x);
     for (Int step = e->rank - 1; step >= 0; step--)
         apply(e->vectors + step * e->m + step, e->factor[step], x + step, e->m - step);
+}
+
+void least_motion_freedoms(const LeastMotion *e, Real *rows)
+{
+    memset(rows, 0, (size_t)((e->m - e->rank) * e->m) * sizeof(Real));
+    for (Int i = e->rank; i < e->m; i++, rows += e->m) {
+        rows[i] = 1.0;
+        for (Int step = e->rank - 1; step >= 0; step--)
+            apply(e->vectors + step * e->m + step, e->factor[step], rows + step, e->m - step);
+    }
+}
+
+void least_motion_multipliers(LeastMotion *e, const Real *gradient, Real *y)
+{
+    Real *z = e->right;
+    memcpy(z, gradient, (size_t)e->m * sizeof(Real));
+    memset(y, 0, (size_t)e->n * sizeof(Real));
+    for (Int step = 0; step < e->rank; step++)
+        apply(e->vectors + step * e->m + step, e->factor[step], z + step, e->m - step);
+    for (Int i = e->rank - 1; i >= 0; i--) {
+        for (Int j = i + 1; j < e->rank; j++)
+            z[i] -= e->R[i * e->n + j] * z[j];
+        z[i] /= e->R[i * e->n + i];
+        y[e->pivot[i]] = z[i];
+    }
 }

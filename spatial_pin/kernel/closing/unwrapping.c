@@ -17,7 +17,7 @@ static Real without_turns(Real angle, Real value, Real lower, Real upper)
     return angle;
 }
 
-/* Take whole turns off angles: nearest to what is named, else to zero; held ones have their values. */
+/* Take whole turns off angles: nearest to the named values, else to zero; held ones have their values. */
 void unwrap_angles(const Kernel *k, const Named *named, Real *q)
 {
     for (Int i = 0; i < k->nq; i++) {
@@ -43,7 +43,7 @@ static Real square_between(const Real *one, const Real *two)
     return angle * angle;
 }
 
-/* How far q (nq) is from what is named: angles, and lengths by the size of a unit of each; of
+/* How far q (nq) is from the named values: angles, and lengths by the size of a unit of each; of
    floating joints nothing is named here. A turn that limits ask for is no way. */
 Real named_distance(const Kernel *k, const Named *named, const Real *q)
 {

@@ -80,15 +80,20 @@ static void place_angles(Kernel *k)
 {
     const Real around = 2.0 * PI;
     for (Int i = 0; i < k->n_angles; i++) {
+        if (k->implicit.is_angle[i])
+            continue;
         const Int *of = k->angles.product + 2 * i;
         const Real angle = atan2(k->products.value[of[0]], k->products.value[of[1]]);
         k->angle[i] = angle + around * nearbyint((near_angle(k, i) - angle) / around);
     }
+    implicit_place(k);
 }
 
-static void angle_rates(Kernel *k)
+static void angle_rates(Kernel *k, const Real *v)
 {
     for (Int i = 0; i < k->n_angles; i++) {
+        if (k->implicit.is_angle[i])
+            continue;
         const Int sine = k->angles.product[2 * i], cosine = k->angles.product[2 * i + 1];
         const Real s = k->products.value[sine], c = k->products.value[cosine], n = s * s + c * c;
         const Real ds = k->products.rate[sine], dc = k->products.rate[cosine];
@@ -97,6 +102,7 @@ static void angle_rates(Kernel *k)
         k->angles.rate[i] = rate;
         k->angles.bias[i] = (c * dds - s * ddc) / n - 2.0 * rate * (c * dc + s * ds) / n;
     }
+    implicit_rates(k, v);
 }
 
 static void place_quantity(Kernel *k, Int i)
@@ -130,6 +136,10 @@ static void rate_quantity(Kernel *k, Int i, const Real *v)
 
 static void add_angle_row(Kernel *k, Int angle, Real factor)
 {
+    if (k->implicit.is_angle[angle]) {
+        implicit_add_row(k, angle, factor);
+        return;
+    }
     const Int *of = k->angles.product + 2 * angle;
     const Real s = k->products.value[of[0]], c = k->products.value[of[1]], square = s * s + c * c;
     add_product_row(k, of[0], factor * c / square);
@@ -164,44 +174,65 @@ static Real product_without(const Kernel *k, Int term, Int one, Int other)
     return product;
 }
 
-static void value_of_sum(Kernel *k, Int equation)
+Real sum_value(Kernel *k, Int i)
 {
-    const Int *term = k->equations.term_start + equation, *factor = k->equations.factor_start;
+    const Int *term = k->equations.term_start + i, *factor = k->equations.factor_start;
     Real sum = 0.0;
     for (Int t = term[0]; t < term[1]; t++) {
-        for (Int i = factor[t]; i < factor[t + 1]; i++)
-            place_quantity(k, i);
+        for (Int x = factor[t]; x < factor[t + 1]; x++)
+            place_quantity(k, x);
         sum += product_without(k, t, -1, -1);
     }
-    k->residual[equation] = sum;
+    return sum;
 }
 
-static void jacobian_of_sum(Kernel *k, Int equation)
+static int is_one_of(const Kernel *k, Int quantity, Int first, Int n)
 {
-    const Int *term = k->equations.term_start + equation, *factor = k->equations.factor_start;
+    return k->quantities.kind[quantity] == ANGLE && within(k->quantities.at[2 * quantity] - first, n);
+}
+
+void sum_slopes(const Kernel *k, Int sum, Int first, Int n, Real *slopes)
+{
+    const Int *term = k->equations.term_start + sum, *factor = k->equations.factor_start;
+    for (Int i = 0; i < n; i++)
+        slopes[i] = 0.0;
     for (Int t = term[0]; t < term[1]; t++)
         for (Int i = factor[t]; i < factor[t + 1]; i++)
-            add_quantity_row(k, i, product_without(k, t, i, -1));
-    store_row(k, equation);
+            if (is_one_of(k, i, first, n))
+                slopes[k->quantities.at[2 * i] - first] +=
+                    product_without(k, t, i, -1) *
+                    (k->quantities.function[i] >= 0 ? k->quantities.slope[i] : 1.0);
 }
 
-static void bias_of_sum(Kernel *k, Int equation, const Real *v)
+void sum_add_row(Kernel *k, Int sum, Real weight, Int first, Int n)
 {
-    const Int *term = k->equations.term_start + equation, *factor = k->equations.factor_start;
+    const Int *term = k->equations.term_start + sum, *factor = k->equations.factor_start;
+    for (Int t = term[0]; t < term[1]; t++)
+        for (Int i = factor[t]; i < factor[t + 1]; i++)
+            if (!is_one_of(k, i, first, n))
+                add_quantity_row(k, i, weight * product_without(k, t, i, -1));
+}
+
+void sum_rates(Kernel *k, Int sum_at, const Real *v, Real *of_rate, Real *of_bias)
+{
+    const Int *term = k->equations.term_start + sum_at, *factor = k->equations.factor_start;
     const Real *rate = k->quantities.rate, *bias = k->quantities.bias;
-    Real sum = 0.0;
+    Real sum = 0.0, first = 0.0;
     for (Int t = term[0]; t < term[1]; t++) {
         const Int begin = factor[t], end = factor[t + 1];
         for (Int i = begin; i < end; i++)
             rate_quantity(k, i, v);
         for (Int i = begin; i < end; i++) {
-            sum += product_without(k, t, i, -1) * bias[i];
+            const Real product = product_without(k, t, i, -1);
+            first += product * rate[i];
+            sum += product * bias[i];
             for (Int j = begin; j < end; j++)
                 if (j != i)
                     sum += product_without(k, t, i, j) * rate[i] * rate[j];
         }
     }
-    k->equations.bias[equation] = sum;
+    *of_rate = first;
+    *of_bias = sum;
 }
 
 /* ---- the kinds ---- */
@@ -211,7 +242,7 @@ static void value_of(Kernel *k, Int equation)
     if (k->equations.kind[equation] == PRODUCT)
         k->residual[equation] = k->products.value[k->equations.product[equation]];
     else if (k->equations.kind[equation] == SUM)
-        value_of_sum(k, equation); /* an idle rotation has no value, only a rate */
+        k->residual[equation] = sum_value(k, equation); /* an idle rotation has no value, only a rate */
 }
 
 static void jacobian_of(Kernel *k, Int equation)
@@ -219,7 +250,8 @@ static void jacobian_of(Kernel *k, Int equation)
     const Int kind = k->equations.kind[equation], product = k->equations.product[equation];
     Real force[3] = {0.0, 0.0, 0.0}, moment[3];
     if (kind == SUM) {
-        jacobian_of_sum(k, equation);
+        sum_add_row(k, equation, 1.0, 0, 0);
+        store_row(k, equation);
         return;
     }
     if (kind == PRODUCT)
@@ -231,8 +263,9 @@ static void jacobian_of(Kernel *k, Int equation)
 static void bias_of(Kernel *k, Int equation, const Real *v)
 {
     const Int kind = k->equations.kind[equation], product = k->equations.product[equation];
+    Real rate;
     if (kind == SUM) {
-        bias_of_sum(k, equation, v);
+        sum_rates(k, equation, v, &rate, k->equations.bias + equation);
     } else if (kind == PRODUCT) {
         k->equations.bias[equation] = k->products.bias[product];
     } else {
@@ -265,13 +298,8 @@ static int covers(const Kernel *k, Int equation, Int product)
     return 1;
 }
 
-static int angle_is_sound(const Kernel *k, Int equation, Int angle)
-{
-    return within(angle, k->n_angles) && covers(k, equation, k->angles.product[2 * angle]) &&
-           covers(k, equation, k->angles.product[2 * angle + 1]);
-}
-
-static int quantity_is_sound(const Kernel *k, Int equation, Int i)
+/* Whether a quantity that is no angle is there, and an equation holds what it depends on. */
+static int quantity_fits(const Kernel *k, Int equation, Int i)
 {
     const Int kind = k->quantities.kind[i], *at = k->quantities.at + 2 * i;
     if (k->quantities.function[i] < -1 || k->quantities.function[i] >= k->quantities.n_functions ||
@@ -279,16 +307,37 @@ static int quantity_is_sound(const Kernel *k, Int equation, Int i)
         return 0;
     if (kind == COORDINATE)
         return within(at[0], k->nq) && holds(k, equation, at[1]);
-    if (kind == OF_PRODUCT)
-        return within(at[0], k->products.n) && covers(k, equation, at[0]);
-    return kind == ANGLE && angle_is_sound(k, equation, at[0]);
+    return kind == ANGLE || (kind == OF_PRODUCT && within(at[0], k->products.n) &&
+                             covers(k, equation, at[0]));
+}
+
+/* Likewise of an angle that sums define: these have no other angles. */
+static int implicit_fits(const Kernel *k, Int equation, const Int *of)
+{
+    const Int *start = k->equations.factor_start, *term = k->equations.term_start + of[2];
+    for (Int i = start[term[0]]; i < start[term[of[1] + 2]]; i++)
+        if (!quantity_fits(k, equation, i) ||
+            (k->quantities.kind[i] == ANGLE && !is_one_of(k, i, of[0], of[1])))
+            return 0;
+    return 1;
+}
+
+static int angle_is_sound(const Kernel *k, Int equation, Int angle)
+{
+    for (Int i = 0; i < k->implicit.n; i++)
+        if (within(angle - k->implicit.at[4 * i], k->implicit.at[4 * i + 1]))
+            return implicit_fits(k, equation, k->implicit.at + 4 * i);
+    return within(angle, k->n_angles) && covers(k, equation, k->angles.product[2 * angle]) &&
+           covers(k, equation, k->angles.product[2 * angle + 1]);
 }
 
 static int sum_is_sound(const Kernel *k, Int equation)
 {
     for (Int t = k->equations.term_start[equation]; t < k->equations.term_start[equation + 1]; t++)
         for (Int i = k->equations.factor_start[t]; i < k->equations.factor_start[t + 1]; i++)
-            if (!quantity_is_sound(k, equation, i))
+            if (!quantity_fits(k, equation, i) ||
+                (k->quantities.kind[i] == ANGLE &&
+                 !angle_is_sound(k, equation, k->quantities.at[2 * i])))
                 return 0;
     return 1;
 }
@@ -320,10 +369,10 @@ static int ascends(const Int *start, Int n)
 
 int equations_are_sound(const Kernel *k)
 {
-    const Int ne = k->n_equations;
+    const Int ne = k->n_equations, n_sums = ne + k->implicit.n_sums;
     if (piecewise_size(k->quantities.shape, k->quantities.n_functions) < 0 ||
-        !ascends(k->equations.term_start, ne) ||
-        !ascends(k->equations.factor_start, k->equations.term_start[ne]))
+        !ascends(k->equations.term_start, n_sums) ||
+        !ascends(k->equations.factor_start, k->equations.term_start[n_sums]) || !implicit_is_sound(k))
         return 0;
     for (Int i = 0; i < 2 * k->n_angles; i++)
         if (!within(k->angles.product[i], k->products.n))
@@ -363,18 +412,23 @@ static void mark_product(Kernel *k, Int product)
     }
 }
 
-/* Mark what an equation of the system is made of; products of angles are marked anyway. */
-static void mark_equation(Kernel *k, Int i)
+/* Mark the products that sums from one number to another are made of; those of angles are anyway. */
+static void mark_sums(Kernel *k, Int i, Int last)
 {
-    k->equations.is_equation[i] = INSIDE;
-    if (k->equations.kind[i] != SUM) {
-        mark_product(k, k->equations.product[i]);
-        return;
-    }
-    const Int end = k->equations.factor_start[k->equations.term_start[i + 1]];
+    const Int end = k->equations.factor_start[k->equations.term_start[last]];
     for (Int x = k->equations.factor_start[k->equations.term_start[i]]; x < end; x++)
         if (k->quantities.kind[x] == OF_PRODUCT)
             mark_product(k, k->quantities.at[2 * x]);
+}
+
+/* Mark what an equation of the system is made of. */
+static void mark_equation(Kernel *k, Int i)
+{
+    k->equations.is_equation[i] = INSIDE;
+    if (k->equations.kind[i] == SUM)
+        mark_sums(k, i, i + 1);
+    else
+        mark_product(k, k->equations.product[i]);
 }
 
 static Int list(const char *mark, char wanted, Int n, Int *places)
@@ -386,7 +440,7 @@ static Int list(const char *mark, char wanted, Int n, Int *places)
     return count;
 }
 
-/* List what is marked so. */
+/* List the marked entries. */
 static void list_parts(const Kernel *k, char mark, Parts *of)
 {
     of->n_equations = list(k->equations.is_equation, mark, k->n_equations, of->equation);
@@ -404,6 +458,7 @@ void equations_of_system(Kernel *k)
             mark_equation(k, i);
     for (Int i = 0; i < 2 * k->n_angles; i++)
         mark_product(k, k->angles.product[i]);
+    mark_sums(k, k->n_equations, k->n_equations + k->implicit.n_sums);
     list_parts(k, INSIDE, &k->equations.system);
     list_parts(k, OUTSIDE, &k->equations.rest);
 }
@@ -556,7 +611,7 @@ void equations_bias(Kernel *k, const Parts *of, const Real *v)
         all->bias[i] = dot3(ddA, B) + 2.0 * dot3(dA, dB) + dot3(A, ddB);
     }
     if (of != &k->equations.rest)
-        angle_rates(k);
+        angle_rates(k, v);
     for (Int e = 0; e < of->n_equations; e++)
         bias_of(k, of->equation[e], v);
 }

@@ -13,7 +13,7 @@
 /* Unknowns up to which a full matrix is factored faster than a sparse one is put in order, and of
  * how many entries one is not zero where it is factored as a full one anyway. */
 #define FEW_UNKNOWNS 64
-#define DENSE 4 /* of so many entries one is not zero, at least */
+#define DENSE 4 /* at least one of this many entries is not zero */
 
 static int is_full(const Factors *f)
 {

@@ -1,4 +1,4 @@
-/* The compiled kernel: a mechanism as flat arrays, and what is worked out on them.
+/* The compiled kernel: a mechanism as flat arrays, and the work on them.
  *
  * A mechanism is a tree of joints (tree.c) and closure equations on it (equations.c). Joint axes
  * are the local z axes: whoever packs the mechanism turns the joint frames once. Rotations are
@@ -108,6 +108,16 @@ typedef struct {
     Real *rate, *bias;       /* of each; bias: second derivative */
 } Angles;
 
+/* Angles that sums define: one or two, at which as many sums vanish. They follow the equations: those
+   that vanish, one that is positive at a root, and one that is least there. */
+typedef struct {
+    Int n, n_sums;
+    const Int *at;           /* (4) first angle, how many, first sum; bits: which are periodic */
+    const Real *span;        /* (4) where roots of both are looked for */
+    Real *inverse;           /* (4) of the slopes of their sums */
+    char *is_angle;          /* (n_angles) whether an angle is one of them */
+} Implicit;
+
 /* Products, joint coordinates and angles, or functions of them, that terms of equations have. */
 typedef struct {
     Int n, n_functions;
@@ -124,7 +134,7 @@ typedef struct {
 /* Equations: a product each, or a sum of terms, which are numbers times quantities. */
 typedef struct {
     const Int *kind, *product;   /* (n_equations) EquationKind; the product of those that are one */
-    const Int *term_start;       /* (n_equations + 1) terms of a sum */
+    const Int *term_start;       /* (n_equations + implicit.n_sums + 1) terms of a sum */
     const Int *factor_start;     /* (n_terms + 1) quantities that a term's number is times */
     const Real *term_number;
     Parts all, system, rest;     /* of the mechanism; of the square system; and all others */
@@ -133,12 +143,12 @@ typedef struct {
     Real *row;                   /* (nv) scratch, zero between uses */
 } Equations;
 
-/* The square system: rows of chosen equations, idle rotations, what is driven, and filled rows. */
+/* The square system: rows of chosen equations, idle rotations, driven coordinates, and filled rows. */
 typedef struct {
     Int n_chosen, n_driven, n_fill;
     Int *chosen, *driven; /* equations; freedoms in v, or nv + v for the component that v is of */
     Int *candidate;       /* (nv) equations that may be chosen instead */
-    Pin *pin;             /* (n_pins) the components among what is driven, */
+    Pin *pin;             /* (n_pins) the components among driven coordinates, */
     Int n_pins, *pin_row, *pin_entry; /* their rows of the matrix, and first of three entries */
     Real *fill;           /* (n_fill, nv) rows with respect to v / scale */
     SparseLU *lu;
@@ -149,10 +159,10 @@ typedef struct {
                              was independent of the chosen ones when these were chosen */
     Real mantissa;        /* size of the determinant is mantissa * 2^exponent */
     Int exponent;
-    Int factorisations;   /* counted since creation */
+    Int factorisations, orders; /* counted since creation; orders of pivots that were chosen */
 } SquareSystem;
 
-/* What is freed with a kernel. */
+/* Memory that is freed with a kernel. */
 typedef struct {
     void **blocks;
     Int n_blocks, room, was_short; /* was_short: of memory, since the last kernel_had_memory */
@@ -191,6 +201,7 @@ typedef struct Kernel {
     Vectors vectors;
     Products products;
     Angles angles;
+    Implicit implicit;
     Quantities quantities;
     Equations equations;
 
@@ -252,6 +263,20 @@ void equations_place_ground(Kernel *k); /* vectors that do not move, once for al
 Real equations_error(const Kernel *k);           /* largest absolute residual; NaN if one is */
 int equations_are_sound(const Kernel *k);        /* whether their indices fit */
 
+/* ---- implicit.c ---- */
+/* Place angles that sums define near the reference; where that is 0, at their best root. */
+void implicit_place(Kernel *k);
+void implicit_rates(Kernel *k, const Real *v);
+/* Add factor times the derivatives of such an angle to the scratch row over all freedoms. */
+void implicit_add_row(Kernel *k, Int angle, Real factor);
+int implicit_is_sound(const Kernel *k); /* whether their indices fit */
+/* Of a sum, in equations.c: its value; slopes (n) by n angles from `first` on; first two derivatives
+   in time; and the derivatives by all else, added to the scratch row. */
+Real sum_value(Kernel *k, Int sum);
+void sum_slopes(const Kernel *k, Int sum, Int first, Int n, Real *slopes);
+void sum_rates(Kernel *k, Int sum, const Real *v, Real *rate, Real *bias);
+void sum_add_row(Kernel *k, Int sum, Real factor, Int first, Int n);
+
 /* ---- evaluating.c ---- */
 /* Configurations, and where goes what they give: as `_EvaluationStruct` in kernel.py. Of the outputs
    those that are NULL are not wanted. */
@@ -282,7 +307,7 @@ EXPORT int kernel_evaluate(Kernel *k, const Evaluation *e);
 int system_set(Kernel *k, const Int *chosen, Int n_chosen, const Int *driven, Int n_driven,
                const Real *fill, Int n_fill);
 /* Rows of a square matrix: of equations and of all idle rotations, at the evaluated point, with room
-   for so many entries more; 0 if there is no memory. Then those of what is driven, at that point,
+   for so many entries more; 0 if there is no memory. Then those of driven coordinates, at that point,
    `pin` being its component if it is one; and rows (n, nv) that fill it up. */
 int system_put_equations(const Kernel *k, const Int *equations, Int n, Int more, Entries *to);
 void system_put_driven(const Kernel *k, Int row, Int driven, const Pin *pin, Entries *to);
@@ -293,20 +318,20 @@ static inline Real determinant_size(const Kernel *k)
 {
     return log2(k->system.mantissa) + (Real)k->system.exponent;
 }
-/* right sides of chosen, idle, driven, fill -> v / scale; those of what is driven by its scale */
+/* right sides of chosen, idle, driven, fill -> v / scale; those of driven coordinates by their scale */
 void system_solve(const Kernel *k, Real *x);
 /* Other independent equations at the point that was evaluated, as many; SINGULAR, and those there
    were, if there are none.
    `left_out` tells how independent the others are. */
 int system_reselect(Kernel *k);
 int system_choose(Kernel *k, const Int *chosen); /* these (n_chosen) instead */
-/* Right sides, in k->right, of rates where what is driven has these (n_driven); and of accelerations
+/* Right sides, in k->right, of rates where driven coordinates have these (n_driven); and of accelerations
    where joints have velocities v (nv). The others are zero. */
 void system_put_rates(Kernel *k, const Real *rate);
 void system_put_accelerations(Kernel *k, const Real *v, const Real *acceleration);
-/* dq/ds and d2q/ds2 (joint rates), at a factored point, where what is driven has derivatives
+/* dq/ds and d2q/ds2 (joint rates), at a factored point, where driven coordinates have derivatives
    `rate` and `bend` (n_driven) by s */
 void system_path_rates(Kernel *k, const Real *rate, const Real *bend, Real *first, Real *second);
-Int driven_at(const Kernel *k, Int i); /* the velocity entry of what is driven */
+Int driven_at(const Kernel *k, Int i); /* the velocity entry of a driven coordinate */
 
 #endif

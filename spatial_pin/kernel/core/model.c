@@ -21,7 +21,7 @@ const char *const kernel_prototypes[] = {PROTOTYPES NULL};
 
 /* Of anything counted: products of two counts stay far below 2^63 */
 #define MOST_COUNTED 100000000
-#define N_COUNTS 14 /* that the arrays begin with */
+#define N_COUNTS 16 /* that the arrays begin with */
 
 static int read_structure(Kernel *k, Source from)
 {
@@ -37,7 +37,9 @@ static int read_structure(Kernel *k, Source from)
     const Int n_support = head[8], n_entries = head[9], n_spins = head[10], np = k->products.n;
     const Int n_terms = head[11];
     k->quantities.n = head[12], k->quantities.n_functions = head[13];
+    k->implicit.n = head[14], k->implicit.n_sums = head[15];
     const Int n = k->n_joints, ne = k->n_equations = k->n_closure + k->n_idle;
+    const Int n_sums = ne + k->implicit.n_sums;
     k->kind = read_ints(&from, n);
     k->parent = read_ints(&from, n);
     k->iq = read_ints(&from, n);
@@ -52,7 +54,8 @@ static int read_structure(Kernel *k, Source from)
     k->equations.kind = read_ints(&from, ne);
     k->equations.product = read_ints(&from, ne);
     k->angles.product = read_ints(&from, 2 * k->n_angles);
-    k->equations.term_start = read_ints(&from, ne + 1);
+    k->implicit.at = read_ints(&from, 4 * k->implicit.n);
+    k->equations.term_start = read_ints(&from, n_sums + 1);
     k->equations.factor_start = read_ints(&from, n_terms + 1);
     k->quantities.kind = read_ints(&from, k->quantities.n);
     k->quantities.at = read_ints(&from, 2 * k->quantities.n);
@@ -64,7 +67,7 @@ static int read_structure(Kernel *k, Source from)
     k->angles.spin_q = read_ints(&from, n_spins);
     return n > 0 && !from.failed && from.n_ints == 0 && k->products.support_start[np] == n_support &&
            k->entry_start[ne] == n_entries && k->angles.spin_start[k->n_angles] == n_spins &&
-           k->equations.term_start[ne] == n_terms &&
+           k->equations.term_start[n_sums] == n_terms &&
            k->equations.factor_start[n_terms] == k->quantities.n;
 }
 
@@ -148,7 +151,8 @@ static int read_numbers(Kernel *k, const Real *reals, Int n_reals)
         {&k->products.support_sign, k->products.support_start[np]},
         {&k->angles.spin_offset, k->n_angles},
         {&k->angles.spin_sign, k->angles.spin_start[k->n_angles]},
-        {&k->equations.term_number, k->equations.term_start[ne]},
+        {&k->implicit.span, 4 * k->implicit.n},
+        {&k->equations.term_number, k->equations.term_start[ne + k->implicit.n_sums]},
         {&k->quantities.number, piecewise_size(k->quantities.shape, k->quantities.n_functions)},
     };
     const Int n_fields = (Int)(sizeof fields / sizeof *fields);
@@ -196,6 +200,7 @@ static int make_room(Kernel *k)
         {&k->angles.rate, na}, {&k->angles.bias, na}, {&k->quantities.value, nx},
         {&k->quantities.rate, nx}, {&k->quantities.bias, nx}, {&k->quantities.slope, nx},
         {&k->quantities.bend, nx}, {&k->equations.bias, ne}, {&k->equations.row, nv},
+        {&k->implicit.inverse, 4 * k->implicit.n},
     };
     for (size_t i = 0; i < sizeof fields / sizeof *fields; i++)
         *fields[i].to = kernel_reals(k, fields[i].count);
@@ -210,6 +215,7 @@ static int make_room(Kernel *k)
     k->system.pin_row = kernel_ints(k, nv);
     k->system.pin_entry = kernel_ints(k, nv);
     k->system.lu = lu_new();
+    k->implicit.is_angle = kernel_memory(k, na, 1);
     equations_make_room(k);
     return kernel_had_memory(k) && k->system.lu;
 }
@@ -231,6 +237,9 @@ EXPORT int kernel_create(const Int *ints, Int n_ints, const Real *reals, Int n_r
             k->quantities.called[i] = called[i];
         k->R[0] = k->R[4] = k->R[8] = 1.0; /* the ground */
         find_plain_joints(k);
+        for (Int i = 0; i < k->implicit.n; i++)
+            for (Int x = 0; x < k->implicit.at[4 * i + 1]; x++)
+                k->implicit.is_angle[k->implicit.at[4 * i] + x] = 1;
         equations_begin(k);
         *out = k;
     } else

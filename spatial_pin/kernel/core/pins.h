@@ -29,7 +29,7 @@ void pins_put(const Pin *pin, Int n, const Real *value, Real *q);
 
 Real pin_value(const Pin *pin, const Real *q);
 
-/* The value with as many whole turns as bring it nearest to what is wanted, of a rotation about the
+/* The value with as many whole turns as bring it nearest to the wanted value, of a rotation about the
  * component's own axis, which may go on past half a turn; else as `pin_value`. */
 Real pin_value_near(const Pin *pin, const Real *q, Real wanted);
 

@@ -1,4 +1,4 @@
-/* The square system: chosen closure equations, idle rotations, what is driven, and rows that fill
+/* The square system: chosen closure equations, idle rotations, drivers, and rows that fill
  * it up where freedoms are left (passive ones that nothing determines). Unknowns are v / scale. */
 #include <string.h>
 
@@ -142,8 +142,10 @@ int system_factor(Kernel *k)
     evaluate(k);
     for (int attempt = 0; attempt < 2; attempt++) {
         int code = DONE;
-        if (attempt || !lu_has_order(k->system.lu))
+        if (attempt || !lu_has_order(k->system.lu)) {
+            k->system.orders++;
             code = lu_analyse(k->system.lu, k->nv, &k->system.matrix);
+        }
         if (code != DONE)
             return code;
         const int factored = lu_factor(k->system.lu, k->system.matrix.value);

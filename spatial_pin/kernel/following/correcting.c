@@ -1,7 +1,7 @@
 /* Newton's method near a path of closed configurations, of sweeps and of simulations.
  *
  * K x = -r with K the square system and r the residual of the chosen equations, 0 for all other
- * rows: what is driven stands, idle rotations and filled rows have no part in x. One test tells
+ * rows: drivers stand still, idle rotations and filled rows have no part in x. One test tells
  * a correction from a jump to something else: the first is small beside the prediction, and every
  * other is much smaller than the one before. Held coordinates of a rotation have rows of no
  * K: a `Held` tells how far they are, and what brings them there. */

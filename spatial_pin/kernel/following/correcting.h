@@ -13,14 +13,14 @@ typedef struct {
 } Held;
 
 typedef struct Correction {
-    /* asked for */
+    /* wanted */
     Real enough;  /* residual at which the prediction is left as it is */
     Real tolerance; /* residual to reach by corrections */
     Real left;    /* residual that round-off may leave where corrections do no more; it is never
                      below `tolerance` */
     Real allowed; /* largest first correction: a larger one is none of a prediction on the path */
     Int fixed;    /* corrections to make whatever the residual; -1: as many as it takes */
-    Prescribed *prescribed; /* what is given its values after every correction; NULL: nothing */
+    Prescribed *prescribed; /* coordinates set after every correction; NULL: none */
     const Held *held; /* NULL: all that is driven stands still */
     Int reuse;    /* whether the factors at hand, of a point near by, may serve for the first one */
     Real away;    /* how far from there, if it is known: that part of a residual is about what a
@@ -30,9 +30,9 @@ typedef struct Correction {
     Int count;    /* corrections made */
 } Correction;
 
-/* Correct q (nq) until the chosen equations hold, what is driven standing still.
+/* Correct q (nq) until the chosen equations hold, drivers standing still.
  *
- * The system is bordered by whatever `system_set` was given: what is driven, independent
+ * The system is bordered by the rows of `system_set`: drivers, independent
  * coordinates, or filled rows such as a tangent. Corrections have sizes of v / scale (Euclidean).
  *
  * DONE: the values (`equations_values`), but not the Jacobian nor the factors, are those at q.
@@ -54,7 +54,7 @@ Real chosen_residual(const Kernel *k);
 
 /* Whether the equations left out hold a step from q too, in all freedoms: where branches
  * cross, or a freedom is instantaneous only, they open by its square [ConnellyWhiteley1996]. DONE,
- * UNSAFE if they open, or what kept from telling. The system is factored at q, where the closure
+ * UNSAFE if they open, or the reason why that is unknown. The system is factored at q, where the closure
  * error is `error`; the kernel is left at `there` (nq), the end of the step. */
 int stays_closed(Kernel *k, const Real *q, Real error, Real *there);
 

@@ -13,9 +13,11 @@
 #include "interpolating.h"
 #include "path.h"
 
-#define ROUND_OFF_PART (4.0 * DBL_EPSILON) /* of an equation's value, and of its derivatives' */
-#define CURVED_PART 0.1       /* third derivatives of equations by the cube of the rates, about */
-#define OPEN_TIMES 2.0         /* times a residual: it may point where the equations are weak, example or not */
+#define ROUND_OFF_PART (2.0 * DBL_EPSILON) /* of an equation's value, and of its derivatives' */
+#define PROBES 2              /* examples of residuals: one alone may be one that matters little */
+#define THIRD_STEP 1e-4       /* of a difference of second derivatives [rad] */
+#define RESOLVED_PART 0.25    /* of what round-off of q may leave at most */
+#define OPEN_TIMES 3.0         /* times a residual: it may point where the equations are weak, example or not */
 #define PROBED_POINTS 256        /* points whose errors are estimated by one of them, */
 #define MUCH 1.5         /* unless rates have grown by so much, or pivots fallen */
 #define SURE_TIMES 2.0         /* times the error in the middle, which factors of the end tell */
@@ -34,55 +36,95 @@ typedef struct {
 } Missed;
 static const Missed MISSED[] = {{4.0, 3.43, 24.0, 12.0}, {7.0, 5.2, 41.0, 20.0}};
 
-/* Change of t where q changes along u (nv), both scaled: the polar form (c(t + u) - c(t - u)) / 4 of the
-   second derivatives, which are quadratic. Into k->right; returns its size. */
-static Real response(Path *path, const Real *t, const Real *u)
+/* Add the equations' change at rates (nv), times a factor, to a right side: of those in use, and of
+   idle rotations. */
+static void add_bias(Kernel *k, const Real *rates, Real factor, Real *right)
 {
-    Kernel *k = path->k;
-    Real *sum = path->middle.t, *half = path->middle.c;
-    memset(half, 0, (size_t)k->nv * sizeof *half);
-    for (int sign = 1; sign >= -1; sign -= 2) {
-        for (Int v = 0; v < k->nv; v++)
-            sum[v] = k->scale[v] * (t[v] + sign * u[v]);
-        equations_bias(k, &k->equations.system, sum);
-        for (Int i = 0; i < k->system.n_chosen; i++)
-            half[i] -= 0.25 * sign * k->equations.bias[k->system.chosen[i]];
-        for (Int i = 0; i < k->n_idle; i++)
-            half[k->system.n_chosen + i] -= 0.25 * sign * k->equations.bias[k->n_closure + i];
-    }
-    memcpy(k->right, half, (size_t)k->nv * sizeof *half);
-    system_solve(k, k->right);
-    return norm(k->right, k->nv);
+    equations_bias(k, &k->equations.system, rates);
+    for (Int i = 0; i < k->system.n_chosen; i++)
+        right[i] += factor * k->equations.bias[k->system.chosen[i]];
+    for (Int i = 0; i < k->n_idle; i++)
+        right[k->system.n_chosen + i] += factor * k->equations.bias[k->n_closure + i];
 }
 
-/* Of a configuration that is off where residuals are one, some this way, some that way, t is off by what
-   changes it, and c by that twice, and by what changes with the bend. */
-void probe_errors(Path *path)
+/* Add second derivatives along a and b (nv), scaled, times a factor, to a right side: by the polar form
+   of what is quadratic, (c(a + b) - c(a - b)) / 4. */
+static void add_second(Path *path, const Real *a, const Real *b, Real factor, Real *right)
+{
+    Kernel *k = path->k;
+    Real *sum = path->middle.t;
+    for (int sign = 1; sign >= -1; sign -= 2) {
+        for (Int v = 0; v < k->nv; v++)
+            sum[v] = k->scale[v] * (a[v] + sign * b[v]);
+        add_bias(k, sum, 0.25 * sign * factor, right);
+    }
+}
+
+/* Subtract third derivatives along the path's t, twice, and along u (nv), scaled, from a right side: by a difference. */
+static void subtract_third(Path *path, const Real *u, Real *right)
+{
+    Kernel *k = path->k;
+    const Point *here = path->here;
+    Real *q = path->middle.q, *step = path->middle.t;
+    add_bias(k, here->t, 1.0 / THIRD_STEP, right);
+    for (Int v = 0; v < k->nv; v++)
+        step[v] = THIRD_STEP * k->scale[v] * u[v];
+    memcpy(q, here->q, (size_t)k->nq * sizeof *q);
+    tree_integrate(k, q, step);
+    equations_values_near(k, q, here->angle);
+    add_bias(k, here->t, -1.0 / THIRD_STEP, right);
+    equations_values_near(k, here->q, here->angle);
+}
+
+/* Let x be what J x = right (nv) has as its solution; returns its size. */
+static Real magnified(Kernel *k, const Real *right, Real *x)
+{
+    memcpy(k->right, right, (size_t)k->nv * sizeof *x);
+    system_solve(k, k->right);
+    memcpy(x, k->right, (size_t)k->nv * sizeof *x);
+    return norm(x, k->nv);
+}
+
+/* An example: residuals of one, with signs by a phase. q is off along u, then t by what solves
+   J dt = -f''(u, t), and c by J dc = -(f'''(u, t, t) + 2 f''(t, dt) + f''(u, c)). */
+static void probe_example(Path *path, Real phase)
 {
     Kernel *k = path->k;
     const Point *here = path->here;
     Probe *p = &path->probe;
-    Real *t = p->t, *u = p->along, *change = p->change;
-    memset(k->right, 0, (size_t)k->nv * sizeof *k->right);
+    Real *u = p->along, *dt = p->change, *right = path->middle.c;
+    const size_t size = (size_t)k->nv * sizeof *u;
+    memset(right, 0, size);
     for (Int i = 0; i < k->system.n_chosen; i++)
-        k->right[i] = cos((Real)((i + 1) * (i + 1))) < 0.0 ? -1.0 : 1.0;
-    system_solve(k, k->right);
-    p->gain = norm(k->right, k->nv);
-    path->rounding = round_off_of(k, here->q);
-    p->pace = here->pace, p->bend = here->bend, p->pivot = k->system.pivot_ratio, p->rows = 0;
-    p->first = p->second = 0.0;
-    if (!(p->gain > 0.0))
+        right[i] = cos((Real)((i + 1) * (i + 1)) + phase) < 0.0 ? -1.0 : 1.0;
+    const Real gain = magnified(k, right, u);
+    if (!(gain > 0.0))
         return;
     for (Int v = 0; v < k->nv; v++) {
-        t[v] = here->t[v] / k->scale[v];
-        u[v] = k->right[v] / p->gain;
+        p->t[v] = here->t[v] / k->scale[v];
+        p->c[v] = here->c[v] / k->scale[v];
+        u[v] /= gain;
     }
-    p->first = response(path, t, u);
-    memcpy(change, k->right, (size_t)k->nv * sizeof *change);
-    p->second = 2.0 * response(path, t, change);
-    for (Int v = 0; v < k->nv; v++)
-        change[v] = here->c[v] / k->scale[v];
-    p->second += response(path, change, u) + CURVED_PART * p->gain * here->pace * here->pace;
+    memset(right, 0, size);
+    add_second(path, p->t, u, -1.0, right);
+    p->first = larger_of(p->first, magnified(k, right, dt));
+    memset(right, 0, size);
+    add_second(path, p->t, dt, -2.0, right);
+    add_second(path, p->c, u, -1.0, right);
+    subtract_third(path, u, right);
+    p->gain = larger_of(p->gain, gain);
+    p->second = larger_of(p->second, magnified(k, right, dt));
+}
+
+void probe_errors(Path *path)
+{
+    const Point *here = path->here;
+    Probe *p = &path->probe;
+    path->rounding = round_off_of(path->k, here->q);
+    p->pace = here->pace, p->bend = here->bend, p->pivot = path->k->system.pivot_ratio, p->rows = 0;
+    p->gain = p->first = p->second = 0.0;
+    for (int i = 0; i < PROBES; i++)
+        probe_example(path, (Real)i);
 }
 
 /* Whether errors may be magnified otherwise than where that was seen last. */
@@ -103,16 +145,17 @@ static Real estimate_point(Path *path, Real *estimate)
         probe_errors(path);
     p->rows++;
     const Real t = here->pace, c = here->bend, turned = SURE_TIMES * path->idle_left;
-    const Real q = SURE_TIMES * p->gain * (OPEN_TIMES * here->error + ROUND_OFF_PART + path->rounding);
-    estimate[0] = q + turned + ROUND_OFF_PART;
-    estimate[1] = p->first * q + t * (turned + (1.0 + p->gain) * 2.0 * DBL_EPSILON);
-    estimate[2] = p->second * q + (t * t + c) * (turned + ROUND_OFF_PART);
+    const Real open = OPEN_TIMES * here->error + ROUND_OFF_PART + RESOLVED_PART * path->rounding;
+    const Real q = SURE_TIMES * p->gain * open, solved = turned + (1.0 + p->gain) * ROUND_OFF_PART;
+    estimate[0] = q + turned + ROUND_OFF_PART + RESOLVED_PART * path->rounding;
+    estimate[1] = p->first * q + t * solved;
+    estimate[2] = p->second * q + (t * t + c) * solved;
     return q;
 }
 
 void estimate_here(Path *path, Real *estimate) { estimate_point(path, estimate); }
 
-/* What is missing of q in the middle of an interpolated step, scaled: by one correction there, with the
+/* The error of q in the middle of an interpolated step, scaled: by one correction there, with the
    factors of its end. */
 static Real missing_in_middle(Path *path, const Point *from)
 {
@@ -146,6 +189,7 @@ Real estimate_between(Path *path, const Point *third, const Point *from, Real *e
     const Missed *m = MISSED + (degree == BETWEEN_DEGREE);
     const Real missing = missing_in_middle(path, from), grown = pow(way, m->order + 2.0);
     const Real e = larger_of(missing, degree == path->degree ? REMEMBERED * path->missed * grown : 0.0);
+    const Real open = missing > 0.0 ? equations_error(k) * e / missing : 0.0;
     const Real t = h * larger_of(largest_rate(k, from->t), largest_rate(k, to->t)); /* of one joint */
     const Real c = h * h * larger_of(largest_rate(k, from->c), largest_rate(k, to->c));
     const Real first = larger_of(t, REST * way), second = larger_of(c, STRAIGHT_BEND * first * first);
@@ -154,8 +198,16 @@ Real estimate_between(Path *path, const Point *third, const Point *from, Real *e
     const Real longer = pow(AIM / larger_of(part, 1e-30), 1.0 / m->order);
     const Real node = estimate_point(path, estimate);
     const Real noise = m->round_off * node / (second * path->accuracy.between);
-    path->between_way = fmin(way * fmin(fmax(noise > 1.0 ? 0.0 : longer, 0.25), GROWTH_POWER), LONGEST_GUESS);
-    path->missed = missing / grown;
+    /* Noise falls with the square of the way, as far as a third point allows; what is missing does not
+       grow where it is noise too. */
+    const int is_noise = missing <= node + 0.3 * h * estimate[1] + 0.03 * h * h * estimate[2];
+    const Real room = third ? larger_of(fabs(from->s - third->s) / (h * BETWEEN_NEAREST), SOONEST / way) : 1.0;
+    const Real most = fmin(GROWTH_POWER, room);
+    const Real best = noise <= 1.0 ? longer : is_noise && noise < most * most ? most : 0.0;
+    path->between_way = fmin(way * fmin(fmax(best, 0.25), GROWTH_POWER), LONGEST_GUESS);
+    path->between_open = SURE_TIMES * open + larger_of(from->error, to->error);
+    const Real last = degree == path->degree ? path->missed : 0.0; /* round-off tells no more than that */
+    path->missed = is_noise ? smaller_of(last, missing / grown) : missing / grown;
     path->degree = degree;
     estimate[0] += SURE_TIMES * e;
     estimate[1] += (SURE_TIMES * m->rates * e + 2.0 * node) / h;

@@ -1,6 +1,6 @@
 /* A path of closed configurations, followed through many values of its parameter s.
  *
- * As a rule s is the value of what is driven first. Samples are taken in any order; the path is
+ * As a rule s is the value of the first driver. Samples are taken in any order; the path is
  * a cursor that goes back and forth. */
 #ifndef SPATIAL_PIN_FOLLOWING_H
 #define SPATIAL_PIN_FOLLOWING_H
@@ -26,7 +26,7 @@ typedef struct {
     Real *q;      /* (n, nq) */
     Real *t, *c;  /* (n, nv) first and second derivative by s, joint rates */
     Real *error;  /* (n) largest residual of all closure equations */
-    Real *estimate; /* (n, 3) error estimates of q, t and c, scaled */
+    Real *estimate; /* (n, 3) error estimates of q, t and c, scaled; NULL: none are wanted */
     Real *angles; /* (n, n_angles) of screws, counting turns */
 } PathRows;
 
@@ -41,7 +41,7 @@ typedef struct {
     const Real *fill;    /* (n_fill, nv) likewise */
     Int n_fill;
     PathAccuracy accuracy;
-    Real begin;          /* s at the start, where values of what is driven, from the first on, are */
+    Real begin;          /* s at the start, where values of driven coordinates, from the first on, are */
     Int n_pieces, degree; /* piecewise polynomials of s (prescribing.h); no pieces: they are not */
     const Real *breaks, *coefficients;
     Real open;           /* of path_from_guess, see `closed_straight` */
@@ -66,5 +66,24 @@ EXPORT Int path_follow(Kernel *k, const Real *values, Int n, const PathRows *row
  * where closing has failed, as `closer_close` does. */
 EXPORT Int path_from_guess(Kernel *k, const PathTask *task, Closer *c, ClosureTask *guess,
                            const Real *values, Int n, const PathRows *rows);
+
+/* Configurations at scattered values of what is driven first, each followed to along a straight line
+   from another one: as `_ScatterTask` in paths.py. */
+typedef struct {
+    Int n_rows, n;
+    const Int *row;      /* (n) which rows of the arrays to find, in this order, */
+    const Int *parent;   /* (n_rows) and from which each comes; where that is not reached, from its own.
+                            The last row is the first configuration, which comes from none */
+    Int n_values;
+    const Real *values;  /* (n_rows, n_values) */
+    Real *line;          /* (n_driven, 2) coefficients of the line: of what is not among the values those
+                            are kept */
+    Int is_last;         /* whether rows that cannot be reached are to come as near as they can */
+    PathRows rows;       /* (n_rows) */
+    Real *part;          /* (n_rows) of the line that was gone: 1 where the values are reached */
+} ScatterTask;
+
+/* Find rows, each as if it were the first. DONE, or NO_MEMORY or BAD_ARRAYS as path_start. */
+EXPORT int path_scatter(Kernel *k, const PathTask *task, const ScatterTask *scatter);
 
 #endif

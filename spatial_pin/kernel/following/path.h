@@ -11,7 +11,7 @@ typedef struct {
     Real first, second; /* of errors of q, into those of t and of c */
     Real pace, bend, pivot; /* there: where they have changed, it is worth another look */
     Int rows;           /* written since */
-    Real *t, *along, *change; /* (nv) */
+    Real *t, *c, *along, *change; /* (nv), scaled */
 } Probe;
 
 typedef struct Path {
@@ -38,6 +38,7 @@ typedef struct Path {
     Real missed;    /* error in the middle of the last interpolated step, by the way's power that it
                        grows with; of polynomials of that degree */
     Int degree;
+    Real between_open; /* closure error of samples in the last interpolated step, at most */
     Real open;      /* residual of equations left out that no other choice makes smaller */
 } Path;
 
@@ -45,7 +46,7 @@ typedef struct Path {
 /* Step to a value of s in the piece in use: DONE, or why not; then nothing has changed, but for what
    is `stale`. */
 int step(Path *path, Real target);
-/* Evaluate and factor at `here` again, with the piece of what is prescribed that is in use. */
+/* Evaluate and factor at `here` again, with the current piece of the drivers' laws. */
 int stand_again(Path *path);
 /* Let the piece that begins at `here` in the sense of a number be in use there. */
 int turn_into(Path *path, Real sense);
@@ -72,7 +73,7 @@ void probe_errors(Path *path);
 /* Error estimates (3) of q, t and c, scaled, where the path stands. */
 void estimate_here(Path *path, Real *estimate);
 /* The same of samples that are interpolated between a point and the present one, to which one step has
-   led, with a third point before them or NULL. Returns their size by what is allowed, and learns from
+   led, with a third point before them or NULL. Returns their size by the allowed one, and learns from
    it how long the next step may be. */
 Real estimate_between(Path *path, const Point *third, const Point *from, Real *estimate);
 
@@ -84,6 +85,9 @@ void write_row(Path *path, const PathRows *rows, Int i); /* of the current point
 /* Write samples at values (n) of s; returns how many were reached. */
 Int follow_values(Path *path, const Real *values, Int n, const PathRows *rows);
 
+#define WITHOUT_THIRD 1e-8 /* error allowed up to which polynomials of fifth degree miss too much */
+#define SOONEST 0.06   /* way between points for which one before them is far enough, as far as it stays
+                          (stepping.c) */
 #define IDLE_FIRST 0.05  /* first way with idle rotations, whose error is not known yet: of 4e-12
                             rad at a way of 0.3, as measured, (1/6)^6 is round-off */
 #define BETWEEN_FIRST 0.5 /* first way between points that samples are interpolated between, by the

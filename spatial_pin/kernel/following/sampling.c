@@ -6,16 +6,17 @@
 /* Way, in longest steps, of a value that is followed to at all: a hundred thousand turns,
    whose angles have lost five digits */
 #define FARTHEST_VALUE 640e3
-#define MOST_HALVINGS 8.0 /* of a step, before the caller is asked, who goes on by arc length */
+#define MOST_HALVINGS 8.0 /* of a step, before the caller takes over by arc length */
 #define PIN_HALVINGS 48.0 /* the same where a component is driven: there is no going on */
 #define MOST_FAILED 10000 /* steps on the way to one value: every path ends */
 #define REGROWTH 1.03  /* of the way between points from sample to sample, while there is none between */
+#define TRIES 3        /* of steps to interpolate in, each as long as the last one has shown */
 #define BETWEEN_NEARER 0.0625 /* part of the way to where the determinant vanishes that a step which
                             samples are interpolated in may go. At a limit the determinant falls
                             like a root, and that way is four times the true one: a quarter of
                             this is left, and the path's sixth derivative grows fivefold */
 
-/* Go on to a value of s, by one piece of what is prescribed. */
+/* Go on to a value of s, by one piece of the drivers' laws. */
 static int reach_within(Path *path, Real target)
 {
     const Real first = smaller_of(fabs(target - path->here->s), longest_step(path));
@@ -60,10 +61,11 @@ void write_row(Path *path, const PathRows *rows, Int i)
     memcpy(rows->c + i * k->nv, here->c, (size_t)k->nv * sizeof *here->c);
     memcpy(rows->angles + i * k->n_angles, here->angle, (size_t)k->n_angles * sizeof *here->angle);
     rows->error[i] = here->error;
-    estimate_here(path, rows->estimate + 3 * i);
+    if (rows->estimate)
+        estimate_here(path, rows->estimate + 3 * i);
 }
 
-/* Row i is where the path stands; at a break what is prescribed goes on as behind it. */
+/* Row i is where the path stands; at a break the laws go on as behind it. */
 static int put_row(Path *path, const PathRows *rows, Int i)
 {
     const int code = turn_into(path, 1.0);
@@ -79,6 +81,14 @@ static int lies_ahead(const Real *values, Int i, Int n, Real sense)
     return i + 1 < n && (values[i + 1] - values[i]) * sense > 0.0;
 }
 
+/* The longest step for whose polynomial the point before is of use, where one without it is not. */
+static Real third_reaches(const Path *path)
+{
+    if (path->accuracy.between > WITHOUT_THIRD)
+        return INFINITY;
+    return path->has_before ? fabs(path->here->s - path->before->s) / BETWEEN_NEAREST : 0.0;
+}
+
 /* The last of the values from i on, one after the other in one sense, that one step may reach. */
 static Int last_within(Path *path, const Real *values, Int i, Int n)
 {
@@ -86,7 +96,10 @@ static Int last_within(Path *path, const Real *values, Int i, Int n)
     if (!lies_ahead(values, i, n, sense) || turn_into(path, sense) != DONE)
         return i;
     const Real end = piece_end(&path->prescribed, s, copysign(INFINITY, sense));
-    const Real longest = fmin(longest_step(path), step_of(path, path->between_way));
+    const Real wanted = step_of(path, path->between_way), third = third_reaches(path);
+    const Real longest = fmin(longest_step(path), fmin(wanted, third));
+    if (third < fmin(wanted, step_of(path, SOONEST)))
+        return i;
     if (look_ahead(path, copysign(longest, sense)) != DONE)
         return i;
     const Real most = fmin(fmin(longest, BETWEEN_NEARER * distance_ahead(path, sense)), fabs(end - s));
@@ -96,24 +109,28 @@ static Int last_within(Path *path, const Real *values, Int i, Int n)
     return last;
 }
 
-/* Write row i, at a value between a point and the present one. */
-static void put_between(Path *path, const Point *from, Real value, const Real *estimate,
-                        const PathRows *rows, Int i)
+/* Write rows from i to before `last`, at values between a point and the present one. Their closure error
+   is a bound; angles of screws are those of each sample. */
+static void put_between(Path *path, const Point *from, const Real *values, const Real *estimate,
+                        const PathRows *rows, Int i, Int last)
 {
     Kernel *k = path->k;
     const Point *to = path->here;
-    const Real part = (value - from->s) / (to->s - from->s);
-    Real *q = rows->q + i * k->nq, *angle = rows->angles + i * k->n_angles;
-    between_at(k, &path->between, value, q, rows->t + i * k->nv, rows->c + i * k->nv);
-    prescribe(&path->prescribed, value);
-    prescribed_put(&path->prescribed, q);
-    for (Int x = 0; x < k->n_angles; x++)
-        k->angle_reference[x] = from->angle[x] + part * (to->angle[x] - from->angle[x]);
-    equations_values(k, q);
-    for (Int x = 0; x < k->n_angles; x++)
-        angle[x] = k->angle[x];
-    rows->error[i] = equations_error(k);
-    memcpy(rows->estimate + 3 * i, estimate, 3 * sizeof *estimate);
+    for (Int row = i; row < last; row++) {
+        Real *q = rows->q + row * k->nq;
+        between_at(k, &path->between, values[row], q, rows->t + row * k->nv, rows->c + row * k->nv);
+        prescribe(&path->prescribed, values[row]);
+        prescribed_put(&path->prescribed, q);
+        rows->error[row] = path->between_open;
+        memcpy(rows->estimate + 3 * row, estimate, 3 * sizeof *estimate);
+    }
+    for (Int row = i; row < (k->n_angles ? last : i); row++) {
+        const Real part = (values[row] - from->s) / (to->s - from->s);
+        for (Int x = 0; x < k->n_angles; x++)
+            k->angle_reference[x] = from->angle[x] + part * (to->angle[x] - from->angle[x]);
+        equations_values(k, rows->q + row * k->nq);
+        memcpy(rows->angles + row * k->n_angles, k->angle, (size_t)k->n_angles * sizeof *k->angle);
+    }
 }
 
 /* Take the last step back, to a point with another one before it, or NULL. */
@@ -143,18 +160,23 @@ static Int follow_between(Path *path, const Real *values, Int i, Int last, const
         go_back(path, third, from);
         return 0;
     }
-    for (Int row = i; row < last; row++)
-        put_between(path, from, values[row], estimate, rows, row);
-    return last - i + (put_row(path, rows, last) == DONE);
+    put_between(path, from, values, estimate, rows, i, last);
+    const int code = put_row(path, rows, last);
+    for (int x = 0; x < 3; x++) /* which a probe far back may not know */
+        rows->estimate[3 * last + x] = larger_of(rows->estimate[3 * last + x], estimate[x]);
+    return last - i + (code == DONE);
 }
 
 Int follow_values(Path *path, const Real *values, Int n, const PathRows *rows)
 {
+    int tried = 0; /* steps that samples could not be interpolated in, one after the other */
     for (Int i = 0; i < n;) {
         const Int last = path->accuracy.between > 0.0 ? last_within(path, values, i, n) : i;
+        const Real way = path->between_way;
         const Int done = last > i ? follow_between(path, values, i, last, rows) : 0;
         i += done;
-        if (done)
+        tried = done ? 0 : tried + 1;
+        if (done || (last > i && tried < TRIES && path->between_way < way))
             continue;
         const int code = reach(path, values[i]);
         path->between_way *= REGROWTH;

@@ -137,7 +137,7 @@ static int is_driven(const Kernel *k, Int v)
 }
 
 /* Closure error that round-off of the unknown coordinates may leave: an angle that counts a million
- * turns is known to 1e-9 rad. What is driven has its value exactly; but all that hangs on a free base
+ * turns is known to 1e-9 rad. Drivers have their values exactly; but all that hangs on a free base
  * is known as well only as far as that is from the origin. */
 Real round_off_of(const Kernel *k, const Real *q)
 {
@@ -240,7 +240,7 @@ static int is_explained(const Path *path)
 
 /* ---- one step, whole or not at all ---- */
 
-/* What is known at the corrected `next`: DONE if it lies on the same stretch of the same path. */
+/* The verdict on the corrected `next`: DONE if it lies on the same stretch of the same path. */
 static int arrive(Path *path, Real way)
 {
     Kernel *k = path->k;

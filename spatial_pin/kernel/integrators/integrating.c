@@ -3,7 +3,7 @@
  * A method is one entry of METHODS: its coefficients (tableaus.h), how its error is estimated and
  * how the last step is interpolated. Adaptive steps are controlled as SciPy's: the error is the root
  * mean square of that of every unknown, by rtol times its size and atol. Whether stability, not
- * accuracy, bounds the steps is told by two stages at one time [HairerWanner1996, IV.2].
+ * accuracy, bounds the steps is seen from two stages at one time [HairerWanner1996, IV.2].
  *
  * Gauss's method of two stages is implicit, of fourth order and symmetric: a reversible motion keeps
  * its energy for ever to the order of the step [HairerLubichWanner2006, II.1]. */
@@ -227,7 +227,7 @@ static const Method *method_of(const Integrator *g) { return METHODS + g->method
 
 /* ---- stiffness ---- */
 
-/* What decays fastest, told by two stages at one time: |df| / |dy| of them. */
+/* The fastest decay rate, from two stages at one time: |df| / |dy| of them. */
 static void look_at_stiffness(Integrator *g, Real h)
 {
     const Method *m = method_of(g);

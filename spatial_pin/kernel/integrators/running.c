@@ -11,7 +11,7 @@ enum Pause { AT_END = 0, AT_FAILURE = 1, NEW_COORDINATES = 2, FULL = 3, STIFF = 
    is one */
 #define CREEPS_BELOW 1e-3
 #define NOWHERE 1e-2 /* of the longest step, that all steps allowed would lead to */
-#define NEAR_LIMIT 0.5 /* of a velocity limit: what is nearer may pass it within a step */
+#define NEAR_LIMIT 0.5 /* of a velocity limit: a nearer velocity may pass it within a step */
 #define COORDINATES_END 1.0 /* rotation vector at which coordinates are begun anew [rad] */
 
 /* Whether a limit may have been passed in the last step, at whose end the mechanism stands: the

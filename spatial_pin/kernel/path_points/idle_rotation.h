@@ -23,7 +23,7 @@ void idle_axis(const Kernel *k, Int idle, IdleAxis *axis);
 
 /* How far the link has turned about its axis from one point to one a step h later [rad].
  *
- * `before` is a point a gap earlier than `from`, or NULL. `error` becomes what is left of the
+ * `before` is a point a gap earlier than `from`, or NULL. `error` becomes the remainder of the
  * angle's error by estimate [rad]; 0 where two points do not tell. */
 Real idle_turned(const IdleAxis *before, const IdleAxis *from, const IdleAxis *to, Real gap, Real h,
                  Real *error);

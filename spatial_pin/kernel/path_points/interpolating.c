@@ -4,8 +4,7 @@
 
 #include "interpolating.h"
 
-#define NEAREST_NODE 0.4  /* distances of two points that the third one may be away: nearer it tells little */
-#define FARTHEST_NODE 6.0 /* but round-off, and farther no more than the two */
+#define FARTHEST_NODE 6.0 /* distances of two points: a third one farther away tells no more than these */
 
 /* Coefficients of an entry between a and b, from the constant one on, of u = (s - a->s) / h. */
 static void quintic(const Point *a, const Point *b, Real h, Int i, Real *c)
@@ -58,7 +57,7 @@ static void through_third(const Point *third, Real h, Real r, Int i, Real *c)
 Int between_make(const Kernel *k, const Point *third, const Point *a, const Point *b, Between *p)
 {
     const Real h = b->s - a->s, r = third ? (a->s - third->s) / h : 0.0;
-    p->s = a->s, p->h = h, p->degree = r > NEAREST_NODE && r < FARTHEST_NODE ? 8 : 5;
+    p->s = a->s, p->h = h, p->degree = r > BETWEEN_NEAREST && r < FARTHEST_NODE ? 8 : 5;
     for (Int i = 0; i < k->nq; i++) {
         Real *c = p->coefficient + i * (BETWEEN_DEGREE + 1);
         memset(c + 6, 0, 3 * sizeof *c);

@@ -5,6 +5,8 @@
 #include "path_point.h"
 
 #define BETWEEN_DEGREE 8 /* the highest */
+#define BETWEEN_NEAREST 0.4 /* distances of two points that a third one is to be away: nearer it tells little
+                               but round-off */
 
 /* Polynomials for the entries of q. */
 typedef struct {

@@ -20,7 +20,7 @@ typedef struct {
 Int point_numbers(const Kernel *k);
 void point_carve(const Kernel *k, Real **from, Point *point);
 
-/* All that follows from q and what is prescribed there, where the kernel is evaluated and factored.
+/* All that follows from q and the prescribed values there, where the kernel is evaluated and factored.
  * DONE, or NOT_FINITE where rates are no numbers. */
 int point_rates(Kernel *k, const Prescribed *prescribed, Point *point);
 

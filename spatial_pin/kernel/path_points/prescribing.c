@@ -1,4 +1,4 @@
-/* Values of what is driven along a path, see prescribing.h. */
+/* Values of driven coordinates along a path, see prescribing.h. */
 #include "memory.h"
 #include "prescribing.h"
 

@@ -1,6 +1,6 @@
-/* What is prescribed along a path: values of what is driven, as functions of the path's parameter.
+/* Prescribed coordinates of a path: their values as functions of the path's parameter.
  *
- * As a rule the parameter s is the value of what is driven first, and all else is held. Or the
+ * As a rule the parameter s is the value of the first driver, and the others are held. Or the
  * values are piecewise polynomials of s, as of a table that splines go through. */
 #ifndef SPATIAL_PIN_PRESCRIBING_H
 #define SPATIAL_PIN_PRESCRIBING_H
@@ -34,7 +34,7 @@ Real prescribed_from(Prescribed *p, const Real *q);
 /* Values and derivatives at s, by the piece in use. */
 void prescribe(Prescribed *p, Real s);
 
-/* Give what is prescribed its values in q. */
+/* Write the prescribed values to q. */
 void prescribed_put(Prescribed *p, Real *q);
 
 /* What value number i is short of in q. */

@@ -142,7 +142,7 @@ static int accelerate(Dynamics *d, Real t, const Real *y)
     return DONE;
 }
 
-/* Efforts of prescribed drivers: what is missing at the accelerations. */
+/* Efforts of prescribed drivers: the residual forces at the accelerations. */
 static int drive_efforts(Dynamics *d)
 {
     Kernel *k = d->k;

@@ -119,7 +119,7 @@ typedef struct {
     Real *twist, *mass, *unit; /* see masses.c */
     Tree *tree;         /* of an open tree, else NULL: see masses.c */
     Real *tree_room;    /* (7 nv) */
-    Real *laws;         /* (n_drives, 3) what is prescribed */
+    Real *laws;         /* (n_drives, 3) prescribed values, rates, accelerations */
     Real *freedoms;     /* (nv, n_free) orthonormal motions, see partitioning.c */
     Int *order;         /* (n_held) of rows in the inverse's factors */
     Int *best;          /* (n_free) coordinates that would be best */

@@ -1,5 +1,5 @@
 /* Forces by Newton's and Euler's equations, body by body: what each needs to move as it does, less
- * what acts on it, gathered along the tree to what is missing at the joints [Featherstone2008, 5.3].
+ * the forces on it, gathered along the tree to the residuals at the joints [Featherstone2008, 5.3].
  * Springs act as forces on the bodies, gravity too. */
 #include <string.h>
 
@@ -43,6 +43,8 @@ static void body_point(const Kernel *k, Int j, const Real *local, Real *at, Real
     add3(1.0, k->velocity + 3 * j, velocity);
 }
 
+#define COINCIDENT 1e-15 /* part of a position that is round-off */
+
 typedef struct {
     Real length, rate, along[3], end[3];
 } Line;
@@ -55,10 +57,15 @@ static Line line_between(const Dynamics *d, Int i)
     body_point(d->k, d->forces.line_body[2 * i + 1], d->forces.line_point + 6 * i + 3, line.end, v2);
     copy3(line.end, line.along);
     add3(-1.0, first, line.along);
-    line.length = sqrt(dot3(line.along, line.along));
-    for (int c = 0; c < 3; c++)
-        line.along[c] = line.length > 0.0 ? line.along[c] / line.length : 0.0;
     add3(-1.0, v1, v2);
+    line.length = sqrt(dot3(line.along, line.along));
+    if (line.length <= COINCIDENT * sqrt(dot3(line.end, line.end))) { /* it parts as it moves */
+        line.length = 0.0;
+        copy3(v2, line.along);
+    }
+    const Real size = sqrt(dot3(line.along, line.along));
+    for (int c = 0; c < 3; c++)
+        line.along[c] = size > 0.0 ? line.along[c] / size : 0.0;
     line.rate = dot3(line.along, v2);
     return line;
 }

@@ -24,7 +24,7 @@
    that */
 #define LONGEST_GO 0.7
 #define GO_HALVINGS 10       /* of a way, before it is given up: a thousandth of a step */
-#define SHORTEST_TOLD 1e-8   /* way on which a change of the determinant is more than round-off */
+#define SHORTEST_WAY 1e-8    /* way on which a change of the determinant is more than round-off */
 #define REMAINS 0.25         /* of the determinant, where one that falls in a line would be left */
 /* Of the tolerance, at which a prediction is left as it is: what corrections reach is less, too */
 #define ENOUGH 0.1
@@ -260,7 +260,7 @@ static void note_change(Dynamics *d, const Real *from, const Real *x)
     Real square = 0.0;
     for (Int i = 0; i < d->n_held; i++)
         square += (x[i] - from[i]) * (x[i] - from[i]);
-    if (!(square > SHORTEST_TOLD * SHORTEST_TOLD))
+    if (!(square > SHORTEST_WAY * SHORTEST_WAY))
         return;
     if (d->crosses)
         d->determinant.distance = (from[0] - x[0]) / d->determinant.since;

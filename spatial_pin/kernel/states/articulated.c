@@ -5,7 +5,7 @@
  * digits: linear before angular, accelerations of origins as one sees them (classical ones).
  *
  * Joints that no loop is built on are eliminated by articulated-body inertias, from the tips
- * inwards; what is left, the core, is a tree of bodies with articulated inertias whose mass matrix
+ * inwards; the core that remains is a tree of bodies with articulated inertias whose mass matrix
  * and forces a solver of the loops is given. Without loops there is no core. A joint of several
  * freedoms is eliminated one freedom after the other. */
 #include <float.h>
@@ -367,7 +367,7 @@ EXPORT int tree_masses(Tree *s, const Real *q, const Real *v, const Real *force,
     return DONE;
 }
 
-/* What is missing (nv) of the joint forces at accelerations a (nv). */
+/* Residual (nv) of the joint forces at accelerations a (nv). */
 static void find_missing(Tree *s, const Real *a, const Real *force, Real *missing)
 {
     accelerate_bodies(s, a);

@@ -20,7 +20,7 @@ typedef struct {
     const Real *outside;     /* (n_joints, 6) wrenches on bodies, world axes, about the joints' origins,
                                 that turn with the bodies: for by_q and by_v, where v and a are given */
     Real *by_q, *by_v;       /* (nv, nv) zeros before; a row for each entry of q and v: how `tau`,
-                                less what is outside, changes, as `pin.computeRNEADerivatives` */
+                                less external forces, changes, as `pin.computeRNEADerivatives` */
     /* Products of two vectors A and B, where v and a are given */
     Int n_products;
     const Int *bodies;       /* (n_products, 2) the joints whose bodies carry them; 0: the ground */
@@ -47,7 +47,7 @@ EXPORT int tree_masses(Tree *s, const Real *q, const Real *v, const Real *force,
                        const Real *armature, Real *masses, Real *needed);
 
 /* Accelerations (nv) of the eliminated freedoms, those of the core given, after `tree_masses` with
-   these forces; corrected once by what is missing in the forces. facts (4), by scale: the largest,
+   these forces; corrected once by the residual of the forces. facts (4), by scale: the largest,
    the largest correction, and the largest that round-off of wrenches, and joint forces `off` (nv; may
    be NULL), make by themselves. `scratch` (4 nv). If n is not 0, those (n, nv) under joint
    forces (n, nv) alone, the core at rest, after `tree_masses` with any; `a` may be `force`. */

@@ -323,7 +323,7 @@ static Real entry_error(const Kkt *s)
 }
 
 /* Estimated round-off of accelerations, by their size: from the pivots and, for exchanges of rows
-   may hide how small they are, from the condition; in the own units of freedoms, of which light
+   may hide how small they are, from the condition; in the own units of freedoms, where light
    ones have larger ones. After `solve`, which left the scaled solution in x: that is lost here. */
 static Real estimated_error(Kkt *s)
 {

@@ -1,6 +1,6 @@
 /* Velocities and accelerations of all joints at given rates of driven freedoms: K v = drive,
  * K a = drive' - bias(v), and whatever else the same K answers. K holds independent closure
- * equations, idle rotations, what is driven, and rows that fill it up: passive freedoms that nothing
+ * equations, idle rotations, driven coordinates, and rows that fill it up: passive freedoms that nothing
  * determines take the least rates.
  *
  * Equations are chosen here where as many as there have to be are independent of each other, of the
@@ -19,7 +19,7 @@
 #include "correcting.h"
 
 /* Part of the longest equation that is left of each that is chosen, and smallest over largest pivot
-   relative to the lengths of their rows, where it is clear what is independent. */
+   relative to the lengths of their rows, where it is clear which are independent. */
 #define WELL TOLERANCE_WELL_CONDITIONED
 /* Of a solution, relative to its size, before pivots magnify it */
 #define SOLUTION_ERROR (8.0 * DBL_EPSILON)
@@ -31,11 +31,16 @@
 struct Rates {
     Kernel *k;
     Int n_driven, n_chosen, wanted; /* wanted: closure equations that there have to be */
+    Int n_moving;     /* the first driven freedoms, which move: the others do not */
     const Int *driven; /* freedoms v, or nv + v for the component that v is of, see pins.h */
     Pin *pin;         /* (n_driven) of those that are components */
     Int *chosen;      /* closure equations, ascending */
+    Int n_constant;   /* closure equations that no motion changes, as a planar loop's out of its plane */
     Factors *matrix;  /* K */
+    Real *columns;    /* (n_moving, nv) joint velocities per unit speed of each that moves */
     Real *x;          /* (nv) */
+    Real *turned, *polar; /* (nv) of a derivative of a Jacobian */
+    Real *derivative; /* (n_equations) */
     Real *away, *along, *change, *sum; /* (nv) to tell what round-off leaves */
     Real *q;          /* (nq) */
     int is_placed;    /* whether K is that of a configuration */
@@ -45,7 +50,11 @@ static int make_room(Rates *r)
 {
     Kernel *k = r->k;
     r->chosen = kernel_ints(k, k->n_closure);
+    r->columns = kernel_reals(k, r->n_moving * k->nv);
     r->x = kernel_reals(k, k->nv);
+    r->turned = kernel_reals(k, k->nv);
+    r->polar = kernel_reals(k, k->nv);
+    r->derivative = kernel_reals(k, k->n_equations);
     r->away = kernel_reals(k, k->nv);
     r->along = kernel_reals(k, k->nv);
     r->change = kernel_reals(k, k->nv);
@@ -55,10 +64,32 @@ static int make_room(Rates *r)
     return kernel_had_memory(k) && r->matrix ? DONE : NO_MEMORY;
 }
 
-EXPORT int rates_create(Kernel *k, const Int *driven, Int n_driven, Rates **out)
+/* How many equations are constant: whose derivatives vanish at places where no loop is closed. What
+   is a function of the caller may have none there, and is not asked. */
+static Int count_constant(Rates *r)
+{
+    Kernel *k = r->k;
+    Int n = 0;
+    if (k->quantities.n_functions)
+        return 0;
+    memset(r->q, 0, (size_t)k->nq * sizeof(Real));
+    for (Int j = 1; j < k->n_joints; j++)
+        if (k->kind[j] >= BALL)
+            r->q[k->iq[j] + joint_nq(k->kind[j]) - 1] = 1.0;
+    for (Int v = 0; v < k->nv; v++)
+        r->x[v] = k->scale[v] * cos(1.0 + (Real)v);
+    tree_integrate(k, r->q, r->x);
+    equations_values(k, r->q);
+    equations_jacobian(k, &k->equations.all);
+    for (Int i = 0; i < k->n_closure; i++)
+        n += !(equation_length(k, i) > TOLERANCE_ZERO);
+    return n;
+}
+
+EXPORT int rates_create(Kernel *k, const Int *driven, Int n_driven, Int n_moving, Rates **out)
 {
     *out = NULL;
-    if (n_driven < 0)
+    if (n_driven < 0 || n_moving < 0 || n_moving > n_driven)
         return BAD_ARRAYS;
     Rates *r = kernel_memory(k, 1, sizeof *r);
     Int *copy = kernel_ints(k, n_driven);
@@ -70,10 +101,11 @@ EXPORT int rates_create(Kernel *k, const Int *driven, Int n_driven, Rates **out)
             (driven[i] >= k->nv && !pin_of(k, driven[i] - k->nv, pin + i)))
             return BAD_ARRAYS;
     memcpy(copy, driven, (size_t)n_driven * sizeof(Int));
-    r->k = k, r->n_driven = n_driven, r->driven = copy, r->pin = pin;
+    r->k = k, r->n_driven = n_driven, r->n_moving = n_moving, r->driven = copy, r->pin = pin;
     r->wanted = k->nv - k->n_idle - n_driven;
     if (make_room(r) != DONE)
         return NO_MEMORY;
+    r->n_constant = count_constant(r);
     *out = r;
     return DONE;
 }
@@ -122,7 +154,7 @@ static int is_pin(const Rates *r, Int i) { return r->driven[i] >= r->k->nv; }
 
 static Real driven_scale(const Rates *r, Int i) { return r->k->scale[r->driven[i] % r->k->nv]; }
 
-/* Where the rows, and right sides, of what is driven begin. */
+/* Where the rows, and right sides, of driven coordinates begin. */
 static Int first_driven(const Rates *r) { return r->n_chosen + r->k->n_idle; }
 
 /* Factor K, with rows that fill it up, at the evaluated configuration. */
@@ -139,15 +171,15 @@ static int factor(Rates *r, const Real *fill, Int n_fill)
     return factors_make(r->matrix, k->nv);
 }
 
-/* Joint velocities (n, nv) for a unit speed of each of the first n driven freedoms; returns how
-   fast the fastest joint is, relative to the driven one. */
-static Real solve_columns(Rates *r, Int n, Real *columns)
+/* Joint velocities for a unit speed of each driven freedom that moves; returns how fast the fastest
+   joint is, relative to the driven one. */
+static Real solve_columns(Rates *r)
 {
     const Kernel *k = r->k;
     Real pace = 1.0;
-    for (Int c = 0; c < n; c++) {
+    for (Int c = 0; c < r->n_moving; c++) {
         const Real own = driven_scale(r, c);
-        Real *x = columns + c * k->nv;
+        Real *x = r->columns + c * k->nv;
         memset(x, 0, (size_t)k->nv * sizeof(Real));
         x[first_driven(r) + c] = 1.0 / own;
         factors_solve(r->matrix, 1, x);
@@ -285,20 +317,20 @@ static Real round_off(Rates *r, const Real *v, Real known)
     return fmin(1.0, known + lost);
 }
 
-/* What is known of it without the velocities, where the fastest joint moves `pace` times as fast as
-   what is driven. */
+/* A bound of it without the velocities, where the fastest joint moves `pace` times as fast as the
+   drivers. */
 static Real known_round_off(const Rates *r, Real pace)
 {
     return fmin(1.0, SOLUTION_ERROR * pace * fmax(pace, 1.0 / fmax(r->matrix->pivot, 1e-300)));
 }
 
-/* ---------------------------------------------------------------- what Python calls */
+/* ---------------------------------------------------------------- rates of one configuration */
 
-/* Whether equations that are left out hold near q too. Comes back to q. */
+/* Whether equations that are left out hold near q too, as constant ones do. Comes back to q. */
 static int follow_beside(Rates *r, const Real *q)
 {
     Kernel *k = r->k;
-    if (r->n_chosen == k->n_closure || r->n_chosen == k->nv)
+    if (r->n_chosen + r->n_constant == k->n_closure || r->n_chosen == k->nv)
         return 1;
     int code = system_set(k, r->chosen, r->n_chosen, r->driven, r->n_driven, NULL, 0);
     if (code == DONE)
@@ -339,37 +371,239 @@ static int take_and_factor(Rates *r, const RateTask *task)
     return code == DONE && !(r->matrix->pivot > 0.0) ? SINGULAR : code;
 }
 
-/* Velocities and accelerations at the factored configuration, and what round-off leaves of them. */
-static int solve(Rates *r, const RateTask *task)
+/* Velocities and accelerations at the factored configuration, for rates of what is driven, and what
+   round-off leaves of them: into row `at`. */
+static int put_rates(Rates *r, const RateTask *task, Int at, Real pace)
 {
     const Int nv = r->k->nv;
-    const Real pace = solve_columns(r, task->n_moving, task->columns);
-    memset(task->v, 0, (size_t)nv * sizeof(Real));
-    for (Int c = 0; c < task->n_moving; c++)
+    const Real *speed = task->speed + at * r->n_driven;
+    Real *v = task->v + at * nv, *a = task->a + at * nv, *facts = task->facts + 3 * at;
+    memset(v, 0, (size_t)nv * sizeof(Real));
+    for (Int c = 0; c < r->n_moving; c++)
         for (Int i = 0; i < nv; i++)
-            task->v[i] += task->columns[c * nv + i] * task->speed[c];
+            v[i] += r->columns[c * nv + i] * speed[c];
     for (Int i = 0; i < r->n_driven; i++)
         if (!is_pin(r, i))
-            task->v[r->driven[i]] = task->speed[i];
+            v[r->driven[i]] = speed[i];
     memset(r->x, 0, (size_t)nv * sizeof(Real));
-    add_bias(r, task->v, -1.0, r->x);
-    answer(r, task->acceleration, task->a);
-    task->facts[2] = known_round_off(r, pace);
-    task->facts[1] = round_off(r, task->v, task->facts[2]);
-    return are_finite(task->v, nv) && are_finite(task->a, nv) ? DONE : NOT_FINITE;
+    add_bias(r, v, -1.0, r->x);
+    answer(r, task->acceleration + at * r->n_driven, a);
+    facts[2] = known_round_off(r, pace);
+    facts[1] = round_off(r, v, facts[2]);
+    return are_finite(v, nv) && are_finite(a, nv) ? DONE : NOT_FINITE;
+}
+
+/* ---------------------------------------------------------------- Jacobians of a frame
+
+   J of what moves, and its rate along joint velocities v. Derivatives D_u of a Jacobian A of the tree
+   or of its equations along joint velocities u come from accelerations, which are quadratic in them:
+   D_u A w + D_w A u is their polar form, and D_u A w - D_w A u follows from the bracket of the
+   joints' velocities and that of angular velocities [MurrayLiSastry1994, A]. */
+
+/* Twist (6) of a point an arm away from a joint's origin, for joint velocities (nv). */
+static void twist(const Kernel *k, Int joint, const Real *arm, const Real *v, Real *out)
+{
+    Real point[3], around[3];
+    zero3(out);
+    zero3(out + 3);
+    for (Int j = joint; j > 0; j = k->parent[j])
+        for (Int i = k->iv[j]; i < k->iv[j] + joint_nv(k->kind[j]); i++) {
+            add3(v[i], k->linear + 3 * i, out);
+            add3(v[i], k->angular + 3 * i, out + 3);
+        }
+    copy3(k->p + 3 * joint, point);
+    add3(1.0, arm, point);
+    cross3(out + 3, point, around);
+    add3(1.0, around, out);
+}
+
+/* out += factor times the classical acceleration (6) of the point at no joint acceleration, for the
+   joint velocities of the last bias. */
+static void add_acceleration(const Kernel *k, Int joint, const Real *arm, Real factor, Real *out)
+{
+    const Real *omega = k->omega + 3 * joint, *alpha = k->alpha + 3 * joint;
+    Real turning[3], more[3];
+    if (!joint)
+        return;
+    add3(factor, k->acceleration + 3 * joint, out);
+    cross3(alpha, arm, more);
+    add3(factor, more, out);
+    cross3(omega, arm, turning);
+    cross3(omega, turning, more);
+    add3(factor, more, out);
+    add3(factor, alpha, out + 3);
+}
+
+/* Lie bracket (nv) of joint velocities, zero except for balls and floating joints. */
+static void bracket(const Kernel *k, const Real *u, const Real *w, Real *out)
+{
+    memset(out, 0, (size_t)k->nv * sizeof(Real));
+    for (Int j = 1; j < k->n_joints; j++) {
+        if (k->kind[j] < BALL)
+            continue;
+        const Int at = k->iv[j], turn = at + (k->kind[j] == FREE ? 3 : 0);
+        cross3(u + turn, w + turn, out + turn);
+        if (turn > at) {
+            Real more[3];
+            cross3(u + turn, w + at, out + at);
+            cross3(u + at, w + turn, more);
+            add3(1.0, more, out + at);
+        }
+    }
+}
+
+/* Asymmetry (n_equations) of the equations' second derivatives, along u and w with the bracket in
+   r->turned. The spin about a line fixed in a body is not a function of the configuration: the
+   body's angular velocities have a bracket of their own. */
+static void put_asymmetry(Rates *r, const Real *u, const Real *w)
+{
+    const Kernel *k = r->k;
+    const Real arm[3] = {0.0, 0.0, 0.0};
+    for (Int i = 0; i < k->n_equations; i++) {
+        Real sum = 0.0;
+        for (Int e = k->entry_start[i]; e < k->entry_start[i + 1]; e++)
+            sum += k->entry[e] * r->turned[k->entry_v[e]] / k->scale[k->entry_v[e]];
+        r->derivative[i] = sum;
+    }
+    for (Int i = k->n_closure; i < k->n_equations; i++) {
+        const Int product = k->equations.product[i];
+        const Int body = k->vectors.body[k->products.b_term[2 * product]];
+        Real first[6], second[6], turned[3];
+        twist(k, body, arm, u, first);
+        twist(k, body, arm, w, second);
+        cross3(first + 3, second + 3, turned);
+        r->derivative[i] -= dot3(k->products.B + 3 * product, turned);
+    }
+}
+
+/* Rate (6) of a column w of the closed-loop Jacobian, along joint velocities v. */
+static void put_column_rate(Rates *r, Int joint, const Real *arm, const Real *v, const Real *w,
+                            Real *out)
+{
+    Kernel *k = r->k;
+    const Int nv = k->nv;
+    Real moved[6], first[6], second[6], turned[3];
+    memset(out, 0, 6 * sizeof(Real));
+    memset(r->x, 0, (size_t)nv * sizeof(Real));
+    bracket(k, v, w, r->turned);
+    put_asymmetry(r, v, w);
+    add_equations(r, r->derivative, -0.5, r->x);
+    for (int sign = 1; sign >= -1; sign -= 2) {
+        for (Int i = 0; i < nv; i++)
+            r->sum[i] = v[i] + sign * w[i];
+        add_bias(r, r->sum, -0.25 * sign, r->x);
+        add_acceleration(k, joint, arm, 0.25 * sign, out);
+    }
+    factors_solve(r->matrix, 1, r->x);
+    for (Int i = 0; i < nv; i++)
+        r->polar[i] = k->scale[i] * r->x[i];
+    for (Int i = 0; i < r->n_driven; i++)
+        if (!is_pin(r, i))
+            r->polar[r->driven[i]] = 0.0;
+    for (Int i = 0; i < nv; i++)
+        r->polar[i] += 0.5 * r->turned[i];
+    twist(k, joint, arm, r->polar, moved);
+    twist(k, joint, arm, v, first);
+    twist(k, joint, arm, w, second);
+    cross3(first + 3, second + 3, turned);
+    for (int i = 0; i < 6; i++)
+        out[i] += moved[i] + (i < 3 ? 0.0 : 0.5 * turned[i - 3]);
+}
+
+/* What is wanted of the frame, into row `at`. */
+static void put_jacobians(Rates *r, const RateTask *task, Int at)
+{
+    const Kernel *k = r->k;
+    const Int n = r->n_moving;
+    Real arm[3], column[6];
+    rotate3(k->R + 9 * task->joint, task->local, arm);
+    for (Int c = 0; c < n; c++) {
+        const Real *w = r->columns + c * k->nv;
+        if (task->jacobian) {
+            twist(k, task->joint, arm, w, column);
+            for (int i = 0; i < 6; i++)
+                task->jacobian[(6 * at + i) * n + c] = column[i];
+        }
+        if (task->jacobian_rate) {
+            put_column_rate(r, task->joint, arm, task->motion + at * k->nv, w, column);
+            for (int i = 0; i < 6; i++)
+                task->jacobian_rate[(6 * at + i) * n + c] = column[i];
+        }
+    }
+}
+
+/* ---------------------------------------------------------------- influence coefficients */
+
+/* First order (nv, n_moving), into row `at`. */
+static void put_columns(const Rates *r, Int at, Real *out)
+{
+    const Int nv = r->k->nv, n = r->n_moving;
+    for (Int c = 0; c < n; c++)
+        for (Int v = 0; v < nv; v++)
+            out[(at * nv + v) * n + c] = r->columns[c * nv + v];
+}
+
+/* Second order (nv, n_moving, n_moving), into row `at`: the acceleration at no drive is a quadratic
+   form, polarised: (b(u + w) - b(u - w)) / 4 [BenedictTesar1978]. */
+static void put_second(Rates *r, Int at, Real *out)
+{
+    const Kernel *k = r->k;
+    const Int nv = k->nv, n = r->n_moving;
+    for (Int c = 0; c < n; c++)
+        for (Int d = 0; d <= c; d++) {
+            memset(r->x, 0, (size_t)nv * sizeof(Real));
+            for (int sign = 1; sign >= -1; sign -= 2) {
+                for (Int v = 0; v < nv; v++)
+                    r->sum[v] = r->columns[c * nv + v] + sign * r->columns[d * nv + v];
+                add_bias(r, r->sum, -0.25 * sign, r->x);
+            }
+            factors_solve(r->matrix, 1, r->x);
+            for (Int i = 0; i < r->n_driven; i++)
+                if (!is_pin(r, i))
+                    r->x[r->driven[i]] = 0.0;
+            for (Int v = 0; v < nv; v++) {
+                Real *row = out + (at * nv + v) * n * n;
+                row[c * n + d] = row[d * n + c] = k->scale[v] * r->x[v];
+            }
+        }
+}
+
+/* ---------------------------------------------------------------- what Python calls */
+
+/* Row `at` of a task; the code of `RateTask`. */
+static int solve_row(Rates *r, const RateTask *task, Int at)
+{
+    Kernel *k = r->k;
+    const Real *q = task->q + at * k->nq;
+    equations_values_near(k, q, task->reference + at * k->n_angles);
+    equations_jacobian(k, &k->equations.all);
+    int code = task->equations ? take_and_factor(r, task) : choose_and_factor(r, q);
+    r->is_placed = code == DONE;
+    if (task->facts)
+        task->facts[3 * at] = r->matrix->pivot;
+    if (code != DONE)
+        return code;
+    const Real pace = solve_columns(r);
+    if (task->columns)
+        put_columns(r, at, task->columns);
+    if (task->second)
+        put_second(r, at, task->second);
+    if (task->local)
+        put_jacobians(r, task, at);
+    return task->speed ? put_rates(r, task, at, pace) : DONE;
 }
 
 EXPORT int rates_solve(Rates *r, const RateTask *task)
 {
-    Kernel *k = r->k;
-    if (task->n_moving < 0 || task->n_moving > r->n_driven)
+    if (task->n < 0 || (task->local && !within(task->joint, r->k->n_joints)))
         return BAD_ARRAYS;
-    equations_values_near(k, task->q, task->reference);
-    equations_jacobian(k, &k->equations.all);
-    const int code = task->equations ? take_and_factor(r, task) : choose_and_factor(r, task->q);
-    r->is_placed = code == DONE;
-    task->facts[0] = r->matrix->pivot;
-    return code == DONE && task->speed ? solve(r, task) : code;
+    for (Int i = 0; i < task->n; i++) {
+        const int code = solve_row(r, task, i);
+        if (code == BAD_ARRAYS || code == NO_MEMORY)
+            return code;
+        task->code[i] = code;
+    }
+    return DONE;
 }
 
 EXPORT int rates_answer(Rates *r, const Real *v, const Real *derivative, const Real *drive, Real *out)
@@ -383,40 +617,4 @@ EXPORT int rates_answer(Rates *r, const Real *v, const Real *derivative, const R
         add_equations(r, derivative, -1.0, r->x);
     answer(r, drive, out);
     return are_finite(out, r->k->nv) ? DONE : NOT_FINITE;
-}
-
-/* Twist of a point of a joint's body, at the evaluated configuration, for joint velocities (nv). */
-static void twist(const Kernel *k, Int joint, const Real *point, const Real *v, Real *linear,
-                  Real *angular)
-{
-    Real around[3];
-    zero3(linear);
-    zero3(angular);
-    for (Int j = joint; j > 0; j = k->parent[j])
-        for (Int i = k->iv[j]; i < k->iv[j] + joint_nv(k->kind[j]); i++) {
-            add3(v[i], k->linear + 3 * i, linear);
-            add3(v[i], k->angular + 3 * i, angular);
-        }
-    cross3(angular, point, around);
-    add3(1.0, around, linear);
-}
-
-EXPORT int rates_columns(Rates *r, Int n, Real *columns, Int joint, const Real *local, Real *jacobian)
-{
-    const Kernel *k = r->k;
-    if (!r->is_placed || n < 0 || n > r->n_driven || !within(joint, k->n_joints))
-        return BAD_ARRAYS;
-    solve_columns(r, n, columns);
-    if (!jacobian)
-        return DONE;
-    Real point[3];
-    rotate3(k->R + 9 * joint, local, point);
-    add3(1.0, k->p + 3 * joint, point);
-    for (Int c = 0; c < n; c++) {
-        Real parts[6];
-        twist(k, joint, point, columns + c * k->nv, parts, parts + 3);
-        for (int i = 0; i < 6; i++)
-            jacobian[i * n + c] = parts[i];
-    }
-    return are_finite(jacobian, 6 * n) ? DONE : NOT_FINITE;
 }

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
 SUFFIXES = (".html", ".htm", ".xhtml")
 STYLE = "width: 100%; height: 600px; border: 1px solid #dfe3e8"
-# JupyterLab takes frames out of notebooks of others until they are trusted, and leaves what is in
-# them, which no browser shows in a frame.
+# JupyterLab takes frames out of notebooks of others until they are trusted, and leaves their
+# content, which no browser shows in a frame.
 HIDDEN = "Run this cell, or trust the notebook, to see the page that is stored here."
 MOST_ROWS = 20  # of a table: more push the notebook's next cell off the screen
 

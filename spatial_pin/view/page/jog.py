@@ -133,9 +133,6 @@ class Jog:
 
         Returns:
             The obstacle at which the mechanism stopped; None without one.
-
-        Raises:
-            ValueError: the value is not finite, or too far away to be followed at once.
         """
         value = finite_number(value, f"value of {name!r}")
         coordinate = self._coordinates[name]
@@ -242,10 +239,6 @@ class Jog:
 
         A driver without limits goes a turn, or half a characteristic length, to either side of its
         home.
-
-        Args:
-            name: of the driver.
-            rows: samples to either side.
 
         Returns:
             Least and greatest value [rad or m]; the stop at each, None without one; and the

@@ -291,7 +291,7 @@ def curves_of(
         shown: the film.
         names: of outputs, as `Motion.output` takes them: the page opens with them. Without any it
             has those of `default_outputs`, behind a button.
-        others: what is shown beside it; motions that have an output too have dashed curves.
+        others: motions beside it; motions that have an output too have dashed curves.
 
     Raises:
         UnknownNameError: there is no such output.

@@ -67,11 +67,13 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_POST(self) -> None:
         """Answer a question of the page."""
-        service = self.server.service
+        service, host = self.server.service, self._host()
         if service is None or self.path != "/":
             self.send_error(404)
-        elif not self._is_from_page(service.token):
-            self.send_error(403)
+        elif host is None or self.headers.get("Origin") != f"http://{host}" or (
+                not secrets.compare_digest(self.headers.get(TOKEN, "").encode(),
+                                           service.token.encode())):
+            self.send_error(403)  # it is not from the page that we have served
         else:
             given = self.headers.get("Content-Length", "")
             length = int(given) if given.isascii() and given.isdigit() and len(given) < 10 else -1
@@ -86,15 +88,6 @@ class _Handler(BaseHTTPRequestHandler):
         host = self.headers.get("Host", "")
         port = self.server.server_address[1]
         return host if host in [f"{name}:{port}" for name in NAMES] else None
-
-    def _is_from_page(self, token: str) -> bool:
-        """Whether a question comes from the page that we have served."""
-        host, given = self._host(), self.headers.get(TOKEN, "")
-        return (
-            host is not None
-            and self.headers.get("Origin") == f"http://{host}"
-            and secrets.compare_digest(given.encode(), token.encode())
-        )
 
     def _send(self, kind: str, body: bytes) -> None:
         self.send_response(200)
@@ -134,7 +127,7 @@ class _Server(ThreadingHTTPServer):
 class Viewer:
     """A page that is being served; `stop` it, or use it in a `with` statement.
 
-    The page plays in the browser without the server, which is only asked for it again when it is
+    The page plays in the browser without the server, which computes it again only when it is
     reloaded, or when it has a service. The server is gone when the interpreter exits. In a notebook
     the viewer, as the last value of a cell, is the page itself, stored and exported with it; one
     with a service is shown while it is served, and where it is not, a still page takes its place.

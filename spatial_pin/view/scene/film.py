@@ -104,16 +104,7 @@ class Film:
 
 
 def loads(shown: Motion | State, motion: Motion) -> Kinetostatics:
-    """Return efforts and reactions with which the drivers bring a motion about.
-
-    Args:
-        shown: the source of the motion.
-        motion: the samples in question.
-
-    Raises:
-        SpatialPinError: the drivers cannot bring it about, or it is a simulation in which other
-            forces acted too, which would be taken for theirs.
-    """
+    """Return efforts and reactions with which the drivers bring a motion about."""
     from spatial_pin.dynamics.kinetostatics import kinetostatics  # on use: few films show forces
     from spatial_pin.dynamics.simulation.simulate import Simulation
 
@@ -260,10 +251,6 @@ def film(motion_or_state: Motion | State) -> Film:
     A motion with times that lasts 2 to 20 s is shown at true time, otherwise slower or faster by a
     round factor. One without times is shown at one second a radian of its driver, or at another
     round driver speed when that would not last 2 to 20 s. `Film.notes` names it.
-
-    Raises:
-        SpatialPinError: it is neither a Motion nor a State.
-        ValueError: the motion has no samples.
     """
     if not hasattr(motion_or_state, "q"):
         raise SpatialPinError(not_shown(motion_or_state))

@@ -103,9 +103,6 @@ def overlaid(
 
     Of designs the best is shown, and of it the motion through the samples of its first goal.
     Samples that no motion joins are shown beside each other.
-
-    Raises:
-        SpatialPinError: there is no design.
     """
     from spatial_pin.synthesis.ranked_designs import (  # on use: a picture needs no search
         Design,

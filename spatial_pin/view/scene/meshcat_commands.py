@@ -16,9 +16,14 @@ from spatial_pin.view.scene.framing import FIELD_OF_VIEW, Framing, direction, fr
 from spatial_pin.view.scene.layers.arrows import arrows, traces
 from spatial_pin.view.scene.layers.contacts import contacts
 from spatial_pin.view.scene.layers.gaps import gaps
-from spatial_pin.view.scene.layers.ghosts import ghosts, side_by_side
 from spatial_pin.view.scene.layers.glyphs import glyphs
-from spatial_pin.view.scene.layers.overlays import clearances, designs, workspaces
+from spatial_pin.view.scene.layers.overlays import (
+    clearances,
+    designs,
+    ghosts,
+    side_by_side,
+    workspaces,
+)
 from spatial_pin.view.scene.layers.pair_axes import axes
 from spatial_pin.view.scene.layers.visuals import bodies, centres, colour, springs, with_skeleton
 from spatial_pin.view.scene.look import Look

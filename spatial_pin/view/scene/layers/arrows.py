@@ -101,7 +101,7 @@ def traces(stage: Stage, names: tuple[str, ...]) -> Layer:
 
     Raises:
         UnknownNameError: there is none of that name.
-        SpatialPinError: a link asked for its centre of mass has none.
+        SpatialPinError: a link whose centre of mass is wanted has none.
     """
     paths = [stage.seen(point_motion(stage.film.motion, name).position) for name in names]
     colours = [TRACE_COLOURS[k % len(TRACE_COLOURS)] for k in range(len(names))]
@@ -145,7 +145,7 @@ def rates(motion: Motion, spec: str) -> Vectors:
 
     Raises:
         UnknownNameError: it names no such vector.
-        SpatialPinError: a link asked for its centre of mass has none.
+        SpatialPinError: a link whose centre of mass is wanted has none.
     """
     name, _, kind = spec.rpartition(".")
     if kind not in KINDS or not name:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 
 from spatial_pin.assembly.contact_places import contact_shape
 from spatial_pin.mechanism.pairs import axes_from_z
+from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.view.scene.shapes import Solid, ball, mg, rod, tube
 from spatial_pin.view.scene.stage import Item, Layer, Stage, ball_at
@@ -24,40 +26,64 @@ def contacts(stage: Stage) -> Layer:
     held: list[Array] = [np.zeros((0, 3))]
     mechanism = stage.film.mechanism
     for closure in mechanism.closures:
-        if "curve" not in closure.numbers:
+        if not closure.curves:
             continue
-        curve, follower = closure.numbers["curve"], closure.numbers.get("follower")
         (one, on_1), (two, on_2) = map(mechanism.frame_on_joint, closure.frames)
         first, second = (stage.rotations(j, m.rotation) for j, m in ((one, on_1), (two, on_2)))
         start = stage.points(one, on_1.translation)
         seen = np.einsum("nij,ni->nj", first, stage.points(two, on_2.translation) - start)
         turned = np.einsum("nji,njk->nik", first, second)
+        curve = closure.curves[0]
         along = (seen - curve.centre) @ curve.axes[:, 2]
         room = FACE_MARGIN * stage.size
-        path = curve.points((float(along.min()) - room, float(along.max()) + room))
+        reach = float(along.min()) - room, float(along.max()) + room
         title = f"{closure.name}: {closure.type}"
-        solid = Solid(tube(path, CURVE_WIDTH * stage.size))
-        items.append(Item(f"curve {closure.name}", solid, CURVE, one,
-                          on_1.homogeneous, through=True, called=title))
-        held += [stage.points(one, on_1.act(p)) for p in path[:: max(1, len(path) // 8)]]
+        for of, joint, on, name in zip(closure.curves, (one, two), (on_1, on_2),
+                                       ("curve", "second curve"), strict=False):
+            path = of.points(reach)
+            solid = Solid(tube(path, CURVE_WIDTH * stage.size))
+            items.append(Item(f"{name} {closure.name}", solid, CURVE, joint, on.homogeneous,
+                              through=True, called=title))
+            held += [stage.points(joint, on.act(p)) for p in path[:: max(1, len(path) // 8)]]
         touched = contact_shape(closure, (seen, turned)).point
         if np.isfinite(touched).all():
             world = start + np.einsum("nij,nj->ni", first, touched)
             items.append(Item(f"contact {closure.name}", ball(POINT * stage.size), CONTACT,
                               track=ball_at(world), through=True, called=f"contact {closure.name}"))
-        normal = turned[0].T @ curve.axes[:, 2]  # of the plane, in frame 2
-        place = on_2.homogeneous.copy()
-        if follower is not None and follower.flat is not None:
-            x = follower.flat
-            place[:3, :3] = on_2.rotation @ np.column_stack([x, normal, np.cross(x, normal)])
-            at = np.einsum("nji,nj->ni", turned, touched - seen) @ np.cross(x, normal)
-            low, high = float(at.min()) - room, float(at.max()) + room
-            place[:3, 3] += 0.5 * (low + high) * place[:3, 2]
-            face = Solid(mg.Box([CURVE_WIDTH * stage.size, room, high - low]))
-            items.append(Item(f"face {closure.name}", face, FOLLOWER, two, place, called=title))
-        elif follower is not None and follower.radius:
-            place[:3, :3] = on_2.rotation @ axes_from_z(normal)
-            half = 2.0 * CURVE_WIDTH * stage.size
-            items.append(Item(f"roller {closure.name}", rod(follower.radius, -half, half), FOLLOWER,
-                              two, place, called=title))
+        follower = closure.numbers.get("follower")
+        if follower is not None:
+            items += _follower(stage, title, closure, (two, on_2), turned, touched - seen)
     return Layer(tuple(items), np.concatenate(held))
+
+
+def _follower(
+    stage: Stage, title: str, closure: Closure, on: tuple[int, pin.SE3], turned: Array,
+    touched: Array,
+) -> list[Item]:
+    """Return the face or the roller of a follower, none of a knife edge.
+
+    Args:
+        stage: the stage.
+        title: of the closure.
+        closure: a cam.
+        on: joint that carries frame 2, and its placement there.
+        turned: (N, 3, 3) rotation of frame 2 in frame 1.
+        touched: (N, 3) point of contact from origin 2, axes of frame 1 [m].
+    """
+    follower, (joint, at) = closure.numbers["follower"], on
+    normal = turned[0].T @ closure.curves[0].axes[:, 2]  # of the plane, in frame 2
+    place = at.homogeneous.copy()
+    if follower.flat is not None:
+        x, room = follower.flat, FACE_MARGIN * stage.size
+        place[:3, :3] = at.rotation @ np.column_stack([x, normal, np.cross(x, normal)])
+        along = np.einsum("nji,nj->ni", turned, touched) @ np.cross(x, normal)
+        low, high = float(along.min()) - room, float(along.max()) + room
+        place[:3, 3] += 0.5 * (low + high) * place[:3, 2]
+        face = Solid(mg.Box([CURVE_WIDTH * stage.size, room, high - low]))
+        return [Item(f"face {closure.name}", face, FOLLOWER, joint, place, called=title)]
+    if not follower.radius:
+        return []
+    place[:3, :3] = at.rotation @ axes_from_z(normal)
+    half = 2.0 * CURVE_WIDTH * stage.size
+    roller = rod(follower.radius, -half, half)
+    return [Item(f"roller {closure.name}", roller, FOLLOWER, joint, place, called=title)]

@@ -168,6 +168,8 @@ GLYPHS: dict[str, Callable[[Site], list[Piece]]] = {
     "distance": _distance,
     "point_on_curve": lambda site: [Piece("second", ball(0.4 * site.unit))],
     "cam": lambda site: [Piece("second", ball(0.4 * site.unit))],
+    "frame_on_curve": lambda site: [Piece("second", ball(0.4 * site.unit))],
+    "curve_on_curve": lambda site: [Piece("second", ball(0.4 * site.unit))],
     "rope": _distance,
     "point_on_line": _point_on_line,
     "point_on_plane": _point_on_plane,

@@ -155,7 +155,7 @@ def read(request: Request) -> Imported:
     if reading.model.nu:
         content["drivers"] = read_drivers(reading, closures)
     notices += [*reading.notices, *_unread_of(reading)]
-    return Imported(reading.urdf.text(), content, tuple(notices))
+    return Imported(reading.urdf.robot, content, tuple(notices))
 
 
 def _unread_of(reading: MjcfReading) -> Iterator[str]:

@@ -6,9 +6,8 @@ from dataclasses import replace
 from typing import Any
 
 from spatial_pin.errors import MechanismFileError
-from spatial_pin.formats.graph.joint_graph import WORLD, GraphJoint, JointGraph, Link
+from spatial_pin.formats.graph.joint_graph import WORLD, GraphJoint, JointGraph, Link, SpanningTree
 from spatial_pin.formats.graph.open_tree import open_tree
-from spatial_pin.formats.graph.spanning import SpanningTree
 from spatial_pin.formats.importers import Imported, Request
 from spatial_pin.formats.usd.rigid_bodies import link_elements, read_bodies
 from spatial_pin.formats.usd.usd_joints import read_joints

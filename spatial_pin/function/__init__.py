@@ -1,0 +1,1 @@
+"""Mechanisms as differentiable functions, and in a control loop."""

@@ -1,0 +1,514 @@
+"""Mechanisms as differentiable functions: of drivers' motions, dimensions and efforts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spatial_pin._support.checks import as_array, checked, finite_array, names_of
+from spatial_pin.assembly.held_start import starting_state
+from spatial_pin.assembly.holding import fixed_base_entries
+from spatial_pin.assembly.state import State
+from spatial_pin.constraints.compiled_equations import constraints_of
+from spatial_pin.dimensions.homotopy import followed
+from spatial_pin.dimensions.variants import Variants
+from spatial_pin.dynamics.forward import forward_dynamics
+from spatial_pin.dynamics.inverse import inverse_dynamics
+from spatial_pin.errors import (
+    AssemblyError,
+    SingularError,
+    SpatialPinError,
+    UnknownNameError,
+)
+from spatial_pin.function.closed_derivatives import ClosedDerivatives, Given, OpenedError
+from spatial_pin.function.moved_geometry import MovedGeometry, moved_geometry
+from spatial_pin.function.output_slopes import (
+    EFFORT,
+    MASS,
+    ROTATION,
+    FunctionOutput,
+    Moved,
+    function_output,
+)
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.motion.follow import follow
+from spatial_pin.motion.motion import Motion
+from spatial_pin.motion.outputs import RATES
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.rates.rates import prescribed_at, solve_rates
+
+VALUE, RATE, ACCELERATION, DIMENSION = "value", "rate", "acceleration", "dimension"
+
+
+class _Input(NamedTuple):
+    """An input of a function: what it is of, by the driver's or dimension's name."""
+
+    name: str
+    kind: str
+    of: str
+
+
+class Function:
+    """Outputs of a closed mechanism as a differentiable function; made by `function`.
+
+    Read-only; it can be pickled, and used by several threads.
+
+    Attributes:
+        mechanism: the mechanism.
+        inputs, outputs: names, as they were given.
+        labels: names of the k numbers of a row of values: `tip.position.x`.
+        home: the State of the guess, from which every row is reached.
+
+    Example:
+        >>> mech = sp.load("rssr")
+        >>> f = sp.function(mech, ["crank", "b"], ["rocker_pin"])
+        >>> f([1.0, 0.381]).shape, f([[1.0, 0.381], [2.0, 0.381]]).shape  # (k,), (N, k)
+        ((1,), (2, 1))
+        >>> f.jacobian([1.0, mech.dimensions["b"]]).round(4)  # (k, m)
+        array([[ 0.4261, -5.8005]])
+    """
+
+    def __init__(
+        self, mechanism: Mechanism, inputs: Iterable[str], outputs: Iterable[str], guess: Any
+    ) -> None:
+        self.mechanism = mechanism
+        self.inputs, self.outputs = (tuple(names_of(x, what)) for x, what in (
+            (inputs, "inputs"), (outputs, "outputs")))
+        self._inputs = [_input(mechanism, name) for name in self.inputs]
+        self._outputs = [function_output(mechanism, name) for name in self.outputs]
+        self._check()
+        self.home = starting_state(mechanism, guess)
+        own = [x.of for x in self._inputs if x.kind == VALUE]
+        names = own or list(mechanism.drivers)
+        self._driven = prescribed_at(self.home, names) if names else []
+        tied = constraints_of(self.home.mechanism).tied
+        loose = np.flatnonzero(~tied).tolist()
+        self._still = sorted({*fixed_base_entries(mechanism, self._driven), *loose}
+                             - {c.v for c in self._driven})
+        self._dimensions = [x.of for x in self._inputs if x.kind == DIMENSION]
+        self._variants = Variants(mechanism, self._dimensions) if self._dimensions else None
+        self._at_home: MovedGeometry | None = None
+        self._needs = {x.needs for x in self._outputs}
+        self._has_efforts = any(x.kind == EFFORT for x in self._inputs)
+        self.labels = tuple(label for x in self._outputs for label in _labels(x))
+
+    def _check(self) -> None:
+        """Refuse inputs that are named twice or contradict each other, and outputs without rates.
+
+        Raises:
+            ValueError: says which.
+        """
+        for what, names in (("inputs", [(x.kind, x.of) for x in self._inputs]),
+                            ("outputs", [x.name for x in self._outputs])):
+            if not names:
+                raise ValueError(f"{what} is empty: a function needs at least one")
+            for k, name in enumerate(names):
+                if name in names[:k]:
+                    given = (self.inputs if what == "inputs" else self.outputs)[k]
+                    raise ValueError(f"{what}: {given!r} is named twice")
+        kinds = {x.kind for x in self._inputs}
+        if {EFFORT, ACCELERATION} <= kinds:
+            raise ValueError("inputs: accelerations follow from efforts, or efforts from "
+                             "accelerations: give one of the two")
+        for x in self._outputs:
+            if x.needs == EFFORT and EFFORT in kinds:
+                raise ValueError(f"outputs: {x.name!r} is what a given motion needs, and the "
+                                 "inputs have efforts: give accelerations instead")
+            if not x.order or RATE in kinds:
+                continue
+            if x.order == 1 or not kinds & {ACCELERATION, EFFORT}:
+                driver = next(iter(self.mechanism.drivers), "driver")
+                raise ValueError(f"outputs: {x.name!r} is a rate, and no input is one: add "
+                                 f"'{driver}.rate' to the inputs")
+
+    def __call__(self, x: Any) -> Array:
+        """Return the outputs (N, k) at inputs x (N, m), or (k,) at (m,).
+
+        Raises:
+            AssemblyError: a row cannot be reached; says which.
+            SingularError: rates of a row are not determined.
+            ValueError: x is NaN or infinite, or has another shape.
+        """
+        return self._shaped(x, self._worked_out(self._rows(x), False)[0])
+
+    def jacobian(self, x: Any) -> Array:
+        """Return the derivatives (N, k, m) at inputs x (N, m), or (k, m) at (m,).
+
+        Raises:
+            AssemblyError, SingularError, ValueError: as a call.
+            SpatialPinError: an output depends on a freedom that the inputs do not determine, or an
+                input alone opens a loop; says which.
+        """
+        return self._shaped(x, self._worked_out(self._rows(x), True)[1])
+
+    def value_and_jacobian(self, x: Any) -> tuple[Array, Array]:
+        """Return the outputs and their derivatives, at the price of the latter."""
+        values, slopes = self._worked_out(self._rows(x), True)
+        return self._shaped(x, values), self._shaped(x, slopes)
+
+    def vjp(self, x: Any, y: Any) -> Array:
+        """Return y times the derivatives, (N, m) at x (N, m) and y (N, k), or (m,) at (m,), (k,).
+
+        Raises:
+            as `jacobian`.
+        """
+        rows = self._rows(x)
+        weights = finite_array(y, (*np.shape(x)[:-1], len(self.labels)), "y")
+        slopes = self._worked_out(rows, True)[1]
+        return self._shaped(x, np.einsum(
+            "nk,nkm->nm", weights.reshape(len(rows), -1), slopes))
+
+    def jax(self) -> Callable[[Any], Any]:
+        """Return the function for JAX: of arrays (..., m), float64, with values (..., k).
+
+        `jit`, `vmap`, `grad`, `jvp`, `jacfwd` and `jacrev` work; second derivatives are refused.
+
+        Raises:
+            SpatialPinError: JAX is not installed; in a call: x is not float64
+                (`jax_enable_x64`).
+
+        Example:
+            >>> f = sp.function(sp.load("four_bar"), ["crank", "r2"], ["rocker_pin"])
+            >>> g = f.jax()  # doctest: +SKIP
+            >>> jax.grad(lambda x: g(x)[0])(jnp.array([1.0, 0.1]))  # doctest: +SKIP
+        """
+        from spatial_pin.function.frameworks import jax_function
+
+        return jax_function(self)
+
+    def torch(self) -> Callable[[Any], Any]:
+        """Return the function for PyTorch: of tensors (..., m), float64, with values (..., k).
+
+        Both modes and `torch.func` work; second derivatives are refused.
+
+        Raises:
+            SpatialPinError: PyTorch is not installed; in a call: x is not float64.
+
+        Example:
+            >>> f = sp.function(sp.load("four_bar"), ["crank", "r2"], ["rocker_pin"])
+            >>> g = f.torch()  # doctest: +SKIP
+            >>> g(torch.tensor([1.0, 0.1], dtype=torch.float64))  # doctest: +SKIP
+        """
+        from spatial_pin.function.frameworks import torch_function
+
+        return torch_function(self)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Function, (self.mechanism, self.inputs, self.outputs, self.home)
+
+    def __repr__(self) -> str:
+        return (f"Function({self.mechanism.name!r}, {len(self.inputs)} inputs, "
+                f"{len(self.labels)} numbers of {len(self.outputs)} outputs)")
+
+    # ------------------------------------------------------------ rows
+
+    def _rows(self, x: Any) -> Array:
+        """Return inputs as rows (N, m)."""
+        array, m = as_array(x, "x"), len(self.inputs)
+        if array.ndim not in (1, 2) or array.shape[-1] != m:
+            raise ValueError(f"x has shape {array.shape}; (N, {m}), or ({m},) for one row, is "
+                             f"needed: {', '.join(self.inputs)}")
+        return finite_array(array, array.shape, "x").reshape(-1, m)
+
+    def _shaped(self, x: Any, rows: Array) -> Array:
+        return rows if np.ndim(x) == 2 else rows[0]
+
+    def _column(self, kind: str) -> list[tuple[int, str]]:
+        return [(k, x.of) for k, x in enumerate(self._inputs) if x.kind == kind]
+
+    def _worked_out(self, rows: Array, with_slopes: bool) -> tuple[Array, Array]:
+        """Return values (N, k), and derivatives (N, k, m), empty if not wanted."""
+        values = np.empty((len(rows), len(self.labels)))
+        slopes = np.empty((len(rows), len(self.labels), len(self.inputs) if with_slopes else 0))
+        for at, mechanism, home in self._by_dimensions(rows):
+            geometry = self._geometry(mechanism) if with_slopes else None
+            states = [self._moving(mechanism, home, rows, k) for k in at.tolist()]
+            loads = [self._loads(state, rows[k]) for k, state in zip(at, states, strict=True)]
+            states = [state if load is None or not self._has_efforts else load.state
+                      for state, load in zip(states, loads, strict=True)]
+            values[at] = self._values(states, loads)
+            if geometry is not None:
+                for k, state, load in zip(at.tolist(), states, loads, strict=True):
+                    slopes[k] = self._slopes(k, geometry, state, load, values[k])
+        return values, slopes
+
+    def _by_dimensions(
+        self, rows: Array
+    ) -> Iterator[tuple[NDArray[np.intp], Mechanism, State | None]]:
+        """Yield numbers of rows with the same dimensions, their mechanism and its home.
+
+        The home is None where the drivers of the guess cannot stand at these dimensions.
+        """
+        columns = [k for k, _ in self._column(DIMENSION)]
+        every, group = np.unique(rows[:, columns], axis=0, return_inverse=True)
+        own = [self.mechanism.dimensions[name] for name in self._dimensions]
+        for k, x in enumerate(every.tolist()):
+            at = np.flatnonzero(group.reshape(-1) == k)
+            if x == own:
+                yield at, self.home.mechanism, self.home
+                continue
+            try:
+                mechanism = self._variant(x)
+            except SpatialPinError as error:
+                raise _unreached(int(at[0]), error) from error
+            try:
+                yield at, mechanism, followed(mechanism, self._standing, self.home)
+            except SpatialPinError:
+                yield at, mechanism, None
+
+    def _variant(self, dimensions: Sequence[float]) -> Mechanism:
+        assert self._variants is not None
+        return self._variants.at(
+            dict(zip(self._dimensions, dimensions, strict=True)),
+            self._with_masses and not self._variants.has_masses)
+
+    @property
+    def _with_masses(self) -> bool:
+        return bool(self._needs & {EFFORT, MASS}) or self._has_efforts
+
+    @property
+    def _standing(self) -> dict[str, float]:
+        """The drivers' values at home."""
+        return {c.name: self.home.coordinate(c.name).value for c in self._driven if c.q >= 0}
+
+    def _moving(self, mechanism: Mechanism, home: State | None, rows: Array, k: int) -> State:
+        """Return the closed state of a row, with its rates."""
+        values = {self.mechanism.coordinate(name).name: float(rows[k, column])
+                  for column, name in self._column(VALUE)}
+        try:
+            try:
+                state = _driven_to(mechanism, self._standing, values, home)
+            except SpatialPinError:
+                if mechanism is self.home.mechanism:
+                    raise
+                there = _driven_to(self.home.mechanism, self._standing, values, self.home)
+                state = followed(mechanism, {**self._standing, **values}, there)
+        except SingularError as error:
+            raise SingularError(f"row {k}: {error}", state=error.state) from error
+        except SpatialPinError as error:
+            raise _unreached(k, error) from error
+        speeds, accelerations = (
+            {name: float(rows[k, column]) for column, name in self._column(kind)}
+            for kind in (RATE, ACCELERATION))
+        if not speeds and not accelerations:
+            return state
+        try:
+            return solve_rates(state.mechanism, state, speeds, accelerations)
+        except SingularError as error:
+            raise SingularError(f"row {k}: {error}", state=state) from error
+
+    def _loads(self, state: State, row: Array) -> Any:
+        """Return the forward or inverse dynamics of a state; None if they are not needed."""
+        if self._has_efforts:
+            efforts = {name: float(row[column]) for column, name in self._column(EFFORT)}
+            return forward_dynamics(state.mechanism, state, efforts)
+        return inverse_dynamics(state.mechanism, state) if EFFORT in self._needs else None
+
+    def _values(self, states: Sequence[State], loads: Sequence[Any]) -> Array:
+        """Return the outputs (n, k) of states of one mechanism."""
+        columns = list[Array]()
+        motion = _as_motion(states)
+        for x in self._outputs:
+            if x.needs == EFFORT:
+                name = x.name.removesuffix(f".{EFFORT}")
+                columns.append(np.array([load.efforts[_driver(self.mechanism, name)]
+                                         for load in loads]))
+            elif x.name.endswith(f".{ROTATION}"):
+                columns.append(motion.frame(x.name.removesuffix(f".{ROTATION}")).rotation)
+            elif x.follows:
+                columns.append(np.array([_as_motion([state]).output(x.name).values[0]
+                                         for state in states]))
+            else:
+                columns.append(motion.output(x.name).values)
+        return np.hstack([x.reshape(len(states), -1) for x in columns])
+
+    # ------------------------------------------------------------ derivatives
+
+    def _geometry(self, mechanism: Mechanism) -> MovedGeometry:
+        if mechanism is not self.home.mechanism:
+            return moved_geometry(mechanism, self._variants, self._with_masses)
+        if self._at_home is None:
+            self._at_home = moved_geometry(mechanism, self._variants, self._with_masses)
+        return self._at_home
+
+    def _given(self) -> Given:
+        """Return the changes of what is given with each input."""
+        m, numbers = len(self._inputs), [c.name for c in self._driven]
+        values, rates, accelerations = np.zeros((3, len(numbers), m))
+        given = Given(values, rates, accelerations, np.zeros((self.mechanism.model.nv, m)),
+                      np.zeros((len(self._dimensions), m)))
+        for k, x in enumerate(self._inputs):
+            if x.kind == DIMENSION:
+                given.dimensions[self._dimensions.index(x.of), k] = 1.0
+                continue
+            c = self.mechanism.coordinate(x.of)
+            if x.kind == EFFORT:
+                given.efforts[c.v, k] = 1.0
+            else:
+                table = {VALUE: given.values, RATE: given.rates,
+                         ACCELERATION: given.accelerations}[x.kind]
+                table[numbers.index(c.name), k] = 1.0
+        return given
+
+    def _slopes(
+        self, row: int, geometry: MovedGeometry, state: State, load: Any, values: Array
+    ) -> Array:
+        """Return the derivatives (k, m) of a row."""
+        given, m = self._given(), len(self._inputs)
+        at = ClosedDerivatives(geometry, state, self._driven, self._still)
+        try:
+            changes = at.changes(given)
+            efforts: Array = np.zeros((0, changes.q.shape[1]))
+            if load is not None:
+                a, borne = at.forced(given, changes, load.a, load.multipliers,
+                                     not self._has_efforts)
+                if self._has_efforts:
+                    changes.a[geometry.v] = a
+                else:
+                    efforts = borne[[self._driven.index(self.mechanism.coordinate(name))
+                                     for name in self.mechanism.drivers]]
+        except OpenedError as error:
+            raise self._opened(row, error.column, state) from error
+        columns = changes.q.shape[1] - m  # of freedoms that nothing determines
+        wide = np.hstack([given.dimensions, np.zeros((len(self._dimensions), columns))])
+        moved = Moved(at, changes, wide, efforts)
+        every: Array = np.vstack([x.slope(moved) for x in self._outputs])
+        size = self.mechanism.characteristic_length + np.abs(values) + np.abs(
+            every[:, :m]).max(axis=1, initial=0.0)
+        loose = np.abs(every[:, m:]).max(axis=1, initial=0.0) > TOLERANCES.half_precision * size
+        if loose.any():
+            raise SpatialPinError(
+                f"row {row}: mechanism {self.mechanism.name!r}: {self.labels[loose.argmax()]!r} "
+                "depends on a freedom that the drivers do not determine, such as an idle rotation: "
+                "it has no derivatives; choose another output, or drive that freedom")
+        return every[:, :m]
+
+    def _opened(self, row: int, column: int, state: State) -> SpatialPinError:
+        """Return the error of an input that alone opens a loop."""
+        x = self._inputs[min(column, len(self._inputs) - 1)]
+        where = f"row {row}: mechanism {self.mechanism.name!r}: "
+        if x.kind == DIMENSION:
+            return SpatialPinError(
+                f"{where}the loops open where {x.name!r} alone is changed (they are "
+                "overconstrained), so that there is no derivative; choose a dimension that keeps "
+                "them closed")
+        return SingularError(
+            f"{where}{x.name!r} does not determine the motion there (a dead centre, or drivers "
+            "that depend on each other), so that there is no derivative", state=state)
+
+
+def _input(mechanism: Mechanism, name: str) -> _Input:
+    """Return an input by its name: of a driver, or its joint, or a dimension.
+
+    Raises:
+        UnknownNameError: there is none.
+    """
+    own = {**{d.joint: n for n, d in mechanism.drivers.items()},
+           **{n: n for n in mechanism.drivers}}
+    if name in own:
+        return _Input(name, VALUE, own[name])
+    stem, _, kind = name.rpartition(".")
+    if name.startswith("effort."):
+        stem, kind = name.removeprefix("effort."), EFFORT
+    if stem in own and kind in (*RATES, ACCELERATION, EFFORT):
+        return _Input(name, RATE if kind in RATES else kind, own[stem])
+    dimension = name.removeprefix("dimension.")  # where a driver has its name
+    if dimension in mechanism.dimensions:
+        return _Input(name, DIMENSION, dimension)
+    valid = [*own, *(f"{n}.{k}" for n in own for k in (*RATES, ACCELERATION)),
+             *(f"effort.{n}" for n in own), *mechanism.dimensions]
+    raise UnknownNameError("input", name, valid, f"mechanism {mechanism.name!r}: ")
+
+
+def _driver(mechanism: Mechanism, name: str) -> str:
+    return name if name in mechanism.drivers else next(
+        n for n, d in mechanism.drivers.items() if d.joint == name)
+
+
+def _labels(x: FunctionOutput) -> list[str]:
+    if x.size == 9:
+        return [f"{x.name}.{i}{j}" for i in "xyz" for j in "xyz"]
+    return [x.name] if x.size == 1 else [f"{x.name}.{i}" for i in "xyz"]
+
+
+def _driven_to(
+    mechanism: Mechanism, standing: Mapping[str, float], values: Mapping[str, float],
+    home: State | None,
+) -> State:
+    """Return the state of drivers' values, on the branch of a state where they stand.
+
+    Raises:
+        LimitError, SingularError: the straight motion to them ends before.
+        SpatialPinError: there is no state to start from.
+    """
+    if home is None:
+        raise SpatialPinError(f"mechanism {mechanism.name!r}: no closed configuration of this "
+                              f"branch at dimensions {dict(mechanism.parameters)}")
+    moved = {name: [standing[name], x] for name, x in values.items() if x != standing[name]}
+    if not moved:
+        return home
+    return follow(mechanism, moved, guess=home).state(-1)
+
+
+def _as_motion(states: Sequence[State]) -> Motion:
+    """Return states as samples of a motion, which has rates in time."""
+    q, v, a, angles = (np.array([getattr(s, x) for s in states]) for x in (
+        "q", "v", "a", "angles"))
+    errors = np.array([s.closure_error for s in states])
+    return Motion(states[0].mechanism, None, "", None, q, v, a, errors, np.ones(len(states)),
+                  angles=angles)
+
+
+def _unreached(row: int, error: SpatialPinError) -> AssemblyError:
+    """Return the error of a row that cannot be reached."""
+    return AssemblyError(f"row {row}: {error}", closure_error=float(getattr(
+        error, "closure_error", np.inf)), worst_closure=getattr(error, "worst_closure", ""),
+        state=getattr(error, "state", None))
+
+
+@checked
+def function(
+    mechanism: Mechanism, inputs: Iterable[str], outputs: Iterable[str],
+    guess: Mapping[str, Any] | State | Array | None = None,
+) -> Function:
+    """Return outputs of a mechanism as a differentiable function of its inputs.
+
+    `f(x)` closes the loops for each row of inputs by itself, on the branch of the guess: from there
+    the dimensions change along a straight line, then the drivers. `f.jacobian(x)` are the exact
+    derivatives with the loops closed, by implicit differentiation; `f.vjp(x, y)` is y times them.
+
+    Args:
+        mechanism: the mechanism.
+        inputs: of a driver its value `crank` [rad, m], `crank.rate` (or `.velocity`) and
+            `crank.acceleration`; dimensions, as `sensitivity` names them (`dimension.boom` where a
+            driver has the name too); efforts `effort.crank`
+            [N·m, N], from which accelerations follow. Drivers that are not named stand where the
+            guess has them, rates that are not named are zero.
+        outputs: as `Motion.output` names coordinates, angles of links, and positions, velocities
+            and accelerations of frames and centres of mass; `FRAME.rotation`, its nine numbers row
+            by row; `effort.crank` (or `crank.effort`), what the motion needs.
+        guess: where to begin, as for `assemble`.
+
+    Returns:
+        The Function.
+
+    Raises:
+        AssemblyError: the guess does not close.
+        UnknownNameError: there is no such input or output.
+        ValueError: an input is named twice, inputs contradict each other, or rates are wanted
+            without a rate among the inputs.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> f = sp.function(mech, ["crank", "crank.rate", "r2"], ["rocker_pin", "effort.crank"])
+        >>> x = [[1.0, 10.0, mech.dimensions["r2"]]]
+        >>> f(x).round(4)  # (N, k): [rad], [N·m]
+        array([[1.6255, 0.9714]])
+        >>> f.jacobian(x).shape  # (N, k, m)
+        (1, 2, 3)
+    """
+    return Function(mechanism, inputs, outputs, guess)

@@ -1,0 +1,297 @@
+"""A mechanism whose dimensions are freedoms of its joints and frames.
+
+A dimension moves joints and frames on the bodies that carry them. As a floating joint in front of
+each of them would move it too, all derivatives by q give those by dimensions. How placements and
+masses follow from the dimensions is differenced (eighth order), as the file's expressions can be
+any: no loop is closed for that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from spatial_pin.assembly.state import State
+from spatial_pin.constraints.compiled_equations import constraints_of
+from spatial_pin.constraints.composite_joints import AXIAL, joint_kind
+from spatial_pin.constraints.tree_motion import Motion
+from spatial_pin.dimensions.sensitivity import AROUND, DIFFERENCE, EIGHTH
+from spatial_pin.dimensions.variants import PlacementBatch, TracedTree, Variants, copied
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.formats.xacro.xacro_arguments import written_dimensions
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.numerics.linalg import Array
+
+SHORTER = (1.0, 1.0 / 8.0, 1.0 / 64.0, 1.0 / 512.0)  # steps, where the file has no longer one
+
+
+class MovedGeometry(NamedTuple):
+    """A mechanism with a floating joint in front of what dimensions move.
+
+    Attributes:
+        mechanism: with these joints; closures and frames are those of the original.
+        joint: (njoints,) number in it of each joint of the original.
+        q, v: entries of the original in its configuration and velocity.
+        moves: (nv, n) joint velocities there per unit rate of each dimension.
+        inertias: (n, 10 (njoints - 1)) of the bodies' inertias, by dimension, as
+            `pin.Inertia.toDynamicParameters` orders them; `moves` does not have them.
+        levers: (n, 3) by link, of its centre of mass in its own frame, where it changes.
+        axes: (n, passives, 3) of the axes of idle rotations, in the frames of their joints.
+        written: dimensions that the mechanism file itself computes with, by number: the step, and
+            the mechanisms around.
+    """
+
+    mechanism: Mechanism
+    joint: NDArray[np.intp]
+    q: NDArray[np.intp]
+    v: NDArray[np.intp]
+    moves: Array
+    inertias: Array
+    levers: dict[str, Array]
+    axes: Array
+    written: dict[int, tuple[float, list[Mechanism]]]
+
+    def motion(self, state: State, a: Array) -> Motion:
+        """Return q, v and a of the mechanism with more joints, which stand still."""
+        q, v, wide = self.mechanism.neutral.copy(), *np.zeros((2, self.mechanism.model.nv))
+        q[self.q], v[self.v], wide[self.v] = state.q, state.v, a
+        return q, v, wide
+
+
+class _Sampled(NamedTuple):
+    """What a mechanism has at several sets of dimensions; (s or 1, ...), or left out if constant.
+
+    Axes of joints are turned to those of the mechanism itself, the bodies with them.
+    """
+
+    joints: dict[int, PlacementBatch]
+    frames: dict[int, PlacementBatch]
+    inertias: dict[int, Array]  # (s or 1, 10)
+    levers: dict[str, Array]  # (s or 1, 3)
+    axes: list[Array]  # (s or 1, 3)
+
+
+def moved_geometry(
+    mechanism: Mechanism, variants: Variants | None, with_masses: bool
+) -> MovedGeometry:
+    """Return a mechanism with joints that its dimensions move.
+
+    Args:
+        mechanism: the mechanism.
+        variants: makes it at other dimensions; None if there are none to be changed.
+        with_masses: whether inertias and levers are wanted.
+
+    Raises:
+        SpatialPinError: there is no such mechanism at dimensions nearby.
+    """
+    names, model = [] if variants is None else variants.names, mechanism.model
+    n = len(names)
+    own = np.array([mechanism.dimensions[name] for name in names])
+    steps: Array = DIFFERENCE * np.where(own != 0.0, np.abs(own), mechanism.characteristic_length)
+    if variants is None:
+        samples, written = _Sampled({}, {}, {}, {}, []), dict[int, tuple[float, list[Mechanism]]]()
+    else:
+        samples, written, steps = _around(mechanism, variants, own, steps, with_masses)
+    weights = np.kron(np.diag(1.0 / steps), [np.sign(k) * EIGHTH[abs(k)] for k in AROUND])
+
+    def slope(x: Array) -> Array:
+        """Return derivatives (n, ...) of samples (1 + 8 n, ...), the first of them its own."""
+        return np.tensordot(weights, x[1:], 1) if len(x) > 1 else np.zeros((n, *x.shape[1:]))
+
+    twists = {(is_joint, k): _twists(pose, slope) for is_joint, poses in (
+        (True, samples.joints), (False, samples.frames)) for k, pose in poses.items()}
+    moving = {key for key, x in twists.items() if x.any()}
+    larger, joint, moved = _with_floating_joints(mechanism, moving)
+    q, v = (_entries(first, count, joint.tolist()) for first, count in (
+        (larger.model.idx_qs, larger.model.nqs), (larger.model.idx_vs, larger.model.nvs)))
+    moves, inertias = np.zeros((larger.model.nv, n)), np.zeros((n, model.njoints - 1, 10))
+    for key, j in moved.items():
+        moves[larger.model.idx_vs[j] : larger.model.idx_vs[j] + 6] = twists[key].T
+    for i, x in samples.inertias.items():
+        inertias[:, i - 1] = slope(x)
+    axes = np.zeros((n, len(mechanism.passives), 3))
+    for i, x in enumerate(samples.axes):
+        axes[:, i] = slope(x)
+    return MovedGeometry(
+        larger, joint, q, v, moves, inertias.reshape(n, 10 * (model.njoints - 1)),
+        {name: slope(x) for name, x in samples.levers.items()}, axes, written)
+
+
+def _twists(pose: PlacementBatch, slope: Callable[[Array], Array]) -> Array:
+    """Return the twists (n, 6) of a placement, in its own axes."""
+    turn = pose.rotation[0].T
+    spun = turn @ slope(pose.rotation)
+    skew = 0.5 * (spun - spun.swapaxes(1, 2))
+    return np.column_stack([slope(pose.translation) @ turn.T, skew[:, 2, 1], skew[:, 0, 2],
+                            skew[:, 1, 0]])
+
+
+def _around(
+    mechanism: Mechanism, variants: Variants, own: Array, steps: Array, with_masses: bool
+) -> tuple[_Sampled, dict[int, tuple[float, list[Mechanism]]], Array]:
+    """Return samples at dimensions (n,) and at eight values around each, those of the file too.
+
+    Also the steps, which are shorter where there is no mechanism within them.
+    """
+    file_itself = written_dimensions(mechanism.content, variants.names)
+    tree = None if file_itself else variants.tree
+    if tree is not None and (tree.turns_axes or (with_masses and not tree.has_masses)):
+        tree = None
+    first: SpatialPinError | None = None
+    for part in SHORTER:
+        h = steps * part
+        every = np.hstack([own[:, None], own[:, None] + np.kron(np.diag(h), AROUND)])
+        if tree is not None:
+            samples = _traced(mechanism, tree, every, with_masses)
+            if samples is not None:
+                return samples, {}, h
+        try:
+            several = variants.several(
+                [dict(zip(variants.names, x, strict=True)) for x in every.T.tolist()],
+                with_masses and not variants.has_masses)
+        except SpatialPinError as error:
+            first = first or error
+            continue
+        for x in several:  # lengths are relative to the same one
+            x.__dict__["extent"] = mechanism.extent
+        written = {k: (float(h[k]), several[1 + 8 * k : 9 + 8 * k])
+                   for k, name in enumerate(variants.names) if name in file_itself}
+        return _loaded(mechanism, several), written, h
+    assert first is not None
+    raise first
+
+
+def _traced(
+    mechanism: Mechanism, tree: TracedTree, dimensions: Array, with_masses: bool
+) -> _Sampled | None:
+    """Return the samples of a traced file at dimensions (n, s); None if it has not all of them."""
+    at, model = tree.at(dimensions, with_masses), mechanism.model
+    if not at.holds.all():
+        return None
+    inertias: dict[int, Array] = {}
+    varied = tree.link_inertias(at.inertials) if with_masses else {}
+    for name, own in mechanism.inertias.items() if with_masses else ():
+        k = mechanism.frame_ids.get(name, 0)
+        if model.frames[k].parentJoint and (name in varied or k in at.frames):
+            pose = at.frames.get(k, PlacementBatch.of(model.frames[k].placement))
+            numbers = varied.get(name, own.toDynamicParameters()[None])
+            moved = np.array([
+                pose.at(j).act(pin.Inertia.FromDynamicParameters(
+                    numbers[j % len(numbers)])).toDynamicParameters()
+                for j in range(dimensions.shape[1])])
+            joint = model.frames[k].parentJoint
+            inertias[joint] = inertias.get(joint, 0.0) + moved
+
+    def on_body(joint: int, name: str) -> Array:  # as `vector_products.point_on_body`
+        k = mechanism.frame_id(name)
+        carrier = model.frames[k].parentJoint
+        known, i, still = (at.frames, k, model.frames[k].placement) if carrier == joint else (
+            at.joints, carrier, model.jointPlacements[carrier])
+        return known.get(i, PlacementBatch.of(still)).translation
+
+    axes = []
+    for passive in mechanism.passives:
+        joint = mechanism.frame_on_joint(passive.body)[0]
+        one, two = (on_body(joint, name) for name in passive.axis)
+        axes.append((two - one) / np.linalg.norm(two - one, axis=1, keepdims=True))
+    return _Sampled(at.joints, at.frames, inertias, at.levers, axes)
+
+
+def _loaded(mechanism: Mechanism, several: Sequence[Mechanism]) -> _Sampled:
+    """Return the samples of mechanisms."""
+    model = mechanism.model
+    joints: list[list[pin.SE3]] = [[] for _ in range(model.njoints)]
+    frames: list[list[pin.SE3]] = [[] for _ in range(model.nframes)]
+    inertias: list[list[Array]] = [[] for _ in range(model.njoints)]
+    axes: list[list[Array]] = [[] for _ in mechanism.passives]
+    for x in several:
+        back = [_turn(x.model.joints[i], model.joints[i]) for i in range(model.njoints)]
+        for i in range(1, model.njoints):
+            joints[i].append(back[model.parents[i]] * x.model.jointPlacements[i]
+                             * back[i].inverse())
+            inertias[i].append(back[i].act(x.model.inertias[i]).toDynamicParameters())
+        for poses, frame in zip(frames, x.model.frames, strict=True):
+            poses.append(back[frame.parentJoint] * frame.placement)
+        for known, (joint, axis) in zip(
+                axes, constraints_of(x).idle_axes if axes else (), strict=True):
+            known.append(back[joint].rotation @ axis)
+
+    def stacked(poses: list[list[pin.SE3]]) -> dict[int, PlacementBatch]:
+        return {k: PlacementBatch(np.array([x.rotation for x in some]),
+                                  np.array([x.translation for x in some]))
+                for k, some in enumerate(poses) if any(x != some[0] for x in some)}
+
+    return _Sampled(
+        stacked(joints), stacked(frames),
+        {i: np.array(x) for i, x in enumerate(inertias) if i},
+        {name: np.array([x.inertias[name].lever for x in several]) for name in mechanism.inertias},
+        [np.array(x) for x in axes])
+
+
+def _turn(joint: pin.JointModel, nominal: pin.JointModel) -> pin.SE3:
+    """Return the least rotation that takes the axis of a joint to the nominal one."""
+    if joint.nv == 1 and nominal.shortname().removeprefix("JointModel")[0] in AXIAL:
+        own, wanted = (joint_kind(x.extract())[1] for x in (joint, nominal))
+        if own is not None and wanted is not None and not np.array_equal(own, wanted):
+            return pin.SE3(pin.Quaternion.FromTwoVectors(own, wanted).matrix(), np.zeros(3))
+    return pin.SE3.Identity()
+
+
+def _with_floating_joints(
+    mechanism: Mechanism, moving: Collection[tuple[bool, int]]
+) -> tuple[Mechanism, NDArray[np.intp], dict[tuple[bool, int], int]]:
+    """Return the mechanism with a floating joint in front of some joints and frames.
+
+    These are given, and returned, as (whether it is a joint, its number). Also returned is the
+    number in the mechanism of each joint, and of each floating joint by what it carries.
+    """
+    if not moving:
+        return mechanism, np.arange(mechanism.model.njoints), {}
+    model, out = mechanism.model, pin.Model()
+    out.gravity, out.name = model.gravity, model.name
+    number, moved, pairs = [0], dict[tuple[bool, int], int](), list[str]()
+
+    def carrier(parent: int, placement: pin.SE3, key: tuple[bool, int]) -> tuple[int, pin.SE3]:
+        """Return parent and placement of a joint or frame, behind a floating joint if it moves."""
+        is_joint, k = key
+        if key not in moving:
+            return number[parent], placement
+        moved[key] = out.addJoint(number[parent], pin.JointModelFreeFlyer(), placement,
+                                  f"dimensions of {'joint' if is_joint else 'frame'} {k}")
+        pairs.append("floating")
+        return moved[key], pin.SE3.Identity()
+
+    for i in range(1, model.njoints):
+        at = carrier(model.parents[i], model.jointPlacements[i], (True, i))
+        number.append(out.addJoint(at[0], model.joints[i], at[1], model.names[i]))
+        pairs.append(mechanism.pairs[i - 1])
+        out.inertias[number[-1]] = model.inertias[i]
+    for k, frame in enumerate(model.frames):
+        if k:  # the universe's own is there
+            parent, placement = carrier(frame.parentJoint, frame.placement, (False, k))
+            out.addFrame(pin.Frame(frame.name, parent, 0, placement, frame.type), False)
+    v = _entries(out.idx_vs, out.nvs, number)
+
+    def wide(x: Array, rest: float) -> Array:
+        many = np.full(out.nv, rest)
+        many[v] = x
+        return many
+
+    for name in ("armature", "damping", "upperDryFrictionLimit"):
+        setattr(out, name, wide(getattr(model, name), 0.0))
+    slip = wide(mechanism.slip_speeds, np.nan) if mechanism.slip_speeds.size else np.empty(0)
+    larger = copied(mechanism, model=out, pairs=tuple(pairs), passives=(), guess={},
+                    slip_speeds=slip, whole=None)
+    for name in ("extent", "dimensions"):
+        larger.__dict__[name] = getattr(mechanism, name)
+    return larger, np.array(number), moved
+
+
+def _entries(first: Sequence[int], count: Sequence[int], joints: Sequence[int]) -> NDArray[np.intp]:
+    """Return the entries of joints, but the universe, in a vector."""
+    return np.concatenate([np.zeros(0, np.intp), *(
+        np.arange(first[j], first[j] + count[j], dtype=np.intp) for j in joints[1:])])

@@ -1,0 +1,393 @@
+"""Configurations at scattered driver values on one branch, each from its nearest neighbour.
+
+The values are taken from few to many: half of them are solved before the other half, a quarter
+before that, and so on, spread evenly by Morton's order [Morton1966]. Each is followed to along a
+straight line from the nearest one of those before it, so that as many rows as there are cores are
+solved at a time, and no row depends on more than some twenty others.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spatial_pin._support.checks import checked, names_of
+from spatial_pin._support.executors import in_order
+from spatial_pin._support.progress import progress_bar
+from spatial_pin.assembly.held_start import held_start, starting_state
+from spatial_pin.assembly.holding import BASE, Hold
+from spatial_pin.assembly.redundant_equations import allowed_from, gap_allowed
+from spatial_pin.assembly.samples import PIECE
+from spatial_pin.assembly.search.guesses import read_guess
+from spatial_pin.assembly.state import State, all_angles
+from spatial_pin.constraints.workspaces import Workspaces
+from spatial_pin.continuation.path_tracker import UNBOUND, PathTracker
+from spatial_pin.errors import AssemblyError, Interrupted, SpatialPinError
+from spatial_pin.kernel.kernel import kernel_of
+from spatial_pin.kernel.paths import Path, PathSamples, Scattered, prescribed_indices
+from spatial_pin.mechanism.coordinates import coordinate_value, require_mechanism
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.motion.follow import along, table_of
+from spatial_pin.motion.motion import Event, Motion, selected
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.rates.depending import part_moving_with
+from spatial_pin.rates.rates import check_not_held
+from spatial_pin.settings import Accuracy, accuracy_of
+
+Rows = NDArray[np.int64]
+FEWEST = 32  # rows of one call of the kernel, for which a thread is worth its while
+SHARE = 4  # calls of each thread for half of the rows: the last one to end waits for no more
+# Nearest solved neighbours from which a row is tried: behind a corner of the reachable values the
+# nearest one sees it as a rule, and each costs as much as ten rows where none does.
+NEIGHBOURS = 3
+# Lines in a row that lead through no singular configuration, before the rest is not tried: each
+# costs milliseconds.
+PASSAGES = 20
+
+
+@checked
+def states(
+    mechanism: Mechanism,
+    values: Mapping[str, Any],
+    guess: Mapping[str, Any] | State | Array | None = None,
+    threads: int | None = None,
+    *,
+    hold: Hold = BASE,
+    accuracy: Accuracy | None = None,
+    progress: bool = False,
+) -> Motion:
+    """Solve configurations at scattered driver values on one branch: that of the guess.
+
+    The values of the sample nearest to the guess are assembled. Each other sample is followed to
+    from its nearest solved neighbour, along a straight line of driver values, so that the branch is
+    kept; where one is out of reach from there, from others. A line may go straight on where
+    branches cross. No result depends on the number of threads, nor on the order of the samples.
+
+    Where a region of driver values surrounds one that cannot be reached, or a cusp of one, other
+    lines may lead to other branches: `sweep` and `follow` go along a line of your own.
+
+    Args:
+        mechanism: the mechanism.
+        values: (N,) values by driver, or coordinate of a joint [rad or m], in any order; one number
+            stands still. All other drivers keep their values from the guess.
+        guess: where to begin, as for `assemble`; a State is on the branch itself.
+        threads: how many rows are solved at a time; default: as many as there are cores.
+        hold: names of other joints that stand still, as for `sweep`.
+        accuracy: tolerance; default "engineering".
+        progress: show a bar on stderr after a second, if that is a terminal.
+
+    Returns:
+        The Motion, one sample per row of the tables, in their order, at rest: v and a are zero, as
+        those of `assemble`; `solve_rates` of it takes arrays of speeds. It has no driver and no
+        time. Where a value cannot be reached the row holds the nearest configuration that was, and
+        `unreached` {sample: reason} says so.
+
+    Raises:
+        AssemblyError: neither the sample nearest to the guess nor the guess can be assembled.
+        SingularError: the drivers do not determine the motion there.
+        Interrupted: after Ctrl-C; has the samples until then.
+        UnknownNameError: a name does not exist.
+        ValueError: tables are not finite, or of different lengths; or threads are less than one.
+
+    Example:
+        >>> mech = sp.load("delta")
+        >>> rng = np.random.default_rng(0)
+        >>> arms = {f"arm_{i}": rng.uniform(0.0, 0.6, 500) for i in (1, 2, 3)}  # [rad]
+        >>> motion = sp.states(mech, arms)
+        >>> motion.placement("platform")[:, :3, 3].shape, motion.unreached  # (N, 3) [m]
+        ((500, 3), {})
+        >>> sp.jacobian(mech, motion, "platform").shape  # (N, 6, n)
+        (500, 6, 3)
+    """
+    accuracy = accuracy_of(accuracy)
+    require_mechanism(mechanism)
+    if threads is not None and threads < 1:
+        raise ValueError(f"threads is {threads}: one at least solves the samples")
+    names, table = table_of(mechanism, values)
+    held = () if hold is None else tuple(names_of(hold, "hold"))
+    check_not_held(mechanism, [mechanism.prescribed_coordinate(name) for name in names], held)
+    order = np.lexsort(table.T[::-1])
+    is_new = np.ones(len(table), dtype=bool)
+    is_new[1:] = (table[order[1:]] != table[order[:-1]]).any(axis=1)
+    number = np.empty(len(table), np.int64)
+    number[order] = np.cumsum(is_new) - 1
+    distinct = table[order[is_new]]
+    state, gone = _first(mechanism, names, distinct, guess, held, accuracy)
+    moved = part_moving_with(state, names, hold)
+    there, standing = (state, hold) if moved is None else moved[:2]
+    with (progress_bar(len(distinct), f"{mechanism.name}: {', '.join(names)}", progress) as bar,
+          Workspaces() as workspaces):
+        cloud = _Cloud(there, names, standing, distinct, accuracy, threads or _cores(), workspaces)
+        is_cut = False
+        try:
+            cloud.solve(bar)
+        except KeyboardInterrupt:
+            is_cut = True
+    samples, unreached = cloud.scattered.samples, cloud.unreached()
+    samples = samples if moved is None else moved.of_whole(samples)
+    unreached |= _opened(state, samples, accuracy)
+    n = len(table)
+    v, a = np.zeros((2, n, state.mechanism.model.nv))
+    motion = Motion(
+        state.mechanism, None, "", None, samples.q[number], v, a, samples.error[number], np.ones(n),
+        [Event("released", 0.0, 0, text) for text in gone], samples.angles[number],
+        held=held if moved is None else moved.held, unreached={
+            k: unreached[row] for k, row in enumerate(number.tolist()) if row in unreached})
+    if is_cut:
+        done = cloud.scattered.part[number] >= 1.0
+        raise Interrupted(selected(motion, np.flatnonzero(done)))
+    return motion
+
+
+def _cores() -> int:
+    """Return how many cores this process may use."""
+    known = getattr(os, "sched_getaffinity", None)
+    return len(known(0)) if known else os.cpu_count() or 1
+
+
+def _first(
+    mechanism: Mechanism, names: list[str], table: Array, guess: Any, held: tuple[str, ...],
+    accuracy: Accuracy,
+) -> tuple[State, list[str]]:
+    """Return the first State, and sentences on what is held elsewhere than the guess has it.
+
+    It is at the values nearest to the guess, where these cannot be assembled at the guess.
+
+    Raises:
+        AssemblyError: neither can be assembled.
+    """
+    coordinates = [mechanism.coordinate_table[name] for name in names]
+    if isinstance(guess, State):
+        own = {name: guess.coordinate(name).value for name in names}
+        return held_start(mechanism, own, guess, held, accuracy)
+    start = read_guess(mechanism, guess)
+    at = np.array([coordinate_value(mechanism, c, start.q) for c in coordinates])
+    sizes = mechanism.velocity_scale[[c.v for c in coordinates]]
+    row = int(np.linalg.norm((table - at) / sizes, axis=1).argmin())
+    try:
+        return held_start(mechanism, dict(zip(names, table[row].tolist(), strict=True)), guess,
+                          held, accuracy)
+    except AssemblyError:
+        with suppress(AssemblyError):
+            return starting_state(mechanism, guess), []
+        raise
+
+
+class _Cloud:
+    """Scattered values, each with its parent, and what solves them.
+
+    Args:
+        state: the first State, of the mechanism or of the part that moves.
+        names: coordinates that have values.
+        hold: what stands still besides.
+        table: (n, k) distinct values, in order.
+        accuracy: of the samples.
+        threads: how many.
+        workspaces: hold the kernels.
+    """
+
+    def __init__(
+        self, state: State, names: Sequence[str], hold: Hold, table: Array, accuracy: Accuracy,
+        threads: int, workspaces: Workspaces,
+    ) -> None:
+        mechanism = self.mechanism = state.mechanism
+        self._names, self._hold, self._accuracy = names, hold, accuracy
+        tracker = PathTracker.along(state, names, hold, accuracy, workspaces)
+        driven, still = tracker.driven, tracker.still
+        system = tracker.checked_system(state)
+        indices = prescribed_indices(mechanism.model.nv, driven, still)
+        values = {c.v: coordinate_value(mechanism, c, state.q)
+                  for c in mechanism.coordinate_table.values() if c.q >= 0}
+        first = [coordinate_value(mechanism, c, state.q) for c in driven]
+        self._standing = np.array([*first, *(values.get(v, 0.0) for v in still)])
+        n, k = table.shape
+        self._threads = max(1, min(threads, n // FEWEST))
+        self._paths = [Path(workspaces.acquire(kernel_of(mechanism)), system.equations, indices,
+                            system.passive, accuracy) for _ in range(self._threads)]
+        sizes = mechanism.velocity_scale[[c.v for c in driven[:k]]]
+        whole = np.vstack([table, first[:k]])
+        self.points: Array = whole / sizes
+        samples = PathSamples.empty(n + 1, mechanism.model.nq, mechanism.model.nv,
+                                    state.angles.size)
+        samples.q[:], samples.angles[:], samples.error[:] = (
+            state.q, state.angles, state.closure_error)
+        part = np.zeros(n + 1)
+        part[n] = 1.0
+        self.scattered = Scattered(whole, np.full(n + 1, n), samples, part)
+        self._reasons: dict[int, str] = {}
+
+    # ------------------------------------------------------------ rows, many at a time
+
+    def solve(self, bar: Any) -> None:
+        """Solve all rows; those that cannot be reached come as near as they can."""
+        with ThreadPoolExecutor(self._threads) as executor:
+            pool = executor if self._threads > 1 else None
+            for rows in self._levels():
+                self._follow(pool, rows)
+                bar.update(len(rows))
+            self._try_others(pool)
+            self._pass_singular(pool)
+
+    def _levels(self) -> Iterator[Rows]:
+        """Yield all rows, few before many, their parents being set."""
+        from scipy.spatial import cKDTree  # on use: it takes a tenth of a second
+
+        n = len(self.points) - 1
+        order, place = morton_order(self.points[:n]), np.arange(1, n + 1)
+        levels, before = np.bitwise_and(place, -place), np.array([n])
+        for size in 2 ** np.arange(int(n).bit_length())[::-1]:
+            rows = order[levels == size]
+            _, near = cKDTree(self.points[before]).query(self.points[rows], workers=self._threads)
+            self.scattered.parent[rows] = before[near]
+            before = np.concatenate([before, rows])
+            yield rows
+
+    def _follow(self, pool: Any, rows: Rows, is_last: bool = False) -> None:
+        """Follow to rows from their parents, which are done before."""
+        most = max(PIECE // max(self.mechanism.model.nv, 1), 1)
+        n = min(max(FEWEST, -(-len(rows) // (SHARE * self._threads))), most)
+        jobs = [(np.ascontiguousarray(rows[k : k + n]), is_last) for k in range(0, len(rows), n)]
+        for _ in in_order(pool if len(jobs) > 1 else None, self._follow_piece, jobs):
+            pass
+
+    def _follow_piece(self, rows: Rows, is_last: bool) -> None:
+        path = self._paths.pop()
+        try:
+            path.scatter(self.scattered, rows, self._standing, is_last)
+        finally:
+            self._paths.append(path)
+
+    # ------------------------------------------------------------ rows that were not reached
+
+    def _left(self) -> Rows:
+        """Return the rows that are not reached."""
+        return np.flatnonzero(self.scattered.part < 1.0)
+
+    def _try_others(self, pool: Any) -> None:
+        """Try rows that are not reached from other solved neighbours, and end as near as they can.
+
+        A row that is reached is a neighbour of others.
+        """
+        from scipy.spatial import cKDTree
+
+        scattered, points = self.scattered, self.points
+        tried: dict[int, dict[int, float]] = {row: {} for row in self._left().tolist()}
+        while len(rows := self._left()):
+            solved = np.flatnonzero(scattered.part >= 1.0)
+            k = min(NEIGHBOURS, len(solved))
+            near = solved[cKDTree(points[solved]).query(points[rows], k)[1].reshape(-1, k)]
+            fresh = [next((x for x in own if x not in tried[row]), -1)
+                     for row, own in zip(rows.tolist(), near.tolist(), strict=True)]
+            parents = np.array(fresh)
+            rows, parents = rows[parents >= 0], parents[parents >= 0]
+            if not len(rows):
+                break
+            scattered.parent[rows] = parents
+            self._follow(pool, rows)
+            apart = np.linalg.norm(points[rows] - points[parents], axis=1)
+            for row, parent, far in zip(rows.tolist(), parents.tolist(), (
+                    apart * (1.0 - scattered.part[rows])).tolist(), strict=True):
+                tried[row][parent] = far
+        rows = self._left()
+        for row in rows.tolist():
+            scattered.parent[row] = min(tried[row], key=lambda x: (tried[row][x], x))
+        self._follow(pool, rows, is_last=True)
+
+    def _pass_singular(self, pool: Any) -> None:
+        """Go on through singular configurations and branch points on the lines to rows, if any."""
+        failed, seen = 0, set[int]()
+        while failed < PASSAGES:
+            rows = [row for row in self._left().tolist() if row not in seen and not
+                    self._is_limit(row)]
+            if not rows:
+                return
+            parents = self.scattered.parent[rows]
+            far = np.linalg.norm(self.points[rows] - self.points[parents], axis=1)
+            row = rows[int(far.argmin())]
+            seen.add(row)
+            if self._passes(row):
+                failed = 0
+                self._try_others(pool)
+            else:
+                failed += 1
+
+    def _passes(self, row: int) -> bool:
+        """Whether the line to a row leads through what stopped it; then the row is written."""
+        from scipy.interpolate import PPoly  # on use: it takes a tenth of a second
+
+        s, parent = self.scattered, self.scattered.parent[row]
+        angles = s.samples.angles[parent]
+        state = State(self.mechanism, s.samples.q[parent], closure_error=s.samples.error[parent],
+                      angles=angles if angles.size else None)
+        first, last = s.values[parent], s.values[row]
+        line = PPoly(np.array([[last - first], [first]]), np.array([0.0, 1.0]))
+        try:
+            found = along(state, self._names, self._hold, line, np.array([0.0, 1.0]),
+                          self._accuracy, "", False, passes=True)
+        except SpatialPinError as error:
+            self._reasons[row] = str(error)
+            return False
+        if found.done < 2:
+            return False
+        for to, own in zip(s.samples, found.samples, strict=True):
+            to[row] = own[1]
+        s.part[row] = 1.0
+        return True
+
+    def _is_limit(self, row: int) -> bool:
+        """Whether joints become infinitely fast towards where the line to a row ends."""
+        s, scale = self.scattered, self.mechanism.velocity_scale
+        driver = np.abs(self.points[row] - self.points[s.parent[row]]).max()
+        return bool(np.abs(s.samples.t[row] / scale).max() > UNBOUND * driver)
+
+    def unreached(self) -> dict[int, str]:
+        """Return why rows are not reached."""
+        s, words = self.scattered, {}
+        units = [self.mechanism.coordinate(name).unit for name in self._names]
+
+        def at(values: Array) -> str:
+            return ", ".join(f"{name} = {x:.9g} {unit}" for name, x, unit in zip(
+                self._names, values.tolist(), units, strict=True))
+
+        for row in self._left().tolist():
+            parent, part = s.parent[row], s.part[row]
+            end = s.values[parent] + part * (s.values[row] - s.values[parent])
+            kind = "limit position" if self._is_limit(row) else "singular configuration"
+            words[row] = self._reasons.get(row, f"{at(s.values[row])} is out of reach: {kind} at "
+                                           f"{at(end)}, on the line from {at(s.values[parent])}")
+        return words
+
+
+def morton_order(points: Array) -> Rows:
+    """Return the order (n,) of points (n, k) on Morton's curve, those of one cell as they come."""
+    n, k = points.shape
+    bits = max(62 // k, 1)
+    low, span = points.min(axis=0), float(np.ptp(points, axis=0).max())
+    cells = np.minimum((points - low) / (span or 1.0) * 2.0**bits, 2.0**bits - 1.0).astype(np.int64)
+    code = np.zeros(n, np.int64)
+    for bit in range(bits - 1, -1, -1):
+        for column in cells.T[: 62 // bits]:
+            code = (code << 1) | ((column >> bit) & 1)
+    return np.argsort(code, kind="stable")
+
+
+def _opened(state: State, samples: PathSamples, accuracy: Accuracy) -> dict[int, str]:
+    """Return rows at which redundant equations of a rounded file open beyond the gap."""
+    mechanism = state.mechanism
+    if mechanism.whole is None:
+        return {}
+    gap = allowed_from(state, gap_allowed(mechanism, accuracy))
+    angles = np.array([all_angles(mechanism, x) for x in samples.angles])
+    with kernel_of(mechanism.whole) as kernel:
+        errors = kernel.errors(samples.q, angles.reshape(len(samples.q), -1))
+    return {row: f"the file's numbers are rounded, and its redundant equations open by "
+            f"{errors[row]:.1e} there, beyond the gap of {gap:.0e}"
+            for row in np.flatnonzero(errors > gap).tolist()}
+
+
