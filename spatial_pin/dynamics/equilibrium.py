@@ -23,8 +23,8 @@ from spatial_pin.assembly.state import State
 from spatial_pin.dynamics.derivatives.derivatives import exact_mechanism
 from spatial_pin.dynamics.derivatives.small_motions import AppliedLoads, SmallMotions
 from spatial_pin.dynamics.forces import Law
-from spatial_pin.dynamics.forward import Dynamics
 from spatial_pin.dynamics.solvers.equations_of_motion import equations_of
+from spatial_pin.dynamics.state_forces import Dynamics
 from spatial_pin.errors import Interrupted, SpatialPinError
 from spatial_pin.kernel.loop_equations import loops_at, loops_of
 from spatial_pin.mechanism.coordinates import (

@@ -4,41 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from functools import cached_property
-from typing import TYPE_CHECKING, overload
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin._support.brief import first_names
-from spatial_pin._support.checks import checked, names_of, positive_number
+from spatial_pin._support.checks import names_of, positive_number
 from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.holding import untied, velocity_entries
 from spatial_pin.assembly.passive_freedoms import is_in_loop, passive_freedoms
-from spatial_pin.assembly.state import State, moving_in_time
+from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
-from spatial_pin.dynamics.forces import Law, at_state, warn_of_no_inertia
-from spatial_pin.dynamics.forward import Dynamics, Load
 from spatial_pin.dynamics.reactions import UNMOVED
-from spatial_pin.dynamics.solvers.equations_of_motion import Equations, equations_of
+from spatial_pin.dynamics.solvers.equations_of_motion import Equations
 from spatial_pin.dynamics.solvers.independent_coordinates import ROUNDING
+from spatial_pin.dynamics.state_forces import Dynamics, Load
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.coordinates import driver_coordinates
 from spatial_pin.mechanism.inertia import fall_energy
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
-from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.mobility.idle_freedoms import idle_freedoms
 from spatial_pin.motion.summary import EFFORTS
 from spatial_pin.numerics.linalg import Array, common_rows, decompose, independent_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
-
-if TYPE_CHECKING:
-    from spatial_pin.dynamics.kinetostatics import Kinetostatics
-    from spatial_pin.dynamics.samples import External
-    from spatial_pin.motion.motion import Motion
 
 NO_MOTOR = "no motor acts on a component of a ball or of a floating joint"
 
@@ -167,87 +159,6 @@ class Efforts(Dynamics):
         lines = [f"{name}: {value:.9g}{'*' * (not unique[name])} (power {self.power[name]:.6g} W)"
                  for name, value in self.efforts.items()]
         return "\n".join([*lines, super().__str__()])
-
-
-@overload
-def inverse_dynamics(
-    mechanism: Mechanism, state: State,
-    actuated: Iterable[str] | Mapping[str, float] | None = None, *,
-    external: Mapping[str, pin.Force] | None = None, laws: Mapping[str, Law] | None = None,
-    slip_speed: SlipSpeed | None = None,
-) -> Efforts: ...
-@overload
-def inverse_dynamics(
-    mechanism: Mechanism, state: Motion,
-    actuated: Iterable[str] | Mapping[str, float] | None = None, *,
-    external: External | None = None, laws: Mapping[str, Law] | None = None,
-    slip_speed: SlipSpeed | None = None,
-) -> Kinetostatics: ...
-@checked
-def inverse_dynamics(
-    mechanism: Mechanism,
-    state: State | Motion,
-    actuated: Iterable[str] | Mapping[str, float] | None = None,
-    *,
-    external: External | None = None,
-    laws: Mapping[str, Law] | None = None,
-    slip_speed: SlipSpeed | None = None,
-) -> Efforts | Kinetostatics:
-    """Solve the efforts that move a mechanism as `state` says, and the reactions.
-
-    At rest this is statics. All that moves must be actuated, or be without load: a link that hangs
-    on a hinge which nobody drives would fall. An exception are passive freedoms (`mobility` names
-    them), such as the idle rotation of a rod between two balls: their accelerations are those that
-    forces and inertia give them, whatever `state` says. At rest a load that would turn
-    them is refused.
-
-    With more actuators than freedoms the efforts of least (weighted) squares are taken;
-    `Efforts.unique_efforts` tells which efforts depend on that, `Efforts.unique` which reactions.
-
-    Args:
-        mechanism: the mechanism.
-        state: configuration, velocity and acceleration, from `solve_rates`; or a Motion, of which
-            all samples are solved (`kinetostatics`).
-        actuated: drivers, joints or coordinates that have efforts, by default all drivers; with
-            weights (a mapping), the sum of weight * effort² is least.
-        external: by link, frame or joint, the force on it at its origin, world axes; over a Motion
-            as for `forward_dynamics`.
-        laws: of springs, as for `forward_dynamics`.
-        slip_speed: of dry friction, as for `forward_dynamics`; there is none at rest.
-
-    Returns:
-        The Efforts; over a Motion the Kinetostatics.
-
-    Raises:
-        SpatialPinError: a freedom is not actuated, or carries load though nobody drives it; says
-            which coordinates it moves.
-        SingularError: the loops lose rank there.
-        UnknownNameError: a name does not exist.
-        ValueError: a weight is not positive.
-
-    Example:
-        >>> mech = sp.load("four_bar")
-        >>> state = sp.solve_rates(mech, sp.assemble(mech, {"crank": 1.0}), {"crank": 10.0})
-        >>> found = sp.inverse_dynamics(mech, state)
-        >>> round(found.efforts["crank"], 5)  # [N·m]
-        0.97137
-        >>> found.reactions["output_pin"].linear.round(4)  # on the rocker [N], world axes
-        array([-6.2348, -0.    , -8.7523])
-    """
-    if not isinstance(state, State):
-        from spatial_pin.dynamics.kinetostatics import kinetostatics
-
-        return kinetostatics(mechanism, state, actuated, external=external, laws=laws,
-                             slip_speed=slip_speed)
-    state = moving_in_time(mechanism, state)
-    mechanism, external = state.mechanism, at_state(external)
-    actuation = actuation_of(mechanism, actuated)
-    warn_of_no_inertia(mechanism, external=external)
-    load = external, laws, slip_speed
-    with equations_of(mechanism) as equations:
-        equations.update(state, *load)
-        efforts, a, closures = balance(equations, actuation)
-    return Efforts(state, load, a, closures, actuation, efforts)
 
 
 def balance(equations: Equations, actuation: Actuation) -> tuple[Array, Array, Array]:

@@ -1,20 +1,22 @@
-"""Forces over a given motion: torque curves, bearing loads, shaking force and moment."""
+"""Forces of a given motion, at a State or over it: torques, bearing loads, shaking forces."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, overload
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin._support.brief import first_names
 from spatial_pin._support.checks import checked
 from spatial_pin._support.columns import Quantity, Tabular, read_only
-from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
-from spatial_pin.dynamics.inverse import actuation_of, balance, internal_efforts
+from spatial_pin.assembly.state import State, moving_in_time
+from spatial_pin.dynamics.forces import Law, at_state, warn_of_no_inertia
+from spatial_pin.dynamics.inverse import Efforts, actuation_of, balance, internal_efforts
 from spatial_pin.dynamics.lift_off import lift_offs
 from spatial_pin.dynamics.reactions import not_unique_marks, why_not_unique
 from spatial_pin.dynamics.samples import (
@@ -266,7 +268,6 @@ def kinetostatics(
                     samples.take_piece(piece, joints, samples.given_a[at], found)
                     continue
             for k in range(at.start, at.stop):
-                samples.done = k
                 samples.place(k)
                 samples.efforts[k], a, closures = balance(equations, actuation)
                 internal = internal_efforts(equations, actuation)
@@ -275,6 +276,85 @@ def kinetostatics(
 
     return loads_over(mechanism, motion, (external, laws, slip_speed),
                       dict.fromkeys(actuation.names), solve)
+
+
+@overload
+def inverse_dynamics(
+    mechanism: Mechanism, state: State,
+    actuated: Iterable[str] | Mapping[str, float] | None = None, *,
+    external: Mapping[str, pin.Force] | None = None, laws: Mapping[str, Law] | None = None,
+    slip_speed: SlipSpeed | None = None,
+) -> Efforts: ...
+@overload
+def inverse_dynamics(
+    mechanism: Mechanism, state: Motion,
+    actuated: Iterable[str] | Mapping[str, float] | None = None, *,
+    external: External | None = None, laws: Mapping[str, Law] | None = None,
+    slip_speed: SlipSpeed | None = None,
+) -> Kinetostatics: ...
+@checked
+def inverse_dynamics(
+    mechanism: Mechanism,
+    state: State | Motion,
+    actuated: Iterable[str] | Mapping[str, float] | None = None,
+    *,
+    external: External | None = None,
+    laws: Mapping[str, Law] | None = None,
+    slip_speed: SlipSpeed | None = None,
+) -> Efforts | Kinetostatics:
+    """Solve the efforts that move a mechanism as `state` says, and the reactions.
+
+    At rest this is statics. All that moves must be actuated, or be without load: a link that hangs
+    on a hinge which nobody drives would fall. An exception are passive freedoms (`mobility` names
+    them), such as the idle rotation of a rod between two balls: their accelerations are those that
+    forces and inertia give them, whatever `state` says. At rest a load that would turn
+    them is refused.
+
+    With more actuators than freedoms the efforts of least (weighted) squares are taken;
+    `Efforts.unique_efforts` tells which efforts depend on that, `Efforts.unique` which reactions.
+
+    Args:
+        mechanism: the mechanism.
+        state: configuration, velocity and acceleration, from `solve_rates`; or a Motion, of which
+            all samples are solved (`kinetostatics`).
+        actuated: drivers, joints or coordinates that have efforts, by default all drivers; with
+            weights (a mapping), the sum of weight * effort² is least.
+        external: by link, frame or joint, the force on it at its origin, world axes; over a Motion
+            as for `forward_dynamics`.
+        laws: of springs, as for `forward_dynamics`.
+        slip_speed: of dry friction, as for `forward_dynamics`; there is none at rest.
+
+    Returns:
+        The Efforts; over a Motion the Kinetostatics.
+
+    Raises:
+        SpatialPinError: a freedom is not actuated, or carries load though nobody drives it; says
+            which coordinates it moves.
+        SingularError: the loops lose rank there.
+        UnknownNameError: a name does not exist.
+        ValueError: a weight is not positive.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> state = sp.solve_rates(mech, sp.assemble(mech, {"crank": 1.0}), {"crank": 10.0})
+        >>> found = sp.inverse_dynamics(mech, state)
+        >>> round(found.efforts["crank"], 5)  # [N·m]
+        0.97137
+        >>> found.reactions["output_pin"].linear.round(4)  # on the rocker [N], world axes
+        array([-6.2348, -0.    , -8.7523])
+    """
+    if not isinstance(state, State):
+        return kinetostatics(mechanism, state, actuated, external=external, laws=laws,
+                             slip_speed=slip_speed)
+    state = moving_in_time(mechanism, state)
+    mechanism, external = state.mechanism, at_state(external)
+    actuation = actuation_of(mechanism, actuated)
+    warn_of_no_inertia(mechanism, external=external)
+    load = external, laws, slip_speed
+    with equations_of(mechanism) as equations:
+        equations.update(state, *load)
+        efforts, a, closures = balance(equations, actuation)
+    return Efforts(state, load, a, closures, actuation, efforts)
 
 
 def forward_over(
@@ -322,7 +402,7 @@ def loads_over(
         try:
             solve(samples)
         except SpatialPinError as error:
-            k = samples.done
+            k = samples.at
             error.args = (f"{error} ({where(motion, k)}, sample {k})",)
             raise
         except KeyboardInterrupt:

@@ -38,7 +38,7 @@ Loads = tuple[External | None, Mapping[str, Law] | None, SlipSpeed | None]
 ForcesAt = Callable[[int, State], Mapping[str, pin.Force]]
 
 
-class Piece(NamedTuple):
+class SampleBlock(NamedTuple):
     """Samples that are solved together, and the forces that act on them besides efforts.
 
     Attributes:
@@ -75,6 +75,7 @@ class LoadedSamples:
         reactions: (N, pairs, 6); on_ground: (N, 6).
         unique: (N, pairs, 6).
         done: how many there are.
+        at: the sample that the equations are at.
     """
 
     def __init__(
@@ -93,19 +94,19 @@ class LoadedSamples:
         self.multipliers = np.empty((n, bearing.n_closure))
         self.reactions, self.on_ground = np.empty((n, pairs, 6)), np.empty((n, 6))
         self.unique = np.ones((n, pairs, 6), dtype=bool)
-        self.done = 0
+        self.done = self.at = 0
         self.is_together = (  # whether the kernel solves many samples in one call
             bearing is equations and not equations.is_large
             and not len(equations.constraints.of_joints))
 
     def place(self, k: int) -> None:
         """Move the equations to sample k, under its forces."""
-        state = moving_in_time(self.mechanism, self.motion.state(k))
+        self.at, state = k, moving_in_time(self.mechanism, self.motion.state(k))
         external = self._external(k, state) if self._external else None
         for each in {self.equations, self.bearing}:
             each.update(state, external, self._laws, self._slip_speed)
 
-    def pieces(self) -> Iterator[Piece]:
+    def pieces(self) -> Iterator[SampleBlock]:
         """Yield pieces of the samples, with the forces that act on them."""
         equations, motion, n = self.equations, self.motion, len(self.motion)
         if n:
@@ -127,7 +128,7 @@ class LoadedSamples:
                     given[row] = equations.given
                     wrenches[row] = equations.pairs.summed(equations.wrenches)
             angles = motion.angles[at] if motion.angles.size else np.zeros((k, 0))
-            yield Piece(at, motion.q[at], self.v[at], angles, given, turning, wrenches)
+            yield SampleBlock(at, motion.q[at], self.v[at], angles, given, turning, wrenches)
             self.done = at.stop
 
     def take(
@@ -151,7 +152,9 @@ class LoadedSamples:
             self.unique[k] = list(bearing.unique(internal).values())
         self.done = k + 1
 
-    def take_piece(self, piece: Piece, at_joints: Array, a: Array, found: Accelerated) -> None:
+    def take_piece(
+        self, piece: SampleBlock, at_joints: Array, a: Array, found: Accelerated
+    ) -> None:
         """Take a piece of samples that was solved together.
 
         Args:
@@ -167,8 +170,7 @@ class LoadedSamples:
         ranks, n = found.facts[:, RANK].astype(int), equations.n_closure
         for k, rank in enumerate(ranks.tolist()):
             if not equations.keeps_rank(rank, piece.q[k]):
-                self.done = at.start + k
-                self.place(self.done)
+                self.place(at.start + k)
                 equations.check_rank(rank)
         with acquired(equations.mechanism, _centred_tree) as tree:
             placements, columns, transmitted = tree.at_many(piece.q, piece.v, a)
@@ -186,9 +188,9 @@ class LoadedSamples:
             self.reactions[at, pair] = wrench
         if equations.pairs.coupled or (n and ranks.min() < n):
             for k in range(at.start, at.stop):
-                self.done = k
                 self.place(k)
                 self.unique[k] = list(equations.unique().values())
+                self.done = k + 1
 
     def end(self) -> None:
         """Drop the samples that are not solved."""
@@ -217,7 +219,6 @@ def accelerate(samples: LoadedSamples, efforts: Array) -> None:
                 samples.take_piece(piece, efforts[at], found.a, found)
                 continue
         for k in range(at.start, at.stop):
-            samples.done = k
             samples.place(k)
             a, closures, _ = equations.solve(efforts[k] + equations.given)
             samples.take(k, efforts[k], a, closures)

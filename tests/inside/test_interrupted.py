@@ -15,8 +15,8 @@ from spatial_pin.dimensions import tolerance
 from spatial_pin.dimensions.predictions import Predictions
 from spatial_pin.dimensions.sensitivity import _Around
 from spatial_pin.dimensions.varied_samples import VariedSamples
-from spatial_pin.dynamics.samples import LoadedSamples
 from spatial_pin.dynamics.simulation.run import Run
+from spatial_pin.dynamics.solvers.equations_of_motion import Equations
 from spatial_pin.inverse_kinematics import reach_path
 from spatial_pin.mobility.mode_search import ModeSearch
 from spatial_pin.proximity.clearance_search import ClearanceSearch
@@ -215,7 +215,7 @@ def test_forces_and_derivatives_along_a_motion_are_kept_until_ctrl_c(monkeypatch
     motion = sp.sweep(mechanism, "crank", VALUES, speed=2.0)
     forces, derived = sp.kinetostatics(mechanism, motion), sp.sensitivity(
         mechanism, motion, "rocker_pin", ["r3"])
-    monkeypatch.setattr(LoadedSamples, "place", interrupting(LoadedSamples.place, 22))  # one before
+    monkeypatch.setattr(Equations, "unique", interrupting(Equations.unique, 21))
     with pytest.raises(sp.Interrupted) as stopped:
         sp.kinetostatics(mechanism, motion)
     assert "not whole" in repr(stopped.value)
@@ -232,15 +232,15 @@ def test_forces_and_derivatives_along_a_motion_are_kept_until_ctrl_c(monkeypatch
                                   derived.derivatives["r3"][:20])
 
 
-@pytest.mark.parametrize(("words", "owner", "name", "at"), [
-    (["statics", "four_bar"], LoadedSamples, "place", 9),  # the first one is placed once before
-    (["sensitivity", "four_bar", "rocker_pin"], _Around, "differentiated", 8),
-    (["transmission", "four_bar", "rocker_pin"], sp, "transmission", 8),
+@pytest.mark.parametrize(("words", "owner", "name"), [
+    (["statics", "four_bar"], Equations, "unique"),
+    (["sensitivity", "four_bar", "rocker_pin"], _Around, "differentiated"),
+    (["transmission", "four_bar", "rocker_pin"], sp, "transmission"),
 ], ids=["statics", "sensitivity", "transmission"])
 def test_commands_tell_what_they_found_along_a_sweep_until_ctrl_c(
-        monkeypatch, tmp_path, capsys, words, owner, name, at):
+        monkeypatch, tmp_path, capsys, words, owner, name):
     file = tmp_path / "found.csv"
-    monkeypatch.setattr(owner, name, interrupting(getattr(owner, name), at))
+    monkeypatch.setattr(owner, name, interrupting(getattr(owner, name), 8))
     assert main([*words, "--over", "crank=0..3", "--steps", "31", "--csv", str(file)]) == 130
     assert capsys.readouterr().err == "spatial-pin: cut short after 7 values\n"
     rows = file.read_text().splitlines()

@@ -21,8 +21,8 @@ from spatial_pin.constraints.compiled_equations import combined_wrenches
 from spatial_pin.constraints.tree_motion import motion_cross, skewed, twist_matrices
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
 from spatial_pin.dynamics.derivatives.spring_derivatives import ExternalWrenches, Springs
-from spatial_pin.dynamics.forward import Dynamics
 from spatial_pin.dynamics.reactions import Pairs
+from spatial_pin.dynamics.state_forces import Dynamics
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.numerics.linalg import Array
 

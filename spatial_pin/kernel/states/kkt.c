@@ -531,6 +531,7 @@ static int solve_efforts(Kkt *s, const KktTask *task, Int i)
     return DONE;
 }
 
+/* Accelerations under joint forces, or efforts of accelerations, at all configurations of the task. */
 EXPORT int kkt_accelerations(Kkt *s, const KktTask *task)
 {
     const Kernel *k = s->k;
