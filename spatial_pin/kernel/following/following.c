@@ -229,9 +229,9 @@ static int find_row(Kernel *k, const PathTask *line, const ScatterTask *s, Int r
     if (code != DONE)
         return code;
     Path *path = k->path;
-    Real before = INFINITY;
-    while (reach(path, 0.0) != DONE && s->is_last && path->here->s < before)
-        before = path->here->s;
+    path->goes_to_end = s->is_last != 0;
+    reach(path, 0.0);
+    path->goes_to_end = 0;
     write_row(path, &s->rows, row);
     s->part[row] = 1.0 - path->here->s;
     return DONE;

@@ -23,6 +23,7 @@ typedef struct Path {
     Between between; /* polynomials of the last interpolated step */
     Point middle;   /* of that */
     int has_started; /* whether there is a point `here` */
+    int goes_to_end; /* whether steps become as short as it takes, where the path ends */
     int has_before; /* whether there is a point before `here`, on the same stretch */
     Int *chosen;    /* equations in use at `here` */
     Real sign;      /* of the determinant with these equations */
