@@ -135,6 +135,8 @@ def states(
         try:
             cloud.solve(bar)
         except KeyboardInterrupt:
+            if not (cloud.scattered.part[:-1] >= 1.0).any():
+                raise
             is_cut = True
     samples, unreached = cloud.scattered.samples, cloud.unreached(list(values))
     samples = samples if moved is None else moved.of_whole(samples)
@@ -224,6 +226,7 @@ class _Cloud:
                                     state.angles.size)
         samples.q[:], samples.angles[:], samples.error[:] = (
             state.q, state.angles, state.closure_error)
+        samples.t[:] = samples.c[:] = 0.0
         part = np.zeros(n + 1)
         part[n] = 1.0
         self.scattered = Scattered(whole, np.full(n + 1, n), samples, part)
