@@ -79,8 +79,9 @@ class Accuracy:
             2e-7; a link that is 1 % too long leaves 1e-3 and more.
         formulation: of `simulate`: "independent" (coordinates, the loops closed inside) or
             "projected" (all joint coordinates, taken back to closed loops after every step).
-        integrator: of `simulate`: "automatic" (DOP853, or from a `time_tolerance` of 3e-8 on RK45,
-            and where strong damping or dry friction would make them creep, Radau), "DOP853",
+        integrator: of `simulate`: "automatic" (DOP853; with one freedom and a `time_tolerance`
+            of 3e-8 or more RK45; where strong damping or dry friction would make them creep,
+            Radau), "DOP853",
             "RK45", "Radau", "BDF", "LSODA", "RK4", "Gauss".
         time_tolerance: error that adaptive integrators allow in one step, relative and absolute
             [rad, characteristic lengths, and these per natural time]: about the period of a turn,

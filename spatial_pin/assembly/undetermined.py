@@ -54,16 +54,19 @@ class Regular(NamedTuple):
         rank: of its closure equations.
         radius: how far off others with that rank are regular too [rad, characteristic lengths]:
             rows turn by so little on the way that those chosen here stay independent.
+        near: square of a change of the numbers in q that surely is within the radius.
     """
 
     q: Array
     rank: int
     radius: float
+    near: float = 0.0
 
     def holds(self, mechanism: Mechanism, q: Array, rank: int) -> bool:
         """Whether q (nq,), where the rows have this rank, is so near that it is regular too."""
-        if rank != self.rank:
-            return False
+        change = q - self.q
+        if rank != self.rank or change.dot(change) <= self.near:
+            return rank == self.rank
         away = pin.difference(mechanism.model, self.q, q) / mechanism.velocity_scale
         return bool(np.abs(away).max(initial=0.0) <= self.radius)
 
@@ -113,7 +116,10 @@ def rank_loss(evaluation: LoopEquations, q: Array, rank: int) -> int:
         evaluation.update(step.q)
         turned = np.linalg.norm(evaluation.jacobian[:n] - jacobian) / STEP
         radius = SURE_WAY * svd.s[-1] / max(turned, EPS) if rank else 0.0
-        evaluation.regular = Regular(q.copy(), rank, min(float(radius), LONGEST_SURE))
+        radius = min(float(radius), LONGEST_SURE)
+        # a joint moves by twice the change of its quaternion, and a bit more
+        near = (radius * float(evaluation.mechanism.velocity_scale.min()) / 3.0) ** 2
+        evaluation.regular = Regular(q.copy(), rank, radius, near)
         evaluation.update(q)
         return 0
     steps = np.random.default_rng(3).uniform(-NEARBY, NEARBY, (REGULAR_TRIALS, len(jacobian.T)))

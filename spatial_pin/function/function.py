@@ -16,7 +16,7 @@ from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.dimensions.homotopy import followed
 from spatial_pin.dimensions.variants import Variants
 from spatial_pin.dynamics.forward import forward_dynamics
-from spatial_pin.dynamics.inverse import inverse_dynamics
+from spatial_pin.dynamics.kinetostatics import inverse_dynamics
 from spatial_pin.errors import (
     AssemblyError,
     SingularError,

@@ -80,7 +80,10 @@ def rates(mech: sp.Mechanism, state: sp.State) -> None:
 
 
 def over(mech: sp.Mechanism, motion: sp.Motion) -> sp.Motion:
-    one: sp.State = motion[-1]
+    try:
+        one: sp.State = motion[-1]
+    except sp.SampleError as error:
+        print(str(error).upper())
     some: sp.Motion = motion[10:20]
     faster: sp.Motion = sp.solve_rates(mech, some, {"crank": np.linspace(0.0, 1.0, 10)})
     ratios: sp.Transmission[Array] = sp.transmission(mech, motion, "rocker_pin")

@@ -257,3 +257,11 @@ def test_each_column_of_the_rate_is_that_of_differences(name: str) -> None:
     rate = (ends[1] - ends[0]) / (2.0 * h)
     np.testing.assert_allclose(sp.jacobian_rate(mechanism, moving, link), rate,
                                atol=1e-6 * max(1.0, np.abs(rate).max()))
+
+
+def test_pieces_of_a_long_motion_are_put_together(monkeypatch) -> None:
+    mechanism = library("delta")
+    motion = sp.sweep(mechanism, "arm_1", np.linspace(0.0, 0.3, 40))
+    whole = sp.jacobian(mechanism, motion, "platform")
+    monkeypatch.setattr("spatial_pin.assembly.samples.PIECE", 7 * mechanism.model.nv)
+    assert np.array_equal(whole, sp.jacobian(mechanism, motion, "platform"))

@@ -158,11 +158,3 @@ def test_an_empty_motion_has_empty_answers():
     assert sp.closure_jacobian(mechanism, none).shape[0] == 0
     assert len(sp.solve_rates(mechanism, none, {"crank": 1.0})) == 0
     assert sp.transmission(mechanism, none, "rocker_pin").angle.shape == (0,)
-
-
-def test_pieces_of_a_long_motion_are_put_together(monkeypatch):
-    mechanism = library("delta")
-    motion = swept(mechanism, 40)
-    whole = sp.jacobian(mechanism, motion, "platform")
-    monkeypatch.setattr("spatial_pin.assembly.samples.PIECE", 7 * mechanism.model.nv)
-    assert np.array_equal(whole, sp.jacobian(mechanism, motion, "platform"))

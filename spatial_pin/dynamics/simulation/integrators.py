@@ -35,7 +35,7 @@ FASTEST = 1e100  # largest rate: its square divided by a tolerance is finite whe
 SLOWEST = 1e3  # longest natural time in durations: a slower motion does not matter
 AUTOMATIC, IMPLICIT = "automatic", "Radau"
 EXPLICIT, EXPLICIT_LOOSE = "DOP853", "RK45"  # of "automatic", which takes the second one
-LOOSE = 3e-8  # from this tolerance of steps on: a method of fifth order is then as exact, and faster
+LOOSE = 3e-8  # from this tolerance of steps on: a method of fifth order is as exact, and faster
 NEAR = 1e-3  # pivot, and step, relative to the largest so far, below which the motion stagnates
 TRIED = 1000  # every this many steps without damping, the progress is compared with the duration
 # The simulation is refused if this many times the allowed steps would not reach the end.
@@ -201,7 +201,6 @@ class Stepping:
     def __init__(self, problem: Problem, accuracy: Accuracy, end: float) -> None:
         self._problem, self._accuracy, self._end = problem, accuracy, end
         self._chosen, self._method = accuracy.integrator, ""
-        self._explicit = EXPLICIT_LOOSE if accuracy.time_tolerance >= LOOSE else EXPLICIT
         self._easy, self._has_warned = 0, False
         self.used: list[str] = []
         self.largest: Array = np.zeros(2)
@@ -221,9 +220,18 @@ class Stepping:
             only_first: whether that holds for the first step alone.
         """
         self._units = natural_units(system, t, y, self._end - t)
-        method = self._explicit if self._chosen == AUTOMATIC else self._chosen
+        method = self._explicit(system) if self._chosen == AUTOMATIC else self._chosen
         first, longest = (longest, np.inf) if only_first else (np.inf, longest)
         return self._made(method, system, t, y, longest, first)
+
+    def _explicit(self, system: IndependentFormulation) -> str:
+        """Return the explicit method of "automatic".
+
+        Of several freedoms it has many stages: where they cannot be closed, a step has led across a
+        singular configuration. The curve of one freedom tells that by itself.
+        """
+        is_loose = self._accuracy.time_tolerance >= LOOSE
+        return EXPLICIT_LOOSE if is_loose and len(system.free) == 1 else EXPLICIT
 
     def next_integrator(
         self, system: IndependentFormulation, t: float, y: Array, solver: Any
@@ -235,14 +243,15 @@ class Stepping:
         if self._chosen != AUTOMATIC:
             return solver
         if isinstance(solver, RungeKutta):
-            method, self._easy = (IMPLICIT if solver.creeps else self._explicit), 0
+            method, self._easy = (
+                IMPLICIT if solver.creeps else self._explicit(system)), 0
         else:
             units = self._units[1]
             rates = np.linalg.eigvals(solver.J * units / units[:, None])
             fastest = float(np.abs(rates).max(initial=0.0))
             is_easy = (solver.t - solver.t_old) * fastest < SLOW
             self._easy = self._easy + 1 if is_easy else 0
-            method = self._explicit if self._easy >= LONG else IMPLICIT
+            method = self._explicit(system) if self._easy >= LONG else IMPLICIT
         if method == self._method:
             return solver
         return self._made(method, system, t, y, solver.max_step)

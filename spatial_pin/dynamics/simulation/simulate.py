@@ -380,13 +380,22 @@ def _of_rounded_file(
         if first_opened(moved, accuracy)[1] is None:
             return moved
     seen = within_gap(seen, accuracy, "stop", good)
-    if marks is times:
-        return seen
+    return seen if marks is times else _at_times(state, times, seen, good is not None, follow)
+
+
+def _at_times(
+    state: State, times: Array, seen: Simulation, depend: bool,
+    follow: Callable[[State, Array], Simulation],
+) -> Simulation:
+    """Return a motion with samples at the times (N,) up to the end of one of more samples.
+
+    There the rounding of a file ends it, and equations may `depend` on each other.
+    """
     end = seen.events[-1] if seen.events and seen.events[-1].kind == GAP else None
     last = float(times[-1])
     if end is not None:  # digits are lost just before equations depend on each other
         pace = float(np.abs(seen.v[-1] / seen.mechanism.velocity_scale).max())
-        last = end.value - (0.0 if good is None else PART / max(pace, PART / last))
+        last = end.value - (PART / max(pace, PART / last) if depend else 0.0)
     return ended_by(follow(state, times[times <= max(last, 0.0)]), end)
 
 
