@@ -36,7 +36,7 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.jacobians import closure_jacobian
 
 
-class Given(NamedTuple):
+class InputChanges(NamedTuple):
     """Changes of what is given, one column (..., m) for each input.
 
     Attributes:
@@ -143,7 +143,7 @@ class ClosedDerivatives:
                 [by_q @ moves[:, k] for by_q, _ in self.by])
         return out
 
-    def changes(self, given: Given) -> Changes:
+    def changes(self, given: InputChanges) -> Changes:
         """Return the changes with the inputs; those of `undetermined` follow.
 
         Raises:
@@ -164,7 +164,7 @@ class ClosedDerivatives:
                               given.accelerations, written[2], idle)
         return Changes(q, v, a)
 
-    def _idle_changes(self, given: Given, q: Array, v: Array, order: int) -> Array:
+    def _idle_changes(self, given: InputChanges, q: Array, v: Array, order: int) -> Array:
         """Return changes (k, m) of idle rotations' rates, or of their accelerations."""
         if not constraints_of(self.state.mechanism).idle_axes:
             return np.zeros((0, q.shape[1]))
@@ -208,7 +208,7 @@ class ClosedDerivatives:
     # ------------------------------------------------------------ forces
 
     def forced(
-        self, given: Given, changes: Changes, a: Array, multipliers: Array, prescribed: bool
+        self, given: InputChanges, changes: Changes, a: Array, multipliers: Array, prescribed: bool
     ) -> tuple[Array, Array]:
         """Return the changes of accelerations (nv, m) and of the drivers' efforts (drivers, m).
 

@@ -23,7 +23,7 @@ from spatial_pin.errors import (
     SpatialPinError,
     UnknownNameError,
 )
-from spatial_pin.function.closed_derivatives import ClosedDerivatives, Given, OpenedError
+from spatial_pin.function.closed_derivatives import ClosedDerivatives, InputChanges, OpenedError
 from spatial_pin.function.moved_geometry import MovedGeometry, moved_geometry
 from spatial_pin.function.output_slopes import (
     EFFORT,
@@ -396,11 +396,11 @@ class Function:
             self._at_home = moved_geometry(mechanism, self._variants, self._with_masses)
         return self._at_home
 
-    def _given(self) -> Given:
+    def _given(self) -> InputChanges:
         """Return the changes of what is given with each input."""
         m, numbers = len(self._inputs), [c.name for c in self._driven]
         values, rates, accelerations = np.zeros((3, len(numbers), m))
-        given = Given(values, rates, accelerations, np.zeros((self.mechanism.model.nv, m)),
+        given = InputChanges(values, rates, accelerations, np.zeros((self.mechanism.model.nv, m)),
                       np.zeros((len(self._dimensions), m)))
         for k, x in enumerate(self._inputs):
             if x.kind == DIMENSION:
