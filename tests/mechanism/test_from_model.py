@@ -164,6 +164,10 @@ def closed_places(kind):
     turned = at(0.0, 0.0, length)
     if "curve" in CONSTRUCTED[kind][0]:  # on the vertex of the ellipse
         turned = at(0.3)
+    if kind == "frame_on_curve":
+        turned.rotation = pin.exp3(np.array([-0.5 * np.pi, 0.0, 0.0]))
+    if kind == "curve_on_curve":
+        turned = pin.SE3(pin.exp3(np.array([0.0, 0.0, np.pi])), np.array([0.6, 0.0, 0.0]))
     if kind in ("universal", "perpendicular"):  # SIDE is square to AXIS
         turned.rotation = pin.AngleAxis(0.4, np.array(AXIS)).matrix()
     other = data.oMi[1].actInv(data.oMi[6]) * one * turned
@@ -184,7 +188,7 @@ def test_each_type_of_closure_has_a_constructor_that_says_what_a_file_says(kind)
     content = {"name": "arm", "tree": "arm.urdf", "guess": NEAR,
                "joints": {"ball": {"type": "spherical"}},
                "closures": [{"name": kind, "type": kind, **said}]}
-    if "curve" in said:
+    if {"curve", "curves"} & said.keys():
         content["curves"] = {"c": dict(CURVE.form)}
     if coupled:
         content["closures"][0]["joints"] = ["arm_1", "arm_2"]
