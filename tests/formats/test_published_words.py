@@ -524,7 +524,8 @@ def test_a_stage_is_read_without_a_joint(tmp_path):
 
 
 @pytest.mark.parametrize("text", [chain(more='<dynamics damping="${d}"/>'),
-                                  chain().replace('xyz="0 0 1"', 'xyz="0 0 ${z}"', 1)])
+                                  chain().replace('xyz="0 0 1"', 'xyz="0 0 ${z}"', 1),
+                                  chain().replace('xyz="0 0 1"', 'xyz="0 0 $(arg z)"', 1)])
 def test_an_expression_in_a_plain_urdf_hints_at_xacro(text, tmp_path):
     with pytest.raises(sp.MechanismFileError, match=r"xacro's: name the file \.urdf\.xacro"):
         sp.load(written(tmp_path, "m.urdf", text))

@@ -19,7 +19,7 @@ from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
 from spatial_pin.dynamics.forces import Forces, Law, LineSpring
 from spatial_pin.errors import UnknownNameError
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.stacked import cross
 
 Slopes = Callable[[float, float], tuple[float, float]]
@@ -163,12 +163,13 @@ class Springs:
                 line.name, f"force of {force:.6g} N" if force else "damping")
         if not damping:
             return SpringForce(0.0, stiffness, none, np.zeros(3), none, none)
-        _, sizes, along = np.linalg.svd(moved)
-        if sizes.size > 1 and sizes[1] > ONE_LINE * sizes[0]:
+        svd = decompose(moved)
+        if svd.s.size > 1 and svd.s[1] > ONE_LINE * svd.s[0]:
             self.undirected = line.name
             return SpringForce(0.0, stiffness, none, np.zeros(3), none, none)
-        row = parting @ along[0]
-        return SpringForce(0.0, stiffness, row, along[0], stiffness * row, damping * row)
+        along = svd.vt[0]
+        row = parting @ along
+        return SpringForce(0.0, stiffness, row, along, stiffness * row, damping * row)
 
     def refuse_undirected(self) -> None:
         """Raise an error if the damping of a spring has no direction, and was left out."""
