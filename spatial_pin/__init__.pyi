@@ -30,9 +30,13 @@ from .dynamics.equilibrium_path import (
     EquilibriumPath as EquilibriumPath,
     equilibrium_path as equilibrium_path,
 )
-from .dynamics.forward import Dynamics as Dynamics, forward_dynamics as forward_dynamics
-from .dynamics.inverse import Efforts as Efforts, inverse_dynamics as inverse_dynamics
-from .dynamics.kinetostatics import Kinetostatics as Kinetostatics, kinetostatics as kinetostatics
+from .dynamics.forward import forward_dynamics as forward_dynamics
+from .dynamics.inverse import Efforts as Efforts
+from .dynamics.kinetostatics import (
+    Kinetostatics as Kinetostatics,
+    inverse_dynamics as inverse_dynamics,
+    kinetostatics as kinetostatics,
+)
 from .dynamics.linearization import (
     Linearization as Linearization,
     compliance as compliance,
@@ -40,6 +44,7 @@ from .dynamics.linearization import (
 )
 from .dynamics.simulation.result import Projection as Projection
 from .dynamics.simulation.simulate import Simulation as Simulation, simulate as simulate
+from .dynamics.state_forces import Dynamics as Dynamics
 from .errors import (
     AssemblyError as AssemblyError,
     ClosureTypeError as ClosureTypeError,

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from benchmark import growth
-from benchmark.case import TASKS
+from benchmark.case import MECHANISMS, TASKS
 from benchmark.report import HAND, key
 
 LOOSE = 1e-4  # error that an answer may have at loose settings
@@ -67,6 +67,9 @@ BARS = (
     Bar("assemble RSSR from a State", key("assembly", 0, "assemble, from a State there"), 2e-5),
     Bar("solve_rates RSSR", key("rates", 0, "solve_rates"), 1.5e-5),
     Bar("jacobian RSSR", key("jacobian", 0, "jacobian"), 1.2e-5),
+    Bar("jacobian RSSR of 2001 samples, beside their sweep",
+        key("samples", 2001, "jacobian of the motion"), None, [key("samples", 2001, "sweep")], 2.0),
+    Bar("states of the delta, 10000 scattered", key("scattered", 10000, "states"), 0.2),
     Bar("modes RSSR", key("modes", 0, "assembly_modes, RSSR"), 1e-2),
     Bar("modes of Dietmaier's platform, 40", key("modes", 0, "assembly_modes, six legs"), 0.5),
     Bar("modes of a general 6R, 16", key("modes", 0, "assembly_modes, six hinges"), 0.2),
@@ -89,6 +92,14 @@ BARS = (
     *(Bar(f"forward_dynamics, {many} loops beside {few}", key("forward", many, FORWARD), None,
           [key("forward", few, FORWARD)], ratio)
       for many, few, ratio in ((200, 1, 300.0), (500, 50, 10.0**1.2))),
+    *(Bar(f"forward_dynamics, {n} loop{'s' * (n > 1)}", key("forward", n, FORWARD), None,
+          [key("forward", n, "constraintDynamics", HAND)], ratio)
+      for n, ratio in ((1, 4.0), (20, 0.6))),
+    Bar("inverse_dynamics, delta robot", key("inverse", 0, "inverse_dynamics"), None,
+        [key("inverse", 0, "9 solves of a 5 x 5", "NumPy")], 1.6),
+    *(Bar(f"dynamics_derivatives, {words}", key(f"derivatives-{name}", 0, "dynamics_derivatives"),
+          None, [key(f"derivatives-{name}", 0, "computeConstraintDynamicsDerivatives", HAND)],
+          6.0 if name == "rssr" else 3.3) for name, words in MECHANISMS.items()),
     Bar("import and load RSSR", key("start", 0, "import spatial_pin, load('rssr')"), 0.42),
     Bar("sensitivity RSSR, 4 dimensions", key("sensitivity", 0, "sensitivity"), 6e-2),
     Bar("gradient of a motion, 4 dimensions",

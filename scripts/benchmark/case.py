@@ -70,6 +70,7 @@ class Task(NamedTuple):
     note: str
 
 
+MECHANISMS = {"rssr": "RSSR", "delta": "delta robot", "stewart": "Gough platform"}
 ROBOTS = {"gough": "Gough platform to placements", "delta": "delta robot to points",
           "excavator": "excavator's bucket to placements", "ankle": "G1's ankle to pitch and roll"}
 RSSR = ("closure", "ψ", "ψ'", "ψ''", "ω", "α")
@@ -102,6 +103,11 @@ TASKS: dict[str, Task] = {
                   "rocker and coupler against the closed form"),
     "jacobian": Task("Jacobian of the RSSR's coupler with respect to its crank", "µs", ("ω",),
                      "angular part against the closed form [rad/rad]"),
+    "samples": Task("RSSR, a sweep of {} values and the Jacobians of its samples, a value", "µs",
+                    ("difference",), "to the Jacobian of each State"),
+    "scattered": Task("delta robot, {} scattered values of its arms, a state", "µs",
+                      ("closure", "difference"),
+                      "closure relative to its size; joints to `assemble` there [rad, m]"),
     "mobility": Task("mobility of a Bricard mechanism, one loop", "µs", ("count",),
                      "distance from the true count, 1"),
     "assembly": Task("RSSR closed from its rough guess", "µs", ("closure", "ψ"),
@@ -116,6 +122,11 @@ TASKS: dict[str, Task] = {
                    ("closure",), "of every state on the way [m]"),
     "forward": Task("forward dynamics of a ladder of {} four-bar loops", "µs", ("acceleration",),
                     "of the first rod [rad/s²] against the closed form"),
+    "inverse": Task("efforts of the delta robot's drivers in motion", "µs", ("acceleration",),
+                    "of forward dynamics under them, by the largest of the motion"),
+    **{f"derivatives-{name}": Task(f"derivatives of forward dynamics, {words}", "µs",
+                                   ("symmetry",), "of those by efforts, by the largest")
+       for name, words in MECHANISMS.items()},
     "chain": Task("open chain of {} hinges", "µs", ("acceleration",),
                   "relative to the largest, by 40 digits"),
     "a02": Task("IFToMM A02, one loop, 10 s under gravity", "ms", ("angle", "closure"),

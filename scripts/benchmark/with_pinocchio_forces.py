@@ -15,7 +15,7 @@ import pinocchio as pin
 
 import spatial_pin as sp
 from benchmark import cube, falling, ladder, with_spatial_pin_forces as ours
-from benchmark.case import Case
+from benchmark.case import MECHANISMS, Case
 from benchmark.rssr import Array
 
 NAME = "Pinocchio by hand"
@@ -70,6 +70,17 @@ def setup_forward(n: int) -> SimpleNamespace:
 
 def run_forward(tool: SimpleNamespace) -> float:
     return float(-acceleration(tool, tool.q, tool.v)[tool.first])
+
+
+def setup_derivatives(name: str) -> SimpleNamespace:
+    return setup(ours.setup_moving(name).state)
+
+
+def run_derivatives(tool: SimpleNamespace) -> Array:
+    """Return those by efforts of accelerations and their derivatives."""
+    acceleration(tool, tool.q, tool.v)
+    return pin.computeConstraintDynamicsDerivatives(
+        tool.model, tool.data, tool.models, tool.datas, tool.settings)[2].copy()
 
 
 def setup_chain(n: int) -> SimpleNamespace:
@@ -130,6 +141,9 @@ SIMULATED = {
 CASES = (
     *(Case("forward", NAME, "constraintDynamics", partial(setup_forward, n), run_forward,
            ours.judge_forward, size=n) for n in ladder.SIZES),
+    *(Case(f"derivatives-{name}", NAME, "computeConstraintDynamicsDerivatives",
+           partial(setup_derivatives, name), run_derivatives, ours.judge_derivatives)
+      for name in MECHANISMS),
     *(Case("chain", NAME, how, partial(setup_chain, n), run, ours.judge_chain, size=n)
       for how, run in (("aba", run_aba), ("rnea", run_rnea)) for n in ours.HINGES if n <= 300),
     *(Case(task, NAME, f"constraintDynamics + Baumgarte, RK4 at {h:g} s", build,

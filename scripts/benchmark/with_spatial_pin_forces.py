@@ -14,7 +14,7 @@ from recursion import accelerations
 
 import spatial_pin as sp
 from benchmark import cube, falling, ladder
-from benchmark.case import Case
+from benchmark.case import MECHANISMS, Case
 from benchmark.rssr import Array
 
 NAME = "spatial_pin"
@@ -44,6 +44,45 @@ def run_forward(tool: SimpleNamespace) -> float:
 
 def judge_forward(tool: SimpleNamespace, result: float) -> dict[str, float | None]:
     return ladder.judge_acceleration(tool.loops, result)
+
+
+# Inverse dynamics and derivatives
+
+SPEED = 0.7  # of every driver [rad/s, m/s]
+SOLVES, UNKNOWNS = 9, 5  # systems that NumPy solves in the time that inverse dynamics may take
+
+
+def setup_moving(name: str) -> SimpleNamespace:
+    mechanism = sp.load(name)
+    speeds = dict.fromkeys(mechanism.drivers, SPEED)
+    return SimpleNamespace(mechanism=mechanism, state=sp.solve_rates(
+        mechanism, sp.assemble(mechanism, {}), speeds))
+
+
+def run_inverse(tool: SimpleNamespace) -> dict[str, float]:
+    return sp.inverse_dynamics(tool.mechanism, tool.state).efforts
+
+
+def judge_inverse(tool: SimpleNamespace, efforts: dict[str, float]) -> dict[str, float | None]:
+    a, wanted = sp.forward_dynamics(tool.mechanism, tool.state, efforts).a, tool.state.a
+    return {"acceleration": float(np.abs(a - wanted).max() / np.abs(wanted).max())}
+
+
+def setup_solves() -> tuple[Array, Array]:
+    return np.random.default_rng(0).standard_normal((UNKNOWNS, UNKNOWNS)), np.ones(UNKNOWNS)
+
+
+def run_solves(system: tuple[Array, Array]) -> None:
+    for _ in range(SOLVES):
+        np.linalg.solve(*system)
+
+
+def run_derivatives(tool: SimpleNamespace) -> Array:
+    return sp.dynamics_derivatives(tool.mechanism, tool.state).a_by_effort
+
+
+def judge_derivatives(_: SimpleNamespace, by_effort: Array) -> dict[str, float | None]:
+    return {"symmetry": float(np.abs(by_effort - by_effort.T).max() / np.abs(by_effort).max())}
 
 
 # Open chains
@@ -150,6 +189,12 @@ FEW = "engineering", "for_error(1e-4)"
 CASES = (
     *(Case("forward", NAME, "forward_dynamics, reactions too", partial(setup_forward, n),
            run_forward, judge_forward, size=n) for n in SIZES),
+    Case("inverse", NAME, "inverse_dynamics", partial(setup_moving, "delta"), run_inverse,
+         judge_inverse),
+    Case("inverse", "NumPy", f"{SOLVES} solves of a {UNKNOWNS} x {UNKNOWNS}", setup_solves,
+         run_solves, lambda *_: {"acceleration": None}),
+    *(Case(f"derivatives-{name}", NAME, "dynamics_derivatives", partial(setup_moving, name),
+           run_derivatives, judge_derivatives) for name in MECHANISMS),
     *(Case("chain", NAME, how, partial(setup_chain, n), run, judge_chain, size=n, slow=n > 300)
       for how, run in (("forward_dynamics", run_chain), ("inverse_dynamics", run_chain_inverse))
       for n in HINGES),

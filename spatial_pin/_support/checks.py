@@ -208,7 +208,8 @@ def checked(function: Function) -> Function:
 
     @functools.wraps(function)
     def call(*args: Any, **given: Any) -> Any:
-        classes = *map(type, args), *given, *map(type, given.values())
+        classes = ((*map(type, args), *given, *map(type, given.values())) if given
+                   else (*map(type, args),))
         if classes in known:
             return function(*args, **given)
         whole: dict[str, int] = {}

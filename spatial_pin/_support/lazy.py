@@ -27,12 +27,10 @@ def made_once(make: Callable[[Owner, *More], Made]) -> Callable[[Owner, *More], 
     def result(owner: Owner, *more: *More) -> Made:
         key = make, *more
         try:
-            results = owner._results  # type: ignore[attr-defined]
-        except AttributeError:
-            results = _results_of(owner)
-        if key not in results:
-            results.setdefault(key, make(owner, *more))  # one for all threads
-        known: Made = results[key]
+            known: Made = owner._results[key]  # type: ignore[attr-defined]
+        except (AttributeError, KeyError):
+            # one for all threads
+            known = _results_of(owner).setdefault(key, make(owner, *more))
         return known
 
     return result

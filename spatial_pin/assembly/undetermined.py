@@ -54,16 +54,19 @@ class Regular(NamedTuple):
         rank: of its closure equations.
         radius: how far off others with that rank are regular too [rad, characteristic lengths]:
             rows turn by so little on the way that those chosen here stay independent.
+        near: square of a change of the numbers in q that surely is within the radius.
     """
 
     q: Array
     rank: int
     radius: float
+    near: float = 0.0
 
     def holds(self, mechanism: Mechanism, q: Array, rank: int) -> bool:
         """Whether q (nq,), where the rows have this rank, is so near that it is regular too."""
-        if rank != self.rank:
-            return False
+        change = q - self.q
+        if rank != self.rank or change.dot(change) <= self.near:
+            return rank == self.rank
         away = pin.difference(mechanism.model, self.q, q) / mechanism.velocity_scale
         return bool(np.abs(away).max(initial=0.0) <= self.radius)
 
@@ -113,7 +116,10 @@ def rank_loss(evaluation: LoopEquations, q: Array, rank: int) -> int:
         evaluation.update(step.q)
         turned = np.linalg.norm(evaluation.jacobian[:n] - jacobian) / STEP
         radius = SURE_WAY * svd.s[-1] / max(turned, EPS) if rank else 0.0
-        evaluation.regular = Regular(q.copy(), rank, min(float(radius), LONGEST_SURE))
+        radius = min(float(radius), LONGEST_SURE)
+        # a joint moves by twice the change of its quaternion, and a bit more
+        near = (radius * float(evaluation.mechanism.velocity_scale.min()) / 3.0) ** 2
+        evaluation.regular = Regular(q.copy(), rank, radius, near)
         evaluation.update(q)
         return 0
     steps = np.random.default_rng(3).uniform(-NEARBY, NEARBY, (REGULAR_TRIALS, len(jacobian.T)))
@@ -223,7 +229,7 @@ def dependence_words(
     freedom = closures.shape[1] - decompose(closures).rank
     moving = drive @ decompose(closures).null_space.T
     if freedom < len(driven):
-        rank = decompose(closures, TOLERANCES.near_singular).rank
+        rank = decompose(closures, TOLERANCES.half_precision).rank
         if closures.shape[1] - rank >= len(driven):
             n, q = evaluation.constraints.n_closure, evaluation.q.copy()
             lost = rank_loss(evaluation, q, len(independent_rows(evaluation.jacobian[:n])))
@@ -249,6 +255,9 @@ def dependence_words(
                 "prescribe another coordinate")
     independent = common_rows(moving[None], np.zeros((0, moving.shape[1])), len(driven))
     follow = [repr(c.name) for k, c in enumerate(driven) if k not in independent]
+    if not follow:
+        return (f"{where}singular configuration: branches cross, so that the speeds of {names} "
+                "do not determine the motion; start beside this configuration")
     return (f"{where}singular configuration: the prescribed {names} depend on each other "
             f"there, for the loops let them move together only: {', '.join(follow)} "
             f"go{'es' * (len(follow) == 1)} as the others do; prescribe another coordinate "

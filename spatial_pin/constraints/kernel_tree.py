@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import weakref
+from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from spatial_pin.constraints.composite_joints import TreeArrays, split
 from spatial_pin.constraints.pinocchio_views import inertias
-from spatial_pin.kernel.library import DONE, POINTER, SINGULAR, address, check, library
+from spatial_pin.kernel.library import DONE, INT, POINTER, SINGULAR, address, check, library
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.stacked import cross
 
@@ -37,9 +38,29 @@ class TreePlacements:
 class _TreeTask(ctypes.Structure):
     """TreeTask in articulated.h."""
 
-    _fields_ = [(name, POINTER) for name in (
+    _fields_ = [("n", INT), *((name, POINTER) for name in (
         "q", "v", "a", "armature", "R", "p", "jacobian", "velocity", "acceleration", "tau",
-        "wrench", "outside", "by_q", "by_v")]
+        "wrench", "outside", "by_q", "by_v"))]
+    _fields_ += [("n_products", INT), *((name, POINTER) for name in (
+        "bodies", "a_parts", "b_parts", "values", "product_by_q", "product_by_v", "weights",
+        "bent"))]
+
+
+class TreeProducts:
+    """Products A . B of vectors that two bodies carry.
+
+    Args:
+        bodies: (n, 2) joints of the kernel that carry them.
+        a_parts, b_parts: (n, 2, 4) what each carries of A and of B, in the axes of the kernel's
+            joints, and 1 for a point.
+
+    Attributes:
+        addresses: how many there are, and where these are.
+    """
+
+    def __init__(self, bodies: NDArray[np.int64], a_parts: Array, b_parts: Array) -> None:
+        self._alive = bodies, a_parts, b_parts
+        self.addresses = len(bodies), *map(address, self._alive)
 
 
 class KernelTree:
@@ -55,6 +76,8 @@ class KernelTree:
         columns: (6, nv) world joint Jacobian.
         twists, accelerations: (njoints, 6) spatial ones, joint axes.
         data: the part of a `pin.Data` that there is: `J` and `oMi`.
+        handle: of the C structure.
+        armature: (nv,) of the joints, a view on the model.
     """
 
     def __init__(
@@ -63,8 +86,8 @@ class KernelTree:
     ) -> None:
         self.model, (self._split, self._carriers) = model, split(model)
         self._library, self._tree = library(), TreeArrays(self._split)
-        self._inertias, self._masses = inertias(model), b""
-        self._armature = np.zeros(model.nv)
+        self._inertias, self._masses = inertias(model), b""  # views: they see what is changed later
+        self._gravity, self.armature = model.gravity.linear, model.armature
         self._create(np.ones(model.nv) if scale is None else scale,
                      np.zeros(model.njoints, bool) if is_core is None else is_core)
         n = model.njoints
@@ -77,8 +100,8 @@ class KernelTree:
         self._tau, self._scratch, self._facts = np.empty(nv), np.zeros((4, nv)), np.empty(4)
         self._R, self._p = np.empty((n, 3, 3)), np.empty((n, 3))
         self._moving = np.empty((2, n, 6))
-        self._at = dict(zip(("q", "v", "a", "armature", "R", "p"), map(address, (
-            self._q, self._v, self._a, self._armature, self._R, self._p)), strict=True))
+        self._task = _TreeTask(1, *map(address, (
+            self._q, self._v, self._a, self.armature, self._R, self._p)))
 
     def _create(self, scale: Array, is_core: NDArray[np.bool_]) -> None:
         t, n = self._tree, self._split.njoints
@@ -99,14 +122,13 @@ class KernelTree:
         for joint in range(n - 1, 0, -1):  # those in front in a joint that is split
             own[t.parent[joint]] |= own[joint]
         check(self._library.tree_create(handle, address(own), ctypes.byref(tree)))
-        self._handle, self.is_core = tree, np.zeros(self.model.nv, bool)
+        self.handle, self.is_core = tree, np.zeros(self.model.nv, bool)
         for joint in (np.flatnonzero(own[1:]) + 1).tolist():
             self.is_core[t.iv[joint] : t.iv[joint] + self._split.nvs[joint]] = True
 
-    def _take_masses(self) -> None:
-        """Take the masses and the gravity that the model has now, and its armatures."""
-        gravity, model = self.model.gravity.linear, self.model
-        self._armature[:] = model.armature
+    def take_masses(self) -> None:
+        """Take the masses and the gravity that the model has now; armatures are always those."""
+        gravity = self._gravity
         now = self._inertias.tobytes() + gravity.tobytes()
         if now == self._masses:
             return
@@ -140,9 +162,14 @@ class KernelTree:
         self._in_joint_axes(seen, self.twists)
         self._in_joint_axes(felt, self.accelerations)
 
-    def _evaluate(self, q: Array, v: Array | None, a: Array | None, **outputs: Array) -> None:
+    def _evaluate(
+        self, q: Array, v: Array | None, a: Array | None, products: TreeProducts | None = None,
+        **arrays: Array,
+    ) -> None:
         """Evaluate a motion; a None: no acceleration; v None: placements only."""
-        self._q[:], task = q, _TreeTask(**self._at)
+        self._q[:], task = q, _TreeTask.from_buffer_copy(self._task)
+        if products:
+            task.n_products, task.bodies, task.a_parts, task.b_parts = products.addresses
         if v is None:
             task.v = None
         else:
@@ -151,9 +178,9 @@ class KernelTree:
             task.a = None
         else:
             self._a[:] = a
-        for name, out in outputs.items():
-            setattr(task, name, address(out))
-        self._library.tree_evaluate(self._handle, ctypes.byref(task))
+        for name, array in arrays.items():
+            setattr(task, name, address(array))
+        self._library.tree_evaluate(self.handle, ctypes.byref(task))
 
     def _put_placements(self) -> None:
         at = self._carriers
@@ -183,13 +210,13 @@ class KernelTree:
 
         The next call overwrites them.
         """
-        self._take_masses()
+        self.take_masses()
         self._evaluate(q, v, a, tau=self._tau)
         return self._tau
 
     def transmitted(self, q: Array, v: Array, a: Array) -> Array:
         """Return the forces (njoints, 6) through the joints, joint axes, as in `pin.Data.f`."""
-        self._take_masses()
+        self.take_masses()
         wrench = self._moving[0]
         self._evaluate(q, v, a, tau=self._tau, wrench=wrench)
         self._put_placements()
@@ -198,10 +225,67 @@ class KernelTree:
         forces[0] = 0.0
         return forces
 
-    def derivatives(self, q: Array, v: Array, a: Array, outside: Array, out: Array) -> None:
+    def changes_task(
+        self, motion: tuple[Array, Array, Array], products: TreeProducts, weights: Array,
+        out: Array,
+    ) -> _TreeTask:
+        """Return the task of `derivatives`, and of `products`, with nothing from outside.
+
+        Args:
+            motion: q (nq,), v and a (nv,).
+            products: n products.
+            weights: (n,) of these.
+            out: (2 or more, nv, nv) zeros.
+        """
+        self.take_masses()
+        n, nv, task = products.addresses[0], self.model.nv, _TreeTask.from_buffer_copy(self._task)
+        self._q[:], self._v[:], self._a[:] = motion
+        values, by, bent = np.empty((3, n)), np.zeros((2, 3 * n, nv)), np.zeros((nv, nv))
+        outside, weights = np.zeros((self._split.njoints, 6)), weights.copy()
+        self._alive = values, by, bent, outside, weights  # until the next one
+        task.outside, task.by_q, task.by_v = map(address, (outside, out[0], out[1]))
+        task.n_products, task.bodies, task.a_parts, task.b_parts = products.addresses
+        (task.values, task.product_by_q, task.product_by_v, task.weights, task.bent) = map(
+            address, (values, by[0], by[1], weights, bent))
+        return task
+
+    def at_many(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
+        """Return placements, Jacobians and forces through the joints of many motions.
+
+        Args:
+            q: (m, nq) configurations.
+            v: (m, nv) joint velocities.
+            a: (m, nv) joint accelerations.
+
+        Returns:
+            (m, njoints, 4, 3) as `placements`, (m, 6, nv) as `columns`, and (m, njoints, 6) as
+            `transmitted`.
+        """
+        self.take_masses()
+        m, n, nv = len(q), self._split.njoints, self.model.nv
+        given = [np.ascontiguousarray(x) for x in (q, v, a)]
+        given = [x if x.flags.writeable else x.copy() for x in given]
+        columns, tau, wrench = np.empty((m, 6, nv)), np.empty((m, nv)), np.empty((m, n, 6))
+        rotations, places = np.empty((m, n, 3, 3)), np.empty((m, n, 3))
+        task = _TreeTask(m, *map(address, given), address(self.armature), *map(address, (
+            rotations, places, columns)), tau=address(tau), wrench=address(wrench))
+        self._library.tree_evaluate(self.handle, ctypes.byref(task))
+        at, placements = self._carriers, np.empty((m, self.model.njoints, 4, 3))
+        np.matmul(self._tree.frames[at], rotations[:, at], out=placements[..., :3, :])
+        placements[..., 3, :] = places[:, at]
+        forces = (placements[..., None, :3, :] @ wrench[:, at].reshape(m, -1, 2, 3, 1)).reshape(
+            m, -1, 6)
+        forces[:, 0] = 0.0
+        return placements, columns, forces
+
+    def derivatives(
+        self, q: Array, v: Array, a: Array, outside: Array, out: Array, products: TreeProducts,
+        weights: Array, bent: Array,
+    ) -> None:
         """Find how `forces` change with q and v, as `pin.computeRNEADerivatives` does.
 
-        They are right for joints whose motion subspace is constant.
+        They are right for joints whose motion subspace is constant. And second derivatives by q of
+        a weighted sum of products.
 
         Args:
             q: configuration.
@@ -210,9 +294,59 @@ class KernelTree:
             outside: (njoints, 6) wrenches on the bodies, world axes, about the joints' origins,
                 that turn with their bodies.
             out: (2, nv, nv) zeros, to be filled with the transposed derivatives by q and by v.
+            products: n products.
+            weights: (n,) of these.
+            bent: (nv, nv) zeros, to be filled: how a row's derivative changes with a column's q.
         """
-        self._take_masses()
-        self._evaluate(q, v, a, outside=outside, by_q=out[0], by_v=out[1])
+        self.take_masses()
+        self._evaluate(q, v, a, products, outside=outside, by_q=out[0], by_v=out[1],
+                       weights=weights, bent=bent)
+
+    # ------------------------------------------------------------ products of vectors
+
+    def packed_products(
+        self, joints: NDArray[np.intp], a: Sequence[Mapping[int, Array]],
+        b: Sequence[Mapping[int, Array]],
+    ) -> TreeProducts:
+        """Return products of vectors, each given by its parts (4,) by joint, two at most.
+
+        Args:
+            joints: joints of the tree that those in the parts stand for.
+            a: the first vector of each.
+            b: the second one.
+        """
+        n, t = len(a), self._tree
+        bodies, both = np.zeros((n, 2), np.int64), np.zeros((2, n, 2, 4))
+        for row, vectors in enumerate(zip(a, b, strict=True)):
+            carried = sorted(set().union(*vectors) - {0}, reverse=True)
+            if len(carried) > 2 or (len(carried) == 2 and 0 in set().union(*vectors)):
+                raise NotImplementedError("the kernel has no products of vectors on three bodies")
+            for side, joint in enumerate([*carried, 0][:2]):
+                body = self._carriers[joints[joint]]
+                bodies[row, side] = body
+                for parts, vector in zip(both, vectors, strict=True):
+                    if joint in vector:
+                        parts[row, side, :3] = t.frames[body].T @ vector[joint][:3]
+                        parts[row, side, 3] = vector[joint][3]
+        return TreeProducts(bodies, *both)
+
+    def products(
+        self, q: Array, v: Array, a: Array, products: TreeProducts
+    ) -> tuple[Array, Array, Array]:
+        """Return products and their first and second rates (3, n), and derivatives (3, n, nv).
+
+        Those by q, then by v.
+
+        Args:
+            q: configuration.
+            v: joint velocities.
+            a: joint accelerations.
+            products: n products.
+        """
+        n = products.addresses[0]
+        values, by_q, by_v = np.empty((3, n)), *np.zeros((2, 3, n, self.model.nv))
+        self._evaluate(q, v, a, products, values=values, product_by_q=by_q, product_by_v=by_v)
+        return values, by_q, by_v
 
     def mass_entries(self, all_joints: bool = True) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Return rows and columns of the numbers of `masses`, or of those of the core."""
@@ -234,11 +368,10 @@ class KernelTree:
 
     def masses(self, q: Array, out: Array) -> None:
         """Write the numbers of the mass matrix at q (nq,), in the order of `mass_entries`."""
-        self._take_masses()
+        self.take_masses()
         self._q[:] = q
-        at = self._at
-        self._library.tree_masses(
-            self._handle, at["q"], None, None, at["armature"], address(out), None)
+        at = self._task
+        self._library.tree_masses(self.handle, at.q, None, None, at.armature, address(out), None)
 
     # ------------------------------------------------------------ accelerations
 
@@ -256,12 +389,11 @@ class KernelTree:
         Returns:
             Whether every freedom that is eliminated has inertia.
         """
-        self._take_masses()
+        self.take_masses()
         self._q[:], self._v[:] = q, v
-        at = self._at
-        code = self._library.tree_masses(
-            self._handle, at["q"], at["v"], address(force), at["armature"], address(masses),
-            address(needed))
+        at = self._task
+        code = self._library.tree_masses(self.handle, at.q, at.v, address(force), at.armature,
+                                         address(masses), address(needed))
         if code not in (DONE, SINGULAR):
             check(code)
         return not code
@@ -272,23 +404,4 @@ class KernelTree:
         Those of the core are zero.
         """
         at = address(forces)
-        self._library.tree_accelerations(self._handle, len(forces), at, None, at, None, None)
-
-    def complete(
-        self, force: Array, off: Array, a: Array
-    ) -> tuple[float, float, float, float]:
-        """Complete the accelerations (nv,) of the core by those of the rest, after `eliminate`.
-
-        Args:
-            force: (nv,) joint forces, those of `eliminate`.
-            off: (nv,) their largest errors.
-            a: the accelerations.
-
-        Returns:
-            By scale: the largest, the largest correction, the largest that round-off of motions
-            and wrenches makes, and the largest that joint forces `off` make by themselves.
-        """
-        self._library.tree_accelerations(
-            self._handle, 0, *map(address, (force, off, a, self._scratch, self._facts)))
-        largest, corrected, rounding, given = self._facts.tolist()
-        return largest, corrected, rounding, given
+        self._library.tree_accelerations(self.handle, len(forces), at, None, at, None, None)

@@ -54,7 +54,7 @@ class TreeMotion:
         self.moved_by[self.joint_of, np.arange(model.nv)] = True
         for joint, parent in enumerate(parents.tolist()):
             self.moved_by[joint] |= self.moved_by[parent]
-        with acquired(mechanism, _tree_of_single_joints) as tree:
+        with tree_of_single_joints(mechanism) as tree:
             tree.update(motion[0])
             tree.move(*motion)
             self.at, columns = tree.placements.copy(), tree.columns.T.copy()
@@ -100,20 +100,20 @@ class TreeMotion:
                 np.where(is_moved, back @ paced - spun @ columns, 0.0),
                 np.where(is_moved, back @ columns, 0.0))
 
-    def forces_by_motion(self, outside: Array, out: Array) -> None:
-        """Find how the joint forces that the motion needs change with q and v.
 
-        Args:
-            outside: (joints, 6) wrenches that act on the bodies, world axes, about the joints'
-                origins, and turn with them.
-            out: (2, nv, nv) zeros, to be filled with the transposed derivatives by q and by v.
-        """
-        with acquired(self.mechanism, _tree_of_single_joints) as tree:
-            tree.derivatives(*self._motion, outside, out)
+def tree_of_single_joints(mechanism: Mechanism) -> acquired[KernelTree]:
+    """Acquire the tree of a mechanism, its joints single ones."""
+    return acquired(mechanism, _tree_of_single_joints)
 
 
 def _tree_of_single_joints(mechanism: Mechanism) -> KernelTree:
     return KernelTree(split_of(mechanism).model)
+
+
+def twist_matrices(twists: Array) -> Array:
+    """Return the transposed 4 x 4 matrices of twists (..., 6)."""
+    matrices: Array = (twists @ TWIST_MATRIX).reshape(*twists.shape[:-1], 4, 4)
+    return matrices
 
 
 def skewed(a: Array) -> Array:

@@ -23,8 +23,8 @@ from spatial_pin.assembly.state import State
 from spatial_pin.dynamics.derivatives.derivatives import exact_mechanism
 from spatial_pin.dynamics.derivatives.small_motions import AppliedLoads, SmallMotions
 from spatial_pin.dynamics.forces import Law
-from spatial_pin.dynamics.forward import Dynamics, Load
 from spatial_pin.dynamics.solvers.equations_of_motion import equations_of
+from spatial_pin.dynamics.state_forces import Dynamics
 from spatial_pin.errors import Interrupted, SpatialPinError
 from spatial_pin.kernel.loop_equations import loops_at, loops_of
 from spatial_pin.mechanism.coordinates import (
@@ -117,7 +117,7 @@ class Equilibrium(Dynamics):
             drivers.get(c.name, c.name): float(x / scale[c.v])
             for c, x in zip(still, bearing, strict=True)}
         super().__init__(
-            at.state, Load(loads.external, loads.laws), at.state.a.copy(),
+            at.state, (loads.external, loads.laws, None), at.state.a.copy(),
             at.wanted - effort, loads.effort + effort)
 
     @cached_property

@@ -8,7 +8,7 @@ joint, are in `bushings`.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -61,6 +61,7 @@ class Forces:
 
     Attributes:
         resistance: damping and dry friction of the joints.
+        exist: whether there is any spring, or any resistance.
     """
 
     def __init__(
@@ -79,6 +80,7 @@ class Forces:
         self.bushings: list[Bushing] = []
         for spring in mechanism.springs:
             self._add(spring, laws.get(spring.name))
+        self.exist = bool(mechanism.springs or self.resistance)
 
     def _add(self, spring: Spring, law: Law | None) -> None:
         m = self.mechanism
@@ -102,11 +104,6 @@ class Forces:
         points = tuple(np.append(x.translation, 1.0) for x in (m1, m2))
         self.lines.append(LineSpring(spring.name, (i1, i2), points, sign, law, energy,  # type: ignore[arg-type]
                                is_linear))
-
-    @property
-    def exist(self) -> bool:
-        """Whether there is any spring, or any resistance."""
-        return bool(self.lines or self.turns or self.bushings or self.resistance)
 
     def generalised(self, evaluation: LoopEquations, q: Array, v: Array) -> Array:
         """Return the generalised forces (nv,) of all, after `evaluation.update(q)`."""
@@ -236,6 +233,19 @@ def warn_of_no_inertia(
             f"mechanism {mechanism.name!r}: no link has a mass or a moment of inertia, so that "
             f"weights are missing from all forces and nothing is moved by {' and '.join(acting)}; "
             "give the links an <inertial> in the URDF")
+
+
+def at_state(external: Any) -> Mapping[str, pin.Force] | None:
+    """Return forces at frames of a State as they are.
+
+    Raises:
+        TypeError: they are a function, as only a Motion takes.
+    """
+    if callable(external):
+        raise TypeError("external is a function, which takes a Motion; of a State give a mapping "
+                        "of forces by frame")
+    forces: Mapping[str, pin.Force] | None = external
+    return forces
 
 
 def joint_efforts(mechanism: Mechanism, efforts: Mapping[str, float] | None) -> Array:

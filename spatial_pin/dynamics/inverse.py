@@ -10,25 +10,23 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin._support.brief import first_names
-from spatial_pin._support.checks import checked, names_of, positive_number
+from spatial_pin._support.checks import names_of, positive_number
 from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.holding import untied, velocity_entries
 from spatial_pin.assembly.passive_freedoms import is_in_loop, passive_freedoms
-from spatial_pin.assembly.state import State, moving_in_time
+from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
-from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
-from spatial_pin.dynamics.forward import Dynamics, Load
 from spatial_pin.dynamics.reactions import UNMOVED
-from spatial_pin.dynamics.solvers.equations_of_motion import Equations, equations_of
+from spatial_pin.dynamics.solvers.equations_of_motion import Equations
 from spatial_pin.dynamics.solvers.independent_coordinates import ROUNDING
+from spatial_pin.dynamics.state_forces import Dynamics, Load
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.coordinates import driver_coordinates
 from spatial_pin.mechanism.inertia import fall_energy
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
-from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.mobility.idle_freedoms import idle_freedoms
 from spatial_pin.motion.summary import EFFORTS
 from spatial_pin.numerics.linalg import Array, common_rows, decompose, independent_rows
@@ -71,7 +69,7 @@ class Actuation:
                 raise SpatialPinError(f"mechanism {mechanism.name!r}: {name!r} cannot be actuated: "
                                       f"{_base_hint(mechanism, joint)}")
             self.coordinates.append(mechanism.driven_coordinate(name))
-        self.columns = np.array([c.v for c in self.coordinates], dtype=int)
+        self.columns = np.array([c.v for c in self.coordinates], dtype=np.int64)
         self.root = 1.0 / np.sqrt(weights)
         tied = constraints_of(mechanism).tied
         is_alone = (np.bincount(self.columns, minlength=len(tied)) == 1) & ~tied
@@ -163,66 +161,6 @@ class Efforts(Dynamics):
         return "\n".join([*lines, super().__str__()])
 
 
-@checked
-def inverse_dynamics(
-    mechanism: Mechanism,
-    state: State,
-    actuated: Iterable[str] | Mapping[str, float] | None = None,
-    *,
-    external: Mapping[str, pin.Force] | None = None,
-    laws: Mapping[str, Law] | None = None,
-    slip_speed: SlipSpeed | None = None,
-) -> Efforts:
-    """Solve the efforts that move a mechanism as `state` says, and the reactions.
-
-    At rest this is statics. All that moves must be actuated, or be without load: a link that hangs
-    on a hinge which nobody drives would fall. An exception are passive freedoms (`mobility` names
-    them), such as the idle rotation of a rod between two balls: their accelerations are those that
-    forces and inertia give them, whatever `state` says. At rest a load that would turn
-    them is refused.
-
-    With more actuators than freedoms the efforts of least (weighted) squares are taken;
-    `Efforts.unique_efforts` tells which efforts depend on that, `Efforts.unique` which reactions.
-
-    Args:
-        mechanism: the mechanism.
-        state: configuration, velocity and acceleration, from `solve_rates`.
-        actuated: drivers, joints or coordinates that have efforts, by default all drivers; with
-            weights (a mapping), the sum of weight * effort² is least.
-        external: by link, frame or joint, the force on it at its origin, world axes.
-        laws: of springs, as for `forward_dynamics`.
-        slip_speed: of dry friction, as for `forward_dynamics`; there is none at rest.
-
-    Returns:
-        The Efforts.
-
-    Raises:
-        SpatialPinError: a freedom is not actuated, or carries load though nobody drives it; says
-            which coordinates it moves.
-        SingularError: the loops lose rank there.
-        UnknownNameError: a name does not exist.
-        ValueError: a weight is not positive.
-
-    Example:
-        >>> mech = sp.load("four_bar")
-        >>> state = sp.solve_rates(mech, sp.assemble(mech, {"crank": 1.0}), {"crank": 10.0})
-        >>> found = sp.inverse_dynamics(mech, state)
-        >>> round(found.efforts["crank"], 5)  # [N·m]
-        0.97137
-        >>> found.reactions["output_pin"].linear.round(4)  # on the rocker [N], world axes
-        array([-6.2348, -0.    , -8.7523])
-    """
-    state = moving_in_time(mechanism, state)
-    mechanism = state.mechanism
-    actuation = actuation_of(mechanism, actuated)
-    warn_of_no_inertia(mechanism, external=external)
-    load = Load(external, laws, slip_speed)
-    with equations_of(mechanism) as equations:
-        equations.update(state, *load)
-        efforts, a, closures = balance(equations, actuation)
-    return Efforts(state, load, a, closures, actuation, efforts)
-
-
 def balance(equations: Equations, actuation: Actuation) -> tuple[Array, Array, Array]:
     """Return efforts (k,), accelerations (nv,), and joint forces (nv,) of the closures.
 
@@ -233,9 +171,16 @@ def balance(equations: Equations, actuation: Actuation) -> tuple[Array, Array, A
         SpatialPinError: a freedom is not actuated, or carries load.
         SingularError: the loops have lost rank, or a passive freedom has no inertia.
     """
+    a, kkt, state = equations.state.a, equations.limbs.kkt, equations.state
+    if not equations.is_rounded:
+        found = kkt.efforts_of(
+            state.q, state.v, a, equations.angle_reference, equations.given, actuation.columns)
+        if found is not None:
+            equations.check_rank(kkt.rank)
+            return found, a, kkt.closures.copy()
     freedoms, rank = _freedoms(equations, actuation)
     equations.check_rank(rank)
-    a, scale = equations.state.a, equations.scale
+    scale = equations.scale
     if len(freedoms):
         pull = freedoms[:, actuation.columns]
         size = np.where(actuation.shared, np.abs(pull).max(axis=0, initial=0.0), 1.0)

@@ -1,25 +1,34 @@
-"""Forces over a given motion: torque curves, bearing loads, shaking force and moment."""
+"""Forces of a given motion, at a State or over it: torques, bearing loads, shaking forces."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
-from typing import NamedTuple
+from functools import partial
+from typing import Any, NamedTuple, overload
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin._support.brief import first_names
-from spatial_pin._support.checks import checked, mapping
+from spatial_pin._support.checks import checked
 from spatial_pin._support.columns import Quantity, Tabular, read_only
 from spatial_pin.assembly.state import State, moving_in_time
-from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
-from spatial_pin.dynamics.inverse import Actuation, actuation_of, balance, internal_efforts
+from spatial_pin.dynamics.forces import Law, at_state, warn_of_no_inertia
+from spatial_pin.dynamics.inverse import Efforts, actuation_of, balance, internal_efforts
 from spatial_pin.dynamics.lift_off import lift_offs
-from spatial_pin.dynamics.reactions import Poses, not_unique_marks, why_not_unique
-from spatial_pin.dynamics.solvers.equations_of_motion import Equations, equations_of
+from spatial_pin.dynamics.reactions import not_unique_marks, why_not_unique
+from spatial_pin.dynamics.samples import (
+    External,
+    LoadedSamples,
+    Loads,
+    accelerate,
+    efforts_over,
+)
+from spatial_pin.dynamics.solvers.equations_of_motion import equations_of
 from spatial_pin.errors import Interrupted, SpatialPinError
+from spatial_pin.kernel.kkt import FAILED
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.motion.motion import Event, Motion, Output, first_samples, require_motion
@@ -31,8 +40,6 @@ from spatial_pin.motion.rated_limits import (
 )
 from spatial_pin.motion.summary import EFFORTS, effort_lines, first_of, heading, tidy, where
 from spatial_pin.numerics.linalg import Array
-
-External = Mapping[str, pin.Force] | Callable[[State], Mapping[str, pin.Force]]
 
 
 class _Loads(NamedTuple):
@@ -54,13 +61,18 @@ class _Loads(NamedTuple):
 class Kinetostatics(_Loads, Tabular):
     """Forces over a motion of N samples, read-only; at rest where that is no motion in time.
 
+    `kinetostatics`, which is `inverse_dynamics` over a Motion, and `forward_dynamics` over one
+    return it.
+
     As a table (`columns`, `to_csv`, `to_dataframe`, ...) it has all efforts, powers and reactions,
     or outputs by their names.
 
     Attributes:
         motion: the motion.
         a: (N, nv) its accelerations [rad/s², m/s²]; those of passive freedoms as forces make them.
-        efforts: (N,) by driver or actuated coordinate [N·m about it, N along it].
+            Of `forward_dynamics`, all as forces make them.
+        efforts: (N,) by driver or actuated coordinate [N·m about it, N along it]; of
+            `forward_dynamics` those that are given.
         power: (N,) of each of them [W]; 0 at rest.
         reactions: (N, 6) by pair, force then moment, as `Dynamics.reactions` [N, N·m].
         on_ground: (N, 6) force and moment at the world's origin on the fixed link: shaking wrench.
@@ -197,47 +209,6 @@ class Kinetostatics(_Loads, Tabular):
         return not_unique_marks(np.logical_and.reduce(unique, axis=0))
 
 
-class _StoredSamples:
-    """Solved samples; the reactions of all are evaluated together later."""
-
-    def __init__(self, equations: Equations, n: int, n_efforts: int) -> None:
-        model, rows = equations.model, equations.n_closure
-        nj, nv = model.njoints, model.nv
-        self.efforts, self.joint_efforts = np.empty((n, n_efforts)), np.empty((n, nv))
-        self.a, self.multipliers = np.empty((n, nv)), np.empty((n, rows))
-        self.given, self.transmitted = np.zeros((n, nj, 6)), np.empty((n, nj, 6))
-        wrenches = equations.constraints.n_wrenches
-        self.poses = Poses(np.empty((n, nj, 4, 3)), np.empty((n, 6, nv)),
-                           np.empty((n, wrenches, 6)))
-        self.unique = np.ones((n, len(equations.pairs.names), 6), dtype=bool)
-        self.done = 0
-
-    def fill(self, k: int, equations: Equations, bearing: Equations, actuation: Actuation) -> None:
-        """Solve sample k at the state of `equations`; `bearing` has all rows of the file."""
-        x, a, closures = balance(equations, actuation)
-        self.efforts[k], self.a[k] = x, a
-        self.transmitted[k] = bearing.transmitted(a)
-        self.multipliers[k] = bearing.multipliers(closures)
-        self.joint_efforts[k] = bearing.at_joints(actuation.generalised(x, len(a)),
-                                                  self.multipliers[k], a)
-        for stored, now in zip(self.poses, bearing.poses(), strict=True):
-            stored[k] = now
-        if bearing.wrenches:
-            self.given[k] = bearing.pairs.summed(bearing.wrenches)
-        spare = internal_efforts(equations, actuation)
-        if len(spare) or bearing.pairs.coupled or bearing.has_redundant:
-            efforts = actuation.all_generalised(spare, len(a))
-            self.unique[k] = list(bearing.unique(efforts).values())
-        self.done = k + 1
-
-    def end(self) -> None:
-        """Drop the samples that are not solved."""
-        for name in ("efforts", "joint_efforts", "a", "multipliers", "given", "transmitted",
-                     "unique"):
-            setattr(self, name, getattr(self, name)[: self.done])
-        self.poses = Poses(*(x[: self.done] for x in self.poses))
-
-
 @checked
 def kinetostatics(
     mechanism: Mechanism,
@@ -250,14 +221,17 @@ def kinetostatics(
 ) -> Kinetostatics:
     """Solve the efforts that a motion needs and the reactions it causes, sample by sample.
 
-    The same as `inverse_dynamics` of every `motion.state(row)`, at a fraction of the cost. For a
+    The same as `inverse_dynamics` of every `motion.state(row)`, at a fraction of the cost, and
+    what `inverse_dynamics` of the Motion is. For a
     sweep without a speed this is statics: the mechanism is held at rest in every sample.
 
     Args:
         mechanism: the mechanism.
         motion: from `sweep` or `simulate`.
         actuated: as for `inverse_dynamics`.
-        external: forces at frames, world axes, or a function of the State that returns them.
+        external: forces at frames, world axes: by link, frame or joint a `pin.Force`, or an array
+            (N, 6) of force and moment; or a function of the time and the State, or of the State
+            alone, that returns such a mapping of forces.
         laws: as for `forward_dynamics`.
         slip_speed: as for `forward_dynamics`.
 
@@ -278,52 +252,184 @@ def kinetostatics(
         >>> print(f"at most {loads.efforts['crank'].max():.3f} N·m")
         at most 2.142 N·m
     """
+    actuation = actuation_of(_moved(mechanism, motion), actuated)
+
+    def solve(samples: LoadedSamples) -> None:
+        equations, columns = samples.equations, actuation.columns
+        for piece in samples.pieces():
+            at = piece.at
+            if samples.is_together:
+                found = equations.limbs.kkt.of_many(
+                    piece.q, piece.v, piece.angles, piece.given, samples.given_a[at], columns)
+                if not found.facts[:, FAILED].any():
+                    samples.efforts[at] = found.efforts
+                    joints = np.zeros_like(found.a)
+                    joints[:, columns] = found.efforts
+                    samples.take_piece(piece, joints, samples.given_a[at], found)
+                    continue
+            for k in range(at.start, at.stop):
+                samples.place(k)
+                samples.efforts[k], a, closures = balance(equations, actuation)
+                internal = internal_efforts(equations, actuation)
+                samples.take(k, actuation.generalised(samples.efforts[k], len(a)), a, closures,
+                             actuation.all_generalised(internal, len(a)))
+
+    return loads_over(mechanism, motion, (external, laws, slip_speed),
+                      dict.fromkeys(actuation.names), solve)
+
+
+@overload
+def inverse_dynamics(
+    mechanism: Mechanism, state: State,
+    actuated: Iterable[str] | Mapping[str, float] | None = None, *,
+    external: Mapping[str, pin.Force] | None = None, laws: Mapping[str, Law] | None = None,
+    slip_speed: SlipSpeed | None = None,
+) -> Efforts: ...
+@overload
+def inverse_dynamics(
+    mechanism: Mechanism, state: Motion,
+    actuated: Iterable[str] | Mapping[str, float] | None = None, *,
+    external: External | None = None, laws: Mapping[str, Law] | None = None,
+    slip_speed: SlipSpeed | None = None,
+) -> Kinetostatics: ...
+@checked
+def inverse_dynamics(
+    mechanism: Mechanism,
+    state: State | Motion,
+    actuated: Iterable[str] | Mapping[str, float] | None = None,
+    *,
+    external: External | None = None,
+    laws: Mapping[str, Law] | None = None,
+    slip_speed: SlipSpeed | None = None,
+) -> Efforts | Kinetostatics:
+    """Solve the efforts that move a mechanism as `state` says, and the reactions.
+
+    At rest this is statics. All that moves must be actuated, or be without load: a link that hangs
+    on a hinge which nobody drives would fall. An exception are passive freedoms (`mobility` names
+    them), such as the idle rotation of a rod between two balls: their accelerations are those that
+    forces and inertia give them, whatever `state` says. At rest a load that would turn
+    them is refused.
+
+    With more actuators than freedoms the efforts of least (weighted) squares are taken;
+    `Efforts.unique_efforts` tells which efforts depend on that, `Efforts.unique` which reactions.
+
+    Args:
+        mechanism: the mechanism.
+        state: configuration, velocity and acceleration, from `solve_rates`; or a Motion, of which
+            all samples are solved (`kinetostatics`).
+        actuated: drivers, joints or coordinates that have efforts, by default all drivers; with
+            weights (a mapping), the sum of weight * effort² is least.
+        external: by link, frame or joint, the force on it at its origin, world axes; over a Motion
+            as for `forward_dynamics`.
+        laws: of springs, as for `forward_dynamics`.
+        slip_speed: of dry friction, as for `forward_dynamics`; there is none at rest.
+
+    Returns:
+        The Efforts; over a Motion the Kinetostatics.
+
+    Raises:
+        SpatialPinError: a freedom is not actuated, or carries load though nobody drives it; says
+            which coordinates it moves.
+        SingularError: the loops lose rank there.
+        UnknownNameError: a name does not exist.
+        ValueError: a weight is not positive.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> state = sp.solve_rates(mech, sp.assemble(mech, {"crank": 1.0}), {"crank": 10.0})
+        >>> found = sp.inverse_dynamics(mech, state)
+        >>> round(found.efforts["crank"], 5)  # [N·m]
+        0.97137
+        >>> found.reactions["output_pin"].linear.round(4)  # on the rocker [N], world axes
+        array([-6.2348, -0.    , -8.7523])
+    """
+    if not isinstance(state, State):
+        return kinetostatics(mechanism, state, actuated, external=external, laws=laws,
+                             slip_speed=slip_speed)
+    state = moving_in_time(mechanism, state)
+    mechanism, external = state.mechanism, at_state(external)
+    actuation = actuation_of(mechanism, actuated)
+    warn_of_no_inertia(mechanism, external=external)
+    load = external, laws, slip_speed
+    with equations_of(mechanism) as equations:
+        equations.update(state, *load)
+        efforts, a, closures = balance(equations, actuation)
+    return Efforts(state, load, a, closures, actuation, efforts)
+
+
+def forward_over(
+    mechanism: Mechanism, motion: Motion, efforts: Mapping[str, Any] | None, loads: Loads
+) -> Kinetostatics:
+    """Return `forward_dynamics` of every sample of a motion, under efforts that may change."""
+    moved = _moved(mechanism, motion)
+    given, at_joints = efforts_over(moved, motion, efforts), np.zeros((len(motion), moved.model.nv))
+    for name, x in given.items():
+        at_joints[:, moved.driven_coordinate(name).v] = x
+    return loads_over(mechanism, motion, loads, given, partial(accelerate, efforts=at_joints))
+
+
+def _moved(mechanism: Mechanism, motion: Motion) -> Mechanism:
+    """Return the mechanism of a motion; refuse one of another mechanism."""
     require_motion(motion)
     if mechanism not in (motion.mechanism, motion.mechanism.whole):
         raise SpatialPinError(
             f"the motion belongs to mechanism {motion.mechanism.name!r}, not to this load of "
             f"{mechanism.name!r}"
         )
-    warn_of_no_inertia(mechanism, external=external)
+    return motion.mechanism
+
+
+def loads_over(
+    mechanism: Mechanism, motion: Motion, loads: Loads, known: Mapping[str, Array | None],
+    solve: Callable[[LoadedSamples], None],
+) -> Kinetostatics:
+    """Return the forces over a motion.
+
+    Args:
+        mechanism: the mechanism, as the user has loaded it.
+        motion: the motion.
+        loads: forces at frames, laws of springs, slip speed.
+        known: efforts (N,) by name; None where they are solved for.
+        solve: solves the samples.
+    """
+    warn_of_no_inertia(mechanism, external=loads[0])
     moved, is_cut = motion.mechanism, False
-    actuation = actuation_of(moved, actuated)
     with ExitStack() as stack:
         equations = bearing = stack.enter_context(equations_of(moved))
         if moved.whole is not None:
             bearing = stack.enter_context(equations_of(moved.whole))
-        rows = _StoredSamples(bearing, len(motion), len(actuation.names))
+        samples = LoadedSamples(mechanism, motion, equations, bearing, loads, len(known))
         try:
-            for k in range(len(motion)):
-                state = moving_in_time(mechanism, motion.state(k))
-                given = external(state) if callable(external) else external
-                for each in {equations, bearing}:
-                    each.update(state, mapping(given, "external"), laws, slip_speed)
-                rows.fill(k, equations, bearing, actuation)
+            solve(samples)
         except SpatialPinError as error:
+            k = samples.at
             error.args = (f"{error} ({where(motion, k)}, sample {k})",)
             raise
         except KeyboardInterrupt:
-            if not rows.done:
+            if not samples.done:
                 raise
-            rows.end()
-            motion, is_cut = first_samples(motion, rows.done), True
-        reactions, ground = bearing.pairs.reactions(
-            rows.poses, rows.transmitted, rows.multipliers, rows.given, rows.joint_efforts)
-        unique = dict(zip(bearing.pairs.names, rows.unique.swapaxes(0, 1), strict=True))
-    efforts = {name: read_only(x)
-               for name, x in zip(actuation.names, rows.efforts.T, strict=True)}
-    rates = motion.v[:, actuation.columns].T * (motion.per == "s")
+            samples.end()
+            motion, is_cut = first_samples(motion, samples.done), True
+        names = bearing.pairs.names
+    for column, x in enumerate(known.values()):
+        if x is not None:
+            samples.efforts[:, column] = x[: len(motion)]
+    efforts = {name: read_only(x) for name, x in zip(known, samples.efforts.T, strict=True)}
+    columns = np.array([moved.driven_coordinate(name).v for name in known], np.int64)
+    rates = motion.v[:, columns].T * (motion.per == "s")
     power = {name: read_only(x * rate)
              for (name, x), rate in zip(efforts.items(), rates, strict=True)}
-    loads = Kinetostatics(motion, read_only(rows.a), efforts, power,
-                          {name: read_only(x) for name, x in reactions.items()},
-                          read_only(ground), read_only(rows.multipliers),
-                          {name: each.all(axis=1) for name, each in unique.items()}, unique,
-                          _beyond_limits(motion, actuation, rows.efforts),
-                          _lift_offs(motion, rows.multipliers))
+    unique: dict[str, NDArray[np.bool_]] = {
+        name: samples.unique[:, k] for k, name in enumerate(names)}
+    found = Kinetostatics(
+        motion, read_only(samples.a), efforts, power,
+        {name: read_only(samples.reactions[:, k].copy()) for k, name in enumerate(names)},
+        read_only(samples.on_ground), read_only(samples.multipliers),
+        {name: np.logical_and.reduce(each, axis=1) for name, each in unique.items()}, unique,
+        _beyond_limits(motion, columns, samples.efforts), _lift_offs(motion, samples.multipliers))
     if is_cut:
-        raise Interrupted(motion, loads)
-    return loads
+        raise Interrupted(motion, found)
+    return found
 
 
 def _lift_offs(motion: Motion, multipliers: Array) -> tuple[Event, ...]:
@@ -337,9 +443,11 @@ def _lift_offs(motion: Motion, multipliers: Array) -> tuple[Event, ...]:
     return tuple(lift_offs(motion.mechanism, multipliers, at, what))
 
 
-def _beyond_limits(motion: Motion, actuation: Actuation, efforts: Array) -> tuple[BeyondLimit, ...]:
-    """Return the limits that efforts (N, k) or velocities exceed."""
+def _beyond_limits(
+    motion: Motion, columns: NDArray[np.int64], efforts: Array
+) -> tuple[BeyondLimit, ...]:
+    """Return the limits that efforts (N, k) at velocity entries (k,), or velocities, exceed."""
     total = np.zeros((motion.mechanism.model.nv, len(motion)))
-    np.add.at(total, actuation.columns, efforts.T)
+    np.add.at(total, columns, efforts.T)
     pairs = [(limit, total[limit.v]) for limit in effort_limits(motion.mechanism)]
     return (*beyond(pairs), *velocities_beyond(motion))

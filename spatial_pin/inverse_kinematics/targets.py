@@ -425,7 +425,7 @@ def check_rotations(matrices: Array, what: str) -> None:
                          "one normal to each other, right-handed")
 
 
-def pose(placement: pin.SE3, weight: float | None = None) -> Target:
+def pose(placement: pin.SE3, weight: float | None = None) -> Pose:
     """Return the target of a frame at a placement in the world.
 
     Args:

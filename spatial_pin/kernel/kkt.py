@@ -5,16 +5,17 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Sequence
 from itertools import groupby
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from spatial_pin.constraints.kernel_tree import KernelTree, TreeProducts
 from spatial_pin.kernel.kernel import Kernel, numbers
-from spatial_pin.kernel.library import POINTER, address, check
+from spatial_pin.kernel.library import INT, POINTER, address, check
 from spatial_pin.kernel.packing import packed
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.linalg import EPS, Array
 
 Places = NDArray[Any]
 
@@ -22,9 +23,32 @@ Places = NDArray[Any]
 class _KktTask(ctypes.Structure):
     """KktTask in kkt.c."""
 
-    _fields_ = [(name, POINTER) for name in (
-        "q", "v", "reference", "mass", "force", "a", "closures", "multipliers", "entry", "chosen",
-        "facts")]
+    _fields_ = [("n", INT), *((name, POINTER) for name in (
+        "tree", "q", "v", "reference", "mass", "force", "armature", "rounding"))]
+    _fields_ += [("n_actuated", INT), *((name, POINTER) for name in (
+        "actuated", "efforts", "a", "closures", "multipliers", "entry", "chosen", "facts"))]
+
+
+RANK, ERROR, FAILED = 2, 3, 5  # among the facts
+
+
+class Accelerated(NamedTuple):
+    """Accelerations, or efforts, of a tree with loops at n configurations.
+
+    Attributes:
+        a: (n, nv) accelerations.
+        efforts: (n, k) of actuators.
+        closures: (n, nv) joint forces of the closures.
+        multipliers: (n, n_closure) 0 of equations that are left out.
+        facts: (n, 6) as in kkt.c: the rank of the closure equations, the estimated error of
+            accelerations, and whether there are no results are among them.
+    """
+
+    a: Array
+    efforts: Array
+    closures: Array
+    multipliers: Array
+    facts: Array
 
 
 class KKT:
@@ -35,18 +59,23 @@ class KKT:
         mass_entries: rows, columns and indices among the `n_masses` numbers of all entries of its
             mass matrix that can be other than zero.
         n_masses: length of `mass`.
+        tree: whose core has these entries; its other joints, outside of loops, are eliminated.
 
     Attributes:
         mass: (n_masses,) the mass matrix, to be filled in.
         pivot: smallest over largest pivot of the last `accelerations`, 0 where there are none.
         error: estimated round-off of them, relative to their size.
+        error_of_tree, is_of_forces: of the last `of_tree`, and whether it is mostly round-off of
+            the joint forces: no solver can be better.
+        a: (nv,) the accelerations.
         rank: how many independent equations there are.
         closures: (nv,) joint forces of the closures.
         multipliers: (n_closure,) 0 of equations that are left out.
     """
 
     def __init__(
-        self, mechanism: Mechanism, mass_entries: tuple[Places, Places, Places], n_masses: int
+        self, mechanism: Mechanism, mass_entries: tuple[Places, Places, Places], n_masses: int,
+        tree: KernelTree | None = None,
     ) -> None:
         self._kernel = kernel = Kernel(mechanism, packed(mechanism, False))
         self._library, nv, n_closure = kernel.library, kernel.nv, kernel.n_closure
@@ -59,15 +88,21 @@ class KKT:
                                        mechanism.characteristic_length, ctypes.byref(handle)))
         self._handle = handle
         self.pivot, self.error, self.rank = 1.0, 0.0, 0
+        self.error_of_tree, self.is_of_forces = 0.0, False
         self._at = np.nonzero(kernel.constraints.occurring[:n_closure])
         self._values, self._chosen = np.empty(len(self._at[0])), np.empty(n_closure, np.int64)
         self._q, self._reference = np.empty(kernel.nq), np.empty(kernel.n_angles)
-        self._v, self._force, self._a = np.empty((3, nv))
-        self.mass, self._facts = np.empty(n_masses), np.empty(3)
+        self._v, self._force, self.a = np.empty((3, nv))
+        self.mass, self._facts = np.empty(n_masses), np.empty(6)
         self.closures, self.multipliers = np.empty(nv), np.empty(n_closure)
-        self._task = _KktTask(*map(address, (
-            self._q, self._v, self._reference, self.mass, self._force, self._a, self.closures,
-            self.multipliers, self._values, self._chosen, self._facts)))
+        # signs of round-off of joint forces: as a coin gives them
+        self._rounding = EPS * np.random.default_rng(0).choice([-1.0, 1.0], nv)
+        self._tree = tree
+        self._task = _KktTask(1, tree.handle if tree else None, *map(address, (
+            self._q, self._v, self._reference, self.mass, self._force,
+            tree.armature if tree else self._force, self._rounding)), 0, None, None,
+            *map(address, (self.a, self.closures, self.multipliers, self._values, self._chosen,
+                           self._facts)))
         self._at_task = ctypes.byref(self._task)
 
     def accelerations(
@@ -82,12 +117,96 @@ class KKT:
             given: (nv,) joint forces f.
             needed: (nv,) joint forces b that the motion needs without acceleration.
         """
-        self._q[:], self._v[:], self._reference[:] = q, v, reference
         np.subtract(given, needed, out=self._force)
-        check(self._library.kkt_accelerations(self._handle, self._at_task))
-        self.pivot, self.error, rank = self._facts.tolist()
-        self.rank = int(rank)
-        return self._a
+        self._solve(q, v, reference)
+        return self.a
+
+    def of_tree(
+        self, q: Array, v: Array, reference: Array | Sequence[float], force: Array
+    ) -> bool:
+        """Find accelerations with the masses and gravity that the tree has now.
+
+        False where there are none: a freedom outside of loops has no inertia.
+
+        Args:
+            q: (nq,) configuration.
+            v: (nv,) joint velocities.
+            reference: as for `accelerations`.
+            force: (nv,) joint forces f.
+        """
+        assert self._tree
+        self._tree.take_masses()
+        self._force[:] = force
+        return not self._solve(q, v, reference)
+
+    def _solve(self, q: Array, v: Array, reference: Any) -> float:
+        self._q[:], self._v[:] = q, v
+        if len(reference):
+            self._reference[:] = reference
+        code = self._library.kkt_accelerations(self._handle, self._at_task)
+        if code:
+            check(code)
+        has_none: float
+        self.pivot, self.error, rank, self.error_of_tree, of_forces, has_none = (
+            self._facts.tolist())
+        self.rank, self.is_of_forces = int(rank), of_forces > 0.0
+        return has_none
+
+    def efforts_of(
+        self, q: Array, v: Array, a: Array, reference: Array | Sequence[float], force: Array,
+        actuated: NDArray[np.int64],
+    ) -> Array | None:
+        """Return the efforts (k,) of actuators that accelerations need, and find `closures`.
+
+        With the masses and gravity that the tree has now. None where it is not clear that closures
+        and actuators together bear any force in one way, and in one way only.
+
+        Args:
+            q: (nq,) configuration.
+            v: (nv,) joint velocities.
+            a: (nv,) joint accelerations.
+            reference: as for `accelerations`.
+            force: (nv,) other joint forces.
+            actuated: (k,) velocity entries that have efforts.
+        """
+        assert self._tree
+        self._tree.take_masses()
+        self.a[:], self._force[:], efforts = a, force, np.empty(len(actuated))
+        task = self._task
+        task.n_actuated, task.actuated, task.efforts = (
+            len(actuated), address(actuated), address(efforts))
+        failed = self._solve(q, v, reference)
+        task.actuated = None
+        return None if failed else efforts
+
+    def of_many(
+        self, q: Array, v: Array, reference: Array, force: Array, a: Array | None = None,
+        actuated: NDArray[np.int64] | None = None,
+    ) -> Accelerated:
+        """Return what `of_tree` finds at many configurations, or what `efforts_of` does.
+
+        Args:
+            q: (n, nq) configurations.
+            v: (n, nv) joint velocities.
+            reference: (n, n_angles) from which the angles of screws count [rad].
+            force: (n, nv) joint forces.
+            a: (n, nv) accelerations, where efforts are wanted.
+            actuated: (k,) velocity entries that have efforts.
+        """
+        assert self._tree
+        self._tree.take_masses()
+        n, nv, k = len(q), len(self.a), 0 if actuated is None else len(actuated)
+        given = [numbers(x, x.shape) for x in (q, v, reference, force)]
+        out = Accelerated(np.empty((n, nv)) if a is None else numbers(a, (n, nv)),
+                          np.empty((n, k)), np.empty((n, nv)), np.empty((n, len(self._chosen))),
+                          np.empty((n, len(self._facts))))
+        task = _KktTask.from_buffer_copy(self._task)
+        task.n, task.n_actuated = n, k
+        task.actuated = None if actuated is None else address(actuated)
+        task.q, task.v, task.reference, task.force = map(address, given)
+        task.a, task.efforts, task.closures, task.multipliers, task.facts = map(address, out)
+        check(self._library.kkt_accelerations(self._handle, ctypes.byref(task)))
+        return out
 
     def solve(self, force: Array, gamma: Array) -> tuple[Array, Array]:
         """Return accelerations (k, nv) and multipliers (k, n_closure) with the last matrix.
@@ -99,8 +218,33 @@ class KKT:
         n = len(force)
         force, gamma = numbers(force, (n, len(self._v))), numbers(gamma, (n, len(self._chosen)))
         a, multipliers = np.empty_like(force), np.empty_like(gamma)
-        self._library.kkt_solve(self._handle, n, *map(address, (force, gamma, a, multipliers)))
+        self._library.kkt_solve(
+            self._handle, n, *map(address, (force, gamma, a, multipliers)), None, None)
         return a, multipliers
+
+    def changes(
+        self, tree: KernelTree, motion: tuple[Array, Array, Array], products: TreeProducts,
+        multipliers: Array,
+    ) -> tuple[Array, Array]:
+        """Return derivatives by q, v and efforts: of a (3, nv, nv), multipliers (3, nv, n_closure).
+
+        A row for each entry of q, v or efforts, with the last matrix, where every equation is a
+        product and nothing else acts.
+
+        Args:
+            tree: of single joints, relative to the centre.
+            motion: q (nq,), v and a (nv,).
+            products: of the equations.
+            multipliers: (n_closure,) at which the joint forces are differentiated.
+        """
+        nv, n = len(self.a), len(self._chosen)
+        force, gamma = np.zeros((3, nv, nv)), np.empty((3, nv, n))
+        a_by, multipliers_by = np.empty_like(force), np.empty_like(gamma)
+        task = tree.changes_task(motion, products, multipliers, force)
+        self._library.kkt_solve(
+            self._handle, 3 * nv, *map(address, (force, gamma, a_by, multipliers_by)), tree.handle,
+            ctypes.byref(task))
+        return a_by, multipliers_by
 
     @property
     def entries(self) -> tuple[Places, Places, Array]:

@@ -28,7 +28,6 @@ from spatial_pin.kernel.kernel import EvaluationStruct, Kernel, numbers
 from spatial_pin.kernel.library import address
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.numerics.stacked import cross
 
 
 class LoopEquations:
@@ -151,9 +150,8 @@ class LoopEquations:
 
     def _products(self) -> tuple[Array, Array]:
         """Return all products of vectors (n,), and their wrenches (n, 6) about the world origin."""
-        c = self.constraints
-        a, b, x = (c.c_abx @ self.placements.reshape(-1, 3)).reshape(3, -1, 3)
-        return np.vecdot(a, b) - c.constants, np.hstack([b * c.factors, np.cross(x, b)])
+        values, wrenches = _products_at(self.constraints, self.placements[None])
+        return values[0], wrenches[0]
 
     def row_wrenches(self) -> Array:
         """Return (n_wrenches, 6) force on body 2 per unit of each equation, and its moment.
@@ -162,9 +160,8 @@ class LoopEquations:
         the twist of body 2 relative to body 1. Joint coordinates act on joints, see `joint_rows`.
         Those of `Constraints.other_body_products` follow: they act on two bodies of their own.
         """
-        values, wrenches = self._products()
-        (on_bodies,) = combined_wrenches(self.constraints, [values[:, None]], [self.q[:, None]],
-                                     [wrenches])
+        on_bodies: Array = row_wrenches(
+            self.constraints, self.placements[None], self.q[None], self.angles[None])[0]
         return on_bodies
 
     def joint_rows(self) -> Array:
@@ -176,13 +173,16 @@ class LoopEquations:
         forces, nv = np.zeros((c.n_closure, self.model.nv)), self.model.nv
         for group in c.composed:
             if len(group.coordinates[0]):
-                value, _ = group.values(group.seeded([values[:, None]], [self.q[:, None]]))
+                value, _ = group.values(group.seeded([values[:, None]], [self.q[:, None]]),
+                                        self.angles)
                 forces[group.rows] = composed_rows(
                     group, value.changes[0], np.zeros((len(values), nv)), np.ones(nv))
         return forces[c.of_joints]
 
 
-def twist_derivatives(mechanism: Mechanism, joint: int, q: Array, placements: Array) -> Array:
+def twist_derivatives(
+    mechanism: Mechanism, joint: int, q: Array, placements: Array, angles: Array
+) -> Array:
     """Return derivatives (m, n_closure, 6) of equations for a twist of what a joint carries.
 
     Args:
@@ -190,17 +190,41 @@ def twist_derivatives(mechanism: Mechanism, joint: int, q: Array, placements: Ar
         joint: the joint.
         q: (m, nq) configurations.
         placements: (m, njoints, 4, 3) of the joints there, see `Kernel.placements`.
+        angles: (m, n_angles) that counted ones are nearest to [rad].
     """
     c, at = constraints_of(mechanism), mechanism.model.idx_vs[joint]
-    vectors = c.c_abx @ placements.reshape(len(q), -1, 3)
-    a, b, x = np.moveaxis(vectors.reshape(len(q), 3, -1, 3), 1, 0)  # (m, products, 3) each
-    values = (np.vecdot(a, b) - c.constants).T[:, None]
-    wrenches = np.concatenate([b * c.factors, cross(x, b)], axis=2).transpose(1, 2, 0)
+    values, wrenches = _products_at(c, placements)
     signs = c.signs[:, at, None, None] / mechanism.velocity_scale[at]
-    (moved,) = combined_wrenches(c, [values], [q.T[:, None]], [signs * wrenches])
+    (moved,) = combined_wrenches(c, [values.T[:, None]], [q.T[:, None]],
+                                 [signs * np.moveaxis(wrenches, 0, 2)], angles.T[:, None])
     for k, other in enumerate(c.other_body_products, start=c.n_closure):
         moved[other.equation] += moved[k]
     return moved[: c.n_closure].transpose(2, 0, 1)
+
+
+def _products_at(c: Constraints, placements: Array) -> tuple[Array, Array]:
+    """Return all products (m, n) at many placements, and their wrenches (m, n, 6)."""
+    rows = placements.reshape(len(placements), -1, 3)
+    is_dense = isinstance(c.c_abx, np.ndarray)
+    vectors = c.c_abx @ rows if is_dense else np.stack([c.c_abx @ g for g in rows])
+    a, b, x = np.moveaxis(vectors.reshape(len(rows), 3, -1, 3), 1, 0)
+    wrenches = np.concatenate([b * c.factors, np.cross(x, b)], axis=2)
+    return np.vecdot(a, b) - c.constants, wrenches
+
+
+def row_wrenches(c: Constraints, placements: Array, q: Array, angles: Array) -> Array:
+    """Return `LoopEquations.row_wrenches` (m, n_wrenches, 6) at many configurations.
+
+    Args:
+        c: the equations.
+        placements: (m, njoints, 4, 3) of the joints.
+        q: (m, nq) the configurations.
+        angles: (m, n_angles) that counted ones are nearest to [rad].
+    """
+    values, wrenches = _products_at(c, placements)
+    (rows,) = combined_wrenches(c, [values.T[:, None]], [q.T[:, None]],
+                                [np.moveaxis(wrenches, 0, 2)], angles.T[:, None])
+    return np.moveaxis(rows, 2, 0)
 
 
 def loops_at(mechanism: Mechanism, q: Array, angles: Array | float = 0.0) -> LoopEquations:

@@ -54,6 +54,19 @@ class Decomposition(NamedTuple):
         return self.vt[:r].T @ ((self.u[:, :r].T @ b).T / self.s[:r]).T
 
 
+def minimum_norms_transposed(a: Array, b: Array) -> Array:
+    """Return the least-squares solutions x (N, m) of least norm of x a = b, for matrices (N, m, n).
+
+    As `Decomposition.minimum_norm_transposed`, b (N, n).
+    """
+    u, s, vt = np.linalg.svd(a, full_matrices=False)
+    largest = s[:, :1] if s.shape[1] else np.zeros((len(s), 1))
+    held = s > np.maximum(TOLERANCES.rank * largest, TOLERANCES.zero)
+    parts = np.divide((vt @ b[..., None])[..., 0], s, out=np.zeros_like(s), where=held)
+    x: Array = (u @ parts[..., None])[..., 0]
+    return x
+
+
 def decompose(a: Array, tolerance: float = TOLERANCES.rank) -> Decomposition:
     """Decompose `a` (m, n); columns and rows are expected to be scaled alike.
 

@@ -11,7 +11,7 @@ from spatial_pin._support.brief import brief
 from spatial_pin._support.checks import checked, names_of
 from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.holding import BASE, FixedHold, Hold, free_bases, hashable_hold, is_base
-from spatial_pin.assembly.samples import is_motion, pieces, samples_of
+from spatial_pin.assembly.samples import angles_of, is_motion, pieces, samples_of
 from spatial_pin.assembly.state import State
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.loop_equations import loops_of
@@ -63,13 +63,13 @@ def closure_jacobian(mechanism: Mechanism, q: Array | State | sp.Motion) -> Arra
     """
     require_mechanism(mechanism)
     if is_motion(q):
-        x = finite_array(q.q, (len(q), mechanism.model.nq), "q")
+        x, angles = finite_array(q.q, (len(q), mechanism.model.nq), "q"), angles_of(q)
         with kernel_of(mechanism) as kernel:
             return np.concatenate([
-                kernel.jacobians(x[piece])[:, : kernel.n_closure] / mechanism.velocity_scale
-                for piece in pieces(q)])
+                kernel.jacobians_and_columns(x[piece], angles[piece])[0][:, : kernel.n_closure]
+                / mechanism.velocity_scale for piece in pieces(q)])
     x = finite_array(q.q if isinstance(q, State) else q, (mechanism.model.nq,), "q")
-    with loops_of(mechanism) as evaluation:
+    with loops_of(mechanism, q.angles if isinstance(q, State) else 0.0) as evaluation:
         evaluation.update(x)
         rows = evaluation.jacobian[: evaluation.constraints.n_closure]
         return rows / mechanism.velocity_scale

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.assembly.state import State, moving_in_time
-from spatial_pin.dynamics.inverse import inverse_dynamics
+from spatial_pin.dynamics.kinetostatics import inverse_dynamics
 from spatial_pin.dynamics.solvers.equations_of_motion import equations_of
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.mechanism.inertia import moving_mass

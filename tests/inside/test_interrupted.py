@@ -15,8 +15,8 @@ from spatial_pin.dimensions import tolerance
 from spatial_pin.dimensions.predictions import Predictions
 from spatial_pin.dimensions.sensitivity import _Around
 from spatial_pin.dimensions.varied_samples import VariedSamples
-from spatial_pin.dynamics.kinetostatics import _StoredSamples
 from spatial_pin.dynamics.simulation.run import Run
+from spatial_pin.dynamics.solvers.equations_of_motion import Equations
 from spatial_pin.inverse_kinematics import reach_path
 from spatial_pin.mobility.mode_search import ModeSearch
 from spatial_pin.proximity.clearance_search import ClearanceSearch
@@ -215,7 +215,7 @@ def test_forces_and_derivatives_along_a_motion_are_kept_until_ctrl_c(monkeypatch
     motion = sp.sweep(mechanism, "crank", VALUES, speed=2.0)
     forces, derived = sp.kinetostatics(mechanism, motion), sp.sensitivity(
         mechanism, motion, "rocker_pin", ["r3"])
-    monkeypatch.setattr(_StoredSamples, "fill", interrupting(_StoredSamples.fill, 21))
+    monkeypatch.setattr(Equations, "unique", interrupting(Equations.unique, 21))
     with pytest.raises(sp.Interrupted) as stopped:
         sp.kinetostatics(mechanism, motion)
     assert "not whole" in repr(stopped.value)
@@ -233,7 +233,7 @@ def test_forces_and_derivatives_along_a_motion_are_kept_until_ctrl_c(monkeypatch
 
 
 @pytest.mark.parametrize(("words", "owner", "name"), [
-    (["statics", "four_bar"], _StoredSamples, "fill"),
+    (["statics", "four_bar"], Equations, "unique"),
     (["sensitivity", "four_bar", "rocker_pin"], _Around, "differentiated"),
     (["transmission", "four_bar", "rocker_pin"], sp, "transmission"),
 ], ids=["statics", "sensitivity", "transmission"])

@@ -10,35 +10,39 @@ from the differences of its own accelerations on trees with composite joints, an
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin._support.checks import checked
 from spatial_pin.assembly.state import State, moving_in_time
+from spatial_pin.constraints.tree_motion import tree_of_single_joints
 from spatial_pin.dynamics.derivatives.reaction_derivatives import Linear, ReactionChanges
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
 from spatial_pin.dynamics.derivatives.spring_derivatives import ExternalWrenches, Slopes, Springs
-from spatial_pin.dynamics.forces import Law, joint_efforts
-from spatial_pin.dynamics.forward import forward_dynamics
+from spatial_pin.dynamics.forces import Law, at_state, joint_efforts, warn_of_no_inertia
+from spatial_pin.dynamics.samples import External, efforts_over, forces_at
 from spatial_pin.dynamics.solvers.equations_of_motion import Equations, equations_of
+from spatial_pin.dynamics.state_forces import Dynamics
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
+from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array, null_space
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.rates.jacobians import closure_jacobian
 
 
 class Derivatives:
-    """Derivatives of `forward_dynamics` at a state.
+    """Derivatives of `forward_dynamics` at a state, or at the N samples of a motion.
 
     Changes of q are joint velocities (the tangent of `pin.integrate`). Where loops are
     overconstrained, a_by_q dq + a_by_v dv holds for changes that keep the loops closed, in position
     and in velocity; the multipliers are those of `rows` alone, the others being zero.
+
+    Over a Motion all have a leading axis (N, ...).
 
     Attributes:
         a: (nv,) the accelerations [rad/s², m/s²].
@@ -57,7 +61,8 @@ class Derivatives:
     """
 
     def __init__(
-        self, a: Linear, rows: NDArray[np.intp], multipliers: Linear, reactions: ReactionChanges
+        self, a: Linear, rows: NDArray[np.intp], multipliers: Linear,
+        reactions: ReactionChanges | _OfSamples,
     ) -> None:
         self.a, self.a_by_q, self.a_by_v, self.a_by_effort = a
         self.rows = rows
@@ -87,17 +92,34 @@ class Derivatives:
         return self._borne[1]
 
     def __repr__(self) -> str:
-        return (f"Derivatives({len(self.a)} accelerations, {len(self.rows)} multipliers and the "
-                f"reactions by {len(self.a)} q, v and efforts)")
+        nv, of_many = self.a.shape[-1], f" at {len(self.a)} samples" if self.a.ndim > 1 else ""
+        return (f"Derivatives({nv} accelerations, {self.rows.shape[-1]} multipliers and the "
+                f"reactions by {nv} q, v and efforts{of_many})")
+
+
+class _OfSamples(NamedTuple):
+    """The reactions of the samples of a motion and their derivatives."""
+
+    samples: list[Derivatives]
+
+    def all(self) -> tuple[dict[str, Linear], Linear]:
+        """Return the reactions by pair and the wrench on the fixed link."""
+        pairs, ground = zip(*((x.reactions, x.on_ground) for x in self.samples), strict=True)
+        return {name: stacked(x[name] for x in pairs) for name in pairs[0]}, stacked(ground)
+
+
+def stacked(parts: Iterable[Linear]) -> Linear:
+    """Return quantities of samples and their derivatives as one, with a leading axis."""
+    return Linear(*(np.stack(x) for x in zip(*parts, strict=True)))
 
 
 @checked
 def dynamics_derivatives(
     mechanism: Mechanism,
-    state: State,
-    efforts: Mapping[str, float] | None = None,
+    state: State | Motion,
+    efforts: Mapping[str, Any] | None = None,
     *,
-    external: Mapping[str, pin.Force] | None = None,
+    external: External | None = None,
     laws: Mapping[str, Law] | None = None,
     slopes: Mapping[str, Slopes] | None = None,
     slip_speed: SlipSpeed | None = None,
@@ -106,10 +128,10 @@ def dynamics_derivatives(
 
     Args:
         mechanism: the mechanism, with its springs and gravity.
-        state: configuration and velocity.
-        efforts: by driver, joint or coordinate [N·m, N].
+        state: configuration and velocity; or a Motion, at all samples of which they are wanted.
+        efforts: by driver, joint or coordinate [N·m, N]; over a Motion as for `forward_dynamics`.
         external: by link, frame or joint, the force on it at its origin, world axes; it keeps its
-            world axes as the frame moves.
+            world axes as the frame moves. Over a Motion as for `forward_dynamics`.
         laws: of springs, as for `forward_dynamics`; smooth at the state.
         slopes: by spring with a law, its derivatives with respect to (length, rate) as a function
             of (length, rate); extrapolated differences of the law where not given.
@@ -133,23 +155,50 @@ def dynamics_derivatives(
         >>> found.a_by_effort[:, 0].round(1)  # rad/s² per N·m on the crank
         array([ 105.3, -130.9,   20.4])
     """
+    if not isinstance(state, State):
+        return _over(mechanism, state, efforts, external, laws, slopes, slip_speed)
     state = moving_in_time(mechanism, state)
-    mechanism = exact_mechanism(state)
-    springs = Springs(mechanism, laws, slopes, slip_speed)
-    answer = forward_dynamics(mechanism, state, efforts, external=external, laws=laws,
-                              slip_speed=slip_speed)
-    rows = RowDerivatives(mechanism, springs.forces, (state.q, state.v, answer.a))
-    springs.move(rows)
-    springs.refuse_undirected()
-    outside, effort = ExternalWrenches(mechanism, external), joint_efforts(mechanism, efforts)
-    borne = closure_jacobian(mechanism, state.q).T @ answer.multipliers
+    mechanism, external = exact_mechanism(state), at_state(external)
+    effort = joint_efforts(mechanism, efforts)
     with equations_of(mechanism) as equations:
-        equations.move_to(state)
-        chosen, multipliers = _independent(equations, borne)
-        by = _changes(equations, rows, springs, outside, chosen, multipliers)
-    a, lam = Linear(answer.a, *by[0]), Linear(multipliers, *(x[chosen] for x in by[1]))
+        equations.update(state, external, laws, slip_speed)
+        springs = Springs(equations.springs, laws, slopes)
+        accelerations, closures, error = equations.solve(effort + equations.given)
+        answer = Dynamics(state, (external, laws, slip_speed), accelerations, closures, effort,
+                          error, equations.undetermined)
+        rows = RowDerivatives(
+            mechanism, springs.forces, (state.q, state.v, answer.a), state.angles)
+        springs.move(rows)
+        springs.refuse_undirected()
+        outside, kkt = ExternalWrenches(mechanism, external), equations.whole_kkt(closures)
+        chosen, multipliers = kkt.rows, kkt.multipliers.copy()
+        a_by, multipliers_by = _changes(equations, rows, springs, outside, multipliers)
+    warn_of_no_inertia(mechanism, efforts, external)
+    a, lam = Linear(answer.a, *a_by), Linear(multipliers[chosen], *multipliers_by[:, chosen])
     return Derivatives(a, chosen, lam, ReactionChanges(
         answer, rows, springs, outside, effort, a, lam, chosen))
+
+
+def _over(
+    mechanism: Mechanism, motion: Motion, efforts: Mapping[str, Any] | None,
+    external: External | None, *more: Any,
+) -> Derivatives:
+    """Return the derivatives at all samples of a motion."""
+    if not len(motion):
+        raise SpatialPinError("the motion has no sample")
+    rows, at = efforts_over(mechanism, motion, efforts), forces_at(mechanism, motion, external)
+    laws, slopes, slip_speed = more
+    samples = []
+    for k in range(len(motion)):
+        state = motion.state(k)
+        samples.append(dynamics_derivatives(
+            mechanism, state, {name: float(x[k]) for name, x in rows.items()},
+            external=at(k, state) if at else None, laws=laws, slopes=slopes,
+            slip_speed=slip_speed))
+    a, multipliers = (stacked(Linear(*(getattr(x, name) for name in (
+        of, f"{of}_by_q", f"{of}_by_v", f"{of}_by_effort"))) for x in samples)
+        for of in ("a", "multipliers"))
+    return Derivatives(a, np.stack([x.rows for x in samples]), multipliers, _OfSamples(samples))
 
 
 def exact_mechanism(state: State) -> Mechanism:
@@ -176,50 +225,44 @@ def changes_of_forces(
         multipliers: (n_closure,) of the closure equations.
         out: (2, nv, nv) zeros, to be filled with the transposed derivatives.
     """
-    bodies, total = rows.products.bodies, np.zeros((2, rows.nv, rows.nv)) if out is None else out
-    bodies.forces_by_motion(outside.on_joints(bodies), total)
+    total = np.zeros((2, rows.nv, rows.nv)) if out is None else out
     by_q, by_v = total[0].T, total[1].T
-    outside.take_turning(by_q, bodies)
+    weights, composed = rows.weights(multipliers, springs.pulls)
+    rows.force_changes(outside.on_joints(rows), weights, total)
+    if composed is not None:
+        by_q -= composed
+    outside.take_turning(by_q, rows)
     springs.take_slopes(by_q, by_v)
-    rows.take_bending(by_q, multipliers, springs.pulls)
     return by_q, by_v
-
-
-def _independent(equations: Equations, borne: Array) -> tuple[NDArray[np.intp], Array]:
-    """Return independent closure equations (k,), and their multipliers, of joint forces (nv,)."""
-    if not equations.n_closure:
-        return np.zeros(0, np.intp), np.zeros(0)
-    state, at_rest = equations.state, np.zeros((1, equations.n_closure))
-    equations.by_kkt(state.q, state.v, state.angles, borne, borne)
-    chosen = equations.kkt.rows
-    return chosen, equations.kkt.solve(-borne[None], at_rest)[1][0, chosen]
 
 
 def _changes(
     equations: Equations, rows: RowDerivatives, springs: Springs, outside: ExternalWrenches,
-    chosen: NDArray[np.intp], multipliers: Array,
-) -> tuple[list[Array], list[Array]]:
+    multipliers: Array,
+) -> tuple[Array, Array]:
     """Return derivatives with respect to q, v, efforts: of accelerations, and of multipliers.
 
-    The former are (nv, nv), the latter (n_closure, nv); `multipliers` are those of the rows
-    `chosen`.
+    The former are (3, nv, nv), the latter (3, n_closure, nv); `multipliers` (n_closure,) are those
+    of the KKT system.
 
     Raises:
         SingularError: a motion has no inertia.
     """
     nv, n, state, limbs = rows.nv, equations.n_closure, equations.state, equations.limbs
-    borne = np.zeros(n)
-    borne[chosen] = multipliers
+    kkt = equations.whole_kkt(equations.rest) if n else None
+    if kkt and kkt.pivot >= TOLERANCES.zero and rows.is_plain and not outside.given:
+        with tree_of_single_joints(rows.mechanism) as tree:
+            a_by, multipliers_by = kkt.changes(tree, rows.motion, rows.of_products, multipliers)
+        return a_by.swapaxes(1, 2), multipliers_by.swapaxes(1, 2)
     work = np.zeros((3, nv, nv))
-    changes_of_forces(rows, springs, outside, borne, work[:2])
+    changes_of_forces(rows, springs, outside, multipliers, work[:2])
     np.negative(work[:2], out=work[:2])
-    np.fill_diagonal(work[2], 1.0)
-    work = work.reshape(3 * nv, nv)
-    if limbs and not n and limbs.respond(state, work):
-        return [x.T for x in np.split(work, 3)], [np.zeros((0, nv))] * 3
-    if not n:
-        equations.by_kkt(state.q, state.v, state.angles, np.zeros(nv), np.zeros(nv))
-    if equations.kkt.pivot < TOLERANCES.zero:
+    flat = work.reshape(3 * nv, nv)
+    work.reshape(-1)[2 * nv * nv :: nv + 1] = 1.0
+    if not n and limbs.respond(state, flat):
+        return work.swapaxes(1, 2), np.zeros((3, 0, nv))
+    kkt = equations.whole_kkt(equations.rest)
+    if kkt.pivot < TOLERANCES.zero:
         freedoms = null_space(equations.scaled) * equations.scale
         inertias = freedoms @ equations.mass() @ freedoms.T
         motion = np.linalg.eigh(inertias)[1][:, 0] @ freedoms  # that of the least inertia
@@ -229,7 +272,9 @@ def _changes(
             f"mechanism {equations.mechanism.name!r}: {state}: beside others a motion of "
             f"{', '.join(names)} has no inertia, so accelerations have no "
             "derivatives there: give its links more mass", state=state)
-    closed_by_q, closed_by_v = rows.changes(2)
-    gamma = np.vstack([closed_by_q.T, closed_by_v.T, np.zeros((nv, n))])
-    a_by, multipliers_by = equations.kkt.solve(work, gamma)
-    return ([x.T for x in np.split(a_by, 3)], [x.T for x in np.split(multipliers_by, 3)])
+    gamma = np.zeros((3, nv, n))
+    for out, change in zip(gamma, rows.changes(2), strict=False):
+        out[:] = change.T
+    a_by, multipliers_by = kkt.solve(flat, gamma.reshape(3 * nv, n))
+    return (a_by.reshape(3, nv, nv).swapaxes(1, 2),
+            multipliers_by.reshape(3, nv, n).swapaxes(1, 2))

@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.brief import brief
 from spatial_pin.constraints.compiled_equations import combined_wrenches
-from spatial_pin.constraints.tree_motion import motion_cross, skewed
+from spatial_pin.constraints.tree_motion import motion_cross, skewed, twist_matrices
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
 from spatial_pin.dynamics.derivatives.spring_derivatives import ExternalWrenches, Springs
-from spatial_pin.dynamics.forward import Dynamics
 from spatial_pin.dynamics.reactions import Pairs
+from spatial_pin.dynamics.state_forces import Dynamics
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.numerics.linalg import Array
 
@@ -72,8 +72,7 @@ class ReactionChanges:
         effort: Array, a: Linear, multipliers: Linear, chosen: NDArray[np.intp],
     ) -> None:
         self.answer, self.rows, self.springs, self.outside = answer, rows, springs, outside
-        self.mechanism, self.effort = answer.state.mechanism, effort
-        self.nv, self.placements = rows.nv, rows.products.placements
+        self.mechanism, self.effort, self.nv = rows.mechanism, effort, rows.nv
         self.by_q = slice(1, 1 + self.nv)
         self.by_v = slice(1 + self.nv, 1 + 2 * self.nv)
         self._a, self._multipliers, self._chosen = a, multipliers, chosen
@@ -93,12 +92,13 @@ class ReactionChanges:
     @cached_property
     def placements_by_q(self) -> Array:
         """(njoints, nv, 4, 3) of the placements."""
-        products = self.rows.products
-        changes = np.zeros((len(self.placements), self.nv, 4, 3))
-        for body, placement in enumerate(self.placements):
-            at = products.columns([body])
+        bodies = self.rows.bodies
+        changes = np.zeros((len(self.rows.placements), self.nv, 4, 3))
+        twists = twist_matrices(bodies.columns)[:, :, :3]
+        for body, placement in enumerate(self.rows.placements):
+            at = np.flatnonzero(bodies.moved_by[bodies.joints[body]])
             whole = np.column_stack([placement, [0.0, 0.0, 0.0, 1.0]])
-            changes[body, at] = whole @ products.twists[at, :3].swapaxes(1, 2)
+            changes[body, at] = whole @ twists[at]
         return changes
 
     def all(self) -> tuple[dict[str, Linear], Linear]:
@@ -116,10 +116,10 @@ class ReactionChanges:
         efforts = self._efforts()
         wrenches = {}
         for i in range(1, self.mechanism.model.njoints):
-            force = _moved(forces[i], self.placements[i, 3], self.placements_by_q[i, :, 3])
+            force = _moved(forces[i], self.rows.placements[i, 3], self.placements_by_q[i, :, 3])
             wrenches[pairs.names[i - 1]] = self._without_effort(pairs, i, force, efforts)
         for (name, _, (_, body), point), wrench in zip(pairs.closed, closed, strict=True):
-            wrenches[name] = _moved(wrench, point @ self.placements[body],
+            wrenches[name] = _moved(wrench, point @ self.rows.placements[body],
                                  point @ self.placements_by_q[body])
         unique = self.answer.of_loops
         borne = {name: self._linear(x if unique[name].all() else np.full_like(x, np.nan))
@@ -143,7 +143,7 @@ class ReactionChanges:
         of a body and a its acceleration less gravity. As it moves by a twist d of its own axes,
         d(X f) = X (df + d x* f) [Featherstone2008, 2.9].
         """
-        tree, total = self.rows.products.bodies, self._new(len(self.placements), 6)
+        tree, total = self.rows.bodies, self._new(len(self.rows.placements), 6)
         model = tree.model
         carried = [np.zeros((6, 3 * self.nv))]  # world twists of a joint's accelerations that move
         for joint in range(1, model.njoints):
@@ -154,7 +154,7 @@ class ReactionChanges:
             (v_by_q,), (a_by_q,), (a_by_v,), (columns,) = tree.by_motion(np.array([i]))
             (back,) = tree.to_bodies(np.array([joint]))
             inertia, v = model.inertias[int(joint)].matrix(), back @ tree.v[joint]
-            pull = self.placements[i, :3] @ model.gravity.linear
+            pull = self.rows.placements[i, :3] @ model.gravity.linear
             falling = np.zeros((6, self.nv))
             falling[:3] = skewed(pull) @ columns[3:]
             momentum, dual = inertia @ v, -motion_cross(v).T
@@ -169,9 +169,10 @@ class ReactionChanges:
 
     def _of_closures(self, pairs: Pairs) -> tuple[list[Array], Array]:
         """Return the wrenches of the closures on their second bodies, and those on all bodies."""
-        c, products, nv = self.rows.constraints, self.rows.products, self.nv
+        c, nv = self.rows.constraints, self.nv
         n = len(c.constants)
-        b, x = (c.c_abx @ self.placements.reshape(-1, 3))[n:].reshape(2, n, 3)
+        values = self.rows.values[0][:n]
+        b, x = (c.c_abx @ self.rows.placements.reshape(-1, 3))[n:].reshape(2, n, 3)
         changed = np.moveaxis(self.placements_by_q, 0, -3).reshape(nv, -1, 3)
         db, dx = np.stack([(c.c_abx @ g)[n:] for g in changed], axis=1).reshape(2, n, nv, 3)
         wrenches = np.hstack([b * c.factors, np.cross(x, b)])
@@ -179,9 +180,9 @@ class ReactionChanges:
             db * c.factors[:, :, None],
             np.cross(dx, b[:, None]) + np.cross(x[:, None], db)], axis=-1).swapaxes(1, 2)
         rows, rows_by_q = combined_wrenches(
-            c, [products.values[0][:n, None, None], products.by_q[0][:n, None]],
+            c, [values[:, None, None], self.rows.by_q[0][:n, None]],
             [self.rows.motion[0][:, None, None], np.eye(nv)[:, None]],
-            [wrenches[:, :, None], by_q])
+            [wrenches[:, :, None], by_q], self.rows.angles)
         total = self._new(self.mechanism.model.njoints, 6)
 
         def borne(own: slice, at: slice) -> Array:
@@ -207,7 +208,7 @@ class ReactionChanges:
         forces = self.springs.forces
         for bushing, (_, acts, by_q, by_v) in zip(
                 forces.bushings, self.springs.bushings, strict=True):
-            a, b = (x @ self.placements[i]
+            a, b = (x @ self.rows.placements[i]
                     for i, x in zip(bushing.bodies, bushing.vectors, strict=True))
             da, db = (x @ self.placements_by_q[i]
                       for i, x in zip(bushing.bodies, bushing.vectors, strict=True))
@@ -221,7 +222,8 @@ class ReactionChanges:
             on_bodies[bushing.bodies[0]] -= wrench
             on_bodies[bushing.bodies[1]] += wrench
         for line, pull in zip(forces.lines, self.springs.lines, strict=True):
-            ends = [x @ self.placements[i] for i, x in zip(line.bodies, line.points, strict=True)]
+            ends = [x @ self.rows.placements[i]
+                    for i, x in zip(line.bodies, line.points, strict=True)]
             moved = [x @ self.placements_by_q[i]
                      for i, x in zip(line.bodies, line.points, strict=True)]  # (nv, 3)
             n = pull.along
@@ -237,7 +239,7 @@ class ReactionChanges:
             on_bodies[line.bodies[1]] -= wrench
         for joint, placement, force in self.outside.given:  # points move with their frames
             at = np.append(placement.translation, 1.0)
-            point, move = at @ self.placements[joint], at @ self.placements_by_q[joint]
+            point, move = at @ self.rows.placements[joint], at @ self.placements_by_q[joint]
             on_bodies[joint, :3, 0] += force.linear
             on_bodies[joint, 3:, 0] += force.angular + np.cross(point, force.linear)
             on_bodies[joint, 3:, self.by_q] += np.cross(move, force.linear).T
@@ -264,7 +266,7 @@ class ReactionChanges:
         self, pairs: Pairs, joint: int, force: Array, efforts: Array
     ) -> Array:
         """Return what the pair itself bears: `force` less what the joint's effort does."""
-        model, tree = self.mechanism.model, self.rows.products.bodies
+        model, tree = self.mechanism.model, self.rows.bodies
         own = np.arange(model.idx_vs[joint], model.idx_vs[joint] + model.nvs[joint])
         turns = pairs.turns[own]
         for part, chosen in ((slice(3, 6), own[turns]), (slice(0, 3), own[~turns])):

@@ -22,7 +22,7 @@ from spatial_pin.assembly.state import State
 from spatial_pin.dynamics.derivatives.derivatives import changes_of_forces
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
 from spatial_pin.dynamics.derivatives.spring_derivatives import ExternalWrenches, Springs
-from spatial_pin.dynamics.forces import Law, joint_efforts
+from spatial_pin.dynamics.forces import Forces, Law, joint_efforts
 from spatial_pin.dynamics.solvers.equations_of_motion import equations_of
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.loop_equations import LoopEquations
@@ -61,7 +61,7 @@ class AppliedLoads:
     ) -> None:
         self.mechanism, self.external, self.laws = mechanism, external, laws
         self.effort = joint_efforts(mechanism, efforts)
-        self.springs = Springs(mechanism, laws)
+        self.springs = Springs(Forces(mechanism, laws), laws)
         still = held_by(mechanism, hold)
         self.speeds: dict[Coordinate, float] = {}
         for name, speed in (speeds or {}).items():
@@ -148,7 +148,8 @@ class SmallMotions:
         self.wanted = needed - given
         self.freedoms = svd.null_space
         self._inverse = (svd.vt[: svd.rank].T / svd.s[: svd.rank]) @ svd.u[:, : svd.rank].T
-        self._rows = rows = RowDerivatives(mechanism, loads.springs.forces, (q, v, a))
+        self._rows = rows = RowDerivatives(mechanism, loads.springs.forces, (q, v, a),
+                                           self.state.angles)
         loads.springs.move(rows, svd.null_space * scale)
         multipliers = svd.minimum_norm_transposed(scale * self.wanted)
         self.by_q, self.by_v = changes_of_forces(

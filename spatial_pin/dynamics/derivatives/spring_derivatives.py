@@ -14,12 +14,11 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.constraints.tree_motion import TreeMotion
+from spatial_pin.constraints.composite_joints import split_of
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
 from spatial_pin.dynamics.forces import Forces, Law, LineSpring
 from spatial_pin.errors import UnknownNameError
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.stacked import cross
 
@@ -53,7 +52,7 @@ class Springs:
     """The springs of a mechanism with the derivatives of their laws.
 
     Args:
-        mechanism: the mechanism.
+        forces: the springs, with these laws.
         laws: by spring, as for `forward_dynamics`.
         slopes: by spring with a law, its derivatives with respect to length and to rate;
             differences if not given.
@@ -74,18 +73,16 @@ class Springs:
     undirected = ""
 
     def __init__(
-        self, mechanism: Mechanism, laws: Mapping[str, Law] | None = None,
-        slopes: Mapping[str, Slopes] | None = None, slip_speed: SlipSpeed | None = None,
+        self, forces: Forces, laws: Mapping[str, Law] | None = None,
+        slopes: Mapping[str, Slopes] | None = None,
     ) -> None:
-        laws, self.slopes = dict(laws or {}), dict(slopes or {})
+        mechanism, laws, self.slopes = forces.mechanism, dict(laws or {}), dict(slopes or {})
         for name in self.slopes:
             if name not in laws:
                 raise UnknownNameError("spring with a law", name, laws,
                                        f"mechanism {mechanism.name!r}: ")
-        self.forces = Forces(mechanism, laws, slip_speed)
-        self._given = laws
+        self.forces, self._given = forces, laws
         self._of = {spring.name: spring for spring in mechanism.springs}
-        self._length = mechanism.characteristic_length
 
     def _slopes(self, name: str, x: float, rate: float) -> tuple[float, float]:
         """Return the derivatives of a spring's law with respect to length and to rate."""
@@ -94,7 +91,8 @@ class Springs:
         if name in self.slopes:
             by_length, by_rate = self.slopes[name](x, rate)
             return float(by_length), float(by_rate)
-        law, unit = self._given[name], 1.0 if self._of[name].joint else self._length
+        law, unit = self._given[name], (
+            1.0 if self._of[name].joint else self.forces.mechanism.characteristic_length)
         by_rate = slope(lambda y: law(x, y), rate, REACH * (abs(rate) or unit))
         if x == 0.0 and self._of[name].frames:  # there is no length below
             at_none = law(x, rate)
@@ -112,24 +110,26 @@ class Springs:
         Raises:
             SpatialPinError: a spring has no length, and its force no direction.
         """
-        self.lines, self.turning, self.undirected = [], np.zeros((3, rows.nv)), ""
-        products, (q, v, _) = rows.products, rows.motion
+        self.lines, self.bushings, self.turning = [], [], np.zeros((3, rows.nv))
+        self.undirected, (q, v, _) = "", rows.motion
+        if not self.forces.exist:
+            return
         for at, line in enumerate(self.forces.lines, start=rows.closed):
             length, along = self.forces.line_between(*(
-                x @ products.placements[i] for i, x in zip(line.bodies, line.points, strict=True)))
+                x @ rows.placements[i] for i, x in zip(line.bodies, line.points, strict=True)))
             if not length:
                 self.lines.append(self._at_a_point(line, rows, at, motions))
                 continue
-            row, rate = products.by_q[0][at] / length, float(products.values[1][at]) / length
+            row, rate = rows.by_q[0][at] / length, float(rows.values[1][at]) / length
             by_length, by_rate = self._slopes(line.name, length, rate)
-            by_q = by_length * row + by_rate * (products.by_q[1][at] - rate * row) / length
+            by_q = by_length * row + by_rate * (rows.by_q[1][at] - rate * row) / length
             force = line.law(length, rate)
             self.lines.append(SpringForce(
                 force, force / length, row, along, by_q, by_rate * row))
         first = rows.closed + len(self.forces.lines)
         self.bushings = [
-            (products.by_q[0, at : at + 12], *bushing.force_derivatives(
-                products.values[:2, at : at + 12], products.by_q[:2, at : at + 12], self._slopes))
+            (rows.by_q[0, at : at + 12], *bushing.force_derivatives(
+                rows.values[:2, at : at + 12], rows.by_q[:2, at : at + 12], self._slopes))
             for at, bushing in zip(count(first, 12), self.forces.bushings, strict=False)]
         for turn in self.forces.turns:
             x, rate = float(q[turn.q]), float(v[turn.v])
@@ -146,9 +146,14 @@ class Springs:
         If nothing can move them apart, any stiffness is right. Its length is row `at`. Damping has
         a direction if the frames can part along one line only.
         """
-        parting = rows.products.first_slopes(at)  # (nv, 3)
+        bodies = rows.bodies
+        parting = sum((sense * (bodies.columns[:, :3] + cross(bodies.columns[:, 3:], x @ place))
+                       * bodies.moved_by[bodies.joints[i], :, None] for sense, i, x, place in zip(
+                           (-1.0, 1.0), line.bodies, line.points,
+                           (rows.placements[i] for i in line.bodies), strict=True)),
+                      np.zeros((rows.nv, 3)))
         moved = parting if motions is None else motions @ parting
-        none, pace = np.zeros(rows.nv), float(np.sqrt(max(rows.products.values[2][at], 0.0)))
+        none, pace = np.zeros(rows.nv), float(np.sqrt(max(rows.values[2][at], 0.0)))
         if not self.forces.can_part(moved):
             return SpringForce(0.0, 0.0, none, np.zeros(3), none, none)
         force = line.law(0.0, 0.0)
@@ -173,6 +178,8 @@ class Springs:
     @property
     def pulls(self) -> Array:
         """Forces of the springs by half their squared lengths, and of bushings by products."""
+        if not self.forces.exist:
+            return np.zeros(0)
         return np.concatenate([[-x.per_length for x in self.lines],
                                *(pull for _, pull, _, _ in self.bushings)])
 
@@ -180,7 +187,7 @@ class Springs:
         """Subtract the q and v derivatives (nv, nv) of the springs' joint forces.
 
         Those along lines that bend, at the same force by half the squared length, are left out: see
-        `RowDerivatives.take_bending`.
+        `RowDerivatives.weights`.
         """
         if self.lines:
             rows = np.stack([pull.row for pull in self.lines])
@@ -190,9 +197,10 @@ class Springs:
         for rows, _, bent, damped in self.bushings:
             by_q -= rows.T @ bent
             by_v -= rows.T @ damped
-        own = np.arange(len(by_q))
-        for total, slopes in zip((by_q, by_v), self.turning[1:], strict=True):
-            total[own, own] += slopes
+        if self.forces.exist:
+            own = np.arange(len(by_q))
+            for total, slopes in zip((by_q, by_v), self.turning[1:], strict=True):
+                total[own, own] += slopes
 
 
 def slope(f: Callable[[float], float], x: float, step: float) -> float:
@@ -234,18 +242,20 @@ class ExternalWrenches:
                       for name, force in (external or {}).items()]
         self._moving = [x for x in self.given if x[0]]
 
-    def on_joints(self, bodies: TreeMotion) -> Array:
+    def on_joints(self, rows: RowDerivatives) -> Array:
         """Return the wrenches (joints, 6), world axes, about the origins of the single joints."""
-        total = np.zeros((len(bodies.at), 6))
+        model, joints = split_of(rows.mechanism)
+        total = np.zeros((model.njoints, 6))
         for joint, placement, force in self._moving:
-            lever = placement.translation @ bodies.placements[joint, :3]
-            total[bodies.joints[joint], :3] += force.linear
-            total[bodies.joints[joint], 3:] += force.angular + np.cross(lever, force.linear)
+            lever = placement.translation @ rows.placements[joint, :3]
+            total[joints[joint], :3] += force.linear
+            total[joints[joint], 3:] += force.angular + np.cross(lever, force.linear)
         return total
 
-    def take_turning(self, by_q: Array, bodies: TreeMotion) -> None:
+    def take_turning(self, by_q: Array, rows: RowDerivatives) -> None:
         """Subtract the q derivatives (nv, nv) of joint forces as bodies turn below the wrenches."""
         for joint, placement, force in self._moving:
+            bodies = rows.bodies
             own = np.flatnonzero(bodies.moved_by[bodies.joints[joint]])
             point = np.append(placement.translation, 1.0) @ bodies.placements[joint]
             linear, spins = bodies.columns[own, :3], bodies.columns[own, 3:]

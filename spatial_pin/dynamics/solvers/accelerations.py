@@ -13,7 +13,6 @@ What decides is the estimated round-off of the accelerations, relative to their 
 from __future__ import annotations
 
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,14 +28,13 @@ from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kkt import KKT
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array, independent_rows
-from spatial_pin.numerics.tolerances import EPS, TOLERANCES
+from spatial_pin.numerics.tolerances import TOLERANCES
 
 # Estimated error from which on the second solver is used, at twenty times the cost: the KKT system
 # has ten digits then, and the error bound of the least constraint is less of an overestimate.
 DOUBTFUL = TOLERANCES.rank
 # Largest correction of a long tree's accelerations after which the rest is negligible.
 CORRECTED = 1e-6
-LEAST_ERROR = 16.0 * EPS  # error of accelerations: their forces are rounded a few times
 
 
 class Limbs:
@@ -44,103 +42,44 @@ class Limbs:
 
     Such joints are eliminated, from the tips inwards, at a cost in proportion to their number: the
     articulated-body algorithm [Featherstone2008, 7.3]. The core has a KKT system as if its bodies
-    had articulated inertias; an open tree has none.
+    had articulated inertias; an open tree has none, and a mechanism may be all core.
 
     Args:
         mechanism: the mechanism.
         is_core: (njoints,) joints that loops are built on, and those that carry them.
 
     Attributes:
-        a: (nv,) accelerations that were found last.
-        error: their estimated round-off, relative to the largest.
-        kkt: of the core, None of an open tree.
+        kkt: of the core.
+        has_core, is_all: whether there is a core, and nothing else.
     """
 
     def __init__(self, mechanism: Mechanism, is_core: NDArray[np.bool_]) -> None:
-        self._mechanism, model = mechanism, mechanism.model
-        self._tree = KernelTree(model, mechanism.velocity_scale, is_core)
-        self._open = np.flatnonzero(~self._tree.is_core)
-        self.a, self._needed, self._force = np.zeros((3, model.nv))
-        self._scale, self.error, self._of_forces = mechanism.velocity_scale, 0.0, 0.0
-        self._rounding = EPS * np.random.default_rng(0).choice([-1.0, 1.0], model.nv)
-
-    @cached_property
-    def _entries(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        return self._tree.mass_entries(all_joints=False)
-
-    @cached_property
-    def _masses(self) -> Array:
-        """The core's masses, then units of the others: these have no part in the KKT system."""
-        return np.zeros(len(self._entries[0]) + len(self._open))
-
-    @cached_property
-    def kkt(self) -> KKT | None:
-        """The KKT system of the core."""
-        n = len(self._entries[0])
-        if not n:
-            return None
-        rows, columns, indices = both_halves(*self._entries)
-        others = np.arange(n, len(self._masses))
-        at = (np.concatenate([rows, self._open]), np.concatenate([columns, self._open]),
-              np.concatenate([indices, others]))
-        return KKT(self._mechanism, at, len(self._masses))
-
-    def solve(self, state: State, reference: Array, force: Array) -> bool:
-        """Find the accelerations under joint forces (nv,); False where a limb has no inertia.
-
-        Args:
-            state: configuration and velocity.
-            reference: (n_angles,) from which the angles of screws count [rad].
-            force: the joint forces.
-        """
-        self._force[:] = force
-        if not self._tree.eliminate(state.q, state.v, self._force, self._masses, self._needed):
-            return False
-        self.error = 0.0
-        kkt = self.kkt
-        if kkt is not None:
-            rows, columns = self._entries
-            n, own = len(rows), rows == columns
-            heaviest = float((self._masses[:n][own] * self._scale[rows[own]] ** 2).max())
-            self._masses[n:] = (heaviest or 1.0) / self._scale[self._open] ** 2
-            kkt.mass[:] = self._masses
-            given = np.where(self._tree.is_core, self._force, 0.0)
-            self.a[:] = kkt.accelerations(state.q, state.v, reference, given, self._needed)
-            self.error = kkt.error
-        largest, corrected, rounding, self._of_forces = self._tree.complete(
-            self._force, self._rounding * self._force, self.a)
-        largest = largest or 1.0
-        self.error = max(self.error, LEAST_ERROR, (corrected + rounding) / largest)
-        return True
+        self.tree = tree = KernelTree(mechanism.model, mechanism.velocity_scale, is_core)
+        nv, others = mechanism.model.nv, np.flatnonzero(~tree.is_core)
+        self.has_core, self.is_all = len(others) < nv, len(others) == 0
+        rows, columns = tree.mass_entries(all_joints=False)
+        n = len(rows)
+        rows, columns, indices = both_halves(rows, columns)
+        units = np.arange(n, n + len(others))  # of the others, which have no part in the KKT system
+        self.kkt = KKT(mechanism, (
+            np.concatenate([rows, others]), np.concatenate([columns, others]),
+            np.concatenate([indices, units])), n + len(others), tree)
 
     def respond(self, state: State, forces: Array) -> bool:
         """Make joint forces (n, nv) the accelerations of an open tree under them alone.
 
         False where a limb has no inertia.
         """
-        if not self._tree.eliminate(state.q, state.v, self._force, self._masses, self._needed):
+        masses, (force, needed) = np.empty(len(self.kkt.mass)), np.zeros((2, len(state.v)))
+        if not self.tree.eliminate(state.q, state.v, force, masses, needed):
             return False
-        self._tree.respond(forces)
+        self.tree.respond(forces)
         return True
 
-    @property
-    def is_of_forces(self) -> bool:
-        """Whether round-off of the joint forces is most of `error`: no solver can be better."""
-        return self.error * float(np.abs(self.a / self._scale).max()) <= 10.0 * self._of_forces
 
-
-class Solution(NamedTuple):
-    """Accelerations under forces.
-
-    Attributes:
-        a: (nv,) joint accelerations.
-        closures: (nv,) joint forces of the closures, J^T multipliers.
-        error: estimated round-off of a, relative to its size.
-    """
-
-    a: Array
-    closures: Array
-    error: float
+# Accelerations under forces: (nv,) of the joints, (nv,) joint forces of the closures, J^T
+# multipliers, and the estimated round-off of the former, relative to their size.
+Solution = tuple[Array, Array, float]
 
 
 class MotionEquations(Loops):
@@ -155,6 +94,7 @@ class MotionEquations(Loops):
     """
 
     undetermined: tuple[str, ...] = ()
+    _solved: KKT | None = None  # the system whose factors and multipliers are those of the State
 
     def solve(self, given: Array) -> Solution:
         """Return the accelerations under joint forces f (nv,) at the State of the last `place`.
@@ -162,23 +102,24 @@ class MotionEquations(Loops):
         Raises:
             SingularError: a freedom has no inertia, or the loops have lost rank.
         """
-        self.undetermined = ()
-        limbs = self.limbs
-        if limbs and self._is_solved_by(limbs, given):
-            closures = limbs.kkt.closures.copy() if limbs.kkt else np.zeros(self.model.nv)
-            return Solution(limbs.a.copy(), closures, limbs.error)
-        state, kkt = self.state, self.kkt
+        self.undetermined, self._solved = (), None
+        state, of_core = self.state, self.limbs.kkt
+        if of_core.of_tree(state.q, state.v, self.angle_reference, given) and (
+                self._is_accurate(of_core)):
+            self._solved = of_core
+            return of_core.a.copy(), of_core.closures.copy(), of_core.error_of_tree
+        kkt = self.kkt
         needed = self.bodies.inverse_dynamics(state.q, state.v)
         a = self.by_kkt(state.q, state.v, self.angle_reference, given, needed).copy()
         closures, error = kkt.closures.copy(), kkt.error
         # the least constraint is dense: of a large tree only where the KKT system is singular
-        is_accurate = kkt.pivot >= TOLERANCES.rank if self._is_large else error <= DOUBTFUL
+        is_accurate = kkt.pivot >= TOLERANCES.rank if self.is_large else error <= DOUBTFUL
         self.check_rank(kkt.rank)
         if is_accurate:
-            return Solution(a, closures, error)
-        if is_in_kernel(self.model) and not self._is_large and kkt.pivot >= TOLERANCES.zero:
+            return a, closures, error
+        if is_in_kernel(self.model) and not self.is_large and kkt.pivot >= TOLERANCES.zero:
             corrected = self._corrected(a, closures, given)
-            if corrected.error <= CORRECTED:
+            if corrected[2] <= CORRECTED:
                 return corrected
         scaled = self.scaled
         chosen = independent_rows(scaled)
@@ -187,11 +128,27 @@ class MotionEquations(Loops):
         least = self.least_constraint.solve(
             state.q, state.v, coordinates.carried(gamma, state.v), coordinates.columns, given)
         if not (kkt.pivot < TOLERANCES.zero or least.error < error):
-            return Solution(a, closures, error)
+            return a, closures, error
         self._refuse(least)
         self.undetermined = tuple(self.moving(self._still(least)))
         closures = self.bodies.inverse_dynamics(state.q, state.v, least.a) - given
-        return Solution(least.a, closures, least.error)
+        return least.a, closures, least.error
+
+    def whole_kkt(self, closures: Array) -> KKT:
+        """Return the KKT system of all joints, with the multipliers of joint forces of closures.
+
+        Args:
+            closures: (nv,) the joint forces, of the last `solve` at the State if not zero.
+        """
+        if self._solved is self.limbs.kkt and self.limbs.is_all:
+            return self._solved
+        state, kkt = self.state, self.kkt
+        if self._solved is not kkt:
+            self.by_kkt(state.q, state.v, self.angle_reference, closures, closures)
+            _, multipliers = kkt.solve(-closures[None], np.zeros((1, self.n_closure)))
+            kkt.multipliers[:] = multipliers[0]
+            self._solved = kkt
+        return kkt
 
     def by_kkt(self, q: Array, v: Array, reference: Array, given: Array, needed: Array) -> Array:
         """Return accelerations (nv,) from the KKT system; overwritten by the next call.
@@ -218,35 +175,34 @@ class MotionEquations(Loops):
         (change,), (multipliers,) = self.kkt.solve(missing[None], opening[None])
         closures = closures + (multipliers @ self.scaled) / self.scale
         sizes = np.abs([change, a]) / self.scale
-        return Solution(a + change, closures, float(sizes[0].max() / max(sizes[1].max(), 1e-300)))
+        return a + change, closures, float(sizes[0].max() / max(sizes[1].max(), 1e-300))
 
     @cached_property
-    def limbs(self) -> Limbs | None:
-        """The joints outside loops; None without any."""
+    def limbs(self) -> Limbs:
+        """The joints outside loops, and the core."""
         model, tied = self.model, self.constraints.tied
         is_core = np.array([tied[first : first + n].any() for first, n in zip(
             model.idx_vs, model.nvs, strict=True)])
         for joint in range(model.njoints - 1, 0, -1):
             is_core[model.parents[joint]] |= is_core[joint]
-        return None if is_core[1:].all() else Limbs(self.mechanism, is_core)
+        return Limbs(self.mechanism, is_core)
 
-    def _is_solved_by(self, limbs: Limbs, given: Array) -> bool:
-        """Solve by `Limbs`; False where that is not accurate enough.
+    def _is_accurate(self, of_core: KKT) -> bool:
+        """Whether the last accelerations that began with `Limbs` are accurate enough.
 
         Raises:
             SingularError: the loops have lost rank.
         """
-        if not limbs.solve(self.state, self.angle_reference, given):
-            return False
-        if limbs.kkt is not None:
-            self.check_rank(limbs.kkt.rank)
-            if self._is_large and not limbs.kkt.pivot >= TOLERANCES.rank:
+        has_core = self.limbs.has_core
+        if has_core:
+            self.check_rank(of_core.rank)
+            if self.is_large and not of_core.pivot >= TOLERANCES.rank:
                 return False
-        if limbs.error <= DOUBTFUL or self._is_large:
+        if of_core.error_of_tree <= DOUBTFUL or self.is_large:
             return True
-        if limbs.kkt is None:
-            return self.model.nv > PROBED or limbs.is_of_forces
-        return limbs.kkt.error <= DOUBTFUL and limbs.is_of_forces
+        if not has_core:
+            return self.model.nv > PROBED or of_core.is_of_forces
+        return of_core.error <= DOUBTFUL and of_core.is_of_forces
 
     @cached_property
     def least_constraint(self) -> LeastConstraint:

@@ -40,6 +40,7 @@ class Loops:
 
     Attributes:
         scale: (nv,) velocity of a unit of each scaled unknown.
+        is_large: whether it is treated as a large one.
         bodies: mass matrix and inverse dynamics of the tree.
     """
 
@@ -47,10 +48,12 @@ class Loops:
         self.mechanism, self.model = mechanism, mechanism.model
         self.constraints, self.scale = constraints_of(mechanism), mechanism.velocity_scale
         self.n_closure = self.constraints.n_closure
-        self._is_large = is_large(self.model) if large is None else large
+        self.is_large = is_large(self.model) if large is None else large
         self.bodies = bodies_of(self.model)
-        self._rest, self._no_freedoms = np.zeros(self.model.nv), np.zeros((0, self.model.nv))
+        self.rest, self._no_freedoms = np.zeros(self.model.nv), np.zeros((0, self.model.nv))
         self._regular: Regular | None = None
+        self._kept_at: State | None = None  # where equations keep the rank that they had there last
+        self._kept = 0
         self._spaces: Decomposition | SparseSpaces | None = None
         self._tied_freedoms: tuple[Array, int] | None = None
         self._rank: int | None = None
@@ -85,7 +88,7 @@ class Loops:
         evaluation = self._evaluation
         if self._placed is not self.state:
             evaluation.angle_reference[:] = self.angle_reference
-            if self._is_large:
+            if self.is_large:
                 evaluation.update(self.state.q, with_jacobian=False)
             else:
                 evaluation.update(self.state.q)
@@ -135,9 +138,14 @@ class Loops:
         return self._spaces
 
     @property
+    def is_rounded(self) -> bool:
+        """Whether the State is one of a file with rounded numbers."""
+        return self._rank is not None
+
+    @property
     def is_sparse(self) -> bool:
         """Whether the subspaces are sparse: those of a large tree whose numbers are exact."""
-        return self._is_large and self._rank is None
+        return self.is_large and self._rank is None
 
     @property
     def tied_freedoms(self) -> tuple[Array, int]:
@@ -183,17 +191,24 @@ class Loops:
 
     # ------------------------------------------------------------ rank
 
+    def keeps_rank(self, rank: int, q: Array) -> bool:
+        """Whether the equations surely keep this rank near q (nq,), by what is known of them."""
+        known = self._regular
+        return has_constant_rank(self.mechanism, self.n_closure, rank) or (
+            known is not None and known.holds(self.mechanism, q, rank))
+
     def check_rank(self, rank: int) -> None:
         """Refuse configurations in which the loops have lost rank.
 
         Raises:
             SingularError: they have; the motion is not determined by the forces.
         """
-        known = self._regular
-        if has_constant_rank(self.mechanism, self.n_closure, rank) or (
-                known is not None and known.holds(self.mechanism, self.state.q, rank)):
+        if self._kept_at is self.state and self._kept == rank:
             return
-        if self._is_large and self.model.nv > PROBED:
+        if self.keeps_rank(rank, self.state.q):
+            self._kept_at, self._kept = self.state, rank
+            return
+        if self.is_large and self.model.nv > PROBED:
             self._check_second_order(rank)
             return
         with loops_of(self.mechanism, self.angle_reference) as evaluation:
@@ -232,6 +247,6 @@ class Loops:
         own = rows == columns
         self.kkt.mass[:] = 0.0
         self.kkt.mass[at[own]] = self.scale[rows[own]] ** -2.0
-        rest = self._rest
+        rest = self.rest
         return self.kkt.accelerations(self.state.q, rest if v is None else v, self.angle_reference,
                                       rest if force is None else force, rest)

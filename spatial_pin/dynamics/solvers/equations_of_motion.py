@@ -7,8 +7,7 @@ loads.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from functools import cached_property
 
 import numpy as np
@@ -27,6 +26,9 @@ from spatial_pin.mechanism.mechanism_checks import refuse_negative_inertias
 from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.numerics.linalg import Array
 
+# Laws of springs and slip speed where the mechanism has its own.
+OWN: tuple[dict[str, Law], SlipSpeed | None] = {}, None
+
 
 class Equations(MotionEquations):
     """The equations of motion with the forces that act, and the reactions that they cause.
@@ -40,7 +42,7 @@ class Equations(MotionEquations):
     def __init__(self, mechanism: Mechanism, large: bool | None = None) -> None:
         refuse_negative_inertias(mechanism)
         super().__init__(mechanism, large)
-        self._laws: tuple[dict[str, Law], SlipSpeed | None] = {}, None
+        self._laws = OWN
         self.springs = Forces(mechanism)
 
     def update(
@@ -56,16 +58,16 @@ class Equations(MotionEquations):
             slip_speed: of dry friction, see `Forces`.
         """
         self.move_to(state)
-        own = (dict(laws or {}),
-               dict(slip_speed) if isinstance(slip_speed, Mapping) else slip_speed)
-        if own != self._laws:
+        own = OWN if not laws and slip_speed is None else (
+            dict(laws or {}), dict(slip_speed) if isinstance(slip_speed, Mapping) else slip_speed)
+        if own is not self._laws and own != self._laws:
             self._laws, self.springs = own, Forces(self.mechanism, *own)
-        springs = self.springs
-        self.turning = springs.turning(state.q, state.v) if springs.exist else self._rest
-        self.given, self.wrenches = self.turning, []
+        springs, self.wrenches = self.springs, []
+        self.given = self.turning = (
+            springs.turning(state.q, state.v) if springs.exist else self.rest)
         if external:
             self.wrenches += external_wrenches(self.mechanism, self.evaluation, external)
-        if springs.lines or springs.bushings:
+        if springs.exist and (springs.lines or springs.bushings):
             self.wrenches += springs.wrenches(self.evaluation, state.v)
         if self.wrenches:
             self.given = self.turning + generalised(self.evaluation, self.wrenches)
@@ -149,11 +151,9 @@ class Equations(MotionEquations):
                         self.pairs.unaffected_by_couplings(self.poses()).items()}
 
 
-@contextmanager
-def equations_of(mechanism: Mechanism) -> Iterator[Equations]:
+def equations_of(mechanism: Mechanism) -> acquired[Equations]:
     """Acquire the equations of a mechanism, made once for each thread that asks at the same time.
 
     They choose everything anew at every State.
     """
-    with acquired(mechanism, Equations) as equations:
-        yield equations
+    return acquired(mechanism, Equations)

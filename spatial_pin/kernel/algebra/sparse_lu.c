@@ -127,13 +127,15 @@ void lu_free(SparseLU *lu)
  * buckets of equal counts (doubly linked), so that those of the smallest counts are found at once. */
 typedef struct {
     Int n;
-    List *row, *column, *below; /* below: rows eliminated by each pivot. Behind each other */
+    List *row, *column; /* of an eliminated column: the rows that its pivot is subtracted from.
+                           Behind each other */
     Int *row_done, *column_done, *row_count, *column_count;
     Int *first, *next, *previous; /* buckets */
     void *block;                  /* memory of all, but of lists that have grown */
 } Search;
 
-#define LISTS 3  /* row, column, below */
+#define LISTS 2  /* row, column */
+#define SPARE 4  /* fill-in of a row, or column, for which there is room from the start */
 #define ARRAYS 7 /* row_done to previous */
 
 /* Move a list to memory of its own with more room. */
@@ -204,25 +206,26 @@ static void bucket_remove(Search *s, Int row)
 
 static int search_begin(Search *s, Int n, const Entries *of)
 {
-    const size_t size = (size_t)n + 1, entries = (size_t)of->n;
+    const size_t size = (size_t)n + 1, entries = (size_t)(of->n + SPARE * n);
     s->n = n;
     s->row = calloc(LISTS * size, sizeof *s->row);
-    s->block = calloc(1, entries * sizeof(Real) + (ARRAYS * size + 2 * entries) * sizeof(Int));
+    s->block = malloc(entries * sizeof(Real) + (ARRAYS * size + 2 * entries) * sizeof(Int));
     if (!s->row || !s->block)
         return 0;
     s->column = s->row + n;
-    s->below = s->column + n;
     Real *values = s->block;
     Int *numbers = (Int *)(values + entries);
     Int **arrays[ARRAYS] = {&s->row_done, &s->column_done, &s->row_count, &s->column_count,
                             &s->first,    &s->next,        &s->previous};
     for (int i = 0; i < ARRAYS; i++, numbers += size)
         *arrays[i] = numbers;
+    memset(s->row_done, 0, 2 * size * sizeof(Int)); /* and column_done */
     for (Int e = 0; e < of->n; e++) {
         s->row[of->row[e]].room++;
         s->column[of->column[e]].room++;
     }
     for (Int i = 0; i < 2 * n; i++) { /* rows, then columns */
+        s->row[i].room += SPARE;
         s->row[i].at = numbers;
         numbers += s->row[i].room;
         if (i < n) {
@@ -327,16 +330,19 @@ static int search(Search *s, Int *pivot_row, Int *pivot_column)
         for (Int u = 0; u < s->row[r].n; u++)
             if (!s->column_done[s->row[r].at[u]])
                 s->column_count[s->row[r].at[u]]--;
+        Int below = 0;
         for (Int l = 0; l < s->column[c].n; l++) {
             const Int i = s->column[c].at[l];
             if (s->row_done[i])
                 continue;
             bucket_remove(s, i);
             s->row_count[i]--;
-            if (!push(s->below + step, i, 0.0, 0) || !eliminate(s, r, value, c, i))
+            s->column[c].at[below++] = i;
+            if (!eliminate(s, r, value, c, i))
                 return -1;
             bucket_add(s, i);
         }
+        s->column[c].n = below;
     }
     return 1;
 }
@@ -412,9 +418,10 @@ static int count_steps(SparseLU *lu, const Search *s, const Int *when)
         Int later = 0;
         for (Int e = 0; e < row->n; e++)
             later += when[row->at[e]] > step;
-        n_lower += s->below[step].n;
+        const Int below = s->column[lu->pivot_column[step]].n;
+        n_lower += below;
         n_upper += later;
-        n_targets += later * s->below[step].n;
+        n_targets += later * below;
     }
     return allocate(lu, n_lower, n_upper, n_targets);
 }
@@ -424,7 +431,7 @@ static void write_steps(SparseLU *lu, const Search *s, const Int *when, const In
     Int lower = 0, upper = 0, target = 0;
     for (Int step = 0; step < lu->n; step++) {
         const Int r = lu->pivot_row[step], c = lu->pivot_column[step];
-        const List *row = s->row + r, *below = s->below + step;
+        const List *row = s->row + r, *below = s->column + c;
         lu->pivot_at[step] = position_of(s, offset, r, c);
         lu->lower_start[step] = lower;
         lu->upper_start[step] = upper;

@@ -114,14 +114,23 @@ static void solve_sparse(const Factors *f, Real *x)
         x[i] += f->residual[i];
 }
 
-void factors_solve(const Factors *f, Real *x)
+void factors_solve(const Factors *f, Int columns, Real *x)
 {
-    if (!(f->pivot > 0.0))
-        memset(x, 0, (size_t)f->n * sizeof(Real));
-    else if (!is_full(f))
-        solve_sparse(f, x);
-    else if (f->n)
-        dense_lu_solve(f->n, f->matrix, f->order, 1, 1, x);
+    if (!(f->pivot > 0.0)) {
+        memset(x, 0, (size_t)(f->n * columns) * sizeof(Real));
+    } else if (is_full(f)) {
+        if (f->n)
+            dense_lu_solve(f->n, f->matrix, f->order, 1, columns, x);
+    } else {
+        Real *one = columns > 1 ? f->scratch : x;
+        for (Int c = 0; c < columns; c++) {
+            for (Int i = 0; i < f->n && columns > 1; i++)
+                one[i] = x[i * columns + c];
+            solve_sparse(f, one);
+            for (Int i = 0; i < f->n && columns > 1; i++)
+                x[i * columns + c] = one[i];
+        }
+    }
 }
 
 Real factors_even_ratio(Factors *f)

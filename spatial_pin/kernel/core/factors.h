@@ -11,7 +11,7 @@ struct Factors {
     Real *matrix;                 /* (n, n), of a few unknowns or many entries */
     Int *order;
     SparseLU *lu;                 /* of many */
-    Real *residual, *scratch;         /* (n), (2 n) */
+    Real *residual, *scratch;     /* (n), (2 n) */
     Int room, full_room;
 };
 
@@ -19,7 +19,8 @@ Factors *factors_new(Kernel *k); /* freed with the kernel; NULL if there is no m
 void factors_free(Factors *f);
 /* Factor the entries of n unknowns: DONE, also where `pivot` is 0, or NO_MEMORY. */
 int factors_make(Factors *f, Int n);
-void factors_solve(const Factors *f, Real *x); /* x := K^-1 x; zero where there is no solution */
+/* x := K^-1 x for x (n, columns); zero where there is no solution */
+void factors_solve(const Factors *f, Int columns, Real *x);
 /* Smallest over largest pivot, each relative to its row's length if the unknowns are many. */
 Real factors_even_ratio(Factors *f);
 /* Estimate of the largest sum of sizes in a column of the inverse; 0 if the unknowns are many. */

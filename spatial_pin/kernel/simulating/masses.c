@@ -111,7 +111,7 @@ static int tree_solve(Dynamics *d)
     Real *force = d->work.tree_room, *needed = force + nv, *a = needed + nv, *scratch = a + nv,
          facts[4];
     tree_evaluate(d->work.tree,
-                  &(TreeTask){.q = d->q, .v = d->v, .armature = d->forces.armature, .tau = force});
+                  &(TreeTask){.n = 1, .q = d->q, .v = d->v, .armature = d->forces.armature, .tau = force});
     for (Int v = 0; v < nv; v++)
         force[v] -= d->forces.tau[v];
     if (tree_masses(d->work.tree, d->q, d->v, force, d->forces.armature, d->work.mass, needed) != DONE)

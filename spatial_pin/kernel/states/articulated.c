@@ -28,6 +28,7 @@ static int make_room(Tree *s)
     s->loads = kernel_memory(k, n, sizeof *s->loads);
     s->speeds = kernel_memory(k, n, sizeof *s->speeds);
     s->freedoms = kernel_memory(k, nv, sizeof *s->freedoms);
+    s->bends = kernel_memory(k, 2 * nv, sizeof *s->bends);
     Real **const parts[] = {&s->armature, &s->own, &s->missing, &s->column, &s->pull, &s->arm,
                             &s->bias, &s->wrench, &s->needed, &s->motion, &s->velocity, &s->inertia,
                             &s->lacking};

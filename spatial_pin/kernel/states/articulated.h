@@ -6,9 +6,10 @@
 
 typedef struct Tree Tree;
 
-/* A motion of a tree, and what it gives: as `_TreeTask` in kernel_tree.py. Outputs that are NULL are
-   not wanted. */
+/* n motions of a tree, and what each gives: as `_TreeTask` in kernel_tree.py. Outputs that are NULL are
+   not wanted; from `outside` on they are those of one motion. */
 typedef struct {
+    Int n;
     const Real *q, *v, *a;   /* (nq), (nv), (nv); v NULL: placements and Jacobian alone; a NULL: none */
     const Real *armature;    /* (nv) */
     Real *R, *p, *jacobian;  /* (n_joints, 9) by columns, (n_joints, 3); (6, nv) of the world */
@@ -20,12 +21,23 @@ typedef struct {
                                 that turn with the bodies: for by_q and by_v, where v and a are given */
     Real *by_q, *by_v;       /* (nv, nv) zeros before; a row for each entry of q and v: how `tau`,
                                 less external forces, changes, as `pin.computeRNEADerivatives` */
+    /* Products of two vectors A and B, where v and a are given */
+    Int n_products;
+    const Int *bodies;       /* (n_products, 2) the joints whose bodies carry them; 0: the ground */
+    const Real *a_parts, *b_parts; /* (n_products, 2, 4) what each of these carries of A and of B, in
+                                the joint's axes, and 1 for a point */
+    Real *values;            /* (3, n_products) of the products and their first and second rates; NULL:
+                                not wanted */
+    Real *product_by_q, *product_by_v; /* (3, n_products, nv) zeros before: how these change */
+    const Real *weights;     /* (n_products) */
+    Real *bent;              /* (nv, nv) zeros before; second derivatives by q of their weighted sum: how
+                                a row's derivative changes with a column's entry of q */
 } TreeTask;
 
 /* Memory for the motions and forces of a kernel's tree, freed with the kernel. is_core: (n_joints)
    whether loops are built on each joint. */
 EXPORT int tree_create(Kernel *k, const Int *is_core, Tree **out);
-/* Evaluate a motion. */
+/* Evaluate motions. */
 EXPORT void tree_evaluate(Tree *s, const TreeTask *task);
 
 /* Masses of all joints at q, in the order of put_masses. Where joint forces `force` (nv) are given,

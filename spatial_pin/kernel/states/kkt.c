@@ -16,12 +16,16 @@
 #include "choosing.h"
 #include "factors.h"
 #include "memory.h"
+#include "tree_bodies.h"
 
 #define ROUNDING (128.0 * DBL_EPSILON) /* of an entry, with all that is added to it */
 #define PLACED (8.0 * DBL_EPSILON) /* of a place, by its distance: some joints, each rounded once */
 /* Smallest over largest pivot above which equations that are independent in each closure by itself
    surely are so together: the pivot of one that is off the others by d is of the order of d². */
 #define SURE TOLERANCE_HALF_PRECISION
+#define LEAST_ERROR (16.0 * DBL_EPSILON) /* of accelerations: their forces are rounded a few times */
+
+enum { BLOCK = 16 }; /* right sides that are solved for at once */
 
 typedef struct {
     Kernel *k;
@@ -35,9 +39,12 @@ typedef struct {
     Factors *matrix;
     Real length;      /* characteristic */
     Real shortest;    /* largest entry of the chosen equation whose own is the smallest */
-    Real *x;          /* (nv + n_chosen) */
+    Real *x;          /* (nv + n_chosen, BLOCK) */
     Real *block;      /* to choose among the equations of a closure */
     Int *column;       /* the same: columns of it */
+    Int n_given;
+    Real *mass, *core; /* (n_given) entries of M; (nv) joint forces of the core */
+    Real *scratch;     /* (5 nv) */
 } Kkt;
 
 static Int most_in_a_group(const Kkt *s)
@@ -57,9 +64,12 @@ static int make_room(Kkt *s)
     s->chosen = kernel_ints(k, nc);
     s->unit = kernel_reals(k, nv);
     s->size = kernel_reals(k, nc);
-    s->x = kernel_reals(k, n);
+    s->x = kernel_reals(k, BLOCK * n);
     s->block = kernel_reals(k, most_in_a_group(s) * nv);
     s->column = kernel_ints(k, nv);
+    s->mass = kernel_reals(k, s->n_given);
+    s->core = kernel_reals(k, nv);
+    s->scratch = kernel_reals(k, 5 * nv);
     s->matrix = factors_new(k);
     if (!kernel_had_memory(k) || !s->matrix)
         return NO_MEMORY;
@@ -68,7 +78,7 @@ static int make_room(Kkt *s)
     return DONE;
 }
 
-static int is_sound(const Kkt *s, Int n_given)
+static int is_sound(const Kkt *s)
 {
     const Kernel *k = s->k;
     if (s->group[0] != 0 || s->group[s->n_groups] != k->n_closure)
@@ -78,12 +88,12 @@ static int is_sound(const Kkt *s, Int n_given)
             return 0;
     for (Int e = 0; e < s->n_mass; e++)
         if (!within(s->mass_row[e], k->nv) || !within(s->mass_column[e], k->nv) ||
-            !within(s->mass_from[e], n_given))
+            !within(s->mass_from[e], s->n_given))
             return 0;
     return 1;
 }
 
-static int take(Kkt *s, const Int *ints, Int n_given)
+static int take(Kkt *s, const Int *ints)
 {
     Source from = {.k = s->k, .ints = ints, .n_ints = s->n_groups + 1 + 3 * s->n_mass};
     s->group = read_ints(&from, s->n_groups + 1);
@@ -92,7 +102,7 @@ static int take(Kkt *s, const Int *ints, Int n_given)
     s->mass_from = read_ints(&from, s->n_mass);
     if (from.failed)
         return NO_MEMORY;
-    return is_sound(s, n_given) ? make_room(s) : BAD_ARRAYS;
+    return is_sound(s) ? make_room(s) : BAD_ARRAYS;
 }
 
 /* Memory for the KKT system of a kernel of a characteristic length, freed with the kernel. The ints
@@ -102,13 +112,14 @@ EXPORT int kkt_create(Kernel *k, const Int *ints, Int n_groups, Int n_mass, Int 
                       Real length, Kkt **out)
 {
     *out = NULL;
-    if (n_groups < 0 || n_mass < 0)
+    if (n_groups < 0 || n_mass < 0 || n_given < 0)
         return BAD_ARRAYS;
     Kkt *s = kernel_memory(k, 1, sizeof *s);
     if (!s)
         return NO_MEMORY;
     s->k = k, s->length = length, s->n_groups = n_groups, s->n_mass = n_mass;
-    const int code = take(s, ints, n_given);
+    s->n_given = n_given;
+    const int code = take(s, ints);
     if (code == DONE)
         *out = s;
     return code;
@@ -274,22 +285,28 @@ static int choose_and_factor(Kkt *s, const Real *mass)
 
 /* ---------------------------------------------------------------- solutions */
 
-/* Accelerations and multipliers (n_closure), 0 of equations that are not chosen, for joint forces
-   f - b (nv) and second derivatives (n_closure) of the equations at zero acceleration. */
-static void solve(Kkt *s, const Real *force, const Real *gamma, Real *a, Real *multipliers)
+/* Accelerations (n, nv) and multipliers (n, n_closure), 0 of equations that are not chosen, for n
+   joint forces f - b (n, nv), BLOCK at most, and second derivatives (n, n_closure) of the equations
+   at zero acceleration. */
+static void solve(Kkt *s, Int n, const Real *force, const Real *gamma, Real *a, Real *multipliers)
 {
     const Kernel *k = s->k;
+    const Int nv = k->nv, nc = k->n_closure;
     Real *x = s->x;
-    for (Int v = 0; v < k->nv; v++)
-        x[v] = k->scale[v] * s->unit[v] * force[v];
+    for (Int v = 0; v < nv; v++)
+        for (Int c = 0; c < n; c++)
+            x[v * n + c] = k->scale[v] * s->unit[v] * force[c * nv + v];
     for (Int i = 0; i < s->n_chosen; i++)
-        x[k->nv + i] = -gamma[s->chosen[i]] / s->size[i];
-    factors_solve(s->matrix, x);
-    for (Int v = 0; v < k->nv; v++)
-        a[v] = k->scale[v] * s->unit[v] * x[v];
-    memset(multipliers, 0, (size_t)k->n_closure * sizeof(Real));
+        for (Int c = 0; c < n; c++)
+            x[(nv + i) * n + c] = -gamma[c * nc + s->chosen[i]] / s->size[i];
+    factors_solve(s->matrix, n, x);
+    for (Int v = 0; v < nv; v++)
+        for (Int c = 0; c < n; c++)
+            a[c * nv + v] = k->scale[v] * s->unit[v] * x[v * n + c];
+    memset(multipliers, 0, (size_t)(n * nc) * sizeof(Real));
     for (Int i = 0; i < s->n_chosen; i++)
-        multipliers[s->chosen[i]] = -x[k->nv + i] / s->size[i];
+        for (Int c = 0; c < n; c++)
+            multipliers[c * nc + s->chosen[i]] = -x[(nv + i) * n + c] / s->size[i];
 }
 
 /* How far off equations are, by the size of the shortest: their entries are differences of places,
@@ -339,44 +356,231 @@ static void forces_of(const Kernel *k, const Real *multipliers, Real *force)
         force[v] /= k->scale[v];
 }
 
-/* Accelerations under joint forces at q, and what they follow from: as `_KktTask` in kkt.py. */
-typedef struct {
-    const Real *q, *v, *reference; /* (nq), (nv), (n_angles) from which angles of screws count */
-    const Real *mass, *force;      /* entries of M; (nv) f - b */
-    Real *a, *closures;            /* (nv) accelerations; joint forces of the closures */
-    Real *multipliers;             /* (n_closure) */
-    Real *entry;                   /* entries of J of all equations, for v / scale, row by row */
-    Int *chosen;                   /* (n_chosen) room for n_closure */
-    Real *facts;                   /* (3) smallest over largest pivot, estimated error of the
-                                      accelerations, how many equations are chosen */
-} KktTask;
+/* ---------------------------------------------------------------- a tree with loops
 
-/* Evaluate at q, choose equations, factor and solve. */
-EXPORT int kkt_accelerations(Kkt *s, const KktTask *task)
+   Joints that no loop is built on are eliminated before; what is left, the core, has a KKT system as
+   if its bodies had the inertias of all that they carry. */
+
+/* Accelerations under joint forces, and what they follow from: as `_KktTask` in kkt.py. */
+typedef struct {
+    Int n;                 /* configurations */
+    Tree *tree;            /* whose masses they are; NULL: of one configuration, masses are given */
+    const Real *q, *v;     /* (n, nq), (n, nv) */
+    const Real *reference; /* (n, n_angles) from which angles of screws count */
+    const Real *mass;      /* entries of M; not with a tree */
+    const Real *force;     /* (n, nv) f, and f - b where masses are given */
+    const Real *armature;  /* (nv) of the tree */
+    const Real *rounding;  /* (nv) by which part of it each joint force of the tree may be off */
+    Int n_actuated;
+    const Int *actuated;   /* (n_actuated) freedoms whose efforts are looked for, accelerations being
+                              given; NULL: accelerations are looked for */
+    Real *efforts;         /* (n, n_actuated) */
+    Real *a, *closures;    /* (n, nv) accelerations; joint forces of the closures */
+    Real *multipliers;     /* (n, n_closure), 0 of equations that are not chosen */
+    Real *entry;           /* of the last: entries of J of all equations, for v / scale, row by row */
+    Int *chosen;           /* (n_chosen) of the last; room for n_closure */
+    Real *facts;           /* (n, 6) smallest over largest pivot; estimated error of the KKT system's
+                              accelerations, how many equations are chosen; estimated error of all;
+                              whether round-off of the joint forces is most of that; whether there are
+                              no results: a freedom of the limbs has no inertia, or it is not clear
+                              that closures and actuators together bear any force in one way */
+} KktTask;
+enum { PIVOT, OF_CORE, RANK, OF_ALL, OF_FORCES, FAILED, FACTS };
+
+/* Evaluate at q, choose equations, factor and solve, for joint forces f - b. */
+static int solve_core(Kkt *s, const KktTask *task, Int i, const Real *mass, const Real *force)
 {
     Kernel *k = s->k;
-    equations_values_near(k, task->q, task->reference);
+    Real *multipliers = task->multipliers + i * k->n_closure, *facts = task->facts + FACTS * i;
+    equations_values_near(k, task->q + i * k->nq, task->reference + i * k->n_angles);
     equations_jacobian(k, &k->equations.all);
-    const int code = choose_and_factor(s, task->mass);
+    const int code = choose_and_factor(s, mass);
     if (code != DONE)
         return code;
-    equations_bias(k, &k->equations.all, task->v);
-    solve(s, task->force, k->equations.bias, task->a, task->multipliers);
-    forces_of(k, task->multipliers, task->closures);
-    memcpy(task->entry, k->entry, (size_t)k->entry_start[k->n_closure] * sizeof(Real));
-    memcpy(task->chosen, s->chosen, (size_t)s->n_chosen * sizeof(Int));
-    task->facts[0] = s->matrix->pivot;
-    task->facts[1] = estimated_error(s);
-    task->facts[2] = (Real)s->n_chosen;
+    equations_bias(k, &k->equations.all, task->v + i * k->nv);
+    solve(s, 1, force, k->equations.bias, task->a + i * k->nv, multipliers);
+    forces_of(k, multipliers, task->closures + i * k->nv);
+    facts[PIVOT] = s->matrix->pivot;
+    facts[OF_CORE] = facts[OF_ALL] = estimated_error(s);
+    facts[RANK] = (Real)s->n_chosen;
     return DONE;
 }
 
+/* Joint forces f - b of the core, after tree_masses; the masses of all other freedoms are made the
+   heaviest one's, for they have no part in the system. Returns how many freedoms are the core's. */
+static Int put_core(Kkt *s, const Tree *tree, const Real *force)
+{
+    const Kernel *k = tree->k;
+    Real heaviest = 0.0;
+    Int n = 0;
+    for (Int j = 1; j < k->n_joints; j++)
+        for (Int v = k->iv[j]; v < k->iv[j] + joint_nv(k->kind[j]); v++) {
+            s->core[v] = tree->is_core[j] ? force[v] - s->core[v] : 0.0;
+            s->column[v] = tree->is_core[j] ? 1 : 0;
+            n += tree->is_core[j] ? 1 : 0;
+        }
+    for (int others = 0; others < 2; others++)
+        for (Int e = 0; e < s->n_mass; e++) {
+            const Int v = s->mass_row[e];
+            const Real square = k->scale[v] * k->scale[v];
+            if (v != s->mass_column[e] || s->column[v] == others)
+                continue;
+            if (others)
+                s->mass[s->mass_from[e]] = (heaviest > 0.0 ? heaviest : 1.0) / square;
+            else
+                heaviest = fmax(heaviest, s->mass[s->mass_from[e]] * square);
+        }
+    for (Int v = 0; v < k->nv; v++)
+        s->column[v] = -1;
+    return n;
+}
+
+static int solve_tree(Kkt *s, const KktTask *task, Int i)
+{
+    const Int nv = s->k->nv;
+    const Real *force = task->force + i * nv;
+    Real *a = task->a + i * nv, *facts = task->facts + FACTS * i, *off = s->scratch + 4 * nv, sizes[4];
+    const int code = tree_masses(task->tree, task->q + i * s->k->nq, task->v + i * nv, force,
+                                 task->armature, s->mass, s->core);
+    memset(facts, 0, FACTS * sizeof *facts);
+    facts[FAILED] = code != DONE;
+    if (code != DONE)
+        return DONE;
+    const Int n = put_core(s, task->tree, force);
+    if (n) {
+        const int solved = solve_core(s, task, i, s->mass, s->core);
+        if (solved != DONE || n == nv)
+            return solved;
+    } else {
+        memset(task->closures + i * nv, 0, (size_t)nv * sizeof(Real));
+        facts[PIVOT] = 1.0;
+    }
+    for (Int v = 0; v < nv; v++)
+        off[v] = task->rounding[v] * force[v];
+    tree_accelerations(task->tree, 0, force, off, a, s->scratch, sizes);
+    const Real largest = sizes[0] != 0.0 ? sizes[0] : 1.0;
+    facts[OF_ALL] = fmax(fmax(facts[OF_CORE], LEAST_ERROR), (sizes[1] + sizes[2]) / largest);
+    facts[OF_FORCES] = facts[OF_ALL] * sizes[0] <= 10.0 * sizes[3];
+    return DONE;
+}
+
+/* ---------------------------------------------------------------- efforts of a motion */
+
+/* Factor the forces of the chosen equations and of the actuators, of the size of one. */
+static int factor_bearing(Kkt *s, const KktTask *task)
+{
+    const Kernel *k = s->k;
+    Entries *to = &s->matrix->entries;
+    if (!entries_begin(to, k->entry_start[k->n_closure] + task->n_actuated))
+        return NO_MEMORY;
+    for (Int i = 0; i < s->n_chosen; i++) {
+        const Int from = k->entry_start[s->chosen[i]], end = k->entry_start[s->chosen[i] + 1];
+        Real most = 0.0;
+        for (Int e = from; e < end; e++)
+            most = fmax(most, fabs(k->entry[e]));
+        s->size[i] = most;
+        for (Int e = from; e < end; e++)
+            entries_put(to, k->entry_v[e], i, k->entry[e] / most);
+    }
+    for (Int c = 0; c < task->n_actuated; c++)
+        entries_put(to, task->actuated[c], s->n_chosen + c, 1.0);
+    return factors_make(s->matrix, k->nv);
+}
+
+/* Efforts and multipliers that together are what the motion needs. */
+static int solve_efforts(Kkt *s, const KktTask *task, Int i)
+{
+    Kernel *k = s->k;
+    const Int nv = k->nv, n = task->n_actuated;
+    Real *needed = task->closures + i * nv, *facts = task->facts + FACTS * i;
+    Real *efforts = task->efforts + i * n, *multipliers = task->multipliers + i * k->n_closure;
+    int (*const ways[])(Kkt *) = {choose_all, choose_in_closures, choose_among_all};
+    memset(facts, 0, FACTS * sizeof *facts);
+    tree_evaluate(task->tree, &(TreeTask){.n = 1, .q = task->q + i * k->nq, .v = task->v + i * nv,
+                                          .a = task->a + i * nv, .armature = task->armature,
+                                          .tau = needed});
+    equations_values_near(k, task->q + i * k->nq, task->reference + i * k->n_angles);
+    equations_jacobian(k, &k->equations.all);
+    for (int way = 0; way < 3; way++) {
+        int code = ways[way](s);
+        s->matrix->pivot = 0.0;
+        if (code == DONE && s->n_chosen + n == nv)
+            code = factor_bearing(s, task);
+        if (code != DONE)
+            return code;
+        if (s->matrix->pivot > SURE)
+            break;
+    }
+    facts[PIVOT] = s->matrix->pivot;
+    facts[RANK] = (Real)s->n_chosen;
+    facts[FAILED] = !(s->matrix->pivot > SURE);
+    for (Int v = 0; v < nv; v++) {
+        needed[v] -= task->force[i * nv + v];
+        s->x[v] = k->scale[v] * needed[v];
+    }
+    if (facts[FAILED] != 0.0)
+        return DONE;
+    factors_solve(s->matrix, 1, s->x);
+    memset(multipliers, 0, (size_t)k->n_closure * sizeof(Real));
+    for (Int e = 0; e < s->n_chosen; e++)
+        multipliers[s->chosen[e]] = s->x[e] / s->size[e];
+    for (Int c = 0; c < n; c++) {
+        efforts[c] = s->x[s->n_chosen + c] / k->scale[task->actuated[c]];
+        needed[task->actuated[c]] -= efforts[c];
+    }
+    return DONE;
+}
+
+/* Accelerations under joint forces, or efforts of accelerations, at all configurations of the task. */
+EXPORT int kkt_accelerations(Kkt *s, const KktTask *task)
+{
+    const Kernel *k = s->k;
+    for (Int c = 0; task->actuated && c < task->n_actuated; c++)
+        if (!within(task->actuated[c], k->nv))
+            return BAD_ARRAYS;
+    for (Int i = 0; i < task->n; i++) {
+        const int code = task->actuated ? solve_efforts(s, task, i)
+                         : task->tree   ? solve_tree(s, task, i)
+                                        : solve_core(s, task, i, task->mass, task->force);
+        if (code != DONE)
+            return code;
+    }
+    memcpy(task->entry, k->entry, (size_t)k->entry_start[k->n_closure] * sizeof(Real));
+    memcpy(task->chosen, s->chosen, (size_t)s->n_chosen * sizeof(Int));
+    return DONE;
+}
+
+/* How joint forces (3 nv, nv) and second derivatives of the equations (3 nv, n_closure), each a product
+   of the task, change at constant multipliers: a row for each entry of q, of v, and of the efforts. */
+static void put_changes(const Kkt *s, Tree *tree, const TreeTask *task, Real *force, Real *gamma)
+{
+    const Int nv = s->k->nv, nc = s->k->n_closure, last = 2 * nc * nv;
+    tree_evaluate(tree, task); /* by_q and by_v are the beginning of force */
+    for (Int j = 0; j < nv; j++)
+        for (Int v = 0; v < nv; v++) {
+            Real *by_q = force + j * nv + v, *by_v = by_q + nv * nv;
+            *by_q = task->bent[v * nv + j] - *by_q;
+            *by_v = -*by_v;
+            by_v[nv * nv] = j == v ? 1.0 : 0.0;
+        }
+    for (Int j = 0; j < nv; j++)
+        for (Int i = 0; i < nc; i++) {
+            gamma[j * nc + i] = task->product_by_q[last + i * nv + j];
+            gamma[(nv + j) * nc + i] = task->product_by_v[last + i * nv + j];
+        }
+    memset(gamma + 2 * nv * nc, 0, (size_t)(nv * nc) * sizeof(Real));
+}
+
 /* Solve with the last factors: forces f - b (n, nv), gamma (n, n_closure) -> a and multipliers,
- * alike. */
-EXPORT void kkt_solve(Kkt *s, Int n, const Real *force, const Real *gamma, Real *a,
-                      Real *multipliers)
+ * alike. Where a task is given, n is 3 nv: of the derivatives by q, v and efforts; `force`, zeros
+ * before, and gamma are made of it. */
+EXPORT void kkt_solve(Kkt *s, Int n, Real *force, Real *gamma, Real *a, Real *multipliers, Tree *tree,
+                      const TreeTask *task)
 {
     const Int nv = s->k->nv, nc = s->k->n_closure;
-    for (Int i = 0; i < n; i++)
-        solve(s, force + i * nv, gamma + i * nc, a + i * nv, multipliers + i * nc);
+    if (task)
+        put_changes(s, tree, task, force, gamma);
+    for (Int i = 0; i < n; i += BLOCK)
+        solve(s, n - i < BLOCK ? n - i : BLOCK, force + i * nv, gamma + i * nc, a + i * nv,
+              multipliers + i * nc);
 }

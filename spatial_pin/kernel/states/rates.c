@@ -182,7 +182,7 @@ static Real solve_columns(Rates *r)
         Real *x = r->columns + c * k->nv;
         memset(x, 0, (size_t)k->nv * sizeof(Real));
         x[first_driven(r) + c] = 1.0 / own;
-        factors_solve(r->matrix, x);
+        factors_solve(r->matrix, 1, x);
         for (Int v = 0; v < k->nv; v++) {
             pace = fabs(x[v]) * own > pace ? fabs(x[v]) * own : pace;
             x[v] *= k->scale[v];
@@ -219,7 +219,7 @@ static void answer(Rates *r, const Real *drive, Real *out)
     const Kernel *k = r->k;
     for (Int i = 0; i < r->n_driven; i++)
         r->x[first_driven(r) + i] += drive[i] / driven_scale(r, i);
-    factors_solve(r->matrix, r->x);
+    factors_solve(r->matrix, 1, r->x);
     for (Int i = 0; i < k->nv; i++)
         out[i] = k->scale[i] * r->x[i];
     for (Int i = 0; i < r->n_driven; i++)
@@ -240,7 +240,7 @@ static Real direction_off(Rates *r, int pattern, Real *away)
     memset(r->x, 0, (size_t)nv * sizeof(Real));
     for (Int i = 0; i < r->n_chosen; i++)
         r->x[i] = cos((Real)(pattern * (i + 1) * (i + 1))) < 0.0 ? -1.0 : 1.0;
-    factors_solve(r->matrix, r->x);
+    factors_solve(r->matrix, 1, r->x);
     const Real size = largest(r->x, nv);
     for (Int v = 0; v < nv; v++)
         away[v] = size > 0.0 ? r->x[v] / size : 0.0;
@@ -259,7 +259,7 @@ static Real response(Rates *r, const Real *t, const Real *u)
             r->sum[v] = k->scale[v] * (t[v] + sign * u[v]);
         add_bias(r, r->sum, -0.25 * sign, r->x);
     }
-    factors_solve(r->matrix, r->x);
+    factors_solve(r->matrix, 1, r->x);
     return largest(r->x, k->nv);
 }
 
@@ -494,7 +494,7 @@ static void put_column_rate(Rates *r, Int joint, const Real *arm, const Real *v,
         add_bias(r, r->sum, -0.25 * sign, r->x);
         add_acceleration(k, joint, arm, 0.25 * sign, out);
     }
-    factors_solve(r->matrix, r->x);
+    factors_solve(r->matrix, 1, r->x);
     for (Int i = 0; i < nv; i++)
         r->polar[i] = k->scale[i] * r->x[i];
     for (Int i = 0; i < r->n_driven; i++)
@@ -557,7 +557,7 @@ static void put_second(Rates *r, Int at, Real *out)
                     r->sum[v] = r->columns[c * nv + v] + sign * r->columns[d * nv + v];
                 add_bias(r, r->sum, -0.25 * sign, r->x);
             }
-            factors_solve(r->matrix, r->x);
+            factors_solve(r->matrix, 1, r->x);
             for (Int i = 0; i < r->n_driven; i++)
                 if (!is_pin(r, i))
                     r->x[r->driven[i]] = 0.0;

@@ -18,6 +18,12 @@ typedef struct {
     Real force[6], bent[6], damped[6];  /* I S, and the wrenches that all joints before it bear */
 } Freedom;
 
+/* What a freedom does to the vectors of a product on its side of it. */
+typedef struct {
+    Int v, joint, side;
+    Real moved[2][3], turn[3]; /* S A and S B; w . turn is S_w S y . z, summed over A and B */
+} Bend;
+
 /* What 2 B of a body is made of, with all that it carries. */
 typedef struct {
     Real momentum[3], D[9];
@@ -41,6 +47,7 @@ struct Tree {
     Lanes *loads;     /* of the bodies, of each right side */
     Speed *speeds;    /* of the bodies */
     Freedom *freedoms; /* (nv) */
+    Bend *bends;      /* (2 nv) */
     Real *lacking;    /* (nv, LANES) `missing` of each right side */
 };
 
@@ -85,5 +92,9 @@ void put_needed(Tree *s);
 void gather_wrenches(Tree *s, Real *tau, const Real *a);
 /* Inertias of bodies with all that they carry: of all joints, or of the core's. */
 void gather_inertias(Tree *s, int all);
+
+/* ---- tree_products.c ---- */
+/* Products of vectors, where the bodies have their motions and the freedoms theirs. */
+void put_products(Tree *s, const TreeTask *task);
 
 #endif

@@ -81,8 +81,8 @@ static void add_two_B_times(const Speed *speed, const Real *spin, Real *out)
         out[3 + i] += dot3(speed->D + 3 * i, spin);
 }
 
-/* Twist (6) and acceleration less gravity (6), as of a field, of what carries a joint. */
-static void put_carrier(const Tree *s, Int j, Real *twist, Real *acceleration)
+/* Twist (6) and acceleration less gravity (3), as of a field, of what carries a joint. */
+static void put_carrier(const Tree *s, Int j, const Real *gravity, Real *twist, Real *acceleration)
 {
     const Kernel *k = s->k;
     const Int up = 6 * k->parent[j];
@@ -90,30 +90,45 @@ static void put_carrier(const Tree *s, Int j, Real *twist, Real *acceleration)
     memcpy(field, s->motion + up, sizeof field);
     cross3(s->velocity + up + 3, s->velocity + up, swing);
     add3(-1.0, swing, field);
-    add3(-1.0, k->bodies.gravity, field);
+    add3(-1.0, gravity, field);
     carry_motion(s->velocity + up, s->arm + 3 * j, twist);
     carry_motion(field, s->arm + 3 * j, acceleration);
+}
+
+/* dS, ddS and dS + v x S of all freedoms, accelerations being less gravity. */
+static void put_turning(Tree *s, const Real *gravity)
+{
+    const Kernel *k = s->k;
+    for (Int j = 1; j < k->n_joints; j++) {
+        Real twist[6], acceleration[6];
+        put_carrier(s, j, gravity, twist, acceleration);
+        for (Int v = k->iv[j]; v < k->iv[j] + joint_nv(k->kind[j]); v++) {
+            const Real *S = s->column + 6 * v;
+            Freedom *f = s->freedoms + v;
+            Real more[6];
+            cross_motion(twist, S, f->turned);
+            cross_motion(acceleration, S, f->twice);
+            cross_motion(twist, f->turned, more);
+            cross_motion(s->velocity + 6 * j, S, f->paced);
+            for (int i = 0; i < 6; i++) {
+                f->twice[i] += more[i];
+                f->paced[i] += f->turned[i];
+            }
+        }
+    }
 }
 
 static void put_freedoms(const Tree *s, Int j, const Speed *speed, Freedom *of)
 {
     const Kernel *k = s->k;
     const Real *inertia = s->inertia + 27 * j, *borne = s->needed + 6 * j, *h = speed->momentum;
-    Real twist[6], acceleration[6];
-    put_carrier(s, j, twist, acceleration);
     for (Int v = k->iv[j]; v < k->iv[j] + joint_nv(k->kind[j]); v++) {
         const Real *S = s->column + 6 * v;
         Freedom *f = of + v;
         Real more[6];
-        memset(f, 0, sizeof *f);
-        cross_motion(twist, S, f->turned);
-        cross_motion(acceleration, S, f->twice);
-        cross_motion(twist, f->turned, more);
-        cross_motion(s->velocity + 6 * j, S, f->paced);
-        for (int i = 0; i < 6; i++) {
-            f->twice[i] += more[i];
-            f->paced[i] += f->turned[i];
-        }
+        memset(f->force, 0, sizeof f->force);
+        memset(f->bent, 0, sizeof f->bent);
+        memset(f->damped, 0, sizeof f->damped);
         cross3(h, S, more); /* S . (-2 h x spin) = 2 (h x S) . spin */
         for (int i = 0; i < 3; i++)
             f->by_spin[i] = 2.0 * more[i] + speed->D[i] * S[3] + speed->D[3 + i] * S[4] +
@@ -176,6 +191,7 @@ static void put_derivatives(Tree *s, const Real *outside, Real *by_q, Real *by_v
     gather_wrenches(s, s->missing, NULL);
     gather_inertias(s, 1);
     gather_speeds(k, s->arm, s->speeds);
+    put_turning(s, k->bodies.gravity);
     for (Int j = 1; j < k->n_joints; j++)
         put_freedoms(s, j, s->speeds + j, s->freedoms);
     for (Int j = 1; j < k->n_joints; j++)
@@ -200,7 +216,7 @@ static void copy_out(Real *out, const Real *from, Int n)
         memcpy(out, from, (size_t)n * sizeof *out);
 }
 
-EXPORT void tree_evaluate(Tree *s, const TreeTask *task)
+static void evaluate(Tree *s, const TreeTask *task)
 {
     Kernel *k = s->k;
     const Int n = k->n_joints;
@@ -220,9 +236,32 @@ EXPORT void tree_evaluate(Tree *s, const TreeTask *task)
     }
     if (task->by_q)
         put_derivatives(s, task->outside, task->by_q, task->by_v);
+    if (task->n_products) {
+        const Real none[3] = {0.0};
+        if (task->values)
+            put_turning(s, none);
+        put_products(s, task);
+    }
     if (task->jacobian)
         put_jacobian(k, task->jacobian);
     copy_out(task->R, k->R, 9 * n);
     copy_out(task->p, k->p, 3 * n);
 }
 
+static Real *next(Real *row, Int size) { return row ? row + size : NULL; }
+
+EXPORT void tree_evaluate(Tree *s, const TreeTask *task)
+{
+    const Int nq = s->k->nq, nv = s->k->nv, n = s->k->n_joints;
+    TreeTask one = *task;
+    for (Int i = 0; i < task->n; i++) {
+        evaluate(s, &one);
+        one.q += nq;
+        one.v = one.v ? one.v + nv : NULL;
+        one.a = one.a ? one.a + nv : NULL;
+        one.R = next(one.R, 9 * n), one.p = next(one.p, 3 * n);
+        one.jacobian = next(one.jacobian, 6 * nv);
+        one.velocity = next(one.velocity, 6 * n), one.acceleration = next(one.acceleration, 6 * n);
+        one.tau = next(one.tau, nv), one.wrench = next(one.wrench, 6 * n);
+    }
+}

@@ -1,0 +1,288 @@
+"""What acts on the samples of a motion: solved in the kernel, some hundred samples in a call.
+
+A sample that needs more than one system of equations is solved by itself, as a State is: where
+masses differ much, passive freedoms turn under forces, or actuators share their work.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin._support.checks import as_array, is_finite, mapping
+from spatial_pin.assembly.state import State, moving_in_time
+from spatial_pin.constraints.kernel_tree import KernelTree
+from spatial_pin.constraints.workspaces import acquired
+from spatial_pin.dynamics.forces import Law, joint_efforts
+from spatial_pin.dynamics.reactions import Poses
+from spatial_pin.dynamics.solvers.accelerations import DOUBTFUL
+from spatial_pin.dynamics.solvers.equations_of_motion import Equations
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.kernel.kernel import Kernel
+from spatial_pin.kernel.kkt import ERROR, FAILED, RANK, Accelerated
+from spatial_pin.kernel.loop_equations import row_wrenches
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.resistance import SlipSpeed
+from spatial_pin.motion.motion import Motion
+from spatial_pin.numerics.linalg import Array, minimum_norms_transposed
+
+PIECE = 256  # samples that are solved in one call: their arrays stay in the cache
+
+External = Mapping[str, Any] | Callable[..., Mapping[str, pin.Force]]
+Loads = tuple[External | None, Mapping[str, Law] | None, SlipSpeed | None]
+# Forces at frames of a sample, by its number and its State.
+ForcesAt = Callable[[int, State], Mapping[str, pin.Force]]
+
+
+class SampleBlock(NamedTuple):
+    """Samples that are solved together, and the forces that act on them besides efforts.
+
+    Attributes:
+        at: of which samples of the motion.
+        q, v, angles: (k, ...) configurations, joint velocities, angles of screws.
+        given: (k, nv) joint forces of springs, resistance and forces from outside.
+        turning: (k, nv) those of springs about joints and of resistance.
+        wrenches: (k, njoints, 6) those on bodies, at the world's origin.
+    """
+
+    at: slice
+    q: Array
+    v: Array
+    angles: Array
+    given: Array
+    turning: Array
+    wrenches: Array
+
+
+class LoadedSamples:
+    """Samples of a motion under forces, with the reactions that these cause.
+
+    Args:
+        mechanism: of which the motion is, as the user loaded it.
+        motion: the motion.
+        equations: of its mechanism.
+        bearing: of all equations of the file.
+        loads: forces at frames, laws of springs, slip speed.
+        n_efforts: how many efforts there are.
+
+    Attributes:
+        v, given_a: (N, nv) rates of the motion in time; zero where it is none.
+        a, efforts, multipliers: (N, ...) of the samples that are done.
+        reactions: (N, pairs, 6); on_ground: (N, 6).
+        unique: (N, pairs, 6).
+        done: how many there are.
+        at: the sample that the equations are at.
+    """
+
+    def __init__(
+        self, mechanism: Mechanism, motion: Motion, equations: Equations, bearing: Equations,
+        loads: Loads, n_efforts: int,
+    ) -> None:
+        external, self._laws, self._slip_speed = loads
+        self.mechanism, self.motion = mechanism, motion
+        self.equations, self.bearing = equations, bearing
+        self._external = forces_at(mechanism, motion, external)
+        n, nv, pairs = len(motion), bearing.model.nv, len(bearing.pairs.names)
+        moving = motion.per == "s"
+        self.v = motion.v if moving else np.zeros((n, nv))
+        self.given_a = motion.a if moving else np.zeros((n, nv))
+        self.efforts, self.a = np.empty((n, n_efforts)), np.empty((n, nv))
+        self.multipliers = np.empty((n, bearing.n_closure))
+        self.reactions, self.on_ground = np.empty((n, pairs, 6)), np.empty((n, 6))
+        self.unique = np.ones((n, pairs, 6), dtype=bool)
+        self.done = self.at = 0
+        self.is_together = (  # whether the kernel solves many samples in one call
+            bearing is equations and not equations.is_large
+            and not len(equations.constraints.of_joints))
+
+    def place(self, k: int) -> None:
+        """Move the equations to sample k, under its forces."""
+        self.at, state = k, moving_in_time(self.mechanism, self.motion.state(k))
+        external = self._external(k, state) if self._external else None
+        for each in {self.equations, self.bearing}:
+            each.update(state, external, self._laws, self._slip_speed)
+
+    def pieces(self) -> Iterator[SampleBlock]:
+        """Yield pieces of the samples, with the forces that act on them."""
+        equations, motion, n = self.equations, self.motion, len(self.motion)
+        if n:
+            self.place(0)
+        springs = equations.springs
+        on_bodies = bool(self._external or springs.lines or springs.bushings)
+        for first in range(0, n, PIECE):
+            at = slice(first, min(first + PIECE, n))
+            k = at.stop - first
+            turning = np.zeros((k, equations.model.nv))
+            given, wrenches = turning, np.zeros((k, equations.model.njoints, 6))
+            if self.is_together and springs.exist:
+                turning[:] = [springs.turning(*x)
+                              for x in zip(motion.q[at], self.v[at], strict=True)]
+            if self.is_together and on_bodies:
+                given = turning.copy()
+                for row in range(k):
+                    self.place(first + row)
+                    given[row] = equations.given
+                    wrenches[row] = equations.pairs.summed(equations.wrenches)
+            angles = motion.angles[at] if motion.angles.size else np.zeros((k, 0))
+            yield SampleBlock(at, motion.q[at], self.v[at], angles, given, turning, wrenches)
+            self.done = at.stop
+
+    def take(
+        self, k: int, at_joints: Array, a: Array, closures: Array, internal: Array | None = None
+    ) -> None:
+        """Take accelerations and closure forces of sample k, where the equations are.
+
+        Args:
+            k: number of the sample.
+            at_joints: (nv,) efforts at joints.
+            a: (nv,) accelerations.
+            closures: (nv,) joint forces of the closures.
+            internal: (m, nv) efforts at joints that balance each other.
+        """
+        bearing = self.bearing
+        self.a[k], self.multipliers[k] = a, bearing.multipliers(closures)
+        reactions, self.on_ground[k] = bearing.reactions(a, self.multipliers[k], at_joints)
+        self.reactions[k] = list(reactions.values())
+        if bearing.pairs.coupled or bearing.has_redundant or (
+                internal is not None and len(internal)):
+            self.unique[k] = list(bearing.unique(internal).values())
+        self.done = k + 1
+
+    def take_piece(
+        self, piece: SampleBlock, at_joints: Array, a: Array, found: Accelerated
+    ) -> None:
+        """Take a piece of samples that was solved together.
+
+        Args:
+            piece: the piece.
+            at_joints: (k, nv) efforts at joints.
+            a: (k, nv) accelerations.
+            found: what bears them.
+
+        Raises:
+            SingularError: the loops have lost rank at a sample.
+        """
+        equations, at = self.equations, piece.at
+        ranks, n = found.facts[:, RANK].astype(int), equations.n_closure
+        for k, rank in enumerate(ranks.tolist()):
+            if not equations.keeps_rank(rank, piece.q[k]):
+                self.place(at.start + k)
+                equations.check_rank(rank)
+        with acquired(equations.mechanism, _centred_tree) as tree:
+            placements, columns, transmitted = tree.at_many(piece.q, piece.v, a)
+        multipliers = found.multipliers
+        if n and ranks.min() < n:
+            with acquired(equations.mechanism, Kernel) as kernel:
+                jacobians = kernel.jacobians_and_columns(piece.q, piece.angles)[0][:, :n]
+            multipliers = minimum_norms_transposed(jacobians, equations.scale * found.closures)
+        poses = Poses(placements, columns, row_wrenches(
+            equations.constraints, placements, piece.q, piece.angles))
+        reactions, self.on_ground[at] = equations.pairs.reactions(
+            poses, transmitted, multipliers, piece.wrenches,
+            at_joints + piece.turning - equations.model.armature * a)
+        self.a[at], self.multipliers[at] = a, multipliers
+        for pair, wrench in enumerate(reactions.values()):
+            self.reactions[at, pair] = wrench
+        if equations.pairs.coupled or (n and ranks.min() < n):
+            for k in range(at.start, at.stop):
+                self.place(k)
+                self.unique[k] = list(equations.unique().values())
+                self.done = k + 1
+
+    def end(self) -> None:
+        """Drop the samples that are not solved."""
+        for name in ("efforts", "a", "multipliers", "reactions", "on_ground", "unique"):
+            setattr(self, name, getattr(self, name)[: self.done])
+
+
+def _centred_tree(mechanism: Mechanism) -> KernelTree:
+    return KernelTree(mechanism.centred_model)
+
+
+def accelerate(samples: LoadedSamples, efforts: Array) -> None:
+    """Solve the accelerations of samples under efforts (N, nv) at joints.
+
+    Raises:
+        SingularError: as `forward_dynamics`.
+    """
+    equations = samples.equations
+    for piece in samples.pieces():
+        at = piece.at
+        if samples.is_together:
+            found = equations.limbs.kkt.of_many(
+                piece.q, piece.v, piece.angles, piece.given + efforts[at])
+            facts = found.facts
+            if not facts[:, FAILED].any() and np.all(facts[:, ERROR] <= DOUBTFUL):
+                samples.take_piece(piece, efforts[at], found.a, found)
+                continue
+        for k in range(at.start, at.stop):
+            samples.place(k)
+            a, closures, _ = equations.solve(efforts[k] + equations.given)
+            samples.take(k, efforts[k], a, closures)
+
+
+def efforts_over(
+    mechanism: Mechanism, motion: Motion, efforts: Mapping[str, Any] | None
+) -> dict[str, Array]:
+    """Return efforts (N,) by name: each a constant, or one of each sample [N·m, N].
+
+    Raises:
+        UnknownNameError: a name does not exist.
+        ValueError: a value is not finite, or there are not as many as samples.
+    """
+    rows, n = dict[str, Array](), len(motion)
+    for name, given in mapping(efforts, "efforts").items():
+        values = as_array(given, f"effort at {name!r}")
+        if values.shape not in ((), (n,)):
+            raise ValueError(f"effort at {name!r} has shape {values.shape}; give a number, or one "
+                             f"for each of the {n} samples: ({n},)")
+        if not is_finite(values):
+            raise ValueError(f"effort at {name!r} is NaN or infinite")
+        rows[name] = np.broadcast_to(values, (n,)).copy()
+    joint_efforts(mechanism, dict.fromkeys(rows, 0.0))  # which refuses names
+    return rows
+
+
+def forces_at(mechanism: Mechanism, motion: Motion, external: External | None) -> ForcesAt | None:
+    """Return forces at frames by sample; None if there are none.
+
+    Args:
+        mechanism: whose frames they act at.
+        motion: of N samples.
+        external: by frame a `pin.Force` or rows (N, 6); or a function of the State, or of the time
+            and the State.
+
+    Raises:
+        UnknownNameError: there is no such frame.
+        ValueError: rows are not as many as samples, or not finite.
+    """
+    if callable(external):
+        law = external
+        if len(inspect.signature(law).parameters) > 1:
+            if motion.time is None:
+                raise SpatialPinError("external is a function of the time, and the motion has "
+                                      "none: give a function of the State")
+            times = motion.time
+            return lambda k, state: mapping(law(float(times[k]), state), "external")
+        return lambda k, state: mapping(law(state), "external")
+    if not external:
+        return None
+    tables: dict[str, Array] = {}
+    for name, force in mapping(external, "external").items():
+        if isinstance(force, np.ndarray | list | tuple):
+            mechanism.frame_id(name)
+            rows = tables[name] = as_array(force, f"external force at {name!r}")
+            if rows.shape != (len(motion), 6):
+                raise ValueError(
+                    f"external force at {name!r} has shape {rows.shape}; give a pin.Force, or a "
+                    f"row of force and moment for each of the {len(motion)} samples: "
+                    f"({len(motion)}, 6)")
+            if not is_finite(rows):
+                raise ValueError(f"external force at {name!r} is NaN or infinite")
+    fixed = {name: force for name, force in external.items() if name not in tables}
+    return lambda k, state: fixed | {name: pin.Force(rows[k].copy())
+                                     for name, rows in tables.items()}
