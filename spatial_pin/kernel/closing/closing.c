@@ -677,6 +677,8 @@ static int is_unique(Closer *c, const ClosureTask *r)
     linearise_at(c, c->q);
     try_step(c, 0.0, INFINITY);
     const Real size = norm(c->few, c->n_free);
+    if (!(size <= TOLERANCE_DAMPED_STEP))
+        return 0; /* from there derivatives change otherwise than that step tells */
     residual_at(c, c->trial, 0);
     take_residual(c);
     try_step(c, 0.0, INFINITY);
