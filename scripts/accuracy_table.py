@@ -33,7 +33,7 @@ from spatial_pin.accuracy.tasks import describe, simulation_settings, sweep_sett
 from spatial_pin.accuracy.tradeoff import ROUND_OFF, pareto, tradeoff
 
 REPEATS = 15  # runs of each setting, of which the shortest counts, if the budget allows them
-MARGIN = 10.0  # by which the promised error exceeds the largest that was measured
+MARGIN = {"sweep": 10.0, "simulate": 2.0}  # by which a promise exceeds the largest error
 MARGIN_LEAST = 3.0  # the same of a sweep's that no setting makes smaller: round-off
 LARGEST = 0.1  # error that is worth a promise
 HOPELESS = {"sweep": 1e-11, "simulate": 1e-9}  # best error above which the motion is to blame
@@ -139,9 +139,9 @@ def entries(task: str, tables: list[Table]) -> list[Entry]:
     return sorted(lines, key=lambda entry: entry.time)
 
 
-def promised(error: float, least: float) -> float:
+def promised(task: str, error: float, least: float) -> float:
     """Return the margin times an error, rounded up to one digit, with the least of all settings."""
-    most = (MARGIN_LEAST if error <= least else MARGIN) * error
+    most = (MARGIN_LEAST if error <= least else MARGIN[task]) * error
     size = 10.0 ** math.floor(math.log10(most))
     return float(f"{math.ceil(most / size * (1 - 1e-12)) * size:.0e}")
 
@@ -150,7 +150,7 @@ def chosen(task: str, table: list[Entry]) -> list[tuple[float, sp.Accuracy]]:
     """Return promise and setting where it works everywhere, is not beaten, and worth a promise."""
     good = [entry for entry in table if not entry.failed]
     least = min((entry.error for entry in good), default=0.0) if task == "sweep" else 0.0
-    choices = [(entry.time, promised(entry.error, least), entry.accuracy) for entry in good]
+    choices = [(entry.time, promised(task, entry.error, least), entry.accuracy) for entry in good]
     choices = [entry for entry in choices if entry[1] <= LARGEST]
     flags = pareto([time for time, *_ in choices], [error for _, error, _ in choices])
     return [(error, accuracy) for (_, error, accuracy), flag in zip(choices, flags, strict=True)

@@ -374,6 +374,23 @@ def long_links(names: tuple[str, ...]) -> float:
     return worst
 
 
+def longer_links() -> float:
+    """Sweep a four-bar whose coupler and rocker are 1e7 times as long as its crank, or more."""
+    for ratio in (1e7, 1e8, 1e9):
+        dims = dict(zip(("r1", "r2", "r3", "r4"), FOUR_BAR, strict=True))
+        dims |= {name: FOUR_BAR[1] * ratio for name in ("r3", "r4")}
+        form, mech = partial(forms.four_bar, **dims), sp.load("four_bar", **dims)
+        guess = {name: float(x) for name, x in form(mpf(0.3)).coordinates.items()}
+        try:
+            sp.sweep(mech, "crank", np.linspace(0.3, 6.2, 60), speed=1.0, guess=guess)
+        except sp.SingularError as error:
+            refusal = error
+            assert "lengths of its links" in str(error)
+        else:
+            return math.inf
+    raise refusal
+
+
 def short_coupler(r3: float) -> tuple[sp.Mechanism, sp.State, Callable[[Any], Any]]:
     dims = {"r1": 0.30, "r2": 0.06 + 0.5 * r3, "r3": r3, "r4": 0.24}
     coupler = lambda x: forms.four_bar(x, **dims).coordinates["coupler_pin"]  # noqa: E731
@@ -746,6 +763,8 @@ EXTREMES = (
             partial(long_links, ("r1", "r3", "r4")), 1e-14, SAID_BY_MOTIONS),
     Extreme("link ratio", "the same, coupler and rocker alone, nearly in line: a turn",
             partial(long_links, ("r3", "r4")), 1e-9, SAID_BY_MOTIONS),
+    Extreme("link ratio", "the same two links, 1e7 to 1e9 times as long", longer_links, None,
+            refusal=sp.SingularError),
     Extreme("redundant", "four-bar closed by 200 hinges: 1000 equations, rank 2",
             partial(repeated, 200), 1e-12),
     Extreme("guess", "RSSR, rocker and coupler turned at random, 30 times", upside_down, 1e-12),

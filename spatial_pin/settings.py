@@ -20,7 +20,7 @@ class Integrator(NamedTuple):
        name: "scipy.integrate:Radau", or one of your own.
     2. One of the kernel (Runge and Kutta's) is an entry of `METHODS` in
        `kernel/integrators/integrating.c`; these have the same order here.
-    3. "automatic" begins as DOP853; `succeed` in
+    3. "automatic" begins as DOP853, or as RK45 with a loose tolerance; `next_integrator` in
        `dynamics.simulation.integrators` decides when Radau goes on, and when the first one again.
 
     Attributes:
@@ -72,15 +72,16 @@ class Accuracy:
         order: order of the Taylor predictor of a followed motion, 0 to 3 (the third derivative
             is a difference of two accelerations).
         corrections: number of Newton corrections at each step; None corrects until `tolerance`.
-        tolerance: closure residual to reach [-], relative to the characteristic length; from 1e-8
+        tolerance: closure residual to reach [-], relative to the characteristic length; from 1e-9
             on also the error that samples of a followed motion may have, see below.
         gap: largest closure error that redundant equations of a rounded file may keep [-], see
             `State.gap`; 0 for none. Numbers of five digits leave up to 4e-5, single precision
             2e-7; a link that is 1 % too long leaves 1e-3 and more.
         formulation: of `simulate`: "independent" (coordinates, the loops closed inside) or
             "projected" (all joint coordinates, taken back to closed loops after every step).
-        integrator: of `simulate`: "automatic" (DOP853, and where strong damping or dry
-            friction would make it creep, Radau), "DOP853",
+        integrator: of `simulate`: "automatic" (DOP853; with one freedom and a `time_tolerance`
+            of 3e-8 or more RK45; where strong damping or dry friction would make them creep,
+            Radau), "DOP853",
             "RK45", "Radau", "BDF", "LSODA", "RK4", "Gauss".
         time_tolerance: error that adaptive integrators allow in one step, relative and absolute
             [rad, characteristic lengths, and these per natural time]: about the period of a turn,
@@ -92,7 +93,7 @@ class Accuracy:
             simulation ends; a motion of a hundred thousand turns takes about a million. One
             without damping that would take ten times as many is given up early.
 
-    With a tolerance of 1e-8 or more (and order 3), close samples of a sweep are interpolated
+    With a tolerance of 1e-9 or more (and order 3), close samples of a sweep are interpolated
     between points of the path that are closed more tightly. One correction in the middle of each
     interval tells its error, and the intervals grow until that meets the tolerance: the error of
     positions, and of rates and accelerations by their size. `Motion.error` tells it. From 1e-11 on,
@@ -164,7 +165,7 @@ class Accuracy:
         """Return the cheapest setting that reaches an error; `Motion.error` tells whether it has.
 
         The error is the largest of positions [rad, characteristic lengths], and of velocities and
-        accelerations by the largest one. A sweep to 1e-8 or more meets it by itself. Tighter ones,
+        accelerations by the largest one. A sweep to 1e-9 or more meets it by itself. Tighter ones,
         and simulations, have the setting that kept it with a margin over the mechanisms of the
         library with loops, as `scripts/accuracy_table.py` measured: each did its usual sweep, or
         swung a few seconds under gravity. That is a measurement, not a proof: near singular
@@ -247,13 +248,13 @@ MEASURED: dict[str, tuple[tuple[float, Accuracy], ...]] = {
         (4e-13, Accuracy()),
     ),
     "simulate": (
-        (0.005, Accuracy(tolerance=1e-08, time_tolerance=1e-06)),
-        (0.002, Accuracy(tolerance=1e-09, time_tolerance=1e-07)),
-        (0.0002, Accuracy(tolerance=1e-08, time_tolerance=1e-08)),
-        (9e-05, Accuracy(tolerance=1e-10, time_tolerance=1e-08)),
-        (4e-05, Accuracy(tolerance=1e-11, time_tolerance=1e-09)),
-        (5e-07, Accuracy(tolerance=1e-12, time_tolerance=1e-10)),
-        (2e-08, Accuracy(time_tolerance=1e-11)),
-        (3e-09, Accuracy(time_tolerance=1e-12)),
+        (0.006, Accuracy(tolerance=1e-08, time_tolerance=1e-06)),
+        (0.0003, Accuracy(tolerance=1e-09, time_tolerance=1e-07)),
+        (4e-05, Accuracy(tolerance=1e-10, time_tolerance=1e-08)),
+        (7e-06, Accuracy(tolerance=1e-11, time_tolerance=1e-09)),
+        (9e-08, Accuracy(tolerance=1e-12, time_tolerance=1e-10)),
+        (3e-09, Accuracy(time_tolerance=1e-11)),
+        (1e-09, Accuracy(time_tolerance=1e-12)),
+        (4e-11, Accuracy(tolerance=1e-15, time_tolerance=1e-13)),
     ),
 }

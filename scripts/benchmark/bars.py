@@ -67,6 +67,9 @@ BARS = (
     Bar("assemble RSSR from a State", key("assembly", 0, "assemble, from a State there"), 2e-5),
     Bar("solve_rates RSSR", key("rates", 0, "solve_rates"), 1.5e-5),
     Bar("jacobian RSSR", key("jacobian", 0, "jacobian"), 1.2e-5),
+    Bar("jacobian RSSR of 2001 samples, beside their sweep",
+        key("samples", 2001, "jacobian of the motion"), None, [key("samples", 2001, "sweep")], 2.0),
+    Bar("states of the delta, 10000 scattered", key("scattered", 10000, "states"), 0.2),
     Bar("modes RSSR", key("modes", 0, "assembly_modes, RSSR"), 1e-2),
     Bar("modes of Dietmaier's platform, 40", key("modes", 0, "assembly_modes, six legs"), 0.5),
     Bar("modes of a general 6R, 16", key("modes", 0, "assembly_modes, six hinges"), 0.2),
@@ -106,7 +109,7 @@ BARS = (
 
 def tasks() -> list[str]:
     """Return the tasks that the bars are about."""
-    wanted = {"ladder", *(bar.row.partition(" / ")[0] for bar in BARS)}
+    wanted = {"ladder", "control", *(bar.row.partition(" / ")[0] for bar in BARS)}
     return [task for task in TASKS if task in wanted]
 
 

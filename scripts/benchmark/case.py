@@ -103,6 +103,11 @@ TASKS: dict[str, Task] = {
                   "rocker and coupler against the closed form"),
     "jacobian": Task("Jacobian of the RSSR's coupler with respect to its crank", "µs", ("ω",),
                      "angular part against the closed form [rad/rad]"),
+    "samples": Task("RSSR, a sweep of {} values and the Jacobians of its samples, a value", "µs",
+                    ("difference",), "to the Jacobian of each State"),
+    "scattered": Task("delta robot, {} scattered values of its arms, a state", "µs",
+                      ("closure", "difference"),
+                      "closure relative to its size; joints to `assemble` there [rad, m]"),
     "mobility": Task("mobility of a Bricard mechanism, one loop", "µs", ("count",),
                      "distance from the true count, 1"),
     "assembly": Task("RSSR closed from its rough guess", "µs", ("closure", "ψ"),
@@ -132,6 +137,7 @@ TASKS: dict[str, Task] = {
                      ("position", "closure"), "of its centre at the end [m] against a simulation "
                      "of reference accuracy, closure relative to its size"),
     "ladder": Task("load, assemble, sweep and simulate a ladder of {} four-bar loops", "s", (), ""),
+    "control": Task("cycles of a controller of the delta robot", "µs", (), ""),
     **{name: Task(f"{name} falling for 10 s", "ms", ("energy", "closure"),
                   "relative to the weight's work over a leg, closure [m]")
        for name in ("five-bar", "3-RRR")},

@@ -125,6 +125,43 @@ def run_jacobian(tool: SimpleNamespace) -> Array:
     return sp.jacobian(tool.mechanism, tool.state, "coupler")
 
 
+def setup_samples(steps: int) -> SimpleNamespace:
+    tool = setup_sweep(steps)
+    return SimpleNamespace(**vars(tool), motion=run_sweep(tool))
+
+
+def run_samples(tool: SimpleNamespace) -> Array:
+    return sp.jacobian(tool.mechanism, tool.motion, "coupler")
+
+
+def judge_samples(tool: SimpleNamespace, found: Array) -> dict[str, float | None]:
+    rows = range(0, len(tool.motion), 100)
+    return {"difference": max(float(np.abs(found[k] - sp.jacobian(
+        tool.mechanism, tool.motion[k], "coupler")).max()) for k in rows)}
+
+
+def no_difference(tool: SimpleNamespace, motion: sp.Motion) -> dict[str, float | None]:
+    return {"difference": None}
+
+
+def setup_scattered(n: int) -> SimpleNamespace:
+    mechanism, rng = sp.load("delta"), np.random.default_rng(0)
+    return SimpleNamespace(mechanism=mechanism, values={
+        driver: rng.uniform(0.0, 0.5, n) for driver in mechanism.drivers})
+
+
+def run_scattered(tool: SimpleNamespace) -> sp.Motion:
+    return sp.states(tool.mechanism, tool.values)
+
+
+def judge_scattered(tool: SimpleNamespace, motion: sp.Motion) -> dict[str, float | None]:
+    rows = range(0, len(motion), len(motion) // 7)
+    states = [sp.assemble(tool.mechanism, {d: x[k] for d, x in tool.values.items()}, motion[k])
+              for k in rows]
+    return {"closure": float(motion.closure_error.max()), "difference": max(
+        float(np.abs(state.q - motion.q[k]).max()) for state, k in zip(states, rows, strict=True))}
+
+
 def judge_jacobian(tool: SimpleNamespace, columns: Array) -> dict[str, float | None]:
     return {"ω": rssr.spin_error(tool.problem, columns[3:, 0], 1)}
 
@@ -275,6 +312,12 @@ CASES = (
       for name, step in MOVED.items()),
     Case("rates", NAME, "solve_rates", one_state, run_rates, judge_rates),
     Case("jacobian", NAME, "jacobian", one_state, run_jacobian, judge_jacobian),
+    Case("samples", NAME, "sweep", partial(setup_sweep, 2001), run_sweep, no_difference,
+         2001, 2001),
+    Case("samples", NAME, "jacobian of the motion", partial(setup_samples, 2001), run_samples,
+         judge_samples, 2001, 2001),
+    Case("scattered", NAME, "states", partial(setup_scattered, 10000), run_scattered,
+         judge_scattered, 10000, 10000),
     Case("mobility", NAME, "mobility: ranks, finite freedom, loops' orders, rows to spare",
          closed_bricard, run_mobility, lambda _, n: {"count": abs(n - 1)}),
     Case("assembly", NAME, "assemble", partial(setup_sweep, 1), run_assembly, judge_assembly),

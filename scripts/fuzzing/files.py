@@ -61,9 +61,12 @@ def _tables(spec):
         if j["kind"] not in (*PLAIN, "floating"):
             yield f"[joints.{j['name']}]\ntype = \"{j['kind']}\""
             yield from (f"{k} = {_value(j[k])}" for k in ("axis", "axis2", "lead") if k in j)
+    for name, shape in spec.get("curves", {}).items():
+        yield f"[curves.{name}]"
+        yield from (f"{k} = {_value(x)}" for k, x in shape.items())
     for c in spec["closures"]:
         yield "[[closures]]"
-        yield from (f"{k} = {_value(x)}" for k, x in c.items())
+        yield from (f"{k} = {_value(x)}" for k, x in c.items() if k not in ("shape", "other"))
     for d in spec["drivers"]:
         yield f'[drivers.{d["name"]}]\njoint = "{d["joint"]}"'
     for s in spec["springs"]:

@@ -19,15 +19,18 @@ JOINTS = {"revolute": 5, "continuous": 5, "prismatic": 3, "screw": 2, "cylindric
 PLANE_JOINTS = {"revolute": 8, "continuous": 7, "prismatic": 4, "planar": 1}
 EQUATIONS = {"revolute": 5, "prismatic": 5, "screw": 5, "cylindrical": 4, "universal": 4,
              "spherical": 3, "planar": 3, "weld": 6, "fixed": 6, "distance": 1, "point_on_line": 2,
-             "point_on_plane": 1, "parallel": 2, "perpendicular": 1, "coupling": 1}
+             "point_on_plane": 1, "parallel": 2, "perpendicular": 1, "coupling": 1, "rope": 1,
+             "point_on_curve": 2, "frame_on_curve": 4, "cam": 1}
 IN_A_PLANE = {"revolute": 2, "prismatic": 2, "distance": 1, "coupling": 1, "point_on_line": 1,
-              "spherical": 2, "cylindrical": 2, "planar": 3}  # independent ones of plane mechanisms
+              "spherical": 2, "cylindrical": 2, "planar": 3, "point_on_curve": 1, "cam": 1,
+              "curve_on_curve": 1}  # independent ones of plane mechanisms
 WITH_AXIS = ("revolute", "prismatic", "screw", "cylindrical", "planar", "point_on_line",
              "point_on_plane", "parallel", "perpendicular", "universal")
 WEAKER = {"weld": ("spherical", "revolute", "weld"), "fixed": ("spherical",),
           "revolute": ("revolute", "spherical", "cylindrical"), "universal": ("spherical",),
           "cylindrical": ("cylindrical", "parallel"), "planar": ("parallel",),
           "prismatic": ("cylindrical",), "screw": ("cylindrical",)}  # what a closure implies
+CURVED = ("point_on_curve", "frame_on_curve", "cam", "curve_on_curve")
 RANK = 1e-9  # singular values below this part of the largest are zero
 
 
@@ -208,10 +211,52 @@ class _Maker:
             self.give_axes(c)
         if kind == "screw":
             c["lead"] = self.lead()
+        if kind in CURVED:
+            self.give_curve(c)
         rotation, shift = self.relation(c)
         self.frames_for(c, links, rotation, shift)
         self.spec["closures"].append(c)
         return True
+
+    def give_curve(self, c):
+        """Give it a curve, written under its name, and the circle that touches it."""
+        rng, a = self.rng, self.size * self.rng.uniform(0.3, 0.9)
+        if c["type"] in ("cam", "curve_on_curve"):
+            c["other"] = float(self.size * rng.uniform(0.05, 0.2))
+            shape = {"circle": {"radius": a, "centre": [0.3 * a, -0.2 * a, 0.0]}}
+        else:
+            planar = self.mode == "planar" or rng.random() < 0.4
+            slant = [1.0, 0.5, 0.0] if self.mode == "planar" else [1.0, 0.5, -0.8]
+            shape = {"ellipse": {"semi_axes": [a, a * rng.uniform(0.4, 1.3)]}} if planar else (
+                {"helix": {"radius": a, "lead": a * rng.uniform(0.5, 2.0)}} if rng.random() < 0.5
+                else {"points": [[a * k * x for x in slant] for k in range(5)]})
+        c["shape"], names = shape, [f"{c['name']}_curve"]
+        self.spec.setdefault("curves", {})[names[0]] = shape
+        if c["type"] == "curve_on_curve":
+            names.append(f"{c['name']}_other")
+            self.spec["curves"][names[1]] = {"circle": {"radius": c["other"]}}
+            c["curves"] = names
+        else:
+            c["curve"] = names[0]
+        if c["type"] == "cam":
+            c["follower"] = {"roller": c["other"]}
+
+    def on_curve(self, c):
+        """A point (3,) on its curve, the tangent there, and a point that touches a circle."""
+        (form, shape), t = next(iter(c["shape"].items())), self.rng.uniform(-2.5, 2.5)
+        along = np.array([math.cos(t), math.sin(t), 0.0])
+        ahead = np.array([-math.sin(t), math.cos(t), 0.0])
+        if form == "ellipse":
+            sizes = np.array([*shape["semi_axes"], 0.0])
+            return sizes * along, sizes * ahead
+        if form == "helix":
+            rise = shape["lead"] / (2.0 * math.pi)
+            r = shape["radius"]
+            return r * along + [0, 0, rise * t], r * ahead + [0, 0, rise]
+        if form == "points":
+            line = np.array(shape[1]) - np.array(shape[0])
+            return (2.0 + 0.5 * t) * line, line
+        return np.array(shape["centre"]) + (shape["radius"] + c["other"]) * along, ahead
 
     def give_axes(self, c):
         if self.mode == "planar":
@@ -275,7 +320,12 @@ class _Maker:
         across = f[:, 0] * self.length() + f[:, 1] * self.length()
         none, along, anywhere = np.zeros(3), f[:, 2] * self.length(), self.rng.uniform(-0.5, 0.5, 3)
         free = self.free_rotation()
+        point, tangent = self.on_curve(c) if kind in CURVED else (none, np.eye(3)[2])
+        spun = about(unit([0, 0, 1]), np.array([angle], dtype=LD))[0].astype(float)
         return {
+            "point_on_curve": (free, point), "cam": (free, point), "curve_on_curve": (free, point),
+            "frame_on_curve": (onto(tangent).astype(float) @ spun, point),
+            "rope": (free, self.some_direction()),
             "revolute": (turned, none), "prismatic": (np.eye(3), along),
             "cylindrical": (turned, along), "spherical": (free, none), "planar": (turned, across),
             "screw": (turned, f[:, 2] * c.get("lead", 0.0) * angle / (2 * float(PI))),
@@ -316,7 +366,7 @@ class _Maker:
         offset = r2.T @ (p1 + r1 @ shift - p2)
         frames.append({"name": names[1], "link": links[1], "xyz": [float(x) for x in offset],
                        "rpy": to_rpy(r2.T @ r1 @ rotation)})
-        if c["type"] == "distance":
+        if c["type"] in ("distance", "rope"):
             judge = Judge(self.spec)
             a, b = (judge.frame(name, placements)[1][0] for name in names)
             c["length"] = float(np.sqrt(((a - b) ** 2).sum()))
@@ -324,7 +374,7 @@ class _Maker:
     def repeat(self):
         """Add a closure that repeats another one, or a part of it."""
         c = dict(self.rng.choice(np.array(self.spec["closures"], dtype=object)))
-        if c["type"] == "coupling":
+        if c["type"] in ("coupling", "rope", *CURVED):
             return
         kind = str(self.rng.choice(WEAKER.get(c["type"], (c["type"],))))
         again = {"name": f"c{len(self.spec['closures'])}", "type": kind, "frames": c["frames"]}
@@ -408,5 +458,5 @@ class _Maker:
                 "frame": frame["name"], "at": k, "value": frame["xyz"][k]}
 
 
-assert set(EQUATIONS) - {"coupling"} == set(CLOSURES)
+assert {*EQUATIONS, *IN_A_PLANE} - {"coupling"} == set(CLOSURES)
 assert set(JOINTS) | {"fixed"} == set(NV)

@@ -419,6 +419,43 @@ def _trace(r):
     return np.trace(r, axis1=1, axis2=2) - 2
 
 
+def _off_curve(shape, d, size):
+    """How far a point (N, 3) is off a curve (N, 2), and the tangent (N, 3) there."""
+    x, y, z = d.T
+    if "ellipse" in shape:
+        a, b = (LD(k) / size for k in shape["ellipse"]["semi_axes"])
+        rows = np.stack([(x * x / a**2 + y * y / b**2 - 1) * a * b / (a + b), z], -1)
+        return rows, np.stack([-y / b**2, x / a**2, 0 * z], -1)
+    if "helix" in shape:
+        r, rise = LD(shape["helix"]["radius"]) / size, LD(shape["helix"]["lead"]) / (2 * PI) / size
+        climb = z - rise * np.arctan2(y, x)
+        climb = climb - 2 * PI * rise * np.round(climb / (2 * PI * rise))
+        return np.stack([(x * x + y * y - r * r) / (2 * r), climb], -1), np.stack(
+            [-y, x, rise + 0 * z], -1)
+    along = np.array(shape["points"][1], dtype=LD) - np.array(shape["points"][0], dtype=LD)
+    f = onto(unit(along))  # points on a line
+    d = d - np.array(shape["points"][0], dtype=LD) / size
+    return np.stack([d @ f[:, 0], d @ f[:, 1]], -1), along + 0 * d
+
+
+def _frame_on_curve(c, r, d, size):
+    rows, tangent = _off_curve(c["shape"], d, size)
+    tangent = tangent / np.sqrt((tangent**2).sum(-1))[:, None]
+    across = np.cross(tangent, r[..., 2])
+    f = onto(unit([0.3, 0.5, 0.8]))  # two directions; tangents are seldom square to both
+    side = np.cross(tangent, f[:, 2])
+    side = side / np.sqrt((side**2).sum(-1))[:, None]
+    other = np.cross(tangent, side)
+    aligned = np.stack([(across * side).sum(-1), (across * other).sum(-1)], -1)
+    return np.concatenate([rows, aligned], -1), (tangent * r[..., 2]).sum(-1)
+
+
+def _touching_circles(c, r, d, size):
+    away = d - np.array(c["shape"]["circle"]["centre"], dtype=LD) / size
+    apart = LD(c["shape"]["circle"]["radius"] + c["other"]) / size
+    return (np.sqrt(away[:, 0] ** 2 + away[:, 1] ** 2) - apart)[:, None], None
+
+
 CLOSURES = {
     "revolute": _revolute,
     "prismatic": _prismatic,
@@ -432,6 +469,12 @@ CLOSURES = {
     "fixed": lambda c, r, d, size: (np.concatenate([d, skew_part(r)], -1), _trace(r)),
     "distance": lambda c, r, d, size: (
         (np.sqrt((d * d).sum(-1)) - LD(c["length"]) / size)[:, None], None),
+    "rope": lambda c, r, d, size: (
+        (np.sqrt((d * d).sum(-1)) - LD(c["length"]) / size)[:, None], None),
+    "point_on_curve": lambda c, r, d, size: (_off_curve(c["shape"], d, size)[0], None),
+    "frame_on_curve": _frame_on_curve,
+    "cam": _touching_circles,
+    "curve_on_curve": _touching_circles,
     "point_on_line": lambda c, r, d, size: (_lines(c, r, d)[1], None),
     "point_on_plane": lambda c, r, d, size: ((d @ _axis(c))[:, None], None),
     "parallel": lambda c, r, d, size: _lines(c, r, d)[::2],

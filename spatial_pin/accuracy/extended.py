@@ -116,7 +116,7 @@ def _compose(a: Array, b: Array) -> Array:
                       wa * wb - (va * vb).sum(-1, keepdims=True)])
 
 
-class _Given(NamedTuple):
+class _RowInputs(NamedTuple):
     """What a row of a closure is made of: its frames and joints with their rates, N samples.
 
     Attributes:
@@ -218,7 +218,7 @@ class Extended:
             joints = [self.mechanism.coordinate(name) for name in closure.joints]
             known = [np.stack([q[:, c.q], v[:, c.v], a[:, c.v]]) for c in joints]
             for row in closure.rows:
-                given = _Given(closure, frames, known, counted, {}, len(q))
+                given = _RowInputs(closure, frames, known, counted, {}, len(q))
                 blocks.append(self._size(closure, row) * self._sum(row, given))
         return np.stack(blocks, axis=-1) if blocks else np.zeros((3, len(q), 0), dtype=Long)
 
@@ -234,14 +234,14 @@ class Extended:
             product = dot(product[..., None], x[..., None])
         return product
 
-    def _sum(self, row: ConstraintEquation, given: _Given) -> Array:
+    def _sum(self, row: ConstraintEquation, given: _RowInputs) -> Array:
         """Return a sum of terms with its rates (3, N)."""
         found: Array = sum((self._term(Long(number), [self._quantity(x, given) for x in factors],
                                        given.n) for number, factors in row.terms),
                            np.zeros((3, given.n), dtype=Long))
         return found
 
-    def _implicit(self, of: ImplicitParameters, given: _Given) -> list[Array]:
+    def _implicit(self, of: ImplicitParameters, given: _RowInputs) -> list[Array]:
         """Return parameters with their rates (3, N), by Newton's method from what they were.
 
         A parameter that moves alone at a rate of 1 tells the slopes of the sums, and one that
@@ -252,7 +252,7 @@ class Extended:
         u = np.stack([np.array(next(given.turns), dtype=Long) for _ in range(m)])
         inverse = np.zeros((given.n, m, m), dtype=Long)
 
-        def sums(of_what: _Given, moving: Array) -> Array:
+        def sums(of_what: _RowInputs, moving: Array) -> Array:
             of_what.parameters[of] = list(moving)
             return np.stack([self._sum(x, of_what) for x in of.definition[:m]])
 
@@ -272,7 +272,7 @@ class Extended:
         given.parameters[of] = list(moving)
         return given.parameters[of]
 
-    def _quantity(self, x: Quantity, given: _Given) -> Array:
+    def _quantity(self, x: Quantity, given: _RowInputs) -> Array:
         """Return a quantity with its rates (3, N) [m, rad or 1]."""
         closure, frames, turns = given.closure, given.frames, given.turns
         if isinstance(x, JointCoordinate):

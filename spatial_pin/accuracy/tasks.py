@@ -252,7 +252,7 @@ FEWER = (1e-4, 1e-8, 1e-13)  # of lower ones
 CORRECTIONS = (0, 1, 2)
 TIME_TOLERANCES = {  # by formulation and integrator
     ("independent", "DOP853"): (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12),
-    ("independent", "RK45"): (1e-3, 1e-4, 1e-6, 1e-8),
+    ("independent", "RK45"): (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8),
     ("independent", "LSODA"): (1e-4, 1e-6, 1e-8, 1e-10),
     ("independent", "Radau"): (1e-3, 1e-5, 1e-7),
     ("independent", "BDF"): (1e-4, 1e-6),

@@ -256,7 +256,7 @@ def _searched(problem: AssemblyProblem, limits: bool, release: bool) -> tuple[Ar
     with problem.workspaces:
         search = Search(problem, limits)
         search.run(release=release)
-        if search.best is None and problem.standing and release:
+        if search.best is None and problem.standing and release and not search.is_beyond_gap:
             before, search = search, Search(problem.released(), limits)
             search.run(problem.unreleased, before=before)
         if search.best is None:

@@ -17,7 +17,7 @@ from spatial_pin.constraints.composed_equations import (
     implicit_angles,
 )
 from spatial_pin.mechanism.coordinates import CoordinateRates
-from spatial_pin.mechanism.curves import CurveShape
+from spatial_pin.mechanism.curves import CurveShape, curves_in
 from spatial_pin.mechanism.equations import (
     Cosine,
     Displacement,
@@ -45,7 +45,7 @@ def contact_closure(mechanism: Mechanism, name: object) -> Closure | None:
 
 def contact_coordinates(closure: Closure) -> tuple[str, ...]:
     """Return the coordinates of a closure that lie along its curves: "s" and "s2"."""
-    return ("s", "s2")[: len(closure.curves)]
+    return ("s", "s2")[: len(curves_in(closure.numbers))]
 
 
 def contact_rates(
@@ -61,10 +61,7 @@ def contact_rates(
         name: ends in "s2" of the second of two curves.
     """
     position, rotation = _relative(*frames)
-    rows = [k for k, angle in enumerate(constraints_of(mechanism).angles)
-            if angle.name[0] == closure.name]
-    near = angles[:, rows].T if rows and angles.shape[-1] else np.zeros((2, *position[0].values[0].
-                                                                         shape))
+    near = angles_of(mechanism, closure, angles, len(position[0].values[0]))
     second = name.endswith("2")
     curve = _curve(closure, second)
     if "curves" in closure.numbers or curve.path is not None:
@@ -73,6 +70,17 @@ def contact_rates(
     else:
         s = _place(closure, position, rotation, near)
     return CoordinateRates(*(s.derivative(k) for k in range(3)))
+
+
+def angles_of(mechanism: Mechanism, closure: Closure, angles: Array, n: int) -> Array:
+    """Return those angles (k, n) of a motion (n, n_angles) that count turns of a closure's curves.
+
+    Zero, two of them, where the motion has none.
+    """
+    rows = [k for k, angle in enumerate(constraints_of(mechanism).angles)
+            if angle.name[0] == closure.name]
+    found: Array = angles[:, rows].T if rows and angles.shape[-1] else np.zeros((2, n))
+    return found
 
 
 def _curve(closure: Closure, second: bool = False) -> CurveShape:
@@ -183,12 +191,13 @@ class ContactShape(NamedTuple):
     curvature: Array
 
 
-def contact_shape(closure: Closure, seen: tuple[Array, Array]) -> ContactShape:
+def contact_shape(closure: Closure, seen: tuple[Array, Array], near: Array) -> ContactShape:
     """Return the curve at its contact, from its distance by direction, or its support function.
 
     Args:
         closure: of a curve.
         seen: origin (N, 3) [m] and rotation (N, 3, 3) of frame 2 in frame 1.
+        near: (k, N) angles of the closure, see `angles_of`.
     """
     curve: Any = _curve(closure)
     follower: Any = closure.numbers.get("follower")
@@ -196,7 +205,7 @@ def contact_shape(closure: Closure, seen: tuple[Array, Array]) -> ContactShape:
     if "curves" in closure.numbers or curve.path is not None:
         series = ([Taylor([x]) for x in position.T],
                   [[Taylor([x]) for x in row] for row in np.moveaxis(rotation, 0, -1)])
-        u = parameters_of(closure, *series, np.zeros((2, len(position))))[0].values[0]
+        u = parameters_of(closure, *series, near)[0].values[0]
         return _shape_at(curve, u)
     if curve.at is None:
         radius, lead = curve.numbers or (0.0, 1.0)

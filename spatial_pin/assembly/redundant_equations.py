@@ -61,6 +61,7 @@ EVERY = 4
 # least singular value, seldom by more than ten times.
 INDEPENDENT = 1e-2
 CLEAR_OF_CUT = 3.0  # ratio to the cut of all singular values of a regular mechanism
+NEARLY = 10.0  # gaps by which loops are open that a wider gap closes: a digit less
 MOTION_SAMPLES = 48  # samples of the motion; half must be reached: more than one turn
 STRIDE = 0.4  # distance between samples [rad, characteristic lengths]: three turns in all
 START_SAMPLES = 8  # starts if the guess of the file does not close: usually one in two closes
@@ -78,7 +79,7 @@ USELESS = 0.05
 FAIR, TWICE = 0.3, 2.0
 # of motion from the guess, over which equations stay within the gap
 HALF_RADIAN, PARTS_OF_MOTION = 0.5, 4
-PART = HALF_RADIAN / PARTS_OF_MOTION
+PART = HALF_RADIAN / PARTS_OF_MOTION  # [rad, characteristic lengths]
 MOST_SAMPLED = 400  # configurations of a path: eight turns, in a tenth of a second
 DIRECTIONS = 6  # of that motion, each taken both ways
 LONGER_MOTION = 4  # such motions in a row, over which it is seen how long equations are independent
@@ -220,7 +221,7 @@ def _selected(evaluation: LoopEquations, gap: float) -> SelectedEquations | None
     """Return the remaining equations if the numbers of others are rounded; None: all."""
     cut = min(GAPS_WIDE * gap, WIDEST_GAP)
     first = next(_start_samples(evaluation, cut, gap), None)
-    if first is None:
+    if first is None or _just_misses(evaluation, cut, gap):
         return None
     reached = [first, *_motion_samples(evaluation, first, cut, gap)]
     rank = max(_rank(x.s, cut) for x in reached)
@@ -317,6 +318,15 @@ def _start_samples(evaluation: LoopEquations, cut: float, gap: float) -> Iterato
         sample = _sample(evaluation, pin.integrate(model, q, shaken), cut, gap)
         if sample is not None:
             yield sample
+
+
+def _just_misses(evaluation: LoopEquations, cut: float, gap: float) -> bool:
+    """Whether the guess of the file closes to a somewhat larger gap only.
+
+    Another branch may have a smaller one, but the loops are not drawn there.
+    """
+    missed = _sample(evaluation, _guess(evaluation.mechanism), cut, NEARLY * gap)
+    return missed is not None and missed.error > gap
 
 
 def _nearby(

@@ -14,8 +14,8 @@ from spatial_pin._support.brief import brief
 from spatial_pin._support.checks import finite_array, is_finite
 from spatial_pin._support.lazy import cached_property, made_once
 from spatial_pin.assembly.contact_places import contact_closure, contact_rates
-from spatial_pin.assembly.frames import Located, located
 from spatial_pin.constraints.compiled_equations import constraints_of
+from spatial_pin.constraints.trees import Located, located
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
 from spatial_pin.mechanism.coordinates import CoordinateRates, coordinate_rates, require_mechanism

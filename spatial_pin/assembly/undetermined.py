@@ -229,7 +229,7 @@ def dependence_words(
     freedom = closures.shape[1] - decompose(closures).rank
     moving = drive @ decompose(closures).null_space.T
     if freedom < len(driven):
-        rank = decompose(closures, TOLERANCES.near_singular).rank
+        rank = decompose(closures, TOLERANCES.half_precision).rank
         if closures.shape[1] - rank >= len(driven):
             n, q = evaluation.constraints.n_closure, evaluation.q.copy()
             lost = rank_loss(evaluation, q, len(independent_rows(evaluation.jacobian[:n])))
@@ -255,6 +255,9 @@ def dependence_words(
                 "prescribe another coordinate")
     independent = common_rows(moving[None], np.zeros((0, moving.shape[1])), len(driven))
     follow = [repr(c.name) for k, c in enumerate(driven) if k not in independent]
+    if not follow:
+        return (f"{where}singular configuration: branches cross, so that the speeds of {names} "
+                "do not determine the motion; start beside this configuration")
     return (f"{where}singular configuration: the prescribed {names} depend on each other "
             f"there, for the loops let them move together only: {', '.join(follow)} "
             f"go{'es' * (len(follow) == 1)} as the others do; prescribe another coordinate "

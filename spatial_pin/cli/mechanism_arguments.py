@@ -45,11 +45,13 @@ def loaded(options: argparse.Namespace) -> sp.Mechanism:
     return sp.load(options.mechanism, **how, **given)
 
 
-def unique(options: argparse.Namespace, settings: list[tuple[str, float]]) -> dict[str, float]:
+def unique(
+    options: argparse.Namespace, settings: list[tuple[str, Result]], of: str = "values"
+) -> dict[str, Result]:
     """Return values by name; two of one name are wrong usage."""
     values = dict(settings)
     if len(values) < len(settings):
-        options.usage_error("a name is given two values")
+        options.usage_error(f"a name is given two {of}")
     return values
 
 

@@ -156,11 +156,17 @@ def from_zero(text: str) -> int:
     return int(text)
 
 
+def _named(text: str, form: str, sign: str = "=") -> tuple[str, str]:
+    """Return name and value of a text; refuse one of another form, without the sign in it."""
+    name, equals, given = text.partition("=")
+    if not (name and equals and sign in equals + given):
+        raise argparse.ArgumentTypeError(f"{text!r} is not {form}")
+    return name, given
+
+
 def setting(text: str) -> tuple[str, float]:
     """Return name and value of `NAME=VALUE`."""
-    name, equals, given = text.partition("=")
-    if not (name and equals):
-        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=VALUE")
+    name, given = _named(text, "NAME=VALUE")
     return name, value(given)
 
 
@@ -182,29 +188,23 @@ def rising(text: str) -> tuple[str, tuple[ValueWithUnit, ValueWithUnit]]:
 
 def span(text: str) -> tuple[str, tuple[ValueWithUnit, ValueWithUnit]]:
     """Return name and ends of `NAME=LO..HI`."""
-    name, equals, given = text.partition("=")
-    low, dots, high = given.partition("..")
-    if not (name and equals and dots):
-        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=LO..HI")
+    name, given = _named(text, "NAME=LO..HI", "..")
+    low, _, high = given.partition("..")
     return name, (value(low), value(high))
 
 
 def bounded(text: str) -> tuple[str, Bounds]:
     """Return name and ends of `NAME=LO..HI`; None for an end left out, and for those of `NAME`."""
-    name, equals, given = text.partition("=")
-    low, dots, high = given.partition("..")
-    if not equals:
-        return name, None
-    if not (name and dots):
-        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=LO..HI")
+    if "=" not in text:
+        return text, None
+    name, given = _named(text, "NAME=LO..HI", "..")
+    low, _, high = given.partition("..")
     return name, (value(low) if low else None, value(high) if high else None)
 
 
 def numbers(text: str) -> tuple[str, tuple[ValueWithUnit, ...]]:
     """Return name and numbers of `NAME=A,B,C`."""
-    name, equals, given = text.partition("=")
-    if not (name and equals):
-        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=A,B,C")
+    name, given = _named(text, "NAME=A,B,C")
     return name, tuple(value(word) for word in given.split(","))
 
 
@@ -218,8 +218,8 @@ def target(text: str) -> tuple[str, Any]:
 
 def package(text: str) -> tuple[str, str]:
     """Return name and folder of `NAME=FOLDER`."""
-    name, separator, folder = text.partition("=")
-    if not (name and separator and folder):
+    name, folder = _named(text, "NAME=FOLDER")
+    if not folder:
         raise argparse.ArgumentTypeError(f"{text!r} is not NAME=FOLDER")
     return name, folder
 

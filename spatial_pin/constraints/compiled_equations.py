@@ -330,7 +330,7 @@ def constraints_of(mechanism: Mechanism) -> Constraints:
 
 
 def composed_rates(
-    c: Constraints, products: Sequence[Array], coordinates: Sequence[Array]
+    c: Constraints, products: Sequence[Array], coordinates: Sequence[Array], angles: Array
 ) -> Array:
     """Return the derivative (n_closure, ...) of the closure equations of the highest order given.
 
@@ -338,19 +338,20 @@ def composed_rates(
         c: the equations.
         products: (N, ...) derivatives 0, 1, ... of all products.
         coordinates: q, v and further derivatives (nv, ...); zero where there are no more.
+        angles: (n_angles,) that counted ones are nearest to [rad].
     """
     order = len(products) - 1
     out = np.zeros((c.n_closure, *products[0].shape[1:]))
     out[: c.n_products] = products[order][: c.n_products]
     for group in c.composed:
-        value, _ = group.values(group.inputs(products, coordinates))
+        value, _ = group.values(group.inputs(products, coordinates), angles)
         out[group.rows] = value.derivative(order)
     return out
 
 
 def combined_wrenches(
     c: Constraints, products: Sequence[Array], coordinates: Sequence[Array],
-    wrenches: Sequence[Array],
+    wrenches: Sequence[Array], angles: Array,
 ) -> list[Array]:
     """Return the wrenches of the equations; after them those that act on other bodies.
 
@@ -360,6 +361,7 @@ def combined_wrenches(
         coordinates: q (nq, 1, ...), and the same derivative of v's integral (nv, 1, ...).
         wrenches: (N, 6, ...) of the products, or what else is linear in their derivatives; and
             the same derivative of that.
+        angles: (n_angles,) that counted ones are nearest to [rad].
 
     Returns:
         As many as `wrenches`, (n_wrenches, 6, ...).
@@ -371,7 +373,7 @@ def combined_wrenches(
     for group in c.composed:
         if not len(group.products):
             continue
-        slopes = group.slopes(products, coordinates)[: len(group.products)]
+        slopes = group.slopes(products, coordinates, angles)[: len(group.products)]
         for k, (at, slope) in enumerate(zip(group.products, slopes, strict=True)):
             to = [extra[p] for p in at.tolist()] if k in group.other_body_products else group.rows
             term = slope * Taylor.of([w[at] for w in wrenches])

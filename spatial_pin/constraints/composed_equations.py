@@ -25,7 +25,8 @@ Ints = NDArray[np.intp]
 NEWTON_STEPS = 30
 LONGEST_STEP = 0.1  # of the span of a parameter
 STEP_NOISE = 1e-13  # likewise: a step so short is the last one
-STARTS = 48, 24  # of one parameter, and along each of two
+STARTS = 48, 16  # of one parameter, and along each of two
+ROUGH_STEPS, ROUGH = 8, 1e-3  # from these, and a step so short is on the way to a root
 
 
 class QuantityIndex(NamedTuple):
@@ -173,18 +174,19 @@ class Composed:
         return [Taylor(x.values, [seed, *[0.0] * (len(products) - 1)])
                 for x, seed in zip(inputs, seeds, strict=True)]
 
-    def values(self, inputs: list[Taylor], reference: Array | None = None
-               ) -> tuple[Taylor, list[Taylor]]:
+    def values(
+        self, inputs: list[Taylor], reference: Array
+    ) -> tuple[Taylor, list[Taylor]]:
         """Return the equations (m, ...), and each of their angles.
 
         Args:
             inputs: products, then coordinates.
-            reference: (n_angles, ...) that the angles are nearest to [rad]; zero if left out.
+            reference: (n_angles, ...) that the angles are nearest to [rad].
         """
         like, first = inputs[0].values[0], self.equations[0]
         angles: list[Taylor] = []
         for (_, sine), numbers in zip(first.angles, self.angles, strict=True):
-            near = 0.0 if reference is None else _with_axes_of(reference[numbers], like)
+            near = _with_axes_of(reference[numbers], like)
             angles.append(argument(inputs[sine], inputs[sine + 1], near) if sine >= 0
                           else inputs[0] * 0.0 + near)
         n = len(first.products)
@@ -193,32 +195,43 @@ class Composed:
             implicit_angles(implicit, known)
         terms = [(_with_axes_of(weight, like), factors)
                  for weight, (_, factors) in zip(self.weights, first.terms, strict=True)]
-        return _sum(terms, known) + inputs[0] * 0.0, angles
+        return _sums([terms], known)[0] + inputs[0] * 0.0, angles
 
-    def slopes(self, products: Sequence[Array], coordinates: Sequence[Array]) -> list[Taylor]:
+    def slopes(
+        self, products: Sequence[Array], coordinates: Sequence[Array], angles: Array
+    ) -> list[Taylor]:
         """Return derivatives (m, 1, ...) of the equations, by products and then coordinates.
 
         Args:
             products: (N, 1, ...) derivatives 0, 1, ... of all products in the parameter.
             coordinates: the same of q and v, (nq, 1, ...) and (nv, 1, ...).
+            angles: (n_angles,) that the angles are nearest to [rad].
         """
-        value, _ = self.values(self.seeded(products, coordinates))
+        value, _ = self.values(self.seeded(products, coordinates), angles)
         n = len(self.products) + len(self.coordinates[0])
         return [Taylor([x[:, k : k + 1] if np.ndim(x) and x.shape[1] == n else x
                         for x in value.changes]) for k in range(n)]
 
 
-def _sum(terms: Iterable[tuple[Any, tuple[QuantityIndex, ...]]],
-         known: Mapping[str, Sequence[Taylor]]) -> Any:
-    """Return the sum of terms of quantities by kind."""
-    total: Any = 0.0
-    for weight, factors in terms:
-        term: Any = weight
-        for kind, at, function in factors:
-            x = known[kind][at]
-            term = (function(x) if function else x) * term
-        total = term + total
-    return total
+def _sums(
+    of: Iterable[Iterable[tuple[Any, tuple[QuantityIndex, ...]]]],
+    known: Mapping[str, Sequence[Taylor]],
+) -> list[Any]:
+    """Return sums of terms of quantities by kind; functions of these are evaluated once."""
+    evaluated: dict[QuantityIndex, Taylor] = {}
+    found = []
+    for terms in of:
+        total: Any = 0.0
+        for weight, factors in terms:
+            term: Any = weight
+            for factor in factors:
+                if factor not in evaluated:
+                    x = known[factor.kind][factor.at]
+                    evaluated[factor] = factor.function(x) if factor.function else x
+                term = evaluated[factor] * term
+            total = term + total
+        found.append(total)
+    return found
 
 
 def implicit_angles(implicit: ImplicitAngles, known: dict[str, list[Taylor]]) -> None:
@@ -233,11 +246,10 @@ def implicit_angles(implicit: ImplicitAngles, known: dict[str, list[Taylor]]) ->
     still = {kind: [Taylor([x.values[0]]) for x in of] for kind, of in known.items()}
     inputs = np.broadcast_shapes(*(np.shape(x.values[0]) for of in known.values() for x in of))
     u = np.array([np.broadcast_to(x.values[0], inputs) for x in known["angle"][own]], float)
-    near, (u, good) = u, _roots(implicit, still, u)
-    good &= np.any(near != 0.0, axis=0)
-    if not np.all(good):
-        far = _nearest_roots(implicit, still)
-        u = np.where(good, u, far)
+    is_known = np.any(u != 0.0, axis=0)
+    u, is_root = _roots(implicit, still, u) if np.any(is_known) else (u, is_known)
+    if not np.all(is_root & is_known):
+        u = np.where(is_root & is_known, u, _nearest_roots(implicit, still))
     known["angle"][own] = [Taylor([x]) for x in u]
     still["angle"][own] = known["angle"][own]
     _, slopes = _with_slopes(implicit, still, u)
@@ -246,7 +258,7 @@ def implicit_angles(implicit: ImplicitAngles, known: dict[str, list[Taylor]]) ->
     series = [like * 0.0 + x for x in u]
     for _ in range(len(like.values) + bool(like.changes)):
         known["angle"][own] = series
-        sums = [_sum(x, known) for x in implicit.sums[: len(u)]]
+        sums = _sums(implicit.sums[: len(u)], known)
         series = [x - sum((g * inverse[..., k, m] for m, g in enumerate(sums)), 0.0)
                   for k, x in enumerate(series)]
     known["angle"][own] = series
@@ -255,41 +267,51 @@ def implicit_angles(implicit: ImplicitAngles, known: dict[str, list[Taylor]]) ->
 def _with_slopes(
     implicit: ImplicitAngles, known: Mapping[str, Sequence[Taylor]], u: Array
 ) -> tuple[Array, Array]:
-    """Return all the sums (m + 2, ...) at angles (m, ...), and slopes (m, m, ...) of the first."""
-    m, all_sums, slopes = len(u), [], []
+    """Return the first m sums (m, ...) at angles (m, ...), and their slopes (m, m, ...)."""
+    m, slopes, sums = len(u), [], [Taylor([0.0, 0.0])]
     for k in range(m):
-        seeded = {kind: [Taylor([x.values[0], 0.0 * x.values[0]]) for x in of]
-                  for kind, of in known.items()}
+        seeded = {kind: [Taylor([x.values[0], 0.0]) for x in of] for kind, of in known.items()}
         seeded["angle"][implicit.first : implicit.first + m] = [
-            Taylor([x, np.full_like(x, float(i == k))]) for i, x in enumerate(u)]
-        found = [_sum(x, seeded) for x in implicit.sums]
-        all_sums = [np.broadcast_to(x.values[0] if isinstance(x, Taylor) else x, u[0].shape)
-                    for x in found]
-        slopes.append([np.broadcast_to(x.values[1], u[0].shape) for x in found[:m]])
-    return np.array(all_sums), np.array(slopes).swapaxes(0, 1)
+            Taylor([x, float(i == k)]) for i, x in enumerate(u)]
+        sums = _sums(implicit.sums[:m], seeded)
+        slopes.append([np.broadcast_to(x.values[1], u[0].shape) for x in sums])
+    return (np.array([np.broadcast_to(x.values[0], u[0].shape) for x in sums]),
+            np.array(slopes).swapaxes(0, 1))
+
+
+def _judged(
+    implicit: ImplicitAngles, known: Mapping[str, Sequence[Taylor]], u: Array
+) -> tuple[Array, Array]:
+    """Return the sum that is positive at a root, and the one that is least there, at angles."""
+    still = {kind: list(of) for kind, of in known.items()}
+    still["angle"][implicit.first : implicit.first + len(u)] = [Taylor([x]) for x in u]
+    positive, least = (np.broadcast_to(x.values[0] if isinstance(x, Taylor) else x, u[0].shape)
+                       for x in _sums(implicit.sums[len(u) :], still))
+    return positive, least
 
 
 def _roots(
-    implicit: ImplicitAngles, known: Mapping[str, Sequence[Taylor]], u: Array
+    implicit: ImplicitAngles, known: Mapping[str, Sequence[Taylor]], u: Array,
+    steps: int = NEWTON_STEPS, noise: float = STEP_NOISE,
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Return the roots (m, ...) that Newton's method finds from angles, and where it found one."""
     span = np.array([high - low for low, high in implicit.spans])
     span = span.reshape(-1, *[1] * (u.ndim - 1))
-    step = u
-    for _ in range(NEWTON_STEPS):
+    size = np.full(u[0].shape, np.inf)
+    for _ in range(steps):
         sums, slopes = _with_slopes(implicit, known, u)
-        if len(u) == 1:  # downhill, towards the nearest point of a curve
-            step = -sums[:1] / np.maximum(np.abs(slopes[0]), 1e-300)
-        else:
-            square = np.moveaxis(slopes, (0, 1), (-2, -1))
-            step = -np.moveaxis(np.linalg.pinv(square) @ np.moveaxis(sums[:2], 0, -1)[..., None],
-                                -2, 0)[..., 0]
-        size = np.max(np.abs(step) / span, axis=0)
-        u = u + step * np.minimum(1.0, LONGEST_STEP / np.maximum(size, 1e-300))
-        if np.all(size <= STEP_NOISE):
+        with np.errstate(all="ignore"):
+            if len(u) == 1:  # downhill, towards the nearest point of a curve
+                step = -sums / np.abs(slopes[0])
+            else:
+                (a, b), (c, d) = slopes
+                step = np.array([b * sums[1] - d * sums[0], c * sums[0] - a * sums[1]]) / (
+                    a * d - b * c)
+            size = np.max(np.abs(step) / span, axis=0)
+            u = u + np.nan_to_num(step * np.minimum(1.0, LONGEST_STEP / size))
+        if np.all(size <= noise):
             break
-    is_root = np.max(np.abs(step) / span, axis=0) <= STEP_NOISE
-    return u, is_root & (_with_slopes(implicit, known, u)[0][-2] > 0.0)
+    return u, (size <= noise) & (_judged(implicit, known, u)[0] > 0.0)
 
 
 def _nearest_roots(
@@ -303,11 +325,11 @@ def _nearest_roots(
     shape = np.broadcast_shapes(*(np.shape(x.values[0]) for of in known.values() for x in of))
     starts = np.broadcast_to(starts.reshape(m, -1, *[1] * len(shape)),
                              (m, starts.shape[1], *shape)).copy()
-    u, is_root = _roots(implicit, known, starts)
-    last = np.abs(_with_slopes(implicit, known, u)[0][-1])
-    last = np.where(is_root, last, np.inf)
+    u, is_root = _roots(implicit, known, starts, ROUGH_STEPS, ROUGH)
+    last = np.where(is_root, np.abs(_judged(implicit, known, u)[1]), np.inf)
     best = np.argmin(last, axis=0)[None]
-    found: Array = np.array([np.take_along_axis(x, best, axis=0)[0] for x in u])
+    found, _ = _roots(implicit, known, np.array([np.take_along_axis(x, best, axis=0)[0]
+                                                 for x in u]))
     return np.array([low + np.mod(x - low, high - low) if periodic else x for x, (low, high),
                      periodic in zip(found, implicit.spans, implicit.is_periodic, strict=True)])
 

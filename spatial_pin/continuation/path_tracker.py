@@ -34,6 +34,7 @@ from spatial_pin.kernel.kernel import Kernel, kernel_of
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
 from spatial_pin.kernel.paths import Path, PathSamples, path_of, prescribed_indices
 from spatial_pin.mechanism.coordinates import coordinate_value, driver_coordinates
+from spatial_pin.mechanism.extent import unlike_links
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array
@@ -187,7 +188,7 @@ class Branch:
         system.check_regular(state.q)
         if system.pivot < TOLERANCES.singular:
             raise SingularError(f"mechanism {self.mechanism.name!r}: singular configuration at "
-                                f"the start, {state}", state=state)
+                                f"the start, {state}{unlike_links(self.mechanism)}", state=state)
         return system
 
     def point_at(self, q: Array, s: float, angles: Array, system: SquareSystem) -> PathPoint:

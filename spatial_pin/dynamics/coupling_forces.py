@@ -7,7 +7,9 @@ section and helix angle beta [Norton, Machine Design, ch. 12-13],
 
     F t + |F| tan(alpha) / cos(beta) e + F tan(beta) g
 
-with e into that body, away from the other, and g along the pitch line, both square to t. A strand
+with e into that body, away from the other, and g along the pitch line, both square to t. Where the
+axes cross, as of a worm and its wheel, the bodies slide along their teeth: these lie along the
+relative velocity, and with n square to them and to e the force is F n + |F| tan(alpha) e. A strand
 pulls both bodies towards each other along its own line. F is what virtual power makes of the
 coupling's multiplier: F t . (J2 - J1) = multiplier * row.
 """
@@ -15,6 +17,7 @@ coupling's multiplier: F t . (J2 - J1) = multiplier * row.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +32,8 @@ from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.stacked import cross
 
 ROLLING = 1e-6  # part of the speed at a point that bodies may miss it by: rounded numbers of a file
+CROSSED = 1e-3  # sine of the angle of velocities at a point, above which they are not parallel
+HELIX_DIGITS = 1e-4  # rad: rounded angles of a file
 
 
 class ForceLine(NamedTuple):
@@ -169,6 +174,11 @@ def _tooth_line(
     (v1, w1), (v2, w2) = ((_at(x, p) @ v, x[3:] @ v) for x in moving)
     speed = float(np.linalg.norm(v1))
     apart = float(np.linalg.norm(v1 - v2))
+    arms = [np.cross(x, w) / (w @ w) if np.any(w) else None for x, w in ((v1, w1), (v2, w2))]
+    if np.linalg.norm(np.cross(v1, v2)) > CROSSED * speed * float(np.linalg.norm(v2)):
+        n, e = _crossed_teeth(where, teeth, (v1, w1), v2)
+        aside = math.tan(teeth.pressure_angle) * _outwards(arms, e) * e
+        return ForceLine(p, n, aside, _by_multiplier(where, p, n, moving, row))
     if speed == 0.0 or apart > ROLLING * speed:
         raise MechanismFileError(
             f"{where}: teeth: at the point the bodies move at {speed:.6g} and "
@@ -185,18 +195,56 @@ def _tooth_line(
         raise MechanismFileError(f"{where}: teeth: both joints slide, and have no pitch line")
     g = across / np.linalg.norm(across)
     e = np.cross(t, g)
-    arms = [np.cross(x, w) / (w @ w) if np.any(w) else None for x, w in ((v1, w1), (v2, w2))]
-    away = [None if arm is None else float(arm @ e) for arm in arms]
-    if away[0] is None or (away[1] is not None and away[0] * away[1] > 0.0
-                           and abs(away[0]) > abs(away[1])):  # a rack, or a ring about a pinion
-        side = -(away[1] or 1.0)
-    else:
-        side = away[0]
     # a right-handed tooth leans from the axis that it turns about towards its motion
     hand = math.copysign(1.0, w1 @ g) if np.any(w1) else -math.copysign(1.0, w2 @ g)
     along = t - hand * math.tan(teeth.helix_angle) * g
-    aside = math.tan(teeth.pressure_angle) / math.cos(teeth.helix_angle) * np.sign(side) * e
+    aside = math.tan(teeth.pressure_angle) / math.cos(teeth.helix_angle) * _outwards(arms, e) * e
     return ForceLine(p, along, aside, _by_multiplier(where, p, t, moving, row))
+
+
+def _outwards(arms: Sequence[Array | None], e: Array) -> float:
+    """Return 1 if a direction (3,) leads from the first body into the second, else -1.
+
+    Args:
+        arms: of both, from their axes to the point; None of a rack.
+        e: square to both pitch surfaces.
+    """
+    away = [None if arm is None else float(arm @ e) for arm in arms]
+    if away[0] is None or (away[1] is not None and away[0] * away[1] > 0.0
+                           and abs(away[0]) > abs(away[1])):  # a rack, or a ring about a pinion
+        return -math.copysign(1.0, away[1] or 1.0)
+    return math.copysign(1.0, away[0])
+
+
+def _crossed_teeth(
+    where: str, teeth: Teeth, first: tuple[Array, Array], v2: Array
+) -> tuple[Array, Array]:
+    """Return the normal of teeth in the plane of both velocities, and the one of that plane.
+
+    Args:
+        where: for errors.
+        teeth: of a worm and its wheel, or of other gears with crossed axes.
+        first: velocity and angular velocity of the first body, (3,) each.
+        v2: (3,) velocity of the second.
+
+    Raises:
+        MechanismFileError: their helix angle is not that of the ratio.
+    """
+    v1, w1 = first
+    e = np.cross(v1, v2)
+    e /= np.linalg.norm(e)
+    tooth = (v1 - v2) / np.linalg.norm(v1 - v2)
+    if np.any(w1):
+        axis = w1 / np.linalg.norm(w1)
+        tooth = tooth * math.copysign(1.0, tooth @ axis)
+        helix = math.atan2(float(tooth @ v1) / float(np.linalg.norm(v1)), float(tooth @ axis))
+        if teeth.helix_angle and abs(helix - teeth.helix_angle) > HELIX_DIGITS:
+            raise MechanismFileError(
+                f"{where}: teeth: helix_angle is {teeth.helix_angle:.9g} rad; where axes cross it "
+                f"follows from the ratio and the point, and is {helix:.9g} rad here (leave it out, "
+                "or change these)")
+    n = np.cross(e, tooth)
+    return n * math.copysign(1.0, n @ v1), e
 
 
 def _strand_lines(

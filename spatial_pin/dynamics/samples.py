@@ -202,7 +202,8 @@ class LoadedSamples:
             with acquired(equations.mechanism, Kernel) as kernel:
                 jacobians = kernel.jacobians(piece.q)[:, :n]
             multipliers = minimum_norms_transposed(jacobians, equations.scale * closures)
-        poses = Poses(placements, columns, row_wrenches(equations.constraints, placements, piece.q))
+        poses = Poses(placements, columns, row_wrenches(
+            equations.constraints, placements, piece.q, piece.angles))
         reactions, self.on_ground[at] = equations.pairs.reactions(
             poses, transmitted, multipliers, piece.wrenches,
             at_joints + piece.turning - equations.model.armature * a)

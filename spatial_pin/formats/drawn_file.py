@@ -186,7 +186,8 @@ class DrawnFile:
         self.points: dict[str, tuple[str, Vector]] = self._tables("points", lambda table: (
             self._known_body(table, "body", table.text("body")), self.numbers.vector(table, "at")))
         self.rods: dict[str, tuple[str, str]] = self._tables("rods", self._rod)
-        self.gears: dict[str, dict[str, Any]] = self._tables("gears", self._gear)
+        self.gears: dict[str, dict[str, Any]] = self._tables(
+            "gears", lambda table: read_gear(self, table))
         self.keep: tuple[str, ...] = ()
         self.density: Number | None = None
         self.radius: Number | None = None
@@ -285,67 +286,73 @@ class DrawnFile:
                                   'use a joint of type = "spherical"')
         return ends
 
-    def _gear(self, table: TomlTable) -> dict[str, Any]:
-        """Return the coupling of two hinges that gears turn on, and of those of their carrier."""
-        ends = table.two_names("joints")
-        hinges = [name for name, joint in self.joints.items() if joint.type == "revolute"]
-        for name in ends:
-            if name not in hinges:
-                table.fail("joints", f"has {name!r}, which is no hinge of the drawing; "
-                                     f"{suggestion(name, hinges)}")
-        teeth = table.get("teeth")
-        if not isinstance(teeth, list) or len(teeth) != 2:
-            table.fail("teeth", "must be a list of two numbers")
-        counts = [self.numbers.checked(table, "teeth", x, above=0.0) for x in teeth]
-        other = -1.0 if table.flag("internal") else 1.0
-        for first, second, (one, two) in ((*ends, counts), (*ends[::-1], counts[::-1])):
-            for carrier, sign in zip(self.joints[second].between, (1.0, -1.0), strict=True):
-                turns = self._turns(carrier, first, second)
-                if not turns or self._same_line(first, second):
-                    continue
-                is_opposite = self._cosine(first, second) < ROUNDED - 1.0
-                last = other * sign * (-1.0 if is_opposite else 1.0)
-                joints = [*(name for name, _ in turns), second]
-                if len(turns) == 1:
-                    return {"type": "coupling", "joints": joints,
-                            "ratio": _product(-turns[0][1] * last, one, two)}
-                return {"type": "coupling", "joints": joints, "ratios": [
-                    *(_product(turn, one) for _, turn in turns), _product(last, two)]}
-        table.fail("joints", f"{ends[0]!r} and {ends[1]!r} must have one body in common, which "
-                             "carries both gears, or one that turns about the axis of the other "
-                             "gear")
 
-    def _cosine(self, one: str, two: str) -> float:
-        """Return the cosine between the axes of two joints."""
-        x, y = (unit(self.numbers.values(self.joints[name].axis)) for name in (one, two))
-        return float(x @ y)
+# ---------------------------------------------------------------- gears
 
-    def _same_line(self, one: str, two: str) -> bool:
-        """Whether two hinges turn about one line."""
-        axis = unit(self.numbers.values(self.joints[one].axis))
-        apart = self.numbers.values(self.joints[two].at) - self.numbers.values(self.joints[one].at)
-        return abs(self._cosine(one, two)) > 1.0 - ROUNDED and float(np.linalg.norm(
-            np.cross(axis, apart))) <= ROUNDED * float(np.linalg.norm(apart))
 
-    def _turns(self, carrier: str, axle: str, without: str) -> list[tuple[str, float]]:
-        """Return the hinges whose turns add up to that of the gear on an axle to its carrier.
+def read_gear(file: DrawnFile, table: TomlTable) -> dict[str, Any]:
+    """Return the coupling of two hinges that gears turn on, and of those of their carrier."""
+    ends, joints = table.two_names("joints"), file.joints
+    hinges = [name for name, joint in joints.items() if joint.type == "revolute"]
+    for name in ends:
+        if name not in hinges:
+            table.fail("joints", f"has {name!r}, which is no hinge of the drawing; "
+                                 f"{suggestion(name, hinges)}")
+    teeth = table.get("teeth")
+    if not isinstance(teeth, list) or len(teeth) != 2:
+        table.fail("teeth", "must be a list of two numbers")
+    counts = [file.numbers.checked(table, "teeth", x, above=0.0) for x in teeth]
+    other = -1.0 if table.flag("internal") else 1.0
+    for first, second, (one, two) in ((*ends, counts), (*ends[::-1], counts[::-1])):
+        for carrier, sign in zip(joints[second].between, (1.0, -1.0), strict=True):
+            turns = _turns(file, carrier, first, second)
+            if not turns or _same_line(file, first, second):
+                continue
+            is_opposite = _cosine(file, first, second) < ROUNDED - 1.0
+            last = other * sign * (-1.0 if is_opposite else 1.0)
+            names = [*(name for name, _ in turns), second]
+            if len(turns) == 1:
+                return {"type": "coupling", "joints": names,
+                        "ratio": _product(-turns[0][1] * last, one, two)}
+            return {"type": "coupling", "joints": names, "ratios": [
+                *(_product(turn, one) for _, turn in turns), _product(last, two)]}
+    table.fail("joints", f"{ends[0]!r} and {ends[1]!r} must have one body in common, which "
+                         "carries both gears, or one that turns about the axis of the other gear")
 
-        They are about one line, from the carrier to the gear, the axle the last, and each with the
-        sign of its turn about the axle's axis; none where there is no such way.
-        """
-        waiting: list[tuple[str, list[tuple[str, float]]]] = [(carrier, [])]
-        for body, turns in waiting:  # it grows: the shortest way is the first
-            for name, joint in self.joints.items():
-                if name == without or body not in joint.between or joint.type != "revolute" or (
-                        name in dict(turns) or not self._same_line(axle, name)):
-                    continue
-                is_first = joint.between[0] == body
-                sign = math.copysign(1.0, self._cosine(axle, name)) * (1.0 if is_first else -1.0)
-                found = [*turns, (name, sign)]
-                if name == axle:
-                    return found
-                waiting.append((joint.between[1 if is_first else 0], found))
-        return []
+
+def _cosine(file: DrawnFile, one: str, two: str) -> float:
+    """Return the cosine between the axes of two joints."""
+    x, y = (unit(file.numbers.values(file.joints[name].axis)) for name in (one, two))
+    return float(x @ y)
+
+
+def _same_line(file: DrawnFile, one: str, two: str) -> bool:
+    """Whether two hinges turn about one line."""
+    values, joints = file.numbers.values, file.joints
+    axis, apart = unit(values(joints[one].axis)), values(joints[two].at) - values(joints[one].at)
+    return abs(_cosine(file, one, two)) > 1.0 - ROUNDED and float(np.linalg.norm(
+        np.cross(axis, apart))) <= ROUNDED * float(np.linalg.norm(apart))
+
+
+def _turns(file: DrawnFile, carrier: str, axle: str, without: str) -> list[tuple[str, float]]:
+    """Return the hinges whose turns add up to that of the gear on an axle to its carrier.
+
+    They are about one line, from the carrier to the gear, the axle the last, and each with the
+    sign of its turn about the axle's axis; none where there is no such way.
+    """
+    waiting: list[tuple[str, list[tuple[str, float]]]] = [(carrier, [])]
+    for body, turns in waiting:  # it grows: the shortest way is the first
+        for name, joint in file.joints.items():
+            if name == without or body not in joint.between or joint.type != "revolute" or (
+                    name in dict(turns) or not _same_line(file, axle, name)):
+                continue
+            is_first = joint.between[0] == body
+            sign = math.copysign(1.0, _cosine(file, axle, name)) * (1.0 if is_first else -1.0)
+            path = [*turns, (name, sign)]
+            if name == axle:
+                return path
+            waiting.append((joint.between[1 if is_first else 0], path))
+    return []
 
 
 def _product(sign: float, one: Number, over: Number = 1.0) -> Any:

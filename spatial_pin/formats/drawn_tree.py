@@ -11,7 +11,7 @@ import math
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -72,26 +72,18 @@ MACROS = """
 """
 
 
-class DrawnTree(NamedTuple):
-    """What a drawing becomes.
-
-    Attributes:
-        xacro: the text of the open tree.
-        content: what a mechanism file says beside it; `tree` is how its file is called.
-        notices: what was cut, a sentence each.
-    """
-
-    xacro: str
-    content: dict[str, Any]
-    notices: tuple[str, ...]
-
-
-def drawn_tree(content: Mapping[str, Any], where: str) -> DrawnTree:
-    """Return the tree of a drawing, and its cut joints.
+def drawn_tree(
+    content: Mapping[str, Any], where: str
+) -> tuple[str, dict[str, Any], tuple[str, ...]]:
+    """Return the tree of a drawing.
 
     Args:
         content: of the mechanism file, as `tomllib` reads it; it has `bodies`.
         where: the file, for errors.
+
+    Returns:
+        Its xacro text; the content of a mechanism file for it, `tree` the name of its file; and
+        a sentence for everything that was cut.
 
     Raises:
         MechanismFileError: a body, joint, point or number cannot be; says all of them.
@@ -107,7 +99,7 @@ def drawn_tree(content: Mapping[str, Any], where: str) -> DrawnTree:
     stem = re.sub(r"[^\w.+-]+", "_", str(rest.get("name", ""))).strip("._") or "drawing"
     beside = {"name": "", **rest, "tree": f"{stem}.urdf.xacro",
               **{key: x for key, x in added.items() if x}}
-    return DrawnTree(text.xacro(), beside, tuple(text.notices()))
+    return text.xacro(), beside, tuple(text.notices())
 
 
 # ---------------------------------------------------------------- which joints are cut

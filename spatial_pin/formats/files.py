@@ -289,12 +289,12 @@ def _load_toml(request: Request) -> Mechanism:
     path = request.path
     top = TomlTable(parse_toml(read_text(path), path), str(path))
     if "bodies" in top:  # what is cut of a drawing is no fault that a warning tells
-        drawn = drawn_tree(top.content, top.where)
-        held = HeldFile.of(path.parent / drawn.content["tree"], drawn.xacro)
+        xacro, content, notices = drawn_tree(top.content, top.where)
+        held = HeldFile.of(path.parent / content["tree"], xacro)
         text = request.expanded or expand(held, request.parameters, request.trusted,
                                           request.packages)
-        made = made_of(drawn.content, held, parse_urdf(text, held), request, ())
-        return made.with_fields(notices=(*drawn.notices, *made.notices))
+        made = made_of(content, held, parse_urdf(text, held), request, ())
+        return made.with_fields(notices=(*notices, *made.notices))
     mistakes = Mistakes(str(path))
     with mistakes.each():
         file = _tree_of(top, request)

@@ -18,7 +18,8 @@ from numpy.typing import ArrayLike
 from spatial_pin._support.checks import finite_array, finite_number
 from spatial_pin._support.output_files import named_folder, named_path, replacing, write_text
 from spatial_pin.errors import MechanismFileError, SpatialPinError, UnknownNameError, warn
-from spatial_pin.formats.dialects import RobotReading, read_dialects
+from spatial_pin.formats.dialects.registry import read_dialects
+from spatial_pin.formats.dialects.robot import RobotReading
 from spatial_pin.formats.file_access import HeldFile, Trust, is_file, is_held, read_text
 from spatial_pin.formats.files import load, made_of
 from spatial_pin.formats.importers import Request
@@ -34,7 +35,7 @@ from spatial_pin.formats.urdf.urdf_model import (
     urdf_order,
 )
 from spatial_pin.formats.xacro.expansion import with_defaults
-from spatial_pin.mechanism.curves import CurveShape
+from spatial_pin.mechanism.curves import CurveShape, curves_in
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS
 from spatial_pin.mechanism.parts import Closure, Spring, drivers_of_tree
@@ -236,7 +237,7 @@ def content_of(mechanism: Mechanism) -> dict[str, Any]:
         "order": moving if moving != [n for n in urdf_order(robot) if n in moving] else [],
         "joints": {joint.get("name", ""): table for joint in robot.findall("joint")
                    if (table := _joint(mechanism, joint))},
-        "curves": {x.name: dict(x.form) for c in closures for x in c.curves},
+        "curves": {x.name: dict(x.form) for c in closures for x in curves_in(c.numbers)},
         "closures": [_closure(c) for c in closures],
         "drivers": {d.name: {"joint": d.joint} for d in mechanism.drivers.values()},
         "springs": [_spring(s) for s in mechanism.springs],
@@ -259,7 +260,7 @@ def _with_named_curves(closures: tuple[Closure, ...]) -> list[Closure]:
     found = []
     for c in closures:
         named = {}
-        for curve in c.curves:
+        for curve in curves_in(c.numbers):
             name = names.setdefault(id(curve), fresh(curve.name or f"{c.name}_curve",
                                                      set(names.values())))
             named[id(curve)] = replace(curve, name=name)

@@ -8,8 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from spatial_pin.errors import MechanismFileError
-from spatial_pin.formats.dialects import RobotReading, read_dialects, yaml_loops
-from spatial_pin.formats.dialects.registry import refuse_unread
+from spatial_pin.formats.dialects import yaml_loops
+from spatial_pin.formats.dialects.registry import read_dialects, refuse_unread
+from spatial_pin.formats.dialects.robot import RobotReading
 from spatial_pin.formats.file_access import Trust, read_text, shown
 from spatial_pin.formats.importers import Imported, Request
 from spatial_pin.formats.parsing import ROOT, parse_urdf

@@ -81,7 +81,7 @@ class ClosedDerivatives:
         self.geometry, self.state, self.mechanism = geometry, state, geometry.mechanism
         self._driven, self._still = list(driven), list(still)
         self.rows = RowDerivatives(
-            self.mechanism, Forces(self.mechanism), geometry.motion(state, state.a))
+            self.mechanism, Forces(self.mechanism), geometry.motion(state, state.a), state.angles)
         self.bodies = self.rows.bodies
         self.scale = state.mechanism.velocity_scale
         self.by = [self.rows.changes(k) for k in range(3)]
@@ -222,8 +222,9 @@ class ClosedDerivatives:
         geometry, own, nv = self.geometry, self.geometry.v, len(self.scale)
         springs, motion = Springs(Forces(self.mechanism)), geometry.motion(self.state, a)
         rows = self.rows if np.array_equal(a, self.state.a) else RowDerivatives(
-            self.mechanism, springs.forces, motion)
+            self.mechanism, springs.forces, motion, self.state.angles)
         springs.move(rows)
+        springs.refuse_undirected()
         by_q, by_v = changes_of_forces(
             rows, springs, ExternalWrenches(self.mechanism, None), multipliers)
         load = (by_q @ changes.q + by_v @ changes.v)[own]

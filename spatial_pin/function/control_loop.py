@@ -17,11 +17,14 @@ from spatial_pin.dynamics.solvers.bodies import bodies_of
 from spatial_pin.errors import SingularError, SpatialPinError, UnknownNameError
 from spatial_pin.kernel.closer import Closer
 from spatial_pin.kernel.kernel import Kernel
+from spatial_pin.kernel.library import DONE, address
 from spatial_pin.kernel.loop_equations import LoopEquations
+from spatial_pin.kernel.rate_solver import RateRows
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.follow import follow
 from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.rates.depending import frame_in_kernel
 from spatial_pin.rates.jacobians import Influence, moving_coordinates
 from spatial_pin.rates.prescribed import Prescription, chosen_at
 
@@ -43,11 +46,6 @@ class ControlLoop:
     The efforts of the motors for accelerations s'' of the drivers are
     inertia @ s'' + velocity_efforts + gravity_efforts, as `inverse_dynamics` has them.
 
-    Args:
-        mechanism: the mechanism.
-        frames: links, frames or joints whose Jacobians are wanted.
-        guess: where to begin, as for `assemble`.
-
     Attributes:
         mechanism: the mechanism.
         drivers: names, in the order of all arrays.
@@ -62,6 +60,11 @@ class ControlLoop:
         closure_error: as of a `State`.
         rate_error: estimated round-off of all rates, relative to their size: it grows towards a
             dead centre or another singular configuration, up to 1.
+
+    Args:
+        mechanism: the mechanism.
+        frames: links, frames or joints whose Jacobians are wanted.
+        guess: where to begin, as for `assemble`.
 
     Raises:
         AssemblyError: the guess does not close.
@@ -103,24 +106,49 @@ class ControlLoop:
         self._free = np.ones(nv, bool)
         self._free[[*self._at_v, *self._given.still]] = False
         self._size_of_q = _sizes(own)
-        self._points = {name: _point(self._kernel, own.frame_id(own.placed(name)))
-                        for name in names_of(frames, "frames")}
         self.q, self._angles = state.q.copy(), state.angles.copy()
         self.v, self.a, self._rest, self._step = np.zeros((4, nv))
         self.influence = Influence(np.zeros((nv, n)), np.zeros((nv, n, n)))
-        self.jacobians = {name: np.zeros((6, n)) for name in self._points}
+        points = {name: frame_in_kernel(own, own.frame_id(own.placed(name)))
+                  for name in names_of(frames, "frames")}
+        self._points = list(points.values())
+        self.jacobians = {name: np.zeros((6, n)) for name in points}
         self.inertia = np.zeros((n, n))
         self.gravity_efforts, self.velocity_efforts = np.zeros((2, n))
         self.closure_error = state.closure_error
         self._wanted, self._speeds, self._off = np.zeros((3, n))
         self._moved_mass, self._has_idle = np.zeros((nv, n)), False
+        self._ahead, self._next_angles = state.q.copy(), self._angles.copy()
+        self._at_ahead = address(self._ahead), address(self._step)
+        width = len(self._given.driven) + len(self._given.still)
+        self._driven = np.zeros((2, 1, width))
+        self._facts = np.zeros((1, 3))
+        self._news = [np.zeros((1, *x.shape)) for x in (self.v, self.a, *self.influence)]
+        v, a, first, second = self._news
+        self._found = RateRows(
+            np.zeros(1, np.int64), first, second, v=v, a=a, facts=self._facts)
+        self._new_jacobians = np.zeros((len(points), 1, 6, n))
+        self._found_jacobians = [RateRows(np.zeros(1, np.int64), jacobian=x)
+                                 for x in self._new_jacobians]
+        at = self._ahead[None], self._next_angles[None]
+        self._tasks = [
+            self._rates.prepared(*at, self._found, rates=(self._driven[0], self._driven[1])),
+            *(self._rates.prepared(*at, found, frame=point) for found, point in zip(
+                self._found_jacobians, self._points, strict=True))]
         self._finish(state.q, state.angles, state.closure_error)
         self._has_idle = bool(len(self._idle()))
         self._finish(state.q, state.angles, state.closure_error)
 
     @property
     def state(self) -> State:
-        """The State there, with v and a; of arrays of its own."""
+        """The State there, with v and a; of arrays of its own.
+
+        Example:
+            >>> loop = sp.ControlLoop(sp.load("four_bar"))
+            >>> loop.update([1.0])
+            >>> f"{loop.state.coordinate('rocker_pin').value:.4f} rad"
+            '1.6255 rad'
+        """
         return State(self.mechanism, self.q, self.v, self.a, closure_error=self.closure_error,
                      angles=self._angles if self._angles.size else None)
 
@@ -140,6 +168,12 @@ class ControlLoop:
             SingularError: they do not determine the motion there, or on the way to it.
             UnknownNameError: there is no such driver.
             ValueError: a number is NaN or infinite, or there are not n.
+
+        Example:
+            >>> loop = sp.ControlLoop(sp.load("four_bar"), frames=["rocker_b"])
+            >>> loop.update([1.0], rates=[10.0])  # or {"crank": 1.0}, {"crank": 10.0}
+            >>> (loop.jacobians["rocker_b"][:3, 0]).round(4)  # [m/s per rad/s]
+            array([-0.0464,  0.    , -0.0025])
         """
         self.q.take(self._at_q, out=self._wanted, mode="clip")
         self._speeds[:] = 0.0
@@ -175,7 +209,9 @@ class ControlLoop:
         size = float(np.abs(self._step / self.mechanism.velocity_scale).max(initial=0.0))
         if not size <= AT_ONCE:
             return None
-        ahead = self._kernel.displaced(self.q[None], self._step[None])[0]
+        ahead = self._ahead
+        ahead[:] = self.q
+        self._kernel.library.kernel_integrate(self._kernel.handle, 1, *self._at_ahead)
         ahead[self._at_q] = self._wanted
         q, error, _ = self._closer.close(
             ahead, self._free, self._angles, TOLERANCES.tight, DAMPED_STEPS, (), TOLERANCES.rank)
@@ -200,27 +236,37 @@ class ControlLoop:
 
     def _finish(self, q: Array, angles: Array, error: float) -> None:
         """Work out what belongs to a closed configuration; it is taken when all of it is known."""
-        rates, n = self._rates, len(self.drivers)
-        rates.speeds[:n], rates.accelerations[:] = self._speeds, 0.0
-        solved = rates.solve(q, angles)
-        if solved is None:
-            state = State(self.mechanism, q, closure_error=error,
-                          angles=angles if angles.size else None)
-            solved = rates.solve(q, angles, chosen_at(state, self._given))
-        if solved is None or not solved.is_finite:
-            raise SingularError(f"mechanism {self.mechanism.name!r}: rates are not determined")
+        n = len(self.drivers)
+        self._ahead[:], self._next_angles[:], self._driven[0, 0, :n] = q, angles, self._speeds
+        for work in self._tasks:
+            work()
+        if self._found.codes[0] != DONE:
+            self._solve_by_trial(error)
         self.q[:], self._angles[:], self.closure_error = q, angles, error
-        self.v[:], self.a[:], self.rate_error = solved.v, solved.a, solved.lost
-        first, second = self.influence
-        first[:] = rates.columns()
-        for name, (joint, local) in self._points.items():
-            self.jacobians[name][:] = rates.jacobian(joint, local)
-        for i in range(n):
-            for j in range(i + 1):
-                plus, minus = (rates.acceleration(first[:, i] + sign * first[:, j])
-                               for sign in (1.0, -1.0))
-                second[:, i, j] = second[:, j, i] = 0.25 * (plus - minus)
+        self.rate_error = self._facts.item(1)
+        for target, (row,) in zip((self.v, self.a, *self.influence), self._news, strict=True):
+            target[:] = row
+        for target, (row,) in zip(self.jacobians.values(), self._new_jacobians, strict=True):
+            target[:] = row
         self._find_efforts()
+
+    def _solve_by_trial(self, error: float) -> None:
+        """Solve with equations that are chosen here, where it is not clear which ones are good.
+
+        Raises:
+            SingularError: none are.
+        """
+        q, angles = self._ahead, self._next_angles
+        state = State(self.mechanism, q, closure_error=error,
+                      angles=angles if angles.size else None)
+        chosen, at = chosen_at(state, self._given), (q[None], angles[None])
+        self._rates.prepared(*at, self._found, rates=(self._driven[0], self._driven[1]),
+                             chosen=chosen)()
+        if self._found.codes[0] != DONE:
+            raise SingularError(f"mechanism {self.mechanism.name!r}: the rates are not determined, "
+                                "or larger than numbers can be")
+        for found, point in zip(self._found_jacobians, self._points, strict=True):
+            self._rates.prepared(*at, found, frame=point, chosen=chosen)()
 
     def _find_efforts(self) -> None:
         """Project inertia and forces on the drivers' motions, idle rotations left to themselves."""
@@ -279,10 +325,3 @@ def _sizes(mechanism: Mechanism) -> Array:
         if at >= 0:
             sizes[at] = mechanism.velocity_scale[c.v]
     return sizes
-
-
-def _point(kernel: Kernel, frame: int) -> tuple[int, Array]:
-    """Return the kernel's joint that carries a frame, and its origin in the joint's axes."""
-    own = kernel.mechanism.model.frames[frame]
-    joint = int(kernel.packed.carriers[own.parentJoint])
-    return joint, kernel.packed.frames[joint].T @ own.placement.translation

@@ -34,9 +34,9 @@ from spatial_pin.function.output_slopes import (
     function_output,
 )
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.motion.follow import follow
 from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.outputs import RATES
+from spatial_pin.motion.scattered_states import states
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.rates import prescribed_at, solve_rates
@@ -139,22 +139,52 @@ class Function:
         """Return the derivatives (N, k, m) at inputs x (N, m), or (k, m) at (m,).
 
         Raises:
-            AssemblyError, SingularError, ValueError: as a call.
+            AssemblyError: a row cannot be reached; says which.
+            SingularError: rates of a row are not determined.
             SpatialPinError: an output depends on a freedom that the inputs do not determine, or an
                 input alone opens a loop; says which.
+            ValueError: x is NaN or infinite, or has another shape.
+
+        Example:
+            >>> f = sp.function(sp.load("four_bar"), ["crank", "r2"], ["rocker_pin"])
+            >>> f.jacobian([1.0, 0.1]).round(4)  # (k, m)
+            array([[ 0.1935, -4.4373]])
         """
         return self._shaped(x, self._worked_out(self._rows(x), True)[1])
 
     def value_and_jacobian(self, x: Any) -> tuple[Array, Array]:
-        """Return the outputs and their derivatives, at the price of the latter."""
+        """Return the outputs and their derivatives, at the price of the latter.
+
+        Raises:
+            SpatialPinError, ValueError: as `jacobian`.
+
+        Example:
+            >>> f = sp.function(sp.load("four_bar"), ["crank", "r2"], ["rocker_pin"])
+            >>> values, slopes = f.value_and_jacobian([[1.0, 0.1], [2.0, 0.1]])
+            >>> values.shape, slopes.shape  # (N, k), (N, k, m)
+            ((2, 1), (2, 1, 2))
+        """
         values, slopes = self._worked_out(self._rows(x), True)
         return self._shaped(x, values), self._shaped(x, slopes)
 
     def vjp(self, x: Any, y: Any) -> Array:
-        """Return y times the derivatives, (N, m) at x (N, m) and y (N, k), or (m,) at (m,), (k,).
+        """Return y times the derivatives: the gradient of a function of the outputs.
+
+        Args:
+            x: (N, m) inputs, or (m,).
+            y: (N, k) weights of the outputs, or (k,).
+
+        Returns:
+            (N, m), or (m,).
 
         Raises:
-            as `jacobian`.
+            SpatialPinError: as `jacobian`.
+            ValueError: x or y is NaN or infinite, or has another shape.
+
+        Example:
+            >>> f = sp.function(sp.load("four_bar"), ["crank", "r2"], ["rocker_pin"])
+            >>> f.vjp([1.0, 0.1], [2.0]).round(4)  # (m,)
+            array([ 0.387 , -8.8745])
         """
         rows = self._rows(x)
         weights = finite_array(y, (*np.shape(x)[:-1], len(self.labels)), "y")
@@ -226,13 +256,16 @@ class Function:
         slopes = np.empty((len(rows), len(self.labels), len(self.inputs) if with_slopes else 0))
         for at, mechanism, home in self._by_dimensions(rows):
             geometry = self._geometry(mechanism) if with_slopes else None
-            states = [self._moving(mechanism, home, rows, k) for k in at.tolist()]
-            loads = [self._loads(state, rows[k]) for k, state in zip(at, states, strict=True)]
-            states = [state if load is None or not self._has_efforts else load.state
-                      for state, load in zip(states, loads, strict=True)]
-            values[at] = self._values(states, loads)
+            motion = self._moving(self._closed(mechanism, home, rows, at), rows, at)
+            each = list(map(motion.state, range(len(motion)))) if (
+                with_slopes or self._has_efforts or EFFORT in self._needs) else []
+            loads = [self._loads(state, rows[k]) for k, state in zip(at, each, strict=False)]
+            if self._has_efforts:
+                each = [load.state for load in loads]
+                motion = _as_motion(each)
+            values[at] = self._values(motion, loads)
             if geometry is not None:
-                for k, state, load in zip(at.tolist(), states, loads, strict=True):
+                for k, state, load in zip(at.tolist(), each, loads, strict=True):
                     slopes[k] = self._slopes(k, geometry, state, load, values[k])
         return values, slopes
 
@@ -254,7 +287,7 @@ class Function:
             try:
                 mechanism = self._variant(x)
             except SpatialPinError as error:
-                raise _unreached(int(at[0]), error) from error
+                raise _unreached(int(at[0]), str(error)) from error
             try:
                 yield at, mechanism, followed(mechanism, self._standing, self.home)
             except SpatialPinError:
@@ -275,31 +308,61 @@ class Function:
         """The drivers' values at home."""
         return {c.name: self.home.coordinate(c.name).value for c in self._driven if c.q >= 0}
 
-    def _moving(self, mechanism: Mechanism, home: State | None, rows: Array, k: int) -> State:
-        """Return the closed state of a row, with its rates."""
-        values = {self.mechanism.coordinate(name).name: float(rows[k, column])
+    def _closed(
+        self, mechanism: Mechanism, home: State | None, rows: Array, at: NDArray[np.intp]
+    ) -> Motion:
+        """Return the closed states of rows with the same dimensions, at rest.
+
+        The drivers go from their values at home after the dimensions have changed; where that
+        ends, before.
+        """
+        values = {self.mechanism.coordinate(name).name: rows[at, column]
                   for column, name in self._column(VALUE)}
-        try:
+        known, reasons = None, dict.fromkeys(range(len(at)), "the dimensions cannot be reached")
+        if home is not None and not values:
+            return _as_motion([home] * len(at))
+        if home is not None:
+            known = states(mechanism, values, home)
+            reasons = known.unreached
+        if known is not None and not reasons:
+            return known
+        first = int(at[min(reasons)])
+        if mechanism is self.home.mechanism:
+            raise _unreached(first, reasons[min(reasons)])
+        before = states(self.home.mechanism, values, self.home) if values else _as_motion(
+            [self.home] * len(at))
+        found = []
+        for i, k in enumerate(at.tolist()):
+            if known is not None and i not in reasons:
+                found.append(known.state(i))
+                continue
             try:
-                state = _driven_to(mechanism, self._standing, values, home)
-            except SpatialPinError:
-                if mechanism is self.home.mechanism:
-                    raise
-                there = _driven_to(self.home.mechanism, self._standing, values, self.home)
-                state = followed(mechanism, {**self._standing, **values}, there)
-        except SingularError as error:
-            raise SingularError(f"row {k}: {error}", state=error.state) from error
-        except SpatialPinError as error:
-            raise _unreached(k, error) from error
+                if i in before.unreached:
+                    raise SpatialPinError(before.unreached[i])
+                held = self._standing | {name: float(x[i]) for name, x in values.items()}
+                found.append(followed(mechanism, held, before.state(i)))
+            except SpatialPinError as error:
+                raise _unreached(k, str(error)) from error
+        return _as_motion(found)
+
+    def _moving(self, motion: Motion, rows: Array, at: NDArray[np.intp]) -> Motion:
+        """Return the states of rows with their rates."""
         speeds, accelerations = (
-            {name: float(rows[k, column]) for column, name in self._column(kind)}
+            {name: rows[at, column] for column, name in self._column(kind)}
             for kind in (RATE, ACCELERATION))
         if not speeds and not accelerations:
-            return state
+            return motion
         try:
-            return solve_rates(state.mechanism, state, speeds, accelerations)
+            return solve_rates(motion.mechanism, motion, speeds, accelerations)
         except SingularError as error:
-            raise SingularError(f"row {k}: {error}", state=state) from error
+            for i, k in enumerate(at.tolist()):
+                try:
+                    solve_rates(motion.mechanism, motion[i : i + 1], *(
+                        {name: float(x[i]) for name, x in of.items()}
+                        for of in (speeds, accelerations)))
+                except SingularError as at_row:
+                    raise SingularError(f"row {k}: {at_row}", state=at_row.state) from error
+            raise
 
     def _loads(self, state: State, row: Array) -> Any:
         """Return the forward or inverse dynamics of a state; None if they are not needed."""
@@ -308,23 +371,21 @@ class Function:
             return forward_dynamics(state.mechanism, state, efforts)
         return inverse_dynamics(state.mechanism, state) if EFFORT in self._needs else None
 
-    def _values(self, states: Sequence[State], loads: Sequence[Any]) -> Array:
+    def _values(self, motion: Motion, loads: Sequence[Any]) -> Array:
         """Return the outputs (n, k) of states of one mechanism."""
         columns = list[Array]()
-        motion = _as_motion(states)
         for x in self._outputs:
             if x.needs == EFFORT:
-                name = x.name.removesuffix(f".{EFFORT}")
-                columns.append(np.array([load.efforts[_driver(self.mechanism, name)]
-                                         for load in loads]))
+                name = _driver(self.mechanism, x.name.removesuffix(f".{EFFORT}"))
+                columns.append(np.array([load.efforts[name] for load in loads]))
             elif x.name.endswith(f".{ROTATION}"):
                 columns.append(motion.frame(x.name.removesuffix(f".{ROTATION}")).rotation)
-            elif x.follows:
-                columns.append(np.array([_as_motion([state]).output(x.name).values[0]
-                                         for state in states]))
+            elif x.follows:  # each by itself
+                columns.append(np.array([motion[k : k + 1].output(x.name).values[0]
+                                         for k in range(len(motion))]))
             else:
                 columns.append(motion.output(x.name).values)
-        return np.hstack([x.reshape(len(states), -1) for x in columns])
+        return np.hstack([x.reshape(len(motion), -1) for x in columns])
 
     # ------------------------------------------------------------ derivatives
 
@@ -435,25 +496,6 @@ def _labels(x: FunctionOutput) -> list[str]:
     return [x.name] if x.size == 1 else [f"{x.name}.{i}" for i in "xyz"]
 
 
-def _driven_to(
-    mechanism: Mechanism, standing: Mapping[str, float], values: Mapping[str, float],
-    home: State | None,
-) -> State:
-    """Return the state of drivers' values, on the branch of a state where they stand.
-
-    Raises:
-        LimitError, SingularError: the straight motion to them ends before.
-        SpatialPinError: there is no state to start from.
-    """
-    if home is None:
-        raise SpatialPinError(f"mechanism {mechanism.name!r}: no closed configuration of this "
-                              f"branch at dimensions {dict(mechanism.parameters)}")
-    moved = {name: [standing[name], x] for name, x in values.items() if x != standing[name]}
-    if not moved:
-        return home
-    return follow(mechanism, moved, guess=home).state(-1)
-
-
 def _as_motion(states: Sequence[State]) -> Motion:
     """Return states as samples of a motion, which has rates in time."""
     q, v, a, angles = (np.array([getattr(s, x) for s in states]) for x in (
@@ -463,11 +505,9 @@ def _as_motion(states: Sequence[State]) -> Motion:
                   angles=angles)
 
 
-def _unreached(row: int, error: SpatialPinError) -> AssemblyError:
+def _unreached(row: int, reason: str) -> AssemblyError:
     """Return the error of a row that cannot be reached."""
-    return AssemblyError(f"row {row}: {error}", closure_error=float(getattr(
-        error, "closure_error", np.inf)), worst_closure=getattr(error, "worst_closure", ""),
-        state=getattr(error, "state", None))
+    return AssemblyError(f"row {row}: {reason}", closure_error=np.inf, worst_closure="")
 
 
 @checked
@@ -477,8 +517,9 @@ def function(
 ) -> Function:
     """Return outputs of a mechanism as a differentiable function of its inputs.
 
-    `f(x)` closes the loops for each row of inputs by itself, on the branch of the guess: from there
-    the dimensions change along a straight line, then the drivers. `f.jacobian(x)` are the exact
+    `f(x)` closes the loops for each row of inputs, on the branch of the guess: from there the
+    dimensions change along a straight line, then the drivers, as `states` has it; no answer depends
+    on earlier calls. `f.jacobian(x)` are the exact
     derivatives with the loops closed, by implicit differentiation; `f.vjp(x, y)` is y times them.
 
     Args:

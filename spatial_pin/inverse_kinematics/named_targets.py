@@ -17,11 +17,10 @@ from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.inverse_kinematics.targets import (
     CentreOfMass,
     CoordinateValue,
-    Pose,
     Position,
     Residual,
     Target,
-    placed,
+    pose,
 )
 from spatial_pin.kernel.closer import LINK_ANGLE, POINT, KernelTarget, frame_in_kernel
 from spatial_pin.kernel.loop_equations import LoopEquations
@@ -208,7 +207,7 @@ def _named(mechanism: Mechanism, name: str, given: Any) -> Target:
             return output_target(mechanism, target.name, numbers, target.weight) or target
         return target
     if isinstance(given, pin.SE3):
-        return Pose(name, placement=placed(given))
+        return replace(pose(given), name=name)
     is_text, what = isinstance(given, str | bytes), f"target {name!r}"
     shape = () if isinstance(given, float) else np.shape(given)
     if not is_text and shape in ((), (3,)):

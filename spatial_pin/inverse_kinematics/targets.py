@@ -425,21 +425,7 @@ def check_rotations(matrices: Array, what: str) -> None:
                          "one normal to each other, right-handed")
 
 
-def placed(placement: pin.SE3) -> pin.SE3:
-    """Return a placement that is checked.
-
-    Raises:
-        TypeError: it is not a placement.
-        ValueError: a number is not finite, or its rotation is none.
-    """
-    if not isinstance(placement, pin.SE3):
-        raise TypeError(f"placement must be a pinocchio.SE3, not {type(placement).__name__}")
-    finite_array(placement.homogeneous, (4, 4), "placement")
-    check_rotations(placement.rotation, "the rotation of a placement")
-    return placement
-
-
-def pose(placement: pin.SE3, weight: float | None = None) -> Target:
+def pose(placement: pin.SE3, weight: float | None = None) -> Pose:
     """Return the target of a frame at a placement in the world.
 
     Args:
@@ -458,7 +444,11 @@ def pose(placement: pin.SE3, weight: float | None = None) -> Target:
         >>> print(f"{state.placement('platform').translation[2] - here.translation[2]:.4f} m")
         0.0200 m
     """
-    return Pose(weight=_weight(weight), placement=placed(placement))
+    if not isinstance(placement, pin.SE3):
+        raise TypeError(f"placement must be a pinocchio.SE3, not {type(placement).__name__}")
+    finite_array(placement.homogeneous, (4, 4), "placement")
+    check_rotations(placement.rotation, "the rotation of a placement")
+    return Pose(weight=_weight(weight), placement=placement)
 
 
 @checked

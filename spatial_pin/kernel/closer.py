@@ -113,6 +113,12 @@ class NamedStruct(ctypes.Structure):
     _fields_ = [(name, POINTER) for name in NamedCoordinates._fields]
 
 
+class TargetsStruct(ctypes.Structure):
+    """Targets in closing_parts.h: where frames and coordinates are wanted."""
+
+    _fields_ = [("n", INT), ("of", POINTER), ("number", POINTER), ("size", REAL)]
+
+
 class ClosureTask(ctypes.Structure):
     """ClosureTask in closing.h: what loops are closed with, and the result."""
 
@@ -122,8 +128,7 @@ class ClosureTask(ctypes.Structure):
         ("cut", REAL), ("named", NamedStruct), ("n_steps", INT), ("steps", POINTER),
         ("near", REAL), ("moved", POINTER), ("group", POINTER),
         *[(name, POINTER) for name in ("error", "distance", "mirrored", "facts", "angle")],
-        ("n_targets", INT), ("target_of", POINTER), ("target_number", POINTER),
-        ("target_size", REAL), ("unique", INT)]
+        ("targets", TargetsStruct), ("unique", INT)]
 
 
 class TargetsMet(NamedTuple):
@@ -228,8 +233,8 @@ class Closer:
             0, address(self._q), None, address(self._free), pinned=address(self._pinned),
             reference=address(self._reference), error=address(self._errors),
             distance=address(self._distances), mirrored=address(self._mirrored),
-            angle=self._at_angles, target_of=address(self._of),
-            target_number=address(self._number), target_size=mechanism.characteristic_length)
+            angle=self._at_angles, targets=TargetsStruct(
+                0, address(self._of), address(self._number), mechanism.characteristic_length))
         self.at_task = ctypes.byref(self._task)
         self._settings: ClosureSettings | None = None  # what the task is set to
 
@@ -289,9 +294,9 @@ class Closer:
         self._set_method(free, None, TOLERANCES.round_off, iterations, TOLERANCES.rank)
         self._set_values(reference, ())
         self._q[0], task.m, task.n_steps, task.facts = q, 1, 0, None
-        task.named.value, task.n_targets = None, len(targets)
+        task.named.value, task.targets.n = None, len(targets)
         code = self._library.closer_close(self.handle, self.at_task)
-        task.n_targets = 0
+        task.targets.n = 0
         return None if code else TargetsMet(
             self._q[0], self._errors.item(0), self._may_be_mirrored, self._distances.item(0),
             self._angles)

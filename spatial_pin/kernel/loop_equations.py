@@ -161,7 +161,8 @@ class LoopEquations:
         the twist of body 2 relative to body 1. Joint coordinates act on joints, see `joint_rows`.
         Those of `Constraints.other_body_products` follow: they act on two bodies of their own.
         """
-        on_bodies: Array = row_wrenches(self.constraints, self.placements[None], self.q[None])[0]
+        on_bodies: Array = row_wrenches(
+            self.constraints, self.placements[None], self.q[None], self.angles[None])[0]
         return on_bodies
 
     def joint_rows(self) -> Array:
@@ -173,13 +174,16 @@ class LoopEquations:
         forces, nv = np.zeros((c.n_closure, self.model.nv)), self.model.nv
         for group in c.composed:
             if len(group.coordinates[0]):
-                value, _ = group.values(group.seeded([values[:, None]], [self.q[:, None]]))
+                value, _ = group.values(group.seeded([values[:, None]], [self.q[:, None]]),
+                                        self.angles)
                 forces[group.rows] = composed_rows(
                     group, value.changes[0], np.zeros((len(values), nv)), np.ones(nv))
         return forces[c.of_joints]
 
 
-def twist_derivatives(mechanism: Mechanism, joint: int, q: Array, placements: Array) -> Array:
+def twist_derivatives(
+    mechanism: Mechanism, joint: int, q: Array, placements: Array, angles: Array
+) -> Array:
     """Return derivatives (m, n_closure, 6) of equations for a twist of what a joint carries.
 
     Args:
@@ -187,6 +191,7 @@ def twist_derivatives(mechanism: Mechanism, joint: int, q: Array, placements: Ar
         joint: the joint.
         q: (m, nq) configurations.
         placements: (m, njoints, 4, 3) of the joints there, see `Kernel.placements`.
+        angles: (m, n_angles) that counted ones are nearest to [rad].
     """
     c, at = constraints_of(mechanism), mechanism.model.idx_vs[joint]
     vectors = c.c_abx @ placements.reshape(len(q), -1, 3)
@@ -194,7 +199,8 @@ def twist_derivatives(mechanism: Mechanism, joint: int, q: Array, placements: Ar
     values = (np.vecdot(a, b) - c.constants).T[:, None]
     wrenches = np.concatenate([b * c.factors, cross(x, b)], axis=2).transpose(1, 2, 0)
     signs = c.signs[:, at, None, None] / mechanism.velocity_scale[at]
-    (moved,) = combined_wrenches(c, [values], [q.T[:, None]], [signs * wrenches])
+    (moved,) = combined_wrenches(c, [values], [q.T[:, None]], [signs * wrenches],
+                                 angles.T[:, None])
     for k, other in enumerate(c.other_body_products, start=c.n_closure):
         moved[other.equation] += moved[k]
     return moved[: c.n_closure].transpose(2, 0, 1)
@@ -210,17 +216,18 @@ def _products_at(c: Constraints, placements: Array) -> tuple[Array, Array]:
     return np.vecdot(a, b) - c.constants, wrenches
 
 
-def row_wrenches(c: Constraints, placements: Array, q: Array) -> Array:
+def row_wrenches(c: Constraints, placements: Array, q: Array, angles: Array) -> Array:
     """Return `LoopEquations.row_wrenches` (m, n_wrenches, 6) at many configurations.
 
     Args:
         c: the equations.
         placements: (m, njoints, 4, 3) of the joints.
         q: (m, nq) the configurations.
+        angles: (m, n_angles) that counted ones are nearest to [rad].
     """
     values, wrenches = _products_at(c, placements)
     (rows,) = combined_wrenches(c, [values.T[:, None]], [q.T[:, None]],
-                                [np.moveaxis(wrenches, 0, 2)])
+                                [np.moveaxis(wrenches, 0, 2)], angles.T[:, None])
     return np.moveaxis(rows, 2, 0)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -207,22 +207,43 @@ class RateSolver:
                   "jacobian_rate": (6, n), "v": (nv,), "a": (nv,), "facts": (3,)}
         names = [*wanted, "a", "facts"] if "v" in wanted else wanted
         found = RateRows(np.zeros(m, np.int64), **{x: np.zeros((m, *shapes[x])) for x in names})
-        given = [numbers(q, (m, self._q.size)), numbers(reference, (m, self._reference.size))]
-        task = _RateTask(m, *map(address, given), code=address(found.codes),
-                         **{x: address(getattr(found, x)) for x in names})
+        q, reference = numbers(q, (m, self._q.size)), numbers(reference, (m, self._reference.size))
+        if v is not None:
+            v = numbers(v, (m, nv))
+        if rates is not None:
+            rates = numbers(rates[0], (m, self.n_driven)), numbers(rates[1], (m, self.n_driven))
+        self.prepared(q, reference, found, frame=frame, v=v, rates=rates, chosen=chosen)()
+        return found
+
+    def prepared(
+        self, q: Array, reference: Array, found: RateRows, *, frame: BodyPoint | None = None,
+        v: Array | None = None, rates: tuple[Array, Array] | None = None,
+        chosen: Chosen | None = None,
+    ) -> Callable[[], None]:
+        """Return what solves for what the arrays of `rows` have when it is called.
+
+        The arrays are contiguous ones of doubles; the results of `found` are overwritten.
+        """
+        task = _RateTask(len(q), address(q), address(reference), code=address(found.codes), **{
+            name: address(x) for name, x in found._asdict().items()
+            if name != "codes" and x is not None})
+        given: list[Any] = [q, reference, found]
         if frame is not None:
             given.append(numbers(frame.local, (3,)))
             task.joint, task.local = frame.joint, address(given[-1])
         if v is not None:
-            given.append(numbers(v, (m, nv)))
-            task.motion = address(given[-1])
+            given.append(v)
+            task.motion = address(v)
         if rates is not None:
-            given += [numbers(x, (m, self.n_driven)) for x in rates]
-            task.speed, task.acceleration = map(address, given[-2:])
-        alive = given, _choose(task, chosen)
-        check(self._library.rates_solve(self._handle, ctypes.byref(task)))
-        del alive
-        return found
+            given.append(rates)
+            task.speed, task.acceleration = map(address, rates)
+        given.append(_choose(task, chosen))
+        solve, handle, at_task = self._library.rates_solve, self._handle, ctypes.byref(task)
+
+        def work(alive: Any = given) -> None:
+            check(solve(handle, at_task))
+
+        return work
 
     def acceleration(self, v: Array, drive: Array | None = None) -> Array:
         """Return (nv,) joint accelerations at joint velocities v (nv,).

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from spatial_pin._support.checks import finite_array, finite_number, positive_number
-from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.piecewise import Piecewise, quintic_spline
 from spatial_pin.numerics.taylor import Taylor, argument
 
@@ -547,7 +547,7 @@ def _with_straight_ends(breaks: Array, coefficients: Array, extra: float) -> Pie
         straight[0, 0] -= extra * straight[0, 1] * (sign < 0.0)
         return [as_wide(hermite(np.array([extra]), *ends)), as_wide(straight)]
 
-    pieces: list[Array] = [*beyond(breaks[0], -1.0)[::-1], as_wide(coefficients), *beyond(breaks[-1], 1.0)]
+    pieces = [*beyond(breaks[0], -1.0)[::-1], as_wide(coefficients), *beyond(breaks[-1], 1.0)]
     outer = np.array([2.0, 1.0]) * extra
     return Piecewise(np.concatenate([breaks[0] - outer, breaks, breaks[-1] + outer[::-1]]),
                      np.ascontiguousarray(np.vstack(pieces)))
@@ -559,7 +559,7 @@ def _free_axes(tangents: Array, area: Array) -> Array:
     A closed curve in a plane runs anticlockwise about it: its area (3,) is along it.
     """
     tangents = tangents / np.linalg.norm(tangents, axis=1)[:, None]
-    _, _, own = np.linalg.svd(tangents, full_matrices=True)
+    own = decompose(tangents).vt
     k = np.arange(DIRECTIONS) + 0.5
     z, turn = 1.0 - k / DIRECTIONS, np.pi * (1.0 + 5.0**0.5) * k
     r = np.sqrt(1.0 - z * z)
@@ -577,7 +577,8 @@ def _points(points: ArrayLike, closed: bool) -> tuple[Array, Array]:
     p = np.array(points, float)
     if p.ndim != 2 or p.shape[1:] != (3,) or len(p) < 4 or not np.isfinite(p).all():
         raise ValueError("points: four or more are needed, each of three finite numbers")
-    chords = np.linalg.norm(np.diff(np.vstack([p, p[:1]] if closed else p), axis=0), axis=1)
+    around = np.vstack([p, p[:1]]) if closed else p
+    chords = np.linalg.norm(np.diff(around, axis=0), axis=1)
     if np.any(chords <= 1e-9 * chords.max()):
         k = int(np.argmin(chords))
         raise ValueError(f"points: number {k + 1} and the next one are at the same place (a closed "
@@ -743,6 +744,13 @@ def follower_of(given: Any, _: Any = None) -> Follower:
             raise ValueError("flat: the normal of a face is not zero")
         return Follower(flat=normal / np.linalg.norm(normal))
     return Follower(positive_number(given["roller"], "roller") if "roller" in given else 0.0)
+
+
+def curves_in(numbers: Mapping[str, Any]) -> tuple[CurveShape, ...]:
+    """Return the curves among the numbers of a closure: one, two that touch, or none."""
+    both = numbers.get("curves")
+    return (both.one, both.two) if both is not None else tuple(
+        filter(None, [numbers.get("curve")]))
 
 
 def named_curve(given: Any, context: Any = None) -> CurveShape:

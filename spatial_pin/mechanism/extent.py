@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -19,10 +19,15 @@ from spatial_pin.errors import MechanismFileError
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import EPS, TOLERANCES
 
+if TYPE_CHECKING:
+    from spatial_pin.mechanism.mechanism import Mechanism
+
 SMALLEST = 1.0 / TOLERANCES.largest  # m
 # The world's origin, and a frame of the ground without joints, are near a machine within this many
 # of its sizes. Coordinates there have all digits but two bits.
 SIZES_NEAR = 3.0
+# Ratio of lengths of links beyond which pivots of closures are below what is called singular.
+UNLIKE = 1e6
 
 
 class Extent(NamedTuple):
@@ -88,6 +93,28 @@ def extent_of(model: pin.Model, joined: Collection[int], where: str) -> Extent:
         raise _size_error(model, where, length, int(np.argmax(reach)))
     length = length or 1.0
     return Extent(length, centre, near, EPS * float(np.abs(centre).max()) / length)
+
+
+def unlike_links(mechanism: Mechanism) -> str:
+    """Return words on links of so different lengths that loops lose their digits; "" if not so.
+
+    A closure is known to round-off of the longest link. The shortest one moves it by its own
+    length, and near dead centres by the square of what it is of the longest.
+    """
+    model, lengths = mechanism.model, []
+    for joint in range(model.njoints):
+        points = [model.jointPlacements[k].translation for k in model.children[joint]]
+        points += [frame.placement.translation for frame, counts in zip(
+            model.frames, mechanism.extent.frames, strict=True)
+            if counts and frame.parentJoint == joint]
+        array = np.array([*points, *[np.zeros(3)] * (joint > 0)]).reshape(-1, 3)
+        lengths.append(np.linalg.norm(array[:, None] - array, axis=2).ravel())
+    sizes = np.concatenate(lengths)
+    sizes = sizes[sizes > EPS * sizes.max(initial=0.0)]
+    ratio = float(sizes.max() / sizes.min()) if sizes.size else 1.0
+    return "" if ratio < UNLIKE else (
+        f"; lengths of its links differ {ratio:.0e} times, which floating-point numbers do not "
+        f"resolve in a loop: up to about {UNLIKE:.0e} they do")
 
 
 def centred(model: pin.Model, centre: Array) -> pin.Model:

@@ -7,7 +7,8 @@ In a mechanism file these are tables of a coupling by a ratio or ratios:
     point = [0.02, 0.0, 0.0]    # pitch point, where the pitch circles touch [m]
     pitch_line = [0, 0, 1]      # of the pitch surfaces there; default from the joints
     pressure_angle = 0.349      # in the normal section [rad]; default 20 degrees
-    helix_angle = 0.0           # of the teeth on the first joint's gear, right-handed [rad]
+    helix_angle = 0.0           # of the teeth on the first joint's gear, right-handed [rad];
+                                # where axes cross, as of a worm, it follows from the ratio
 
     [closures.strands]
     frame = "ground"
@@ -26,7 +27,8 @@ import numpy as np
 
 from spatial_pin.numerics.linalg import Array
 
-STEEPEST = math.radians(80.0)  # of pressure and helix angles: teeth have 45 degrees at most
+# Largest angles [rad]: teeth have pressure angles of 45 degrees at most, worms leads of a degree.
+LARGEST = {"pressure_angle": math.radians(80.0), "helix_angle": math.radians(89.9)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +41,8 @@ class Teeth:
         pitch_line: (3,) unit vector in the plane that touches both pitch surfaces there, across
             the motion of the teeth; None: as the joints' axes have it.
         pressure_angle: in the normal section [rad].
-        helix_angle: of the gear of the first joint, positive if right-handed [rad].
+        helix_angle: of the gear of the first joint, positive if right-handed [rad]; where axes
+            cross it follows from the ratio, and one that is not 0 is compared with that.
     """
 
     frame: str
@@ -97,8 +100,8 @@ def teeth_of(given: Any, _: Any = None) -> Teeth:
     angles = {key: float(_numbers(table, key, ())) for key in ("pressure_angle", "helix_angle")
               if key in table}
     for key, angle in angles.items():
-        if abs(angle) > STEEPEST or (key == "pressure_angle" and angle < 0.0):
-            raise ValueError(f"{key}: is {angle} rad; teeth have less than {STEEPEST:.3g} rad")
+        if abs(angle) > LARGEST[key] or (key == "pressure_angle" and angle < 0.0):
+            raise ValueError(f"{key}: is {angle} rad; teeth have less than {LARGEST[key]:.3g} rad")
     return Teeth(_frame(table), _numbers(table, "point", (3,)), line, **angles)
 
 

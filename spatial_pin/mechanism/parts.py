@@ -15,7 +15,6 @@ import pinocchio as pin
 from spatial_pin._support.checks import finite_array, finite_number
 from spatial_pin._support.lazy import by_new_name, cached_property
 from spatial_pin.errors import MechanismFileError, UnknownNameError
-from spatial_pin.mechanism.curves import CurveShape
 from spatial_pin.mechanism.equations import ConstraintEquation, combined
 from spatial_pin.mechanism.force_paths import Strands, Teeth
 from spatial_pin.mechanism.pairs import PAIRS, Pair, PairGeometry
@@ -103,7 +102,7 @@ class Closure:
     sums: tuple[tuple[float, ...], ...] = ()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what is copied or sent elsewhere: not the equations, which are made of the rest."""
+        """Return what is copied or sent elsewhere: not its equations, made of the rest."""
         return {key: x for key, x in self.__dict__.items() if key != "rows"}
 
     @property
@@ -118,13 +117,6 @@ class Closure:
         if self.equations is not None:
             rows = tuple(rows[k] for k in self.equations)
         return tuple(combined(rows, weights) for weights in self.sums) if self.sums else rows
-
-    @property
-    def curves(self) -> tuple[CurveShape, ...]:
-        """Its curves: one, two that touch, or none."""
-        both = self.numbers.get("curves")
-        return (both.one, both.two) if both is not None else tuple(
-            filter(None, [self.numbers.get("curve")]))
 
     @property
     def ratio(self) -> float:

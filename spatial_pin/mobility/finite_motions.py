@@ -24,7 +24,7 @@ PATH_LENGTH = 0.3
 SETTING_OUT = 0.005
 STRAIGHT_SO_FAR = 0.1  # length from which the direction of a path is taken: bends are small so far
 STEP_GROWTH = 4.0  # factor of the steps: four steps from the first reach the end
-SHORTEST_STEP = 2e-5  # a four-bar with a play of 1e-6 of its size moves on an oval of 2e-3
+SHORTEST_STEP = 5e-7  # a four-bar with a play of 1e-8 of its size moves on an oval of 1e-4
 AFTER_A_BEND = 1.5  # factor of the steps after a failed one
 # Part of a short step that closing may correct: where loops open by a high power, it removes their
 # motion, however short the step.
@@ -36,7 +36,7 @@ SMALL_OVAL = 0.05
 # 5e-11, and sweeps follow it; robots with hinges parallel to ten digits open by 2e-11.
 STAYS_CLOSED = 10.0 * TOLERANCES.closed
 BEND = 0.5  # least cosine between a path and its first step
-MOST_PARTS = 100  # for links that turn again and again
+MOST_PARTS = 200  # for links that turn again and again
 # random directions for each instantaneous freedom, each in both senses: a cusp has one side
 DIRECTIONS = 6
 MOST_SLIDES = 20  # each leaves a third of the residual, all of them 3e-10

@@ -165,9 +165,9 @@ def _may_be_passed(motion: Motion, limits: list[JointLimit]) -> NDArray[np.bool_
     turning = (sense * closing[:-1] > noise * size) & (sense * closing[1:] < -noise * size)
     swings = np.full((len(motion) - 1, len(close)), np.inf)
     if steps is not None:
-        h = steps[:, None]
+        each = steps[:, None]
         pace, bend = (np.abs(x[:-1]) + np.abs(x[1:]) for x in (rates, bends))
-        swings = h * SWING_OF_RATES * pace + h * h * SWING_OF_ACCELERATIONS * bend
+        swings = each * SWING_OF_RATES * pace + each**2 * SWING_OF_ACCELERATIONS * bend
     near = np.minimum(room[:-1], room[1:]) <= (1.0 + DOUBT) * swings
     may[close] = (~outside[:-1] & (outside[1:] | (turning & near))).T
     return may

@@ -160,7 +160,7 @@ class Motion(Samples, Tabular):
         q: (N, nq) configurations as Pinocchio orders them [rad, m, quaternions x, y, z, w].
         v, a: (N, nv) joint velocities and accelerations [rad, m, per `per`].
         closure_error: (N,) largest residual of a constraint equation, of each sample [-]; as of a
-            `State`.
+            `State`, but of interpolated samples a bound.
         driver_speed: (N,) [rad/s or m/s]; 1 where the driver has no speed.
         events: limits, singular configurations and the like that were met, in their order.
         angles: (N, n) relative angle of every screw closure [rad], counting turns.
@@ -172,6 +172,13 @@ class Motion(Samples, Tabular):
         error_estimates: (N, 3) how far positions, v and a of each sample may be off: of the
             coordinate that is off most, by its size (rad, or characteristic lengths); `error` sums
             them up. (0, 3) where nobody has estimated them.
+        rate_errors: (N,) round-off of v and a, as `State.rate_error` [-], of a motion that
+            `solve_rates` made; else (0,).
+        unreached: {sample: reason} of samples of `states` whose values cannot be reached: they
+            hold the nearest configuration that was.
+
+    Samples are indexed: `motion[k]` is a State, `motion[10:20]`, a mask or numbers of samples a
+    Motion with the events between them, `motion["rocker_pin"]` a coordinate or a frame.
 
     Raises:
         ValueError: a value of the driver, of time, q, v or a is NaN or infinite.
@@ -301,6 +308,9 @@ class Motion(Samples, Tabular):
         Returns:
             The Motion. Its `time` is (driver value - first)/speed, if one driver was swept, its
             speed is the same at all samples, and that rises; where none was, the motion's own.
+
+        Raises:
+            ValueError: a rate is NaN or infinite.
 
         Example:
             >>> motion = sp.sweep(sp.load("rssr"), "crank", [0.0, 0.5, 1.0])

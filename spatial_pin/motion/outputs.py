@@ -15,6 +15,7 @@ from spatial_pin.assembly.samples import angles_of
 from spatial_pin.assembly.state import center_of_mass, mass_shares
 from spatial_pin.constraints.trees import tree_of
 from spatial_pin.errors import SpatialPinError, UnknownNameError
+from spatial_pin.mechanism.curves import curves_in
 from spatial_pin.mechanism.inertia import moving_mass
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import FRAME_UNITS, FrameMotion, Motion, Output
@@ -127,7 +128,7 @@ def output(motion: Motion, spec: str) -> Output:
              *(f"{n}.{k}" for n in (*mechanism.coordinate_table, *mechanism.drivers)
                for k in COORDINATE_OUTPUTS),
              *(f"{c.name}.{k}" for c in (mechanism.whole or mechanism).closures
-               if c.curves for k in (*contact_coordinates(c), *CONTACT_UNITS))]
+               if curves_in(c.numbers) for k in (*contact_coordinates(c), *CONTACT_UNITS))]
     raise UnknownNameError("output", spec, valid, f"mechanism {mechanism.name!r}: ")
 
 

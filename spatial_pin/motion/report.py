@@ -18,7 +18,7 @@ from spatial_pin.mechanism.resistance import resistance_texts
 from spatial_pin.mobility.mobility import Mobility, mobility
 from spatial_pin.motion.dead_centres import known_dead_centres
 from spatial_pin.motion.motion import Motion
-from spatial_pin.motion.summary import error_lines, heading, ranges
+from spatial_pin.motion.summary import error_lines, heading, ranges, unreached_lines
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 
@@ -181,4 +181,4 @@ def motion_summary(motion: Motion) -> str:
     """Return the ranges of a motion's coordinates, its accuracy, its events and dead centres."""
     events = [*known_dead_centres(motion), *motion.events]
     return "\n".join([heading(motion), *error_lines(motion), *ranges(motion),
-                      *(f"  {event.text}" for event in events)])
+                      *(f"  {event.text}" for event in events), *unreached_lines(motion)])

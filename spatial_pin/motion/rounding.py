@@ -21,6 +21,7 @@ from spatial_pin.settings import Accuracy
 # height, much less than the report shows.
 MOST_SAMPLES = 1000
 GAP = "gap"  # kind of event
+BRIEF = 0.01  # part of a motion on which equations that were left out open beyond the gap at most
 # Choices of independent equations that are made along a path: each reaches half a radian further.
 CHOICES = 8
 
@@ -98,6 +99,20 @@ def _ended(
     motion.events.append(Event(GAP, value, n, text))
     if on_limit != "stop":
         raise LimitError(f"mechanism {name!r}: {text}", limit=value, motion=motion)
+    return motion
+
+
+def is_closed_again(motion: AnyMotion, row: int, accuracy: Accuracy) -> bool:
+    """Whether equations that open at a sample hold to the gap again soon after, to the end."""
+    gap = allowed_from(motion.state(0), gap_allowed(motion.mechanism, accuracy))
+    is_open = [k for k in range(row, len(motion)) if motion.state(k).gap > gap]
+    return len(is_open) <= BRIEF * len(motion) and is_open[-1] + 1 < len(motion)
+
+
+def ended_by(motion: AnyMotion, event: Event | None) -> AnyMotion:
+    """Return a motion with an event at its end that was found on a motion of more samples."""
+    if event is not None:
+        motion.events.append(event._replace(row=len(motion)))
     return motion
 
 

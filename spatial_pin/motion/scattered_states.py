@@ -27,9 +27,10 @@ from spatial_pin.assembly.samples import PIECE
 from spatial_pin.assembly.search.guesses import read_guess
 from spatial_pin.assembly.state import State, all_angles
 from spatial_pin.constraints.workspaces import Workspaces
-from spatial_pin.continuation.path_tracker import UNBOUND, PathTracker
-from spatial_pin.errors import AssemblyError, Interrupted, SpatialPinError
+from spatial_pin.continuation.path_tracker import PathTracker
+from spatial_pin.errors import AssemblyError, Interrupted, SingularError
 from spatial_pin.kernel.kernel import kernel_of
+from spatial_pin.kernel.loop_equations import loops_at
 from spatial_pin.kernel.paths import Path, PathSamples, Scattered, prescribed_indices
 from spatial_pin.mechanism.coordinates import coordinate_value, require_mechanism
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -46,6 +47,12 @@ SHARE = 4  # calls of each thread for half of the rows: the last one to end wait
 # Nearest solved neighbours from which a row is tried: behind a corner of the reachable values the
 # nearest one sees it as a rule, and each costs as much as ten rows where none does.
 NEIGHBOURS = 3
+BELOW_ONE = float(np.nextafter(1.0, 0.0))  # part of a line that is not its end
+ENDS = {  # of lines, by the kind of an arrival
+    "limit": "limit position", "half turn": "a rotation vector of half a turn",
+    "runs away": "a joint that runs away without end, last seen", "lost": "the branch is lost",
+    "singular": "singular configuration", "branch point": "branch point", "reached": "its end"}
+AT_LIMIT = 1e-6  # rad, characteristic lengths: a line ends no nearer to it where branches cross
 # Lines in a row that lead through no singular configuration, before the rest is not tried: each
 # costs milliseconds.
 PASSAGES = 20
@@ -129,7 +136,7 @@ def states(
             cloud.solve(bar)
         except KeyboardInterrupt:
             is_cut = True
-    samples, unreached = cloud.scattered.samples, cloud.unreached()
+    samples, unreached = cloud.scattered.samples, cloud.unreached(list(values))
     samples = samples if moved is None else moved.of_whole(samples)
     unreached |= _opened(state, samples, accuracy)
     n = len(table)
@@ -220,7 +227,7 @@ class _Cloud:
         part = np.zeros(n + 1)
         part[n] = 1.0
         self.scattered = Scattered(whole, np.full(n + 1, n), samples, part)
-        self._reasons: dict[int, str] = {}
+        self._ends: dict[int, str] = {}  # of lines that were followed further, in words
 
     # ------------------------------------------------------------ rows, many at a time
 
@@ -330,37 +337,47 @@ class _Cloud:
         try:
             found = along(state, self._names, self._hold, line, np.array([0.0, 1.0]),
                           self._accuracy, "", False, passes=True)
-        except SpatialPinError as error:
-            self._reasons[row] = str(error)
+        except SingularError:  # right at the neighbour
             return False
-        if found.done < 2:
-            return False
-        for to, own in zip(s.samples, found.samples, strict=True):
-            to[row] = own[1]
-        s.part[row] = 1.0
-        return True
+        if found.stop is None:
+            for to, own in zip(s.samples, found.samples, strict=True):
+                to[row] = own[1]
+            s.part[row] = 1.0
+            return True
+        end = found.stop
+        self._ends[row] = "too far to be followed to" if end.is_far else ENDS[end.kind]
+        if end.value > s.part[row]:
+            loops = loops_at(self.mechanism, end.q, s.samples.angles[row])
+            s.samples.q[row], s.samples.error[row] = end.q, loops.closure_error
+            s.samples.angles[row], s.part[row] = loops.angles, min(end.value, BELOW_ONE)
+        return False
 
     def _is_limit(self, row: int) -> bool:
-        """Whether joints become infinitely fast towards where the line to a row ends."""
-        s, scale = self.scattered, self.mechanism.velocity_scale
-        driver = np.abs(self.points[row] - self.points[s.parent[row]]).max()
-        return bool(np.abs(s.samples.t[row] / scale).max() > UNBOUND * driver)
+        """Whether the line to a row ends at a limit position.
 
-    def unreached(self) -> dict[int, str]:
-        """Return why rows are not reached."""
+        There joints go like the root of the distance e that is left: q' = b / (2 root e) and
+        q'' = b / (4 e root e), so that e = q' / (2 q'').
+        """
+        s, scale = self.scattered, self.mechanism.velocity_scale
+        t, c = s.samples.t[row] / scale, s.samples.c[row] / scale
+        bend = -float(t @ c)  # the parameter falls along the line
+        way = float(np.abs(self.points[row] - self.points[s.parent[row]]).max())
+        return bend > 0.0 and float(t @ t) / (2.0 * bend) * way < AT_LIMIT
+
+    def unreached(self, names: Sequence[str]) -> dict[int, str]:
+        """Return why rows are not reached, with names for what has values."""
         s, words = self.scattered, {}
         units = [self.mechanism.coordinate(name).unit for name in self._names]
 
         def at(values: Array) -> str:
             return ", ".join(f"{name} = {x:.9g} {unit}" for name, x, unit in zip(
-                self._names, values.tolist(), units, strict=True))
+                names, values.tolist(), units, strict=True))
 
         for row in self._left().tolist():
             parent, part = s.parent[row], s.part[row]
             end = s.values[parent] + part * (s.values[row] - s.values[parent])
-            kind = "limit position" if self._is_limit(row) else "singular configuration"
-            words[row] = self._reasons.get(row, f"{at(s.values[row])} is out of reach: {kind} at "
-                                           f"{at(end)}, on the line from {at(s.values[parent])}")
+            kind = self._ends.get(row) or ENDS["limit" if self._is_limit(row) else "singular"]
+            words[row] = f"{at(s.values[row])} is out of reach: {kind} at {at(end)}"
         return words
 
 

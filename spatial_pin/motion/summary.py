@@ -57,7 +57,14 @@ def summary(motion: Motion) -> str:
     events = [f"  {event.text}" for event in motion.events]
     return "\n".join([heading(motion), *error_lines(motion),
                       *first_of(ranges(motion), "coordinates"),
-                      *first_of(events, "events")])
+                      *first_of(events, "events"), *unreached_lines(motion)])
+
+
+def unreached_lines(motion: Motion) -> list[str]:
+    """Return lines on the samples whose values cannot be reached."""
+    lines = [f"  sample {k}: {reason}" for k, reason in motion.unreached.items()]
+    return [f"  out of reach: {len(lines)} of {len(motion)} samples",
+            *first_of(lines, "samples out of reach")] if lines else []
 
 
 def effort_lines(motion: Motion, efforts: dict[str, Array]) -> list[str]:

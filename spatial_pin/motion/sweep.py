@@ -44,6 +44,7 @@ from spatial_pin.mechanism.coordinates import (
     driver_coordinates,
     require_mechanism,
 )
+from spatial_pin.mechanism.extent import unlike_links
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.motion.curve_ends import curve_end_events
@@ -469,6 +470,9 @@ def _error(
         return LimitError(
             f"{where} is out of reach: {stop.runs_away} runs away without end towards {driver} = "
             f"{stop.value:.9g} {unit} ({last})", limit=stop.value, motion=motion)
+    if unlike := unlike_links(motion.mechanism):
+        return SingularError(f"{where}: the loops do not determine the motion beyond {driver} = "
+                             f"{stop.value:.12g} {unit} ({last}){unlike}", motion=motion)
     if stop.kind == "branch point":
         why = ("on_crossing='raise' asks to stop there; give on_crossing='straight' to go on"
                if on_crossing == "raise" else

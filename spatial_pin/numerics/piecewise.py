@@ -32,9 +32,10 @@ class Piecewise:
     rise: float = 0.0
 
     def __call__(self, x: Taylor, within: Array | None = None) -> Taylor:
-        """Return the function of a series of arrays, by Horner's rule in the piece it begins in.
+        """Return the function of a series of arrays, in the pieces it begins in.
 
-        Or in the pieces that other places are within.
+        Or in those that other places are within. Horner's rule gives the polynomials about where
+        the series begin, and, of these polynomials, what the rest of the series adds.
         """
         start = np.asarray(x.values[0] if within is None else within, float)
         first, last = self.breaks[0], self.breaks[-1]
@@ -42,10 +43,17 @@ class Piecewise:
         shift = (last - first) * periods
         inner = self.breaks[1:-1]
         piece = np.searchsorted(inner, start - shift, side="right")
-        local = x - (self.breaks[piece] + shift)
-        total = local * 0.0 + self.coefficients[piece, -1]
+        at = x.values[0] - (self.breaks[piece] + shift)
+        order = len(x.values) - 1 + bool(x.changes)
+        about = [self.coefficients[piece, -1], *[0.0] * order]
         for k in range(self.coefficients.shape[1] - 2, -1, -1):
-            total = total * local + self.coefficients[piece, k]
+            for i in range(order, 0, -1):
+                about[i] = about[i] * at + about[i - 1]
+            about[0] = about[0] * at + self.coefficients[piece, k]
+        rest = Taylor([0.0 * at, *x.values[1:]], x.changes)
+        total = rest * 0.0 + about[order]
+        for k in range(order - 1, -1, -1):
+            total = total * rest + about[k]
         return total + self.rise * periods
 
     def derivative(self) -> Piecewise:

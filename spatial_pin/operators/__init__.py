@@ -1,11 +1,5 @@
 """The operators of the textbooks: finite displacements in the plane and in space, and back."""
 
-from spatial_pin.operators.angular import (
-    body_angular_acceleration,
-    body_angular_velocity,
-    spatial_angular_acceleration,
-    spatial_angular_velocity,
-)
 from spatial_pin.operators.dh import (
     DH_JOINTS,
     DHRow,
@@ -47,10 +41,14 @@ from spatial_pin.operators.rotation import (
     Turn,
     axis_angle_from_rotation,
     axis_vector,
+    body_angular_acceleration,
+    body_angular_velocity,
     composite_rotation,
     direction_between,
     nearest_rotation,
     rotation_matrix,
+    spatial_angular_acceleration,
+    spatial_angular_velocity,
 )
 from spatial_pin.operators.screw import (
     ScrewDisplacement,

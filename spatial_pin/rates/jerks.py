@@ -209,5 +209,5 @@ def _equation_jerks(evaluation: LoopEquations, state: State, bodies: Array) -> A
     products = [sum(binomial * np.vecdot(a[order - k], b[k])  # of a . b [Leibniz]
                     for k, binomial in enumerate(BINOMIALS[order])) for order in range(4)]
     products[0] = products[0] - c.constants
-    rows = composed_rates(c, products, [state.q, state.v, state.a])
+    rows = composed_rates(c, products, [state.q, state.v, state.a], state.angles)
     return np.concatenate([rows, c.idle_bias @ bodies.reshape(-1)])

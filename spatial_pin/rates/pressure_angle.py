@@ -6,9 +6,10 @@ import math
 
 import numpy as np
 
-from spatial_pin.assembly.contact_places import contact_shape
+from spatial_pin.assembly.contact_places import angles_of, contact_shape
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
+from spatial_pin.mechanism.curves import curves_in
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array, null_space, row_space
@@ -37,7 +38,7 @@ def contact_quantity(
     Raises:
         SpatialPinError: the curve is not a closed one, and has no single normal.
     """
-    curve = closure.curves[0]
+    curve = curves_in(closure.numbers)[0]
     if kind == "pressure_angle" and not (curve.is_closed and curve.is_plane):
         raise SpatialPinError(f"{closure.name}.pressure_angle: a pressure angle is that of a "
                               "closed curve in a plane, and this curve is none")
@@ -47,7 +48,8 @@ def contact_quantity(
             loops.update(row)
             one, two = (loops.frame(mechanism.frame_id(name)) for name in closure.frames)
             seen = one.actInv(two)
-            shape = contact_shape(closure, (seen.translation[None], seen.rotation[None]))
+            shape = contact_shape(closure, (seen.translation[None], seen.rotation[None]),
+                                  angles_of(mechanism, closure, turned[None], 1))
             curvature = float(shape.curvature[0])
             if kind == "pressure_angle":
                 values.append(_pressure_angle(loops, closure, one.rotation @ shape.normal[0],
@@ -76,7 +78,7 @@ def _pressure_angle(loops: LoopEquations, closure: Closure, normal: Array, point
     ids = [mechanism.frame_id(name) for name in closure.frames]
     twists = [loops.frame_jacobian(k) * scale / np.array([[size]] * 3 + [[1.0]] * 3) for k in ids]
     is_point = follower is None or follower.flat is None
-    at = loops.frame(ids[1]).translation if is_point and len(closure.curves) < 2 else point
+    at = point if not is_point or "curves" in closure.numbers else loops.frame(ids[1]).translation
     paths = [twist[:3] + np.cross(twist[3:].T, (at - loops.frame(k).translation) / size).T
              for k, twist in zip(ids, twists, strict=True)]
     for still in twists:

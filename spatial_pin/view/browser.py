@@ -88,6 +88,19 @@ def start(command: Sequence[str], folder: str) -> subprocess.Popen[bytes]:
                                 start_new_session=True)
 
 
+def address_of(process: subprocess.Popen[bytes], program: str, note: Path) -> str:
+    """Return the URL of a browser's websocket, once it has written it into a file."""
+    def written() -> list[str]:
+        if process.poll() is not None:
+            complaint = (note.parent / "stderr").read_text(errors="replace")[-2000:]
+            raise SpatialPinError(f"{program} ended at once:\n{complaint}")
+        lines = note.read_text().split() if note.is_file() else []
+        return lines if len(lines) == 2 else []
+
+    port, path = _patiently(written, f"{program} to start")
+    return f"ws://127.0.0.1:{port}{path}"
+
+
 def end(process: subprocess.Popen[bytes]) -> None:
     """End a browser and its group of processes."""
     if hasattr(os, "killpg"):
@@ -191,16 +204,8 @@ class Browser:
         self._process = start([program, *OPTIONS, f"--user-data-dir={note.parent}", "about:blank"],
                               str(note.parent))
 
-        def written() -> list[str]:
-            if self._process.poll() is not None:
-                complaint = (note.parent / "stderr").read_text(errors="replace")[-2000:]
-                raise SpatialPinError(f"{program} ended at once:\n{complaint}")
-            lines = note.read_text().split() if note.is_file() else []
-            return lines if len(lines) == 2 else []
-
         try:
-            port, path = _patiently(written, f"{program} to start")
-            self._line = _Websocket(f"ws://127.0.0.1:{port}{path}")
+            self._line = _Websocket(address_of(self._process, program, note))
             pages = self.call("Target.getTargets")["targetInfos"]
             page = next((p["targetId"] for p in pages if p["type"] == "page"), None)
             page = page or self.call("Target.createTarget", url="about:blank")["targetId"]

@@ -129,6 +129,27 @@ def test_the_published_five_bar_in_six_decimals_has_three_freedoms():
     assert np.abs(values(state) - values(exact)).max() < 1e-6
 
 
+def slider_crank(gap):
+    """A slider-crank in four digits, in two halves with a weld between: it just misses 1e-4."""
+    urdf = (DATA / "rounded" / "slider_crank.urdf").read_text()
+    return from_text(urdf, {
+        "name": "slider_crank", "tree": "slider_crank", "drivers": {"crank": {"joint": "j0"}},
+        "closures": [{"name": "coupler", "type": "weld", "frames": ["c0_weld_0", "c0_weld_1"]}],
+        "gap": gap}, "slider_crank")
+
+
+@pytest.mark.filterwarnings("ignore::spatial_pin.SpatialPinWarning")
+def test_a_gap_that_is_just_too_small_is_named_though_another_branch_has_less():
+    with pytest.raises(sp.AssemblyError, match=r"gap=[24]e-04\) leaves out redundant"):
+        sp.assemble(slider_crank(1e-4))
+    drawn = sp.assemble(slider_crank(4e-4))
+    assert np.abs(drawn.q).max() < 1e-3
+    wanted = sp.assemble(slider_crank(4e-4), {"crank": 0.28})
+    assert wanted.coordinate("j2").value == pytest.approx(-0.046, abs=1e-3)
+    with pytest.raises(sp.AssemblyError, match=r"beyond the gap of 1e-04 \(gap=2e-04 allows it"):
+        sp.assemble(slider_crank(1.2e-4), {"crank": 0.28})
+
+
 # ------------------------------------------------------------ wrong is not rounded
 
 
@@ -378,3 +399,21 @@ def test_a_simulation_ends_where_equations_become_dependent_and_goes_on_from_the
         assert len(rest) > 10
         assert np.abs(rest.q - meant.q[n - 1 : n - 1 + len(rest)]).max() < 1e-4
     assert np.abs(first.q - meant.q[:n]).max() < 1e-4
+
+
+@pytest.mark.parametrize(("seed", "digits"), [(109, 8), (110, 9)])
+def test_a_simulation_does_not_take_dependent_equations_for_a_singular_configuration(seed, digits):
+    """As many samples as there are, few or many: how far it goes does not depend on them."""
+    exact, loop = (rounded.line_symmetric(seed, r)
+                   for r in (rounded.exactly, rounded.to_digits(digits)))
+    start = sp.solve_rates(loop, assembled(loop), {"h0": 1.0})
+    ends = []
+    for n in (31, 121):
+        times = np.linspace(0.0, 3.0, n)
+        meant = sp.simulate(exact, sp.solve_rates(exact, sp.assemble(exact), {"h0": 1.0}), 3.0,
+                            times=times)
+        found = sp.simulate(loop, start, 3.0, times=times)
+        assert np.abs(found.q - meant.q[: len(found)]).max() < 1e-5
+        assert len(found) == len(times) or found.events[-1].kind == "gap"
+        ends.append(found.time[-1])
+    assert ends == pytest.approx([ends[0]] * 2, abs=0.1)

@@ -204,3 +204,29 @@ def test_a_state_of_another_shape_is_refused_and_a_fast_one_is_not():
         sp.State(mechanism, np.zeros(3), closure_error=0.0)
     fast = sp.State(mechanism, mechanism.neutral, np.full(5, 1e200), closure_error=0.0)
     assert fast.v[0] == 1e200
+
+
+@pytest.mark.parametrize("name", ["delta", "stewart", "rssr"])
+def test_calls_leave_nothing_to_the_collector(name):
+    """Nothing that a call makes refers to itself: memory is free at once, without a pause."""
+    mechanism = library(name)
+    start = sp.assemble(mechanism)
+    values = {d: start.coordinate(d).value + 0.02 for d in mechanism.drivers}
+
+    def calls():
+        state = sp.assemble(mechanism, values, start)
+        sp.reach(mechanism, values, start)
+        sp.assemble(mechanism, values)
+        sp.solve_rates(mechanism, state, dict.fromkeys(values, 1.0))
+        sp.influence(mechanism, state)
+        sp.inverse_dynamics(mechanism, state)
+        sp.forward_dynamics(mechanism, state)
+
+    calls()
+    gc.collect()
+    gc.disable()
+    try:
+        calls()
+        assert gc.collect() == 0
+    finally:
+        gc.enable()

@@ -90,3 +90,25 @@ def test_all_verbs_say_that_a_delta_with_exchanged_pins_is_singular(exchanged, d
                  lambda: sp.simulate(mechanism, state, 0.01)):
         with pytest.raises(sp.SingularError, match="the loops lose 2 independent equations"):
             verb()
+
+
+@pytest.mark.parametrize("exchanged", [(0, 1), (1, 2)])
+def test_in_three_digits_such_a_delta_has_one_freedom_for_all_verbs(exchanged):
+    """It goes down, until branches cross."""
+    mechanism = delta(exchanged, 3)
+    state = sp.assemble(mechanism)
+    found = sp.mobility(mechanism, state)
+    assert (found.dof, found.instantaneous) == (1, 1)
+    fallen = sp.forward_dynamics(mechanism, state).a
+    assert fallen[:3] == pytest.approx(sp.forward_dynamics(delta(), sp.assemble(delta())).a[:3],
+                                       abs=1e-6)
+    speeds = dict.fromkeys(DRIVERS, 0.1)
+    for verb in (lambda: sp.solve_rates(mechanism, state, speeds),
+                 lambda: sp.jacobian(mechanism, state, "platform")):
+        with pytest.raises(sp.SingularError, match="the closed mechanism has 1 freedom there"):
+            verb()
+    with pytest.raises(sp.SingularError, match="just ahead the loops lose rank") as caught:
+        sp.simulate(mechanism, state, 0.1)
+    assert 0.06 < caught.value.motion.time[-1] < 0.066
+    with pytest.raises(sp.SpatialPinError, match="branches cross"):
+        sp.sweep(mechanism, "arm_0", np.linspace(0.0, 0.2, 5))

@@ -288,6 +288,28 @@ def test_a_table_that_cannot_be_followed_is_named(run, tmp_path, table, words):
     assert (code, out) == (1, "") and err.startswith(f"spatial-pin: {path}: {words}")
 
 
+def test_states_at_scattered_values_of_a_table(run, tmp_path):
+    """In the order of the table; what is out of reach is told, with the nearest that was."""
+    path, out_path = tmp_path / "values.csv", tmp_path / "found.csv"
+    path.write_text("crank [deg]\n60\n170\n-30\n")
+    code, out, _ = run("states", "four_bar", str(path), "--set", "r2=0.25", "--threads", "2",
+                       "--csv", str(out_path))
+    assert code == 0
+    assert "out of reach: 1 of 3 samples" in out
+    assert "sample 1: crank = 2.9670" in out
+    values = np.genfromtxt(out_path, delimiter=",", names=True, encoding="utf-8")
+    assert np.degrees(values["crank_pin_rad"][[0, 2]]) == pytest.approx([60.0, -30.0])
+    code, out, _ = run("states", "four_bar", str(path), "--set", "r2=0.25", "--json")
+    assert code == 0 and "limit position" in json.loads(out)["unreached"]["1"]
+
+
+def test_a_table_of_states_that_names_no_driver(run, tmp_path):
+    path = tmp_path / "values.csv"
+    path.write_text("crnk\n60\n")
+    code, _, err = run("states", "four_bar", str(path))
+    assert code == 1 and f"{path}: column 'crnk': mechanism 'four_bar': no" in err
+
+
 def test_a_column_of_targets_that_is_no_frame_is_named(run, tmp_path):
     path = tmp_path / "targets.csv"
     path.write_text("tipp.x,tipp.y,tipp.z\n0,1,1\n1,2,2\n")

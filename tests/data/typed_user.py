@@ -74,9 +74,27 @@ def rates(mech: sp.Mechanism, state: sp.State) -> None:
     rate: Array = sp.jacobian_rate(mech, moving, "coupler")
     influence: sp.Influence = sp.influence(mech, moving)
     jerks: sp.Jerks = sp.solve_jerks(mech, moving)
-    ratio: sp.Transmission = sp.transmission(mech, moving, "rocker_pin")
+    ratio: sp.Transmission[float] = sp.transmission(mech, moving, "rocker_pin")
     print(spin.shape, centre.velocity.shape, seen.coriolis.shape, rows.T, jacobian @ rate.T,
           influence.second.ndim, jerks.coordinate("rocker_pin") + 1.0, ratio.angle + ratio.ratio)
+
+
+def over(mech: sp.Mechanism, motion: sp.Motion) -> sp.Motion:
+    try:
+        one: sp.State = motion[-1]
+    except sp.SampleError as error:
+        print(str(error).upper())
+    some: sp.Motion = motion[10:20]
+    faster: sp.Motion = sp.solve_rates(mech, some, {"crank": np.linspace(0.0, 1.0, 10)})
+    ratios: sp.Transmission[Array] = sp.transmission(mech, motion, "rocker_pin")
+    path: sp.FrameMotion = one.frame("coupler")
+    jacobians: Array = sp.jacobian(mech, motion, "coupler")
+    cloud: sp.Motion = sp.states(mech, {"crank": [0.0, 2.0, 1.0]}, threads=2)
+    reasons: dict[int, str] = cloud.unreached
+    print(ratios.angle.max(), path.velocity.shape, jacobians[0] @ np.ones(1), reasons.keys(),
+          motion.placement("coupler").shape, [state.closure_error + 1.0 for state in motion],
+          sp.influence(mech, motion).second.shape)
+    return faster
 
 
 def moving(mech: sp.Mechanism) -> sp.Motion:
@@ -182,6 +200,17 @@ def judging(mech: sp.Mechanism, motion: sp.Motion) -> None:
     contact: sp.Contact = pair.contacts[0]
     print(row.time_per_step + row.error, 0.0 if errors is None else errors.total + 1.0,
           omission.why.upper(), proof.worst + difference.position, pair.distance + contact.begin)
+
+
+def differentiating(mech: sp.Mechanism) -> None:
+    f: sp.Function = sp.function(mech, ["crank", "b"], ["rocker_pin"], guess={"crank_pin": 0.1})
+    slopes = f.jacobian([[1.0, 0.381]])
+    print(f.labels[0].upper(), slopes.shape, f.vjp([1.0, 0.381], [1.0]) @ f([1.0, 0.381]))
+    g = f.jax() if len(f.inputs) > 1 else f.torch()
+    loop: sp.ControlLoop = sp.ControlLoop(mech, frames=["tip"])
+    loop.update([0.1], rates={"crank": 2.0})
+    print(g([1.0, 0.381]), loop.inertia @ [1.0] + loop.gravity_efforts, loop.state.closure_error)
+    print(loop.jacobians["tip"].shape, loop.influence.second.shape, loop.rate_error + 1.0)
 
 
 def viewing(mech: sp.Mechanism, motion: sp.Motion) -> None:

@@ -124,6 +124,66 @@ def test_a_sun_and_its_planet_on_a_carrier():
     assert found.efforts["carrier"] == pytest.approx(-TORQUE * R1 / R2, rel=1e-12)
 
 
+@pytest.mark.parametrize("hand", [1.0, -1.0])
+@pytest.mark.parametrize("torque", [TORQUE, -TORQUE])
+def test_a_worm_pushes_its_wheel_as_the_textbook_has_it(torque, hand):
+    """Without friction [Shigley, 13-17]: W_a : W_t : W_r = cos l : sin l : tan(a), lead angle l."""
+    radius, wheel, lead = 0.02, 0.06, 0.0125 * np.pi
+    angle = np.arctan2(lead, 2.0 * np.pi * radius)
+    model = bodies(("worm", pin.JointModelRY(), (wheel + radius, 0, 0), ""),
+                   ("wheel", pin.JointModelRZ(), (0, 0, 0), ""))
+    mesh = sp.closures.coupling(
+        "worm", "wheel", -hand * lead / (2.0 * np.pi * wheel), name="mesh", teeth={
+            "point": [wheel, 0.0, 0.0], "pressure_angle": ALPHA,
+            "helix_angle": hand * (0.5 * np.pi - angle)})
+    mech = sp.Mechanism.from_model(model, [mesh], drivers=["worm"],
+                                   springs=[sp.Spring("load", joint="wheel")])
+    found = reactions(mech, torque)
+    across = -torque / wheel  # it turns the wheel back, along the worm
+    force = np.array([-np.tan(ALPHA) / np.cos(angle) * abs(across), across,
+                      -hand * across * np.tan(angle)])
+    assert found.reactions["mesh"].linear == pytest.approx(force, rel=1e-12)
+    turning = -hand * across * np.tan(angle) * radius
+    assert found.efforts["worm"] == pytest.approx(turning, rel=1e-12)
+    assert found.determined["worm"] and found.determined["wheel"]
+    # the worm's bearing bears the thrust, the wheel's what tilts it
+    assert found.reactions["worm"].linear[1] == pytest.approx(across, rel=1e-12)
+    assert found.reactions["wheel"].angular[1] == pytest.approx(wheel * force[2], rel=1e-12)
+
+
+def test_crossed_helical_gears_push_by_their_helix_angles():
+    """Right-handed both, axes 70° apart: r w cos(beta) is the same for both [Shigley, 13-16]."""
+    one, two = np.radians(40.0), np.radians(30.0)
+    model = pin.Model()
+    first = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), "one")
+    tilt = pin.exp3(np.array([-1.0, 0.0, 0.0]) * (one + two))
+    second = model.addJoint(0, pin.JointModelRZ(), pin.SE3(tilt, np.array([R1 + R2, 0.0, 0.0])),
+                            "two")
+    for i in (first, second):
+        model.appendBodyToJoint(i, pin.Inertia(1.0, np.zeros(3), 0.01 * np.eye(3)),
+                                pin.SE3.Identity())
+    ratio = -R1 * np.cos(one) / (R2 * np.cos(two))
+    mesh = sp.closures.coupling("one", "two", ratio, name="mesh", teeth={
+        "point": [R1, 0.0, 0.0], "pressure_angle": ALPHA, "helix_angle": one})
+    mech = sp.Mechanism.from_model(model, [mesh], drivers=["one"],
+                                   springs=[sp.Spring("load", joint="two")])
+    found = reactions(mech, TORQUE)
+    force = found.reactions["mesh"].linear
+    tangential = TORQUE / R2
+    normal = tangential / np.cos(two)
+    assert force[0] == pytest.approx(normal * np.tan(ALPHA), rel=1e-12)
+    assert np.hypot(force[1], force[2]) == pytest.approx(normal, rel=1e-12)
+    assert abs(force[1]) == pytest.approx(normal * np.cos(one), rel=1e-12)  # about axis 1
+    assert abs(force[2]) == pytest.approx(normal * np.sin(one), rel=1e-12)  # along it
+    axis = tilt[:, 2]
+    assert abs(force @ axis) == pytest.approx(normal * np.sin(two), rel=1e-12)
+    with pytest.raises(sp.SpatialPinError, match="follows from the ratio and the point"):
+        wrong = sp.closures.coupling("one", "two", ratio, name="mesh", teeth={
+            "point": [R1, 0.0, 0.0], "helix_angle": 0.5})
+        assert reactions(sp.Mechanism.from_model(model, [wrong], drivers=["one"], springs=[
+            sp.Spring("load", joint="two")]), TORQUE).reactions
+
+
 @pytest.mark.parametrize("pretension", [0.0, 20.0, 400.0])
 def test_a_belt_pulls_its_shafts_together(pretension):
     r1, r2, apart = 0.05, 0.05, 0.4

@@ -529,6 +529,8 @@ TWINS = robot(*map(link, "gabcdef"), joint("j", "floating", "g", "a", origin("0 
               joint("c_mount", "fixed", "a", "c", origin(*MOUNT)),
               joint("d_mount", "fixed", "b", "d", origin(*TIP)))
 EXTRA = {"screw": "lead = 0.1", "distance": "length = 0.5", "rope": "length = 0.5",
+         "frame_on_curve": 'curve = "c"\n[curves.c]\nhelix = {radius = 0.5, lead = 0.1}',
+         "curve_on_curve": 'curves = ["c", "c"]\n[curves.c]\ncircle = {radius = 0.5}',
          "point_on_curve": 'curve = "c"\n[curves.c]\ncircle = {radius = 0.5}',
          "cam": 'curve = "c"\nfollower = {knife = true}\n[curves.c]\ncircle = {radius = 0.5}'}
 

@@ -41,7 +41,7 @@ INNER = {  # methods of public types that the library has for itself, or for who
         "with_fields"},
     "Reduced": {"extent", "left_out", "placed", "start", "unplaced"},
     "Tabular": {"quantities"},  # those of each result say what they are
-    "Target": {"check", "lengths", "pulled", "residual", "wishes"},
+    "Target": {"check", "for_kernel", "lengths", "pulled", "residual", "wishes"},
 }
 RESULTS = ("Return ", "Ask ", "Write ")  # first words that say what comes back
 NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?(?![\w])")

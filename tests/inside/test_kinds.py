@@ -230,7 +230,7 @@ def test_an_equation_may_multiply_quantities(tmp_path, joint):
     (e,) = Constraints(mechanism).equations
     p = rng.normal(size=(4, 3))  # of its products, derivatives 0 to 3: the rule of Leibniz
     third = p[3, 1] * p[0, 2] + 3 * (p[2, 1] * p[1, 2] + p[1, 1] * p[2, 2]) + p[0, 1] * p[3, 2]
-    found = composed_rates(Constraints(mechanism), list(p), [])
+    found = composed_rates(Constraints(mechanism), list(p), [], np.zeros(1))
     assert found == pytest.approx(p[3, 0] + e.terms[1][0] * third, rel=1e-14)
 
 

@@ -164,6 +164,7 @@ def test_sign_of_a_joint_stands_on_it_with_its_axis(tmp_path, kind):
 def test_sign_of_a_closure_stands_on_its_frames(tmp_path, kind):
     keys = {"distance": {"length": 0.2}, "rope": {"length": 0.2},
             "point_on_curve": {"curve": "c"}, "cam": {"curve": "c", "follower": {"roller": 0.02}},
+            "frame_on_curve": {"curve": "c"}, "curve_on_curve": {"curves": ["c", "c"]},
             "screw": {"lead": 0.02}}.get(kind, {})
     state = opened(tmp_path, kind, pin.SE3(np.eye(3), np.array([0.03, 0.04, 0.12])), **keys)
     stage = stage_of(state)

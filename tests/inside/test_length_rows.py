@@ -108,7 +108,8 @@ def test_a_twist_of_what_a_joint_carries_changes_the_row_as_its_coordinate_does(
         columns = np.array(evaluation.data.J).reshape(6, -1)
         for i in range(1, mechanism.model.njoints):
             k = mechanism.model.idx_vs[i]
-            moved = twist_derivatives(mechanism, i, q[None], evaluation.placements[None])[0]
+            moved = twist_derivatives(mechanism, i, q[None], evaluation.placements[None],
+                                      np.zeros((1, 0)))[0]
             assert_same(moved @ columns[:, k], evaluation.jacobian[:, k])
 
 

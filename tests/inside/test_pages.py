@@ -25,7 +25,7 @@ from variety import each, few
 import spatial_pin as sp
 from spatial_pin.motion.default_motion import ROWS, SLIDE_RANGE, default_motion
 from spatial_pin.view.page.html import packed
-from spatial_pin.view.page.jog import BESIDE, Jog
+from spatial_pin.view.page.jog import BESIDE, Jog, reaches
 from spatial_pin.view.page.markup import number, table, tiny
 from spatial_pin.view.page.plots import default_outputs, svg
 from spatial_pin.view.page.report_page import SECTIONS
@@ -226,7 +226,7 @@ def test_a_move_ends_where_a_joint_runs_away():
     mech = sp.Mechanism.from_model(model, [on_wall], drivers=["arm"],
                                    guess={"arm": 0.1, "slide": 1.0}, name="wall")
     drive = Jog(sp.assemble(mech), ["arm"])
-    (_, stops, _), stop = drive.reach("arm", 91), drive.move("arm", 2.0)
+    (_, stops, _), stop = reaches(drive, "arm", 91), drive.move("arm", 2.0)
     for found, end in zip((*stops, stop), (-1.0, 1.0, 1.0), strict=True):
         assert found.kind == "limit" and found.value == pytest.approx(end * np.pi / 2, abs=1e-12)
     assert abs(drive.value("arm")) < np.pi / 2
@@ -244,7 +244,7 @@ def test_a_driver_stops_where_any_joint_comes_to_its_limit(tmp_path):
         assert drive.value("crank") == stop.value == pytest.approx(value, abs=1e-10)
         assert abs(drive.state.beyond_limits.get("slide", 0.0)) < 1e-10
     assert drive.move("crank", 1.5) is None
-    ends, stops, _ = drive.reach("crank", 13)
+    ends, stops, _ = reaches(drive, "crank", 13)
     assert ends == pytest.approx((at[0.38], at[0.25]), abs=1e-10)
     assert [stop.of for stop in stops] == ["slide", "slide"]
     drive.keeps_limits = False

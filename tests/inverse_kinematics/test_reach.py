@@ -163,6 +163,60 @@ def test_what_is_left_free_moves_least(tmp_path):
     assert np.abs(state.q - least.x).max() < 1e-6
 
 
+def placed(mechanism, q, name):
+    data = mechanism.model.createData()
+    pin.framesForwardKinematics(mechanism.model, data, q)
+    return data.oMf[mechanism.frame_id(name)]
+
+
+# what is asked for, and the same numbers from Pinocchio's placements
+KINDS = {
+    "part of a position": (
+        lambda at, other: {"platform.position.x": at.translation[0] + 0.03},
+        lambda at, other: at.translation[:1]),
+    "position": (lambda at, other: {"platform": at.translation + np.array([0.03, -0.02, 0.01])},
+                 lambda at, other: at.translation),
+    "orientation": (
+        lambda at, other: {"platform": targets.orientation(pin.exp3(np.array([0.1, 0.05, 0.08])))},
+        lambda at, other: pin.log3(pin.exp3(np.array([0.1, 0.05, 0.08])).T @ at.rotation)),
+    "direction": (
+        lambda at, other: {"platform": targets.direction([0.0, 0.0, 1.0], [0.0, 0.6, 0.8])},
+        lambda at, other: at.rotation[:, 2]),
+    "angle": (lambda at, other: {"platform.angle.z": 0.2},
+              lambda at, other: [np.arctan2(at.rotation[1, 0], at.rotation[0, 0])]),
+    "distance": (
+        lambda at, other: {"platform": targets.distance(
+            "cylinder_1", 1.05 * np.linalg.norm(at.translation - other.translation))},
+        lambda at, other: [np.linalg.norm(at.translation - other.translation)]),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_platform_meets_any_target_by_the_least_displacement(kind):
+    """The displacement from the start has no slope along motions that keep loops and target."""
+    asked, value = KINDS[kind]
+    mechanism = library("stewart")
+    start = sp.assemble(mechanism)
+    model, scale = mechanism.model, mechanism.velocity_scale
+    goal = asked(*(placed(mechanism, start.q, x) for x in ("platform", "cylinder_1")))
+    state = sp.reach(mechanism, goal, start, limits=False)
+
+    def measured(v):
+        q = pin.integrate(model, state.q, scale * v)
+        return np.array(value(*(placed(mechanism, q, x) for x in ("platform", "cylinder_1"))))
+
+    h = 1e-5
+    rows = np.array([(measured(h * x) - measured(-h * x)) / (2.0 * h) for x in np.eye(model.nv)])
+    closures = sp.closure_jacobian(mechanism, state) * scale
+    away = pin.difference(model, start.q, state.q) / scale
+    slope = scale * (pin.dDifference(model, start.q, state.q, pin.ARG1).T @ (away / scale))
+    pulls = np.hstack([closures.T, rows])
+    left = slope - pulls @ np.linalg.lstsq(pulls, slope, rcond=1e-8)[0]
+    assert np.abs(left).max() < 1e-9
+    assert np.linalg.norm(away) > 0.01
+    assert state.closure_error < 1e-13
+
+
 def test_targets_with_a_weight_are_met_in_the_freedom_that_is_left(tmp_path):
     mechanism = arm(tmp_path)
     start = at(mechanism, 0.3, 0.4, 0.5)

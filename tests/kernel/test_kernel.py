@@ -41,6 +41,7 @@ from spatial_pin.kernel.paths import (
     _AccuracyStruct,
     _PathTask,
     _RowsStruct,
+    _ScatterTask,
 )
 from spatial_pin.kernel.rate_solver import _RateTask
 from spatial_pin.settings import Accuracy
@@ -368,6 +369,13 @@ def use_path(handle: ctypes.c_void_p, ints: np.ndarray, q, turns, rng) -> set[in
     values = np.append(start + rng.normal(size=3), rng.choice([np.nan, np.inf, start, *ODD]))
     reached = c.path_follow(handle, address(values), len(values), ctypes.byref(rows))
     assert 0 <= reached <= len(values) * (ends == {0})
+    n_values, parts = int(rng.integers(-1, len(driven) + 2)), np.array([0.0, 0.0, 0.0, 1.0])
+    line, values4 = rng.normal(size=(len(driven), 2)), rng.normal(size=(4, max(n_values, 0)))
+    wanted, parents = wild_places(4, rng, 3), wild_places(4, rng, 4)
+    samples.q[:], samples.angles[:], samples.error[:] = q, turns, 0.0
+    scatter = _ScatterTask(4, 3, address(wanted), address(parents), n_values, address(values4),
+                           address(line), int(rng.integers(0, 2)), rows, address(parts))
+    ends.add(c.path_scatter(handle, ctypes.byref(task), ctypes.byref(scatter)))
     closer = ctypes.c_void_p()
     if not c.closer_create(handle, None, 0, None, 0, None, None, 0, ctypes.byref(closer)):
         done = close_wildly(handle, closer, nv, q, turns, np.empty(0), rng, task, values)[1]

@@ -15,7 +15,7 @@ from variety import each
 
 import spatial_pin as sp
 from spatial_pin.assembly.square_system import SquareSystem
-from spatial_pin.assembly.state import State
+from spatial_pin.assembly.state import WORLD_AXES, State
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.kernel.kernel import Kernel, TangentStep, tangent_step
 from spatial_pin.kernel.loop_equations import loops_of
@@ -206,3 +206,62 @@ def test_a_flat_parallelogram_opens_beside_by_the_square_of_the_step() -> None:
     with loops_of(mechanism) as evaluation:
         evaluation.update(found.q)
         assert 1e-3 < evaluation.closure_error / TOLERANCES.trial_step**2 < 1.0
+
+
+class _TreeOracle:
+    """A frame's Jacobian in the tree, and its rate by Pinocchio's accelerations."""
+
+    def __init__(self, mechanism: sp.Mechanism, q: np.ndarray, frame: int) -> None:
+        self.model, self.q, self.frame = mechanism.centred_model, q, frame
+        self.data = self.model.createData()
+        pin.computeJointJacobians(self.model, self.data, q)
+        pin.updateFramePlacements(self.model, self.data)
+        self.jacobian = np.array(pin.getFrameJacobian(self.model, self.data, frame, WORLD_AXES))
+
+    def acceleration(self, v: np.ndarray) -> np.ndarray:
+        """Return (6,) the frame's classical acceleration at zero joint acceleration."""
+        pin.forwardKinematics(self.model, self.data, self.q, v, np.zeros_like(v))
+        return pin.getFrameClassicalAcceleration(
+            self.model, self.data, self.frame, WORLD_AXES).vector
+
+
+@pytest.mark.parametrize("name", each(LIBRARY))
+def test_rates_of_jacobians_give_the_accelerations_of_pinocchio(name: str) -> None:
+    """J' s + J s' is the frame's acceleration, for speeds of all drivers together."""
+    mechanism = library(name)
+    rng = np.random.default_rng(3)
+    s, ds = rng.uniform(-1.0, 1.0, (2, len(mechanism.drivers)))
+    state = sp.solve_rates(mechanism, sp.assemble(mechanism),
+                           dict(zip(mechanism.drivers, s, strict=True)),
+                           dict(zip(mechanism.drivers, ds, strict=True)))
+    for link in mechanism.links[-2:]:
+        tree = _TreeOracle(mechanism, state.q, mechanism.frame_id(link))
+        expected = tree.jacobian @ state.a + tree.acceleration(state.v)
+        found = (sp.jacobian(mechanism, state, link) @ ds
+                 + sp.jacobian_rate(mechanism, state, link) @ s)
+        assert np.abs(found - expected).max() <= 1e-12 * max(1.0, np.abs(expected).max())
+
+
+@pytest.mark.parametrize("name", ["delta", "stewart", "rssr", "swash_plate", "satellite_dish"])
+def test_each_column_of_the_rate_is_that_of_differences(name: str) -> None:
+    """Column by column, which accelerations along one motion do not tell."""
+    mechanism = library(name)
+    speeds = {d: 0.3 + 0.2 * k for k, d in enumerate(mechanism.drivers)}
+    state, link, h = sp.assemble(mechanism), mechanism.links[-1], 1e-4
+    moving = sp.solve_rates(mechanism, state, speeds)
+    ends = []
+    for t in (-h, h):
+        q = pin.integrate(mechanism.model, state.q, t * moving.v)
+        values = {d: state.coordinate(d).value + t * x for d, x in speeds.items()}
+        ends.append(sp.jacobian(mechanism, sp.assemble(mechanism, values, q), link))
+    rate = (ends[1] - ends[0]) / (2.0 * h)
+    np.testing.assert_allclose(sp.jacobian_rate(mechanism, moving, link), rate,
+                               atol=1e-6 * max(1.0, np.abs(rate).max()))
+
+
+def test_pieces_of_a_long_motion_are_put_together(monkeypatch) -> None:
+    mechanism = library("delta")
+    motion = sp.sweep(mechanism, "arm_1", np.linspace(0.0, 0.3, 40))
+    whole = sp.jacobian(mechanism, motion, "platform")
+    monkeypatch.setattr("spatial_pin.assembly.samples.PIECE", 7 * mechanism.model.nv)
+    assert np.array_equal(whole, sp.jacobian(mechanism, motion, "platform"))

@@ -134,7 +134,7 @@ def test_a_cam_that_no_centre_sees_whole_lifts_its_roller():
     turned = np.column_stack([motion.coordinate("rod").value * f(motion.coordinate("cam").value)
                               for f in (np.cos, lambda x: -np.sin(x))])
     away = np.linalg.norm(turned[:, None] - curve.points()[:, :2], axis=2).min(axis=1)
-    np.testing.assert_allclose(away, 0.004, atol=1e-5)
+    np.testing.assert_allclose(away, 0.004, atol=4e-5)  # of points of the curve, not of the curve
     differences(mech, "cam", 0.4, ["rod", "contact.s"], atol=1e-8)
 
 
@@ -200,7 +200,8 @@ def test_a_bead_on_a_helix_slides_by_its_slope_and_is_carried_by_it():
     rise = np.arctan2(lead / (2.0 * np.pi), radius)
     moving = sp.State(free, state.q, state.v, found.a, closure_error=0.0, angles=state.angles)
     # rotational inertia of 1e-6 kg m² over the radius squared
-    assert moving.coordinate("track.s").acceleration == pytest.approx(-9.81 * np.sin(rise), rel=1e-5)
+    sliding = moving.coordinate("track.s").acceleration
+    assert sliding == pytest.approx(-9.81 * np.sin(rise), rel=1e-5)
     force = found.reactions["track"].linear
     assert np.linalg.norm(force) == pytest.approx(9.81 * np.cos(rise), rel=1e-5)
 
@@ -238,7 +239,7 @@ def profiles(one, two, apart=None, guess=0.0):
 
 def test_two_eccentric_circles_are_a_four_bar():
     """Their centres are as far apart as their radii: a coupler."""
-    one, two, e, f, d = 0.03, 0.02, 0.01, 0.012, 0.06
+    one, two, e, f, d = 0.03, 0.02, 0.01, 0.03, 0.06
     mech = profiles(sp.curves.circle(one, [e, 0, 0]), sp.curves.circle(two, [f, 0, 0]), apart=d,
                     guess=2.0)
     for turn in (0.3, 1.4, 2.5):
@@ -270,9 +271,10 @@ def test_a_circle_is_a_roller():
         np.testing.assert_allclose(a.output(f"contact.{kind}").values,
                                    b.output(f"contact.{kind}").values, rtol=1e-9, atol=1e-11)
     forces = [sp.kinetostatics(m, x) for m, x in ((mech, a), (roller, b))]
-    np.testing.assert_allclose(forces[0].reactions["contact"].force,
-                               forces[1].reactions["contact"].force, atol=1e-10)
-    assert [e.kind for e in forces[0].events] == [e.kind for e in forces[1].events]
+    np.testing.assert_allclose(*(x.output("contact.reaction.force").values for x in forces),
+                               atol=1e-10)
+    one, two = ([e.value for e in x.events if e.kind == "lift off"] for x in forces)
+    assert one == pytest.approx(two, abs=1e-3) and one  # between samples
 
 
 def test_equal_ellipses_that_turn_about_their_foci_roll_on_each_other():
@@ -291,7 +293,7 @@ def test_equal_ellipses_that_turn_about_their_foci_roll_on_each_other():
 
 
 def test_an_ellipse_slides_on_an_ellipse_as_numbers_of_fifty_digits_have_it():
-    from mpmath import mp, findroot, cos, sin, mpf
+    from mpmath import cos, findroot, mp, mpf, sin
 
     mp.dps = 50
     mech = profiles(sp.curves.ellipse([0.04, 0.03]), sp.curves.ellipse([0.02, 0.03]), guess=0.07)

@@ -128,6 +128,8 @@ CONSTRUCTED = {  # type -> (arguments after the frames, what a file says)
     "planar": ({}, {}), "distance": ({"length": 0.4}, {"length": 0.4}),
     "rope": ({"length": 0.4}, {"length": 0.4}),
     "point_on_curve": ({"curve": CURVE}, {"curve": "c"}),
+    "frame_on_curve": ({"curve": CURVE}, {"curve": "c"}),
+    "curve_on_curve": ({"curves": [CURVE, CURVE]}, {"curves": ["c", "c"]}),
     "cam": ({"curve": CURVE, "follower": {"knife": True}},
             {"curve": "c", "follower": {"knife": True}}),
     "point_on_line": ({"axis": AXIS}, {"axis": AXIS}), "point_on_plane": ({}, {}),

@@ -73,7 +73,7 @@ class Evaluation:
     def row_wrenches(self) -> Array:
         """Return (n_wrenches, 6) of the equations, see `LoopEquations`."""
         (found,) = combined_wrenches(self.constraints, [self.values[:, None]], [self.q[:, None]],
-                                     [self.wrenches])
+                                     [self.wrenches], self.angles)
         return found
 
     def bias(self, q: Array, v: Array) -> Array:
@@ -89,5 +89,5 @@ class Evaluation:
             self.vectors, (g, h1 @ g, h1 @ h1 @ g + h2 @ g))
         first = np.vecdot(a1, b) + np.vecdot(a, b1)
         bias = np.vecdot(a2, b) + 2.0 * np.vecdot(a1, b1) + np.vecdot(a, b2)
-        rows = composed_rates(c, [self.values, first, bias], [q, v])
+        rows = composed_rates(c, [self.values, first, bias], [q, v], self.angles)
         return np.concatenate([rows, c.idle_bias @ tree.accelerations.reshape(-1)])

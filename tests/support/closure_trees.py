@@ -14,6 +14,7 @@ __all__ = ["CLOSURE_TYPES", "COUPLING", "JOINT_TYPES", "PAIRS"]  # what others t
 LENGTH, LEAD = 0.37, 0.023
 KEYS = {"distance": {"length": LENGTH}, "rope": {"length": LENGTH},
         "point_on_curve": {"curve": "c"}, "cam": {"curve": "c", "follower": {"roller": 0.02}},
+        "frame_on_curve": {"curve": "c"}, "curve_on_curve": {"curves": ["c", "c"]},
         "screw": {"lead": LEAD}}
 CLOSURE_TYPES = closure_types()
 TYPES = [kind for kind in CLOSURE_TYPES if kind != COUPLING]

@@ -35,7 +35,8 @@ def everything(folder: Path, seed: int, size: float = 1.0) -> sp.Mechanism:
         text = refinement(f"to_{k}", str(kind), rng)
         toml += text.replace("lead = 0.023", f"lead = {0.023 * size!r}")
         bodies.append(f"body_{k}")
-    for k, kind in enumerate([*(x for x in TYPES if "curve" not in KEYS.get(x, {})), "between"]):
+    plain = [x for x in TYPES if not {"curve", "curves"} & KEYS.get(x, {}).keys()]
+    for k, kind in enumerate([*plain, "between"]):
         names = []
         for i, body in enumerate(rng.choice(bodies, 4, replace=False)):
             names.append(f"at_{k}_{i}")

@@ -119,10 +119,11 @@ CURVE = "[curves.{}]\nellipse = {{semi_axes = [0.3, 0.2]}}\n"
 
 def closure(name, kind, first, second, **keys) -> str:
     lines = [f'name = "{name}"', f'type = "{kind}"', f'frames = ["{first}", "{second}"]']
-    plain = {key: v if isinstance(v, str | Mapping) else np.asarray(v, float).tolist()
-             for key, v in keys.items()}
+    plain = {key: v if isinstance(v, str | Mapping) or key == "curves" else np.asarray(
+        v, float).tolist() for key, v in keys.items()}
     lines += [f"{key} = {toml_of(v)}" for key, v in plain.items()]
-    curve = CURVE.format(keys["curve"]) if "curve" in keys else ""
+    names = {keys["curve"]} if "curve" in keys else set(keys.get("curves", ()))
+    curve = "".join(map(CURVE.format, sorted(names)))
     return "[[closures]]\n" + "\n".join(lines) + "\n" + curve
 
 

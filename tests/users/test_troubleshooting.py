@@ -105,6 +105,9 @@ MET = {  # what a user does, and how the message that comes is told
     "an effort of a motion": (lambda: sp.sweep(FOUR_BAR, "crank", [0.0, 0.1]).output(
         "crank.effort"), "a motion by itself"),
     "a sample": (lambda: sp.sweep(FOUR_BAR, "crank", [0.0, 0.1]).state(9), "there is no sample"),
+    "a whole motion": (lambda: sp.solve_jerks(FOUR_BAR, sp.sweep(FOUR_BAR, "crank", [0.0])),
+                       "not a whole Motion"),
+    "two things": (lambda: sp.assemble(FOUR_BAR)["crank"], "and a link or frame too"),
     "not a number": (lambda: sp.sweep(FOUR_BAR, "crank", [0.0, np.nan]), "is NaN or inf"),
     "a text": (lambda: sp.sweep(FOUR_BAR, "crank", ["a"]), "must be finite numbers"),
     "no object": (lambda: sp.sweep("four_bar", "crank", [0.0, 1.0]), "is needed, not"),

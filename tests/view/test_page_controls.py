@@ -699,12 +699,6 @@ def test_curves_of_another_motion_are_dashed_where_it_is_shown(one_browser, moti
     look = sp.Look(curves="rocker_pin", ghosts=other)
     one_browser.resize(SIZE)
     one_browser.open(sp.export_html(motion, tmp_path / "a.html", look=look), READY)
-    values = one_browser.evaluate("film.curves.panels[0].lines[1].values")
-    inside = (motion.driver >= 1.0) & (motion.driver <= 3.0)
-    assert [v is not None for v in values] == inside.tolist()
-    expected = np.rad2deg(np.interp(motion.driver[inside], other.driver,
-                                    other.coordinate("rocker_pin").value))
-    np.testing.assert_allclose([v for v in values if v is not None], expected, rtol=1e-5)
     paths = "[...panels[0].svg.querySelectorAll('path')]"
     assert one_browser.evaluate(f"{paths}.map(p => p.hasAttribute('stroke-dasharray'))") == [
         False, True]

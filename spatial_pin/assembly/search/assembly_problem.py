@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from spatial_pin._support.lazy import cached_property, made_once
 from spatial_pin.assembly.close import DAMPED_STEPS, NOTHING, close, closed
 from spatial_pin.assembly.holding import fixed_base_entries, free_velocities
+from spatial_pin.assembly.redundant_equations import NEARLY
 from spatial_pin.assembly.search.guesses import (
     COORDINATE_ERROR,
     NEAR_GUESS,
@@ -419,6 +420,18 @@ class AssemblyProblem:
             if self.whole.closure_error > self.gap:
                 return self.whole.closure_error, self.whole.worst_closure()
         return error, fault or evaluation.mirrored()
+
+    def misses_gap(self, q: Array, error: float) -> bool:
+        """Whether all that is wrong with q (nq,) is a gap somewhat wider than allowed.
+
+        Args:
+            q: the configuration.
+            error: its closure error, of all equations of the file.
+        """
+        if self.whole is None or not self.gap < error <= NEARLY * self.gap:
+            return False
+        self.evaluation.update(q)
+        return self.evaluation.closure_error <= self.accepted(q) and not self.evaluation.mirrored()
 
     def distance(self, result: Reached) -> float:
         """Return the distance of a result from the named values."""

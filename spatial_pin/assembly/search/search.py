@@ -43,12 +43,16 @@ class Search:
     Attributes:
         best: the nearest closed configuration, with its distance from the named values.
         nearest_miss: closure error, configuration and fault of the best failed attempt.
+        is_beyond_gap: whether a nearer branch than others needs a wider gap for the file's numbers.
     """
+
+    is_beyond_gap = _guess_is_beyond = False
 
     def __init__(self, problem: AssemblyProblem, limits: bool) -> None:
         self.problem, self.limits, self.mechanism = problem, limits, problem.mechanism
         self.best: tuple[float, Array] | None = None
         self.nearest_miss: tuple[float, Array, str] | None = None
+        self._beyond_gap: tuple[float, tuple[float, Array, str]] | None = None  # distance and miss
         self._known: Examined | None = None
         self._first_success = -1
         self._worst: Search | None = None
@@ -74,6 +78,10 @@ class Search:
             q = _start_after(self, before, self.problem.goal if q is None else q)
         if not self.parts:
             self._run(self.problem.goal if q is None else q, release)
+            miss = self._beyond_gap
+            if miss and self.best and (is_nearer(miss[0], self.best[0]) or (
+                    self._guess_is_beyond and not is_nearer(self.best[0], miss[0]))):
+                self.best, self.nearest_miss, self.is_beyond_gap = None, miss[1], True
             return
         for group, part in self.parts:
             if before is not None and before.has_closed(group):
@@ -106,6 +114,7 @@ class Search:
         """Combine the results of the groups of loops."""
         q = self.put_together(self.problem.goal)
         failed = [(group, part) for group, part in self.parts if part.best is None]
+        self.is_beyond_gap = any(part.is_beyond_gap for _, part in failed)
         misses = [(*part.nearest_miss, group, part) for group, part in failed if part.nearest_miss]
         if not failed:
             self.keep(self.problem.judged_at(q))
@@ -118,6 +127,7 @@ class Search:
     def _run(self, first: Array, release: bool) -> None:
         problem, most = self.problem, MAX_STARTS
         compared = self.attempt(first, not self.limits and problem.can_perturb())
+        self._guess_is_beyond = self._beyond_gap is not None
         if compared or self._done(0):
             return
         if self.best is None and release and problem.standing:
@@ -180,6 +190,10 @@ class Search:
                 result = bounded
         q = result.q
         if fault:
+            nearest = self._beyond_gap
+            if problem.misses_gap(q, error) and (
+                    nearest is None or is_nearer(problem.distance(result), nearest[0])):
+                self._beyond_gap = problem.distance(result), (error, q, fault)
             if self.nearest_miss is None or error < self.nearest_miss[0]:
                 self.nearest_miss = (error, q, fault)
             return

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import spatial_pin as sp
-from spatial_pin.cli.commands.rates_and_forces import ROWS, UNITS, external_forces
+from spatial_pin.cli.commands.rates_and_forces import ROWS, UNITS, balance, external_forces
 from spatial_pin.cli.mechanism_arguments import (
     check_held,
     fitting,
@@ -123,11 +123,7 @@ def _content(result: sp.Equilibrium) -> dict[str, Any]:
         "energy": result.energy, "independent": list(result.coordinates),
         "stiffness": result.stiffness.tolist(), "neutral": list(result.neutral),
         "passive": [str(freedom) for freedom in result.passive], "efforts": result.efforts,
-        "reactions": {name: [*force.linear.tolist(), *force.angular.tolist()]
-                      for name, force in result.reactions.items()},
-        "unique": {name: each.tolist() for name, each in result.unique.items()},
-        "on_ground": [*result.on_ground.linear.tolist(), *result.on_ground.angular.tolist()],
-        "closure_error": result.state.closure_error}
+        **balance(result), "closure_error": result.state.closure_error}
 
 
 def linearize(options: argparse.Namespace) -> None:

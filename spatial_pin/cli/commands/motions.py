@@ -1,4 +1,4 @@
-"""Commands of motions: sweep, follow, simulate, clearance; show, report; how they are written."""
+"""Commands of motions: sweep, follow, states, simulate, clearance; show, report; their files."""
 
 from __future__ import annotations
 
@@ -102,6 +102,8 @@ def write_motion(
     columns = {name: column.tolist() for name, column in motion.columns().items()}
     content = {"mechanism": motion.mechanism.name, "is_whole": is_whole, "columns": columns,
                "events": [event._asdict() for event in motion.events]}
+    if motion.unreached:
+        content["unreached"] = motion.unreached
     if len(motion.error_estimates):
         content["error"] = motion.error._asdict()
     if clearance is not None:
@@ -177,12 +179,13 @@ def shown(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motion | s
     return default_motion(mechanism, options.driver, options.steps)
 
 
-# ---------------------------------------------------------------- follow
+# ---------------------------------------------------------------- follow, states
 
 
-def follow(options: argparse.Namespace) -> None:
-    """Follow one branch as several drivers go along a table."""
-    mechanism = loaded(options)
+def columns_of(
+    options: argparse.Namespace, mechanism: sp.Mechanism
+) -> tuple[dict[str, Any], Any]:
+    """Return the values of drivers in the table of the options, and times, if it has some."""
     check_names(options, mechanism)
     values, times = read_table(options.table, mechanism)
     for name in values:
@@ -190,6 +193,22 @@ def follow(options: argparse.Namespace) -> None:
             mechanism.prescribed_coordinate(name)
     if not values:
         raise sp.SpatialPinError(f"{options.table}: there is no column of a driver")
+    return values, times
+
+
+def states(options: argparse.Namespace) -> None:
+    """Solve configurations at scattered driver values of a table, on one branch."""
+    mechanism = loaded(options)
+    values, _ = columns_of(options, mechanism)
+    write_followed(options, lambda: sp.states(
+        mechanism, values, guess_of(options, mechanism), options.threads, hold=held(options),
+        progress=True))
+
+
+def follow(options: argparse.Namespace) -> None:
+    """Follow one branch as several drivers go along a table."""
+    mechanism = loaded(options)
+    values, times = columns_of(options, mechanism)
     write_followed(options, lambda: sp.follow(
         mechanism, values, times, guess=guess_of(options, mechanism), hold=held(options),
         on_limit="stop" if options.stop else "raise",
@@ -312,6 +331,15 @@ COMMANDS = {
         *hold_option(),
         option("--stop", action="store_true",
                help="end before an unreachable sample instead of failing"),
+        *GUESS,
+        *RESULT,
+    )),
+    "states": Command(states, (
+        option("table", metavar="TABLE", help="a .csv file: a line of names, as arm_1 [deg], "
+               "arm_2, arm_3; then a line of numbers for every configuration, in any order"),
+        *hold_option(),
+        option("--threads", type=count, metavar="N",
+               help="how many are solved at a time (as many as there are cores)"),
         *GUESS,
         *RESULT,
     )),

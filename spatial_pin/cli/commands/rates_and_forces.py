@@ -19,6 +19,7 @@ from spatial_pin.cli.mechanism_arguments import (
     loaded,
     motion_over,
     state_at,
+    unique,
 )
 from spatial_pin.cli.options import (
     CONFIGURATION,
@@ -198,10 +199,8 @@ def external_forces(
     options: argparse.Namespace, mechanism: sp.Mechanism
 ) -> dict[str, pin.Force]:
     """Return the loads by link or frame."""
-    if len(dict(options.loads)) < len(options.loads):
-        options.usage_error("a name is given two loads")
     forces = {}
-    for name, given in options.loads:
+    for name, given in unique(options, options.loads, "loads").items():
         mechanism.frame_id(name)
         if len(given) not in (3, 6):
             options.usage_error(f"--load {name}: a force has 3 numbers, with a moment 6, not "
@@ -237,13 +236,15 @@ def _print_efforts(
         "mechanism": mechanism.name, "closure_error": result.state.closure_error,
         "coordinates": {name: result.state.coordinate(name).value
                         for name in mechanism.coordinates},
-        "efforts": result.efforts, "units": units, "unique_efforts": alone,
-        "reactions": {name: [*force.linear.tolist(), *force.angular.tolist()]
-                      for name, force in result.reactions.items()},
-        "unique": {name: each.tolist() for name, each in result.unique.items()},
-        "on_ground": [*result.on_ground.linear.tolist(), *result.on_ground.angular.tolist()],
-    }
+        "efforts": result.efforts, "units": units, "unique_efforts": alone, **balance(result)}
     print_result(options, "\n".join(lines), content, _table(result, units))
+
+
+def balance(result: sp.Efforts | sp.Equilibrium) -> dict[str, Any]:
+    """Return reactions as JSON has them, force then moment, and which of them are unique."""
+    return {"reactions": {name: force.vector.tolist() for name, force in result.reactions.items()},
+            "unique": {name: each.tolist() for name, each in result.unique.items()},
+            "on_ground": result.on_ground.vector.tolist()}
 
 
 def _table(result: sp.Efforts, units: dict[str, str]) -> dict[str, list[Any]]:
@@ -251,10 +252,10 @@ def _table(result: sp.Efforts, units: dict[str, str]) -> dict[str, list[Any]]:
     rows = [(f"{name} effort", x, units[name], result.unique_efforts[name])
             for name, x in result.efforts.items()]
     ground = {"on ground": (result.on_ground, np.ones(6, dtype=bool))}
-    for name, (force, unique) in ({f"{name} reaction": (x, result.unique[name])
+    for name, (force, single) in ({f"{name} reaction": (x, result.unique[name])
                                   for name, x in result.reactions.items()} | ground).items():
         rows += [(f"{name} {part} {axis}", float(x), unit, bool(one)) for (part, unit, axis), x, one
-                 in zip(COMPONENTS, force.vector, unique, strict=True)]
+                 in zip(COMPONENTS, force.vector, single, strict=True)]
     return dict(zip(("quantity", "value", "unit", "unique"), map(list, zip(*rows, strict=True)),
                     strict=True))
 

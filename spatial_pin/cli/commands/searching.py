@@ -243,10 +243,8 @@ def workspace(options: argparse.Namespace) -> None:
     mechanism = loaded(options)
     mechanism.frame_id(options.frame)
     check_held(options, mechanism)
-    ranges = dict(options.ranges)
     in_units({"clearance": options.clearance}, *LENGTHS)
-    if len(ranges) < len(options.ranges):
-        options.usage_error("a name is given two ranges")
+    ranges = unique(options, options.ranges, "ranges")
     for k in (0, 1):
         fitting(options, mechanism, {name: ends[k] for name, ends in ranges.items()})
         for name, ends in ranges.items():
@@ -284,9 +282,7 @@ def design(options: argparse.Namespace) -> None:
     """Find dimensions that meet the goals."""
     mechanism = loaded(options)
     goals, bounds = read_goals(options.goals, mechanism)
-    bounds |= dict(options.dimensions)
-    if len(dict(options.dimensions)) < len(options.dimensions):
-        options.usage_error("a name is given two ranges")
+    bounds |= unique(options, options.dimensions, "ranges")
     if not bounds:
         options.usage_error("nothing may change: name dimensions, as r2=50mm..0.6")
     check_bounds(bounds)

@@ -182,7 +182,7 @@ class ReactionChanges:
         rows, rows_by_q = combined_wrenches(
             c, [values[:, None, None], self.rows.by_q[0][:n, None]],
             [self.rows.motion[0][:, None, None], np.eye(nv)[:, None]],
-            [wrenches[:, :, None], by_q])
+            [wrenches[:, :, None], by_q], self.rows.angles)
         total = self._new(self.mechanism.model.njoints, 6)
 
         def borne(own: slice, at: slice) -> Array:

@@ -35,14 +35,18 @@ class RowDerivatives:
         mechanism: the mechanism.
         forces: its springs.
         motion: q (nq,), v and a (nv,).
+        angles: (n_angles,) that counted ones are nearest to [rad].
 
     Attributes:
         of_products: the products.
         is_plain: whether every row is a product, and there is nothing else.
     """
 
-    def __init__(self, mechanism: Mechanism, forces: Forces, motion: Motion) -> None:
+    def __init__(
+        self, mechanism: Mechanism, forces: Forces, motion: Motion, angles: Array
+    ) -> None:
         self.mechanism, self.constraints = mechanism, constraints_of(mechanism)
+        self.angles = angles
         self.motion, self.nv, self.forces = motion, mechanism.model.nv, forces
         self.closed = self.constraints.passive_at
         self.is_plain = not (self.constraints.composed or forces.exist)
@@ -109,7 +113,7 @@ class RowDerivatives:
             moved[k] = np.eye(self.nv)
             for group in c.composed:
                 inputs = group.inputs(values, motion, list(change), moved)
-                out[k, group.rows] = group.values(inputs)[0].change(order)
+                out[k, group.rows] = group.values(inputs, self.angles)[0].change(order)
         return out[0], out[1]
 
     def joint_rows(self) -> tuple[Array, Array]:
@@ -133,7 +137,7 @@ class RowDerivatives:
         m = len(group.rows)
         return [(np.broadcast_to(x.values[0], (m, 1, 1))[:, 0, 0],
                  np.broadcast_to(x.values[1], (m, 1, self.nv))[:, 0])
-                for x in group.slopes(products, coordinates)]
+                for x in group.slopes(products, coordinates, self.angles)]
 
     def weights(self, multipliers: Array, pulls: Array) -> tuple[Array, Array | None]:
         """Return the weights (n,) of the products in the sum of rows and springs, kept as strong.

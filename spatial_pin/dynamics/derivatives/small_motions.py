@@ -148,7 +148,8 @@ class SmallMotions:
         self.wanted = needed - given
         self.freedoms = svd.null_space
         self._inverse = (svd.vt[: svd.rank].T / svd.s[: svd.rank]) @ svd.u[:, : svd.rank].T
-        self._rows = rows = RowDerivatives(mechanism, loads.springs.forces, (q, v, a))
+        self._rows = rows = RowDerivatives(mechanism, loads.springs.forces, (q, v, a),
+                                           self.state.angles)
         loads.springs.move(rows, svd.null_space * scale)
         multipliers = svd.minimum_norm_transposed(scale * self.wanted)
         self.by_q, self.by_v = changes_of_forces(

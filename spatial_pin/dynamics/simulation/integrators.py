@@ -33,7 +33,9 @@ SLOPE_STEP = 1e-7  # step of differences for implicit methods, relative to the u
 HUGE = 1e100  # rate in place of a missing one, where loops cannot be closed: the step is refused
 FASTEST = 1e100  # largest rate: its square divided by a tolerance is finite when squared
 SLOWEST = 1e3  # longest natural time in durations: a slower motion does not matter
-AUTOMATIC, EXPLICIT, IMPLICIT = "automatic", "DOP853", "Radau"
+AUTOMATIC, IMPLICIT = "automatic", "Radau"
+EXPLICIT, EXPLICIT_LOOSE = "DOP853", "RK45"  # of "automatic", which takes the second one
+LOOSE = 3e-8  # from this tolerance of steps on: a method of fifth order is as exact, and faster
 NEAR = 1e-3  # pivot, and step, relative to the largest so far, below which the motion stagnates
 TRIED = 1000  # every this many steps without damping, the progress is compared with the duration
 # The simulation is refused if this many times the allowed steps would not reach the end.
@@ -218,9 +220,18 @@ class Stepping:
             only_first: whether that holds for the first step alone.
         """
         self._units = natural_units(system, t, y, self._end - t)
-        method = EXPLICIT if self._chosen == AUTOMATIC else self._chosen
+        method = self._explicit(system) if self._chosen == AUTOMATIC else self._chosen
         first, longest = (longest, np.inf) if only_first else (np.inf, longest)
         return self._made(method, system, t, y, longest, first)
+
+    def _explicit(self, system: IndependentFormulation) -> str:
+        """Return the explicit method of "automatic".
+
+        Of several freedoms it has many stages: where they cannot be closed, a step has led across a
+        singular configuration. The curve of one freedom tells that by itself.
+        """
+        is_loose = self._accuracy.time_tolerance >= LOOSE
+        return EXPLICIT_LOOSE if is_loose and len(system.free) == 1 else EXPLICIT
 
     def next_integrator(
         self, system: IndependentFormulation, t: float, y: Array, solver: Any
@@ -232,14 +243,15 @@ class Stepping:
         if self._chosen != AUTOMATIC:
             return solver
         if isinstance(solver, RungeKutta):
-            method, self._easy = (IMPLICIT if solver.creeps else EXPLICIT), 0
+            method, self._easy = (
+                IMPLICIT if solver.creeps else self._explicit(system)), 0
         else:
             units = self._units[1]
             rates = np.linalg.eigvals(solver.J * units / units[:, None])
             fastest = float(np.abs(rates).max(initial=0.0))
             is_easy = (solver.t - solver.t_old) * fastest < SLOW
             self._easy = self._easy + 1 if is_easy else 0
-            method = EXPLICIT if self._easy >= LONG else IMPLICIT
+            method = self._explicit(system) if self._easy >= LONG else IMPLICIT
         if method == self._method:
             return solver
         return self._made(method, system, t, y, solver.max_step)

@@ -21,8 +21,8 @@ from spatial_pin.motion.motion import Motion, Output, content_of, fields_of, rea
 from spatial_pin.motion.summary import effort_lines, first_of
 from spatial_pin.numerics.linalg import Array
 
-# Times the error of a step from which on a motion is called unstable: stable falls have up to 1000.
-UNSTABLE = 3e4
+# Times the error of a step from which on a motion is called unstable: stable falls have up to 500.
+UNSTABLE = 5e3
 # Part of the energy, or of the energy of a fall over its size, that counts as exchanged.
 SMALL = 1e-2
 EPS = float(np.finfo(float).eps)
@@ -114,8 +114,9 @@ class Simulation(Motion):
         integrators: names of those that were used, in their order.
         time_tolerance: error allowed in one step [-]; 0 of fixed steps.
 
-    `error` is what another integration, ten times as inexact, differs from this one by: it is made
-    when `error`, or the text of a simulation, is first wanted, and takes as long as the simulation.
+    `error` is twice what another integration, thirty times as exact, differs from this one by. It
+    is made when `error`, or the text of a simulation, is first wanted, and takes about as long as
+    the simulation.
     `energy_drift` is no error of the motion: ten or thirty times less as a rule, and a hundred
     thousand times less where a motion is unstable.
 

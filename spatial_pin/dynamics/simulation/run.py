@@ -53,6 +53,7 @@ from spatial_pin.kernel.library import address
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_at
 from spatial_pin.motion.motion import Event
 from spatial_pin.numerics.linalg import Array, decompose, independent_rows
+from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import INTEGRATORS, Accuracy
 
 ROUTINE = (AT_END, MANY, NEW_COORDINATES, AT_FAILURE)  # pauses at which all samples are made
@@ -445,14 +446,15 @@ def _lost_rank(problem: Problem, first: State, last: State) -> str:
         # at a limit position of a coordinate, a singular value falls as the root of what is left
         rank = len(independent_rows(rows))
         least = _least(rows, rank), _least(there, rank)
-        fallen.append(least[1] < part * least[0])
+        hides = least[1] < TOLERANCES.half_precision < least[0]  # all that is known of rates
+        fallen.append(hides or least[1] < part * least[0])
         numbers = (f"the smallest singular value has fallen from {least[0]:.1e} to "
                    f"{least[1]:.1e} of the largest")
         if fallen == [True]:
             return (f"just ahead the loops lose rank ({numbers}), and forces do not determine how "
                     "it goes on there; end before it, or start so that it is not met; "
                     "sp.mobility tells about it")
-    if not fallen[1]:
+    if not fallen[1] or not problem.drives:
         return ""
     names = ", ".join(c.name for c, _ in problem.drives)
     return (f"just ahead is a limit position of the prescribed {names}: with it held the loops "

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 from spatial_pin._support.checks import as_array, checked, positive_number
 from spatial_pin._support.progress import progress_bar
 from spatial_pin.assembly.close import close
+from spatial_pin.assembly.redundant_equations import PART
 from spatial_pin.assembly.state import State, carried_angles, moving_in_time
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
 from spatial_pin.dynamics.simulation.events import AT_LIMITS, EventDetector
@@ -55,7 +56,16 @@ from spatial_pin.mechanism.inertia import KineticEnergy
 from spatial_pin.mechanism.laws import DriverLaw
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
-from spatial_pin.motion.rounding import CHOICES, first_opened, independent_on, within_gap
+from spatial_pin.motion.rounding import (
+    CHOICES,
+    GAP,
+    MOST_SAMPLES,
+    ended_by,
+    first_opened,
+    independent_on,
+    is_closed_again,
+    within_gap,
+)
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import INTEGRATORS, Accuracy, accuracy_of
 
@@ -316,22 +326,77 @@ def simulate(
         raise ValueError(f"on_joint_limit is {on_joint_limit!r}; it is one of "
                          f"{', '.join(map(repr, AT_LIMITS))}")
     warn_of_no_inertia(state.mechanism, efforts, external)
-    good = None
+    other = partial(
+        simulate, mechanism, state, duration, efforts, times, drives=drives, external=external,
+        laws=laws, slip_speed=slip_speed, stop_when=stop_when, on_joint_limit=on_joint_limit)
+
+    def follow(start: State, marks: Array) -> Simulation:
+        forces = efforts, drives, external_forces(start.mechanism, external, times), laws
+        return _followed(start, marks, accuracy, forces, slip_speed, stop_when, on_joint_limit,
+                         progress, other)
+
+    if state.mechanism.whole is None:
+        return follow(state, times)
+    return _of_rounded_file(state, times, accuracy, follow)
+
+
+def _of_rounded_file(
+    state: State, times: Array, accuracy: Accuracy, follow: Callable[[State, Array], Simulation]
+) -> Simulation:
+    """Return the motion of a mechanism with rounded numbers, by equations that stay independent.
+
+    Args:
+        state: at time 0.
+        times: (N,) of its samples.
+        accuracy: its settings.
+        follow: returns the motion from a state with samples at given times.
+
+    Raises:
+        SingularError: the loops lose rank there with all equations.
+    """
+    marks = times if len(times) >= MOST_SAMPLES else np.union1d(
+        times, np.linspace(0.0, times[-1], MOST_SAMPLES))
+    good = lost = None
     for _ in range(CHOICES):
-        other = partial(
-            simulate, mechanism, state, duration, efforts, times, drives=drives, external=external, laws=laws,
-            slip_speed=slip_speed, stop_when=stop_when, on_joint_limit=on_joint_limit)
-        whole = _followed(state, times, accuracy, (efforts, drives, external, laws), slip_speed,
-                          stop_when, on_joint_limit, progress, other)
-        n, opened = first_opened(whole, accuracy)
-        if not n or opened is None:
+        try:
+            seen, lost = follow(state, marks), None
+        except SingularError as error:
+            if not isinstance(error.motion, Simulation):
+                raise
+            seen, lost = error.motion, error
+        n, opened = first_opened(seen, accuracy)
+        if not n or (opened is None and lost is None):
+            good = None
             break
-        chosen, good = independent_on(whole, accuracy, whole.v[n - 1], opens_after=n)
-        if chosen is whole.mechanism:
+        chosen, good = independent_on(seen, accuracy, seen.v[n - 1], opens_after=n)
+        if chosen is seen.mechanism:
             break
         state = State(chosen, state.q, state.v,
                       angles=carried_angles(state.mechanism, state.angles, chosen))
-    return within_gap(whole, accuracy, "stop", good)
+    if lost is not None and opened is None and good is None:
+        raise lost
+    if lost is None and opened is not None and is_closed_again(seen, opened, accuracy):
+        moved = follow(state, times)  # only the choice of equations was poor for a moment
+        if first_opened(moved, accuracy)[1] is None:
+            return moved
+    seen = within_gap(seen, accuracy, "stop", good)
+    return seen if marks is times else _at_times(state, times, seen, good is not None, follow)
+
+
+def _at_times(
+    state: State, times: Array, seen: Simulation, depend: bool,
+    follow: Callable[[State, Array], Simulation],
+) -> Simulation:
+    """Return a motion with samples at the times (N,) up to the end of one of more samples.
+
+    There the rounding of a file ends it, and equations may `depend` on each other.
+    """
+    end = seen.events[-1] if seen.events and seen.events[-1].kind == GAP else None
+    last = float(times[-1])
+    if end is not None:  # digits are lost just before equations depend on each other
+        pace = float(np.abs(seen.v[-1] / seen.mechanism.velocity_scale).max())
+        last = end.value - (PART / max(pace, PART / last) if depend else 0.0)
+    return ended_by(follow(state, times[times <= max(last, 0.0)]), end)
 
 
 def _followed(
@@ -341,12 +406,12 @@ def _followed(
 ) -> Simulation:
     """Return the motion from a state, with the arguments of `simulate`.
 
-    `forces` are efforts, drives, external forces and laws; `other` follows it with another
+    `forces` are efforts, drives, `ExternalForces` and laws; `other` follows it with another
     `accuracy`.
     """
     mechanism, (efforts, drives, external, laws) = state.mechanism, forces
-    problem = Problem(mechanism, efforts, drives, laws, accuracy.tolerance, slip_speed,
-                      external_forces(mechanism, external, times))
+    problem = Problem(
+        mechanism, efforts, drives, laws, accuracy.tolerance, slip_speed, external)
     _check_start(problem, state)
     fall = FreeFall(state, accuracy.tolerance) if is_in_free_fall(problem) else None
     if fall is not None:
@@ -359,8 +424,8 @@ def _followed(
         moved = run.motion() if fall is None else fall.motion(
             run.motion(), run.record.start, problem.constant)
         del moved.error_estimates
-        setting = comparison(accuracy, run.longest_step)
-        moved.__dict__["_estimate"] = partial(error_estimates, partial(other, accuracy=setting))
+        moved.__dict__["_estimate"] = partial(error_estimates, lambda: other(
+            accuracy=comparison(accuracy, run.longest_step)))
         return moved
 
     bar = progress_bar(float(times[-1]), f"{mechanism.name}: seconds", progress)

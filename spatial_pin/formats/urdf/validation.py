@@ -153,7 +153,8 @@ def numbers(element: ET.Element, attribute: str, count: int, where: str) -> Arra
     try:
         return finite_numbers(text, count)
     except ValueError as wanted:
-        hint = "; ${...} is xacro's: name the file .urdf.xacro" if "${" in text else ""
+        used = next((x for x in ("${...}", "$(...)") if x[:2] in text), "")
+        hint = f"; {used} is xacro's: name the file .urdf.xacro" if used else ""
         raise MechanismFileError(
             f"{where}: <{local(element)} {attribute}={text!r}> needs {wanted}{hint}") from None
 

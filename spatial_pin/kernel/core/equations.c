@@ -21,18 +21,6 @@ static inline void sum_of_terms(const Real *vectors, const Int *term, const Real
     copy3(sum, out);
 }
 
-/* Force and moment about the world origin that a product exerts on its second body. */
-static void product_wrench(const Kernel *k, Int i, Real *force, Real *moment)
-{
-    const Real *B = k->products.B + 3 * i;
-    Real X[3] = {0.0, 0.0, 0.0};
-    if (k->products.x_term[i] >= 0)
-        add3(k->products.x_factor[i], k->vectors.value + 3 * k->products.x_term[i], X);
-    cross3(X, B, moment);
-    zero3(force);
-    add3(k->products.force[i], B, force);
-}
-
 /* Derivatives of product i for the freedoms of its support, in their order. */
 static void product_row(const Kernel *k, Int i, const Real *force, const Real *moment, Real *out)
 {
@@ -43,18 +31,6 @@ static void product_row(const Kernel *k, Int i, const Real *force, const Real *m
     }
 }
 
-/* Add factor times the derivatives of product i to the scratch row over all freedoms. */
-static void add_product_row(Kernel *k, Int i, Real factor)
-{
-    Real force[3], moment[3];
-    product_wrench(k, i, force, moment);
-    for (Int t = k->products.support_start[i]; t < k->products.support_start[i + 1]; t++) {
-        const Int v = k->products.support_v[t];
-        k->equations.row[v] += factor * k->products.support_sign[t] *
-                     (dot3(force, k->linear + 3 * v) + dot3(moment, k->angular + 3 * v));
-    }
-}
-
 /* Move the scratch row into the pattern of an equation, and leave it zero. */
 static void store_row(Kernel *k, Int equation)
 {
@@ -62,177 +38,6 @@ static void store_row(Kernel *k, Int equation)
         k->entry[e] = k->equations.row[k->entry_v[e]];
         k->equations.row[k->entry_v[e]] = 0.0;
     }
-}
-
-/* ---- quantities of sums ---- */
-
-/* What an angle is nearest to: coordinates tell how often it has turned, or else the reference does. */
-static Real near_angle(const Kernel *k, Int angle)
-{
-    const Int begin = k->angles.spin_start[angle], end = k->angles.spin_start[angle + 1];
-    Real near = begin < end ? k->angles.spin_offset[angle] : k->angle_reference[angle];
-    for (Int i = begin; i < end; i++)
-        near += k->angles.spin_sign[i] * k->q[k->angles.spin_q[i]];
-    return near;
-}
-
-static void place_angles(Kernel *k)
-{
-    const Real around = 2.0 * PI;
-    for (Int i = 0; i < k->n_angles; i++) {
-        if (k->implicit.is_angle[i])
-            continue;
-        const Int *of = k->angles.product + 2 * i;
-        const Real angle = atan2(k->products.value[of[0]], k->products.value[of[1]]);
-        k->angle[i] = angle + around * nearbyint((near_angle(k, i) - angle) / around);
-    }
-    implicit_place(k);
-}
-
-static void angle_rates(Kernel *k, const Real *v)
-{
-    for (Int i = 0; i < k->n_angles; i++) {
-        if (k->implicit.is_angle[i])
-            continue;
-        const Int sine = k->angles.product[2 * i], cosine = k->angles.product[2 * i + 1];
-        const Real s = k->products.value[sine], c = k->products.value[cosine], n = s * s + c * c;
-        const Real ds = k->products.rate[sine], dc = k->products.rate[cosine];
-        const Real dds = k->products.bias[sine], ddc = k->products.bias[cosine];
-        const Real rate = (c * ds - s * dc) / n;
-        k->angles.rate[i] = rate;
-        k->angles.bias[i] = (c * dds - s * ddc) / n - 2.0 * rate * (c * dc + s * ds) / n;
-    }
-    implicit_rates(k, v);
-}
-
-static void place_quantity(Kernel *k, Int i)
-{
-    const Quantities *all = &k->quantities;
-    const Int kind = all->kind[i], at = all->at[2 * i], f = all->function[i];
-    const Real x = kind == COORDINATE ? k->q[at] : kind == ANGLE ? k->angle[at]
-                                                                 : k->products.value[at];
-    all->value[i] = x;
-    if (f >= 0)
-        piecewise_at(all->shape + SHAPE * f, all->number, all->called[f], x, all->value + i,
-                     all->slope + i, all->bend + i);
-}
-
-static void rate_quantity(Kernel *k, Int i, const Real *v)
-{
-    const Quantities *all = &k->quantities;
-    const Int kind = all->kind[i], *at = all->at + 2 * i;
-    Real rate = v[at[1]], bias = 0.0;
-    if (kind != COORDINATE) {
-        rate = kind == ANGLE ? k->angles.rate[at[0]] : k->products.rate[at[0]];
-        bias = kind == ANGLE ? k->angles.bias[at[0]] : k->products.bias[at[0]];
-    }
-    if (all->function[i] >= 0) {
-        bias = all->slope[i] * bias + all->bend[i] * rate * rate;
-        rate *= all->slope[i];
-    }
-    all->rate[i] = rate;
-    all->bias[i] = bias;
-}
-
-static void add_angle_row(Kernel *k, Int angle, Real factor)
-{
-    if (k->implicit.is_angle[angle]) {
-        implicit_add_row(k, angle, factor);
-        return;
-    }
-    const Int *of = k->angles.product + 2 * angle;
-    const Real s = k->products.value[of[0]], c = k->products.value[of[1]], square = s * s + c * c;
-    add_product_row(k, of[0], factor * c / square);
-    add_product_row(k, of[1], -factor * s / square);
-}
-
-/* Add factor times the derivatives of a quantity to the scratch row over all freedoms. */
-static void add_quantity_row(Kernel *k, Int i, Real factor)
-{
-    const Int kind = k->quantities.kind[i], *at = k->quantities.at + 2 * i;
-    if (k->quantities.function[i] >= 0)
-        factor *= k->quantities.slope[i];
-    if (kind == COORDINATE) {
-        k->equations.row[at[1]] += factor * k->scale[at[1]];
-    } else if (kind == OF_PRODUCT) {
-        add_product_row(k, at[0], factor);
-    } else {
-        add_angle_row(k, at[0], factor);
-    }
-}
-
-/* ---- sums: terms, each a number times quantities ---- */
-
-/* A term's number times its quantities but two of them (-1: none). */
-static Real product_without(const Kernel *k, Int term, Int one, Int other)
-{
-    const Int *start = k->equations.factor_start + term;
-    Real product = k->equations.term_number[term];
-    for (Int i = start[0]; i < start[1]; i++)
-        if (i != one && i != other)
-            product *= k->quantities.value[i];
-    return product;
-}
-
-Real sum_value(Kernel *k, Int i)
-{
-    const Int *term = k->equations.term_start + i, *factor = k->equations.factor_start;
-    Real sum = 0.0;
-    for (Int t = term[0]; t < term[1]; t++) {
-        for (Int x = factor[t]; x < factor[t + 1]; x++)
-            place_quantity(k, x);
-        sum += product_without(k, t, -1, -1);
-    }
-    return sum;
-}
-
-static int is_one_of(const Kernel *k, Int quantity, Int first, Int n)
-{
-    return k->quantities.kind[quantity] == ANGLE && within(k->quantities.at[2 * quantity] - first, n);
-}
-
-void sum_slopes(const Kernel *k, Int sum, Int first, Int n, Real *slopes)
-{
-    const Int *term = k->equations.term_start + sum, *factor = k->equations.factor_start;
-    for (Int i = 0; i < n; i++)
-        slopes[i] = 0.0;
-    for (Int t = term[0]; t < term[1]; t++)
-        for (Int i = factor[t]; i < factor[t + 1]; i++)
-            if (is_one_of(k, i, first, n))
-                slopes[k->quantities.at[2 * i] - first] +=
-                    product_without(k, t, i, -1) *
-                    (k->quantities.function[i] >= 0 ? k->quantities.slope[i] : 1.0);
-}
-
-void sum_add_row(Kernel *k, Int sum, Real weight, Int first, Int n)
-{
-    const Int *term = k->equations.term_start + sum, *factor = k->equations.factor_start;
-    for (Int t = term[0]; t < term[1]; t++)
-        for (Int i = factor[t]; i < factor[t + 1]; i++)
-            if (!is_one_of(k, i, first, n))
-                add_quantity_row(k, i, weight * product_without(k, t, i, -1));
-}
-
-void sum_rates(Kernel *k, Int sum_at, const Real *v, Real *of_rate, Real *of_bias)
-{
-    const Int *term = k->equations.term_start + sum_at, *factor = k->equations.factor_start;
-    const Real *rate = k->quantities.rate, *bias = k->quantities.bias;
-    Real sum = 0.0, first = 0.0;
-    for (Int t = term[0]; t < term[1]; t++) {
-        const Int begin = factor[t], end = factor[t + 1];
-        for (Int i = begin; i < end; i++)
-            rate_quantity(k, i, v);
-        for (Int i = begin; i < end; i++) {
-            const Real product = product_without(k, t, i, -1);
-            first += product * rate[i];
-            sum += product * bias[i];
-            for (Int j = begin; j < end; j++)
-                if (j != i)
-                    sum += product_without(k, t, i, j) * rate[i] * rate[j];
-        }
-    }
-    *of_rate = first;
-    *of_bias = sum;
 }
 
 /* ---- the kinds ---- */
@@ -365,6 +170,18 @@ static int ascends(const Int *start, Int n)
         if (start[i] > start[i + 1])
             return 0;
     return start[0] == 0;
+}
+
+static int implicit_is_sound(const Kernel *k)
+{
+    for (Int i = 0; i < k->implicit.n; i++) {
+        const Int *at = k->implicit.at + 4 * i;
+        if (at[1] < 1 || at[1] > 2 || at[0] < 0 || at[0] + at[1] > k->n_angles ||
+            at[2] < k->n_equations ||
+            at[2] + at[1] + 2 > k->n_equations + k->implicit.n_sums)
+            return 0;
+    }
+    return 1;
 }
 
 int equations_are_sound(const Kernel *k)
@@ -515,7 +332,7 @@ void equations_residuals(Kernel *k, const Parts *of)
         all->value[i] = dot3(A, B) - all->constant[i];
     }
     if (of != &k->equations.rest)
-        place_angles(k);
+        angles_place(k);
     for (Int e = 0; e < of->n_equations; e++)
         value_of(k, of->equation[e]);
 }
@@ -535,7 +352,7 @@ void equations_values_near(Kernel *k, const Real *q, const Real *reference)
 
 void equations_angle_row(Kernel *k, Int angle, Real *row)
 {
-    add_angle_row(k, angle, 1.0);
+    angle_add_row(k, angle, 1.0);
     for (Int v = 0; v < k->nv; v++) {
         row[v] = k->equations.row[v];
         k->equations.row[v] = 0.0;
@@ -611,7 +428,7 @@ void equations_bias(Kernel *k, const Parts *of, const Real *v)
         all->bias[i] = dot3(ddA, B) + 2.0 * dot3(dA, dB) + dot3(A, ddB);
     }
     if (of != &k->equations.rest)
-        angle_rates(k, v);
+        angles_rates(k, v);
     for (Int e = 0; e < of->n_equations; e++)
         bias_of(k, of->equation[e], v);
 }

@@ -263,19 +263,22 @@ void equations_place_ground(Kernel *k); /* vectors that do not move, once for al
 Real equations_error(const Kernel *k);           /* largest absolute residual; NaN if one is */
 int equations_are_sound(const Kernel *k);        /* whether their indices fit */
 
-/* ---- implicit.c ---- */
-/* Place angles that sums define near the reference; where that is 0, at their best root. */
-void implicit_place(Kernel *k);
-void implicit_rates(Kernel *k, const Real *v);
-/* Add factor times the derivatives of such an angle to the scratch row over all freedoms. */
-void implicit_add_row(Kernel *k, Int angle, Real factor);
-int implicit_is_sound(const Kernel *k); /* whether their indices fit */
-/* Of a sum, in equations.c: its value; slopes (n) by n angles from `first` on; first two derivatives
-   in time; and the derivatives by all else, added to the scratch row. */
+/* ---- sums.c ---- */
+/* Force and moment about the world origin that a product exerts on its second body. */
+void product_wrench(const Kernel *k, Int product, Real *force, Real *moment);
+/* All angles, near the reference; those that sums define at their best root where that is 0. */
+void angles_place(Kernel *k);
+void angles_rates(Kernel *k, const Real *v);
+/* Add factor times the derivatives of an angle to the scratch row over all freedoms. */
+void angle_add_row(Kernel *k, Int angle, Real factor);
+/* Of a sum: its value, first two derivatives in time, and the derivatives by all but n angles from
+   `first` on, added to the scratch row. */
 Real sum_value(Kernel *k, Int sum);
-void sum_slopes(const Kernel *k, Int sum, Int first, Int n, Real *slopes);
 void sum_rates(Kernel *k, Int sum, const Real *v, Real *rate, Real *bias);
 void sum_add_row(Kernel *k, Int sum, Real factor, Int first, Int n);
+/* a term's number times its quantities but two of them (-1: none), after the sum's value */
+Real product_without(const Kernel *k, Int term, Int one, Int other);
+int is_one_of(const Kernel *k, Int quantity, Int first, Int n); /* whether it is one of n angles */
 
 /* ---- evaluating.c ---- */
 /* Configurations, and where goes what they give: as `_EvaluationStruct` in kernel.py. Of the outputs

@@ -24,6 +24,7 @@
 #define REMEMBERED 0.25  /* of the derivative before: in the middle it may just pass zero */
 #define AIM 0.5          /* of the error allowed: it may grow from one step to the next */
 #define STRAIGHT_BEND 1e-2 /* second derivative by the square of the rates below which a path is straight */
+#define ALONE_PART 0.05  /* of the error allowed that a residual may make, told or not told six times */
 #define REST 0.1         /* of the way that the fastest joint goes, where prescribed values may come to rest */
 #define GROWTH_POWER 2.4       /* of the way from one step to the next: the point before is to be near enough */
 #define LONGEST_GUESS 1.0      /* way between two points */
@@ -151,6 +152,14 @@ static Real estimate_point(Path *path, Real *estimate)
     estimate[1] = p->first * q + t * solved;
     estimate[2] = p->second * q + (t * t + c) * solved;
     return q;
+}
+
+Real residual_allowed(const Path *path)
+{
+    const Probe *p = &path->probe;
+    const Real pace = larger_of(p->pace, DBL_MIN), bend = larger_of(p->bend, STRAIGHT_BEND * pace * pace);
+    const Real rates = larger_of(p->first / pace, p->second / bend);
+    return ALONE_PART * path->accuracy.between / (p->gain * larger_of(1.0, rates) + DBL_MIN);
 }
 
 void estimate_here(Path *path, Real *estimate) { estimate_point(path, estimate); }

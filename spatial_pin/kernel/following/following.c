@@ -86,7 +86,7 @@ static void forget(Path *path)
                             ? BETWEEN_FIRST * pow(path->accuracy.between, 1.0 / 7.0) : SOONEST;
     path->degree = 0;
     path->open = OPENED * path->here->error;
-    path->idle_left = path->missed = 0.0;
+    path->idle_left = path->missed = path->alone = 0.0;
 }
 
 /* Choose equations, if there are more than are wanted, and find the rates where the path starts. */
@@ -229,9 +229,9 @@ static int find_row(Kernel *k, const PathTask *line, const ScatterTask *s, Int r
     if (code != DONE)
         return code;
     Path *path = k->path;
-    Real before = INFINITY;
-    while (reach(path, 0.0) != DONE && s->is_last && path->here->s < before)
-        before = path->here->s;
+    path->goes_to_end = s->is_last != 0;
+    reach(path, 0.0);
+    path->goes_to_end = 0;
     write_row(path, &s->rows, row);
     s->part[row] = 1.0 - path->here->s;
     return DONE;

@@ -23,6 +23,7 @@ typedef struct Path {
     Between between; /* polynomials of the last interpolated step */
     Point middle;   /* of that */
     int has_started; /* whether there is a point `here` */
+    int goes_to_end; /* whether steps become as short as it takes, where the path ends */
     int has_before; /* whether there is a point before `here`, on the same stretch */
     Int *chosen;    /* equations in use at `here` */
     Real sign;      /* of the determinant with these equations */
@@ -38,6 +39,7 @@ typedef struct Path {
     Real missed;    /* error in the middle of the last interpolated step, by the way's power that it
                        grows with; of polynomials of that degree */
     Int degree;
+    Real alone;     /* residual to reach where no sample is interpolated to the next; 0: as usual */
     Real between_open; /* closure error of samples in the last interpolated step, at most */
     Real open;      /* residual of equations left out that no other choice makes smaller */
 } Path;
@@ -70,6 +72,8 @@ int take_idle_back(Path *path, Real way);
 /* ---- estimating.c ---- */
 /* See how errors are magnified where the path stands, at its factored point. */
 void probe_errors(Path *path);
+/* The residual by which samples are off as far as is allowed, by the last probe. */
+Real residual_allowed(const Path *path);
 /* Error estimates (3) of q, t and c, scaled, where the path stands. */
 void estimate_here(Path *path, Real *estimate);
 /* The same of samples that are interpolated between a point and the present one, to which one step has

@@ -7,7 +7,8 @@
    whose angles have lost five digits */
 #define FARTHEST_VALUE 640e3
 #define MOST_HALVINGS 8.0 /* of a step, before the caller takes over by arc length */
-#define PIN_HALVINGS 48.0 /* the same where a component is driven: there is no going on */
+#define LAST_HALVINGS 48.0 /* the same where there is no going on: a component is driven, or the way
+                             is to be gone as far as it goes */
 #define MOST_FAILED 10000 /* steps on the way to one value: every path ends */
 #define REGROWTH 1.03  /* of the way between points from sample to sample, while there is none between */
 #define TRIES 3        /* of steps to interpolate in, each as long as the last one has shown */
@@ -20,7 +21,8 @@
 static int reach_within(Path *path, Real target)
 {
     const Real first = smaller_of(fabs(target - path->here->s), longest_step(path));
-    const Real least = first * exp2(path->k->system.n_pins ? -PIN_HALVINGS : -MOST_HALVINGS);
+    const int is_last = path->goes_to_end || path->k->system.n_pins;
+    const Real least = first * exp2(is_last ? -LAST_HALVINGS : -MOST_HALVINGS);
     Real length = first;
     Int failed = 0;
     if (!(fabs(target - path->here->s) <= FARTHEST_VALUE * longest_step(path)))
@@ -178,7 +180,11 @@ Int follow_values(Path *path, const Real *values, Int n, const PathRows *rows)
         tried = done ? 0 : tried + 1;
         if (done || (last > i && tried < TRIES && path->between_way < way))
             continue;
+        const int is_alone = path->accuracy.between > 0.0 &&
+                             fabs(values[i] - path->here->s) > step_of(path, way);
+        path->alone = is_alone ? residual_allowed(path) : 0.0;
         const int code = reach(path, values[i]);
+        path->alone = 0.0;
         path->between_way *= REGROWTH;
         if (code != DONE || put_row(path, rows, i) != DONE)
             return i;

@@ -68,6 +68,8 @@ class Jog:
         mechanism: what moves.
         state: where it is.
         names: of the drivers or coordinates that move it.
+        driven: the coordinates that are held, those that are moved too.
+        regular: the last state in which they determine the motion: moves begin there.
         keeps_limits: whether joint limits of the URDF are in the way, of any joint.
     """
 
@@ -91,7 +93,7 @@ class Jog:
             )
         self._accuracy = Accuracy.named("engineering")
         self.keeps_limits = False
-        self._driven = [self.mechanism.driven_coordinate(c.name)
+        self.driven = [self.mechanism.driven_coordinate(c.name)
                         for c in driven_coordinates(self.mechanism, self.names)]
         self._coordinates = {n: self.mechanism.driven_coordinate(n) for n in self.names}
         self.move_to(state)
@@ -102,8 +104,8 @@ class Jog:
         Raises:
             SingularError: the drivers do not determine the motion there.
         """
-        with self._tracker(state, self._driven):
-            self.state = self._regular = state  # moves begin where the motion is determined
+        with self._tracker(state, self.driven):
+            self.state = self.regular = state  # moves begin where the motion is determined
         self._home = {name: self.value(name) for name in self.names}
 
     def value(self, name: str) -> float:
@@ -117,11 +119,11 @@ class Jog:
     def others(self) -> list[str]:
         """Return the coordinates that are held and not moved."""
         moved = {c.name for c in self._coordinates.values()}
-        return [c.name for c in self._driven if c.name not in moved]
+        return [c.name for c in self.driven if c.name not in moved]
 
     def held(self) -> dict[str, float]:
         """Return the values of all coordinates that are held, those that are moved too."""
-        return {c.name: float(self.state.q[c.q]) for c in self._driven}
+        return {c.name: float(self.state.q[c.q]) for c in self.driven}
 
     def span(self, name: str) -> float:
         """Return how far a driver without limits goes either way [rad or m]."""
@@ -141,13 +143,13 @@ class Jog:
             words = "turns" if coordinate.unit == "rad" else "characteristic lengths"
             raise ValueError(f"{name}: a move goes no further than {FARTHEST_MOVE:g} {words}")
         values = np.array([self.value(name), value])
-        limit = self._joint_limit(name, values, self._followed(name, values))
+        limit = first_joint_limit(self, name, values, followed(self, name, values))
         goal = value if limit is None else limit.value
-        driven = sorted(self._driven, key=lambda c: c.name != coordinate.name)
-        with self._tracker(self._regular, driven) as tracker:
+        driven = sorted(self.driven, key=lambda c: c.name != coordinate.name)
+        with self._tracker(self.regular, driven) as tracker:
             stop = self._go(tracker, goal)
-        if self.state is not self._regular:  # else the others would jump in the next move
-            with self._tracker(self._regular, driven) as tracker:
+        if self.state is not self.regular:  # else the others would jump in the next move
+            with self._tracker(self.regular, driven) as tracker:
                 end = goal if stop is None else stop.value
                 size = self.mechanism.velocity_scale[tracker.driven[0].v]
                 near = float(np.copysign(BESIDE * size, end - tracker.here.s))
@@ -156,38 +158,6 @@ class Jog:
                         tracker.reach(end - near)
                         self._keep(tracker)
         return stop or limit
-
-    def _followed(self, name: str, values: Array) -> Motion | None:
-        """Return the motion from the present pose through values of a driver."""
-        others = {c.name: float(self._regular.q[c.q]) for c in self._driven
-                  if c.name != self._coordinates[name].name}
-        try:
-            return sweep(self.mechanism, name, values, guess=self._regular, hold=others,
-                         on_limit="stop")
-        except SpatialPinError as error:
-            return getattr(error, "motion", None)
-
-    def _joint_limit(self, name: str, values: Array, motion: Motion | None) -> JogStop | None:
-        """Return the first joint limit among values of a driver, if limits are kept.
-
-        A joint that is beyond its limit from the start may come back, but go no further.
-        """
-        if not self.keeps_limits or motion is None or not len(motion):
-            return None
-        if len(motion) < len(values):  # a last sample just before its end, if that is between two
-            last, end = float(motion.swept[-1]), motion.events[-1].value
-            before = BESIDE * self.mechanism.velocity_scale[self._coordinates[name].v]
-            near = end - float(np.copysign(before, values[-1] - values[0]))
-            if (near - last) * (values[-1] - values[0]) > 0.0:
-                motion = self._followed(name, np.append(motion.swept, near)) or motion
-        start, stops = float(motion.swept[0]), list[JogStop]()
-        for passing in joint_limits_passed(motion):
-            room = passing.limit.room(motion.q[:2])
-            if passing.where:
-                stops.append(JogStop("joint limit", passing.value, passing.limit.name))
-            elif room[-1] < room[0]:
-                stops.append(JogStop("joint limit", start, passing.limit.name))
-        return min(stops, key=lambda stop: abs(stop.value - start), default=None)
 
     @contextlib.contextmanager
     def _tracker(self, state: State, driven: Sequence[Coordinate]) -> Iterator[PathTracker]:
@@ -229,43 +199,87 @@ class Jog:
         state = tracker.here.state(tracker.mechanism)
         with contextlib.suppress(SingularError):
             if tracker.checked_system(state).pivot >= FIRM:
-                self._regular = state
+                self.regular = state
         return state
 
-    def reach(
-        self, name: str, rows: int
-    ) -> tuple[tuple[float, float], tuple[JogStop | None, JogStop | None], Array]:
-        """Return how far a driver can be moved while the others are held.
+    def room(self, name: str) -> tuple[float, float]:
+        """Return where a driver without limits ends [rad or m].
 
-        A driver without limits goes a turn, or half a characteristic length, to either side of its
-        home.
-
-        Returns:
-            Least and greatest value [rad or m]; the stop at each, None without one; and the
-            configurations from one end to the other, shape (N, nq).
+        That is a turn, or half a characteristic length, to either side of its home.
         """
         home, span, now = self._home[name], self.span(name), self.value(name)
         if abs(now - home) > span:
             home = self._home[name] = now
-        lower, upper = (self._path(name, home + sense * span, rows) for sense in (-1.0, 1.0))
-        q = np.concatenate([lower[2][::-1], self.state.q[None], upper[2]])
-        return (lower[0], upper[0]), (lower[1], upper[1]), q
+        return home - span, home + span
 
-    def _path(self, name: str, end: float, rows: int) -> tuple[float, JogStop | None, Array]:
-        """Return the value that a driver reaches towards `end`, its stop, and the samples."""
-        start = float(self._regular.q[self._coordinates[name].q])
-        values = np.linspace(start, end, rows)
-        motion = self._followed(name, values)
-        if motion is None:
-            return start, JogStop("lost", start), self.state.q[None]
-        limit = self._joint_limit(name, values, motion)
-        if limit is not None:
-            there = np.abs(motion.swept - start) <= abs(limit.value - start)
-            return limit.value, limit, motion.q[there]
-        if len(motion) == rows:
-            return end, None, motion.q
-        event = motion.events[-1]
-        return event.value, JogStop(event.kind, event.value), motion.q
+
+# ---------------------------------------------------------------- ranges of drivers
+
+
+def followed(jog: Jog, name: str, values: Array) -> Motion | None:
+    """Return the motion from the present pose through values of a driver."""
+    moved = jog.mechanism.driven_coordinate(name).name
+    others = {c.name: float(jog.regular.q[c.q]) for c in jog.driven if c.name != moved}
+    try:
+        return sweep(jog.mechanism, name, values, guess=jog.regular, hold=others, on_limit="stop")
+    except SpatialPinError as error:
+        return getattr(error, "motion", None)
+
+
+def first_joint_limit(
+    jog: Jog, name: str, values: Array, motion: Motion | None
+) -> JogStop | None:
+    """Return the first joint limit among values of a driver, if limits are kept.
+
+    A joint that is beyond its limit from the start may come back, but go no further.
+    """
+    if not jog.keeps_limits or motion is None or not len(motion):
+        return None
+    if len(motion) < len(values):  # a last sample just before its end, if that is between two
+        last, end = float(motion.swept[-1]), motion.events[-1].value
+        before = BESIDE * jog.mechanism.velocity_scale[jog.mechanism.driven_coordinate(name).v]
+        near = end - float(np.copysign(before, values[-1] - values[0]))
+        if (near - last) * (values[-1] - values[0]) > 0.0:
+            motion = followed(jog, name, np.append(motion.swept, near)) or motion
+    start, stops = float(motion.swept[0]), list[JogStop]()
+    for passing in joint_limits_passed(motion):
+        room = passing.limit.room(motion.q[:2])
+        if passing.where:
+            stops.append(JogStop("joint limit", passing.value, passing.limit.name))
+        elif room[-1] < room[0]:
+            stops.append(JogStop("joint limit", start, passing.limit.name))
+    return min(stops, key=lambda stop: abs(stop.value - start), default=None)
+
+
+def reaches(
+    jog: Jog, name: str, rows: int
+) -> tuple[tuple[float, float], tuple[JogStop | None, JogStop | None], Array]:
+    """Return how far a driver can be moved while the others are held.
+
+    Returns:
+        Least and greatest value [rad or m]; the stop at each, None without one; and the
+        configurations from one end to the other, shape (N, nq).
+    """
+    lower, upper = (_path(jog, name, end, rows) for end in jog.room(name))
+    q = np.concatenate([lower[2][::-1], jog.state.q[None], upper[2]])
+    return (lower[0], upper[0]), (lower[1], upper[1]), q
+
+
+def _path(jog: Jog, name: str, end: float, rows: int) -> tuple[float, JogStop | None, Array]:
+    """Return the value that a driver reaches towards `end`, its stop, and the samples."""
+    start = float(jog.regular.q[jog.mechanism.driven_coordinate(name).q])
+    values = np.linspace(start, end, rows)
+    motion = followed(jog, name, values)
+    if motion is None:
+        return start, JogStop("lost", start), jog.state.q[None]
+    limit = first_joint_limit(jog, name, values, motion)
+    if limit is not None:
+        there = np.abs(motion.swept - start) <= abs(limit.value - start)
+        return limit.value, limit, motion.q[there]
+    if len(motion) == rows:
+        return end, None, motion.q
+    event = motion.events[-1]
+    return event.value, JogStop(event.kind, event.value), motion.q
 
 
 # ---------------------------------------------------------------- dragging

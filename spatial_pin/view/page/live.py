@@ -27,7 +27,7 @@ from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.outputs import is_force
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.view.page.html import packed_script, page, parts_of
-from spatial_pin.view.page.jog import STOPS, Grip, Jog, JogStop, pulled
+from spatial_pin.view.page.jog import STOPS, Grip, Jog, JogStop, pulled, reaches
 from spatial_pin.view.page.markup import filled, template
 from spatial_pin.view.page.plots import NO_RATES, growing_curves, points_now
 from spatial_pin.view.page.server import Service, Viewer, open_in_browser
@@ -85,6 +85,7 @@ class Desk:
         jog: the mechanism.
         dials: of its drivers.
         paths: of the joints in the picture, and their numbers.
+        modes: assembly modes, and the driver values that they are for; None before the first.
     """
 
     def __init__(
@@ -95,18 +96,18 @@ class Desk:
         self.jog = jog
         self.outputs, self.curves = outputs, curves
         self._start = jog.state
-        self._modes: tuple[dict[str, float], list[State]] | None = None
+        self.modes: tuple[dict[str, float], list[State]] | None = None
         self._lock = threading.Lock()
         self.rows = max(FEWEST_SAMPLES, LIVE_SAMPLES // len(jog.names))
-        reaches = {name: jog.reach(name, self.rows) for name in jog.names}
+        ways = {name: reaches(jog, name, self.rows) for name in jog.names}
         self.dials = {}
-        for name, (ends, _, _) in reaches.items():
+        for name, (ends, _, _) in ways.items():
             size, unit = math.pi / 180, "°"
             if jog.mechanism.coordinate(name).unit != "rad":
                 size, word = unit_of_length(max(map(abs, ends)))
                 unit = f" {word}"
             self.dials[name] = Dial(name, unit, size, 2)
-        q = np.concatenate([samples for _, _, samples in reaches.values()])
+        q = np.concatenate([samples for _, _, samples in ways.values()])
         n, nv = len(q), jog.mechanism.model.nv  # all ways as a film: the picture has room for them
         still, zeros = np.zeros(n), np.zeros((n, nv))
         angles = np.repeat(jog.state.angles[None], n, axis=0)
@@ -197,7 +198,7 @@ class Desk:
         """Return the range of every slider."""
         ranges = {}
         for name, dial in self.dials.items():  # beyond its limits, and the marks of these
-            ends, stops, _ = self.jog.reach(name, self.rows)
+            ends, stops, _ = reaches(self.jog, name, self.rows)
             lower, upper = (end / dial.size for end in ends)
             room = BEYOND_LIMIT * max(upper - lower, 1e-9)
             marks = [{"at": s.value / dial.size, "text": dial.stop(s), "kind": s.kind}
@@ -219,32 +220,6 @@ class Desk:
         self.jog.move_to(self._start)
         return self.ranges(question)
 
-    def mode(self, question: Mapping[str, Any]) -> Answer:
-        """Go to the next assembly mode at the same driver values."""
-        from spatial_pin.view.scene.stage import joint_poses
-
-        held = self.jog.held()
-        if self._modes is None or self._modes[0] != held:
-            self._modes = held, assembly_modes(
-                self.jog.mechanism, held, patience=FRUITLESS, most_starts=MOST_STARTS)
-        modes, mechanism = self._modes[1], self.jog.mechanism
-        here = -1
-        if modes:  # which of them this is, by the placements of its bodies
-            q = np.array([self.jog.state.q, *(mode.q for mode in modes)])
-            own, *others = joint_poses(mechanism.model, q)
-            there = np.array(others)
-            apart = np.linalg.norm(there[..., :3] - own[:, :3], axis=2)
-            turned = 1.0 - np.abs(np.sum(there[..., 3:] * own[:, 3:], axis=2))
-            here = int((apart / mechanism.characteristic_length + turned).sum(axis=1).argmin())
-        for step in range(1, len(modes)):
-            k = (here + step) % len(modes)
-            try:
-                self.jog.move_to(modes[k])
-            except SingularError:
-                continue
-            return {"note": f"assembly mode {k + 1} of {len(modes)} found", **self.ranges(question)}
-        return {"note": "no other assembly mode was found"}
-
 
 def _now(jog: Jog) -> Motion:
     """Return the pose of a mechanism as a motion of one sample."""
@@ -264,6 +239,32 @@ def _stopped(dial: Dial, stop: JogStop | None) -> Answer:
         return {}
     answer = {"kind": stop.kind, "value": stop.value / dial.size, "text": dial.stop(stop)}
     return {"stop": answer}
+
+
+def mode(desk: Desk, question: Mapping[str, Any]) -> Answer:
+    """Go to the next assembly mode at the same driver values."""
+    from spatial_pin.view.scene.stage import joint_poses
+
+    jog, mechanism, held = desk.jog, desk.jog.mechanism, desk.jog.held()
+    if desk.modes is None or desk.modes[0] != held:
+        desk.modes = held, assembly_modes(
+            mechanism, held, patience=FRUITLESS, most_starts=MOST_STARTS)
+    modes, here = desk.modes[1], -1
+    if modes:  # which of them this is, by the placements of its bodies
+        q = np.array([jog.state.q, *(mode.q for mode in modes)])
+        own, *others = joint_poses(mechanism.model, q)
+        there = np.array(others)
+        apart = np.linalg.norm(there[..., :3] - own[:, :3], axis=2)
+        turned = 1.0 - np.abs(np.sum(there[..., 3:] * own[:, 3:], axis=2))
+        here = int((apart / mechanism.characteristic_length + turned).sum(axis=1).argmin())
+    for step in range(1, len(modes)):
+        k = (here + step) % len(modes)
+        try:
+            jog.move_to(modes[k])
+        except SingularError:
+            continue
+        return {"note": f"assembly mode {k + 1} of {len(modes)} found", **desk.ranges(question)}
+    return {"note": "no other assembly mode was found"}
 
 
 def drag(desk: Desk, question: Mapping[str, Any]) -> Answer:
@@ -414,13 +415,14 @@ def live(
     return viewer
 
 
-# To let the page ask for something new: a method of Desk from the question to what its answer holds
-# besides poses, values and readings, its line here, and the place in script/live.js that asks.
+# To let the page ask for something new: a function from a Desk and the question to what its answer
+# holds besides poses, values and readings; its line here; and the place in script/live.js that
+# asks.
 ANSWERS: dict[str, Callable[[Desk, Mapping[str, Any]], Answer]] = {
     "move": Desk.move,
     "ranges": Desk.ranges,
     "home": Desk.home,
     "limits": Desk.limits,
-    "mode": Desk.mode,
+    "mode": mode,
     "drag": drag,
 }

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.assembly.contact_places import contact_shape
+from spatial_pin.assembly.contact_places import angles_of, contact_shape
+from spatial_pin.mechanism.curves import curves_in
 from spatial_pin.mechanism.pairs import axes_from_z
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
@@ -26,26 +27,27 @@ def contacts(stage: Stage) -> Layer:
     held: list[Array] = [np.zeros((0, 3))]
     mechanism = stage.film.mechanism
     for closure in mechanism.closures:
-        if not closure.curves:
+        if not curves_in(closure.numbers):
             continue
         (one, on_1), (two, on_2) = map(mechanism.frame_on_joint, closure.frames)
         first, second = (stage.rotations(j, m.rotation) for j, m in ((one, on_1), (two, on_2)))
         start = stage.points(one, on_1.translation)
         seen = np.einsum("nij,ni->nj", first, stage.points(two, on_2.translation) - start)
         turned = np.einsum("nji,njk->nik", first, second)
-        curve = closure.curves[0]
+        curve = curves_in(closure.numbers)[0]
         along = (seen - curve.centre) @ curve.axes[:, 2]
         room = FACE_MARGIN * stage.size
         reach = float(along.min()) - room, float(along.max()) + room
         title = f"{closure.name}: {closure.type}"
-        for of, joint, on, name in zip(closure.curves, (one, two), (on_1, on_2),
+        for of, joint, on, name in zip(curves_in(closure.numbers), (one, two), (on_1, on_2),
                                        ("curve", "second curve"), strict=False):
             path = of.points(reach)
             solid = Solid(tube(path, CURVE_WIDTH * stage.size))
             items.append(Item(f"{name} {closure.name}", solid, CURVE, joint, on.homogeneous,
                               through=True, called=title))
             held += [stage.points(joint, on.act(p)) for p in path[:: max(1, len(path) // 8)]]
-        touched = contact_shape(closure, (seen, turned)).point
+        near = angles_of(mechanism, closure, stage.film.motion.angles, len(seen))
+        touched = contact_shape(closure, (seen, turned), near).point
         if np.isfinite(touched).all():
             world = start + np.einsum("nij,nj->ni", first, touched)
             items.append(Item(f"contact {closure.name}", ball(POINT * stage.size), CONTACT,
@@ -71,7 +73,7 @@ def _follower(
         touched: (N, 3) point of contact from origin 2, axes of frame 1 [m].
     """
     follower, (joint, at) = closure.numbers["follower"], on
-    normal = turned[0].T @ closure.curves[0].axes[:, 2]  # of the plane, in frame 2
+    normal = turned[0].T @ curves_in(closure.numbers)[0].axes[:, 2]  # of the plane, in frame 2
     place = at.homogeneous.copy()
     if follower.flat is not None:
         x, room = follower.flat, FACE_MARGIN * stage.size
