@@ -95,6 +95,7 @@ class LoadedSamples:
         self.reactions, self.on_ground = np.empty((n, pairs, 6)), np.empty((n, 6))
         self.unique = np.ones((n, pairs, 6), dtype=bool)
         self.done = self.at = 0
+        self._alone: list[tuple[Array, Array]] = []  # forces at joints of samples solved one by one
         self.is_together = (  # whether the kernel solves many samples in one call
             bearing is equations and not equations.is_large
             and not len(equations.constraints.of_joints))
@@ -128,7 +129,12 @@ class LoadedSamples:
                     given[row] = equations.given
                     wrenches[row] = equations.pairs.summed(equations.wrenches)
             angles = motion.angles[at] if motion.angles.size else np.zeros((k, 0))
-            yield SampleBlock(at, motion.q[at], self.v[at], angles, given, turning, wrenches)
+            piece = SampleBlock(at, motion.q[at], self.v[at], angles, given, turning, wrenches)
+            yield piece
+            if self._alone:
+                joints, closures = (np.array(x) for x in zip(*self._alone, strict=True))
+                self._bear(piece, joints, self.a[at], closures, None)
+                self._alone = []
             self.done = at.stop
 
     def take(
@@ -143,13 +149,16 @@ class LoadedSamples:
             closures: (nv,) joint forces of the closures.
             internal: (m, nv) efforts at joints that balance each other.
         """
-        bearing = self.bearing
-        self.a[k], self.multipliers[k] = a, bearing.multipliers(closures)
-        reactions, self.on_ground[k] = bearing.reactions(a, self.multipliers[k], at_joints)
-        self.reactions[k] = list(reactions.values())
+        bearing, self.a[k] = self.bearing, a
         if bearing.pairs.coupled or bearing.has_redundant or (
                 internal is not None and len(internal)):
             self.unique[k] = list(bearing.unique(internal).values())
+        if self.is_together:  # the reactions of a piece follow together
+            self._alone.append((at_joints, closures))
+            return
+        self.multipliers[k] = bearing.multipliers(closures)
+        reactions, self.on_ground[k] = bearing.reactions(a, self.multipliers[k], at_joints)
+        self.reactions[k] = list(reactions.values())
         self.done = k + 1
 
     def take_piece(
@@ -172,13 +181,27 @@ class LoadedSamples:
             if not equations.keeps_rank(rank, piece.q[k]):
                 self.place(at.start + k)
                 equations.check_rank(rank)
+        has_redundant = bool(n) and ranks.min() < n
+        self._bear(piece, at_joints, a, found.closures,
+                   None if has_redundant else found.multipliers)
+        if equations.pairs.coupled or has_redundant:
+            for k in range(at.start, at.stop):
+                self.place(k)
+                self.unique[k] = list(equations.unique().values())
+                self.done = k + 1
+
+    def _bear(
+        self, piece: SampleBlock, at_joints: Array, a: Array, closures: Array,
+        multipliers: Array | None,
+    ) -> None:
+        """Find the reactions of a piece, and the shortest multipliers if there are none."""
+        equations, at, n = self.equations, piece.at, self.equations.n_closure
         with acquired(equations.mechanism, _centred_tree) as tree:
             placements, columns, transmitted = tree.at_many(piece.q, piece.v, a)
-        multipliers = found.multipliers
-        if n and ranks.min() < n:
+        if multipliers is None:
             with acquired(equations.mechanism, Kernel) as kernel:
                 jacobians = kernel.jacobians_and_columns(piece.q, piece.angles)[0][:, :n]
-            multipliers = minimum_norms_transposed(jacobians, equations.scale * found.closures)
+            multipliers = minimum_norms_transposed(jacobians, equations.scale * closures)
         poses = Poses(placements, columns, row_wrenches(
             equations.constraints, placements, piece.q, piece.angles))
         reactions, self.on_ground[at] = equations.pairs.reactions(
@@ -187,11 +210,6 @@ class LoadedSamples:
         self.a[at], self.multipliers[at] = a, multipliers
         for pair, wrench in enumerate(reactions.values()):
             self.reactions[at, pair] = wrench
-        if equations.pairs.coupled or (n and ranks.min() < n):
-            for k in range(at.start, at.stop):
-                self.place(k)
-                self.unique[k] = list(equations.unique().values())
-                self.done = k + 1
 
     def end(self) -> None:
         """Drop the samples that are not solved."""

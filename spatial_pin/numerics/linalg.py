@@ -59,9 +59,10 @@ def minimum_norms_transposed(a: Array, b: Array) -> Array:
 
     As `Decomposition.minimum_norm_transposed`, b (N, n).
     """
+    if not a.size:
+        return np.zeros(a.shape[:2])
     u, s, vt = np.linalg.svd(a, full_matrices=False)
-    largest = s[:, :1] if s.shape[1] else np.zeros((len(s), 1))
-    held = s > np.maximum(TOLERANCES.rank * largest, TOLERANCES.zero)
+    held = s > np.maximum(TOLERANCES.rank * s[:, :1], TOLERANCES.zero)
     parts = np.divide((vt @ b[..., None])[..., 0], s, out=np.zeros_like(s), where=held)
     x: Array = (u @ parts[..., None])[..., 0]
     return x

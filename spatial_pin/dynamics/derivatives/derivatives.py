@@ -166,8 +166,7 @@ def dynamics_derivatives(
         accelerations, closures, error = equations.solve(effort + equations.given)
         answer = Dynamics(state, (external, laws, slip_speed), accelerations, closures, effort,
                           error, equations.undetermined)
-        rows = RowDerivatives(
-            mechanism, springs.forces, (state.q, state.v, answer.a), state.angles)
+        rows = RowDerivatives(mechanism, springs.forces, (state.q, state.v, answer.a), state.angles)
         springs.move(rows)
         springs.refuse_undirected()
         outside, kkt = ExternalWrenches(mechanism, external), equations.whole_kkt(closures)

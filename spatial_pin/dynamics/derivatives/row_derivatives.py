@@ -46,6 +46,7 @@ class RowDerivatives:
         self, mechanism: Mechanism, forces: Forces, motion: Motion, angles: Array
     ) -> None:
         self.mechanism, self.constraints = mechanism, constraints_of(mechanism)
+        self.angles = angles
         self.motion, self.nv, self.forces = motion, mechanism.model.nv, forces
         self.angles = angles
         self.closed = self.constraints.passive_at
