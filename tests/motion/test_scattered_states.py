@@ -26,7 +26,8 @@ def test_each_row_is_that_of_a_sweep_to_it(name):
     """Joints of one freedom: what a passive freedom has turned depends on the way there."""
     mechanism = library(name)
     driver = next(iter(mechanism.drivers))
-    values = scattered(mechanism, 12, 0.2)[driver]
+    width = 0.2 if mechanism.coordinate(driver).unit == "rad" else 0.02  # of strokes
+    values = scattered(mechanism, 12, width)[driver]
     found = sp.states(mechanism, {driver: values})
     first = sp.assemble(mechanism).coordinate(driver).value
     assert not found.unreached
