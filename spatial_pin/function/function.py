@@ -258,7 +258,7 @@ class Function:
             geometry = self._geometry(mechanism) if with_slopes else None
             motion = self._moving(self._closed(mechanism, home, rows, at), rows, at)
             each = list(map(motion.state, range(len(motion)))) if (
-                with_slopes or self._has_efforts or EFFORT in self._needs) else []
+                with_slopes or self._has_efforts) else []
             loads = [self._loads(state, rows[k]) for k, state in zip(at, each, strict=False)]
             if self._has_efforts:
                 each = [load.state for load in loads]
@@ -373,11 +373,15 @@ class Function:
 
     def _values(self, motion: Motion, loads: Sequence[Any]) -> Array:
         """Return the outputs (n, k) of states of one mechanism."""
-        columns = list[Array]()
+        columns, efforts = list[Array](), dict[str, Array]()
+        if EFFORT in self._needs:
+            whole = None if loads else inverse_dynamics(motion.mechanism, motion).efforts
+            efforts = {n: np.asarray(whole[n] if whole else [load.efforts[n] for load in loads])
+                       for n in self.mechanism.drivers}
         for x in self._outputs:
             if x.needs == EFFORT:
                 name = _driver(self.mechanism, x.name.removesuffix(f".{EFFORT}"))
-                columns.append(np.array([load.efforts[name] for load in loads]))
+                columns.append(efforts[name])
             elif x.name.endswith(f".{ROTATION}"):
                 columns.append(motion.frame(x.name.removesuffix(f".{ROTATION}")).rotation)
             elif x.follows:  # each by itself
