@@ -12,7 +12,7 @@ from spatial_pin._support.checks import checked
 from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.dynamics.forces import Law, at_state, joint_efforts, warn_of_no_inertia
 from spatial_pin.dynamics.kinetostatics import Kinetostatics, forward_over
-from spatial_pin.dynamics.samples import External
+from spatial_pin.dynamics.loaded_samples import External
 from spatial_pin.dynamics.solvers.equations_of_motion import equations_of
 from spatial_pin.dynamics.state_forces import Dynamics
 from spatial_pin.mechanism.mechanism import Mechanism

@@ -18,14 +18,14 @@ from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.dynamics.forces import Law, at_state, warn_of_no_inertia
 from spatial_pin.dynamics.inverse import Efforts, actuation_of, balance, internal_efforts
 from spatial_pin.dynamics.lift_off import lift_offs
-from spatial_pin.dynamics.reactions import not_unique_marks, why_not_unique
-from spatial_pin.dynamics.samples import (
+from spatial_pin.dynamics.loaded_samples import (
     External,
     LoadedSamples,
     Loads,
     accelerate,
     efforts_over,
 )
+from spatial_pin.dynamics.reactions import not_unique_marks, why_not_unique
 from spatial_pin.dynamics.solvers.equations_of_motion import equations_of
 from spatial_pin.errors import Interrupted, SpatialPinError
 from spatial_pin.kernel.kkt import FAILED
