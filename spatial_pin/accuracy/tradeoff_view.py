@@ -64,18 +64,18 @@ def merged(rows: list[Measured], kind: str) -> list[tuple[Measured, int]]:
 
     Two are as fast where the quartiles of their times overlap. The front and the levels stay.
     """
-    found: list[tuple[Measured, int]] = []
+    distinct: list[tuple[Measured, int]] = []
     for row in sorted(rows, key=lambda x: x.error):
         own = np.percentile(row.seconds, [25, 75])
-        for k, (other, n) in enumerate(found):
+        for k, (other, n) in enumerate(distinct):
             its = np.percentile(other.seconds, [25, 75])
             stays = row.on_front or describe(row.accuracy, kind).endswith(")")
             if own[0] <= its[1] and its[0] <= own[1] and not stays:
-                found[k] = other, n + 1
+                distinct[k] = other, n + 1
                 break
         else:
-            found.append((row, 0))
-    return sorted(found, key=lambda x: x[0].time_per_step)
+            distinct.append((row, 0))
+    return sorted(distinct, key=lambda x: x[0].time_per_step)
 
 
 def cells(

@@ -104,7 +104,7 @@ def rank_loss(evaluation: LoopEquations, q: Array, rank: int) -> int:
     svd = decompose(jacobian[rows])
     strong = int(np.count_nonzero(svd.s > TOLERANCES.half_precision * svd.s.max(initial=0.0)))
     freedoms = svd.vt[len(rows) :]
-    if strong < len(rows) and not _is_beside_singular(evaluation, q, rows, svd, strong):
+    if strong < len(rows) and not _is_near_singular(evaluation, q, rows, svd, strong):
         steps = np.vstack([freedoms, -freedoms])
         steps *= SOME_WAY / np.abs(steps).max(axis=1, keepdims=True)
         lost = _rank_near(evaluation, q, steps, TOLERANCES.near_singular) - strong
@@ -128,7 +128,7 @@ def rank_loss(evaluation: LoopEquations, q: Array, rank: int) -> int:
     return max(lost, int(step is not None))
 
 
-def _is_beside_singular(
+def _is_near_singular(
     evaluation: LoopEquations, q: Array, rows: NDArray[np.intp], svd: Decomposition, strong: int
 ) -> bool:
     """Whether the weak equations depend on the strong ones at a configuration near q.
@@ -139,11 +139,11 @@ def _is_beside_singular(
     independent.
     """
     model, scale = evaluation.model, evaluation.mechanism.velocity_scale
-    left, right = svd.u[:, strong : len(rows)], svd.vt[strong:]
+    left_null, right_null = svd.u[:, strong : len(rows)], svd.vt[strong:]
 
     def block(step: Array) -> Array:
         evaluation.update(pin.integrate(model, q, scale * step))
-        return (left.T @ evaluation.jacobian[rows] @ right.T).ravel()
+        return (left_null.T @ evaluation.jacobian[rows] @ right_null.T).ravel()
 
     here = block(np.zeros(model.nv))
     changes = [(block(STEP * v) - block(-STEP * v)) / (2.0 * STEP) for v in svd.vt[len(rows) :]]

@@ -266,13 +266,13 @@ class KernelTree:
         given = [np.ascontiguousarray(x) for x in (q, v, a)]
         given = [x if x.flags.writeable else x.copy() for x in given]
         columns, tau, wrench = np.empty((m, 6, nv)), np.empty((m, nv)), np.empty((m, n, 6))
-        rotations, places = np.empty((m, n, 3, 3)), np.empty((m, n, 3))
+        rotations, positions = np.empty((m, n, 3, 3)), np.empty((m, n, 3))
         task = _TreeTask(m, *map(address, given), address(self.armature), *map(address, (
-            rotations, places, columns)), tau=address(tau), wrench=address(wrench))
+            rotations, positions, columns)), tau=address(tau), wrench=address(wrench))
         self._library.tree_evaluate(self.handle, ctypes.byref(task))
         at, placements = self._carriers, np.empty((m, self.model.njoints, 4, 3))
         np.matmul(self._tree.frames[at], rotations[:, at], out=placements[..., :3, :])
-        placements[..., 3, :] = places[:, at]
+        placements[..., 3, :] = positions[:, at]
         forces = (placements[..., None, :3, :] @ wrench[:, at].reshape(m, -1, 2, 3, 1)).reshape(
             m, -1, 6)
         forces[:, 0] = 0.0

@@ -259,16 +259,16 @@ def kinetostatics(
         for piece in samples.pieces():
             at = piece.at
             if samples.is_together:
-                found = equations.limbs.kkt.of_many(
+                solution = equations.limbs.kkt.of_many(
                     piece.q, piece.v, piece.angles, piece.given, samples.given_a[at], columns)
-                if not found.facts[:, FAILED].any():
-                    samples.efforts[at] = found.efforts
-                    joints = np.zeros_like(found.a)
-                    joints[:, columns] = found.efforts
-                    samples.take_piece(piece, joints, samples.given_a[at], found)
+                if not solution.facts[:, FAILED].any():
+                    samples.efforts[at] = solution.efforts
+                    joints = np.zeros_like(solution.a)
+                    joints[:, columns] = solution.efforts
+                    samples.take_piece(piece, joints, samples.given_a[at], solution)
                     continue
             for k in range(at.start, at.stop):
-                samples.place(k)
+                samples.set_sample(k)
                 samples.efforts[k], a, closures = balance(equations, actuation)
                 internal = internal_efforts(equations, actuation)
                 samples.take(k, actuation.generalised(samples.efforts[k], len(a)), a, closures,
@@ -421,15 +421,15 @@ def loads_over(
              for (name, x), rate in zip(efforts.items(), rates, strict=True)}
     unique: dict[str, NDArray[np.bool_]] = {
         name: samples.unique[:, k] for k, name in enumerate(names)}
-    found = Kinetostatics(
+    result = Kinetostatics(
         motion, read_only(samples.a), efforts, power,
         {name: read_only(samples.reactions[:, k].copy()) for k, name in enumerate(names)},
         read_only(samples.on_ground), read_only(samples.multipliers),
         {name: np.logical_and.reduce(each, axis=1) for name, each in unique.items()}, unique,
         _beyond_limits(motion, columns, samples.efforts), _lift_offs(motion, samples.multipliers))
     if is_cut:
-        raise Interrupted(motion, found)
-    return found
+        raise Interrupted(motion, result)
+    return result
 
 
 def _lift_offs(motion: Motion, multipliers: Array) -> tuple[Event, ...]:

@@ -270,8 +270,8 @@ def read_wavefront(file: str) -> tuple[Any, Any, Any]:
             known.update(_materials(" ".join(words), os.path.dirname(os.path.realpath(file))))
     if not corners:
         raise ValueError("it has no triangles")
-    used, places = np.unique(np.array(corners, dtype=np.int64), return_inverse=True)
-    return np.array(points)[used], places.reshape(-1, 3), np.array(colours)
+    used, corner_indices = np.unique(np.array(corners, dtype=np.int64), return_inverse=True)
+    return np.array(points)[used], corner_indices.reshape(-1, 3), np.array(colours)
 
 
 def _index(word: str, count: int) -> int:

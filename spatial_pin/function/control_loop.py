@@ -125,16 +125,16 @@ class ControlLoop:
         self._facts = np.zeros((1, 3))
         self._news = [np.zeros((1, *x.shape)) for x in (self.v, self.a, *self.influence)]
         v, a, first, second = self._news
-        self._found = RateRows(
+        self._rows = RateRows(
             np.zeros(1, np.int64), first, second, v=v, a=a, facts=self._facts)
         self._new_jacobians = np.zeros((len(points), 1, 6, n))
-        self._found_jacobians = [RateRows(np.zeros(1, np.int64), jacobian=x)
+        self._jacobian_rows = [RateRows(np.zeros(1, np.int64), jacobian=x)
                                  for x in self._new_jacobians]
         at = self._ahead[None], self._next_angles[None]
         self._tasks = [
-            self._rates.prepared(*at, self._found, rates=(self._driven[0], self._driven[1])),
-            *(self._rates.prepared(*at, found, frame=point) for found, point in zip(
-                self._found_jacobians, self._points, strict=True))]
+            self._rates.prepared(*at, self._rows, rates=(self._driven[0], self._driven[1])),
+            *(self._rates.prepared(*at, rows, frame=point) for rows, point in zip(
+                self._jacobian_rows, self._points, strict=True))]
         self._finish(state.q, state.angles, state.closure_error)
         self._has_idle = bool(len(self._idle()))
         self._finish(state.q, state.angles, state.closure_error)
@@ -240,7 +240,7 @@ class ControlLoop:
         self._ahead[:], self._next_angles[:], self._driven[0, 0, :n] = q, angles, self._speeds
         for work in self._tasks:
             work()
-        if self._found.codes[0] != DONE:
+        if self._rows.codes[0] != DONE:
             self._solve_by_trial(error)
         self.q[:], self._angles[:], self.closure_error = q, angles, error
         self.rate_error = self._facts.item(1)
@@ -260,13 +260,13 @@ class ControlLoop:
         state = State(self.mechanism, q, closure_error=error,
                       angles=angles if angles.size else None)
         chosen, at = chosen_at(state, self._given), (q[None], angles[None])
-        self._rates.prepared(*at, self._found, rates=(self._driven[0], self._driven[1]),
+        self._rates.prepared(*at, self._rows, rates=(self._driven[0], self._driven[1]),
                              chosen=chosen)()
-        if self._found.codes[0] != DONE:
+        if self._rows.codes[0] != DONE:
             raise SingularError(f"mechanism {self.mechanism.name!r}: the rates are not determined, "
                                 "or larger than numbers can be")
-        for found, point in zip(self._found_jacobians, self._points, strict=True):
-            self._rates.prepared(*at, found, frame=point, chosen=chosen)()
+        for rows, point in zip(self._jacobian_rows, self._points, strict=True):
+            self._rates.prepared(*at, rows, frame=point, chosen=chosen)()
 
     def _find_efforts(self) -> None:
         """Project inertia and forces on the drivers' motions, idle rotations left to themselves."""

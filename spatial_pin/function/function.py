@@ -331,19 +331,19 @@ class Function:
             raise _unreached(first, reasons[min(reasons)])
         before = states(self.home.mechanism, values, self.home) if values else _as_motion(
             [self.home] * len(at))
-        found = []
+        solved = []
         for i, k in enumerate(at.tolist()):
             if known is not None and i not in reasons:
-                found.append(known.state(i))
+                solved.append(known.state(i))
                 continue
             try:
                 if i in before.unreached:
                     raise SpatialPinError(before.unreached[i])
                 held = self._standing | {name: float(x[i]) for name, x in values.items()}
-                found.append(followed(mechanism, held, before.state(i)))
+                solved.append(followed(mechanism, held, before.state(i)))
             except SpatialPinError as error:
                 raise _unreached(k, str(error)) from error
-        return _as_motion(found)
+        return _as_motion(solved)
 
     def _moving(self, motion: Motion, rows: Array, at: NDArray[np.intp]) -> Motion:
         """Return the states of rows with their rates."""

@@ -163,8 +163,8 @@ class RateSolver:
     ) -> Array | None:
         """Return the Jacobian (6, n_moving) of a frame at q (nq,); None as `factor`."""
         self._local[:], self._task.joint = frame.local, frame.joint
-        is_found = self._code(q, reference, chosen, local=self._addresses[1]) == DONE
-        return self._jacobian.copy() if is_found else None
+        is_solved = self._code(q, reference, chosen, local=self._addresses[1]) == DONE
+        return self._jacobian.copy() if is_solved else None
 
     def _code(
         self, q: Array, reference: Array, chosen: Chosen | None, speed: int | None = None,
@@ -206,17 +206,17 @@ class RateSolver:
         shapes = {"columns": (nv, n), "second": (nv, n, n), "jacobian": (6, n),
                   "jacobian_rate": (6, n), "v": (nv,), "a": (nv,), "facts": (3,)}
         names = [*wanted, "a", "facts"] if "v" in wanted else wanted
-        found = RateRows(np.zeros(m, np.int64), **{x: np.zeros((m, *shapes[x])) for x in names})
+        results = RateRows(np.zeros(m, np.int64), **{x: np.zeros((m, *shapes[x])) for x in names})
         q, reference = numbers(q, (m, self._q.size)), numbers(reference, (m, self._reference.size))
         if v is not None:
             v = numbers(v, (m, nv))
         if rates is not None:
             rates = numbers(rates[0], (m, self.n_driven)), numbers(rates[1], (m, self.n_driven))
-        self.prepared(q, reference, found, frame=frame, v=v, rates=rates, chosen=chosen)()
-        return found
+        self.prepared(q, reference, results, frame=frame, v=v, rates=rates, chosen=chosen)()
+        return results
 
     def prepared(
-        self, q: Array, reference: Array, found: RateRows, *, frame: BodyPoint | None = None,
+        self, q: Array, reference: Array, results: RateRows, *, frame: BodyPoint | None = None,
         v: Array | None = None, rates: tuple[Array, Array] | None = None,
         chosen: Chosen | None = None,
     ) -> Callable[[], None]:
@@ -224,10 +224,10 @@ class RateSolver:
 
         The arrays are contiguous ones of doubles; the results of `found` are overwritten.
         """
-        task = _RateTask(len(q), address(q), address(reference), code=address(found.codes), **{
-            name: address(x) for name, x in found._asdict().items()
+        task = _RateTask(len(q), address(q), address(reference), code=address(results.codes), **{
+            name: address(x) for name, x in results._asdict().items()
             if name != "codes" and x is not None})
-        given: list[Any] = [q, reference, found]
+        given: list[Any] = [q, reference, results]
         if frame is not None:
             given.append(numbers(frame.local, (3,)))
             task.joint, task.local = frame.joint, address(given[-1])

@@ -78,7 +78,7 @@ def around(curve: CurveShape, offset: float = 0.0) -> ConstraintEquation:
         FunctionOf(square, Bearing(curve.axes, curve.centre)),)))
 
 
-def beside(curve: CurveShape, offset: float) -> ConstraintEquation:
+def offset_point(curve: CurveShape, offset: float) -> ConstraintEquation:
     """Return origin 2 at a distance from a curve in a plane that goes by a parameter [m].
 
     Positive to its right, which is outside.
@@ -145,7 +145,7 @@ def follows(curve: CurveShape, follower: Follower, z: Array) -> Rows:
     """Return a follower that touches a cam; z (3,) is a direction across a face's normal."""
     if follower.flat is None:
         offset = follower.side * follower.radius
-        return (around(curve, offset) if curve.at is not None else beside(curve, offset),)
+        return (around(curve, offset) if curve.at is not None else offset_point(curve, offset),)
     n = follower.side * follower.flat  # away from the cam
     distance, _ = curve.support()
     # from origin 1 to the face, by its normal, less what the cam reaches towards it

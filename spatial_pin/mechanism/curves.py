@@ -204,8 +204,8 @@ class CurveShape:
         known = self.__dict__.setdefault("_radial", {})
         if offset not in known:
             known[offset] = self._by_direction(seen)
-        found: tuple[Piecewise, Piecewise] = known[offset]
-        return found
+        pieces: tuple[Piecewise, Piecewise] = known[offset]
+        return pieces
 
     @cached_property
     def normals(self) -> tuple[Piecewise, Piecewise]:
@@ -233,8 +233,8 @@ class CurveShape:
 
         if "_support" not in self.__dict__:
             self.__dict__["_support"] = self._by_direction(normal)
-        found: tuple[Piecewise, Piecewise] = self.__dict__["_support"]
-        return found
+        pieces: tuple[Piecewise, Piecewise] = self.__dict__["_support"]
+        return pieces
 
     def _at(self, u: Array, within: Array) -> Array:
         assert self.at is not None
@@ -354,14 +354,14 @@ def power(x: Taylor, exponent: float) -> Taylor:
 
 def by_angle(values: list[Array], angle: list[Array]) -> Array:
     """Return a series in a parameter as one (k, n) in an angle that is a series in it too."""
-    rest, found = list(values), [values[0]]
+    rest, derivatives = list(values), [values[0]]
     ahead = Taylor([0.0 * angle[0], *angle[1:]])
     step = ahead
     for k in range(1, len(values)):
-        found.append(rest[k] / step.values[k])
-        rest = [a - found[k] * b for a, b in zip(rest, step.values, strict=True)]
+        derivatives.append(rest[k] / step.values[k])
+        rest = [a - derivatives[k] * b for a, b in zip(rest, step.values, strict=True)]
         step = step * ahead
-    return np.array(np.broadcast_arrays(*found))
+    return np.array(np.broadcast_arrays(*derivatives))
 
 
 def hermite(widths: Array, first: Array, last: Array) -> Array:
@@ -399,7 +399,7 @@ def circle(radius: float, centre: ArrayLike = (0.0, 0.0, 0.0),
         array([0., 0., 0.])
     """
     r = positive_number(radius, "radius")
-    form = {"radius": r, **_place(centre, normal)}
+    form = {"radius": r, **_plane_entries(centre, normal)}
     return _conic({"circle": form}, (r, r), form)
 
 
@@ -421,7 +421,7 @@ def ellipse(semi_axes: ArrayLike, centre: ArrayLike = (0.0, 0.0, 0.0),
         [1.0, 0.5]
     """
     a, b = (positive_number(x, "semi_axes") for x in finite_array(semi_axes, (2,), "semi_axes"))
-    form = {"semi_axes": [a, b], **_place(centre, normal, x_axis)}
+    form = {"semi_axes": [a, b], **_plane_entries(centre, normal, x_axis)}
     return _conic({"ellipse": form}, (a, b), form)
 
 
@@ -648,7 +648,7 @@ def curve_of(name: str, given: Any, read: Callable[[str], Any] | None = None) ->
     return replace(made, name=name)
 
 
-def _place(
+def _plane_entries(
     centre: ArrayLike, normal: ArrayLike, x_axis: ArrayLike | None = None
 ) -> dict[str, list[float]]:
     axes = _axes(finite_array(normal, (3,), "normal"), x_axis)
@@ -657,8 +657,8 @@ def _place(
             **({} if x_axis is None else {"x_axis": axes[:, 0].tolist()})}
 
 
-def _conic(form: Mapping[str, Any], sizes: Sequence[float], place: Mapping[str, Any]) -> CurveShape:
-    axes = _axes(np.array(place["normal"]), place.get("x_axis"))
+def _conic(form: Mapping[str, Any], sizes: Sequence[float], plane: Mapping[str, Any]) -> CurveShape:
+    axes = _axes(np.array(plane["normal"]), plane.get("x_axis"))
     a, b = sizes
 
     def at(u: Array, _: Array) -> Array:
@@ -666,7 +666,7 @@ def _conic(form: Mapping[str, Any], sizes: Sequence[float], place: Mapping[str, 
         turn = [[a * c, b * s], [-a * s, b * c], [-a * c, -b * s], [a * s, -b * c]]
         return np.array([*turn, *turn[: ORDER - 2]]).transpose(0, 2, 1)
 
-    return CurveShape(form, axes, np.array(place["centre"]), at)
+    return CurveShape(form, axes, np.array(plane["centre"]), at)
 
 
 def _axes(z: Array, x_axis: ArrayLike | None) -> Array:
@@ -765,8 +765,8 @@ def named_curve(given: Any, context: Any = None) -> CurveShape:
     if not isinstance(given, str) or given not in curves:
         there = ", ".join(curves) or "none"
         raise ValueError(f"names [curves.NAME], not {str(given)[:60]!r}; there are: {there}")
-    found: CurveShape = curves[given]
-    return found
+    curve: CurveShape = curves[given]
+    return curve
 
 
 def two_curves(given: Any, context: Any = None) -> TouchingCurves:

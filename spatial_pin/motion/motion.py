@@ -386,11 +386,11 @@ class Motion(Samples, Tabular):
                 "motion; sweep, follow, trace and simulate do")
         v, a = (float(np.abs(x / scale).max(initial=0.0)) for x in (self.v, self.a))
         sizes = np.array([1.0, v or 1.0, max(a, LEAST_BEND * v * v) or 1.0])
-        found = estimates / sizes
-        rows = found.argmax(axis=0)
-        positions, rates, accelerations = found[rows, range(3)].tolist()
+        relative = estimates / sizes
+        rows = relative.argmax(axis=0)
+        positions, rates, accelerations = relative[rows, range(3)].tolist()
         return ErrorEstimate(positions, rates, accelerations, tuple(rows.tolist()),
-                             tuple(found[-1].tolist()))
+                             tuple(relative[-1].tolist()))
 
     @checked
     def coordinate(self, name: str) -> CoordinateRates[Array]:

@@ -249,8 +249,8 @@ class _Cloud:
         from scipy.spatial import cKDTree  # on use: it takes a tenth of a second
 
         n = len(self.points) - 1
-        order, place = morton_order(self.points[:n]), np.arange(1, n + 1)
-        levels, before = np.bitwise_and(place, -place), np.array([n])
+        order, number = morton_order(self.points[:n]), np.arange(1, n + 1)
+        levels, before = np.bitwise_and(number, -number), np.array([n])
         for size in 2 ** np.arange(int(n).bit_length())[::-1]:
             rows = order[levels == size]
             _, near = cKDTree(self.points[before]).query(self.points[rows], workers=self._threads)
@@ -275,7 +275,7 @@ class _Cloud:
 
     # ------------------------------------------------------------ rows that were not reached
 
-    def _left(self) -> Rows:
+    def _unsolved(self) -> Rows:
         """Return the rows that are not reached."""
         return np.flatnonzero(self.scattered.part < 1.0)
 
@@ -287,8 +287,8 @@ class _Cloud:
         from scipy.spatial import cKDTree
 
         scattered, points = self.scattered, self.points
-        tried: dict[int, dict[int, float]] = {row: {} for row in self._left().tolist()}
-        while len(rows := self._left()):
+        tried: dict[int, dict[int, float]] = {row: {} for row in self._unsolved().tolist()}
+        while len(rows := self._unsolved()):
             solved = np.flatnonzero(scattered.part >= 1.0)
             k = min(NEIGHBOURS, len(solved))
             near = solved[cKDTree(points[solved]).query(points[rows], k)[1].reshape(-1, k)]
@@ -304,7 +304,7 @@ class _Cloud:
             for row, parent, far in zip(rows.tolist(), parents.tolist(), (
                     apart * (1.0 - scattered.part[rows])).tolist(), strict=True):
                 tried[row][parent] = far
-        rows = self._left()
+        rows = self._unsolved()
         for row in rows.tolist():
             scattered.parent[row] = min(tried[row], key=lambda x: (tried[row][x], x))
         self._follow(pool, rows, is_last=True)
@@ -313,7 +313,7 @@ class _Cloud:
         """Go on through singular configurations and branch points on the lines to rows, if any."""
         failed, seen = 0, set[int]()
         while failed < PASSAGES:
-            rows = [row for row in self._left().tolist() if row not in seen and not
+            rows = [row for row in self._unsolved().tolist() if row not in seen and not
                     self._is_limit(row)]
             if not rows:
                 return
@@ -338,16 +338,16 @@ class _Cloud:
         first, last = s.values[parent], s.values[row]
         line = PPoly(np.array([[last - first], [first]]), np.array([0.0, 1.0]))
         try:
-            found = along(state, self._names, self._hold, line, np.array([0.0, 1.0]),
+            passage = along(state, self._names, self._hold, line, np.array([0.0, 1.0]),
                           self._accuracy, "", False, passes=True)
         except SingularError:  # right at the neighbour
             return False
-        if found.stop is None:
-            for to, own in zip(s.samples, found.samples, strict=True):
+        if passage.stop is None:
+            for to, own in zip(s.samples, passage.samples, strict=True):
                 to[row] = own[1]
             s.part[row] = 1.0
             return True
-        end = found.stop
+        end = passage.stop
         self._ends[row] = "too far to be followed to" if end.is_far else ENDS[end.kind]
         if end.value > s.part[row]:
             loops = loops_at(self.mechanism, end.q, s.samples.angles[row])
@@ -364,8 +364,8 @@ class _Cloud:
         s, scale = self.scattered, self.mechanism.velocity_scale
         t, c = s.samples.t[row] / scale, s.samples.c[row] / scale
         bend = -float(t @ c)  # the parameter falls along the line
-        way = float(np.abs(self.points[row] - self.points[s.parent[row]]).max())
-        return bend > 0.0 and float(t @ t) / (2.0 * bend) * way < AT_LIMIT
+        distance = float(np.abs(self.points[row] - self.points[s.parent[row]]).max())
+        return bend > 0.0 and float(t @ t) / (2.0 * bend) * distance < AT_LIMIT
 
     def unreached(self, names: Sequence[str]) -> dict[int, str]:
         """Return why rows are not reached, with names for what has values."""
@@ -376,7 +376,7 @@ class _Cloud:
             return ", ".join(f"{name} = {x:.9g} {unit}" for name, x, unit in zip(
                 names, values.tolist(), units, strict=True))
 
-        for row in self._left().tolist():
+        for row in self._unsolved().tolist():
             parent, part = s.parent[row], s.part[row]
             end = s.values[parent] + part * (s.values[row] - s.values[parent])
             kind = self._ends.get(row) or ENDS["limit" if self._is_limit(row) else "singular"]

@@ -346,16 +346,16 @@ class Minimum(NamedTuple):
     at: Iterate
     active: Bounds  # those that hold it back
     has_ended: bool  # by itself, not since steps ran out
-    is_on_its_way: bool  # it went on by long steps until these ran out
+    is_in_progress: bool  # it went on by long steps until these ran out
 
 
 def minimised(problem: LeastSquares, x: Array, active: Bounds) -> Minimum:
     """Minimise from unknowns that meet the constraints and the active bounds."""
     for off in (OFF_ON_THE_WAY, 0.0):
         result = Descent(problem, off).run(Iterate(problem, x), active)
-        for _ in range(MORE_ROUNDS if result.is_on_its_way else 0):
+        for _ in range(MORE_ROUNDS if result.is_in_progress else 0):
             result = Descent(problem, off).run(result.at, result.active)
-            if not result.is_on_its_way:
+            if not result.is_in_progress:
                 break
         end = result.at.x
         met = problem.corrected(end, problem.free(result.active), 0.0)

@@ -207,8 +207,8 @@ def samples_solved_by(
     results = [np.concatenate([getattr(rows, name) for rows in parts]) for name in wanted]
     for row in np.flatnonzero(np.concatenate([rows.codes for rows in parts])).tolist():
         with at_sample(row):
-            for result, found in zip(results, at(row), strict=True):
-                result[row] = found
+            for result, row_result in zip(results, at(row), strict=True):
+                result[row] = row_result
     return results
 
 
