@@ -139,7 +139,7 @@ class MechanismSpec:
                 entry = read(table)
                 table.close()
                 return [entry] if table.has_own_names else []
-            again = table.with_stand_in()
+            again = table.with_replacements()
         table.note_unknown_keys(self._mistakes)
         return []
 

@@ -65,7 +65,7 @@ class BodyPoint(NamedTuple):
 
 
 class RateRows(NamedTuple):
-    """What rates give at m configurations; arrays that were not wanted are None.
+    """Rates and influence coefficients at m configurations; arrays not computed are None.
 
     Attributes:
         codes: (m,) of the kernel: `DONE` where equations determine the rates.
@@ -135,10 +135,10 @@ class RateSolver:
         self._at_task = ctypes.byref(self._task)
 
     def factor(self, q: Array, reference: Array, chosen: Chosen | None = None) -> bool:
-        """Factor the equations at q (nq,); False where nothing determines rates there.
+        """Factor the equations at q (nq,); False if they do not determine the rates there.
 
-        Without `chosen`: where equations are not clearly independent of each other and of what is
-        driven, or where there are not as many as freedoms.
+        Without `chosen` also if equations are not clearly independent of each other and of the
+        driven freedoms, or if there are not as many equations as freedoms.
 
         Args:
             q: closed configuration.
@@ -274,7 +274,7 @@ class RateSolver:
 
 
 def _choose(task: _RateTask, chosen: Chosen | None) -> tuple[NDArray[Any], ...]:
-    """Let a task have chosen equations; returns what is to live as long as C reads it."""
+    """Give a task chosen equations; returns the arrays that must live as long as C reads them."""
     if chosen is None:
         task.equations = None
         return ()

@@ -71,20 +71,20 @@ def states(
 ) -> Motion:
     """Solve configurations at scattered driver values on one branch: that of the guess.
 
-    The values of the sample nearest to the guess are assembled. Each other sample is followed to
-    from its nearest solved neighbour, along a straight line of driver values, so that the branch is
-    kept; where one is out of reach from there, from others. A line may go straight on where
-    branches cross. No result depends on the number of threads, nor on the order of the samples.
+    The sample nearest to the guess is assembled. Each other sample is followed from its nearest
+    solved neighbour, along a straight line of driver values, so it is on the same branch. If it
+    cannot be reached from there, other neighbours are tried. At a branch point a line goes straight
+    on. No result depends on the number of threads, nor on the order of the samples.
 
-    Where a region of driver values surrounds one that cannot be reached, or a cusp of one, other
-    lines may lead to other branches: `sweep` and `follow` go along a line of your own.
+    If a region of driver values cannot be reached, lines on either side of it may lead to different
+    branches. Then use `sweep` or `follow` along a line that you choose.
 
     Args:
         mechanism: the mechanism.
         values: (N,) values by driver, or coordinate of a joint [rad or m], in any order; one number
-            stands still. All other drivers keep their values from the guess.
-        guess: where to begin, as for `assemble`; a State is on the branch itself.
-        threads: how many rows are solved at a time; default: as many as there are cores.
+            holds it at that value. All other drivers keep their values from the guess.
+        guess: the first configuration, as for `assemble`; a State selects its own branch.
+        threads: number of threads that solve rows; default: the number of cores.
         hold: names of other joints that stand still, as for `sweep`.
         accuracy: tolerance; default "engineering".
         progress: show a bar on stderr after a second, if that is a terminal.
@@ -92,8 +92,8 @@ def states(
     Returns:
         The Motion, one sample per row of the tables, in their order, at rest: v and a are zero, as
         those of `assemble`; `solve_rates` of it takes arrays of speeds. It has no driver and no
-        time. Where a value cannot be reached the row holds the nearest configuration that was, and
-        `unreached` {sample: reason} says so.
+        time. If a value cannot be reached, the row holds the nearest configuration that was reached
+        on the line, and `unreached` {sample: reason} says why.
 
     Raises:
         AssemblyError: neither the sample nearest to the guess nor the guess can be assembled.
@@ -164,7 +164,7 @@ def _first(
     mechanism: Mechanism, names: list[str], table: Array, guess: Any, held: tuple[str, ...],
     accuracy: Accuracy,
 ) -> tuple[State, list[str]]:
-    """Return the first State, and sentences on what is held elsewhere than the guess has it.
+    """Return the first State, and sentences on coordinates held at other values than the guess.
 
     It is at the values nearest to the guess, where these cannot be assembled at the guess.
 
@@ -189,7 +189,7 @@ def _first(
 
 
 class _Cloud:
-    """Scattered values, each with its parent, and what solves them.
+    """Scattered values, each with the neighbour it is followed from, and their solver.
 
     Args:
         state: the first State, of the mechanism or of the part that moves.
@@ -235,7 +235,7 @@ class _Cloud:
     # ------------------------------------------------------------ rows, many at a time
 
     def solve(self, bar: Any) -> None:
-        """Solve all rows; those that cannot be reached come as near as they can."""
+        """Solve all rows; unreachable ones end at the nearest configuration on their line."""
         with ThreadPoolExecutor(self._threads) as executor:
             pool = executor if self._threads > 1 else None
             for rows in self._levels():
@@ -245,7 +245,7 @@ class _Cloud:
             self._pass_singular(pool)
 
     def _levels(self) -> Iterator[Rows]:
-        """Yield all rows, few before many, their parents being set."""
+        """Yield all rows in levels of growing density, after setting their parents."""
         from scipy.spatial import cKDTree  # on use: it takes a tenth of a second
 
         n = len(self.points) - 1
@@ -259,7 +259,7 @@ class _Cloud:
             yield rows
 
     def _follow(self, pool: Any, rows: Rows, is_last: bool = False) -> None:
-        """Follow to rows from their parents, which are done before."""
+        """Follow rows from their parents, which are solved before."""
         most = max(PIECE // max(self.mechanism.model.nv, 1), 1)
         n = min(max(FEWEST, -(-len(rows) // (SHARE * self._threads))), most)
         jobs = [(np.ascontiguousarray(rows[k : k + n]), is_last) for k in range(0, len(rows), n)]
@@ -280,7 +280,7 @@ class _Cloud:
         return np.flatnonzero(self.scattered.part < 1.0)
 
     def _try_others(self, pool: Any) -> None:
-        """Try rows that are not reached from other solved neighbours, and end as near as they can.
+        """Try unreached rows from other solved neighbours; else end as near as possible.
 
         A row that is reached is a neighbour of others.
         """
@@ -310,7 +310,7 @@ class _Cloud:
         self._follow(pool, rows, is_last=True)
 
     def _pass_singular(self, pool: Any) -> None:
-        """Go on through singular configurations and branch points on the lines to rows, if any."""
+        """Pass singular configurations and branch points on the lines to rows, if any."""
         failed, seen = 0, set[int]()
         while failed < PASSAGES:
             rows = [row for row in self._unsolved().tolist() if row not in seen and not
@@ -328,7 +328,7 @@ class _Cloud:
                 failed += 1
 
     def _passes(self, row: int) -> bool:
-        """Whether the line to a row leads through what stopped it; then the row is written."""
+        """Whether the line to a row passes the point that stopped it; then the row is written."""
         from scipy.interpolate import PPoly  # on use: it takes a tenth of a second
 
         s, parent = self.scattered, self.scattered.parent[row]
@@ -368,7 +368,7 @@ class _Cloud:
         return bend > 0.0 and float(t @ t) / (2.0 * bend) * distance < AT_LIMIT
 
     def unreached(self, names: Sequence[str]) -> dict[int, str]:
-        """Return why rows are not reached, with names for what has values."""
+        """Return the reasons why rows are not reached, by row, with names and values."""
         s, words = self.scattered, {}
         units = [self.mechanism.coordinate(name).unit for name in self._names]
 
