@@ -30,7 +30,7 @@ def table(tradeoff: Tradeoff, is_narrow: bool = False) -> str:
     """Return the rows in columns, the Pareto front marked with *.
 
     Args:
-        tradeoff: what was measured.
+        tradeoff: the measured table.
         is_narrow: whether parts of the errors are left out, so that it fits a terminal.
     """
     good = [row for row in tradeoff.rows if row.errors is not None]
@@ -84,7 +84,7 @@ def cells(
     """Return the words of the table: a line of headings, and one of each setting that worked.
 
     Args:
-        tradeoff: what was measured.
+        tradeoff: the measured table.
         rows: those that are shown, each with the number of those it stands for; default all.
     """
     if rows is None:

@@ -224,7 +224,7 @@ def dependence_words(
         return (f"{where}passive {', '.join(map(repr, needless))}: no rotation of the "
                 "body about that line is free as the drivers stand; take the table out")
     if still and decompose(closures).rank < len(closures):
-        return (f"{where}what is held cannot all stand still beside the loops and the base: "
+        return (f"{where}the held coordinates cannot all stand still with the loops and base: "
                 "they move it together; hold less")
     freedom = closures.shape[1] - decompose(closures).rank
     moving = drive @ decompose(closures).null_space.T
@@ -268,8 +268,8 @@ def _nothing_moves(mechanism: Mechanism, still: Sequence[int], names: str) -> st
     """Return why there is no freedom, as text."""
     base = {v for joint in free_bases(mechanism) for v in velocity_entries(mechanism, joint)}
     if set(still) - base:
-        return (f"what is held and the loops leave no freedom, so that {names} cannot move; "
-                "hold less")
+        return (f"the held coordinates and the loops leave no freedom, so that {names} cannot "
+                "move; hold less")
     return (f"{names} cannot move: the loops leave no freedom there (see sp.mobility); "
             f"{locked_loops_hint(mechanism)}{gap_words(mechanism)}")
 

@@ -86,7 +86,7 @@ class KernelTree:
     ) -> None:
         self.model, (self._split, self._carriers) = model, split(model)
         self._library, self._tree = library(), TreeArrays(self._split)
-        self._inertias, self._masses = inertias(model), b""  # views: they see what is changed later
+        self._inertias, self._masses = inertias(model), b""  # views: they see later changes
         self._gravity, self.armature = model.gravity.linear, model.armature
         self._create(np.ones(model.nv) if scale is None else scale,
                      np.zeros(model.njoints, bool) if is_core is None else is_core)

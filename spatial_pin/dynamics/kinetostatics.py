@@ -99,10 +99,9 @@ class Kinetostatics(_Loads, Tabular):
     def output(self, spec: str) -> Output:
         """Return a quantity by its name, all that `Motion.output` returns, and forces.
 
-        `NAME` or `NAME.effort` and `NAME.power` of what has an effort: a driver, its joint, or an
-        actuated coordinate; `PAIR.reaction` (N, 6), force then moment, or `PAIR.reaction.force`
-        and `PAIR.reaction.moment` of a pair; `on_ground`, `on_ground.force` and
-        `on_ground.moment`.
+        `NAME` or `NAME.effort` and `NAME.power` of a driver, its joint, or an actuated coordinate;
+        `PAIR.reaction` (N, 6) of a pair, force then moment, or its parts `PAIR.reaction.force` and
+        `PAIR.reaction.moment`; `on_ground`, `on_ground.force` and `on_ground.moment`.
 
         Raises:
             UnknownNameError: there is no such force, nor such a quantity of the motion.
@@ -315,8 +314,8 @@ def inverse_dynamics(
 
     Args:
         mechanism: the mechanism.
-        state: configuration, velocity and acceleration, from `solve_rates`; or a Motion, of which
-            all samples are solved (`kinetostatics`).
+        state: configuration, velocity and acceleration, from `solve_rates`; or a Motion, for
+            all its samples (`kinetostatics`).
         actuated: drivers, joints or coordinates that have efforts, by default all drivers; with
             weights (a mapping), the sum of weight * effort² is least.
         external: by link, frame or joint, the force on it at its origin, world axes; over a Motion

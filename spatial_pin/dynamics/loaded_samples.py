@@ -42,7 +42,7 @@ class SampleBlock(NamedTuple):
     """Samples that are solved together, and the forces that act on them besides efforts.
 
     Attributes:
-        at: of which samples of the motion.
+        at: numbers of the samples of the motion.
         q, v, angles: (k, ...) configurations, joint velocities, angles of screws.
         given: (k, nv) joint forces of springs, resistance and forces from outside.
         turning: (k, nv) those of springs about joints and of resistance.
@@ -62,7 +62,7 @@ class LoadedSamples:
     """Samples of a motion under forces, with the reactions that these cause.
 
     Args:
-        mechanism: of which the motion is, as the user loaded it.
+        mechanism: the mechanism of the motion, as the user loaded it.
         motion: the motion.
         equations: of its mechanism.
         bearing: of all equations of the file.

@@ -81,7 +81,7 @@ def is_dimension_name(name: str) -> bool:
 
 
 class DrawnNumbers:
-    """The numbers of a drawing, of which some are expressions of its dimensions.
+    """The numbers of a drawing; some are expressions of its dimensions.
 
     Attributes:
         dimensions: by name [m, rad].

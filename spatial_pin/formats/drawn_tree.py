@@ -226,7 +226,7 @@ class TreeText:
         return f"{head}{bracket}{MACROS}{rest}\n"
 
     def notices(self) -> Iterator[str]:
-        """Yield what was cut, and what that loses."""
+        """Yield sentences: which joints were cut, and what the tree loses by that."""
         if self._floating:
             yield ("held by rods alone, so that it floats in the tree: "
                    f"{', '.join(self._floating)}")

@@ -3,8 +3,8 @@
 The reader of meshes (assimp, inside coal) can end the process that it runs in. What it reads is
 written to FOLDER as K.npz, points (N, 3), corners of triangles (M, 3) and their colours (M, 4), or
 why not as K.txt. Formats with colours are read here, for that reader keeps none: COLLADA (.dae) as
-the triangles of its scene, Wavefront (.obj) with the .mtl files it names. What is not understood
-here (skins, splines, ...) is refused and left to that reader, without colours. It imports nothing
+the triangles of its scene, Wavefront (.obj) with the .mtl files it names. Contents not understood
+here (skins, splines, ...) are refused; that reader reads them without colours. It imports nothing
 else of the library, so that it starts fast.
 """
 

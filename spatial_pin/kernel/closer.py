@@ -279,12 +279,12 @@ class Closer:
             q: where to start.
             free: (nv,) velocities that may move.
             reference: (n_angles,) from which the angles of screws count [rad].
-            targets: what is to be met.
+            targets: the targets to meet.
             iterations: damped steps at most.
 
         Returns:
             The configuration; None where there are more targets than it takes, where they are not
-            met from there, or only just at the end of what is in reach.
+            met from there, or only just at the end of their reach.
         """
         if len(targets) > len(self._of):
             return None
@@ -328,8 +328,7 @@ class Closer:
             reference: see `close`.
             pinned: see `close`.
             perturbed: close from the perturbed starts too where a single one closes, nothing is at
-                fault, and it is not near: those that lead to what is closed, but no nearer, are
-                omitted.
+                fault, and it is not near: closed results that are no nearer are omitted.
 
         Raises:
             SingularError: positions have grown beyond all numbers.

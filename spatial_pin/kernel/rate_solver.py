@@ -199,7 +199,7 @@ class RateSolver:
             wanted: names of results of `RateRows`; "v" brings "a" and "facts".
             frame: of the Jacobians.
             v: (m, nv) joint velocities of "jacobian_rate".
-            rates: speeds and accelerations (m, n_driven) of what is driven, for "v".
+            rates: speeds and accelerations (m, n_driven) of the driven freedoms, for "v".
             chosen: the equations at all of them, if the kernel is not to choose them.
         """
         m, n, nv = len(q), self.n_moving, self.nv

@@ -458,8 +458,8 @@ def helix(radius: float, lead: float, axis: ArrayLike = (0.0, 0.0, 1.0),
         radius: positive [m].
         lead: advance per turn, positive of a right-handed one [m].
         axis: (3,) direction of its axis.
-        point: (3,) of its axis; the helix begins at the radius from there, along x or what is
-            nearest to it [m].
+        point: (3,) of its axis; the helix begins at the radius from there, along x or the direction
+            nearest to x [m].
 
     Raises:
         ValueError: a number is none, the radius is not positive, or the lead zero.

@@ -235,7 +235,7 @@ def core_of(mechanism: Mechanism, held: Mapping[str, float], rods: list[Rod]) ->
                 out.append(rod)
                 distances.append((ends, length))
     gone = {i for rod in out for i in rod.lines}
-    # joints of which all coordinates are held, those of couplings apart
+    # joints whose coordinates are all held, those of couplings apart
     coupled = {mechanism.coordinate(name).joint for c in mechanism.closures for name in c.joints}
     free = {c.joint for c in mechanism.coordinate_table.values() if c.name not in held}
     locked = {i for i, name in enumerate(model.names)

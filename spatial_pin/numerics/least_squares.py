@@ -68,7 +68,7 @@ class LeastSquares(ABC):
         gain: part of the sum that a step gains at least, while steps are Gauss's.
         longest: step that is made at most.
         cut: singular values, relative to the largest, below which Gauss's steps move nothing.
-        most: steps that are made at most: Newton's are ten, towards what is far away some dozens.
+        most: largest number of steps: Newton's are ten, towards far targets some dozens.
     """
 
     moves: NDArray[np.bool_]

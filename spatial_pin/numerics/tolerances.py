@@ -31,7 +31,7 @@ class Tolerances:
         round_off: a residual or correction that cannot be made smaller, 45 epsilon: three times
             the largest closure error of all sweeps measured.
         zero: a singular value, pivot or entry that is zero in matrices of order one, 450 epsilon:
-            what sums of some hundred terms leave, a hundred times what was measured.
+            round-off of sums of some hundred terms, a hundred times the measured one.
         tight: a difference of two numbers that are the same but for how each was computed, from
             placements composed of some hundred others, 4500 epsilon. And the residual to which
             loops with redundant equations are closed before it is asked which are redundant.

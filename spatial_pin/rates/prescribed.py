@@ -79,7 +79,7 @@ def rates_by_coordinate(
         mechanism: the mechanism.
         given: a number by coordinate, driver or joint, or one for each freedom of the joint.
         what: name of the rates for messages: "speed".
-        n: of so many samples, which may each have their own; None: of one State.
+        n: number of samples, which may each have a value; None: one State.
 
     Returns:
         Numbers; of samples arrays (n,).

@@ -163,7 +163,7 @@ def design(
 
     Returns:
         Distinct Designs, the best first, with the defects of each; none if no start led to one that
-        meets what is to be met exactly.
+        meets the exact goals.
 
     Raises:
         UnknownNameError: there is no such dimension, frame, coordinate or driver.

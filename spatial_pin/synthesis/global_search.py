@@ -220,7 +220,7 @@ def searched(
         try:
             work.run(method, 1 if method == "local" else starts, seed, progress)
             is_whole = True
-        except KeyboardInterrupt:  # what was found until then is the answer
+        except KeyboardInterrupt:  # the result has the designs until then
             if not checkpoint.solutions:
                 raise
     tried = [checkpoint.solutions[k] for k in sorted(checkpoint.solutions) if k < starts]

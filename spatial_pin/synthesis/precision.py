@@ -104,7 +104,7 @@ class Precision(Goal):
 
         Args:
             bodies: m configurations.
-            at: (m,) of which sample each is.
+            at: (m,) sample of each.
             own: (n_own,) numbers of its own.
         """
 

@@ -206,7 +206,7 @@ def other_starts(filling: FilledGrid) -> Iterator[tuple[Index, LinePoints]]:
 
 
 def one_of(config: GridConfig, state: State) -> LinePoints:
-    """Return a configuration as what was followed."""
+    """Return a configuration as a line of one point."""
     at = state.placement(config.frame)
     return LinePoints(state.q[None], np.asarray(state.angles)[None],
                     np.array([state.closure_error]), at.translation[None], at.rotation[None],

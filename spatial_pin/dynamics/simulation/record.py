@@ -236,7 +236,7 @@ def _multipliers(problem: Problem, times: Array, samples: SimulationSamples) -> 
     """Return the multipliers (N, n_closure) of the samples of a simulation.
 
     Args:
-        problem: what was simulated.
+        problem: the simulated mechanism and its loads.
         times: (N,) [s].
         samples: at these.
     """

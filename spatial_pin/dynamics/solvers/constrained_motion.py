@@ -192,7 +192,7 @@ class Loops:
     # ------------------------------------------------------------ rank
 
     def keeps_rank(self, rank: int, q: Array) -> bool:
-        """Whether the equations surely keep this rank near q (nq,), by what is known of them."""
+        """Whether the equations surely keep this rank near q (nq,), by known bounds."""
         known = self._regular
         return has_constant_rank(self.mechanism, self.n_closure, rank) or (
             known is not None and known.holds(self.mechanism, q, rank))

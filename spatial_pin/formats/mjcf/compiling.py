@@ -221,7 +221,7 @@ def some(names: Iterable[str]) -> str:
 
 
 def _prepare(mujoco: Any, spec: Any) -> list[str]:
-    """Name what has no name, and delete textures, skins and height fields; return notices."""
+    """Name unnamed elements, and delete textures, skins and height fields; return notices."""
     taken, notices = {body.name for body in spec.bodies}, []
     for k, body in enumerate(spec.bodies):
         if not body.name:

@@ -1,4 +1,4 @@
-"""What is drawn with a motion: other states and motions, clearance, workspace, goals."""
+"""Objects drawn with a motion: other states and motions, clearance, workspace, goals."""
 
 from __future__ import annotations
 
