@@ -161,10 +161,10 @@ class Equilibria(Tabular, list[Equilibrium]):
     """
 
     def __init__(
-        self, found: Iterable[Equilibrium] = (), *, starts: int = 0, counts: Sequence[int] = (),
+        self, poses: Iterable[Equilibrium] = (), *, starts: int = 0, counts: Sequence[int] = (),
         is_whole: bool = True,
     ) -> None:
-        super().__init__(found)
+        super().__init__(poses)
         self.starts, self.counts, self.is_whole = starts, tuple(counts), is_whole
         self.reached, self.missing = sum(counts), missing_by(counts)
 

@@ -260,7 +260,7 @@ class ClosedDerivatives:
         if np.abs(system.left_null_space[:, drivers]).max(initial=0.0) > TOLERANCES.half_precision:
             raise SpatialPinError(
                 f"mechanism {m.name!r}: it has more drivers than freedoms, so that their efforts "
-                "are one of many and have no derivatives: drop a driver from the mechanism")
+                "are not unique and have no derivatives: drop a driver from the mechanism")
         assert nv == len(load)
         return accelerations, borne[drivers] / sizes
 

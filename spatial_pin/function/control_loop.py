@@ -184,7 +184,7 @@ class ControlLoop:
         try:
             self._finish(*(self._closed_next() or self._followed()))
         except SpatialPinError as error:
-            error.args = (f"{error}; the control loop stays where it was",)
+            error.args = (f"{error}; the control loop keeps its last configuration",)
             raise
 
     def _read(self, given: Any, target: Array, what: str) -> None:

@@ -116,13 +116,13 @@ class Function:
                              "accelerations: give one of the two")
         for x in self._outputs:
             if x.needs == EFFORT and EFFORT in kinds:
-                raise ValueError(f"outputs: {x.name!r} is what a given motion needs, and the "
+                raise ValueError(f"outputs: {x.name!r} is the effort of a given motion, but the "
                                  "inputs have efforts: give accelerations instead")
             if not x.order or RATE in kinds:
                 continue
             if x.order == 1 or not kinds & {ACCELERATION, EFFORT}:
                 driver = next(iter(self.mechanism.drivers), "driver")
-                raise ValueError(f"outputs: {x.name!r} is a rate, and no input is one: add "
+                raise ValueError(f"outputs: {x.name!r} is a rate, but no input is a rate: add "
                                  f"'{driver}.rate' to the inputs")
 
     def __call__(self, x: Any) -> Array:

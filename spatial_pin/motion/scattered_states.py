@@ -115,7 +115,7 @@ def states(
     accuracy = accuracy_of(accuracy)
     require_mechanism(mechanism)
     if threads is not None and threads < 1:
-        raise ValueError(f"threads is {threads}: one at least solves the samples")
+        raise ValueError(f"threads is {threads}: it must be at least 1")
     names, table = table_of(mechanism, values)
     held = () if hold is None else tuple(names_of(hold, "hold"))
     check_not_held(mechanism, [mechanism.prescribed_coordinate(name) for name in names], held)
