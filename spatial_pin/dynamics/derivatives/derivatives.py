@@ -184,7 +184,7 @@ def _over(
 ) -> Derivatives:
     """Return the derivatives at all samples of a motion."""
     if not len(motion):
-        raise SpatialPinError("the motion has no sample")
+        raise SpatialPinError("the motion has no samples")
     rows, at = efforts_over(mechanism, motion, efforts), forces_at(mechanism, motion, external)
     laws, slopes, slip_speed = more
     samples = []
