@@ -45,7 +45,7 @@ def table(tradeoff: Tradeoff, is_narrow: bool = False) -> str:
              for line in lines]
     runs = sorted({len(row.seconds) for row in good})
     notes = ["time: by that of engineering, the least of all runs; keeps e =: error that for_error "
-             "relies on; (+n): n settings more, as fast as can be told and less exact; "
+             "relies on; (+n): n settings more, as fast within the scatter and less exact; "
              f"*: no other is as fast and as exact; ±: between the quartiles of "
              f"{' to '.join(map(str, runs[:: max(len(runs) - 1, 1)]))} runs; errors in rad and "
              "characteristic lengths, error: the largest, rates relative to the largest rate"]

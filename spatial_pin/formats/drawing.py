@@ -130,8 +130,8 @@ class Drawing:
     statements means nothing.
 
     `d["b"] = 0.3` makes a dimension; its symbol `d["b"]`, or an expression of it, may stand
-    wherever a number may. A place has three numbers, or two in the plane z = 0. Names of bodies and
-    points that are not there are told by `mechanism`, all together.
+    wherever a number may. A place has three numbers, or two in the plane z = 0. `mechanism` lists
+    all unknown names of bodies and points in one error.
 
     Args:
         name: of the mechanism.

@@ -1,7 +1,7 @@
 """A drawing to an open tree, as xacro text, and the closures of its loops.
 
-Every coordinate is zero in the drawn pose, where the frame of every body is that of the world: what
-is said in the frame of a body does not depend on which joints are cut. The text has the
+Every coordinate is zero in the drawn pose, where the frame of every body is that of the world. So
+points in the frame of a body do not depend on which joints are cut. The text has the
 expressions of the drawing, and its dimensions as arguments.
 """
 

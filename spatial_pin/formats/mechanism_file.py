@@ -238,7 +238,7 @@ def _build(
 
 
 def _check_guess(mechanism: Mechanism, where: str, mistakes: Mistakes) -> None:
-    lost = {d.name for d in mechanism.drivers.values()  # which was said of the driver
+    lost = {d.name for d in mechanism.drivers.values()  # already an error of the driver
             if d.joint not in (*mechanism.coordinate_table, *mechanism.model.names)}
     for key, value in mechanism.guess.items():
         if key in lost:

@@ -476,7 +476,7 @@ def _error(
     if stop.kind == "branch point":
         why = ("on_crossing='raise' asks to stop there; give on_crossing='straight' to go on"
                if on_crossing == "raise" else
-               "none that goes straight on can be told from the others there; start")
+               "no branch there clearly goes straight on; start")
         remedy = " the sweep beyond it with a guess on the wanted branch" * why.endswith("start")
         return SingularError(
             f"{where}: branches cross at {driver} = {stop.value:.12g} {unit} ({last}); "

@@ -34,7 +34,7 @@ COPIES = ("replicate", "composite", "flexcomp")  # elements with a count of copi
 
 
 # The file of a mesh asset, None where there is none; its scale (3,) along x, y and z; the placement
-# of the scaled file in the frame of a geom; and why there is no file, if not told once for all.
+# of the scaled file in the frame of a geom; and why there is no file; "" if one notice covers all.
 MeshFile = tuple[Path | None, Array, pin.SE3, str]
 
 

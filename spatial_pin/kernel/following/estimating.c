@@ -1,12 +1,12 @@
 /* Error estimates of a path: of its points, and of samples that are interpolated between two of them.
  *
  * A point: q is off by what its equations magnify residuals and round-off to, and that changes t and c.
- * How much is told by solutions for an example, at one point of many, by the equations' second
- * derivatives.
+ * The size of this change is estimated at one point of many, by solving for an example with the
+ * equations' second derivatives.
  *
  * Hermite's polynomial of fifth degree misses (u (1 - u))^3 times the sixth derivative at a part u of a
  * step, over 720; that through a third point r steps before (u (1 - u) (u + r))^3 times the ninth, over
- * 9!. One correction tells what that is in the middle; of the rates it is told by derivatives. */
+ * 9!. One correction measures this error in the middle; derivatives give that of the rates. */
 #include <string.h>
 #include <float.h>
 

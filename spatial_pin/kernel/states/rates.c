@@ -64,8 +64,8 @@ static int make_room(Rates *r)
     return kernel_had_memory(k) && r->matrix ? DONE : NO_MEMORY;
 }
 
-/* How many equations are constant: whose derivatives vanish at places where no loop is closed. What
-   is a function of the caller may have none there, and is not asked. */
+/* How many equations are constant: their derivatives vanish at configurations where no loop is closed.
+   A function of the caller may have no value there, and is not evaluated. */
 static Int count_constant(Rates *r)
 {
     Kernel *k = r->k;
