@@ -10,13 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin._support.lazy import made_once
 from spatial_pin.constraints.opposite_axes import TANGENT, axis_pairs
 from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.library import INT, POINTER, REAL, address, check
-from spatial_pin.kernel.packing import packed
 from spatial_pin.mechanism.equations import Cosine
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import NOT_FINITE, Array
@@ -440,22 +438,6 @@ class Closer:
             self.handle, len(q), address(q), self._task.free, tolerance, iterations,
             address(errors)))
         return q, errors
-
-
-@made_once
-def frame_in_kernel(mechanism: Mechanism, frame: int) -> tuple[int, list[float], list[float]]:
-    """Return the joint of the kernel that carries a frame of the model, and where it is on it.
-
-    Returns:
-        The joint, the rotation (9,) by columns, and the origin (3,) [m].
-    """
-    own = mechanism.centred_model.frames[frame]
-    joint, at = int(own.parentJoint), own.placement
-    known = packed(mechanism, True)
-    carrier = int(known.carriers[joint])
-    turned = known.frames[carrier].T
-    return (carrier, (turned @ at.rotation).T.ravel().tolist(),
-            (turned @ at.translation).tolist())
 
 
 def closer_of(mechanism: Mechanism, pinned: Iterable[str] = ()) -> acquired[Closer]:

@@ -18,6 +18,7 @@ from spatial_pin.kernel.library import (
     address,
     check,
 )
+from spatial_pin.kernel.packing import BodyFrame
 from spatial_pin.numerics.linalg import Array
 
 
@@ -50,18 +51,6 @@ class Chosen(NamedTuple):
 
     rows: NDArray[np.integer[Any]]
     fill: Array
-
-
-class BodyPoint(NamedTuple):
-    """A point fixed in a body of the kernel, whose Jacobian is wanted.
-
-    Attributes:
-        joint: of the kernel, that carries it.
-        local: (3,) the point in the joint's axes [m].
-    """
-
-    joint: int
-    local: Array
 
 
 class RateRows(NamedTuple):
@@ -159,10 +148,10 @@ class RateSolver:
         return Solved(self._v.copy(), self._a.copy(), pivot, lost, known, code == DONE)
 
     def jacobian(
-        self, q: Array, reference: Array, frame: BodyPoint, chosen: Chosen | None = None
+        self, q: Array, reference: Array, frame: BodyFrame, chosen: Chosen | None = None
     ) -> Array | None:
         """Return the Jacobian (6, n_moving) of a frame at q (nq,); None as `factor`."""
-        self._local[:], self._task.joint = frame.local, frame.joint
+        self._local[:], self._task.joint = frame.origin, frame.joint
         is_found = self._code(q, reference, chosen, local=self._addresses[1]) == DONE
         return self._jacobian.copy() if is_found else None
 
@@ -187,7 +176,7 @@ class RateSolver:
         return self._columns.copy()
 
     def rows(
-        self, q: Array, reference: Array, wanted: Sequence[str], *, frame: BodyPoint | None = None,
+        self, q: Array, reference: Array, wanted: Sequence[str], *, frame: BodyFrame | None = None,
         v: Array | None = None, rates: tuple[Array, Array] | None = None,
         chosen: Chosen | None = None,
     ) -> RateRows:
@@ -216,7 +205,7 @@ class RateSolver:
         return found
 
     def prepared(
-        self, q: Array, reference: Array, found: RateRows, *, frame: BodyPoint | None = None,
+        self, q: Array, reference: Array, found: RateRows, *, frame: BodyFrame | None = None,
         v: Array | None = None, rates: tuple[Array, Array] | None = None,
         chosen: Chosen | None = None,
     ) -> Callable[[], None]:
@@ -229,7 +218,7 @@ class RateSolver:
             if name != "codes" and x is not None})
         given: list[Any] = [q, reference, found]
         if frame is not None:
-            given.append(numbers(frame.local, (3,)))
+            given.append(numbers(frame.origin, (3,)))
             task.joint, task.local = frame.joint, address(given[-1])
         if v is not None:
             given.append(v)
