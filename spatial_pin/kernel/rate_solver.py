@@ -218,7 +218,7 @@ class RateSolver:
             if name != "codes" and x is not None})
         given: list[Any] = [q, reference, found]
         if frame is not None:
-            given.append(numbers(frame.origin, (3,)))
+            given.append(numbers(np.array(frame.origin), (3,)))
             task.joint, task.local = frame.joint, address(given[-1])
         if v is not None:
             given.append(v)
@@ -234,31 +234,26 @@ class RateSolver:
 
         return work
 
-    def acceleration(self, v: Array, drive: Array | None = None) -> Array:
-        """Return (nv,) joint accelerations at joint velocities v (nv,).
+    def answer(
+        self, derivative: Array | None, drive: Array | None = None, v: Array | None = None
+    ) -> Array:
+        """Return joint rates (nv,) of any order, or accelerations at joint velocities.
 
         Args:
-            v: joint velocities.
-            drive: (n_driven,) accelerations of driven coordinates; none by default.
-        """
-        v = numbers(v, (self.nv,))
-        return self._answer(address(v), None, drive)
-
-    def answer(self, derivative: Array, drive: Array | None = None) -> Array:
-        """Return joint rates (nv,) of any order; driven coordinates must be velocity entries.
-
-        Args:
-            derivative: (n_closure + n_passive,) of the equations, where the rates are zero.
+            derivative: (n_closure + n_passive,) of the equations, where the rates are zero; driven
+                coordinates must be velocity entries then. None: of accelerations at v.
             drive: (n_driven,) rates of driven coordinates; none by default.
+            v: (nv,) joint velocities, of accelerations.
         """
-        derivative = numbers(derivative, (self._n_equations,))
-        return self._answer(None, address(derivative), drive)
-
-    def _answer(self, v: int | None, derivative: int | None, drive: Array | None) -> Array:
+        v = None if v is None else numbers(v, (self.nv,))
+        if derivative is not None:
+            derivative = numbers(derivative, (self._n_equations,))
         rates, full = np.empty(self.nv), np.zeros(self.n_driven)  # the last ones stand still
         if drive is not None:
             full[: len(drive)] = drive
-        self._library.rates_answer(self._handle, v, derivative, address(full), address(rates))
+        self._library.rates_answer(
+            self._handle, None if v is None else address(v),
+            None if derivative is None else address(derivative), address(full), address(rates))
         return rates
 
 
