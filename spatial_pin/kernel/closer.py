@@ -129,23 +129,6 @@ class ClosureTask(ctypes.Structure):
         ("targets", TargetsStruct), ("unique", INT)]
 
 
-class TargetsMet(NamedTuple):
-    """The nearest configuration at which targets are met.
-
-    Attributes:
-        q: the configuration (nq,).
-        error, may_be_mirrored: as of `Closed`.
-        off: length of the residuals of the targets.
-        angles: (n_angles,) of screw closures, counting turns [rad].
-    """
-
-    q: Array
-    error: float
-    may_be_mirrored: bool
-    off: float
-    angles: Array
-
-
 class FurtherStarts:
     """Further starts, if the first one does not lead near the named values.
 
@@ -270,7 +253,7 @@ class Closer:
     def meet(
         self, q: Array, free: NDArray[np.bool_], reference: Array, targets: Sequence[KernelTarget],
         iterations: int,
-    ) -> TargetsMet | None:
+    ) -> tuple[Closed, float, Array] | None:
         """Close the loops from q (nq,) where targets are met, by the least displacement.
 
         Args:
@@ -281,8 +264,9 @@ class Closer:
             iterations: damped steps at most.
 
         Returns:
-            The configuration; None where there are more targets than it takes, where they are not
-            met from there, or only just at the end of what is in reach.
+            The configuration, the length of the targets' residuals, and the angles (n_angles,) of
+            screws, counting turns [rad]. None where there are more targets than it takes, where
+            they are not met from there, or only just at the end of what is in reach.
         """
         if len(targets) > len(self._of):
             return None
@@ -295,9 +279,9 @@ class Closer:
         task.named.value, task.targets.n = None, len(targets)
         code = self._library.closer_close(self.handle, self.at_task)
         task.targets.n = 0
-        return None if code else TargetsMet(
-            self._q[0], self._errors.item(0), self._may_be_mirrored, self._distances.item(0),
-            self._angles)
+        return None if code else (
+            Closed(self._q[0], self._errors.item(0), self._may_be_mirrored),
+            self._distances.item(0), self._angles)
 
     def _axes(
         self, pairs: Sequence[Sequence[tuple[int, Array]]]
