@@ -221,7 +221,11 @@ def _selected(evaluation: LoopEquations, gap: float) -> SelectedEquations | None
     """Return the remaining equations if the numbers of others are rounded; None: all."""
     cut = min(GAPS_WIDE * gap, WIDEST_GAP)
     first = next(_start_samples(evaluation, cut, gap), None)
-    if first is None or _just_misses(evaluation, cut, gap):
+    if first is None:
+        return None
+    # another branch may have a smaller gap than the guess, but the loops are not drawn there
+    missed = _sample(evaluation, _guess(evaluation.mechanism), cut, NEARLY * gap)
+    if missed is not None and missed.error > gap:
         return None
     reached = [first, *_motion_samples(evaluation, first, cut, gap)]
     rank = max(_rank(x.s, cut) for x in reached)
@@ -318,15 +322,6 @@ def _start_samples(evaluation: LoopEquations, cut: float, gap: float) -> Iterato
         sample = _sample(evaluation, pin.integrate(model, q, shaken), cut, gap)
         if sample is not None:
             yield sample
-
-
-def _just_misses(evaluation: LoopEquations, cut: float, gap: float) -> bool:
-    """Whether the guess of the file closes to a somewhat larger gap only.
-
-    Another branch may have a smaller one, but the loops are not drawn there.
-    """
-    missed = _sample(evaluation, _guess(evaluation.mechanism), cut, NEARLY * gap)
-    return missed is not None and missed.error > gap
 
 
 def _nearby(

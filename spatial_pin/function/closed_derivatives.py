@@ -21,7 +21,7 @@ import pinocchio as pin
 from spatial_pin.assembly.close import scaled_row
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.dimensions.sensitivity import AROUND, EIGHTH
+from spatial_pin.dimensions.sensitivity import SLOPE
 from spatial_pin.dynamics.derivatives.derivatives import changes_of_forces
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
 from spatial_pin.dynamics.derivatives.spring_derivatives import ExternalWrenches, Springs
@@ -139,7 +139,7 @@ class ClosedDerivatives:
                     rows, n = loops.jacobian / mechanism.velocity_scale, out.shape[1]
                     values.append([loops.residual.copy(), rows[:n] @ at.v,
                                    (rows @ at.a + bias)[:n]])
-            out[:, :, k] = differences(np.array(values), step) - np.array(
+            out[:, :, k] = np.tensordot(SLOPE / step, np.array(values), 1) - np.array(
                 [by_q @ moves[:, k] for by_q, _ in self.by])
         return out
 
@@ -285,16 +285,9 @@ class ClosedDerivatives:
                     equations.update(there)
                     values.append(equations.motion_forces(a) - equations.given
                                   - closure_jacobian(mechanism, at.q).T @ multipliers)
-            out[:, k] = differences(np.array(values), step) - (  # masses are in it
+            out[:, k] = np.tensordot(SLOPE / step, np.array(values), 1) - (  # masses are in it
                 by_q @ geometry.moves[:, k])[geometry.v]
         return out
-
-
-def differences(values: Array, step: float) -> Array:
-    """Return the derivatives (...) of values (8, ...) at `AROUND` steps, of eighth order."""
-    weights = [np.sign(k) * EIGHTH[abs(k)] / step for k in AROUND]
-    slopes: Array = np.tensordot(weights, values, 1)
-    return slopes
 
 
 class OpenedError(SpatialPinError):

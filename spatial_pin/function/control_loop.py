@@ -19,12 +19,12 @@ from spatial_pin.kernel.closer import Closer
 from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.library import DONE, address
 from spatial_pin.kernel.loop_equations import LoopEquations
+from spatial_pin.kernel.packing import frame_in_kernel
 from spatial_pin.kernel.rate_solver import RateRows
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.follow import follow
 from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.rates.depending import frame_in_kernel
 from spatial_pin.rates.jacobians import Influence, moving_coordinates
 from spatial_pin.rates.prescribed import Prescription, chosen_at
 

@@ -29,7 +29,6 @@ from spatial_pin.function.output_slopes import (
     EFFORT,
     MASS,
     ROTATION,
-    FunctionOutput,
     Moved,
     function_output,
 )
@@ -94,7 +93,9 @@ class Function:
         self._at_home: MovedGeometry | None = None
         self._needs = {x.needs for x in self._outputs}
         self._has_efforts = any(x.kind == EFFORT for x in self._inputs)
-        self.labels = tuple(label for x in self._outputs for label in _labels(x))
+        vectors = {1: ("",), 3: (".x", ".y", ".z"),
+                   9: tuple(f".{i}{j}" for i in "xyz" for j in "xyz")}
+        self.labels = tuple(x.name + end for x in self._outputs for end in vectors[x.size])
 
     def _check(self) -> None:
         """Refuse inputs that are named twice or contradict each other, and outputs without rates.
@@ -285,19 +286,16 @@ class Function:
                 yield at, self.home.mechanism, self.home
                 continue
             try:
-                mechanism = self._variant(x)
+                assert self._variants is not None
+                mechanism = self._variants.at(
+                    dict(zip(self._dimensions, x, strict=True)),
+                    self._with_masses and not self._variants.has_masses)
             except SpatialPinError as error:
                 raise _unreached(int(at[0]), str(error)) from error
             try:
                 yield at, mechanism, followed(mechanism, self._standing, self.home)
             except SpatialPinError:
                 yield at, mechanism, None
-
-    def _variant(self, dimensions: Sequence[float]) -> Mechanism:
-        assert self._variants is not None
-        return self._variants.at(
-            dict(zip(self._dimensions, dimensions, strict=True)),
-            self._with_masses and not self._variants.has_masses)
 
     @property
     def _with_masses(self) -> bool:
@@ -491,12 +489,6 @@ def _input(mechanism: Mechanism, name: str) -> _Input:
 def _driver(mechanism: Mechanism, name: str) -> str:
     return name if name in mechanism.drivers else next(
         n for n, d in mechanism.drivers.items() if d.joint == name)
-
-
-def _labels(x: FunctionOutput) -> list[str]:
-    if x.size == 9:
-        return [f"{x.name}.{i}{j}" for i in "xyz" for j in "xyz"]
-    return [x.name] if x.size == 1 else [f"{x.name}.{i}" for i in "xyz"]
 
 
 def _as_motion(states: Sequence[State]) -> Motion:

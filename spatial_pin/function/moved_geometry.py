@@ -19,14 +19,12 @@ from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.composite_joints import AXIAL, joint_kind
 from spatial_pin.constraints.tree_motion import Motion
-from spatial_pin.dimensions.sensitivity import AROUND, DIFFERENCE, EIGHTH
+from spatial_pin.dimensions.sensitivity import AROUND, SHORTER, SLOPE, difference_steps
 from spatial_pin.dimensions.variants import PlacementBatch, TracedTree, Variants, copied
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.formats.xacro.xacro_arguments import written_dimensions
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
-
-SHORTER = (1.0, 1.0 / 8.0, 1.0 / 64.0, 1.0 / 512.0)  # steps, where the file has no longer one
 
 
 class MovedGeometry(NamedTuple):
@@ -91,12 +89,12 @@ def moved_geometry(
     names, model = [] if variants is None else variants.names, mechanism.model
     n = len(names)
     own = np.array([mechanism.dimensions[name] for name in names])
-    steps: Array = DIFFERENCE * np.where(own != 0.0, np.abs(own), mechanism.characteristic_length)
+    steps = difference_steps(mechanism, own)
     if variants is None:
         samples, written = _Sampled({}, {}, {}, {}, []), dict[int, tuple[float, list[Mechanism]]]()
     else:
         samples, written, steps = _around(mechanism, variants, own, steps, with_masses)
-    weights = np.kron(np.diag(1.0 / steps), [np.sign(k) * EIGHTH[abs(k)] for k in AROUND])
+    weights = np.kron(np.diag(1.0 / steps), SLOPE)
 
     def slope(x: Array) -> Array:
         """Return derivatives (n, ...) from samples (1 + 8 n, ...), the first at the dimensions."""

@@ -135,12 +135,13 @@ def _nearest(
         rows += own
     with closer_of(mechanism) as closer:
         met = closer.meet(start.q, _free(mechanism, held.entries), start.angles, rows, STEPS)
-        if met is None or met.may_be_mirrored or met.error > TOLERANCES.closed or (
-                met.off > exact_for(mechanism)):
+        if met is None:
             return None
-        if limits and not is_within_limits(mechanism, met.q):
+        (q, error, may_be_mirrored), off, angles = met
+        if may_be_mirrored or error > TOLERANCES.closed or off > exact_for(mechanism) or (
+                limits and not is_within_limits(mechanism, q)):
             return None
-        return State(mechanism, met.q, closure_error=met.error, angles=met.angles)
+        return State(mechanism, q, closure_error=error, angles=angles)
 
 
 @made_once

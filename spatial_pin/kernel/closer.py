@@ -10,13 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin._support.lazy import made_once
 from spatial_pin.constraints.opposite_axes import TANGENT, axis_pairs
 from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.library import INT, POINTER, REAL, address, check
-from spatial_pin.kernel.packing import packed
 from spatial_pin.mechanism.equations import Cosine
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import NOT_FINITE, Array
@@ -129,23 +127,6 @@ class ClosureTask(ctypes.Structure):
         ("near", REAL), ("moved", POINTER), ("group", POINTER),
         *[(name, POINTER) for name in ("error", "distance", "mirrored", "facts", "angle")],
         ("targets", TargetsStruct), ("unique", INT)]
-
-
-class TargetsMet(NamedTuple):
-    """The nearest configuration at which targets are met.
-
-    Attributes:
-        q: the configuration (nq,).
-        error, may_be_mirrored: as of `Closed`.
-        off: length of the residuals of the targets.
-        angles: (n_angles,) of screw closures, counting turns [rad].
-    """
-
-    q: Array
-    error: float
-    may_be_mirrored: bool
-    off: float
-    angles: Array
 
 
 class PerturbedStarts:
@@ -272,7 +253,7 @@ class Closer:
     def meet(
         self, q: Array, free: NDArray[np.bool_], reference: Array, targets: Sequence[KernelTarget],
         iterations: int,
-    ) -> TargetsMet | None:
+    ) -> tuple[Closed, float, Array] | None:
         """Close the loops from q (nq,) where targets are met, by the least displacement.
 
         Args:
@@ -283,8 +264,9 @@ class Closer:
             iterations: damped steps at most.
 
         Returns:
-            The configuration; None where there are more targets than it takes, where they are not
-            met from there, or only just at the end of their reach.
+            The configuration, the length of the targets' residuals, and the angles (n_angles,) of
+            screws, counting turns [rad]. None where there are more targets than it takes, where
+            they are not met from there, or only just at the end of their reach.
         """
         if len(targets) > len(self._of):
             return None
@@ -297,9 +279,9 @@ class Closer:
         task.named.value, task.targets.n = None, len(targets)
         code = self._library.closer_close(self.handle, self.at_task)
         task.targets.n = 0
-        return None if code else TargetsMet(
-            self._q[0], self._errors.item(0), self._may_be_mirrored, self._distances.item(0),
-            self._angles)
+        return None if code else (
+            Closed(self._q[0], self._errors.item(0), self._may_be_mirrored),
+            self._distances.item(0), self._angles)
 
     def _axes(
         self, pairs: Sequence[Sequence[tuple[int, Array]]]
@@ -439,22 +421,6 @@ class Closer:
             self.handle, len(q), address(q), self._task.free, tolerance, iterations,
             address(errors)))
         return q, errors
-
-
-@made_once
-def frame_in_kernel(mechanism: Mechanism, frame: int) -> tuple[int, list[float], list[float]]:
-    """Return the joint of the kernel that carries a frame of the model, and where it is on it.
-
-    Returns:
-        The joint, the rotation (9,) by columns, and the origin (3,) [m].
-    """
-    own = mechanism.centred_model.frames[frame]
-    joint, at = int(own.parentJoint), own.placement
-    known = packed(mechanism, True)
-    carrier = int(known.carriers[joint])
-    turned = known.frames[carrier].T
-    return (carrier, (turned @ at.rotation).T.ravel().tolist(),
-            (turned @ at.translation).tolist())
 
 
 def closer_of(mechanism: Mechanism, pinned: Iterable[str] = ()) -> acquired[Closer]:

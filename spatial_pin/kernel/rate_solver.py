@@ -18,6 +18,7 @@ from spatial_pin.kernel.library import (
     address,
     check,
 )
+from spatial_pin.kernel.packing import BodyFrame
 from spatial_pin.numerics.linalg import Array
 
 
@@ -50,18 +51,6 @@ class Chosen(NamedTuple):
 
     rows: NDArray[np.integer[Any]]
     fill: Array
-
-
-class BodyPoint(NamedTuple):
-    """A point fixed in a body of the kernel, whose Jacobian is wanted.
-
-    Attributes:
-        joint: of the kernel, that carries it.
-        local: (3,) the point in the joint's axes [m].
-    """
-
-    joint: int
-    local: Array
 
 
 class RateRows(NamedTuple):
@@ -159,10 +148,10 @@ class RateSolver:
         return Solved(self._v.copy(), self._a.copy(), pivot, lost, known, code == DONE)
 
     def jacobian(
-        self, q: Array, reference: Array, frame: BodyPoint, chosen: Chosen | None = None
+        self, q: Array, reference: Array, frame: BodyFrame, chosen: Chosen | None = None
     ) -> Array | None:
         """Return the Jacobian (6, n_moving) of a frame at q (nq,); None as `factor`."""
-        self._local[:], self._task.joint = frame.local, frame.joint
+        self._local[:], self._task.joint = frame.origin, frame.joint
         is_solved = self._code(q, reference, chosen, local=self._addresses[1]) == DONE
         return self._jacobian.copy() if is_solved else None
 
@@ -187,7 +176,7 @@ class RateSolver:
         return self._columns.copy()
 
     def rows(
-        self, q: Array, reference: Array, wanted: Sequence[str], *, frame: BodyPoint | None = None,
+        self, q: Array, reference: Array, wanted: Sequence[str], *, frame: BodyFrame | None = None,
         v: Array | None = None, rates: tuple[Array, Array] | None = None,
         chosen: Chosen | None = None,
     ) -> RateRows:
@@ -216,20 +205,20 @@ class RateSolver:
         return results
 
     def prepared(
-        self, q: Array, reference: Array, results: RateRows, *, frame: BodyPoint | None = None,
+        self, q: Array, reference: Array, results: RateRows, *, frame: BodyFrame | None = None,
         v: Array | None = None, rates: tuple[Array, Array] | None = None,
         chosen: Chosen | None = None,
     ) -> Callable[[], None]:
         """Return what solves for what the arrays of `rows` have when it is called.
 
-        The arrays are contiguous ones of doubles; the results of `found` are overwritten.
+        The arrays are contiguous ones of doubles; those of `results` are overwritten.
         """
         task = _RateTask(len(q), address(q), address(reference), code=address(results.codes), **{
             name: address(x) for name, x in results._asdict().items()
             if name != "codes" and x is not None})
         given: list[Any] = [q, reference, results]
         if frame is not None:
-            given.append(numbers(frame.local, (3,)))
+            given.append(numbers(np.array(frame.origin), (3,)))
             task.joint, task.local = frame.joint, address(given[-1])
         if v is not None:
             given.append(v)
@@ -245,31 +234,26 @@ class RateSolver:
 
         return work
 
-    def acceleration(self, v: Array, drive: Array | None = None) -> Array:
-        """Return (nv,) joint accelerations at joint velocities v (nv,).
+    def answer(
+        self, derivative: Array | None, drive: Array | None = None, v: Array | None = None
+    ) -> Array:
+        """Return joint rates (nv,) of any order, or accelerations at joint velocities.
 
         Args:
-            v: joint velocities.
-            drive: (n_driven,) accelerations of driven coordinates; none by default.
-        """
-        v = numbers(v, (self.nv,))
-        return self._answer(address(v), None, drive)
-
-    def answer(self, derivative: Array, drive: Array | None = None) -> Array:
-        """Return joint rates (nv,) of any order; driven coordinates must be velocity entries.
-
-        Args:
-            derivative: (n_closure + n_passive,) of the equations, where the rates are zero.
+            derivative: (n_closure + n_passive,) of the equations, where the rates are zero; driven
+                coordinates must be velocity entries then. None: of accelerations at v.
             drive: (n_driven,) rates of driven coordinates; none by default.
+            v: (nv,) joint velocities, of accelerations.
         """
-        derivative = numbers(derivative, (self._n_equations,))
-        return self._answer(None, address(derivative), drive)
-
-    def _answer(self, v: int | None, derivative: int | None, drive: Array | None) -> Array:
+        v = None if v is None else numbers(v, (self.nv,))
+        if derivative is not None:
+            derivative = numbers(derivative, (self._n_equations,))
         rates, full = np.empty(self.nv), np.zeros(self.n_driven)  # the last ones stand still
         if drive is not None:
             full[: len(drive)] = drive
-        self._library.rates_answer(self._handle, v, derivative, address(full), address(rates))
+        self._library.rates_answer(
+            self._handle, None if v is None else address(v),
+            None if derivative is None else address(derivative), address(full), address(rates))
         return rates
 
 

@@ -128,9 +128,11 @@ def states(
     state, gone = _first(mechanism, names, distinct, guess, held, accuracy)
     moved = part_moving_with(state, names, hold)
     there, standing = (state, hold) if moved is None else moved[:2]
+    own_cores = getattr(os, "sched_getaffinity", None)
+    threads = threads or (len(own_cores(0)) if own_cores else os.cpu_count() or 1)
     with (progress_bar(len(distinct), f"{mechanism.name}: {', '.join(names)}", progress) as bar,
           Workspaces() as workspaces):
-        cloud = _Cloud(there, names, standing, distinct, accuracy, threads or _cores(), workspaces)
+        cloud = _Cloud(there, names, standing, distinct, accuracy, threads, workspaces)
         is_cut = False
         try:
             cloud.solve(bar)
@@ -152,12 +154,6 @@ def states(
         done = cloud.scattered.part[number] >= 1.0
         raise Interrupted(selected(motion, np.flatnonzero(done)))
     return motion
-
-
-def _cores() -> int:
-    """Return how many cores this process may use."""
-    known = getattr(os, "sched_getaffinity", None)
-    return len(known(0)) if known else os.cpu_count() or 1
 
 
 def _first(

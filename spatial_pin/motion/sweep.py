@@ -148,7 +148,9 @@ def sweep(
     values = _values(mechanism, driver, values, speed)
     speeds, accels = _requested_rates(speed, acceleration, values)
     coordinate = mechanism.prescribed_coordinate(driver)
-    given, held = ({}, (hold,)) if isinstance(hold, str) else _hold_values(hold)
+    given: Mapping[str, float] = hold if isinstance(hold, Mapping) else {}
+    held = (BASE,) if isinstance(hold, Mapping) else () if hold is None else tuple(
+        names_of(hold, "hold"))
     requested, rates, good = values, (speeds, accels), None
     for _ in range(CHOICES):
         mechanism, result, still, events = _followed(
@@ -204,15 +206,6 @@ def _values(mechanism: Mechanism, driver: str, given: Any, speed: Any) -> Array:
     if values.ndim > 1 or not is_finite(values):
         values = finite_array(values, (values.size,), "values")  # refuses in words
     return values
-
-
-def _hold_values(
-    hold: Mapping[str, float] | Iterable[str] | None
-) -> tuple[Mapping[str, float], tuple[str, ...]]:
-    """Return the coordinates held at given values, and the names that are held, bases included."""
-    if isinstance(hold, Mapping):
-        return hold, (BASE,)
-    return {}, () if hold is None else tuple(names_of(hold, "hold"))
 
 
 def _followed(

@@ -50,13 +50,15 @@ class Guess:
 
     Attributes:
         names: of these coordinates.
+        is_whole: whether these are all.
     """
 
     def __init__(
         self, mechanism: Mechanism, q: Array, values: Mapping[str, float] | None = None
     ) -> None:
         self.mechanism, self.q, self._values = mechanism, q, values
-        self.names = _all_names(mechanism) if values is None else tuple(values)
+        self.is_whole = values is None
+        self.names = mechanism.coordinates if values is None else tuple(values)
 
     @cached_property
     def values(self) -> Mapping[str, float]:
@@ -97,7 +99,7 @@ def _within_turns(mechanism: Mechanism, given: Guess) -> Guess:
         if COORDINATE_ERROR * abs(entries[c.q]) > OPEN:
             turned[c.name] = math.atan2(math.sin(entries[c.q]), math.cos(entries[c.q]))
             q[c.q] = turned[c.name]
-    if given.names is _all_names(mechanism):
+    if given.is_whole:
         return Guess(mechanism, q)
     return Guess(mechanism, q, {k: turned.get(k, x) for k, x in given.values.items()})
 
@@ -119,12 +121,6 @@ def _as_given(mechanism: Mechanism, guess: Mapping[str, Any] | State | Array) ->
         if not pin.isNormalized(mechanism.model, q, 0.5):
             raise ValueError("guess q has a quaternion whose length is far from 1")
     return Guess(mechanism, pin.normalize(mechanism.model, q))
-
-
-@made_once
-def _all_names(mechanism: Mechanism) -> tuple[str, ...]:
-    """Return the names of all coordinates, every time the same tuple."""
-    return mechanism.coordinates
 
 
 @made_once
