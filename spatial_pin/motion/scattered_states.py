@@ -130,16 +130,16 @@ def states(
     there, standing = (state, hold) if moved is None else moved[:2]
     own_cores = getattr(os, "sched_getaffinity", None)
     threads = threads or (len(own_cores(0)) if own_cores else os.cpu_count() or 1)
-    with (progress_bar(len(distinct), f"{mechanism.name}: {', '.join(names)}", progress) as bar,
-          Workspaces() as workspaces):
-        cloud = _Cloud(there, names, standing, distinct, accuracy, threads, workspaces)
-        is_cut = False
-        try:
+    cloud, is_done = None, None
+    try:  # around the workspaces: after Ctrl-C a thread may still use a kernel of theirs
+        with (progress_bar(len(distinct), f"{mechanism.name}: {', '.join(names)}", progress) as bar,
+              Workspaces() as workspaces):
+            cloud = _Cloud(there, names, standing, distinct, accuracy, threads, workspaces)
             cloud.solve(bar)
-        except KeyboardInterrupt:
-            if not (cloud.scattered.part[:-1] >= 1.0).any():
-                raise
-            is_cut = True
+    except KeyboardInterrupt:
+        if cloud is None or not (cloud.scattered.part[:-1] >= 1.0).any():
+            raise
+        is_done = cloud.scattered.part[number] >= 1.0
     samples, unreached = cloud.scattered.samples, cloud.unreached(list(values))
     samples = samples if moved is None else moved.of_whole(samples)
     unreached |= _opened(state, samples, accuracy)
@@ -150,9 +150,8 @@ def states(
         [Event("released", 0.0, 0, text) for text in gone], samples.angles[number],
         held=held if moved is None else moved.held, unreached={
             k: unreached[row] for k, row in enumerate(number.tolist()) if row in unreached})
-    if is_cut:
-        done = cloud.scattered.part[number] >= 1.0
-        raise Interrupted(selected(motion, np.flatnonzero(done)))
+    if is_done is not None:
+        raise Interrupted(selected(motion, np.flatnonzero(is_done)))
     return motion
 
 
@@ -234,14 +233,17 @@ class _Cloud:
         """Solve all rows; unreachable ones end at the nearest configuration on their line."""
         with ThreadPoolExecutor(self._threads) as executor:
             pool = executor if self._threads > 1 else None
-            for rows in self._levels():
+            for rows in self._levels(pool):
                 self._follow(pool, rows)
                 bar.update(len(rows))
             self._try_others(pool)
             self._pass_singular(pool)
 
-    def _levels(self) -> Iterator[Rows]:
-        """Yield all rows in levels of growing density, after setting their parents."""
+    def _levels(self, pool: Any) -> Iterator[Rows]:
+        """Yield all rows in levels of growing density, after setting their parents.
+
+        Threads of `cKDTree.query` itself would go on in memory that is free after Ctrl-C.
+        """
         from scipy.spatial import cKDTree  # on use: it takes a tenth of a second
 
         n = len(self.points) - 1
@@ -249,8 +251,10 @@ class _Cloud:
         levels, before = np.bitwise_and(number, -number), np.array([n])
         for size in 2 ** np.arange(int(n).bit_length())[::-1]:
             rows = order[levels == size]
-            _, near = cKDTree(self.points[before]).query(self.points[rows], workers=self._threads)
-            self.scattered.parent[rows] = before[near]
+            tree, n_jobs = cKDTree(self.points[before]), min(self._threads, len(rows) // FEWEST)
+            jobs = [(some,) for some in np.array_split(self.points[rows], max(n_jobs, 1))]
+            pairs = in_order(pool if n_jobs > 1 else None, tree.query, jobs)
+            self.scattered.parent[rows] = before[np.concatenate([near for _, near in pairs])]
             before = np.concatenate([before, rows])
             yield rows
 
