@@ -403,5 +403,6 @@ class KernelTree:
 
         Those of the core are zero.
         """
-        at = address(forces)
-        self._library.tree_accelerations(self.handle, len(forces), at, None, at, None, None)
+        if forces.size:  # or there are no joints
+            at = address(forces)
+            self._library.tree_accelerations(self.handle, len(forces), at, None, at, None, None)
