@@ -24,7 +24,7 @@ from spatial_pin.assembly.state import FrameMotion, Samples, State, is_coordinat
 from spatial_pin.errors import SampleError, SpatialPinError
 from spatial_pin.mechanism.coordinates import CoordinateRates, coordinate_rates
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.linalg import Array, largest_by
 
 
 class Event(NamedTuple):
@@ -384,13 +384,13 @@ class Motion(Samples, Tabular):
             raise SpatialPinError(
                 f"mechanism {self.mechanism.name!r}: nobody has estimated the errors of this "
                 "motion; sweep, follow, trace and simulate do")
-        v, a = (float(np.abs(x / scale).max(initial=0.0)) for x in (self.v, self.a))
-        sizes = np.array([1.0, v or 1.0, max(a, LEAST_BEND * v * v) or 1.0])
-        relative = estimates / sizes
-        rows = relative.argmax(axis=0)
-        positions, rates, accelerations = relative[rows, range(3)].tolist()
-        return ErrorEstimate(positions, rates, accelerations, tuple(rows.tolist()),
-                             tuple(relative[-1].tolist()))
+        v, a = largest_by(scale, self.v), largest_by(scale, self.a)
+        sizes = 1.0, v or 1.0, max(a, LEAST_BEND * v * v) or 1.0
+        rows = estimates.argmax(axis=0).tolist()
+        end = [x / size for x, size in zip(estimates[-1].tolist(), sizes, strict=True)]
+        positions, rates, accelerations = (
+            estimates.item(row, k) / sizes[k] for k, row in enumerate(rows))
+        return ErrorEstimate(positions, rates, accelerations, tuple(rows), tuple(end))
 
     @checked
     def coordinate(self, name: str) -> CoordinateRates[Array]:

@@ -176,6 +176,8 @@ class Reduced(Mechanism):
             moved = "these outputs, or parts with mass" if self.dynamics else "these outputs"
             lines.append(f"  nothing is gained: all coordinates and equations move {moved}; "
                          f"{'simulations' if self.dynamics else 'sweeps'} take as long")
+        lines.append("  without a State as guess, the full mechanism is assembled first and "
+                     "chooses the branch: sweeps of few values take longer than with the full one")
         return "\n".join([*lines, *(f"  left out: {x}" for x in self.omissions)])
 
 
