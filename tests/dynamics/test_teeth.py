@@ -219,6 +219,11 @@ def test_teeth_are_outputs_over_a_motion_and_go_through_a_file(tmp_path):
     assert mech.closures[0].numbers["teeth"].form == again.closures[0].numbers["teeth"].form
 
 
+def test_teeth_on_the_ground_may_name_it_as_closures_do():
+    assert reactions(gears(frame="universe"), TORQUE).reactions["mesh"].isApprox(
+        reactions(gears(), TORQUE).reactions["mesh"], 1e-14)
+
+
 def test_a_coupling_without_teeth_has_the_effort_at_its_last_joint():
     model = bodies(("one", pin.JointModelRZ(), (0, 0, 0), ""),
                    ("two", pin.JointModelPX(), (1.0, 0, 0), ""))
