@@ -147,7 +147,8 @@ def _driver_singularities(
 
     Args:
         states: some samples of the motion, to choose independent equations in one of them.
-        q, angles: (N, nq), (N, n_angles) samples.
+        q: (N, nq) samples.
+        angles: (N, n_angles) of closures there.
         s: (N,) parameter at the samples.
         hold: other fixed coordinates.
         between: returns the configuration and angles at a parameter behind a sample.
