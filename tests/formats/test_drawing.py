@@ -7,6 +7,7 @@ import re
 
 import drawings
 import numpy as np
+import pinocchio as pin
 import pytest
 from drawings import DRAWN
 from variety import each
@@ -508,3 +509,18 @@ def test_all_mistakes_of_a_drawing_are_told_together():
     with pytest.raises(sp.MechanismFileError) as caught:
         d.mechanism()
     assert len(caught.value.mistakes) == 2
+
+
+@pytest.mark.parametrize("keep", [(), "U"])
+@pytest.mark.parametrize("turn", [np.eye(3), np.eye(3)[[2, 0, 1]], -np.eye(3)[[1, 0, 2]]])
+def test_a_universal_joint_turns_as_cardan_has_it_wherever_its_pins_point(turn, keep):
+    d, bend = sp.Drawing("cardan"), 0.5
+    d.body("in").body("out").drive("A")
+    d.hinge("A", "ground", "in", at=(0, 0), axis=turn @ [1, 0, 0])
+    out = turn @ [np.cos(bend), np.sin(bend), 0]
+    d.hinge("D", "ground", "out", at=(0, 0), axis=out)
+    d.universal("U", "in", "out", at=(0, 0), axis=turn @ [0, 0, 1],
+                axis2=turn @ [-np.sin(bend), np.cos(bend), 0])
+    state = sp.assemble(d.mechanism(keep=keep), {"A": 1.0})
+    assert pin.log3(state.placement("out").rotation) @ out == pytest.approx(
+        np.arctan(np.tan(1.0) * np.cos(bend)), abs=1e-14)
