@@ -295,8 +295,8 @@ def test_bodies_have_the_masses_that_are_given_and_others_none():
     mech = drawings.four_bar().mechanism()
     assert set(mech.inertias) == {"coupler", "rocker"}
     elbow = np.array([0.1 + 0.3 * math.cos(0.5), 0.3 * math.sin(0.5), 0.0])
-    for body, pin in (("coupler", [0.1, 0, 0]), ("rocker", [0.35, 0, 0])):
-        assert np.abs(mech.inertias[body].lever - (elbow + np.array(pin)) / 2).max() < 1e-16
+    for body, place in (("coupler", [0.1, 0, 0]), ("rocker", [0.35, 0, 0])):
+        assert np.abs(mech.inertias[body].lever - (elbow + np.array(place)) / 2).max() < 1e-16
 
 
 def test_a_bar_of_a_density_weighs_what_a_round_rod_weighs():
