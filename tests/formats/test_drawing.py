@@ -524,3 +524,29 @@ def test_a_universal_joint_turns_as_cardan_has_it_wherever_its_pins_point(turn, 
     state = sp.assemble(d.mechanism(keep=keep), {"A": 1.0})
     assert pin.log3(state.placement("out").rotation) @ out == pytest.approx(
         np.arctan(np.tan(1.0) * np.cos(bend)), abs=1e-14)
+
+
+def differential(left=(1, 0), right=(1, 0), spider=(0, 1), at=(-0.05, 0)):
+    d = sp.Drawing("differential")
+    d.body("cage").body("left").body("right").body("spider").drive("L").drive("C")
+    d.hinge("C", "ground", "cage", at=(0, 0), axis=(1, 0))
+    d.hinge("L", "ground", "left", at=at, axis=left).hinge(
+        "R", "ground", "right", at=(0.05, 0), axis=right)
+    d.hinge("S", "cage", "spider", at=(0, 0.05), axis=spider)
+    return d.gear("one", "L", "S", teeth=(20, 10)).gear("two", "S", "R", teeth=(10, 20))
+
+
+@pytest.mark.parametrize("left", [1, -1])
+@pytest.mark.parametrize("right", [1, -1])
+@pytest.mark.parametrize("spider", [1, -1])
+def test_the_wheels_of_a_bevel_differential_turn_twice_as_far_as_its_cage(left, right, spider):
+    mech = differential((left, 0), (right, 0), (0, spider)).mechanism()
+    state = driven(mech, [2.0 * left, 5.0])
+    assert state.coordinate("R").value == pytest.approx(8.0 * right, abs=1e-14)
+    # the left wheel, slower than the cage by 3 rad, rolls on the spider at x = -0.05
+    assert state.coordinate("S").value == pytest.approx(-6.0 * spider, abs=1e-14)
+
+
+def test_a_bevel_gear_at_its_apex_is_refused():
+    with pytest.raises(sp.MechanismFileError, match=r"gears.one: joints has 'L' where the axes"):
+        differential(at=(0, 0)).mechanism()
