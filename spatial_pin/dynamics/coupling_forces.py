@@ -60,6 +60,13 @@ class ForceLine(NamedTuple):
             size = np.maximum(np.maximum(self.pretension + 0.5 * size, size), 0.0)
         return size[..., None] * self.along + np.abs(size)[..., None] * self.aside
 
+    def slope(self, multiplier: float) -> Array:
+        """Return the derivative (3,) of `force` with respect to the multiplier."""
+        size, by = self.by_multiplier * multiplier, self.by_multiplier
+        if self.pretension is not None:  # a slack strand takes nothing, the other one all
+            by *= 0.5 if abs(size) < 2.0 * self.pretension else float(size > 0.0)
+        return by * (self.along + np.sign(size) * self.aside)
+
 
 class CouplingForce(NamedTuple):
     """The force of a coupling on the bodies of its first and last joint.

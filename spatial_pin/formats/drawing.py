@@ -620,7 +620,9 @@ class Drawing:
         """Let two gears mesh that turn on two hinges, on one body that carries both.
 
         The carrier may turn itself: a sun that turns on the ground meshes with a planet on a
-        carrier that turns about the sun's axis.
+        carrier that turns about the sun's axis. Hinges of bevel gears, whose axes meet, are placed
+        at their gears. Where axes pass each other, as of a worm and its wheel, positive turns of
+        one go with negative turns of the other: turn an axis round for teeth of the other hand.
 
         Args:
             name: its name.

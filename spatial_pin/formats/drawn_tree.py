@@ -188,14 +188,25 @@ def _along(axis: Vector) -> tuple[Vector, Vector]:
              f"atan2(-{y} * {length}, {z} * {x})"])
 
 
+def _facing(x: Sequence[str], y: Sequence[str]) -> Vector:
+    """Return the rpy of axes whose x and y are along two directions.
+
+    The roll turns y about x, from where yaw and pitch alone have it: x may point up or down.
+    """
+    (a, b, c), (d, e, f) = x, y
+    yaw, pitch = f"atan2({b}, {a})", f"atan2(-{c}, hypot({a}, {b}))"
+    return [f"atan2(({d} * cos({yaw}) + {e} * sin({yaw})) * sin({pitch}) + {f} * cos({pitch}), "
+            f"{e} * cos({yaw}) - {d} * sin({yaw}))", pitch, yaw]
+
+
 def _across(axis: Vector, axis2: Vector) -> tuple[Vector, Vector]:
     """Return the rpy of axes whose x and y are along two directions, and that of their inverse."""
-    (a, b, c), (d, e, f) = ([f"({u})" for u in v] for v in (axis, axis2))
-    p, q, r = f"({b} * {f} - {c} * {e})", f"({c} * {d} - {a} * {f})", f"({a} * {e} - {b} * {d})"
+    x, y = ([f"({u})" for u in v] for v in (axis, axis2))
+    (a, b, c), (d, e, f) = x, y
     one, two = f"hypot({a}, {b}, {c})", f"hypot({d}, {e}, {f})"
-    return ([f"atan2({f} * {one}, {r})", f"atan2(-{c}, hypot({a}, {b}))", f"atan2({b}, {a})"],
-            [f"atan2({q}, {r})", f"atan2(-{p}, hypot({a} * {two}, {d} * {one}))",
-             f"atan2({d} * {one}, {a} * {two})"])
+    return _facing(x, y), _facing(
+        [f"({a} * {two})", f"({d} * {one})", f"({b} * {f} - {c} * {e})"],
+        [f"({b} * {two})", f"({e} * {one})", f"({c} * {d} - {a} * {f})"])
 
 
 # ---------------------------------------------------------------- the text

@@ -70,7 +70,7 @@ def _gap_words(search: Search, error: float, q: Array, worst: str) -> str:
     constraints = constraints_of(mechanism)
     by_path = [constraints.labels[x.equation].closure for x, turns in zip(
         constraints.angles, constraints.turns, strict=True) if not turns.are_all]
-    if worst in by_path:
+    if worst in by_path and next(c for c in mechanism.closures if c.name == worst).type == "screw":
         words += ("; its joints do not tell how often this screw has turned, so that it is "
                   "assembled within half a turn of the guess: sweep to further turns, or put the "
                   "screw into the tree")

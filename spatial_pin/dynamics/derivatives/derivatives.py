@@ -81,8 +81,9 @@ class Derivatives:
 
         The force, then the moment, that the pair exerts, as in `Dynamics.reactions`: world axes,
         about the pair's own origin, which moves with it. All NaN where loops can be under stress by
-        themselves: a reaction that is not unique has no derivative. Beside couplings they are those
-        of `Dynamics.reactions`, without the couplings' forces. Worked out at first use.
+        themselves: a reaction that is not unique has no derivative. Beside couplings without teeth
+        or strands they are those of `Dynamics.reactions`, without these couplings' forces. Worked
+        out at first use.
         """
         return self._borne[0]
 

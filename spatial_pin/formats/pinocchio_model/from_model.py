@@ -375,7 +375,11 @@ class _FrameNames:
             name = fresh(closure.name or closure.type, taken)
             ends = self.named(closure.frames, name)
             between = self.named(closure.between, f"{name}_between")
-            named.append(replace(closure, name=name, frames=ends, between=between))
+            numbers = {key: replace(x, frame=self.link(x.frame))
+                       if x is closure.acts_at and x is not None else x
+                       for key, x in closure.numbers.items()}
+            named.append(replace(closure, name=name, frames=ends, between=between,
+                                 numbers=numbers))
         return tuple(named)
 
     def put(self) -> None:
