@@ -159,7 +159,7 @@ def _is_exact(mechanism: Mechanism) -> bool:
                     break
             else:
                 seen = closer.examine(q, 0.0)
-                if seen.least > INDEPENDENT and seen.left_out < TOLERANCES.tight:
+                if seen.least > INDEPENDENT and seen.dependent < TOLERANCES.tight:
                     return True
     return False
 
@@ -683,10 +683,10 @@ def _choice(
         choices = list(combinations(range(n), rank))
     else:
         near, through = np.split(jacobians, [len(jacobians) - len(paths[-1])])
-        places = [*through, np.hstack(list(through)), *([np.hstack(list(near))] if len(near)
+        samples = [*through, np.hstack(list(through)), *([np.hstack(list(near))] if len(near)
                                                         else [])]
         choices = sorted({tuple(weighty_rows(weights[:, None] * x, rank).tolist())
-                          for x in places})
+                          for x in samples})
     worths = [_worth(jacobians[:, rows], paths) for rows in choices]
     preferred = set(np.flatnonzero(weights == PREFERRED).tolist())
     best = max(range(len(choices)), key=lambda k: (

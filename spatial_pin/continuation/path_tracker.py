@@ -351,7 +351,7 @@ class PathTracker(Branch):
         if path is not None:
             samples = tracker._samples = PathSamples.empty(n, k.nq, k.nv, k.n_angles)
             closer.set_task([problem.goal], problem.settings, problem.goal, problem.reference,
-                            further=True)
+                            perturbed=True)
             done = path.from_guess(closer, problem.widest_gap, values,
                                    samples if n == len(values) else samples.between(0, len(values)))
             if done > 0:

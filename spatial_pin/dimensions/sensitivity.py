@@ -325,10 +325,11 @@ def with_spread(value: Any, deviation: Any, unit: str = "") -> str:
     elif deviation <= TOLERANCES.round_off * abs(value):
         text = f"{value:.12g} ± 0"
     elif 1e-4 <= size < 1e6 and deviation > 1e-9:
-        places = max(1 - int(np.floor(np.log10(deviation))), 0)
-        text = f"{value:.{places}f} ± {deviation:.{places}f}"
+        decimals = max(1 - int(np.floor(np.log10(deviation))), 0)
+        text = f"{value:.{decimals}f} ± {deviation:.{decimals}f}"
     else:
         power = int(np.floor(np.log10(size)))
-        places = max(1 - int(np.floor(np.log10(deviation))) + power, 0)
-        text = f"({value / 10.0**power:.{places}f} ± {deviation / 10.0**power:.{places}f})e{power}"
+        decimals = max(1 - int(np.floor(np.log10(deviation))) + power, 0)
+        value, deviation = value / 10.0**power, deviation / 10.0**power
+        text = f"({value:.{decimals}f} ± {deviation:.{decimals}f})e{power}"
     return f"{text} {unit.removeprefix('1')}".rstrip()

@@ -81,7 +81,7 @@ def is_dimension_name(name: str) -> bool:
 
 
 class DrawnNumbers:
-    """The numbers of a drawing, of which some are expressions of its dimensions.
+    """The numbers of a drawing; some are expressions of its dimensions.
 
     Attributes:
         dimensions: by name [m, rad].
@@ -220,14 +220,14 @@ class DrawnFile:
                     raise MechanismFileError(f"{self.top.where}: two things have the name {name!r}")
 
     def _tables(self, key: str, read: Callable[[TomlTable], Any]) -> dict[str, Any]:
-        found: dict[str, Any] = {}
+        tables: dict[str, Any] = {}
         with self.mistakes.each():
             for name in sorted(self.top.table(key).content):
                 with self.mistakes.each():
                     table = self.top.one_of(key, name)
-                    found[name] = read(table)
+                    tables[name] = read(table)
                     table.close()
-        return found
+        return tables
 
     def _known_body(self, table: TomlTable, key: str, name: str) -> str:
         known = (GROUND, *self.top.table("bodies").content)

@@ -1,4 +1,4 @@
-"""A mechanism in a control loop: what a controller needs of it at each tick, in the same arrays."""
+"""A mechanism in a control loop: Jacobians, inertia and efforts at each tick, in reused arrays."""
 
 from __future__ import annotations
 
@@ -31,17 +31,17 @@ from spatial_pin.rates.prescribed import Prescription, chosen_at
 # Largest step of a joint that is corrected at once [rad, characteristic lengths]: its tangent is
 # then off by half a hundredth, and other branches are far. A longer one is followed.
 AT_ONCE = 0.1
-CORRECTED = 0.25  # largest correction, by the step: beyond it the tangent does not tell the branch
+CORRECTED = 0.25  # largest correction over step: beyond it the branch may be another one
 SMALLEST_STEP = 1e-7  # whose correction is round-off, not curvature
 
 
 class ControlLoop:
-    """A mechanism at the drivers' present motion, worked out in the same arrays at each tick.
+    """Jacobians, inertia and efforts of a mechanism at each tick of a controller, in reused arrays.
 
-    `update` closes the loops from the last configuration, on the branch of the guess: drivers that
-    jump are followed along a straight line. What it returns is itself; all arrays are written over
-    by the next update, and none is made anew. An update that fails raises and changes nothing: the
-    arrays have the values of the last one that did not. One thread at a time.
+    `update` closes the loops from the last configuration, on the branch of the guess. Drivers that
+    jump are followed along a straight line. Each update overwrites the same arrays. An update that
+    fails raises an error and changes nothing: the arrays have the values of the last good one. One
+    thread at a time.
 
     The efforts of the motors for accelerations s'' of the drivers are
     inertia @ s'' + velocity_efforts + gravity_efforts, as `inverse_dynamics` has them.
@@ -55,8 +55,9 @@ class ControlLoop:
         jacobians: (6, n) by frame, as `jacobian`.
         influence: the `Influence`: first (nv, n), second (nv, n, n).
         inertia: (n, n) effective inertia at the drivers [kg m², kg].
-        gravity_efforts: (n,) at rest: of weight, and of springs [N·m, N].
-        velocity_efforts: (n,) at constant rates, without the former: of inertia, damping, friction.
+        gravity_efforts: (n,) efforts that balance weights and springs at rest [N·m, N].
+        velocity_efforts: (n,) efforts at constant rates for Coriolis and centrifugal forces,
+            damping and friction; without `gravity_efforts`.
         closure_error: as of a `State`.
         rate_error: estimated round-off of all rates, relative to their size: it grows towards a
             dead centre or another singular configuration, up to 1.
@@ -64,7 +65,7 @@ class ControlLoop:
     Args:
         mechanism: the mechanism.
         frames: links, frames or joints whose Jacobians are wanted.
-        guess: where to begin, as for `assemble`.
+        guess: the first configuration, as for `assemble`.
 
     Raises:
         AssemblyError: the guess does not close.
@@ -125,23 +126,23 @@ class ControlLoop:
         self._facts = np.zeros((1, 3))
         self._news = [np.zeros((1, *x.shape)) for x in (self.v, self.a, *self.influence)]
         v, a, first, second = self._news
-        self._found = RateRows(
+        self._rows = RateRows(
             np.zeros(1, np.int64), first, second, v=v, a=a, facts=self._facts)
         self._new_jacobians = np.zeros((len(points), 1, 6, n))
-        self._found_jacobians = [RateRows(np.zeros(1, np.int64), jacobian=x)
+        self._jacobian_rows = [RateRows(np.zeros(1, np.int64), jacobian=x)
                                  for x in self._new_jacobians]
         at = self._ahead[None], self._next_angles[None]
         self._tasks = [
-            self._rates.prepared(*at, self._found, rates=(self._driven[0], self._driven[1])),
-            *(self._rates.prepared(*at, found, frame=point) for found, point in zip(
-                self._found_jacobians, self._points, strict=True))]
+            self._rates.prepared(*at, self._rows, rates=(self._driven[0], self._driven[1])),
+            *(self._rates.prepared(*at, rows, frame=point) for rows, point in zip(
+                self._jacobian_rows, self._points, strict=True))]
         self._finish(state.q, state.angles, state.closure_error)
         self._has_idle = bool(len(self._idle()))
         self._finish(state.q, state.angles, state.closure_error)
 
     @property
     def state(self) -> State:
-        """The State there, with v and a; of arrays of its own.
+        """A copy of the present configuration as a State, with v and a.
 
         Example:
             >>> loop = sp.ControlLoop(sp.load("four_bar"))
@@ -156,7 +157,7 @@ class ControlLoop:
         self, drivers: Sequence[float] | Array | Mapping[str, float],
         rates: Sequence[float] | Array | Mapping[str, float] | None = None,
     ) -> None:
-        """Work everything out at other values of the drivers.
+        """Compute all arrays at new values of the drivers.
 
         Args:
             drivers: (n,) their values, in the order of `drivers`, or by name: those that are not
@@ -183,7 +184,7 @@ class ControlLoop:
         try:
             self._finish(*(self._closed_next() or self._followed()))
         except SpatialPinError as error:
-            error.args = (f"{error}; the control loop stays where it was",)
+            error.args = (f"{error}; the control loop keeps its last configuration",)
             raise
 
     def _read(self, given: Any, target: Array, what: str) -> None:
@@ -202,7 +203,7 @@ class ControlLoop:
             raise ValueError(f"{what} has a value that is NaN or infinite")
 
     def _closed_next(self) -> tuple[Array, Array, float] | None:
-        """Return the next configuration, from the tangent; None where it may be another branch."""
+        """Return the next configuration, from the tangent; None if it may be on another branch."""
         self.q.take(self._at_q, out=self._off, mode="clip")
         np.subtract(self._wanted, self._off, out=self._off)
         np.matmul(self.influence.first, self._off, out=self._step)
@@ -235,12 +236,12 @@ class ControlLoop:
         return end.q, end.angles, end.closure_error
 
     def _finish(self, q: Array, angles: Array, error: float) -> None:
-        """Work out what belongs to a closed configuration; it is taken when all of it is known."""
+        """Compute all results at a closed configuration; arrays are set only if all succeed."""
         n = len(self.drivers)
         self._ahead[:], self._next_angles[:], self._driven[0, 0, :n] = q, angles, self._speeds
         for work in self._tasks:
             work()
-        if self._found.codes[0] != DONE:
+        if self._rows.codes[0] != DONE:
             self._solve_by_trial(error)
         self.q[:], self._angles[:], self.closure_error = q, angles, error
         self.rate_error = self._facts.item(1)
@@ -251,7 +252,7 @@ class ControlLoop:
         self._find_efforts()
 
     def _solve_by_trial(self, error: float) -> None:
-        """Solve with equations that are chosen here, where it is not clear which ones are good.
+        """Solve with equations chosen here, if it is not clear which ones are independent.
 
         Raises:
             SingularError: none are.
@@ -260,16 +261,16 @@ class ControlLoop:
         state = State(self.mechanism, q, closure_error=error,
                       angles=angles if angles.size else None)
         chosen, at = chosen_at(state, self._given), (q[None], angles[None])
-        self._rates.prepared(*at, self._found, rates=(self._driven[0], self._driven[1]),
+        self._rates.prepared(*at, self._rows, rates=(self._driven[0], self._driven[1]),
                              chosen=chosen)()
-        if self._found.codes[0] != DONE:
+        if self._rows.codes[0] != DONE:
             raise SingularError(f"mechanism {self.mechanism.name!r}: the rates are not determined, "
                                 "or larger than numbers can be")
-        for found, point in zip(self._found_jacobians, self._points, strict=True):
-            self._rates.prepared(*at, found, frame=point, chosen=chosen)()
+        for rows, point in zip(self._jacobian_rows, self._points, strict=True):
+            self._rates.prepared(*at, rows, frame=point, chosen=chosen)()
 
     def _find_efforts(self) -> None:
-        """Project inertia and forces on the drivers' motions, idle rotations left to themselves."""
+        """Project inertia and forces on the drivers' motions, with idle rotations free."""
         q, first = self.q, self.influence.first
         mass = self._bodies.matrix(q)
         at_rest = self._bodies.inverse_dynamics(q, self._rest, self._rest) - self._applied(

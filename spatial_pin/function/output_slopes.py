@@ -34,7 +34,7 @@ STEP = 1e-200  # of complex steps: its square is no number, so that derivatives 
 
 
 class Moved(NamedTuple):
-    """A state, and its changes with the inputs.
+    """A state, and its derivatives by the inputs.
 
     Attributes:
         at: the state with its derivatives.
@@ -147,7 +147,7 @@ def _coordinate(moved: Moved, c: Coordinate, order: int) -> Array:
 def _rotation_vector(
     phi: Array, omega: Array, alpha: Array, changes: tuple[Array, Array, Array]
 ) -> tuple[Array, Array, Array]:
-    """Return changes (3, m) of a rotation vector and its rates, from those of the body's turn.
+    """Return derivatives (3, m) of a rotation vector and its rates, from those of the rotation.
 
     With omega = J(phi) phi' and alpha = J(phi) phi'' + ..., J the derivative of the exponential.
     """

@@ -354,7 +354,7 @@ def _chains(
 def _too_much(state: State, tables: list[TargetTable], count: int, freedom: int) -> ReachError:
     names = ", ".join(repr(t.name) for t in tables)
     return ReachError(
-        f"mechanism {state.mechanism.name!r}: {names}: {count} numbers are asked for along the "
+        f"mechanism {state.mechanism.name!r}: {names}: {count} numbers are wanted along the "
         f"path, but there {'are' if freedom != 1 else 'is'} {counted(freedom, 'freedom')} at its "
         "start; ask for fewer (a position instead of a placement, or a coordinate), or start "
         "beside a singular configuration", state=state,

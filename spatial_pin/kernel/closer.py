@@ -58,14 +58,14 @@ class Examined(NamedTuple):
         may_be_mirrored: as of `Closed`.
         least: of its closure equations, the columns of their derivatives made alike: the length
             of the remainder of the last one that is independent, relative to the first one's.
-        left_out: likewise of the longest of those that follow from others.
+        dependent: likewise of the longest of those that follow from others.
     """
 
     error: float
     angles: Array
     may_be_mirrored: bool
     least: float
-    left_out: float
+    dependent: float
 
 
 class Reached(NamedTuple):
@@ -148,7 +148,7 @@ class TargetsMet(NamedTuple):
     angles: Array
 
 
-class FurtherStarts:
+class PerturbedStarts:
     """Further starts, if the first one does not lead near the named values.
 
     Args:
@@ -172,7 +172,7 @@ class ClosureSettings(NamedTuple):
         free, first: (nv,) velocities that may move, and may move before that, see `Closer.close`.
         tolerance, iterations, cut: see `Closer.close`.
         kinds, lower, upper: see `NamedCoordinates`.
-        further: further starts; None: there are none.
+        perturbed: perturbed starts; None: there are none.
         are_all_named: whether the start names all that may move.
     """
 
@@ -184,7 +184,7 @@ class ClosureSettings(NamedTuple):
     kinds: NDArray[np.int64]
     lower: Array
     upper: Array
-    further: FurtherStarts | None
+    perturbed: PerturbedStarts | None
     are_all_named: bool = False
 
 
@@ -279,12 +279,12 @@ class Closer:
             q: where to start.
             free: (nv,) velocities that may move.
             reference: (n_angles,) from which the angles of screws count [rad].
-            targets: what is to be met.
+            targets: the targets to meet.
             iterations: damped steps at most.
 
         Returns:
             The configuration; None where there are more targets than it takes, where they are not
-            met from there, or only just at the end of what is in reach.
+            met from there, or only just at the end of their reach.
         """
         if len(targets) > len(self._of):
             return None
@@ -317,7 +317,7 @@ class Closer:
 
     def reach(
         self, q: Sequence[Array], settings: ClosureSettings, value: Array,
-        reference: Array | float = 0.0, pinned: Iterable[float] = (), further: bool = False,
+        reference: Array | float = 0.0, pinned: Iterable[float] = (), perturbed: bool = False,
     ) -> list[Reached]:
         """Close from each of some q (nq,), `AT_ONCE` at most, by itself, as `close` does.
 
@@ -327,14 +327,13 @@ class Closer:
             value: (nq,) of named or fixed entries, see `NamedCoordinates`.
             reference: see `close`.
             pinned: see `close`.
-            further: close from the further starts too where a single one closes, nothing is at
-                fault, and it is not near: those that lead to what is closed, but no nearer, are
-                omitted.
+            perturbed: close from the perturbed starts too where a single one closes, nothing is at
+                fault, and it is not near: closed results that are no nearer are omitted.
 
         Raises:
             SingularError: positions have grown beyond all numbers.
         """
-        self.set_task(q, settings, value, reference, pinned, further)
+        self.set_task(q, settings, value, reference, pinned, perturbed)
         check(self._library.closer_close(self.handle, self.at_task))
         return self.reached()
 
@@ -351,10 +350,10 @@ class Closer:
 
     def set_task(
         self, q: Sequence[Array], settings: ClosureSettings, value: Array,
-        reference: Array | float = 0.0, pinned: Iterable[float] = (), further: bool = False,
+        reference: Array | float = 0.0, pinned: Iterable[float] = (), perturbed: bool = False,
     ) -> None:
         """Set the task of the kernel, see `reach`."""
-        task, starts = self._task, settings.further
+        task, starts = self._task, settings.perturbed
         if settings is not self._settings:  # else only values have changed
             self._set_method(settings.free, settings.first, settings.tolerance,
                              settings.iterations, settings.cut)
@@ -368,7 +367,7 @@ class Closer:
             self._q[row] = start
         self._value[:] = value
         task.m = len(q)
-        task.n_steps = len(starts.steps) if further and starts else 0
+        task.n_steps = len(starts.steps) if perturbed and starts else 0
         task.unique = settings.are_all_named
 
     def _set_method(
@@ -423,9 +422,9 @@ class Closer:
         return self._mirrored.item(0) != 0 or self._has_tangents
 
     def _examined(self, mirrored: bool) -> Examined:
-        error, _, least, left_out = self._facts.tolist()
+        error, _, least, dependent = self._facts.tolist()
         angles = self._angles.copy() if self.kernel.n_angles else self._angles
-        return Examined(error, angles, mirrored, least, left_out)
+        return Examined(error, angles, mirrored, least, dependent)
 
     def descend(
         self, q: Array, free: NDArray[np.bool_], tolerance: float, iterations: int

@@ -79,8 +79,8 @@ class Packed(NamedTuple):
 
     def indices(self) -> Parts:
         """Return the indices of the numbers, kind after kind."""
-        places: Any = np.arange(len(self.reals))
-        return self._replace(reals=places).parts()
+        numbers: Any = np.arange(len(self.reals))
+        return self._replace(reals=numbers).parts()
 
 
 @made_once

@@ -65,7 +65,7 @@ class BodyPoint(NamedTuple):
 
 
 class RateRows(NamedTuple):
-    """What rates give at m configurations; arrays that were not wanted are None.
+    """Rates and influence coefficients at m configurations; arrays not computed are None.
 
     Attributes:
         codes: (m,) of the kernel: `DONE` where equations determine the rates.
@@ -135,10 +135,10 @@ class RateSolver:
         self._at_task = ctypes.byref(self._task)
 
     def factor(self, q: Array, reference: Array, chosen: Chosen | None = None) -> bool:
-        """Factor the equations at q (nq,); False where nothing determines rates there.
+        """Factor the equations at q (nq,); False if they do not determine the rates there.
 
-        Without `chosen`: where equations are not clearly independent of each other and of what is
-        driven, or where there are not as many as freedoms.
+        Without `chosen` also if equations are not clearly independent of each other and of the
+        driven freedoms, or if there are not as many equations as freedoms.
 
         Args:
             q: closed configuration.
@@ -163,8 +163,8 @@ class RateSolver:
     ) -> Array | None:
         """Return the Jacobian (6, n_moving) of a frame at q (nq,); None as `factor`."""
         self._local[:], self._task.joint = frame.local, frame.joint
-        is_found = self._code(q, reference, chosen, local=self._addresses[1]) == DONE
-        return self._jacobian.copy() if is_found else None
+        is_solved = self._code(q, reference, chosen, local=self._addresses[1]) == DONE
+        return self._jacobian.copy() if is_solved else None
 
     def _code(
         self, q: Array, reference: Array, chosen: Chosen | None, speed: int | None = None,
@@ -199,24 +199,24 @@ class RateSolver:
             wanted: names of results of `RateRows`; "v" brings "a" and "facts".
             frame: of the Jacobians.
             v: (m, nv) joint velocities of "jacobian_rate".
-            rates: speeds and accelerations (m, n_driven) of what is driven, for "v".
+            rates: speeds and accelerations (m, n_driven) of the driven freedoms, for "v".
             chosen: the equations at all of them, if the kernel is not to choose them.
         """
         m, n, nv = len(q), self.n_moving, self.nv
         shapes = {"columns": (nv, n), "second": (nv, n, n), "jacobian": (6, n),
                   "jacobian_rate": (6, n), "v": (nv,), "a": (nv,), "facts": (3,)}
         names = [*wanted, "a", "facts"] if "v" in wanted else wanted
-        found = RateRows(np.zeros(m, np.int64), **{x: np.zeros((m, *shapes[x])) for x in names})
+        results = RateRows(np.zeros(m, np.int64), **{x: np.zeros((m, *shapes[x])) for x in names})
         q, reference = numbers(q, (m, self._q.size)), numbers(reference, (m, self._reference.size))
         if v is not None:
             v = numbers(v, (m, nv))
         if rates is not None:
             rates = numbers(rates[0], (m, self.n_driven)), numbers(rates[1], (m, self.n_driven))
-        self.prepared(q, reference, found, frame=frame, v=v, rates=rates, chosen=chosen)()
-        return found
+        self.prepared(q, reference, results, frame=frame, v=v, rates=rates, chosen=chosen)()
+        return results
 
     def prepared(
-        self, q: Array, reference: Array, found: RateRows, *, frame: BodyPoint | None = None,
+        self, q: Array, reference: Array, results: RateRows, *, frame: BodyPoint | None = None,
         v: Array | None = None, rates: tuple[Array, Array] | None = None,
         chosen: Chosen | None = None,
     ) -> Callable[[], None]:
@@ -224,10 +224,10 @@ class RateSolver:
 
         The arrays are contiguous ones of doubles; the results of `found` are overwritten.
         """
-        task = _RateTask(len(q), address(q), address(reference), code=address(found.codes), **{
-            name: address(x) for name, x in found._asdict().items()
+        task = _RateTask(len(q), address(q), address(reference), code=address(results.codes), **{
+            name: address(x) for name, x in results._asdict().items()
             if name != "codes" and x is not None})
-        given: list[Any] = [q, reference, found]
+        given: list[Any] = [q, reference, results]
         if frame is not None:
             given.append(numbers(frame.local, (3,)))
             task.joint, task.local = frame.joint, address(given[-1])
@@ -274,7 +274,7 @@ class RateSolver:
 
 
 def _choose(task: _RateTask, chosen: Chosen | None) -> tuple[NDArray[Any], ...]:
-    """Let a task have chosen equations; returns what is to live as long as C reads it."""
+    """Give a task chosen equations; returns the arrays that must live as long as C reads them."""
     if chosen is None:
         task.equations = None
         return ()

@@ -291,7 +291,7 @@ class Motion(Samples, Tabular):
         if isinstance(item, np.ndarray | list) and rows.ndim == 1 and (
                 rows.dtype.kind in "iu" or not rows.size):
             if wrong := [x for x in rows.tolist() if not -len(self) <= x < len(self)]:
-                self.state(wrong[0])  # which says what is wrong
+                self.state(wrong[0])  # raises the error
             return selected(self, np.arange(len(self))[rows.astype(int)])
         raise TypeError(
             "a Motion is indexed by the number of a sample, a slice, a mask of all "
@@ -386,11 +386,11 @@ class Motion(Samples, Tabular):
                 "motion; sweep, follow, trace and simulate do")
         v, a = (float(np.abs(x / scale).max(initial=0.0)) for x in (self.v, self.a))
         sizes = np.array([1.0, v or 1.0, max(a, LEAST_BEND * v * v) or 1.0])
-        found = estimates / sizes
-        rows = found.argmax(axis=0)
-        positions, rates, accelerations = found[rows, range(3)].tolist()
+        relative = estimates / sizes
+        rows = relative.argmax(axis=0)
+        positions, rates, accelerations = relative[rows, range(3)].tolist()
         return ErrorEstimate(positions, rates, accelerations, tuple(rows.tolist()),
-                             tuple(found[-1].tolist()))
+                             tuple(relative[-1].tolist()))
 
     @checked
     def coordinate(self, name: str) -> CoordinateRates[Array]:
@@ -630,7 +630,7 @@ class Motion(Samples, Tabular):
             The path written.
 
         Raises:
-            OSError: it cannot be written; what was there before stays.
+            OSError: it cannot be written; the former file stays.
 
         Example:
             >>> motion = sp.sweep(sp.load("four_bar"), "crank", [0.0, 0.5, 1.0], speed=2.0)
@@ -783,7 +783,7 @@ def selected(
     Args:
         motion: the motion.
         rows: the numbers. Where they rise or fall the events come along.
-        piece: the same as a slice, of which arrays are views.
+        piece: the same as a slice, so that arrays are views.
     """
     n, index = len(motion), rows if piece is None else piece
 

@@ -377,18 +377,18 @@ def scaled_estimates(
         speeds: (N,) of what leads; None: these derivatives are the rates.
         accels: (N,) its accelerations; None: there are none.
     """
-    found = estimate.copy()
+    scaled = estimate.copy()
     if speeds is not None:
-        found[:, 1] *= np.abs(speeds)
-        found[:, 2] *= speeds * speeds
+        scaled[:, 1] *= np.abs(speeds)
+        scaled[:, 2] *= speeds * speeds
         if accels is not None:
-            found[:, 2] += estimate[:, 1] * np.abs(accels)
+            scaled[:, 2] += estimate[:, 1] * np.abs(accels)
     resolved = motion.mechanism.extent.resolution
     if resolved:
         v, a = (np.abs(x / motion.mechanism.velocity_scale).max(axis=1, initial=0.0)
                 for x in (motion.v, motion.a))
-        found += UNRESOLVED * resolved * np.column_stack([np.ones(len(v)), v, a + v * v])
-    return read_only(found)
+        scaled += UNRESOLVED * resolved * np.column_stack([np.ones(len(v)), v, a + v * v])
+    return read_only(scaled)
 
 
 def _near_limit(motion: Motion, t: Array) -> list[Event]:
@@ -476,7 +476,7 @@ def _error(
     if stop.kind == "branch point":
         why = ("on_crossing='raise' asks to stop there; give on_crossing='straight' to go on"
                if on_crossing == "raise" else
-               "none that goes straight on can be told from the others there; start")
+               "no branch there clearly goes straight on; start")
         remedy = " the sweep beyond it with a guess on the wanted branch" * why.endswith("start")
         return SingularError(
             f"{where}: branches cross at {driver} = {stop.value:.12g} {unit} ({last}); "

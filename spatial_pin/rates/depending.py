@@ -113,10 +113,10 @@ class FrameDependence(NamedTuple):
         self, wanted: str, n: int, frame: BodyPoint | None = None, v: Array | None = None
     ) -> list[Array]:
         """Return a result (k, n) of `RateRows`, a column for each of n moving coordinates."""
-        found = solved_by(self.state, self.given, (wanted,), frame, self.chosen, v)
-        assert found is not None
-        whole = np.zeros((len(found[0]), n))
-        whole[:, self.columns] = found[0]
+        solution = solved_by(self.state, self.given, (wanted,), frame, self.chosen, v)
+        assert solution is not None
+        whole = np.zeros((len(solution[0]), n))
+        whole[:, self.columns] = solution[0]
         return [whole]
 
 

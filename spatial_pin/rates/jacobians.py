@@ -123,8 +123,8 @@ def jacobian(
         return samples_solved_by(samples, given, ("jacobian",), lambda row: [
             jacobian(mechanism, samples.state(row), name, names, hold=hold)], point)[0]
     with kernel_of(own) as kernel:
-        found = given.rates(kernel).jacobian(samples.q, samples.angles, point)
-    return found if found is not None else equations_for_frame(
+        solution = given.rates(kernel).jacobian(samples.q, samples.angles, point)
+    return solution if solution is not None else equations_for_frame(
         samples, given, frame).solved("jacobian", given.n_moving, point)[0]
 
 
@@ -294,10 +294,10 @@ def influence(
     wanted = ("columns", "second")
 
     def coefficients(at: State) -> list[Array]:
-        found = solved_by(at, given, wanted) or solved_by(
+        solution = solved_by(at, given, wanted) or solved_by(
             at, given, wanted, chosen=chosen_at(at, given))
-        assert found is not None
-        return found
+        assert solution is not None
+        return solution
 
     return Influence(*(coefficients(samples) if isinstance(samples, State) else
                        samples_solved_by(samples, given, wanted,

@@ -79,7 +79,7 @@ def rates_by_coordinate(
         mechanism: the mechanism.
         given: a number by coordinate, driver or joint, or one for each freedom of the joint.
         what: name of the rates for messages: "speed".
-        n: of so many samples, which may each have their own; None: of one State.
+        n: number of samples, which may each have a value; None: one State.
 
     Returns:
         Numbers; of samples arrays (n,).
@@ -207,8 +207,8 @@ def samples_solved_by(
     results = [np.concatenate([getattr(rows, name) for rows in parts]) for name in wanted]
     for row in np.flatnonzero(np.concatenate([rows.codes for rows in parts])).tolist():
         with at_sample(row):
-            for result, found in zip(results, at(row), strict=True):
-                result[row] = found
+            for result, row_result in zip(results, at(row), strict=True):
+                result[row] = row_result
     return results
 
 

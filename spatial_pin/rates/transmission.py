@@ -213,13 +213,13 @@ class MovedOutput(NamedTuple):
             angles: (N, n_angles) of screw closures there [rad].
         """
         size, n = mechanism.characteristic_length, max(PIECE // mechanism.model.nv**2, 1)
-        found: list[Array] = [np.empty(0)]
+        pieces: list[Array] = [np.empty(0)]
         for first in range(0, len(q), n):
             piece = slice(first, first + n)
             own, allowed, placed = _velocities(mechanism, self, q[piece], angles[piece])
             points = placed[:, 3] + np.einsum("mci,c->mi", placed[:, :3], self.point)
-            found.append(_angles(own, allowed, points / size))
-        return np.concatenate(found)
+            pieces.append(_angles(own, allowed, points / size))
+        return np.concatenate(pieces)
 
 
 def _moved_at(mechanism: Mechanism, joint: int, at: str | None) -> tuple[str, Array]:

@@ -14,7 +14,7 @@ from spatial_pin._support.lazy import cached_property, made_anew, made_once
 from spatial_pin.assembly.search.loop_groups import LoopGroup
 from spatial_pin.assembly.search.whole_turns import periodic
 from spatial_pin.assembly.state import State
-from spatial_pin.kernel.closer import AT_ONCE, MOST_GROUPS, FurtherStarts
+from spatial_pin.kernel.closer import AT_ONCE, MOST_GROUPS, PerturbedStarts
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.mechanism.coordinates import (
     by_joint,
@@ -64,7 +64,7 @@ class Guess:
         if self._values is not None:
             return self._values
         entries = self.q.tolist()
-        plain, turning = _places(self.mechanism)
+        plain, turning = _spread_indices(self.mechanism)
         named = {name: entries[at] for name, at in plain}
         for names, at, turns in turning:
             components = rotation_components(*entries[turns : turns + 4])
@@ -128,7 +128,7 @@ def _all_names(mechanism: Mechanism) -> tuple[str, ...]:
 
 
 @made_once
-def _places(
+def _spread_indices(
     mechanism: Mechanism,
 ) -> tuple[list[tuple[str, int]], list[tuple[list[str], int, int]]]:
     """Return names and indices in q of coordinates.
@@ -156,7 +156,7 @@ class StartSpread(NamedTuple):
 
     phase: NDArray[np.intp]
     size: Array
-    first: FurtherStarts
+    first: PerturbedStarts
     lengths: list[str]
 
 
@@ -195,7 +195,7 @@ def start_spread(
         by_group = np.array([steps * own.entries for own in groups])
         for k, own in enumerate(groups):
             group[own.entries] = k
-    return StartSpread(phase, size, FurtherStarts(by_group, NEAR_GUESS, group),
+    return StartSpread(phase, size, PerturbedStarts(by_group, NEAR_GUESS, group),
                    [name for name in named if table[name].unit == "m"])
 
 

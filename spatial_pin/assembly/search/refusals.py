@@ -152,8 +152,8 @@ def _closed_elsewhere(search: Search, q: Array) -> dict[str, float]:
 
 def _too_large(mechanism: Mechanism, q: Array) -> str:
     """Return which coordinate of q is too large for closing the loops."""
-    names, places, sizes = coordinate_sizes(mechanism)
-    name = max(zip(np.abs(q[places] / sizes).tolist(), names, strict=True))[1]
+    names, indices, sizes = coordinate_sizes(mechanism)
+    name = max(zip(np.abs(q[indices] / sizes).tolist(), names, strict=True))[1]
     value = float(q[mechanism.index_of(mechanism.coordinate_table[name])])
     return (f"{name} = {value:.3g} {mechanism.coordinate_table[name].unit} is so large that its "
             "round-off alone opens the loops; give a value nearer to the mechanism's size of "

@@ -310,13 +310,13 @@ typedef struct {
 EXPORT int kernel_evaluate(Kernel *k, const Evaluation *e);
 
 /* ---- system.c ---- */
-/* Equations to be solved (NULL: the first ones), what is driven, and rows that fill the system up;
+/* Equations to be solved (NULL: the first ones), driven freedoms, and rows that fill the system up;
    n_chosen + n_idle + n_driven + n_fill must be nv. Driven is a freedom v, or, as nv + v, the
    component of a ball or floating joint (pins.h) whose velocity entry is v. */
 int system_set(Kernel *k, const Int *chosen, Int n_chosen, const Int *driven, Int n_driven,
                const Real *fill, Int n_fill);
 /* Rows of a square matrix: of equations and of all idle rotations, at the evaluated point, with room
-   for so many entries more; 0 if there is no memory. Then those of driven coordinates, at that point,
+   for `more` entries; 0 if there is no memory. Then those of driven coordinates, at that point,
    `pin` being its component if it is one; and rows (n, nv) that fill it up. */
 int system_put_equations(const Kernel *k, const Int *equations, Int n, Int more, Entries *to);
 void system_put_driven(const Kernel *k, Int row, Int driven, const Pin *pin, Entries *to);
