@@ -40,7 +40,7 @@ from spatial_pin.numerics.taylor import Taylor
 
 Long: Any = np.longdouble
 EPS = float(np.finfo(Long).eps)  # 1.1e-19 on x86; that of float64 where there is nothing longer
-LONG_STEPS = 3  # of Newton's method, from a parameter with the digits of float64
+LONG_PARTS = 3  # of Newton's method, from a parameter with the digits of float64
 
 
 class _Joint(NamedTuple):
@@ -256,7 +256,7 @@ class Extended:
             of_what.parameters[of] = list(moving)
             return np.stack([self._sum(x, of_what) for x in of.definition[:m]])
 
-        for _ in range(LONG_STEPS):
+        for _ in range(LONG_PARTS):
             slopes = []
             for k in range(m):
                 moving = np.zeros((m, 3, given.n), dtype=Long)

@@ -61,7 +61,7 @@ EVERY = 4
 # least singular value, seldom by more than ten times.
 INDEPENDENT = 1e-2
 CLEAR_OF_CUT = 3.0  # ratio to the cut of all singular values of a regular mechanism
-NEARLY = 10.0  # gaps by which loops are open that a wider gap closes: a digit less
+NEARLY_OPEN = 10.0  # gaps by which loops are open that a wider gap closes: a digit less
 MOTION_SAMPLES = 48  # samples of the motion; half must be reached: more than one turn
 STRIDE = 0.4  # distance between samples [rad, characteristic lengths]: three turns in all
 START_SAMPLES = 8  # starts if the guess of the file does not close: usually one in two closes
@@ -83,7 +83,7 @@ PART = HALF_RADIAN / PARTS_OF_MOTION  # [rad, characteristic lengths]
 MOST_SAMPLED = 400  # configurations of a path: eight turns, in a tenth of a second
 DIRECTIONS = 6  # of that motion, each taken both ways
 LONGER_MOTION = 4  # such motions in a row, over which it is seen how long equations are independent
-PROBES, STEPS_TO_POSE = 4, 3  # other poses, and steps to each
+ALONG_PROBES, STEPS_TO_POSE = 4, 3  # other poses, and steps to each
 STEP_TO_POSE = 0.1  # length of a step [rad, characteristic lengths]
 # Of files with three digits, and with two; then others, as a gap far above the rounding may hide a
 # real equation.
@@ -149,7 +149,7 @@ def _is_exact(mechanism: Mechanism) -> bool:
         if not closer.kernel.n_closure or not len(free):
             return True
         start = closer.close(_guess(mechanism), *how).q
-        for _ in range(PROBES):
+        for _ in range(ALONG_PROBES):
             q, ahead = start, rng.uniform(-1.0, 1.0, len(free))
             for _ in range(STEPS_TO_POSE):  # the first finds a direction that the loops leave free
                 step = STEP_TO_POSE * scale * ahead / np.abs(ahead).max()
@@ -224,7 +224,7 @@ def _selected(evaluation: LoopEquations, gap: float) -> SelectedEquations | None
     if first is None:
         return None
     # another branch may have a smaller gap than the guess, but the loops are not drawn there
-    missed = _sample(evaluation, _guess(evaluation.mechanism), cut, NEARLY * gap)
+    missed = _sample(evaluation, _guess(evaluation.mechanism), cut, NEARLY_OPEN * gap)
     if missed is not None and missed.error > gap:
         return None
     reached = [first, *_motion_samples(evaluation, first, cut, gap)]

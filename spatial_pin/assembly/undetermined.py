@@ -39,7 +39,7 @@ SURE_WAY = 0.25
 # Way after which equations that depend on each other at one configuration only are independent in
 # earnest, of those that shake to the second order too; links that are next to nothing stay so.
 SOME_WAY = 0.1  # rad, characteristic lengths: far above all rounding
-NEARBY = 0.02  # rad, characteristic lengths: most that a joint moves to a regular configuration
+STEP_ASIDE = 0.02  # rad, characteristic lengths: most that a joint moves to a regular pose
 # Part of weak equations that a motion to a singular configuration nearby may leave: the block of
 # them is linear to a hundredth there, and rounded numbers leave about all of it.
 LINEAR = 0.1
@@ -122,7 +122,8 @@ def rank_loss(evaluation: LoopEquations, q: Array, rank: int) -> int:
         evaluation.regular = Regular(q.copy(), rank, radius, near)
         evaluation.update(q)
         return 0
-    steps = np.random.default_rng(3).uniform(-NEARBY, NEARBY, (REGULAR_TRIALS, len(jacobian.T)))
+    steps = np.random.default_rng(3).uniform(
+        -STEP_ASIDE, STEP_ASIDE, (REGULAR_TRIALS, len(jacobian.T)))
     lost = _rank_near(evaluation, q, steps, TOLERANCES.rank) - rank
     evaluation.update(q)
     return max(lost, int(step is not None))

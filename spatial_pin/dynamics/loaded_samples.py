@@ -30,7 +30,7 @@ from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array, minimum_norms_transposed
 
-PIECE = 256  # samples that are solved in one call: their arrays stay in the cache
+SAMPLES_AT_ONCE = 256  # samples that are solved in one call: their arrays stay in the cache
 
 External = Mapping[str, Any] | Callable[..., Mapping[str, pin.Force]]
 Loads = tuple[External | None, Mapping[str, Law] | None, SlipSpeed | None]
@@ -114,8 +114,8 @@ class LoadedSamples:
             self.set_sample(0)
         springs = equations.springs
         on_bodies = bool(self._external or springs.lines or springs.bushings)
-        for first in range(0, n, PIECE):
-            at = slice(first, min(first + PIECE, n))
+        for first in range(0, n, SAMPLES_AT_ONCE):
+            at = slice(first, min(first + SAMPLES_AT_ONCE, n))
             k = at.stop - first
             turning = np.zeros((k, equations.model.nv))
             given, wrenches = turning, np.zeros((k, equations.model.njoints, 6))

@@ -30,8 +30,8 @@ from spatial_pin.rates.prescribed import Prescription, chosen_at
 
 # Largest step of a joint that is corrected at once [rad, characteristic lengths]: its tangent is
 # then off by half a hundredth, and other branches are far. A longer one is followed.
-AT_ONCE = 0.1
-CORRECTED = 0.25  # largest correction over step: beyond it the branch may be another one
+STEP_AT_ONCE = 0.1
+CORRECTED_MOVE = 0.25  # largest correction over step: beyond it the branch may be another one
 SMALLEST_STEP = 1e-7  # whose correction is round-off, not curvature
 
 
@@ -208,7 +208,7 @@ class ControlLoop:
         np.subtract(self._wanted, self._off, out=self._off)
         np.matmul(self.influence.first, self._off, out=self._step)
         size = float(np.abs(self._step / self.mechanism.velocity_scale).max(initial=0.0))
-        if not size <= AT_ONCE:
+        if not size <= STEP_AT_ONCE:
             return None
         ahead = self._ahead
         ahead[:] = self.q
@@ -218,7 +218,7 @@ class ControlLoop:
             ahead, self._free, self._angles, TOLERANCES.tight, DAMPED_STEPS, (), TOLERANCES.rank)
         corrected = float(np.abs((q - ahead) / self._size_of_q).max(initial=0.0))
         if (error > TOLERANCES.tight and error > self.mechanism.closure_resolution) or (
-                corrected > CORRECTED * size + SMALLEST_STEP):
+                corrected > CORRECTED_MOVE * size + SMALLEST_STEP):
             return None
         angles = self._angles
         if angles.size:

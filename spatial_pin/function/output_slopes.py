@@ -30,7 +30,7 @@ ROTATION = "rotation"
 KINDS = (*[kind for kind in FRAME_UNITS if kind != "jerk"], ROTATION)
 ORDERS = {"rate": 1, "velocity": 1, "acceleration": 2, "angular_velocity": 1,
           "angular_acceleration": 2}
-STEP = 1e-200  # of complex steps: its square is no number, so that derivatives have all digits
+COMPLEX_STEP = 1e-200  # its square vanishes, so that derivatives have all digits
 
 
 class Moved(NamedTuple):
@@ -156,9 +156,9 @@ def _rotation_vector(
     def slopes(k: int) -> tuple[Array, Array]:
         """Return derivatives (3, 3) of omega and alpha by phi, phi' or phi''."""
         given = [np.tile(x.astype(complex), (3, 1)) for x in (phi, rate, accel)]
-        given[k] += STEP * 1j * np.eye(3)
+        given[k] += COMPLEX_STEP * 1j * np.eye(3)
         spin = spin_of(*given)
-        return spin[0].imag.T / STEP, spin[1].imag.T / STEP
+        return spin[0].imag.T / COMPLEX_STEP, spin[1].imag.T / COMPLEX_STEP
 
     turn = np.linalg.inv(slopes(1)[0])
     dphi = turn @ changes[0]

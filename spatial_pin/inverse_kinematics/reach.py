@@ -36,7 +36,7 @@ START_SPREAD = 0.5  # largest displacement of near starts [rad, characteristic l
 # Number of distant starts per freedom and per near start. With these, every test target that 10
 # near starts missed was reached: 5 starts for 2 or 3 joints, 30 for 6.
 FAR_STARTS = 0.5
-STEPS = 40  # damped steps of the kernel at most: it takes some five
+REACH_STEPS = 40  # damped steps of the kernel at most: it takes some five
 LEG = 2.0  # path length between two far starts, for each freedom [rad, characteristic lengths]
 
 
@@ -134,7 +134,7 @@ def _nearest(
             return None
         rows += own
     with closer_of(mechanism) as closer:
-        met = closer.meet(start.q, _free(mechanism, held.entries), start.angles, rows, STEPS)
+        met = closer.meet(start.q, _free(mechanism, held.entries), start.angles, rows, REACH_STEPS)
         if met is None:
             return None
         (q, error, may_be_mirrored), off, angles = met

@@ -26,8 +26,8 @@ NAMED, FIXED, TURNS = 1, 2, 4  # kinds of an entry of q; TURNS: whole turns mean
 AT_ONCE = 8  # starts at most that loops are closed from in one call
 MOST_GROUPS = 8  # of loops that are each closed from as many further ones in it
 LOOSE = TOLERANCES.nothing  # residual to which loops are closed where more is released then
-# Kinds of targets, and how many indices and numbers each has, see closing_parts.h.
-POINT, TURN, DIRECTION, DISTANCE, LINK_ANGLE, VALUE = range(6)
+POINT, TURN, DIRECTION, DISTANCE, LINK_ANGLE, VALUE = range(6)  # kinds of targets
+# How many indices and numbers a target has, see closing_parts.h.
 TARGET_INTS, TARGET_REALS = 4, 18
 MORE_TARGETS = 6  # rows of targets besides one for each velocity, see closing.c
 KernelTarget = tuple[Sequence[int], Sequence[float]]  # kind and indices, then numbers

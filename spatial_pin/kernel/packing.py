@@ -128,7 +128,7 @@ def packed(mechanism: Mechanism, idle: bool) -> Packed:
         np.array(vectors.flag, bool), sums.called)
 
 
-class BodyFrame(NamedTuple):
+class FrameInKernel(NamedTuple):
     """A frame fixed in a body of the kernel.
 
     Attributes:
@@ -143,12 +143,12 @@ class BodyFrame(NamedTuple):
 
 
 @made_once
-def frame_in_kernel(mechanism: Mechanism, frame: int) -> BodyFrame:
+def frame_in_kernel(mechanism: Mechanism, frame: int) -> FrameInKernel:
     """Return a frame of the model as one of a body of the kernel."""
     own, arrays = mechanism.centred_model.frames[frame], packed(mechanism, True)
     joint = int(arrays.carriers[own.parentJoint])
     turned = arrays.frames[joint].T
-    return BodyFrame(joint, (turned @ own.placement.rotation).T.ravel().tolist(),
+    return FrameInKernel(joint, (turned @ own.placement.rotation).T.ravel().tolist(),
                      (turned @ own.placement.translation).tolist())
 
 

@@ -18,7 +18,7 @@ from spatial_pin.kernel.library import (
     address,
     check,
 )
-from spatial_pin.kernel.packing import BodyFrame
+from spatial_pin.kernel.packing import FrameInKernel
 from spatial_pin.numerics.linalg import Array
 
 
@@ -148,7 +148,7 @@ class RateSolver:
         return Solved(self._v.copy(), self._a.copy(), pivot, lost, known, code == DONE)
 
     def jacobian(
-        self, q: Array, reference: Array, frame: BodyFrame, chosen: Chosen | None = None
+        self, q: Array, reference: Array, frame: FrameInKernel, chosen: Chosen | None = None
     ) -> Array | None:
         """Return the Jacobian (6, n_moving) of a frame at q (nq,); None as `factor`."""
         self._local[:], self._task.joint = frame.origin, frame.joint
@@ -176,9 +176,9 @@ class RateSolver:
         return self._columns.copy()
 
     def rows(
-        self, q: Array, reference: Array, wanted: Sequence[str], *, frame: BodyFrame | None = None,
-        v: Array | None = None, rates: tuple[Array, Array] | None = None,
-        chosen: Chosen | None = None,
+        self, q: Array, reference: Array, wanted: Sequence[str], *,
+        frame: FrameInKernel | None = None, v: Array | None = None,
+        rates: tuple[Array, Array] | None = None, chosen: Chosen | None = None,
     ) -> RateRows:
         """Return results at configurations q (m, nq).
 
@@ -205,7 +205,7 @@ class RateSolver:
         return results
 
     def prepared(
-        self, q: Array, reference: Array, results: RateRows, *, frame: BodyFrame | None = None,
+        self, q: Array, reference: Array, results: RateRows, *, frame: FrameInKernel | None = None,
         v: Array | None = None, rates: tuple[Array, Array] | None = None,
         chosen: Chosen | None = None,
     ) -> Callable[[], None]:

@@ -35,8 +35,8 @@ TURN = 2.0 * math.pi
 FLAT = 1e-6  # of its size: how far points of rounded numbers may be off their plane
 FLATTEST_CURVE = 0.02  # sine of the angle at which a curve is seen from its centre
 MOST_HELIX_TURNS = 60.0  # most turns of a helix in a picture
-STRAIGHT = 0.25  # of its length: the end of an open spline goes over into a straight line on it
-DIRECTIONS = 400  # candidates for an axis; one differs from every tangent
+STRAIGHT_PART = 0.25  # of its length, on which the end of an open spline becomes a line
+SEEN_DIRECTIONS = 400  # candidates for an axis; one differs from every tangent
 FORMS = ("circle", "ellipse", "line", "helix", "points", "table")
 
 
@@ -519,7 +519,7 @@ def spline(points: ArrayLike, closed: bool = True) -> CurveShape:
         shape = [Piecewise(breaks + shift, c, True) for c in turned]
         path = CurvePath.of(tuple(shape), (shift, 2.0 * shift), cells + shift)
     else:
-        extra = STRAIGHT * u[-1]
+        extra = STRAIGHT_PART * u[-1]
         shape = [_with_straight_ends(breaks + shift, c, extra) for c in turned]
         cells = np.concatenate([[-2.0 * extra, -extra], cells, u[-1] + [extra, 2.0 * extra]])
         path = CurvePath.of(tuple(shape), (shift, 2.0 * shift), cells + shift)
@@ -560,8 +560,8 @@ def _free_axes(tangents: Array, area: Array) -> Array:
     """
     tangents = tangents / np.linalg.norm(tangents, axis=1)[:, None]
     own = decompose(tangents).vt
-    k = np.arange(DIRECTIONS) + 0.5
-    z, turn = 1.0 - k / DIRECTIONS, np.pi * (1.0 + 5.0**0.5) * k
+    k = np.arange(SEEN_DIRECTIONS) + 0.5
+    z, turn = 1.0 - k / SEEN_DIRECTIONS, np.pi * (1.0 + 5.0**0.5) * k
     r = np.sqrt(1.0 - z * z)
     tried = np.vstack([own[::-1], np.column_stack([r * np.cos(turn), r * np.sin(turn), z])])
     apart = 1.0 - np.abs(tangents @ tried.T).max(axis=0)

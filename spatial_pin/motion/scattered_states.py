@@ -43,7 +43,7 @@ from spatial_pin.settings import Accuracy, accuracy_of
 
 Rows = NDArray[np.int64]
 FEWEST = 32  # rows of one call of the kernel, for which a thread is worth its while
-SHARE = 4  # calls of each thread for half of the rows: the last one to end waits for no more
+SHARES = 4  # calls of each thread for half of the rows: the last one to end waits for no more
 # Nearest solved neighbours from which a row is tried: behind a corner of the reachable values the
 # nearest one sees it as a rule, and each costs as much as ten rows where none does.
 NEIGHBOURS = 3
@@ -261,7 +261,7 @@ class _Cloud:
     def _follow(self, pool: Any, rows: Rows, is_last: bool = False) -> None:
         """Follow rows from their parents, which are solved before."""
         most = max(PIECE // max(self.mechanism.model.nv, 1), 1)
-        n = min(max(FEWEST, -(-len(rows) // (SHARE * self._threads))), most)
+        n = min(max(FEWEST, -(-len(rows) // (SHARES * self._threads))), most)
         jobs = [(np.ascontiguousarray(rows[k : k + n]), is_last) for k in range(0, len(rows), n)]
         for _ in in_order(pool if len(jobs) > 1 else None, self._follow_piece, jobs):
             pass

@@ -25,7 +25,7 @@ from spatial_pin.assembly.state import State
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.kernel.kernel import Kernel, kernel_of
 from spatial_pin.kernel.loop_equations import loops_of
-from spatial_pin.kernel.packing import BodyFrame
+from spatial_pin.kernel.packing import FrameInKernel
 from spatial_pin.kernel.paths import prescribed_indices
 from spatial_pin.kernel.rate_solver import Chosen, RateRows, RateSolver, rates_of
 from spatial_pin.mechanism.coordinates import coordinates_of, driver_coordinates
@@ -166,7 +166,7 @@ def factored_rates(kernel: Kernel, state: State, given: Prescription) -> RateSol
 
 
 def solved_at(
-    state: State, given: Prescription, wanted: Sequence[str], frame: BodyFrame | None = None,
+    state: State, given: Prescription, wanted: Sequence[str], frame: FrameInKernel | None = None,
     chosen: Chosen | None = None, v: Array | None = None,
 ) -> list[Array] | None:
     """Return results of `RateRows` at a state; None where its equations are not clear.
@@ -182,7 +182,7 @@ def solved_at(
 
 def solved_by(
     samples: State | sp.Motion, given: Prescription, wanted: Sequence[str],
-    otherwise: Callable[[State, int], Sequence[Array] | None], frame: BodyFrame | None = None,
+    otherwise: Callable[[State, int], Sequence[Array] | None], frame: FrameInKernel | None = None,
     rates: tuple[Array, Array] | None = None,
 ) -> list[Array]:
     """Return results of `RateRows` at a State, or at all samples of a Motion.

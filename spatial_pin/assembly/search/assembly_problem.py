@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from spatial_pin._support.lazy import cached_property, made_once
 from spatial_pin.assembly.close import DAMPED_STEPS, NOTHING, close, closed
 from spatial_pin.assembly.holding import fixed_base_entries, free_velocities
-from spatial_pin.assembly.redundant_equations import NEARLY
+from spatial_pin.assembly.redundant_equations import NEARLY_OPEN
 from spatial_pin.assembly.search.guesses import (
     COORDINATE_ERROR,
     NEAR_GUESS,
@@ -428,7 +428,7 @@ class AssemblyProblem:
             q: the configuration.
             error: its closure error, of all equations of the file.
         """
-        if self.whole is None or not self.gap < error <= NEARLY * self.gap:
+        if self.whole is None or not self.gap < error <= NEARLY_OPEN * self.gap:
             return False
         self.evaluation.update(q)
         return self.evaluation.closure_error <= self.accepted(q) and not self.evaluation.mirrored()

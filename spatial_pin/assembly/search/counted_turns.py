@@ -44,7 +44,7 @@ MOST_STEPS = 2000  # a hundred turns
 # Change of a fixed angle beyond which hinges are followed that no closure counts [rad]: one turn,
 # which the last value of a sweep over a turn has
 OVER_A_TURN = 2.0 * math.pi * (1.0 + 1e-9)
-SAME_PLACE = 1e-6  # rad, characteristic lengths
+SAME_CONFIGURATION = 1e-6  # rad, characteristic lengths
 
 
 @made_once
@@ -196,7 +196,7 @@ def turns_of_others(
                 mechanism, (table[name] for name in fixed)), fixed)
             there = _followed(mechanism, start, q, free, _screws(mechanism, start, angles)[0])
             if there is None or np.abs(
-                    turn_free_difference(mechanism, there[0], q)).max() > SAME_PLACE:
+                    turn_free_difference(mechanism, there[0], q)).max() > SAME_CONFIGURATION:
                 lost += far
             else:
                 q[winding] += whole_turns(there[0][winding] - q[winding])

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 TIGHTER = 30.0  # part of the tolerances that the other integration has, or
 LOOSER = 10.0  # times the tolerances, where the other one would be
 TIGHTEST = 1e-13  # tolerance of steps: round-off. Fixed steps are twice as long
-SHORTER = 0.7  # its longest step, by the longest of the first
+COMPARED_STEP = 0.7  # its longest step, by the longest of the first
 ERROR_MARGIN = 2.0  # times the difference: a more exact one is off a little itself
 ERROR_FLOOR = 1e-13  # error of any motion, as samples are closed to that
 
@@ -44,7 +44,7 @@ def comparison(accuracy: Accuracy, longest: float) -> Accuracy:
     if INTEGRATORS[accuracy.integrator].is_fixed and accuracy.step is not None:
         return replace(accuracy, step=2.0 * accuracy.step)
     part = 1.0 / TIGHTER if accuracy.time_tolerance > TIGHTER * TIGHTEST else LOOSER
-    step = SHORTER * longest if longest > 0.0 else accuracy.step
+    step = COMPARED_STEP * longest if longest > 0.0 else accuracy.step
     return replace(accuracy, tolerance=part * accuracy.tolerance, step=step,
                    time_tolerance=part * accuracy.time_tolerance)
 

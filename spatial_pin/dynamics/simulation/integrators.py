@@ -35,7 +35,7 @@ FASTEST = 1e100  # largest rate: its square divided by a tolerance is finite whe
 SLOWEST = 1e3  # longest natural time in durations: a slower motion does not matter
 AUTOMATIC, IMPLICIT = "automatic", "Radau"
 EXPLICIT, EXPLICIT_LOOSE = "DOP853", "RK45"  # of "automatic", which takes the second one
-LOOSE = 3e-8  # from this tolerance of steps on: a method of fifth order is as exact, and faster
+LOOSE_TOLERANCE = 3e-8  # of steps: from here on fifth order is as exact, and faster
 NEAR = 1e-3  # pivot, and step, relative to the largest so far, below which the motion stagnates
 TRIED = 1000  # every this many steps without damping, the progress is compared with the duration
 # The simulation is refused if this many times the allowed steps would not reach the end.
@@ -230,7 +230,7 @@ class Stepping:
         Of several freedoms it has many stages: where they cannot be closed, a step has led across a
         singular configuration. The curve of one freedom tells that by itself.
         """
-        is_loose = self._accuracy.time_tolerance >= LOOSE
+        is_loose = self._accuracy.time_tolerance >= LOOSE_TOLERANCE
         return EXPLICIT_LOOSE if is_loose and len(system.free) == 1 else EXPLICIT
 
     def next_integrator(

@@ -71,17 +71,17 @@
    moves along a line does, loops stay closed to its square */
 #define TARGET_WEIGHT 1e-2
 /* Newton steps at most to the least displacement: it takes some five */
-#define NEAREST_STEPS 20
+#define NEAREST_TARGET_STEPS 20
 /* Size of the last of them: differences of this length leave half of the digits of the curvature,
    and so 1e-14 of the way */
 #define NEAREST_STEP 1e-8
 /* Part of a step that the next one by the same derivatives should be: below TOLERANCE_CONTRACTION, at
    which Newton's method is sure of its solution [Deuflhard2011, 2.1] */
 #define WANTED_CONTRACTION 0.2
-/* Least part of the way to the targets that is gone at once, and how much longer it may become */
-#define LEAST_PART 1e-3
-#define LONGER 4.0
-#define DIFFERENCE 1e-6
+/* Least part of the way to the targets that is gone at once: a thousand steps are enough */
+#define LEAST_TARGET_PART 1e-3
+#define LONGER 4.0           /* times a part that contracted: the next one is no longer */
+#define DIFFERENCE_STEP 1e-6 /* of differences of the gradient: half of the digits remain */
 
 struct Closer {
     Kernel *k;
@@ -362,7 +362,7 @@ static Real go_to_targets(Closer *c, Int steps)
                 if (to == 1.0 && (error <= DBL_EPSILON || c->size < TOLERANCE_ROUND_OFF))
                     return error;
                 reached = to;
-                part = gone * smaller_of(LONGER, WANTED_CONTRACTION / (contraction + LEAST_PART));
+                part = gone * smaller_of(LONGER, WANTED_CONTRACTION / (contraction + LEAST_TARGET_PART));
                 c->whole.m = -1;
                 continue;
             }
@@ -372,7 +372,7 @@ static Real go_to_targets(Closer *c, Int steps)
                                 TOLERANCE_UNEXPLAINED);
         }
         part = gone * shorter;
-        if (!(part > LEAST_PART))
+        if (!(part > LEAST_TARGET_PART))
             break; /* or the last steps do not contract */
     }
     return INFINITY;
@@ -737,14 +737,14 @@ static int nearest_step(Closer *c, Int n, Real *along)
     for (Int i = 0; i < n; i++)
         along[i] = -dot(c->freedom + i * m, here, m);
     for (Int i = 0; i < n; i++) {
-        put_step(c, c->freedom + i * m, DIFFERENCE, c->trial);
+        put_step(c, c->freedom + i * m, DIFFERENCE_STEP, c->trial);
         residual_at(c, c->trial, 0);
         equations_jacobian(c->k, &c->k->equations.all);
         memcpy(c->value, c->k->entry, (size_t)c->start[c->k->n_closure] * sizeof(Real));
         fill_dense(c);
         pulled_gradient(c, c->trial, 1, there);
         for (Int j = 0; j < n; j++)
-            c->curvature[i * n + j] = (dot(c->freedom + j * m, there, m) + along[j]) / DIFFERENCE;
+            c->curvature[i * n + j] = (dot(c->freedom + j * m, there, m) + along[j]) / DIFFERENCE_STEP;
     }
     for (Int i = 0; i < n; i++)
         for (Int j = 0; j < i; j++)
@@ -758,7 +758,7 @@ static int come_nearest(Closer *c)
 {
     Real size_before = INFINITY;
     c->left = 0.0;
-    for (int i = 0; i < NEAREST_STEPS; i++) {
+    for (int i = 0; i < NEAREST_TARGET_STEPS; i++) {
         const Int rank = c->whole.rank, n = c->n_free - rank;
         const Real *R = c->whole.R, *last = R + (rank - 1) * (c->whole.n + 1);
         if (rank && fabs(*last) < IN_REACH * TARGET_WEIGHT * fabs(*R))

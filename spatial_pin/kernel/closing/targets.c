@@ -3,7 +3,7 @@
 #include "closing_parts.h"
 #include "pins.h"
 
-#define NEARLY_ALONG 1e-8 /* sine of an angle that is its own sine to round-off */
+#define TURNED_LITTLE 1e-8 /* sine of an angle that is its own sine to round-off */
 
 static const Int *target_of(const Targets *t, Int i) { return t->of + TARGET_INTS * i; }
 
@@ -110,7 +110,7 @@ void targets_values(const Kernel *k, const Targets *t, Real *off)
         case DIRECTION_TARGET:
             sine = aside(k, of, number, x, &cosine, across);
             for (int a = 0; a < 2; a++)
-                off[a] = sine < NEARLY_ALONG ? (cosine > 0.0 ? across[a] : a ? 0.0 : PI)
+                off[a] = sine < TURNED_LITTLE ? (cosine > 0.0 ? across[a] : a ? 0.0 : PI)
                                              : atan2(sine, cosine) / sine * across[a];
             break;
         case DISTANCE_TARGET:
@@ -165,8 +165,8 @@ static void direction_rows(const Kernel *k, const Int *of, const Real *number, R
 {
     Real axis[3], across[2], cosine, part[3];
     const Real sine = aside(k, of, number, axis, &cosine, across);
-    const Real share = sine < NEARLY_ALONG ? 1.0 : atan2(sine, cosine) / sine;
-    const Real bend = sine < NEARLY_ALONG ? 0.0 : (cosine * share - 1.0) / (sine * sine);
+    const Real share = sine < TURNED_LITTLE ? 1.0 : atan2(sine, cosine) / sine;
+    const Real bend = sine < TURNED_LITTLE ? 0.0 : (cosine * share - 1.0) / (sine * sine);
     for (int r = 0; r < 2; r++) {
         zero3(part);
         add3(share, number + 6 + 3 * r, part);

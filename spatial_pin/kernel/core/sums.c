@@ -9,7 +9,7 @@
 
 #include "kernel.h"
 
-#define MOST_STEPS 30     /* of Newton's method, as in Python (`composed_equations.py`) */
+#define MOST_ROOT_STEPS 30     /* of Newton's method, as in Python (`composed_equations.py`) */
 #define LONGEST_STEP 0.1  /* of the span of an angle */
 #define LAST_STEP 1e-8    /* likewise: the step after one so short is below round-off */
 
@@ -295,7 +295,7 @@ static void newton_step(Kernel *k, const Root *r, Real *step)
 static int descends(Kernel *k, const Root *r)
 {
     Real *u = k->angle + r->first, step[MOST], size = INFINITY;
-    for (Int i = 0; i < MOST_STEPS && size > LAST_STEP; i++) {
+    for (Int i = 0; i < MOST_ROOT_STEPS && size > LAST_STEP; i++) {
         newton_step(k, r, step);
         size = 0.0;
         for (Int x = 0; x < r->n; x++)

@@ -11,7 +11,7 @@
                              is to be gone as far as it goes */
 #define MOST_FAILED 10000 /* steps on the way to one value: every path ends */
 #define REGROWTH 1.03  /* of the way between points from sample to sample, while there is none between */
-#define TRIES 3        /* of steps to interpolate in, each as long as the last one has shown */
+#define SHORTENINGS 3        /* of steps to interpolate in, each as long as the last one has shown */
 #define BETWEEN_NEARER 0.0625 /* part of the way to where the determinant vanishes that a step which
                             samples are interpolated in may go. At a limit the determinant falls
                             like a root, and that way is four times the true one: a quarter of
@@ -178,7 +178,7 @@ Int follow_values(Path *path, const Real *values, Int n, const PathRows *rows)
         const Int done = last > i ? follow_between(path, values, i, last, rows) : 0;
         i += done;
         tried = done ? 0 : tried + 1;
-        if (done || (last > i && tried < TRIES && path->between_way < way))
+        if (done || (last > i && tried < SHORTENINGS && path->between_way < way))
             continue;
         const int is_alone = path->accuracy.between > 0.0 &&
                              fabs(values[i] - path->here->s) > step_of(path, way);
