@@ -245,6 +245,22 @@ class RateSolver:
 
         return work
 
+    def prepared_idle(self, out: Array) -> Callable[[], None]:
+        """Return what finds joint velocities (n_passive, nv) of idle rotations, into `out`.
+
+        Each per unit rate of it, at the last configuration, while all that is driven stands still.
+        """
+        rates, still = np.zeros((len(out), self._n_equations)), np.zeros(self.n_driven)
+        rates[:, self._n_equations - len(out) :] = -np.eye(len(out))
+        calls = [(self._handle, None, address(rate), address(still), address(row))
+                 for rate, row in zip(rates, out, strict=True)]
+
+        def work(alive: Any = (rates, still, out)) -> None:
+            for call in calls:
+                self._library.rates_answer(*call)
+
+        return work
+
     def acceleration(self, v: Array, drive: Array | None = None) -> Array:
         """Return (nv,) joint accelerations at joint velocities v (nv,).
 

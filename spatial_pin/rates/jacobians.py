@@ -259,7 +259,7 @@ def influence(
     """Return the influence coefficients of a closed state with respect to its drivers.
 
     The second order is the closure's acceleration bias, a quadratic form in the joint velocities,
-    polarised: B(u, w) = (b(u + w) - b(u - w))/4 [BenedictTesar1978].
+    polarised: B(u, w) = (b(u + w) - b(u) - b(w))/2 [BenedictTesar1978].
 
     Args:
         mechanism: the mechanism.
@@ -289,9 +289,8 @@ def influence(
     """
     samples = samples_of(mechanism, state)
     own = samples.mechanism
-    given = Prescription.of(own, moving_coordinates(own, drivers, hold), hold)
-
-    wanted = ("columns", "second")
+    names = None if drivers is None else tuple(names_of(drivers, "drivers"))
+    given, wanted = _prescribed(own, names, hashable_hold(hold)), ("columns", "second")
 
     def coefficients(at: State) -> list[Array]:
         found = solved_by(at, given, wanted) or solved_by(
