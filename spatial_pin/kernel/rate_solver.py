@@ -116,6 +116,7 @@ class RateSolver:
     def __init__(self, kernel: Kernel, driven: Sequence[int], n_moving: int) -> None:
         self._library, handle = kernel.library, ctypes.c_void_p()
         self.n_moving, self.n_driven, self.nv = n_moving, len(driven), kernel.nv
+        self._n_passive = kernel.n_passive
         self._n_equations = kernel.n_closure + kernel.n_passive
         at = np.array(driven, np.int64)
         check(self._library.rates_create(
@@ -260,6 +261,12 @@ class RateSolver:
                 self._library.rates_answer(*call)
 
         return work
+
+    def idle(self) -> Array:
+        """Return joint velocities (n_passive, nv) of idle rotations, see `prepared_idle`."""
+        out = np.empty((self._n_passive, self.nv))
+        self.prepared_idle(out)()
+        return out
 
     def acceleration(self, v: Array, drive: Array | None = None) -> Array:
         """Return (nv,) joint accelerations at joint velocities v (nv,).
