@@ -844,7 +844,7 @@ def main() -> int:
     options = parser.parse_args()
     failed = 0
     if options.markdown:
-        print("| extreme | tried | error at most, or what is raised |\n|---|---|---|")
+        print("| extreme | tried | largest error, or the exception |\n|---|---|---|")
     for extreme in EXTREMES:
         if options.only not in f"{extreme.name} {extreme.tried}":
             continue

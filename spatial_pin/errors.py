@@ -15,7 +15,7 @@ if TYPE_CHECKING:  # errors keep a State or a Motion, and use nothing of them
     import spatial_pin as sp
 
 
-LONG_LIST = 40  # from so many names on, names that differ only in their endings are shown as one
+LONG_LIST = 40  # from this number on, names that differ only in their endings are shown as one
 
 
 class SpatialPinError(Exception):

@@ -174,7 +174,7 @@ def simulations(rows: Rows, task: str) -> Iterator[str]:
 
 def dial(rows: Rows) -> Iterator[str]:
     """Yield the table of what an error that is accepted saves."""
-    yield "| error asked for | 360 values | 3600 | ψ | ψ″ | A02 | angle |"
+    yield "| allowed error | 360 values | 3600 | ψ | ψ″ | A02 | angle |"
     yield "|---|---|---|---|---|---|---|"
     for error in (*ERRORS, None):
         word = "engineering" if error is None else power(error)

@@ -29,7 +29,10 @@ def made_once(make: Callable[[Owner, *More], Made]) -> Callable[[Owner, *More], 
         try:
             known: Made = owner._results[key]  # type: ignore[attr-defined]
         except (AttributeError, KeyError):
-            # one for all threads
+            is_known = False  # make it outside, or its errors would have this one as context
+        else:
+            is_known = True
+        if not is_known:  # one for all threads
             known = _results_of(owner).setdefault(key, make(owner, *more))
         return known
 

@@ -141,8 +141,8 @@ def _inverse(x: Array) -> Array:
     if x.shape[-1] == 1:
         return 1 / x
     (a, b), (c, d) = np.moveaxis(x, 0, -1)
-    found: Array = np.moveaxis(np.array([[d, -b], [-c, a]], dtype=Long) / (a * d - b * c), -1, 0)
-    return found
+    inverse: Array = np.moveaxis(np.array([[d, -b], [-c, a]], dtype=Long) / (a * d - b * c), -1, 0)
+    return inverse
 
 
 class Extended:
@@ -236,10 +236,10 @@ class Extended:
 
     def _sum(self, row: ConstraintEquation, given: _RowInputs) -> Array:
         """Return a sum of terms with its rates (3, N)."""
-        found: Array = sum((self._term(Long(number), [self._quantity(x, given) for x in factors],
+        total: Array = sum((self._term(Long(number), [self._quantity(x, given) for x in factors],
                                        given.n) for number, factors in row.terms),
                            np.zeros((3, given.n), dtype=Long))
-        return found
+        return total
 
     def _implicit(self, of: ImplicitParameters, given: _RowInputs) -> list[Array]:
         """Return parameters with their rates (3, N), by Newton's method from what they were.
@@ -261,10 +261,10 @@ class Extended:
             for k in range(m):
                 moving = np.zeros((m, 3, given.n), dtype=Long)
                 moving[:, 0], moving[k, 1] = u, 1
-                found = sums(still, moving)
-                slopes.append(found[:, 1])
+                slope = sums(still, moving)
+                slopes.append(slope[:, 1])
             inverse = _inverse(np.stack(slopes, axis=1).transpose(2, 0, 1))
-            u = u - np.einsum("nij,jn->in", inverse, found[:, 0])
+            u = u - np.einsum("nij,jn->in", inverse, slope[:, 0])
         moving = np.zeros((m, 3, given.n), dtype=Long)
         moving[:, 0] = u
         for order in (1, 2):

@@ -217,13 +217,13 @@ class SweepReference:
 
     def __init__(self, task: SweepTask) -> None:
         self.mechanism = mechanism = task.mechanism
-        asked, self.n = task.arguments, len(task.arguments["values"])
+        arguments, self.n = task.arguments, len(task.arguments["values"])
         self.rows = np.unique(np.linspace(0, self.n - 1, min(self.n, JUDGED)).round().astype(int))
-        self.values = asked["values"][self.rows]
+        self.values = arguments["values"][self.rows]
         speed, acceleration = (task.row_rates(name)[self.rows] for name in task.RATES)
-        driver = mechanism.driven_coordinate(asked["driver"])
-        driven = prescribed_at(task.start, [driver.name, *asked["hold"]])
-        prescribed = [self.values, *(np.full(len(self.rows), asked["hold"][c.name])
+        driver = mechanism.driven_coordinate(arguments["driver"])
+        driven = prescribed_at(task.start, [driver.name, *arguments["hold"]])
+        prescribed = [self.values, *(np.full(len(self.rows), arguments["hold"][c.name])
                                      for c in driven[1:])]
         self.solver = ExactRows(mechanism, driven, np.column_stack(prescribed), speed, acceleration)
         self.extended, self.scale = self.solver.extended, mechanism.velocity_scale

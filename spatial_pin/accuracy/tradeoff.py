@@ -176,9 +176,9 @@ class Tradeoff:
     def kept_error(self, row: Measured) -> float:
         """Return the error that a setting keeps, on this motion and on others like it.
 
-        It is three times what was measured, for what lies between samples and for other motions; no
-        less than what the motion tells of itself; and where samples that are closer together would
-        be interpolated, no less than what these may be off by.
+        It is three times the measured error, to cover points between samples and other motions. It
+        is no less than the estimate of the motion. If closer samples would be interpolated, it is
+        no less than the bound of the interpolation error.
 
         Args:
             row: one of `rows`.
@@ -299,7 +299,7 @@ class Tradeoff:
             path: of the file.
 
         Raises:
-            OSError: it cannot be written; what was there before stays.
+            OSError: it cannot be written; the former file stays.
 
         Example:
             >>> mech = sp.load("four_bar")
@@ -410,7 +410,7 @@ def tradeoff(
                             else Measured(accuracy, (), 0, note="not tried, the time was out"))
             _repeat(doing, rows, repeats - 1, start + budget, bar)
             is_whole = True
-        except KeyboardInterrupt:  # what was measured until then is the answer
+        except KeyboardInterrupt:  # the result has the rows until then
             if not rows:
                 raise
             rows += [Measured(accuracy, (), 0, note="not tried, cut short")

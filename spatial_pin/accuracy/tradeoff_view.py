@@ -30,7 +30,7 @@ def table(tradeoff: Tradeoff, is_narrow: bool = False) -> str:
     """Return the rows in columns, the Pareto front marked with *.
 
     Args:
-        tradeoff: what was measured.
+        tradeoff: the measured table.
         is_narrow: whether parts of the errors are left out, so that it fits a terminal.
     """
     good = [row for row in tradeoff.rows if row.errors is not None]
@@ -45,7 +45,7 @@ def table(tradeoff: Tradeoff, is_narrow: bool = False) -> str:
              for line in lines]
     runs = sorted({len(row.seconds) for row in good})
     notes = ["time: by that of engineering, the least of all runs; keeps e =: error that for_error "
-             "relies on; (+n): n settings more, as fast as can be told and less exact; "
+             "relies on; (+n): n settings more, as fast within the scatter and less exact; "
              f"*: no other is as fast and as exact; ±: between the quartiles of "
              f"{' to '.join(map(str, runs[:: max(len(runs) - 1, 1)]))} runs; errors in rad and "
              "characteristic lengths, error: the largest, rates relative to the largest rate"]
@@ -64,18 +64,18 @@ def merged(rows: list[Measured], kind: str) -> list[tuple[Measured, int]]:
 
     Two are as fast where the quartiles of their times overlap. The front and the levels stay.
     """
-    found: list[tuple[Measured, int]] = []
+    distinct: list[tuple[Measured, int]] = []
     for row in sorted(rows, key=lambda x: x.error):
         own = np.percentile(row.seconds, [25, 75])
-        for k, (other, n) in enumerate(found):
+        for k, (other, n) in enumerate(distinct):
             its = np.percentile(other.seconds, [25, 75])
             stays = row.on_front or describe(row.accuracy, kind).endswith(")")
             if own[0] <= its[1] and its[0] <= own[1] and not stays:
-                found[k] = other, n + 1
+                distinct[k] = other, n + 1
                 break
         else:
-            found.append((row, 0))
-    return sorted(found, key=lambda x: x[0].time_per_step)
+            distinct.append((row, 0))
+    return sorted(distinct, key=lambda x: x[0].time_per_step)
 
 
 def cells(
@@ -84,7 +84,7 @@ def cells(
     """Return the words of the table: a line of headings, and one of each setting that worked.
 
     Args:
-        tradeoff: what was measured.
+        tradeoff: the measured table.
         rows: those that are shown, each with the number of those it stands for; default all.
     """
     if rows is None:

@@ -108,7 +108,7 @@ def assemble(
     Raises:
         AssemblyError: no closed configuration found; keeps the best attempt.
         UnknownNameError: a name does not exist.
-        ValueError: a value is NaN or infinite, or `free` names what is no driver, or is held.
+        ValueError: a value is NaN or infinite, or `free` names a held driver, or no driver at all.
 
     Example:
         >>> mech = sp.load("rssr")

@@ -39,8 +39,8 @@ def contact_closure(mechanism: Mechanism, name: object) -> Closure | None:
     if not isinstance(name, str) or name in mechanism.coordinate_table:
         return None
     of, _, end = name.rpartition(".")
-    found = next((c for c in (mechanism.whole or mechanism).closures if c.name == of), None)
-    return found if found is not None and end in contact_coordinates(found) else None
+    closure = next((c for c in (mechanism.whole or mechanism).closures if c.name == of), None)
+    return closure if closure is not None and end in contact_coordinates(closure) else None
 
 
 def contact_coordinates(closure: Closure) -> tuple[str, ...]:
@@ -68,7 +68,7 @@ def contact_rates(
         u = parameters_of(closure, position, rotation, near)
         s = curve.by_parameter.arc(u[int(second)])
     else:
-        s = _place(closure, position, rotation, near)
+        s = _curve_length(closure, position, rotation, near)
     return CoordinateRates(*(s.derivative(k) for k in range(3)))
 
 
@@ -79,15 +79,15 @@ def angles_of(mechanism: Mechanism, closure: Closure, angles: Array, n: int) -> 
     """
     rows = [k for k, angle in enumerate(constraints_of(mechanism).angles)
             if angle.name[0] == closure.name]
-    found: Array = angles[:, rows].T if rows and angles.shape[-1] else np.zeros((2, n))
-    return found
+    angle_rows: Array = angles[:, rows].T if rows and angles.shape[-1] else np.zeros((2, n))
+    return angle_rows
 
 
 def _curve(closure: Closure, second: bool = False) -> CurveShape:
     """Return the curve of a closure, the first or second of two."""
-    found: CurveShape = closure.numbers["curve"] if "curve" in closure.numbers else getattr(
+    shape: CurveShape = closure.numbers["curve"] if "curve" in closure.numbers else getattr(
         closure.numbers["curves"], "two" if second else "one")
-    return found
+    return shape
 
 
 def _relative(one: Any, two: Any) -> tuple[Series, list[Series]]:
@@ -114,8 +114,10 @@ def _combined(numbers: Array, series: Series) -> Taylor:
     return x + y + z
 
 
-def _place(closure: Closure, position: Series, rotation: list[Series], near: Array) -> Taylor:
-    """Return the place on a curve that is followed by a direction, or along a line."""
+def _curve_length(
+    closure: Closure, position: Series, rotation: list[Series], near: Array
+) -> Taylor:
+    """Return the length along a curve, or along a line, to the contact [m]."""
     curve: Any = closure.numbers["curve"]
     follower: Any = closure.numbers.get("follower")
     is_face = follower is not None and follower.flat is not None
@@ -129,8 +131,8 @@ def _place(closure: Closure, position: Series, rotation: list[Series], near: Arr
         radius, lead = curve.numbers
         return angle * float(np.hypot(radius, lead / (2.0 * np.pi)))
     offset = follower.side * follower.radius if follower is not None else 0.0
-    found: Taylor = curve.support()[1](angle) if is_face else curve.radial(offset)[1](angle)
-    return found
+    length: Taylor = curve.support()[1](angle) if is_face else curve.radial(offset)[1](angle)
+    return length
 
 
 def parameters_of(
@@ -147,7 +149,7 @@ def parameters_of(
     root = _parameters_in(closure)
     known: dict[str, Series] = {"product": [], "coordinate": [], "angle": [
         Taylor([x, *[0.0 * x] * (len(position[0].values) - 1)]) for x in near[: len(root.spans)]]}
-    places: dict[int, int] = {}
+    index_of: dict[int, int] = {}
 
     def index(x: Quantity) -> QuantityIndex:
         if isinstance(x, FunctionOf):
@@ -155,12 +157,12 @@ def parameters_of(
         if isinstance(x, Parameter):
             return QuantityIndex("angle", x.which)
         assert isinstance(x, Displacement | Cosine)
-        if id(x) not in places:
-            places[id(x)] = len(places)
+        if id(x) not in index_of:
+            index_of[id(x)] = len(index_of)
             known["product"].append(
                 _combined(x.u, position) - x.offset if isinstance(x, Displacement)
                 else _combined(x.u, [_combined(x.w, row) for row in rotation]))
-        return QuantityIndex("product", places[id(x)])
+        return QuantityIndex("product", index_of[id(x)])
 
     sums = tuple(tuple((number, tuple(map(index, factors))) for number, factors in of.terms)
                  for of in root.definition)

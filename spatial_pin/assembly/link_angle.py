@@ -144,9 +144,9 @@ def _sums(mechanism: Mechanism, axis: Array, turns: Array) -> Array | None:
     if np.abs(turns - np.outer(axis, parts)).max(initial=0.0) > TOLERANCES.nothing:
         return None
     sums = np.zeros(mechanism.model.nq)
-    places = {c.v: c.q for c in mechanism.coordinate_table.values()}
+    index_of = {c.v: c.q for c in mechanism.coordinate_table.values()}
     for v in np.flatnonzero(parts):
-        if places.get(int(v), -1) < 0:
+        if index_of.get(int(v), -1) < 0:
             return None
-        sums[places[int(v)]] = parts[v]
+        sums[index_of[int(v)]] = parts[v]
     return sums

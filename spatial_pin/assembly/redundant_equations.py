@@ -159,7 +159,7 @@ def _is_exact(mechanism: Mechanism) -> bool:
                     break
             else:
                 seen = closer.examine(q, 0.0)
-                if seen.least > INDEPENDENT and seen.left_out < TOLERANCES.tight:
+                if seen.least > INDEPENDENT and seen.dependent < TOLERANCES.tight:
                     return True
     return False
 
@@ -221,7 +221,11 @@ def _selected(evaluation: LoopEquations, gap: float) -> SelectedEquations | None
     """Return the remaining equations if the numbers of others are rounded; None: all."""
     cut = min(GAPS_WIDE * gap, WIDEST_GAP)
     first = next(_start_samples(evaluation, cut, gap), None)
-    if first is None or _just_misses(evaluation, cut, gap):
+    if first is None:
+        return None
+    # another branch may have a smaller gap than the guess, but the loops are not drawn there
+    missed = _sample(evaluation, _guess(evaluation.mechanism), cut, NEARLY * gap)
+    if missed is not None and missed.error > gap:
         return None
     reached = [first, *_motion_samples(evaluation, first, cut, gap)]
     rank = max(_rank(x.s, cut) for x in reached)
@@ -318,15 +322,6 @@ def _start_samples(evaluation: LoopEquations, cut: float, gap: float) -> Iterato
         sample = _sample(evaluation, pin.integrate(model, q, shaken), cut, gap)
         if sample is not None:
             yield sample
-
-
-def _just_misses(evaluation: LoopEquations, cut: float, gap: float) -> bool:
-    """Whether the guess of the file closes to a somewhat larger gap only.
-
-    Another branch may have a smaller one, but the loops are not drawn there.
-    """
-    missed = _sample(evaluation, _guess(evaluation.mechanism), cut, NEARLY * gap)
-    return missed is not None and missed.error > gap
 
 
 def _nearby(
@@ -683,10 +678,10 @@ def _choice(
         choices = list(combinations(range(n), rank))
     else:
         near, through = np.split(jacobians, [len(jacobians) - len(paths[-1])])
-        places = [*through, np.hstack(list(through)), *([np.hstack(list(near))] if len(near)
+        samples = [*through, np.hstack(list(through)), *([np.hstack(list(near))] if len(near)
                                                         else [])]
         choices = sorted({tuple(weighty_rows(weights[:, None] * x, rank).tolist())
-                          for x in places})
+                          for x in samples})
     worths = [_worth(jacobians[:, rows], paths) for rows in choices]
     preferred = set(np.flatnonzero(weights == PREFERRED).tolist())
     best = max(range(len(choices)), key=lambda k: (

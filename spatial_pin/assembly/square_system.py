@@ -152,4 +152,4 @@ class SquareSystem:
     def acceleration(self, q: Array, v: Array, drive: Array) -> Array:
         """Return (nv,) joint accelerations at velocity v for driver accelerations (n_drivers,)."""
         with self._rates(q) as rates:
-            return rates.acceleration(v, drive)
+            return rates.answer(None, drive, v)

@@ -603,7 +603,7 @@ def is_coordinate(mechanism: Mechanism, name: str) -> bool:
 
 
 class Samples:
-    """What has a sample of a mechanism in each row: a Motion, for the rooms below its own."""
+    """Base of Motion: samples of a mechanism, one per row. For the modules below `motion`."""
 
 
 

@@ -104,7 +104,7 @@ def rank_loss(evaluation: LoopEquations, q: Array, rank: int) -> int:
     svd = decompose(jacobian[rows])
     strong = int(np.count_nonzero(svd.s > TOLERANCES.half_precision * svd.s.max(initial=0.0)))
     freedoms = svd.vt[len(rows) :]
-    if strong < len(rows) and not _is_beside_singular(evaluation, q, rows, svd, strong):
+    if strong < len(rows) and not _is_near_singular(evaluation, q, rows, svd, strong):
         steps = np.vstack([freedoms, -freedoms])
         steps *= SOME_WAY / np.abs(steps).max(axis=1, keepdims=True)
         lost = _rank_near(evaluation, q, steps, TOLERANCES.near_singular) - strong
@@ -128,7 +128,7 @@ def rank_loss(evaluation: LoopEquations, q: Array, rank: int) -> int:
     return max(lost, int(step is not None))
 
 
-def _is_beside_singular(
+def _is_near_singular(
     evaluation: LoopEquations, q: Array, rows: NDArray[np.intp], svd: Decomposition, strong: int
 ) -> bool:
     """Whether the weak equations depend on the strong ones at a configuration near q.
@@ -139,11 +139,11 @@ def _is_beside_singular(
     independent.
     """
     model, scale = evaluation.model, evaluation.mechanism.velocity_scale
-    left, right = svd.u[:, strong : len(rows)], svd.vt[strong:]
+    left_null, right_null = svd.u[:, strong : len(rows)], svd.vt[strong:]
 
     def block(step: Array) -> Array:
         evaluation.update(pin.integrate(model, q, scale * step))
-        return (left.T @ evaluation.jacobian[rows] @ right.T).ravel()
+        return (left_null.T @ evaluation.jacobian[rows] @ right_null.T).ravel()
 
     here = block(np.zeros(model.nv))
     changes = [(block(STEP * v) - block(-STEP * v)) / (2.0 * STEP) for v in svd.vt[len(rows) :]]
@@ -224,7 +224,7 @@ def dependence_words(
         return (f"{where}passive {', '.join(map(repr, needless))}: no rotation of the "
                 "body about that line is free as the drivers stand; take the table out")
     if still and decompose(closures).rank < len(closures):
-        return (f"{where}what is held cannot all stand still beside the loops and the base: "
+        return (f"{where}the held coordinates cannot all stand still with the loops and base: "
                 "they move it together; hold less")
     freedom = closures.shape[1] - decompose(closures).rank
     moving = drive @ decompose(closures).null_space.T
@@ -268,8 +268,8 @@ def _nothing_moves(mechanism: Mechanism, still: Sequence[int], names: str) -> st
     """Return why there is no freedom, as text."""
     base = {v for joint in free_bases(mechanism) for v in velocity_entries(mechanism, joint)}
     if set(still) - base:
-        return (f"what is held and the loops leave no freedom, so that {names} cannot move; "
-                "hold less")
+        return (f"the held coordinates and the loops leave no freedom, so that {names} cannot "
+                "move; hold less")
     return (f"{names} cannot move: the loops leave no freedom there (see sp.mobility); "
             f"{locked_loops_hint(mechanism)}{gap_words(mechanism)}")
 

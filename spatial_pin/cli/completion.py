@@ -89,7 +89,7 @@ def _values(words: list[_CommandWords], line: Callable[[str, _Option], str]) -> 
                      for word in words for option in word.options if option.takes_value)
 
 
-def _places(words: list[_CommandWords], first: int, line: Callable[[str, str], str]) -> str:
+def _positions(words: list[_CommandWords], first: int, line: Callable[[str, str], str]) -> str:
     """Return a line for each word after the mechanism; `first` is the number of the first."""
     patterns = {f'"{first} {word.name}")': word.first for word in words} | {
         f'*" {word.name}")': word.rest for word in words}
@@ -108,8 +108,8 @@ def _bash(words: list[_CommandWords], mechanisms: list[str]) -> str:
     values = _values(words, lambda at, option: f'        {at} kind="{option.kind}"; '
                      f'words="{" ".join(option.choices)}"; value=yes ;;')
     flags = "\n".join(f'        {word.name}) words="{word.flags}" ;;' for word in words)
-    places = _places(words, 3, lambda at, kind: f'        {at} kind="{kind}" ;;')
-    return _filled("bash", mechanisms, VALUES=values, FLAGS=flags, PLACES=places,
+    positions = _positions(words, 3, lambda at, kind: f'        {at} kind="{kind}" ;;')
+    return _filled("bash", mechanisms, VALUES=values, FLAGS=flags, PLACES=positions,
                    WORDS=" ".join(word.name for word in words),
                    TAKING="|".join(f'"2 {name}"' for name in taking))
 
@@ -123,8 +123,8 @@ def _zsh(words: list[_CommandWords], mechanisms: list[str]) -> str:
         f"compadd -- {' '.join(option.choices)}; return" if option.choices else
         "_files; return") + " ;;")
     flags = "\n".join(f"            {word.name}) compadd -- {word.flags} ;;" for word in words)
-    places = _places(words, 4, lambda at, kind: f"        {at} kind={kind} ;;")
-    return _filled("zsh", mechanisms, VALUES=values, FLAGS=flags, PLACES=places,
+    positions = _positions(words, 4, lambda at, kind: f"        {at} kind={kind} ;;")
+    return _filled("zsh", mechanisms, VALUES=values, FLAGS=flags, PLACES=positions,
                    COMMANDS=described, TAKING="|".join(f'"3 {name}"' for name in taking))
 
 

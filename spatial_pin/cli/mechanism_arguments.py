@@ -171,8 +171,8 @@ def motion_over(
 ) -> sp.Motion | None:
     """Return the sweep that `--over` asks for, if it does, without a speed.
 
-    After Ctrl-C as far as it was followed; `options.cut_short` says so. What is asked of one
-    configuration is of its rates, or `--hold` is refused there.
+    After Ctrl-C as far as it was followed; `options.cut_short` says so. Of one configuration rates
+    are wanted, or `--hold` is refused there.
     """
     check_held(options, mechanism)
     if options.over is None:

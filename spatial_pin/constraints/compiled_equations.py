@@ -229,7 +229,7 @@ class _EquationBuilder:
         self.other_body_products: list[tuple[int, tuple[int, int]]] = []
         self.implicit: list[ImplicitAngles] = []
         self._roots: dict[ImplicitParameters, int] = {}
-        self._places: dict[int, int] = {}  # of products that occur again
+        self._product_indices: dict[int, int] = {}  # of products that occur again
 
     def terms_of(self, equation: ConstraintEquation, size: float = 1.0) -> tuple[CompiledTerm, ...]:
         """Add the quantities of a sum; return its terms."""
@@ -265,8 +265,8 @@ class _EquationBuilder:
         if isinstance(quantity, Parameter):
             return QuantityIndex("angle", self._implicit(quantity.of) + quantity.which)
         first = len(self.products)
-        if id(quantity) in self._places:
-            return QuantityIndex("product", self._places[id(quantity)])
+        if id(quantity) in self._product_indices:
+            return QuantityIndex("product", self._product_indices[id(quantity)])
         for product in _products_of(quantity):
             if product.frames != FIRST_TWO:
                 self.other_body_products.append((len(self.products), product.frames))
@@ -275,7 +275,7 @@ class _EquationBuilder:
         if not isinstance(quantity, Angle | Bearing):
             root = ROOT if isinstance(quantity, PointDistance) else None
             if isinstance(quantity, Displacement | Cosine):
-                self._places[id(quantity)] = first
+                self._product_indices[id(quantity)] = first
             return QuantityIndex("product", first, root)
         self.angles.append((self._angles_before + len(self.angles), first))
         return QuantityIndex("angle", len(self.angles) - 1)
@@ -303,13 +303,13 @@ def _angles_of(equation: ConstraintEquation) -> list[Angle | Bearing | Parameter
     """Return the angles of an equation, in the order of its terms, parameters once."""
     bare = [x.argument if isinstance(x, FunctionOf) else x
             for _, factors in equation.terms for x in factors]
-    found: list[Angle | Bearing | Parameter] = []
+    angles: list[Angle | Bearing | Parameter] = []
     for x in bare:
         if isinstance(x, Angle | Bearing):
-            found.append(x)
-        elif isinstance(x, Parameter) and x not in found:
-            found += x.of.parameters
-    return found
+            angles.append(x)
+        elif isinstance(x, Parameter) and x not in angles:
+            angles += x.of.parameters
+    return angles
 
 
 def _plain_constant(equation: ConstraintEquation) -> float | None:

@@ -219,7 +219,7 @@ def _sums(
 ) -> list[Any]:
     """Return sums of terms of quantities by kind; functions of these are evaluated once."""
     evaluated: dict[QuantityIndex, Taylor] = {}
-    found = []
+    totals = []
     for terms in of:
         total: Any = 0.0
         for weight, factors in terms:
@@ -230,8 +230,8 @@ def _sums(
                     evaluated[factor] = factor.function(x) if factor.function else x
                 term = evaluated[factor] * term
             total = term + total
-        found.append(total)
-    return found
+        totals.append(total)
+    return totals
 
 
 def implicit_angles(implicit: ImplicitAngles, known: dict[str, list[Taylor]]) -> None:
@@ -328,10 +328,10 @@ def _nearest_roots(
     u, is_root = _roots(implicit, known, starts, ROUGH_STEPS, ROUGH)
     last = np.where(is_root, np.abs(_judged(implicit, known, u)[1]), np.inf)
     best = np.argmin(last, axis=0)[None]
-    found, _ = _roots(implicit, known, np.array([np.take_along_axis(x, best, axis=0)[0]
+    roots, _ = _roots(implicit, known, np.array([np.take_along_axis(x, best, axis=0)[0]
                                                  for x in u]))
     return np.array([low + np.mod(x - low, high - low) if periodic else x for x, (low, high),
-                     periodic in zip(found, implicit.spans, implicit.is_periodic, strict=True)])
+                     periodic in zip(roots, implicit.spans, implicit.is_periodic, strict=True)])
 
 
 def _with_axes_of(x: Array, like: Array) -> Array:

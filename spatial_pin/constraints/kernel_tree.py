@@ -87,7 +87,7 @@ class KernelTree:
     ) -> None:
         self.model, (self._split, self._carriers) = model, split(model)
         self._library, self._tree = library(), TreeArrays(self._split)
-        self._inertias, self._masses = inertias(model), b""  # views: they see what is changed later
+        self._inertias, self._masses = inertias(model), b""  # views: they see later changes
         self._gravity, self.armature = model.gravity.linear, model.armature
         self._create(np.ones(model.nv) if scale is None else scale,
                      np.zeros(model.njoints, bool) if is_core is None else is_core)
@@ -287,13 +287,13 @@ class KernelTree:
         given = [np.ascontiguousarray(x) for x in (q, v, a)]
         given = [x if x.flags.writeable else x.copy() for x in given]
         columns, tau, wrench = np.empty((m, 6, nv)), np.empty((m, nv)), np.empty((m, n, 6))
-        rotations, places = np.empty((m, n, 3, 3)), np.empty((m, n, 3))
+        rotations, positions = np.empty((m, n, 3, 3)), np.empty((m, n, 3))
         task = _TreeTask(m, *map(address, given), address(self.armature), *map(address, (
-            rotations, places, columns)), tau=address(tau), wrench=address(wrench))
+            rotations, positions, columns)), tau=address(tau), wrench=address(wrench))
         self._library.tree_evaluate(self.handle, ctypes.byref(task))
         at, placements = self._carriers, np.empty((m, self.model.njoints, 4, 3))
         np.matmul(self._tree.frames[at], rotations[:, at], out=placements[..., :3, :])
-        placements[..., 3, :] = places[:, at]
+        placements[..., 3, :] = positions[:, at]
         forces = (placements[..., None, :3, :] @ wrench[:, at].reshape(m, -1, 2, 3, 1)).reshape(
             m, -1, 6)
         forces[:, 0] = 0.0
@@ -424,5 +424,6 @@ class KernelTree:
 
         Those of the core are zero.
         """
-        at = address(forces)
-        self._library.tree_accelerations(self.handle, len(forces), at, None, at, None, None)
+        if forces.size:  # or there are no joints
+            at = address(forces)
+            self._library.tree_accelerations(self.handle, len(forces), at, None, at, None, None)

@@ -58,7 +58,10 @@ class TreeMotion:
             tree.update(motion[0])
             tree.move(*motion)
             self.at, columns = tree.placements.copy(), tree.columns.T.copy()
-            self.v, self.a = (self._in_world(x) for x in (tree.twists, tree.accelerations))
+            local = np.stack([tree.twists, tree.accelerations])
+        world = (local.reshape(2, -1, 2, 3) @ self.at[:, :3]).reshape(local.shape)
+        world[..., :3] += cross(self.at[:, 3], world[..., 3:])
+        self.v, self.a = world
         carrier = parents[self.joint_of]
         around = motion_cross(np.stack([
             self.v[carrier], self.a[carrier], self.v[self.joint_of]]))
@@ -66,12 +69,6 @@ class TreeMotion:
         self.turned, self.paced = turned, turned + paced
         self.twice = twice + (around[0] @ turned[..., None])[..., 0]
         self.placements = self.at[self.joints]
-
-    def _in_world(self, local: Array) -> Array:
-        """Return twists (joints, 6) in joint axes in those of the world, about its origin."""
-        world = (local.reshape(-1, 2, 3) @ self.at[:, :3]).reshape(-1, 6)
-        world[:, :3] += cross(self.at[:, 3], world[:, 3:])
-        return world
 
     def to_bodies(self, joints: NDArray[np.intp]) -> Array:
         """Return the matrices (k, 6, 6) that take world twists to the axes of joints (k,)."""

@@ -74,7 +74,7 @@ def followed_both_ways(
     """Return the samples, followed in the order of their values, up and down from the first.
 
     None where the branch ends or crosses another, the tracker at the start again: which samples
-    come before that depends on the order asked for.
+    come before that depends on the requested order.
 
     Args:
         tracker: at the first value.

@@ -12,7 +12,6 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.holding import FixedHold, Hold, divided, fixed_base_entries
@@ -228,39 +227,31 @@ class Branch:
         """Return how far joints move from a point to a parameter value, at the rates there."""
         return abs(value - point.s) * self.pace(point)
 
-    def _path_from(self, q: Array, angles: Array, s: float) -> Path | None:
+    def _path_from(
+        self, q: Array, angles: Array, s: float, may_be_passive: bool = True
+    ) -> Path | None:
         """Return the path that the kernel follows from q; None where it cannot.
 
         Args:
             q: (nq,) closed configuration.
             angles: (n_angles,) of screw closures.
             s: the parameter there, where a law leads.
+            may_be_passive: whether passive freedoms may remain, which then move least.
         """
-        path = self._regular_path(q, angles, s)
-        if path is not None:
-            return path
-        try:  # where passive freedoms are left
+        k, driven = self.kernel, prescribed_indices(self.kernel.nv, self.driven, self.still)
+        polynomials = None if self._law is None else self.leading.polynomials(s, self.still)
+        if 0 <= k.nv - k.n_passive - len(driven) <= k.n_closure:
+            path = Path(k, None, driven, None, self.accuracy, polynomials)
+            if path.start(q, angles):
+                return path
+        if not may_be_passive:
+            return None
+        try:
             system = self.system_at(q, angles)
             system.check_regular(q)
         except SingularError:
             return None
-        return self._kernel_path(system.equations, system.passive, q, angles, s)
-
-    def _regular_path(self, q: Array, angles: Array, s: float) -> Path | None:
-        """Return the path where as many equations are independent as there are unknowns."""
-        k = self.kernel
-        wanted = k.nv - k.n_passive - len(self.driven) - len(self.still)
-        if not 0 <= wanted <= k.n_closure:
-            return None
-        return self._kernel_path(None, None, q, angles, s)
-
-    def _kernel_path(
-        self, chosen: NDArray[np.integer[Any]] | None, fill: Array | None, q: Array,
-        angles: Array, s: float,
-    ) -> Path | None:
-        driven = prescribed_indices(self.kernel.nv, self.driven, self.still)
-        polynomials = None if self._law is None else self.leading.polynomials(s, self.still)
-        path = Path(self.kernel, chosen, driven, fill, self.accuracy, polynomials)
+        path = Path(k, system.equations, driven, system.passive, self.accuracy, polynomials)
         return path if path.start(q, angles) else None
 
 
@@ -308,7 +299,7 @@ class PathTracker(Branch):
         driven, still = usual_prescription(mechanism, names, hold)
         tracker = cls(mechanism, driven, still, accuracy, workspaces, law, begin)
         tracker.state = state
-        tracker._path = tracker._regular_path(state.q, state.angles, begin)
+        tracker._path = tracker._path_from(state.q, state.angles, begin, may_be_passive=False)
         if tracker._path is None:
             driven, kernel = prescribed_at(state, names, hold), tracker.kernel
             still = divided(mechanism, driven, hold)[1]
@@ -351,7 +342,7 @@ class PathTracker(Branch):
         if path is not None:
             samples = tracker._samples = PathSamples.empty(n, k.nq, k.nv, k.n_angles)
             closer.set_task([problem.goal], problem.settings, problem.goal, problem.reference,
-                            further=True)
+                            perturbed=True)
             done = path.from_guess(closer, problem.widest_gap, values,
                                    samples if n == len(values) else samples.between(0, len(values)))
             if done > 0:

@@ -459,9 +459,9 @@ class _Spread:
             moved /= np.abs(moved).max()
             part = [i for i in range(len(names)) if abs(moved[i]) > TOLERANCES.near_singular]
             if len(part) == 1:
-                yield f"{names[part[0]]} has no effect on what was measured"
+                yield f"{names[part[0]]} has no effect on the measurements"
                 continue
             change = sizes * moved
             change /= change[part[0]]
             changes = ", ".join(f"{names[i]} {change[i]:+.4g}" for i in part)
-            yield f"changed together, {changes} have no effect on what was measured"
+            yield f"changed together, {changes} have no effect on the measurements"

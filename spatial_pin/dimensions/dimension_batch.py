@@ -94,9 +94,9 @@ class DimensionNumbers:
             (end, self._offset(name, geometry))
             for name, frame, end in zip(self._points, self._frames, self._end, strict=True)
             if frame in geometry.frames or name.removesuffix(".com") in geometry.levers]
-        places, values = zip(*blocks, strict=True) if blocks else ((), ())
+        indices, values = zip(*blocks, strict=True) if blocks else ((), ())
         every = [np.broadcast_to(x, (len(geometry.holds), x.shape[1])) for x in values]
-        return Numbers(self.base, np.concatenate([np.empty(0, np.int64), *places]),
+        return Numbers(self.base, np.concatenate([np.empty(0, np.int64), *indices]),
                        np.concatenate([np.empty((len(geometry.holds), 0)), *every], axis=1))
 
     def placed(self, geometry: TracedGeometry) -> TracedGeometry:
@@ -138,7 +138,7 @@ class DimensionNumbers:
     def _vector_blocks(self, geometry: TracedGeometry) -> Iterator[Block]:
         """Yield the vectors of closure equations and the axes of idle rotations."""
         model, local = self._mechanism.model, self._packed.parts().local
-        places, fixed_in = self._packed.indices().local, self._packed.fixed_in.tolist()
+        indices, fixed_in = self._packed.indices().local, self._packed.fixed_in.tolist()
 
         def on_body(joint: int, frame: int) -> Array:  # as `point_on_body`
             own = model.frames[frame].parentJoint
@@ -153,11 +153,11 @@ class DimensionNumbers:
                 joint = self._mechanism.frame_on_joint(passive.body)[0]
                 a, b = (on_body(joint, self._mechanism.frame_id(name)) for name in passive.axis)
                 axis = (b - a) / np.linalg.norm(b - a, axis=1, keepdims=True)
-                yield places[k], axis @ self._turned(joint)
+                yield indices[k], axis @ self._turned(joint)
             elif frame in geometry.frames:
                 pose, own = geometry.frames[frame], self._turned(model.frames[frame].parentJoint)
                 fixed = model.frames[frame].placement.rotation.T @ own @ local[k]
-                yield places[k], (pose.translation if is_point else pose.rotation @ fixed) @ own
+                yield indices[k], (pose.translation if is_point else pose.rotation @ fixed) @ own
 
     def _turned(self, joint: int) -> Array:
         """Return the axes of the kernel's joint (3, 3) in those of the joint of the model."""
@@ -224,10 +224,10 @@ class DimensionBatch(NamedTuple):
 
     def taken(self, k: NDArray[np.intp]) -> DimensionBatch:
         """Return a selection (n,), with repetitions if wanted."""
-        base, places, varied_numbers = self.numbers
+        base, indices, varied_numbers = self.numbers
         frames = {i: PlacementBatch(*(x[k] if len(x) > 1 else x for x in pose))
                   for i, pose in self.frames.items()}
-        return DimensionBatch(self.holds[k], Numbers(base, places, varied_numbers[k]), frames)
+        return DimensionBatch(self.holds[k], Numbers(base, indices, varied_numbers[k]), frames)
 
 
 class EvaluatedBatch(NamedTuple):

@@ -151,7 +151,7 @@ def read_measurements(
     for i, (read, measured) in enumerate(poses, start=1):
         where = f"measurement {i}"
         drivers.append(_drivers(mechanism, mapping(read, f"the drivers of {where}"), where))
-        if not mapping(measured, f"what was measured in {where}"):
+        if not mapping(measured, f"the measured values in {where}"):
             raise ValueError(f"{where}: nothing was measured there")
         targets = [part for t in read_targets(mechanism, measured) for part in _parts(t, where)]
         quantities.append([MeasuredQuantity.of(mechanism, t, given) for t in targets])

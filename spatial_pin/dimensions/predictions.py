@@ -184,6 +184,7 @@ class Predictions:
             (length if UNITS[q.kind] == "m" else 1.0) / q.sigma
             for some in quantities for q in some for _ in q.labels()]))
         self._base = slice(len(sizes) - 6, len(sizes))
+        self._misread = slice(len(sizes), None)  # reading errors of encoders [sigma], too small
 
     def at(self, x: Array) -> FittedState:
         """Return the mechanism at values of the unknowns, closed at every pose."""
@@ -200,13 +201,9 @@ class Predictions:
         offsets = self.offsets_at(x)
         held = [{name: value + offsets.get(name, 0.0) for name, value in read.items()}
                  for read in self._drivers]
-        for encoder, off in zip(self.unknowns.encoders, self._misread(x), strict=True):
+        for encoder, off in zip(self.unknowns.encoders, x[self._misread], strict=True):
             held[encoder.pose][encoder.coordinate] += encoder.sigma * off
         return held
-
-    def _misread(self, x: Array) -> Array:
-        """Return the reading errors of encoders [sigma], reading too small."""
-        return x[len(x) - len(self.unknowns.encoders) :]
 
     def dimensions_at(self, x: Array) -> dict[str, float]:
         """Return the dimensions at values of the unknowns."""
@@ -241,7 +238,7 @@ class Predictions:
                 evaluation.update(state.q)
                 parts += [q.error(evaluation, here.base)[0] for q in quantities]
         errors = np.concatenate(parts)
-        return np.concatenate([errors / self.sigmas[: len(errors)], self._misread(x)])
+        return np.concatenate([errors / self.sigmas[: len(errors)], x[self._misread]])
 
     def jacobian(self, x: Array) -> Array:
         """Return the derivatives (m, n) of `errors` for x; raises as `slopes`."""

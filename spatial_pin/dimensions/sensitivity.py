@@ -39,6 +39,8 @@ from spatial_pin.rates.prescribed import Prescription, driven_coordinates, facto
 DIFFERENCE = 2e-3
 EIGHTH = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
 AROUND = (1, -1, 2, -2, 3, -3, 4, -4)  # steps at which outputs are evaluated
+SLOPE = np.array([np.sign(k) * EIGHTH[abs(k)] for k in AROUND])  # weights, for a step of one
+SHORTER = (1.0, 1.0 / 8.0, 1.0 / 64.0, 1.0 / 512.0)  # steps, where the branch ends within one
 SIXTH = {1: 3 / 4, 2: -3 / 20, 3: 1 / 60}
 CONFIGURATION_ERROR = 4e-15  # of a well-conditioned one, for the error estimate: 18 epsilon
 
@@ -208,8 +210,7 @@ class _Around:
         self._made: dict[tuple[str, float], list[Mechanism]] = {}  # for all states
         self._samples = VariedSamples.of(mechanism, names, outputs)
         own = np.array([mechanism.dimensions[name] for name in names])
-        sizes = np.where(own != 0.0, np.abs(own), mechanism.characteristic_length)
-        self._steps = DIFFERENCE * sizes
+        self._steps = difference_steps(mechanism, own)
         offsets = np.kron(np.diag(self._steps), np.array(AROUND, float))  # dimension by dimension
         self._geometry = self._samples.geometry(own[:, None] + offsets) if self._samples else None
 
@@ -250,7 +251,7 @@ class _Around:
         """
         name, first = self._names[i], None
         value = self._mechanism.dimensions[name]
-        for h in self._steps[i] / np.array([1.0, 8.0, 64.0, 512.0]):
+        for h in self._steps[i] * np.array(SHORTER):
             try:
                 if (name, h) not in self._made:
                     self._made[name, h] = self._variants.several(
@@ -262,6 +263,12 @@ class _Around:
                 first = first or error
         assert first is not None
         raise first
+
+
+def difference_steps(mechanism: Mechanism, own: Array) -> Array:
+    """Return the steps (n,) of differences for dimensions with the values (n,)."""
+    steps: Array = DIFFERENCE * np.where(own != 0.0, np.abs(own), mechanism.characteristic_length)
+    return steps
 
 
 def within_half_turn(values: Array, own: Any, unit: str) -> Array:
@@ -325,10 +332,11 @@ def with_spread(value: Any, deviation: Any, unit: str = "") -> str:
     elif deviation <= TOLERANCES.round_off * abs(value):
         text = f"{value:.12g} ± 0"
     elif 1e-4 <= size < 1e6 and deviation > 1e-9:
-        places = max(1 - int(np.floor(np.log10(deviation))), 0)
-        text = f"{value:.{places}f} ± {deviation:.{places}f}"
+        decimals = max(1 - int(np.floor(np.log10(deviation))), 0)
+        text = f"{value:.{decimals}f} ± {deviation:.{decimals}f}"
     else:
         power = int(np.floor(np.log10(size)))
-        places = max(1 - int(np.floor(np.log10(deviation))) + power, 0)
-        text = f"({value / 10.0**power:.{places}f} ± {deviation / 10.0**power:.{places}f})e{power}"
+        decimals = max(1 - int(np.floor(np.log10(deviation))) + power, 0)
+        value, deviation = value / 10.0**power, deviation / 10.0**power
+        text = f"({value:.{decimals}f} ± {deviation:.{decimals}f})e{power}"
     return f"{text} {unit.removeprefix('1')}".rstrip()

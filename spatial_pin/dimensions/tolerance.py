@@ -160,8 +160,8 @@ def tolerance(
     characteristic lengths are solved again in 4 and then 16 steps of their dimensions. A sample is
     made from the file and followed by itself if that fails, if the determinant of the loops has
     fallen below a fiftieth, or if an `if` or `max` of the file decides otherwise at its dimensions.
-    All samples are solved so if the file rounds or prints what follows from a dimension, if the
-    state is almost singular, and for jerks, transmission angles and limits. Results agree to
+    All samples are solved so if the file rounds or prints a number that depends on a dimension, if
+    the state is almost singular, and for jerks, transmission angles and limits. Results agree to
     round-off.
 
     Args:

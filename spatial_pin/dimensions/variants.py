@@ -200,18 +200,18 @@ class _Words(NamedTuple):
     """Numbers of an attribute."""
 
     values: Array  # (k,) at nominal dimensions
-    places: NDArray[np.intp]  # (k,) index of each among the traced numbers, -1 for a constant
+    indices: NDArray[np.intp]  # (k,) index of each among the traced numbers, -1 for a constant
 
     def at(self, numbers: Array) -> Array:
         """Return the numbers (m or 1, k) from traced numbers (n, m)."""
         if not self.vary:
             return self.values[None]
-        return np.where(self.places >= 0, numbers[self.places].T, self.values)
+        return np.where(self.indices >= 0, numbers[self.indices].T, self.values)
 
     @property
     def vary(self) -> bool:
         """Whether one of them depends on dimensions."""
-        return bool(np.any(self.places >= 0))
+        return bool(np.any(self.indices >= 0))
 
 
 class TracedText:
@@ -228,11 +228,11 @@ class TracedText:
                 m.content, self.dimensions):
             raise _Untraced
         text, self._tape = traced(file, m.parameters, self.dimensions, m.trusted, m.packages)
-        self._mechanism, self._places = mechanism, [0]
+        self._mechanism, self._tape_rows = mechanism, [0]
         self._origins: dict[str, tuple[_Words, _Words]] = {}
         self._axes: dict[int, _Words] = {}
         self._levers: dict[str, _Words] = {}
-        self._inertial_places = [0]
+        self._inertial_tape_rows = [0]
         self._inertials: dict[str, tuple[ET.Element, list[tuple[int, str, _Words]]]] = {}
         self._limits: dict[str, list[_Words]] = {}
         self._pieces = self._tape.pieces(text)
@@ -258,7 +258,7 @@ class TracedText:
             if name in self._mechanism.content.get("masses", ()):
                 return True  # that of the mechanism file counts
             self._inertials[name] = part, [
-                (i, key, self._words(element, key, self._inertial_places))
+                (i, key, self._words(element, key, self._inertial_tape_rows))
                 for i, element in enumerate(part.iter()) for key in element.attrib]
             origin = part.find("origin")
             if origin is not None:
@@ -283,15 +283,15 @@ class TracedText:
         self._axes[i] = words
 
     def _words(self, element: ET.Element, key: str, at: list[int] | None = None) -> _Words:
-        known = self._places if at is None else at
+        known = self._tape_rows if at is None else at
         words = element.get(key, "0 0 0" if key in ("xyz", "rpy") else "0").split()
-        values, places = [], []
+        values, indices = [], []
         for word in words:
             number = self._tape.read(word)
             values.append(float(word if number is None else number))
-            places.append(-1 if number is None else len(known))
+            indices.append(-1 if number is None else len(known))
             known += [] if number is None else [number.row]
-        return _Words(np.array(values), np.array(places, dtype=np.intp))
+        return _Words(np.array(values), np.array(indices, dtype=np.intp))
 
 
 class TracedTree(TracedText):
@@ -332,8 +332,8 @@ class TracedTree(TracedText):
 
     def at(self, given: Array, with_masses: bool = False) -> TracedGeometry:
         """Return the geometry at dimensions (k, m), in the order of `dimensions`."""
-        n, heavy = len(self._places), self._inertial_places if with_masses else []
-        numbers, holds = self._tape.at(np.asarray(given, np.float64), [*self._places, *heavy])
+        n, heavy = len(self._tape_rows), self._inertial_tape_rows if with_masses else []
+        numbers, holds = self._tape.at(np.asarray(given, np.float64), [*self._tape_rows, *heavy])
         numbers, inertials = numbers[:n], numbers[n:]
         model, limits = self._mechanism.model, dict[tuple[str, int], Array]()
         for name, ends in self._limits.items():
@@ -358,9 +358,9 @@ class TracedTree(TracedText):
         """
         if self._pieces is None or not dimensions.keys() <= self.dimensions.keys():
             return None
-        between, places = self._pieces
+        between, rows = self._pieces
         given = np.array([[dimensions.get(name, x)] for name, x in self.dimensions.items()])
-        numbers, holds = self._tape.at(given, places)
+        numbers, holds = self._tape.at(given, rows)
         if not holds[0]:
             return None
         words = [repr(x) for x in numbers[:, 0].tolist()]
@@ -402,7 +402,7 @@ class TracedTree(TracedText):
         In the links' frames, from traced numbers (k, m); those that depend on no dimension are left
         out.
         """
-        found = {}
+        inertias = {}
         for name, (inertial, words) in self._inertials.items():
             if not any(x.vary for *_, x in words):
                 continue
@@ -418,10 +418,10 @@ class TracedTree(TracedText):
             about = turn @ inertia @ turn.transpose(0, 2, 1) + mass[:, None, None] * (
                 np.sum(xyz * xyz, axis=1)[:, None, None] * np.eye(3)
                 - xyz[:, :, None] * xyz[:, None])
-            found[name] = np.column_stack([
+            inertias[name] = np.column_stack([
                 np.broadcast_to(mass, m), mass[:, None] * np.broadcast_to(xyz, (m, 3)),
                 *(about[:, i, j] for i, j in SYMMETRIC.values())])
-        return found
+        return inertias
 
     def mechanism_at(
         self, dimensions: Mapping[str, float], geometry: TracedGeometry, k: int

@@ -202,10 +202,10 @@ class Bushing(NamedTuple):
 
 def bushing_matrix(numbers: object) -> Array:
     """Return a stiffness or damping of a bushing as a matrix: six numbers are its diagonal."""
-    found = np.array(numbers, float)
-    if found.ndim == 0:
-        return np.diag(np.full(6, float(found))) if found else np.zeros((6, 6))
-    return np.diag(found) if found.ndim == 1 else found
+    matrix = np.array(numbers, float)
+    if matrix.ndim == 0:
+        return np.diag(np.full(6, float(matrix))) if matrix else np.zeros((6, 6))
+    return np.diag(matrix) if matrix.ndim == 1 else matrix
 
 
 def angle_over_sine(cosine: float) -> tuple[float, float, float]:

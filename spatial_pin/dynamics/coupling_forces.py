@@ -60,6 +60,13 @@ class ForceLine(NamedTuple):
             size = np.maximum(np.maximum(self.pretension + 0.5 * size, size), 0.0)
         return size[..., None] * self.along + np.abs(size)[..., None] * self.aside
 
+    def slope(self, multiplier: float) -> Array:
+        """Return the derivative (3,) of `force` with respect to the multiplier."""
+        size, by = self.by_multiplier * multiplier, self.by_multiplier
+        if self.pretension is not None:  # a slack strand takes nothing, the other one all
+            by *= 0.5 if abs(size) < 2.0 * self.pretension else float(size > 0.0)
+        return by * (self.along + np.sign(size) * self.aside)
+
 
 class CouplingForce(NamedTuple):
     """The force of a coupling on the bodies of its first and last joint.
@@ -86,7 +93,7 @@ class CouplingForce(NamedTuple):
         """Return its effort at its last joint (...) [N·m or N]."""
         return multipliers[..., self.at] * self.row[self.last]
 
-    def place(self, placements: Array) -> Array:
+    def pose_of(self, placements: Array) -> Array:
         """Return where its reaction is about (..., 3): a point on its first line."""
         at = placements[..., self.carrier, :, :]
         return self.lines[0].point @ at[..., :3, :] + at[..., 3, :]
@@ -115,7 +122,7 @@ def coupling_forces(mechanism: Mechanism) -> list[CouplingForce]:
     Raises:
         MechanismFileError: a pitch point or strand is not where its joints would roll or pull.
     """
-    constraints, found = constraints_of(mechanism), []
+    constraints, forces = constraints_of(mechanism), []
     for closure in mechanism.closures:
         if closure.frames or not closure.joints:
             continue
@@ -127,16 +134,16 @@ def coupling_forces(mechanism: Mechanism) -> list[CouplingForce]:
         first, last = (mechanism.joint_id(mechanism.coordinate(closure.joints[k]).joint)
                        for k in (0, -1))
         path = closure.acts_at
-        carrier, place = int(mechanism.model.parents[first]), pin.SE3.Identity()
+        carrier, placement = int(mechanism.model.parents[first]), pin.SE3.Identity()
         if not carrier:
-            place.translation = -mechanism.centre
+            placement.translation = -mechanism.centre
         if path is not None and path.frame:
-            carrier, place = mechanism.centred_frame(path.frame)
-        found.append(CouplingForce(closure.name, at, row, (first, last),
+            carrier, placement = mechanism.centred_frame(path.frame)
+        forces.append(CouplingForce(closure.name, at, row, (first, last),
                                    mechanism.coordinate(closure.joints[-1]).v, carrier, (
             () if path is None else tuple(_lines(mechanism, closure, path, row, (first, last),
-                                                 (carrier, place))))))
-    return found
+                                                 (carrier, placement))))))
+    return forces
 
 
 def _lines(
@@ -144,12 +151,12 @@ def _lines(
     bodies: tuple[int, int], carried: tuple[int, pin.SE3],
 ) -> list[ForceLine]:
     """Return the lines of force of teeth or strands, in the axes of the joint that carries them."""
-    model, (carrier, place) = mechanism.centred_model, carried
+    model, (carrier, placement) = mechanism.centred_model, carried
     data = model.createData()
     columns = pin.computeJointJacobians(model, data, mechanism.neutral)
     where = f"mechanism {mechanism.name!r}: closure {closure.name!r}"
     supports = constraints_of(mechanism).supports
-    to_world = data.oMi[carrier] * place
+    to_world = data.oMi[carrier] * placement
     own = [mechanism.coordinate(name).v for name in closure.joints]
     rows = np.vstack([row[own], *((columns * supports[carrier])[:, own])])
     free = decompose(rows).null_space

@@ -161,10 +161,10 @@ class Equilibria(Tabular, list[Equilibrium]):
     """
 
     def __init__(
-        self, found: Iterable[Equilibrium] = (), *, starts: int = 0, counts: Sequence[int] = (),
+        self, poses: Iterable[Equilibrium] = (), *, starts: int = 0, counts: Sequence[int] = (),
         is_whole: bool = True,
     ) -> None:
-        super().__init__(found)
+        super().__init__(poses)
         self.starts, self.counts, self.is_whole = starts, tuple(counts), is_whole
         self.reached, self.missing = sum(counts), missing_by(counts)
 
@@ -323,7 +323,7 @@ def equilibria(
         SpatialPinError: no start has led to a pose at rest.
         AssemblyError: the guess cannot be closed.
         UnknownNameError: a name does not exist.
-        Interrupted: after Ctrl-C; `.result` holds what was found.
+        Interrupted: after Ctrl-C; `.result` has the poses until then.
         ValueError: starts is no whole number of at least 1.
 
     Example:
@@ -582,7 +582,7 @@ def vibrations(
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """Return the eigenvalues (2n,) [1/s] of M y'' + C y' + K y = 0, and their forms (2n, n).
 
-    What has no mass has fewer.
+    Motions without mass have no frequency, so there may be fewer.
     """
     from scipy.linalg import eig  # on use: it takes a tenth of a second
 

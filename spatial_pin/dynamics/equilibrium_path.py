@@ -201,11 +201,11 @@ class LoadPath:
         """Return the point at a pose at rest, its tangent continued from `along` (nv + 1,)."""
         matrix, freedoms = self._bordered(at, along)
         balanced, before = decompose(matrix[:-1], NEUTRAL).null_space, matrix[-1]
-        found = balanced.T @ (balanced @ before)
-        if np.abs(found).max() <= TOLERANCES.half_precision * np.abs(before).max():
-            found = balanced[0]  # nothing is stiff: the loads move it as they push
-            found = found * np.sign(-matrix[:-1, -1] @ found[:-1] * before[-1] or 1.0)
-        tangent = np.append(found[:-1] @ freedoms, found[-1])
+        direction = balanced.T @ (balanced @ before)
+        if np.abs(direction).max() <= TOLERANCES.half_precision * np.abs(before).max():
+            direction = balanced[0]  # nothing is stiff: the loads move it as they push
+            direction = direction * np.sign(-matrix[:-1, -1] @ direction[:-1] * before[-1] or 1.0)
+        tangent = np.append(direction[:-1] @ freedoms, direction[-1])
         reduced = at.orthonormal
         values, modes = np.linalg.eigh(0.5 * (reduced.stiffness + reduced.stiffness.T))
         return LoadPoint(at.state, factor, tangent / np.linalg.norm(tangent), values,
@@ -300,13 +300,14 @@ class LoadPath:
         """Whether a path passes a pose again between two points, in the sense that it had there."""
         if origin.tangent @ before.tangent < BENT:
             return False
-        length = float(self._way(before, origin) @ before.tangent)
-        if not 0.0 <= length <= float(self._way(before, after) @ before.tangent):
+        length = float(self._displacement(before, origin) @ before.tangent)
+        if not 0.0 <= length <= float(self._displacement(before, after) @ before.tangent):
             return False
         there = self.corrected(before, before.tangent, length, before.tangent)
-        return there is not None and float(np.abs(self._way(there, origin)).max()) < AT_ORIGIN
+        return there is not None and float(
+            np.abs(self._displacement(there, origin)).max()) < AT_ORIGIN
 
-    def _way(self, start: LoadPoint, end: LoadPoint) -> Array:
+    def _displacement(self, start: LoadPoint, end: LoadPoint) -> Array:
         """Return how far (nv + 1,) one point is from another, whole turns of angles apart."""
         return np.append(turn_free_difference(self.mechanism, start.state.q, end.state.q),
                          (end.factor - start.factor) / self.unit)
@@ -319,7 +320,7 @@ class LoadPath:
         if not turns and before.negatives == after.negatives:
             return None
         which = min(before.negatives, after.negatives)
-        whole = float(before.tangent @ self._way(before, after))
+        whole = float(before.tangent @ self._displacement(before, after))
 
         def at(part: float) -> LoadPoint:
             point = self.corrected(before, before.tangent, part * whole, before.tangent)

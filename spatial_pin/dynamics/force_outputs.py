@@ -34,10 +34,10 @@ def output(loads: Kinetostatics, spec: str) -> Output:
     whole, k = component(spec)
     if k is not None and is_force(spec):
         return component_of(output(loads, whole), k)
-    found = (_effort(loads.motion, spec, loads.efforts) or _power(loads, spec)
+    values = (_effort(loads.motion, spec, loads.efforts) or _power(loads, spec)
              or _wrench(loads, spec))
-    if found is not None:
-        return found
+    if values is not None:
+        return values
     if is_force(spec):
         raise UnknownNameError("force", spec, names(loads),
                                f"loads of mechanism {loads.motion.mechanism.name!r}: ")
@@ -99,15 +99,15 @@ def with_force_values(
         UnknownNameError: there is no such force.
         SpatialPinError: the loads cannot be worked out.
     """
-    found: list[str | Output] = []
+    expanded: list[str | Output] = []
     for name in outputs:
         is_own = (isinstance(motion, Simulation) and name.endswith(".effort")
                   and _effort(motion, name, motion.efforts) is not None)
         if is_force(name) and not is_own:
-            found += output(loads(), name).parts()
+            expanded += output(loads(), name).parts()
         else:
-            found.append(name)
-    return found
+            expanded.append(name)
+    return expanded
 
 
 def _own_name(mechanism: Mechanism, name: str, efforts: Mapping[str, Array]) -> str | None:
@@ -162,9 +162,9 @@ def output_of_simulation(motion: Simulation, spec: str) -> Output:
     if spec in ENERGIES and spec not in motion.mechanism.coordinate_table:
         return Output(getattr(motion, spec), spec, "J")
     if spec.endswith(".effort"):
-        found = _effort(motion, spec, motion.efforts)
-        if found is not None:
-            return found
+        values = _effort(motion, spec, motion.efforts)
+        if values is not None:
+            return values
     return output_of_motion(motion, spec)
 
 
@@ -172,8 +172,8 @@ def quantities_of_simulation(
     motion: Simulation, outputs: str | Iterable[str] | None = None
 ) -> dict[str, Quantity]:
     """Return the quantities of a motion; without names, energies and efforts too."""
-    found = quantities_of_motion(motion, outputs)
+    quantities = quantities_of_motion(motion, outputs)
     if outputs is not None:
-        return found
+        return quantities
     forces = [*ENERGIES, *(f"{name}.effort" for name in motion.efforts)]
-    return {**found, **named(output_of_simulation(motion, name) for name in forces)}
+    return {**quantities, **named(output_of_simulation(motion, name) for name in forces)}

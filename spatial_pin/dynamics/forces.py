@@ -242,8 +242,8 @@ def at_state(external: Any) -> Mapping[str, pin.Force] | None:
         TypeError: they are a function, as only a Motion takes.
     """
     if callable(external):
-        raise TypeError("external is a function, which takes a Motion; of a State give a mapping "
-                        "of forces by frame")
+        raise TypeError("external is a function, which needs a Motion; for a State give a mapping "
+                        "from frames to forces")
     forces: Mapping[str, pin.Force] | None = external
     return forces
 

@@ -52,7 +52,7 @@ def forward_dynamics(
 
     Args:
         mechanism: the mechanism.
-        state: configuration and velocity; or a Motion of N samples, all of which are solved.
+        state: configuration and velocity; or a Motion, for all its N samples.
         efforts: by driver, joint or coordinate [N·m about it, N along it]; over a Motion each may
             be an array (N,).
         external: by link, frame or joint, the force on it at its origin, world axes; over a Motion

@@ -175,11 +175,11 @@ def balance(equations: Equations, actuation: Actuation) -> tuple[Array, Array, A
     """
     a, kkt, state = equations.state.a, equations.limbs.kkt, equations.state
     if not equations.is_rounded:
-        found = kkt.efforts_of(
+        solution = kkt.efforts_of(
             state.q, state.v, a, equations.angle_reference, equations.given, actuation.columns)
-        if found is not None:
+        if solution is not None:
             equations.check_rank(kkt.rank)
-            return found, a, kkt.closures.copy()
+            return solution, a, kkt.closures.copy()
         beside = _beside_idle_rotations(equations, actuation)
         if beside is not None:
             return beside

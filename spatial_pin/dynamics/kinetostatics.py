@@ -99,10 +99,9 @@ class Kinetostatics(_Loads, Tabular):
     def output(self, spec: str) -> Output:
         """Return a quantity by its name, all that `Motion.output` returns, and forces.
 
-        `NAME` or `NAME.effort` and `NAME.power` of what has an effort: a driver, its joint, or an
-        actuated coordinate; `PAIR.reaction` (N, 6), force then moment, or `PAIR.reaction.force`
-        and `PAIR.reaction.moment` of a pair; `on_ground`, `on_ground.force` and
-        `on_ground.moment`.
+        `NAME` or `NAME.effort` and `NAME.power` of a driver, its joint, or an actuated coordinate;
+        `PAIR.reaction` (N, 6) of a pair, force then moment, or its parts `PAIR.reaction.force` and
+        `PAIR.reaction.moment`; `on_ground`, `on_ground.force` and `on_ground.moment`.
 
         Raises:
             UnknownNameError: there is no such force, nor such a quantity of the motion.
@@ -259,16 +258,16 @@ def kinetostatics(
         for piece in samples.pieces():
             at = piece.at
             if samples.is_together:
-                found = equations.limbs.kkt.of_many(
+                solution = equations.limbs.kkt.of_many(
                     piece.q, piece.v, piece.angles, piece.given, samples.given_a[at], columns)
-                if not found.facts[:, FAILED].any():
-                    samples.efforts[at] = found.efforts
-                    joints = np.zeros_like(found.a)
-                    joints[:, columns] = found.efforts
-                    samples.take_piece(piece, joints, samples.given_a[at], found)
+                if not solution.facts[:, FAILED].any():
+                    samples.efforts[at] = solution.efforts
+                    joints = np.zeros_like(solution.a)
+                    joints[:, columns] = solution.efforts
+                    samples.take_piece(piece, joints, samples.given_a[at], solution)
                     continue
             for k in range(at.start, at.stop):
-                samples.place(k)
+                samples.set_sample(k)
                 samples.efforts[k], a, closures = balance(equations, actuation)
                 internal = internal_efforts(equations, actuation)
                 samples.take(k, actuation.generalised(samples.efforts[k], len(a)), a, closures,
@@ -315,8 +314,8 @@ def inverse_dynamics(
 
     Args:
         mechanism: the mechanism.
-        state: configuration, velocity and acceleration, from `solve_rates`; or a Motion, of which
-            all samples are solved (`kinetostatics`).
+        state: configuration, velocity and acceleration, from `solve_rates`; or a Motion, for
+            all its samples (`kinetostatics`).
         actuated: drivers, joints or coordinates that have efforts, by default all drivers; with
             weights (a mapping), the sum of weight * effort² is least.
         external: by link, frame or joint, the force on it at its origin, world axes; over a Motion
@@ -421,15 +420,15 @@ def loads_over(
              for (name, x), rate in zip(efforts.items(), rates, strict=True)}
     unique: dict[str, NDArray[np.bool_]] = {
         name: samples.unique[:, k] for k, name in enumerate(names)}
-    found = Kinetostatics(
+    result = Kinetostatics(
         motion, read_only(samples.a), efforts, power,
         {name: read_only(samples.reactions[:, k].copy()) for k, name in enumerate(names)},
         read_only(samples.on_ground), read_only(samples.multipliers),
         {name: np.logical_and.reduce(each, axis=1) for name, each in unique.items()}, unique,
         _beyond_limits(motion, columns, samples.efforts), _lift_offs(motion, samples.multipliers))
     if is_cut:
-        raise Interrupted(motion, found)
-    return found
+        raise Interrupted(motion, result)
+    return result
 
 
 def _lift_offs(motion: Motion, multipliers: Array) -> tuple[Event, ...]:

@@ -368,7 +368,7 @@ def compliance(
     Args:
         mechanism: the mechanism.
         state: the pose at rest, from `equilibrium`, with the same `hold` and forces.
-        frame: link, frame or joint; what is joined to it gives way by its springs and weights.
+        frame: link, frame or joint; joined bodies give way by their springs and weights.
         hold: names of joints, coordinates or drivers that stand still; "base" for a free base.
         efforts: as for `equilibrium`, as are external and laws.
         external: see `efforts`.

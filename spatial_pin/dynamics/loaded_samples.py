@@ -42,7 +42,7 @@ class SampleBlock(NamedTuple):
     """Samples that are solved together, and the forces that act on them besides efforts.
 
     Attributes:
-        at: of which samples of the motion.
+        at: numbers of the samples of the motion.
         q, v, angles: (k, ...) configurations, joint velocities, angles of screws.
         given: (k, nv) joint forces of springs, resistance and forces from outside.
         turning: (k, nv) those of springs about joints and of resistance.
@@ -62,7 +62,7 @@ class LoadedSamples:
     """Samples of a motion under forces, with the reactions that these cause.
 
     Args:
-        mechanism: of which the motion is, as the user loaded it.
+        mechanism: the mechanism of the motion, as the user loaded it.
         motion: the motion.
         equations: of its mechanism.
         bearing: of all equations of the file.
@@ -100,7 +100,7 @@ class LoadedSamples:
             bearing is equations and not equations.is_large
             and not len(equations.constraints.of_joints))
 
-    def place(self, k: int) -> None:
+    def set_sample(self, k: int) -> None:
         """Move the equations to sample k, under its forces."""
         self.at, state = k, moving_in_time(self.mechanism, self.motion.state(k))
         external = self._external(k, state) if self._external else None
@@ -111,7 +111,7 @@ class LoadedSamples:
         """Yield pieces of the samples, with the forces that act on them."""
         equations, motion, n = self.equations, self.motion, len(self.motion)
         if n:
-            self.place(0)
+            self.set_sample(0)
         springs = equations.springs
         on_bodies = bool(self._external or springs.lines or springs.bushings)
         for first in range(0, n, PIECE):
@@ -125,7 +125,7 @@ class LoadedSamples:
             if self.is_together and on_bodies:
                 given = turning.copy()
                 for row in range(k):
-                    self.place(first + row)
+                    self.set_sample(first + row)
                     given[row] = equations.given
                     wrenches[row] = equations.pairs.summed(equations.wrenches)
             angles = motion.angles[at] if motion.angles.size else np.zeros((k, 0))
@@ -162,7 +162,7 @@ class LoadedSamples:
         self.done = k + 1
 
     def take_piece(
-        self, piece: SampleBlock, at_joints: Array, a: Array, found: Accelerated
+        self, piece: SampleBlock, at_joints: Array, a: Array, solution: Accelerated
     ) -> None:
         """Take a piece of samples that was solved together.
 
@@ -170,20 +170,20 @@ class LoadedSamples:
             piece: the piece.
             at_joints: (k, nv) efforts at joints.
             a: (k, nv) accelerations.
-            found: what bears them.
+            solution: accelerations and multipliers under these forces.
 
         Raises:
             SingularError: the loops have lost rank at a sample.
         """
         equations, at = self.equations, piece.at
-        ranks, n = found.facts[:, RANK].astype(int), equations.n_closure
+        ranks, n = solution.facts[:, RANK].astype(int), equations.n_closure
         for k, rank in enumerate(ranks.tolist()):
             if not equations.keeps_rank(rank, piece.q[k]):
-                self.place(at.start + k)
+                self.set_sample(at.start + k)
                 equations.check_rank(rank)
         has_redundant = bool(n) and ranks.min() < n
-        poses = self._bear(piece, at_joints, a, found.closures,
-                           None if has_redundant else found.multipliers)
+        poses = self._bear(piece, at_joints, a, solution.closures,
+                           None if has_redundant else solution.multipliers)
         if equations.pairs.coupled or has_redundant:
             self._mark(piece, poses)
 
@@ -198,7 +198,7 @@ class LoadedSamples:
                 self.unique[at, pair] = each
             return
         for k in range(at.start, at.stop):
-            self.place(k)
+            self.set_sample(k)
             self.unique[k] = list(equations.unique().values())
             self.done = k + 1
 
@@ -249,14 +249,14 @@ def accelerate(samples: LoadedSamples, efforts: Array) -> None:
     for piece in samples.pieces():
         at = piece.at
         if samples.is_together:
-            found = equations.limbs.kkt.of_many(
+            solution = equations.limbs.kkt.of_many(
                 piece.q, piece.v, piece.angles, piece.given + efforts[at])
-            facts = found.facts
+            facts = solution.facts
             if not facts[:, FAILED].any() and np.all(facts[:, ERROR] <= DOUBTFUL):
-                samples.take_piece(piece, efforts[at], found.a, found)
+                samples.take_piece(piece, efforts[at], solution.a, solution)
                 continue
         for k in range(at.start, at.stop):
-            samples.place(k)
+            samples.set_sample(k)
             a, closures, _ = equations.solve(efforts[k] + equations.given)
             samples.take(k, efforts[k], a, closures)
 

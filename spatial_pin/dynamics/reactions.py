@@ -149,7 +149,7 @@ class Pairs:
         for name, rows, (_, body), point in self.closed:
             by_pair[name] = _moved(_borne(poses.rows, multipliers, rows),
                                  point @ poses.placements[..., body, :, :])
-        by_pair |= {c.name: _moved(wrench, c.place(poses.placements))
+        by_pair |= {c.name: _moved(wrench, c.pose_of(poses.placements))
                   for c, wrench in zip(self.couplings, coupled, strict=True)}
         ground = on_bodies[..., 0, :] - forces[..., self.grounded, :].sum(axis=-2)
         return by_pair, _moved(ground, -self.centre)
@@ -206,7 +206,7 @@ class Pairs:
         closed = [_moved(_borne(poses.rows, self_stresses, rows),
                          point @ poses.placements[..., body, :, :])
                   for _, rows, (_, body), point in self.closed]
-        closed += [_moved(wrench, c.place(poses.placements))
+        closed += [_moved(wrench, c.pose_of(poses.placements))
                    for c, wrench in zip(self.couplings, coupled, strict=True)]
         largest = [np.abs(w * unit).max(axis=-2, initial=0.0) / scale for w in [*joints, *closed]]
         return {name: size < unmoved for name, size in zip(self.names, largest, strict=True)}
@@ -244,12 +244,12 @@ def why_not_unique(mechanism: Mechanism, pairs: Iterable[str]) -> list[str]:
     coupled = {coupling: [names[j] for j in joints if names[j] in remaining]
                for coupling, joints in joints_between_couplings(mechanism).items()}
     borne = {name: None for joints in coupled.values() for name in joints}
-    found = [MANY] if remaining - set(borne) else []
+    reasons = [MANY] if remaining - set(borne) else []
     if borne:
         couplings = first_names(f"{name!r}" for name, joints in coupled.items() if joints)
-        found.append(BESIDE.format(couplings=couplings, pairs=first_names(borne),
+        reasons.append(BESIDE.format(couplings=couplings, pairs=first_names(borne),
                                    s="s" * (len(borne) == 1)))
-    return found
+    return reasons
 
 
 def not_unique_marks(unique: NDArray[np.bool_]) -> tuple[str, str]:

@@ -84,8 +84,8 @@ class Dynamics:
     def _borne(self) -> tuple[dict[str, pin.Force], pin.Force]:
         with self._equations() as equations:
             multipliers = equations.multipliers(self._closures)
-            found, ground = equations.reactions(self.a, multipliers, self._effort)
-        return {name: pin.Force(wrench) for name, wrench in found.items()}, pin.Force(ground)
+            wrenches, ground = equations.reactions(self.a, multipliers, self._effort)
+        return {name: pin.Force(wrench) for name, wrench in wrenches.items()}, pin.Force(ground)
 
     @property
     def reactions(self) -> dict[str, pin.Force]:

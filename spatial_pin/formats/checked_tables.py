@@ -66,11 +66,11 @@ def key_hint(key: str, value: Any) -> str:
 
 def heading(key: str, value: Any, name: str = "NAME") -> str:
     """Return how to write a table, as text, from its key and value."""
-    said = HEADINGS[key].format(name=name)
+    line = HEADINGS[key].format(name=name)
     if key != "drivers":
-        return f"write {said} and its lines below"
+        return f"write {line} and its lines below"
     named = value[0] if isinstance(value, list) and value else value
-    return f"write {said} and below it joint = {_said(named)}".replace("'", '"')
+    return f"write {line} and below it joint = {_shown(named)}".replace("'", '"')
 
 
 def _is_number(value: Any) -> bool:
@@ -84,7 +84,7 @@ def _is_finite(value: int | float) -> bool:
         return False
 
 
-def _said(value: Any) -> str:
+def _shown(value: Any) -> str:
     """Return a value of the file for a message."""
     try:
         text = repr(value)
@@ -96,10 +96,10 @@ def _said(value: Any) -> str:
 class CheckedValues:
     """The values of a TOML table, read key by key; every complaint names file, table and key."""
 
-    def __init__(self, content: dict[str, Any], where: str, place: str = TOP) -> None:
-        self.content, self.where, self.place = content, where, place
+    def __init__(self, content: dict[str, Any], where: str, section: str = TOP) -> None:
+        self.content, self.where, self.section = content, where, section
         self.known: list[str] = []
-        self._told: list[str] = []  # keys that were complained of
+        self._reported: list[str] = []  # keys that were complained of
         self._ended = False
 
     def __contains__(self, key: str) -> bool:
@@ -108,7 +108,7 @@ class CheckedValues:
 
     def fail(self, key: str, complaint: str) -> NoReturn:
         """Raise the error for one key."""
-        self._told.append(key)
+        self._reported.append(key)
         raise MechanismFileError(f"{self.where}: {key} {complaint}")
 
     def end(self, key: str, complaint: str) -> NoReturn:
@@ -121,9 +121,9 @@ class CheckedValues:
         self.known.append(key)
         if key not in self.content and default is _REQUIRED:
             unknown = [k for k in self.content
-                       if k not in (*self.known, *BELONGS.get(self.place, ()))]
+                       if k not in (*self.known, *BELONGS.get(self.section, ()))]
             near = [k for k in unknown if suggestion(k, [key]).startswith("did you mean")]
-            self._told += near[:1]
+            self._reported += near[:1]
             hint = f" (there is an unknown key {near[0]!r})" if near else ""
             self.fail(key, f"is missing{hint}")
         return self.content.get(key, default)
@@ -132,14 +132,14 @@ class CheckedValues:
         """Return a text, which is not empty where it must be there."""
         value = self.get(key, default)
         if not isinstance(value, str) or (default is _REQUIRED and not value):
-            self.fail(key, f"must be text, not {_said(value)}")
+            self.fail(key, f"must be text, not {_shown(value)}")
         return value
 
     def flag(self, key: str) -> bool:
         """Return true or false; false where there is no such key."""
         value = self.get(key, False)
         if not isinstance(value, bool):
-            self.fail(key, f"must be true or false, not {_said(value)}")
+            self.fail(key, f"must be true or false, not {_shown(value)}")
         return value
 
     def choice(
@@ -149,16 +149,16 @@ class CheckedValues:
         """Return one of a few texts; `hint` says what to write instead of another."""
         value = self.text(key)
         if value not in valid:
-            self.end(key, f"is {_said(value)}; {hint(value, valid) or suggestion(value, valid)}")
+            self.end(key, f"is {_shown(value)}; {hint(value, valid) or suggestion(value, valid)}")
         return value
 
     def number(self, key: str, default: Any = _REQUIRED, least: float = -math.inf) -> float:
         """Return a finite number, no less than the least."""
         value = self.get(key, default)
         if not _is_number(value):
-            self.fail(key, f"must be a number, not {_said(value)}")
+            self.fail(key, f"must be a number, not {_shown(value)}")
         if not _is_finite(value) or value < least:
-            self.fail(key, f"is {_said(value)}; it must be finite" +
+            self.fail(key, f"is {_shown(value)}; it must be finite" +
                       (f" and at least {least:g}" if least > -math.inf else ""))
         return float(value)
 
@@ -178,7 +178,7 @@ class CheckedValues:
         values = value if isinstance(value, list) else [value]
         for x in values:
             if not _is_number(x) or not (_is_finite(x) or x in (math.inf, -math.inf)):
-                self.fail(key, f"must be a number, or a list of them, not {_said(value)}")
+                self.fail(key, f"must be a number, or a list of them, not {_shown(value)}")
         if not values:
             self.fail(key, "is an empty list")
         return np.array(values, dtype=float)
@@ -187,7 +187,7 @@ class CheckedValues:
         """A list of names, of any length; none where there is no such key."""
         value = self.get(key, [])
         if not (isinstance(value, list) and all(isinstance(x, str) for x in value)):
-            self.fail(key, f"must be a list of names, not {_said(value)}")
+            self.fail(key, f"must be a list of names, not {_shown(value)}")
         return tuple(value)
 
     def vector(self, key: str) -> Array:
@@ -195,7 +195,7 @@ class CheckedValues:
         value = self.get(key)
         if not (isinstance(value, list) and len(value) == 3
                 and all(_is_number(x) and _is_finite(x) for x in value)):
-            self.fail(key, f"must be three finite numbers, not {_said(value)}")
+            self.fail(key, f"must be three finite numbers, not {_shown(value)}")
         return np.array(value, dtype=float)
 
     def axis(self, key: str) -> Array:
@@ -213,7 +213,7 @@ class CheckedValues:
                 and (len(value) == count or (or_more and len(value) > count))):
             some = {2: "two", 3: "three", 4: "four"}.get(count, str(count))
             more = " or more" * or_more
-            self.fail(key, f"must be a list of {some}{more} names, not {_said(value)}")
+            self.fail(key, f"must be a list of {some}{more} names, not {_shown(value)}")
         return tuple(value)
 
     def two_names(self, key: str) -> tuple[str, str]:
@@ -228,22 +228,22 @@ class CheckedValues:
             isinstance(x, int) and not isinstance(x, bool) and 0 <= x < count for x in value)
         if not valid or sorted(set(value)) != value:
             self.fail(key, f"must be a list of some of the numbers 0 to {count - 1}, ascending, "
-                           f"not {_said(value)}")
+                           f"not {_shown(value)}")
         return tuple(value)
 
 
 class TomlTable(CheckedValues):
     """A TOML table with its inner tables, its mistakes, and its unknown keys."""
 
-    def __init__(self, content: Any, where: str, place: str = TOP) -> None:
+    def __init__(self, content: Any, where: str, section: str = TOP) -> None:
         if not isinstance(content, dict):
             table, _, key = where.rpartition(": ")[2].rpartition(".")
             hint = f"; {heading(table or key, content, key if table else 'NAME')}" if (
                 (table or key) in HEADINGS) else ""
-            if place != TOP and key in BELONGS[TOP]:
+            if section != TOP and key in BELONGS[TOP]:
                 hint = f"; {key_hint(key, content)}"
             raise MechanismFileError(f"{where}: must be a table of key = value lines{hint}")
-        super().__init__(content, where, place)
+        super().__init__(content, where, section)
         self._from, self._mended = where, frozenset[str]()
 
     def table(self, key: str) -> TomlTable:
@@ -266,56 +266,56 @@ class TomlTable(CheckedValues):
         """Return a table `[[KEY]]` by its number."""
         return TomlTable(self.content[key][i], f"{self.where}: {key}[{i}]", f"in [[{key}]]")
 
-    def with_stand_in(self) -> TomlTable | None:
+    def with_replacements(self) -> TomlTable | None:
         """Return the table with a stand-in for the last wrong value, to continue reading.
 
         Returns:
             None if reading cannot continue.
         """
-        key = self._told[-1] if self._told and not self._ended else "type"
+        key = self._reported[-1] if self._reported and not self._ended else "type"
         if key == "type" or key in self._mended:
             return None
-        own_lines = {k: x for k, x in self.content.items() if k not in self._told}
-        found = TomlTable(own_lines, self._from, self.place)
-        own = STAND_INS.get(self.place, {})
+        own_lines = {k: x for k, x in self.content.items() if k not in self._reported}
+        table = TomlTable(own_lines, self._from, self.section)
+        own = STAND_INS.get(self.section, {})
         if key in own:
-            found.content[key] = own[key]
-        found._mended = self._mended | {key}
-        return found if found.content else None
+            table.content[key] = own[key]
+        table._mended = self._mended | {key}
+        return table if table.content else None
 
     @property
     def has_own_names(self) -> bool:
         """Whether no name is a stand-in."""
-        own = STAND_INS.get(self.place, {})
+        own = STAND_INS.get(self.section, {})
         return not any("?" in own[key] for key in self._mended & own.keys()
                        if isinstance(own[key], str | list))
 
     def note_unknown_keys(self, mistakes: Mistakes) -> None:
         """Note the keys that no table of this kind has, besides its other mistakes."""
         for key in self.content:
-            if key not in (*BELONGS.get(self.place, self.content), *self._told):
-                self.known += BELONGS[self.place]
+            if key not in (*BELONGS.get(self.section, self.content), *self._reported):
+                self.known += BELONGS[self.section]
                 with mistakes.each():
-                    self.fail(_said(key)[1:-1], self.misplaced(key))
+                    self.fail(_shown(key)[1:-1], self.misplaced(key))
 
     def close(self) -> None:
         """Refuse keys that were not read."""
         for key in self.content:
-            if key not in (*self.known, *self._told):
-                self.fail(_said(key)[1:-1], self.misplaced(key))
+            if key not in (*self.known, *self._reported):
+                self.fail(_shown(key)[1:-1], self.misplaced(key))
 
     def misplaced(self, key: str) -> str:
         """Return why a key is not one of this table, and its right table."""
-        places = [place for place, keys in BELONGS.items() if key in keys]
-        if self.place in places:
+        sections = [section for section, keys in BELONGS.items() if key in keys]
+        if self.section in sections:
             kind = self.content.get("type")
-            return (f"is not a key of this table of type {_said(kind)}; "
+            return (f"is not a key of this table of type {_shown(kind)}; "
                     f"{suggestion(key, self.known)}")
-        if self.place == "in [[closures]]" and key in SPRING:
+        if self.section == "in [[closures]]" and key in SPRING:
             return ("is not a key of this table: closures carry neither springs nor dampers; write "
                     "[[springs]] with name, frames (the same two) and stiffness or damping")
-        if places:
-            where = key_hint(key, self.content[key]) if places == [TOP] else (
-                f"it belongs {' or '.join(places)}")
+        if sections:
+            where = key_hint(key, self.content[key]) if sections == [TOP] else (
+                f"it belongs {' or '.join(sections)}")
             return f"is not a key of this table; {where}"
         return f"is not a key of this table; {suggestion(key, self.known)}"

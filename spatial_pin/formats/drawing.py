@@ -118,7 +118,7 @@ def _operand(value: Any, drawing: Drawing) -> str:
 
 
 Number = float | Symbol
-Place = Sequence[Any] | NDArray[Any]  # (3,) numbers, or two in the plane z = 0
+PointLike = Sequence[Any] | NDArray[Any]  # (3,) numbers, or two in the plane z = 0
 
 
 class Drawing:
@@ -130,8 +130,8 @@ class Drawing:
     statements means nothing.
 
     `d["b"] = 0.3` makes a dimension; its symbol `d["b"]`, or an expression of it, may stand
-    wherever a number may. A place has three numbers, or two in the plane z = 0. Names of bodies and
-    points that are not there are told by `mechanism`, all together.
+    wherever a number may. A place has three numbers, or two in the plane z = 0. `mechanism` lists
+    all unknown names of bodies and points in one error.
 
     Args:
         name: of the mechanism.
@@ -214,7 +214,7 @@ class Drawing:
         raise TypeError(f"drawing {self.name!r}: {what} is {str(value)[:60]!r}; a number is "
                         "needed, or a dimension")
 
-    def _place(self, value: Any, what: str) -> Any:
+    def _checked_point(self, value: Any, what: str) -> Any:
         """Return a place or direction (3,); in the plane z = 0 two numbers are enough."""
         count = len(value) if isinstance(value, list | tuple | np.ndarray) else 0
         if count not in (2, 3):
@@ -236,7 +236,7 @@ class Drawing:
     # ------------------------------------------------------------ parts
 
     def body(
-        self, name: str, *, mass: Number | None = None, com: Place | None = None,
+        self, name: str, *, mass: Number | None = None, com: PointLike | None = None,
         inertia: Any = None, density: Number | None = None,
     ) -> Drawing:
         """Add a body.
@@ -266,13 +266,13 @@ class Drawing:
         if name == GROUND:
             raise SpatialPinError(f"drawing {self.name!r}: {GROUND!r} stands still, and is there "
                                   "already; give the body another name")
-        at = None if com is None else self._place(com, f"body {name!r}, com")
+        at = None if com is None else self._checked_point(com, f"body {name!r}, com")
         return self._add("bodies", name, "body", {
             "mass": mass, "com": at, "inertia": inertia, "density": density})
 
     def joint(
-        self, kind: str, name: str, one: str, two: str, at: Place | None = None,
-        axis: Place | None = None, axis2: Place | None = None, **more: Any,
+        self, kind: str, name: str, one: str, two: str, at: PointLike | None = None,
+        axis: PointLike | None = None, axis2: PointLike | None = None, **more: Any,
     ) -> Drawing:
         """Add a joint of any type of a mechanism file.
 
@@ -300,14 +300,14 @@ class Drawing:
             >>> d.joint("floating", "base", "ground", "hull").mechanism().pairs
             ('floating',)
         """
-        places = {key: None if x is None else self._place(x, f"joint {name!r}, {key}")
+        vectors = {key: None if x is None else self._checked_point(x, f"joint {name!r}, {key}")
                   for key, x in (("at", at), ("axis", axis), ("axis2", axis2))}
         return self._add("joints", name, "joint", {
-            "type": kind, "between": [one, two], **places, **more})
+            "type": kind, "between": [one, two], **vectors, **more})
 
     def hinge(
-        self, name: str, one: str, two: str, at: Place,
-        axis: Place = (0.0, 0.0, 1.0), **more: Any,
+        self, name: str, one: str, two: str, at: PointLike,
+        axis: PointLike = (0.0, 0.0, 1.0), **more: Any,
     ) -> Drawing:
         """Add a hinge, a revolute joint.
 
@@ -335,7 +335,7 @@ class Drawing:
         """
         return self.joint("revolute", name, one, two, at, axis, **more)
 
-    def ball(self, name: str, one: str, two: str, at: Place, **more: Any) -> Drawing:
+    def ball(self, name: str, one: str, two: str, at: PointLike, **more: Any) -> Drawing:
         """Add a ball, a spherical joint.
 
         Args:
@@ -361,7 +361,9 @@ class Drawing:
         """
         return self.joint("spherical", name, one, two, at, **more)
 
-    def slider(self, name: str, one: str, two: str, at: Place, axis: Place, **more: Any) -> Drawing:
+    def slider(
+        self, name: str, one: str, two: str, at: PointLike, axis: PointLike, **more: Any
+    ) -> Drawing:
         """Add a slider, a prismatic joint.
 
         Args:
@@ -389,7 +391,7 @@ class Drawing:
         return self.joint("prismatic", name, one, two, at, axis, **more)
 
     def cylindrical(
-        self, name: str, one: str, two: str, at: Place, axis: Place, **more: Any
+        self, name: str, one: str, two: str, at: PointLike, axis: PointLike, **more: Any
     ) -> Drawing:
         """Add a joint that turns about an axis and slides along it.
 
@@ -418,7 +420,8 @@ class Drawing:
         return self.joint("cylindrical", name, one, two, at, axis, **more)
 
     def universal(
-        self, name: str, one: str, two: str, at: Place, axis: Place, axis2: Place, **more: Any,
+        self, name: str, one: str, two: str, at: PointLike, axis: PointLike, axis2: PointLike,
+        **more: Any,
     ) -> Drawing:
         """Add a universal joint, of two pins that cross at right angles.
 
@@ -449,7 +452,7 @@ class Drawing:
         return self.joint("universal", name, one, two, at, axis, axis2, **more)
 
     def screw(
-        self, name: str, one: str, two: str, at: Place, axis: Place, lead: Number,
+        self, name: str, one: str, two: str, at: PointLike, axis: PointLike, lead: Number,
         **more: Any,
     ) -> Drawing:
         """Add a screw.
@@ -481,8 +484,8 @@ class Drawing:
         return self.joint("screw", name, one, two, at, axis, lead=lead, **more)
 
     def planar(
-        self, name: str, one: str, two: str, at: Place,
-        axis: Place = (0.0, 0.0, 1.0), **more: Any,
+        self, name: str, one: str, two: str, at: PointLike,
+        axis: PointLike = (0.0, 0.0, 1.0), **more: Any,
     ) -> Drawing:
         """Add a joint that slides and turns in a plane.
 
@@ -510,7 +513,7 @@ class Drawing:
         """
         return self.joint("planar", name, one, two, at, axis, **more)
 
-    def weld(self, name: str, one: str, two: str, at: Place = (0.0, 0.0, 0.0)) -> Drawing:
+    def weld(self, name: str, one: str, two: str, at: PointLike = (0.0, 0.0, 0.0)) -> Drawing:
         """Fix two bodies to each other.
 
         Args:
@@ -534,7 +537,7 @@ class Drawing:
         """
         return self.joint("fixed", name, one, two, at)
 
-    def point(self, name: str, body: str, at: Place) -> Drawing:
+    def point(self, name: str, body: str, at: PointLike) -> Drawing:
         """Add a point of a body: a frame in the axes of the world as it is drawn.
 
         Args:
@@ -556,8 +559,8 @@ class Drawing:
             >>> sp.assemble(mech, {"pin": 0.0}).placement("tip").translation  # [m]
             array([0.5, 0. , 0. ])
         """
-        place = self._place(at, f"point {name!r}, at")
-        return self._add("points", name, "point", {"body": body, "at": place})
+        coordinates = self._checked_point(at, f"point {name!r}, at")
+        return self._add("points", name, "point", {"body": body, "at": coordinates})
 
     def rod(self, name: str, one: str, two: str) -> Drawing:
         """Hold two points of two bodies as far apart as they are drawn.
@@ -617,7 +620,9 @@ class Drawing:
         """Let two gears mesh that turn on two hinges, on one body that carries both.
 
         The carrier may turn itself: a sun that turns on the ground meshes with a planet on a
-        carrier that turns about the sun's axis.
+        carrier that turns about the sun's axis. Hinges of bevel gears, whose axes meet, are placed
+        at their gears. Where axes pass each other, as of a worm and its wheel, positive turns of
+        one go with negative turns of the other: turn an axis round for teeth of the other hand.
 
         Args:
             name: its name.

@@ -81,7 +81,7 @@ def is_dimension_name(name: str) -> bool:
 
 
 class DrawnNumbers:
-    """The numbers of a drawing, of which some are expressions of its dimensions.
+    """The numbers of a drawing; some are expressions of its dimensions.
 
     Attributes:
         dimensions: by name [m, rad].
@@ -220,14 +220,14 @@ class DrawnFile:
                     raise MechanismFileError(f"{self.top.where}: two things have the name {name!r}")
 
     def _tables(self, key: str, read: Callable[[TomlTable], Any]) -> dict[str, Any]:
-        found: dict[str, Any] = {}
+        tables: dict[str, Any] = {}
         with self.mistakes.each():
             for name in sorted(self.top.table(key).content):
                 with self.mistakes.each():
                     table = self.top.one_of(key, name)
-                    found[name] = read(table)
+                    tables[name] = read(table)
                     table.close()
-        return found
+        return tables
 
     def _known_body(self, table: TomlTable, key: str, name: str) -> str:
         known = (GROUND, *self.top.table("bodies").content)
@@ -308,8 +308,7 @@ def read_gear(file: DrawnFile, table: TomlTable) -> dict[str, Any]:
             turns = _turns(file, carrier, first, second)
             if not turns or _same_line(file, first, second):
                 continue
-            is_opposite = _cosine(file, first, second) < ROUNDED - 1.0
-            last = other * sign * (-1.0 if is_opposite else 1.0)
+            last = other * sign * _sense(file, table, first, second)
             names = [*(name for name, _ in turns), second]
             if len(turns) == 1:
                 return {"type": "coupling", "joints": names,
@@ -324,6 +323,30 @@ def _cosine(file: DrawnFile, one: str, two: str) -> float:
     """Return the cosine between the axes of two joints."""
     x, y = (unit(file.numbers.values(file.joints[name].axis)) for name in (one, two))
     return float(x @ y)
+
+
+def _sense(file: DrawnFile, table: TomlTable, one: str, two: str) -> float:
+    """Return 1 if gears turn against each other about the axes of their hinges, as stated; else -1.
+
+    Their cones roll on each other, seen from where the axes meet, from which each lies ahead or
+    behind along its axis; of parallel axes this is far away. Where axes pass each other, as of a
+    worm, it is 1.
+    """
+    values, joints = file.numbers.values, file.joints
+    a, b = (unit(values(joints[name].axis)) for name in (one, two))
+    apart, across = values(joints[two].at) - values(joints[one].at), np.cross(a, b)
+    if abs(_cosine(file, one, two)) > 1.0 - ROUNDED:
+        return math.copysign(1.0, float(a @ b))
+    distance, square = float(np.linalg.norm(apart)), float(across @ across)
+    if abs(float(apart @ across)) > ROUNDED * distance * math.sqrt(square):
+        return 1.0
+    behind = {name: float(np.cross(apart, axis) @ across) / square
+              for name, axis in ((one, b), (two, a))}
+    for name, x in behind.items():
+        if abs(x) <= ROUNDED * distance:
+            table.fail("joints", f"has {name!r} where the axes of the gears meet, which does not "
+                                 "tell on which side its gear is: place the hinge at its gear")
+    return math.copysign(1.0, behind[one] * behind[two])
 
 
 def _same_line(file: DrawnFile, one: str, two: str) -> bool:

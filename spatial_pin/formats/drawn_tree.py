@@ -1,7 +1,7 @@
 """A drawing to an open tree, as xacro text, and the closures of its loops.
 
-Every coordinate is zero in the drawn pose, where the frame of every body is that of the world: what
-is said in the frame of a body does not depend on which joints are cut. The text has the
+Every coordinate is zero in the drawn pose, where the frame of every body is that of the world. So
+points in the frame of a body do not depend on which joints are cut. The text has the
 expressions of the drawing, and its dimensions as arguments.
 """
 
@@ -97,9 +97,9 @@ def drawn_tree(
     gears = [{"name": name, **table} for name, table in drawing.gears.items()]
     added = {"closures": [*text.closures, *gears, *rest.get("closures", [])], "joints": text.joints}
     stem = re.sub(r"[^\w.+-]+", "_", str(rest.get("name", ""))).strip("._") or "drawing"
-    beside = {"name": "", **rest, "tree": f"{stem}.urdf.xacro",
+    mechanism_file = {"name": "", **rest, "tree": f"{stem}.urdf.xacro",
               **{key: x for key, x in added.items() if x}}
-    return text.xacro(), beside, tuple(text.notices())
+    return text.xacro(), mechanism_file, tuple(text.notices())
 
 
 # ---------------------------------------------------------------- which joints are cut
@@ -188,14 +188,25 @@ def _along(axis: Vector) -> tuple[Vector, Vector]:
              f"atan2(-{y} * {length}, {z} * {x})"])
 
 
+def _facing(x: Sequence[str], y: Sequence[str]) -> Vector:
+    """Return the rpy of axes whose x and y are along two directions.
+
+    The roll turns y about x, from where yaw and pitch alone have it: x may point up or down.
+    """
+    (a, b, c), (d, e, f) = x, y
+    yaw, pitch = f"atan2({b}, {a})", f"atan2(-{c}, hypot({a}, {b}))"
+    return [f"atan2(({d} * cos({yaw}) + {e} * sin({yaw})) * sin({pitch}) + {f} * cos({pitch}), "
+            f"{e} * cos({yaw}) - {d} * sin({yaw}))", pitch, yaw]
+
+
 def _across(axis: Vector, axis2: Vector) -> tuple[Vector, Vector]:
     """Return the rpy of axes whose x and y are along two directions, and that of their inverse."""
-    (a, b, c), (d, e, f) = ([f"({u})" for u in v] for v in (axis, axis2))
-    p, q, r = f"({b} * {f} - {c} * {e})", f"({c} * {d} - {a} * {f})", f"({a} * {e} - {b} * {d})"
+    x, y = ([f"({u})" for u in v] for v in (axis, axis2))
+    (a, b, c), (d, e, f) = x, y
     one, two = f"hypot({a}, {b}, {c})", f"hypot({d}, {e}, {f})"
-    return ([f"atan2({f} * {one}, {r})", f"atan2(-{c}, hypot({a}, {b}))", f"atan2({b}, {a})"],
-            [f"atan2({q}, {r})", f"atan2(-{p}, hypot({a} * {two}, {d} * {one}))",
-             f"atan2({d} * {one}, {a} * {two})"])
+    return _facing(x, y), _facing(
+        [f"({a} * {two})", f"({d} * {one})", f"({b} * {f} - {c} * {e})"],
+        [f"({b} * {two})", f"({e} * {one})", f"({c} * {d} - {a} * {f})"])
 
 
 # ---------------------------------------------------------------- the text
@@ -226,7 +237,7 @@ class TreeText:
         return f"{head}{bracket}{MACROS}{rest}\n"
 
     def notices(self) -> Iterator[str]:
-        """Yield what was cut, and what that loses."""
+        """Yield sentences: which joints were cut, and what the tree loses by that."""
         if self._floating:
             yield ("held by rods alone, so that it floats in the tree: "
                    f"{', '.join(self._floating)}")
@@ -289,44 +300,44 @@ class TreeText:
         self._fixed(body, carrier, _negative(at))
         return joint
 
-    def _tree_joint(self, found: GraphJoint, turned: bool) -> None:
-        joint = self.drawing.joints[found.name]
+    def _tree_joint(self, edge: GraphJoint, turned: bool) -> None:
+        joint = self.drawing.joints[edge.name]
         axis, axis2, turns = _oriented(joint, turned)
         kind, table = URDF_TYPES.get(joint.type, "floating"), dict(joint.more)
-        element = self._carry(found.name, kind, found.parent or GROUND, found.child or GROUND,
+        element = self._carry(edge.name, kind, edge.parent or GROUND, edge.child or GROUND,
                               joint.at, turns)
         if kind in ("continuous", "prismatic"):
             ET.SubElement(element, "axis", xyz=_texts(axis))
         elif kind == "floating" and joint.type != kind:
-            table = {"type": joint.type, **_told(joint.type, axis, axis2), **table}
+            table = {"type": joint.type, **_entries(joint.type, axis, axis2), **table}
         if kind == "prismatic":
             none = repr(UNBOUNDED)
             ET.SubElement(element, "limit", lower=f"-{none}", upper=none, effort=none,
                           velocity=none)
         if table:
-            self.joints[found.name] = table
+            self.joints[edge.name] = table
 
     def _closure(self, name: str) -> None:
         joint = self.drawing.joints[name]
         axis, axis2, turns = _oriented(joint, False)
-        told, more = {} if turns else _told(joint.type, axis, axis2), dict(joint.more)
-        told |= {"lead": more.pop("lead")} if "lead" in more else {}
+        entries, more = {} if turns else _entries(joint.type, axis, axis2), dict(joint.more)
+        entries |= {"lead": more.pop("lead")} if "lead" in more else {}
         frames = [self._frame(fresh(f"{name}_on_{body}", self._taken), body, joint.at,
                               turns and turns[0]) for body in joint.between]
         kind = "weld" if joint.type == "fixed" else joint.type
-        self.closures.append({"name": name, "type": kind, "frames": frames, **told})
+        self.closures.append({"name": name, "type": kind, "frames": frames, **entries})
         if more:
             self._lost.append(f"{name!r} ({', '.join(f'{key} {x}' for key, x in more.items())})")
 
     def _rod(self, name: str) -> None:
         ends, table = self.drawing.rods[name], dict[str, Any]()
-        places = [self.drawing.points[x][1] for x in ends]
-        if is_varied([*places[0], *places[1]]):  # the distance of two places on the ground
+        ends_at = [self.drawing.points[x][1] for x in ends]
+        if is_varied([*ends_at[0], *ends_at[1]]):  # the distance of two places on the ground
             table["length_between"] = [
                 self._frame(fresh(f"{end}_as_drawn", self._taken), GROUND, at)
-                for end, at in zip(ends, places, strict=True)]
+                for end, at in zip(ends, ends_at, strict=True)]
         else:
-            table["length"] = math.dist(*map(self.drawing.numbers.values, places))
+            table["length"] = math.dist(*map(self.drawing.numbers.values, ends_at))
         self.closures.append({"name": name, "type": "distance", "frames": list(ends), **table})
 
 
@@ -334,10 +345,10 @@ def _put_origin(joint: ET.Element, at: Vector, rpy: Vector | None) -> None:
     joint.insert(0, ET.Element("origin", xyz=_texts(at), rpy=_texts(rpy or [0.0] * 3)))
 
 
-def _told(kind: str, axis: Vector, axis2: Vector) -> dict[str, Any]:
+def _entries(kind: str, axis: Vector, axis2: Vector) -> dict[str, Any]:
     """Return what a mechanism file says of constant axes."""
-    told = PAIRS[kind].file_entries(np.array(axis, float), np.array(axis2, float))
-    return {key: x for key, x in told.items() if key != "lead"}
+    entries = PAIRS[kind].file_entries(np.array(axis, float), np.array(axis2, float))
+    return {key: x for key, x in entries.items() if key != "lead"}
 
 
 def _oriented(
@@ -371,35 +382,35 @@ class DrawnShapes:
                 self._joints[body].append(joint.at)
         for body, at in drawing.points.values():
             self._points[body].append(at)
-        places = [x for at in (self._joints, self._points) for some in at.values() for x in some]
-        numbers = np.array([drawing.numbers.values(x) for x in places]).reshape(-1, 3)
-        self._size = float(np.ptp(numbers, axis=0).max()) if places else 0.0
+        points = [x for at in (self._joints, self._points) for some in at.values() for x in some]
+        numbers = np.array([drawing.numbers.values(x) for x in points]).reshape(-1, 3)
+        self._size = float(np.ptp(numbers, axis=0).max()) if points else 0.0
         ET.SubElement(robot, "xacro:property", name=BAR_RADIUS, value=_texts([self._radius(
-            self._distinct(places))]))
+            self._distinct(points))]))
 
-    def _radius(self, places: Sequence[Vector]) -> Number:
+    def _radius(self, points: Sequence[Vector]) -> Number:
         """Return the radius of bars: given, or a part of how far places are from their mean."""
         if self._drawing.radius is not None:
             return self._drawing.radius
-        if len(places) < 2:
+        if len(points) < 2:
             return BAR_THICKNESS
-        centre = _mean(places)
-        squares = " + ".join(f"(({x}) - ({c}))**2" for place in places
-                             for x, c in zip(place, centre, strict=True))
-        radius = f"{BAR_THICKNESS} * sqrt(({squares}) / {len(places)})"
-        return radius if is_varied([x for place in places for x in place]) else float(
+        centre = _mean(points)
+        squares = " + ".join(f"(({x}) - ({c}))**2" for point in points
+                             for x, c in zip(point, centre, strict=True))
+        radius = f"{BAR_THICKNESS} * sqrt(({squares}) / {len(points)})"
+        return radius if is_varied([x for point in points for x in point]) else float(
             self._drawing.numbers.values([radius])[0])
 
-    def _distinct(self, places: Sequence[Vector]) -> list[Vector]:
+    def _distinct(self, points: Sequence[Vector]) -> list[Vector]:
         """Return places without those at the place of another, sorted."""
-        found: list[Vector] = []
+        distinct: list[Vector] = []
         numbers: list[Any] = []
-        for place in sorted(places, key=_texts):
-            here = self._drawing.numbers.values(place)
+        for point in sorted(points, key=_texts):
+            here = self._drawing.numbers.values(point)
             if all(math.dist(here, x) > SAME * self._size for x in numbers):
-                found.append(place)
+                distinct.append(point)
                 numbers.append(here)
-        return found
+        return distinct
 
     def link(self, name: str, colour: str) -> None:
         """Write the link of a body."""

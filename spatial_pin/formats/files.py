@@ -288,7 +288,7 @@ def _find(source: str | Path) -> Path:
 def _load_toml(request: Request) -> Mechanism:
     path = request.path
     top = TomlTable(parse_toml(read_text(path), path), str(path))
-    if "bodies" in top:  # what is cut of a drawing is no fault that a warning tells
+    if "bodies" in top:  # cuts of a drawing are no faults, so no warning
         xacro, content, notices = drawn_tree(top.content, top.where)
         held = HeldFile.of(path.parent / content["tree"], xacro)
         text = request.expanded or expand(held, request.parameters, request.trusted,

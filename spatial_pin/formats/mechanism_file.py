@@ -115,7 +115,7 @@ class MechanismSpec:
         self, top: TomlTable, key: str, read: Callable[[str, TomlTable], Any]
     ) -> dict[str, Any]:
         """Return the content of the readable tables `[KEY.NAME]`, by name."""
-        found: dict[str, Any] = {}
+        tables: dict[str, Any] = {}
         before, names = len(self._mistakes), list[str]()
         with self._mistakes.each():
             names = list(top.table(key).content)
@@ -123,9 +123,9 @@ class MechanismSpec:
             with self._mistakes.each():
                 table = top.one_of(key, name)
                 for one in self._read(table, partial(read, name)):
-                    found[name] = one
+                    tables[name] = one
         self.is_whole[key] = len(self._mistakes) == before
-        return found
+        return tables
 
     def _read(self, table: TomlTable, read: Callable[[TomlTable], Any]) -> list[Any]:
         """Return [content] of a table, also with stand-ins for wrong numbers; else [].
@@ -136,24 +136,24 @@ class MechanismSpec:
         while again is not None:
             table = again
             with self._mistakes.each():
-                found = read(table)
+                entry = read(table)
                 table.close()
-                return [found] if table.has_own_names else []
-            again = table.with_stand_in()
+                return [entry] if table.has_own_names else []
+            again = table.with_replacements()
         table.note_unknown_keys(self._mistakes)
         return []
 
     def _array(self, top: TomlTable, key: str, read: Callable[[TomlTable], Any]) -> tuple[Any, ...]:
         """Return the content of the readable tables `[[KEY]]`."""
-        found: list[Any] = []
+        entries: list[Any] = []
         before, tables = len(self._mistakes), 0
         with self._mistakes.each():
             tables = top.count(key)
         for k in range(tables):
             with self._mistakes.each():
-                found += self._read(top.item_of(key, k), read)
+                entries += self._read(top.item_of(key, k), read)
         self.is_whole[key] = len(self._mistakes) == before
-        return tuple(found)
+        return tuple(entries)
 
 
 def put_masses(robot: ET.Element, masses: Mapping[str, pin.Inertia], where: str) -> None:
@@ -238,7 +238,7 @@ def _build(
 
 
 def _check_guess(mechanism: Mechanism, where: str, mistakes: Mistakes) -> None:
-    lost = {d.name for d in mechanism.drivers.values()  # which was said of the driver
+    lost = {d.name for d in mechanism.drivers.values()  # already an error of the driver
             if d.joint not in (*mechanism.coordinate_table, *mechanism.model.names)}
     for key, value in mechanism.guess.items():
         if key in lost:
@@ -323,7 +323,7 @@ def _closure(context: Context, table: TomlTable) -> Closure:
 
 def _numbers(table: TomlTable, pair: Pair, context: Context) -> dict[str, Any]:
     """Return the numbers of a closure, lists of numbers (n,) and functions, by their keys."""
-    found: dict[str, Any] = {}
+    numbers: dict[str, Any] = {}
     taken: dict[str, str] = {}  # keys that another one is in the place of
     for key in pair.keys:
         if key.name in taken:
@@ -336,18 +336,18 @@ def _numbers(table: TomlTable, pair: Pair, context: Context) -> dict[str, Any]:
         taken.update(dict.fromkeys(key.instead_of, key.name))
         if key.read is not None:
             try:
-                found[key.name] = key.read(table.get(key.name), context)
+                numbers[key.name] = key.read(table.get(key.name), context)
             except ValueError as error:
                 table.end(key.name, str(error))
         elif key.is_list:
-            found[key.name] = table.numbers(key.name)
+            numbers[key.name] = table.numbers(key.name)
         else:
             value = (table.number(key.name) if key.default is None
                      else table.number(key.name, key.default))
             if value == 0.0 and key.no_zero:
                 table.fail(key.name, f"is zero; {key.no_zero}")
-            found[key.name] = value
-    return found
+            numbers[key.name] = value
+    return numbers
 
 
 def rows_of(file: Path) -> list[list[float | None]]:

@@ -72,7 +72,7 @@ def save(mechanism: Mechanism, folder: str | Path, tabulate: Any = None) -> Path
             gap = {} if mechanism.gap is None else {"gap": mechanism.gap}
             content = {**mechanism.content, **gap, "tree": urdf.name, "complete": True}
         else:
-            content = _beside(mechanism, urdf.name)
+            content = _mechanism_content(mechanism, urdf.name)
         _write(mechanism, {urdf: text, toml: toml_text(content)},
                {folder / target: source for target, source in meshes.items()})
     except OSError as error:
@@ -116,17 +116,17 @@ def export_urdf(mechanism: Mechanism, path: str | Path) -> list[Path]:
     text, meshes = _gathered(mechanism, Trust.of(path))
     copies = {path.parent / target: source for target, source in meshes.items()}
     files = {path: text}
-    content = _beside(mechanism, path.name)
-    is_said = content["gravity"] == STANDARD_GRAVITY and content.keys() <= {
+    content = _mechanism_content(mechanism, path.name)
+    is_enough = content["gravity"] == STANDARD_GRAVITY and content.keys() <= {
         "name", "tree", "complete", "gravity"}
-    if is_said:  # unless readers find loops or motors in the URDF, or beside it
+    if is_enough:  # unless readers find loops or motors in the URDF, or beside it
         reading = RobotReading(robot_of(mechanism), path)
         try:
             read_dialects(reading)
-            is_said = not reading.content
+            is_enough = not reading.content
         except MechanismFileError:
-            is_said = False
-    if not is_said or (mechanism.path is not None and mechanism.path.suffix == ".toml"):
+            is_enough = False
+    if not is_enough or (mechanism.path is not None and mechanism.path.suffix == ".toml"):
         files[path.with_suffix(".toml")] = toml_text(content)
     try:
         _write(mechanism, files, copies)
@@ -144,13 +144,13 @@ def _write(mechanism: Mechanism, texts: dict[Path, str], copies: dict[Path, Path
     for target, source in copies.items():
         if target.resolve() != source.resolve():
             target.parent.mkdir(parents=True, exist_ok=True)
-            with replacing(target) as beside:
-                shutil.copyfile(source, beside)
+            with replacing(target) as temporary:
+                shutil.copyfile(source, temporary)
     for target, text in texts.items():
         write_text(target, text)
 
 
-def _beside(mechanism: Mechanism, tree: str) -> dict[str, Any]:
+def _mechanism_content(mechanism: Mechanism, tree: str) -> dict[str, Any]:
     """Return the mechanism file for a URDF that states couplings as <mimic>."""
     stated = {f"mimic_{joint.get('name')}"
               for joint in robot_of(mechanism).findall("joint")
@@ -249,15 +249,15 @@ def content_of(mechanism: Mechanism) -> dict[str, Any]:
     }
     joints = dict(zip(moving, mechanism.pairs, strict=True))
     unsaid = drivers_of_tree(joints, mechanism.closures)
-    is_said = list(unsaid.values()) != list(mechanism.drivers.values())
+    is_needed = list(unsaid.values()) != list(mechanism.drivers.values())
     return {key: value for key, value in content.items()
-            if (is_said if key == "drivers" else value)}
+            if (is_needed if key == "drivers" else value)}
 
 
 def _with_named_curves(closures: tuple[Closure, ...]) -> list[Closure]:
     """Return closures whose curves have names, each its own."""
     names: dict[int, str] = {}
-    found = []
+    renamed = []
     for c in closures:
         named = {}
         for curve in curves_in(c.numbers):
@@ -270,8 +270,8 @@ def _with_named_curves(closures: tuple[Closure, ...]) -> list[Closure]:
         if "curves" in numbers:
             both = numbers["curves"]
             numbers["curves"] = replace(both, one=named[id(both.one)], two=named[id(both.two)])
-        found.append(replace(c, numbers=numbers))
-    return found
+        renamed.append(replace(c, numbers=numbers))
+    return renamed
 
 
 def _joint(mechanism: Mechanism, element: ET.Element) -> dict[str, Any]:
@@ -383,7 +383,7 @@ def with_point(
     mechanism: Mechanism, name: str, body: str, xyz: ArrayLike, rpy: ArrayLike
 ) -> Mechanism:
     """Return a mechanism with a frame on a body; see `Mechanism.with_point`."""
-    places = {key: finite_array(x, (3,), f"{key} of point {name!r}").tolist()
+    vectors = {key: finite_array(x, (3,), f"{key} of point {name!r}").tolist()
               for key, x in (("xyz", xyz), ("rpy", rpy))}
     if not isinstance(name, str):
         raise TypeError(f"the name of a point is text, not {name!r}")
@@ -391,7 +391,7 @@ def with_point(
         raise MechanismFileError(f"mechanism {mechanism.name!r}: there is a link, joint or frame "
                                  f"{name!r} already; choose another name for the point")
     mechanism.frame_id(body)
-    return _edited(mechanism, "frames", name, {"link": body, **places})
+    return _edited(mechanism, "frames", name, {"link": body, **vectors})
 
 
 def with_mass(

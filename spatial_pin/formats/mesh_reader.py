@@ -3,8 +3,8 @@
 The reader of meshes (assimp, inside coal) can end the process that it runs in. What it reads is
 written to FOLDER as K.npz, points (N, 3), corners of triangles (M, 3) and their colours (M, 4), or
 why not as K.txt. Formats with colours are read here, for that reader keeps none: COLLADA (.dae) as
-the triangles of its scene, Wavefront (.obj) with the .mtl files it names. What is not understood
-here (skins, splines, ...) is refused and left to that reader, without colours. It imports nothing
+the triangles of its scene, Wavefront (.obj) with the .mtl files it names. Contents not understood
+here (skins, splines, ...) are refused; that reader reads them without colours. It imports nothing
 else of the library, so that it starts fast.
 """
 
@@ -270,8 +270,8 @@ def read_wavefront(file: str) -> tuple[Any, Any, Any]:
             known.update(_materials(" ".join(words), os.path.dirname(os.path.realpath(file))))
     if not corners:
         raise ValueError("it has no triangles")
-    used, places = np.unique(np.array(corners, dtype=np.int64), return_inverse=True)
-    return np.array(points)[used], places.reshape(-1, 3), np.array(colours)
+    used, corner_indices = np.unique(np.array(corners, dtype=np.int64), return_inverse=True)
+    return np.array(points)[used], corner_indices.reshape(-1, 3), np.array(colours)
 
 
 def _index(word: str, count: int) -> int:

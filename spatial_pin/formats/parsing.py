@@ -48,7 +48,7 @@ def parse_xml(text: str, path: Path) -> ET.Element:
 def without(text: str, begin: str, end: str) -> str:
     """Return text without the parts from `begin` to the next `end`; line breaks in them stay.
 
-    What has no end stays, too; unlike a regular expression, this looks for that end but once.
+    A piece without an end stays, too. Unlike a regular expression, this looks for that end once.
     """
     parts, at, start = [], 0, text.find(begin)
     while start >= 0 and (stop := text.find(end, start + len(begin))) >= 0:

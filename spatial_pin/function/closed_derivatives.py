@@ -1,12 +1,12 @@
-"""How a closed state changes with drivers' motions, dimensions and efforts [implicit functions].
+"""Derivatives of a closed state by drivers' motions, dimensions and efforts [implicit functions].
 
-Of closure equations c(q) = 0, c' = 0, c'' = 0, with the drivers' rows, all changes solve the same
-linear system, those of rates with the rows of idle rotations:
+The closure equations c(q) = 0, c' = 0, c'' = 0 and the drivers' rows are differentiated. All
+derivatives solve the same linear system; those of rates have the rows of idle rotations too:
 
     A dq = -dc,  A dv = -dc' (by q),  A da = -dc'' (by q and v)
 
-Forces follow from M a + b - f = J^T lambda + B tau: of its change, freedoms of the loops give
-accelerations, or the multipliers and efforts that bear it.
+Forces follow from the derivative of M a + b - f = J^T lambda + B tau. In forward dynamics its
+projection on the freedoms of the loops gives accelerations; in inverse dynamics it gives efforts.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import pinocchio as pin
 from spatial_pin.assembly.close import scaled_row
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.dimensions.sensitivity import AROUND, EIGHTH
+from spatial_pin.dimensions.sensitivity import SLOPE
 from spatial_pin.dynamics.derivatives.derivatives import changes_of_forces
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
 from spatial_pin.dynamics.derivatives.spring_derivatives import ExternalWrenches, Springs
@@ -37,12 +37,12 @@ from spatial_pin.rates.jacobians import closure_jacobian
 
 
 class InputChanges(NamedTuple):
-    """Changes of what is given, one column (..., m) for each input.
+    """Derivatives of the given quantities by the inputs, one column (..., m) for each input.
 
     Attributes:
         values, rates, accelerations: (drivers, m) of the prescribed coordinates.
         efforts: (nv, m) at joints.
-        dimensions: (n, m).
+        dimensions: (n, m) of the dimensions [m, rad, ...].
     """
 
     values: Array
@@ -53,7 +53,7 @@ class InputChanges(NamedTuple):
 
 
 class Changes(NamedTuple):
-    """Changes of q, v and a (nv, m) with the inputs, of the mechanism with more joints."""
+    """Derivatives of q, v and a (nv, m) by the inputs, for the mechanism with added joints."""
 
     q: Array
     v: Array
@@ -61,17 +61,17 @@ class Changes(NamedTuple):
 
 
 class ClosedDerivatives:
-    """A closed state of a mechanism, and how it changes.
+    """Derivatives of a closed state of a mechanism.
 
     Args:
-        geometry: of the mechanism.
+        geometry: the mechanism with the joints that dimensions move.
         state: the state, with rates.
         driven: the prescribed coordinates.
         still: velocity entries that do not move.
 
     Attributes:
         rows: the closure equations and their derivatives at the motion.
-        mechanism: with more joints.
+        mechanism: the mechanism with added joints.
     """
 
     def __init__(
@@ -98,10 +98,10 @@ class ClosedDerivatives:
 
     @cached_property
     def _idle(self) -> tuple[Array, Array, Array, Array, Array]:
-        """Rows (k, nv) of idle rotations, and (k, ...) their rates' derivatives.
+        """Rows (k, nv) of idle rotations by velocity, and derivatives (k, ...) of their rates.
 
-        By velocity; of the rate by q; of the acceleration by q and v; the local angular velocities
-        and accelerations (2, k, 3) that the axes take.
+        Those of the rate by q, then of the acceleration by q and by v. Last, the local angular
+        velocities and accelerations (2, k, 3) of the bodies with the axes.
         """
         axes = constraints_of(self.state.mechanism).idle_axes
         joints = self.geometry.joint[[joint for joint, _ in axes]]
@@ -124,9 +124,9 @@ class ClosedDerivatives:
 
     @cached_property
     def _written(self) -> Array:
-        """(3, n_closure, n) of the equations and their rates, by what the file computes with.
+        """(3, n_closure, n) derivatives of the equations and their rates by written dimensions.
 
-        That is, what joints and frames of the tree leave out: lengths, axes, ratios, curves.
+        These are numbers of closures: lengths, axes, ratios, curves; not joints and frames.
         """
         out = np.zeros((3, len(self.by[0][0]), self.geometry.moves.shape[1]))
         moves, at = self.geometry.moves, self.state
@@ -139,12 +139,12 @@ class ClosedDerivatives:
                     rows, n = loops.jacobian / mechanism.velocity_scale, out.shape[1]
                     values.append([loops.residual.copy(), rows[:n] @ at.v,
                                    (rows @ at.a + bias)[:n]])
-            out[:, :, k] = differences(np.array(values), step) - np.array(
+            out[:, :, k] = np.tensordot(SLOPE / step, np.array(values), 1) - np.array(
                 [by_q @ moves[:, k] for by_q, _ in self.by])
         return out
 
     def changes(self, given: InputChanges) -> Changes:
-        """Return the changes with the inputs; those of `undetermined` follow.
+        """Return the derivatives by the inputs; columns for undetermined freedoms follow.
 
         Raises:
             SpatialPinError: a dimension alone opens a loop.
@@ -260,12 +260,12 @@ class ClosedDerivatives:
         if np.abs(system.left_null_space[:, drivers]).max(initial=0.0) > TOLERANCES.half_precision:
             raise SpatialPinError(
                 f"mechanism {m.name!r}: it has more drivers than freedoms, so that their efforts "
-                "are one of many and have no derivatives: drop a driver from the mechanism")
+                "are not unique and have no derivatives: drop a driver from the mechanism")
         assert nv == len(load)
         return accelerations, borne[drivers] / sizes
 
     def _dimension_forces(self, a: Array, multipliers: Array, by_q: Array) -> Array:
-        """Return changes (nv, n) of missing forces with dimensions, but by motions of the tree.
+        """Return derivatives (nv, n) of missing forces by dimensions, without motions of the tree.
 
         Inertia is a linear function of the bodies' numbers; forces that the file itself computes
         are differenced.
@@ -285,16 +285,9 @@ class ClosedDerivatives:
                     equations.update(there)
                     values.append(equations.motion_forces(a) - equations.given
                                   - closure_jacobian(mechanism, at.q).T @ multipliers)
-            out[:, k] = differences(np.array(values), step) - (  # masses are in it
+            out[:, k] = np.tensordot(SLOPE / step, np.array(values), 1) - (  # masses are in it
                 by_q @ geometry.moves[:, k])[geometry.v]
         return out
-
-
-def differences(values: Array, step: float) -> Array:
-    """Return the derivatives (...) of values (8, ...) at `AROUND` steps, of eighth order."""
-    weights = [np.sign(k) * EIGHTH[abs(k)] / step for k in AROUND]
-    slopes: Array = np.tensordot(weights, values, 1)
-    return slopes
 
 
 class OpenedError(SpatialPinError):

@@ -1,4 +1,4 @@
-"""A mechanism in a control loop: what a controller needs of it at each tick, in the same arrays."""
+"""A mechanism in a control loop: Jacobians, inertia and efforts at each tick, in reused arrays."""
 
 from __future__ import annotations
 
@@ -20,29 +20,29 @@ from spatial_pin.kernel.closer import Closer
 from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.library import DONE, address
 from spatial_pin.kernel.loop_equations import LoopEquations
-from spatial_pin.kernel.rate_solver import BodyPoint, Chosen, RateRows
+from spatial_pin.kernel.packing import BodyFrame, frame_in_kernel
+from spatial_pin.kernel.rate_solver import Chosen, RateRows
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.follow import follow
 from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.rates.depending import frame_in_kernel
 from spatial_pin.rates.jacobians import Influence, moving_coordinates
 from spatial_pin.rates.prescribed import Prescription, chosen_at
 
 # Largest step of a joint that is corrected at once [rad, characteristic lengths]: its tangent is
 # then off by half a hundredth, and other branches are far. A longer one is followed.
 AT_ONCE = 0.1
-CORRECTED = 0.25  # largest correction, by the step: beyond it the tangent does not tell the branch
+CORRECTED = 0.25  # largest correction over step: beyond it the branch may be another one
 SMALLEST_STEP = 1e-7  # whose correction is round-off, not curvature
 
 
 class ControlLoop:
-    """A mechanism at the drivers' present motion, worked out in the same arrays at each tick.
+    """Jacobians, inertia and efforts of a mechanism at each tick of a controller, in reused arrays.
 
-    `update` closes the loops from the last configuration, on the branch of the guess: drivers that
-    jump are followed along a straight line. What it returns is itself; all arrays are written over
-    by the next update, and none is made anew. An update that fails raises and changes nothing: the
-    arrays have the values of the last one that did not. One thread at a time.
+    `update` closes the loops from the last configuration, on the branch of the guess. Drivers that
+    jump are followed along a straight line. Each update overwrites the same arrays. An update that
+    fails raises an error and changes nothing: the arrays have the values of the last good one. One
+    thread at a time.
 
     The efforts of the motors for accelerations s'' of the drivers are
     inertia @ s'' + velocity_efforts + gravity_efforts, as `inverse_dynamics` has them.
@@ -56,8 +56,9 @@ class ControlLoop:
         jacobians: (6, n) by frame, as `jacobian`.
         influence: the `Influence`: first (nv, n), second (nv, n, n).
         inertia: (n, n) effective inertia at the drivers [kg m², kg].
-        gravity_efforts: (n,) at rest: of weight, and of springs [N·m, N].
-        velocity_efforts: (n,) at constant rates, without the former: of inertia, damping, friction.
+        gravity_efforts: (n,) efforts that balance weights and springs at rest [N·m, N].
+        velocity_efforts: (n,) efforts at constant rates for Coriolis and centrifugal forces,
+            damping and friction; without `gravity_efforts`.
         closure_error: as of a `State`.
         rate_error: estimated round-off of all rates, relative to their size: it grows towards a
             dead centre or another singular configuration, up to 1.
@@ -65,7 +66,7 @@ class ControlLoop:
     Args:
         mechanism: the mechanism.
         frames: links, frames or joints whose Jacobians are wanted.
-        guess: where to begin, as for `assemble`.
+        guess: the first configuration, as for `assemble`.
 
     Raises:
         AssemblyError: the guess does not close.
@@ -146,7 +147,7 @@ class ControlLoop:
         self._places[rows, columns] = self._places[columns, rows] = np.arange(len(rows))
         self._mass, self._moved_mass = np.zeros((nv, nv)), np.zeros((nv, n))
 
-    def _prepare(self, points: list[BodyPoint]) -> None:
+    def _prepare(self, points: list[BodyFrame]) -> None:
         """Prepare the calls of the kernel at each tick."""
         self._at_ahead = address(self._ahead), address(self._step)
         self._close = self._closer.prepared(
@@ -169,7 +170,7 @@ class ControlLoop:
 
     @property
     def state(self) -> State:
-        """The State there, with v and a; of arrays of its own.
+        """A copy of the present configuration as a State, with v and a.
 
         Example:
             >>> loop = sp.ControlLoop(sp.load("four_bar"))
@@ -184,7 +185,7 @@ class ControlLoop:
         self, drivers: Sequence[float] | Array | Mapping[str, float],
         rates: Sequence[float] | Array | Mapping[str, float] | None = None,
     ) -> None:
-        """Work everything out at other values of the drivers.
+        """Compute all arrays at new values of the drivers.
 
         Args:
             drivers: (n,) their values, in the order of `drivers`, or by name: those that are not
@@ -212,7 +213,7 @@ class ControlLoop:
             error = self._closed_next()
             self._finish(self._followed() if error is None else error)
         except SpatialPinError as error:
-            error.args = (f"{error}; the control loop stays where it was",)
+            error.args = (f"{error}; the control loop keeps its last configuration",)
             raise
 
     def _read(self, given: Any, target: Array, what: str) -> None:
@@ -281,7 +282,7 @@ class ControlLoop:
         self.rate_error = self._facts.item(1)
 
     def _solve_by_trial(self, error: float) -> None:
-        """Solve with equations that are chosen here, where it is not clear which ones are good.
+        """Solve with equations chosen here, if it is not clear which ones are independent.
 
         Raises:
             SingularError: none are.

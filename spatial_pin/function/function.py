@@ -1,4 +1,4 @@
-"""Mechanisms as differentiable functions: of drivers' motions, dimensions and efforts."""
+"""Outputs of a mechanism as a differentiable function of motions, dimensions and efforts."""
 
 from __future__ import annotations
 
@@ -29,7 +29,6 @@ from spatial_pin.function.output_slopes import (
     EFFORT,
     MASS,
     ROTATION,
-    FunctionOutput,
     Moved,
     function_output,
 )
@@ -45,7 +44,7 @@ VALUE, RATE, ACCELERATION, DIMENSION = "value", "rate", "acceleration", "dimensi
 
 
 class _Input(NamedTuple):
-    """An input of a function: what it is of, by the driver's or dimension's name."""
+    """An input of a function: its quantity, and the name of the driver or dimension."""
 
     name: str
     kind: str
@@ -59,9 +58,9 @@ class Function:
 
     Attributes:
         mechanism: the mechanism.
-        inputs, outputs: names, as they were given.
+        inputs, outputs: the names that `function` was called with.
         labels: names of the k numbers of a row of values: `tip.position.x`.
-        home: the State of the guess, from which every row is reached.
+        home: the State of the guess, from which every row is followed.
 
     Example:
         >>> mech = sp.load("rssr")
@@ -94,7 +93,9 @@ class Function:
         self._at_home: MovedGeometry | None = None
         self._needs = {x.needs for x in self._outputs}
         self._has_efforts = any(x.kind == EFFORT for x in self._inputs)
-        self.labels = tuple(label for x in self._outputs for label in _labels(x))
+        vectors = {1: ("",), 3: (".x", ".y", ".z"),
+                   9: tuple(f".{i}{j}" for i in "xyz" for j in "xyz")}
+        self.labels = tuple(x.name + end for x in self._outputs for end in vectors[x.size])
 
     def _check(self) -> None:
         """Refuse inputs that are named twice or contradict each other, and outputs without rates.
@@ -116,13 +117,13 @@ class Function:
                              "accelerations: give one of the two")
         for x in self._outputs:
             if x.needs == EFFORT and EFFORT in kinds:
-                raise ValueError(f"outputs: {x.name!r} is what a given motion needs, and the "
+                raise ValueError(f"outputs: {x.name!r} is the effort of a given motion, but the "
                                  "inputs have efforts: give accelerations instead")
             if not x.order or RATE in kinds:
                 continue
             if x.order == 1 or not kinds & {ACCELERATION, EFFORT}:
                 driver = next(iter(self.mechanism.drivers), "driver")
-                raise ValueError(f"outputs: {x.name!r} is a rate, and no input is one: add "
+                raise ValueError(f"outputs: {x.name!r} is a rate, but no input is a rate: add "
                                  f"'{driver}.rate' to the inputs")
 
     def __call__(self, x: Any) -> Array:
@@ -153,7 +154,7 @@ class Function:
         return self._shaped(x, self._worked_out(self._rows(x), True)[1])
 
     def value_and_jacobian(self, x: Any) -> tuple[Array, Array]:
-        """Return the outputs and their derivatives, at the price of the latter.
+        """Return the outputs and their derivatives; takes no longer than the derivatives alone.
 
         Raises:
             SpatialPinError, ValueError: as `jacobian`.
@@ -168,7 +169,7 @@ class Function:
         return self._shaped(x, values), self._shaped(x, slopes)
 
     def vjp(self, x: Any, y: Any) -> Array:
-        """Return y times the derivatives: the gradient of a function of the outputs.
+        """Return y times the Jacobian: the gradient of a function of the outputs.
 
         Args:
             x: (N, m) inputs, or (m,).
@@ -195,7 +196,7 @@ class Function:
     def jax(self) -> Callable[[Any], Any]:
         """Return the function for JAX: of arrays (..., m), float64, with values (..., k).
 
-        `jit`, `vmap`, `grad`, `jvp`, `jacfwd` and `jacrev` work; second derivatives are refused.
+        `jit`, `vmap`, `grad`, `jvp`, `jacfwd` and `jacrev` work; second derivatives raise an error.
 
         Raises:
             SpatialPinError: JAX is not installed; in a call: x is not float64
@@ -213,7 +214,7 @@ class Function:
     def torch(self) -> Callable[[Any], Any]:
         """Return the function for PyTorch: of tensors (..., m), float64, with values (..., k).
 
-        Both modes and `torch.func` work; second derivatives are refused.
+        Both modes and `torch.func` work; second derivatives raise an error.
 
         Raises:
             SpatialPinError: PyTorch is not installed; in a call: x is not float64.
@@ -272,9 +273,9 @@ class Function:
     def _by_dimensions(
         self, rows: Array
     ) -> Iterator[tuple[NDArray[np.intp], Mechanism, State | None]]:
-        """Yield numbers of rows with the same dimensions, their mechanism and its home.
+        """Yield row numbers with the same dimensions, their mechanism and its first State.
 
-        The home is None where the drivers of the guess cannot stand at these dimensions.
+        The State is None if the drivers cannot have the values of the guess at these dimensions.
         """
         columns = [k for k, _ in self._column(DIMENSION)]
         every, group = np.unique(rows[:, columns], axis=0, return_inverse=True)
@@ -285,7 +286,10 @@ class Function:
                 yield at, self.home.mechanism, self.home
                 continue
             try:
-                mechanism = self._variant(x)
+                assert self._variants is not None
+                mechanism = self._variants.at(
+                    dict(zip(self._dimensions, x, strict=True)),
+                    self._with_masses and not self._variants.has_masses)
             except SpatialPinError as error:
                 raise _unreached(int(at[0]), str(error)) from error
             try:
@@ -293,19 +297,13 @@ class Function:
             except SpatialPinError:
                 yield at, mechanism, None
 
-    def _variant(self, dimensions: Sequence[float]) -> Mechanism:
-        assert self._variants is not None
-        return self._variants.at(
-            dict(zip(self._dimensions, dimensions, strict=True)),
-            self._with_masses and not self._variants.has_masses)
-
     @property
     def _with_masses(self) -> bool:
         return bool(self._needs & {EFFORT, MASS}) or self._has_efforts
 
     @property
     def _standing(self) -> dict[str, float]:
-        """The drivers' values at home."""
+        """The drivers' values at the first State."""
         return {c.name: self.home.coordinate(c.name).value for c in self._driven if c.q >= 0}
 
     def _closed(
@@ -313,8 +311,7 @@ class Function:
     ) -> Motion:
         """Return the closed states of rows with the same dimensions, at rest.
 
-        The drivers go from their values at home after the dimensions have changed; where that
-        ends, before.
+        The dimensions change first, then the drivers; if that fails, the drivers first.
         """
         values = {self.mechanism.coordinate(name).name: rows[at, column]
                   for column, name in self._column(VALUE)}
@@ -331,19 +328,19 @@ class Function:
             raise _unreached(first, reasons[min(reasons)])
         before = states(self.home.mechanism, values, self.home) if values else _as_motion(
             [self.home] * len(at))
-        found = []
+        solved = []
         for i, k in enumerate(at.tolist()):
             if known is not None and i not in reasons:
-                found.append(known.state(i))
+                solved.append(known.state(i))
                 continue
             try:
                 if i in before.unreached:
                     raise SpatialPinError(before.unreached[i])
                 held = self._standing | {name: float(x[i]) for name, x in values.items()}
-                found.append(followed(mechanism, held, before.state(i)))
+                solved.append(followed(mechanism, held, before.state(i)))
             except SpatialPinError as error:
                 raise _unreached(k, str(error)) from error
-        return _as_motion(found)
+        return _as_motion(solved)
 
     def _moving(self, motion: Motion, rows: Array, at: NDArray[np.intp]) -> Motion:
         """Return the states of rows with their rates."""
@@ -401,7 +398,7 @@ class Function:
         return self._at_home
 
     def _given(self) -> InputChanges:
-        """Return the changes of what is given with each input."""
+        """Return the derivatives of the given quantities by each input."""
         m, numbers = len(self._inputs), [c.name for c in self._driven]
         values, rates, accelerations = np.zeros((3, len(numbers), m))
         given = InputChanges(values, rates, accelerations, np.zeros((self.mechanism.model.nv, m)),
@@ -453,7 +450,7 @@ class Function:
         return every[:, :m]
 
     def _opened(self, row: int, column: int, state: State) -> SpatialPinError:
-        """Return the error of an input that alone opens a loop."""
+        """Return the error for an input that would open a loop if changed alone."""
         x = self._inputs[min(column, len(self._inputs) - 1)]
         where = f"row {row}: mechanism {self.mechanism.name!r}: "
         if x.kind == DIMENSION:
@@ -494,12 +491,6 @@ def _driver(mechanism: Mechanism, name: str) -> str:
         n for n, d in mechanism.drivers.items() if d.joint == name)
 
 
-def _labels(x: FunctionOutput) -> list[str]:
-    if x.size == 9:
-        return [f"{x.name}.{i}{j}" for i in "xyz" for j in "xyz"]
-    return [x.name] if x.size == 1 else [f"{x.name}.{i}" for i in "xyz"]
-
-
 def _as_motion(states: Sequence[State]) -> Motion:
     """Return states as samples of a motion, which has rates in time."""
     q, v, a, angles = (np.array([getattr(s, x) for s in states]) for x in (
@@ -521,22 +512,22 @@ def function(
 ) -> Function:
     """Return outputs of a mechanism as a differentiable function of its inputs.
 
-    `f(x)` closes the loops for each row of inputs, on the branch of the guess: from there the
-    dimensions change along a straight line, then the drivers, as `states` has it; no answer depends
-    on earlier calls. `f.jacobian(x)` are the exact
-    derivatives with the loops closed, by implicit differentiation; `f.vjp(x, y)` is y times them.
+    `f(x)` closes the loops for each row of inputs, on the branch of the guess. From there the
+    dimensions change along a straight line, then the drivers, as in `states`. No result depends on
+    earlier calls. `f.jacobian(x)` has the exact derivatives with the loops closed, by implicit
+    differentiation. `f.vjp(x, y)` is y times the Jacobian.
 
     Args:
         mechanism: the mechanism.
         inputs: of a driver its value `crank` [rad, m], `crank.rate` (or `.velocity`) and
-            `crank.acceleration`; dimensions, as `sensitivity` names them (`dimension.boom` where a
-            driver has the name too); efforts `effort.crank`
-            [N·m, N], from which accelerations follow. Drivers that are not named stand where the
-            guess has them, rates that are not named are zero.
+            `crank.acceleration`; dimensions, as `sensitivity` names them (`dimension.boom` if a
+            driver has the same name); efforts `effort.crank` [N·m, N], from which accelerations
+            follow. Drivers that are not named keep their values from the guess; rates that are not
+            named are zero.
         outputs: as `Motion.output` names coordinates, angles of links, and positions, velocities
             and accelerations of frames and centres of mass; `FRAME.rotation`, its nine numbers row
-            by row; `effort.crank` (or `crank.effort`), what the motion needs.
-        guess: where to begin, as for `assemble`.
+            by row; `effort.crank` (or `crank.effort`), the effort that the motion needs.
+        guess: the first configuration, as for `assemble`.
 
     Returns:
         The Function.

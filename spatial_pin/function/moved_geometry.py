@@ -19,18 +19,16 @@ from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.composite_joints import AXIAL, joint_kind
 from spatial_pin.constraints.tree_motion import Motion
-from spatial_pin.dimensions.sensitivity import AROUND, DIFFERENCE, EIGHTH
+from spatial_pin.dimensions.sensitivity import AROUND, SHORTER, SLOPE, difference_steps
 from spatial_pin.dimensions.variants import PlacementBatch, TracedTree, Variants, copied
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.formats.xacro.xacro_arguments import written_dimensions
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 
-SHORTER = (1.0, 1.0 / 8.0, 1.0 / 64.0, 1.0 / 512.0)  # steps, where the file has no longer one
-
 
 class MovedGeometry(NamedTuple):
-    """A mechanism with a floating joint in front of what dimensions move.
+    """A mechanism with a floating joint before each joint and frame that dimensions move.
 
     Attributes:
         mechanism: with these joints; closures and frames are those of the original.
@@ -56,14 +54,14 @@ class MovedGeometry(NamedTuple):
     written: dict[int, tuple[float, list[Mechanism]]]
 
     def motion(self, state: State, a: Array) -> Motion:
-        """Return q, v and a of the mechanism with more joints, which stand still."""
+        """Return q, v and a of the mechanism with added joints, which are at rest."""
         q, v, wide = self.mechanism.neutral.copy(), *np.zeros((2, self.mechanism.model.nv))
         q[self.q], v[self.v], wide[self.v] = state.q, state.v, a
         return q, v, wide
 
 
 class _Sampled(NamedTuple):
-    """What a mechanism has at several sets of dimensions; (s or 1, ...), or left out if constant.
+    """Geometry at several sets of dimensions: arrays (s or 1, ...); constant ones are missing.
 
     Axes of joints are turned to those of the mechanism itself, the bodies with them.
     """
@@ -91,15 +89,15 @@ def moved_geometry(
     names, model = [] if variants is None else variants.names, mechanism.model
     n = len(names)
     own = np.array([mechanism.dimensions[name] for name in names])
-    steps: Array = DIFFERENCE * np.where(own != 0.0, np.abs(own), mechanism.characteristic_length)
+    steps = difference_steps(mechanism, own)
     if variants is None:
         samples, written = _Sampled({}, {}, {}, {}, []), dict[int, tuple[float, list[Mechanism]]]()
     else:
         samples, written, steps = _around(mechanism, variants, own, steps, with_masses)
-    weights = np.kron(np.diag(1.0 / steps), [np.sign(k) * EIGHTH[abs(k)] for k in AROUND])
+    weights = np.kron(np.diag(1.0 / steps), SLOPE)
 
     def slope(x: Array) -> Array:
-        """Return derivatives (n, ...) of samples (1 + 8 n, ...), the first of them its own."""
+        """Return derivatives (n, ...) from samples (1 + 8 n, ...), the first at the dimensions."""
         return np.tensordot(weights, x[1:], 1) if len(x) > 1 else np.zeros((n, *x.shape[1:]))
 
     twists = {(is_joint, k): _twists(pose, slope) for is_joint, poses in (
@@ -168,7 +166,7 @@ def _around(
 def _traced(
     mechanism: Mechanism, tree: TracedTree, dimensions: Array, with_masses: bool
 ) -> _Sampled | None:
-    """Return the samples of a traced file at dimensions (n, s); None if it has not all of them."""
+    """Return the samples of a traced file at dimensions (n, s); None if some are not traced."""
     at, model = tree.at(dimensions, with_masses), mechanism.model
     if not at.holds.all():
         return None
@@ -292,6 +290,6 @@ def _with_floating_joints(
 
 
 def _entries(first: Sequence[int], count: Sequence[int], joints: Sequence[int]) -> NDArray[np.intp]:
-    """Return the entries of joints, but the universe, in a vector."""
+    """Return the entries of joints in a vector, without those of the universe."""
     return np.concatenate([np.zeros(0, np.intp), *(
         np.arange(first[j], first[j] + count[j], dtype=np.intp) for j in joints[1:])])

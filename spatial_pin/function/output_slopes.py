@@ -34,7 +34,7 @@ STEP = 1e-200  # of complex steps: its square is no number, so that derivatives 
 
 
 class Moved(NamedTuple):
-    """A state, and its changes with the inputs.
+    """A state, and its derivatives by the inputs.
 
     Attributes:
         at: the state with its derivatives.
@@ -132,7 +132,7 @@ def _coordinate(moved: Moved, c: Coordinate, order: int) -> Array:
     dq, dv, da = (x[v] for x in changes)
     if len(v) == 6 and c.component < 3:
         rotation = m.model.idx_qs[joint] + 3
-        turn = _rotation(state.q[rotation : rotation + 4])
+        turn = np.array(pin.Quaternion(state.q[rotation : rotation + 4]).matrix())
         u, w = speeds[:3], speeds[3:]
         parts = [dq[:3], dv[:3] + _cross(dq[3:], u),
                  da[:3] + _cross(dv[3:], u) + _cross(w, dv[:3])
@@ -147,7 +147,7 @@ def _coordinate(moved: Moved, c: Coordinate, order: int) -> Array:
 def _rotation_vector(
     phi: Array, omega: Array, alpha: Array, changes: tuple[Array, Array, Array]
 ) -> tuple[Array, Array, Array]:
-    """Return changes (3, m) of a rotation vector and its rates, from those of the body's turn.
+    """Return derivatives (3, m) of a rotation vector and its rates, from those of the rotation.
 
     With omega = J(phi) phi' and alpha = J(phi) phi'' + ..., J the derivative of the exponential.
     """
@@ -164,10 +164,6 @@ def _rotation_vector(
     dphi = turn @ changes[0]
     drate = turn @ (changes[1] - slopes(0)[0] @ dphi)
     return dphi, drate, turn @ (changes[2] - slopes(0)[1] @ dphi - slopes(1)[1] @ drate)
-
-
-def _rotation(quaternion: Array) -> Array:
-    return np.array(pin.Quaternion(quaternion).matrix())
 
 
 def _cross(a: Array, b: Array) -> Array:

@@ -22,8 +22,9 @@ from spatial_pin.inverse_kinematics.targets import (
     Target,
     pose,
 )
-from spatial_pin.kernel.closer import LINK_ANGLE, POINT, KernelTarget, frame_in_kernel
+from spatial_pin.kernel.closer import LINK_ANGLE, POINT, KernelTarget
 from spatial_pin.kernel.loop_equations import LoopEquations
+from spatial_pin.kernel.packing import frame_in_kernel
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import FRAME_UNITS
 from spatial_pin.motion.outputs import (

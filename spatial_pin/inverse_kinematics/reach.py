@@ -135,12 +135,13 @@ def _nearest(
         rows += own
     with closer_of(mechanism) as closer:
         met = closer.meet(start.q, _free(mechanism, held.entries), start.angles, rows, STEPS)
-        if met is None or met.may_be_mirrored or met.error > TOLERANCES.closed or (
-                met.off > exact_for(mechanism)):
+        if met is None:
             return None
-        if limits and not is_within_limits(mechanism, met.q):
+        (q, error, may_be_mirrored), off, angles = met
+        if may_be_mirrored or error > TOLERANCES.closed or off > exact_for(mechanism) or (
+                limits and not is_within_limits(mechanism, q)):
             return None
-        return State(mechanism, met.q, closure_error=met.error, angles=met.angles)
+        return State(mechanism, q, closure_error=error, angles=angles)
 
 
 @made_once
@@ -283,7 +284,7 @@ def _stops(start: State, solver: Solver, result: ReachResult) -> Iterable[tuple[
     """Yield obstacles before the targets: reasons of `ReachError`, and sentences."""
     steps_ran_out = ("steps", "it was still coming nearer when the steps ran out: go on from the "
                       "state of this error, or start nearer")
-    if result.is_met(solver.tolerance):  # and what has a weight is far away
+    if result.is_met(solver.tolerance):  # and weighted targets are far away
         yield steps_ran_out
         return
     if result.beyond:
@@ -300,8 +301,8 @@ def _stops(start: State, solver: Solver, result: ReachResult) -> Iterable[tuple[
     rank, *others = (int(np.count_nonzero(s > max(least, TOLERANCES.zero))) for s in slopes)
     freedom = max(rank, *others)  # where it is not stretched out
     if not freedom:
-        yield ("nothing moves", "nothing that is free to move moves them: let go of what is "
-                   "held, or ask for another")
+        yield ("nothing moves", "no free coordinate moves them: hold fewer "
+                   "coordinates, or choose another target")
     elif rank < freedom:
         reason = "dead centre" if freedom == 1 else "singular direction"
         configuration = "dead centre" if freedom == 1 else "singular configuration"
@@ -311,7 +312,7 @@ def _stops(start: State, solver: Solver, result: ReachResult) -> Iterable[tuple[
         yield steps_ran_out
     elif freedom < count:
         yield ("too few freedoms", f"it has {counted(freedom, 'freedom')} there for "
-                   f"{count} numbers asked for: ask for fewer, or give some a weight")
+                   f"{count} numbers of the targets: give fewer, or give some a weight")
     else:
         yield ("nearest found", "this is the nearest that was found: start from another state")
 

@@ -135,7 +135,8 @@ def by_drivers(
 
 
 def _driver_singularities(
-    states: Iterable[State], q: Array, s: Array, hold: Hold, between: Callable[[int, float], Array]
+    states: Iterable[State], q: Array, angles: Array, s: Array, hold: Hold,
+    between: Callable[[int, float], tuple[Array, Array]],
 ) -> list[tuple[float, int]]:
     """Return parameters with singular configurations of the second kind, and samples behind them.
 
@@ -147,9 +148,10 @@ def _driver_singularities(
     Args:
         states: some samples of the motion, to choose independent equations in one of them.
         q: (N, nq) samples.
+        angles: (N, n_angles) of closures there.
         s: (N,) parameter at the samples.
         hold: other fixed coordinates.
-        between: returns the configuration at a parameter behind a sample.
+        between: returns the configuration and angles at a parameter behind a sample.
     """
     chosen = next((x for state in states if (x := _undriven(state, hold)) is not None), None
                   ) if len(q) > 1 else None
@@ -158,12 +160,18 @@ def _driver_singularities(
     (mechanism, rows, columns, passive), zeros = chosen, []
     with kernel_of(mechanism) as kernel:
 
-        def determinants(q: Array) -> Any:
-            return np.linalg.slogdet(np.concatenate(
-                [kernel.jacobians(q)[:, rows[:, None], columns],
-                 np.broadcast_to(passive, (len(q), *passive.shape))], axis=1))
+        def jacobians(q: Array, angles: Array) -> Array:
+            return kernel.jacobians_and_columns(q, angles)[0]
 
-        signs, logarithms = determinants(q)
+        def determinants(jacobians: Array) -> Any:
+            return np.linalg.slogdet(np.concatenate(
+                [jacobians[:, rows[:, None], columns],
+                 np.broadcast_to(passive, (len(jacobians), *passive.shape))], axis=1))
+
+        def jacobian(k: int, at: float) -> Array:
+            return jacobians(*(x[None] for x in between(k, at)))
+
+        signs, logarithms = determinants(jacobians(q, angles))
         known = np.flatnonzero(signs)
         for k, after in zip(known[:-1].tolist(), known[1:].tolist(), strict=True):
             if signs[k] == signs[after]:
@@ -171,13 +179,13 @@ def _driver_singularities(
             span = s[k], s[after]
 
             def determinant(at: float, k: int = k) -> float:
-                sign, logarithm = determinants(between(k, at)[None])
+                sign, logarithm = determinants(jacobian(k, at))
                 ratio = np.minimum(logarithm[0] - float(logarithms[k]), 50.0)
                 return float(sign[0] * np.exp(ratio))
 
             zero = sign_change(determinant, *span, *map(determinant, span))
             # all equations must lose rank there, not only the chosen ones
-            sizes = singular_values(kernel.jacobians(between(k, zero)[None])[0][:, columns])
+            sizes = singular_values(jacobian(k, zero)[0][:, columns])
             if sizes[len(columns) - len(passive) - 1] < TOLERANCES.half_precision * sizes[0]:
                 zeros.append((zero, int(np.searchsorted(s, zero))))
     return zeros
@@ -346,7 +354,7 @@ def _chains(
 def _too_much(state: State, tables: list[TargetTable], count: int, freedom: int) -> ReachError:
     names = ", ".join(repr(t.name) for t in tables)
     return ReachError(
-        f"mechanism {state.mechanism.name!r}: {names}: {count} numbers are asked for along the "
+        f"mechanism {state.mechanism.name!r}: {names}: {count} numbers are wanted along the "
         f"path, but there {'are' if freedom != 1 else 'is'} {counted(freedom, 'freedom')} at its "
         "start; ask for fewer (a position instead of a placement, or a coordinate), or start "
         "beside a singular configuration", state=state,
@@ -378,10 +386,11 @@ def _followed(
         states = (State(mechanism, into.q[k], closure_error=into.error[k], angles=into.angles[k])
                   for k in some)
         between = partial(
-            _between, copy.mechanism, names, model.nq, standing, law, own, followed.samples)
+            _between, copy.mechanism, names, (model.nq, len(state.angles)), standing, law, own,
+            followed.samples)
         try:
             lost += [(at, row + stretch.first) for at, row in _driver_singularities(
-                states, into.q, own[: followed.done], hold, between)]
+                states, into.q, into.angles, own[: followed.done], hold, between)]
         except KeyboardInterrupt:
             return Followed(samples, done, None, undriven=lost, is_cut=True)
         if followed.stop is not None or followed.is_cut:
@@ -391,19 +400,20 @@ def _followed(
 
 
 def _between(
-    copy: Mechanism, names: list[str], nq: int, standing: list[str], law: Any, s: Array,
-    samples: PathSamples, k: int, at: float,
-) -> Array:
-    """Return the configuration (nq,) at a parameter behind sample k of a segment.
+    copy: Mechanism, names: list[str], sizes: tuple[int, int], standing: list[str], law: Any,
+    s: Array, samples: PathSamples, k: int, at: float,
+) -> tuple[Array, Array]:
+    """Return the configuration (nq,) and angles at a parameter behind sample k of a segment.
 
     It is the sample's own if the finest accuracy cannot follow the path from there.
     """
     start = State(copy, samples.q[k], closure_error=samples.error[k], angles=samples.angles[k])
-    if at <= s[k]:
-        return start.q[:nq]
-    followed = along(start, names, standing, law, np.array([s[k], at]),
-                  Accuracy.named("reference"), "", False)
-    return np.array(followed.samples.q[followed.done - 1, :nq])
+    q, angles = start.q, start.angles
+    if at > s[k]:
+        followed = along(start, names, standing, law, np.array([s[k], at]),
+                         Accuracy.named("reference"), "", False)
+        q, angles = (x[followed.done - 1] for x in (followed.samples.q, followed.samples.angles))
+    return q[: sizes[0]], angles[: sizes[1]]
 
 
 def _standing(copy: State, names: list[str], mechanism: Mechanism, hold: Hold) -> list[str]:

@@ -10,13 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin._support.lazy import made_once
 from spatial_pin.constraints.opposite_axes import TANGENT, axis_pairs
 from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.library import INT, POINTER, REAL, address, check
-from spatial_pin.kernel.packing import packed
 from spatial_pin.mechanism.equations import Cosine
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import NOT_FINITE, Array
@@ -58,14 +56,14 @@ class Examined(NamedTuple):
         may_be_mirrored: as of `Closed`.
         least: of its closure equations, the columns of their derivatives made alike: the length
             of the remainder of the last one that is independent, relative to the first one's.
-        left_out: likewise of the longest of those that follow from others.
+        dependent: likewise of the longest of those that follow from others.
     """
 
     error: float
     angles: Array
     may_be_mirrored: bool
     least: float
-    left_out: float
+    dependent: float
 
 
 class Reached(NamedTuple):
@@ -131,24 +129,7 @@ class ClosureTask(ctypes.Structure):
         ("targets", TargetsStruct), ("unique", INT)]
 
 
-class TargetsMet(NamedTuple):
-    """The nearest configuration at which targets are met.
-
-    Attributes:
-        q: the configuration (nq,).
-        error, may_be_mirrored: as of `Closed`.
-        off: length of the residuals of the targets.
-        angles: (n_angles,) of screw closures, counting turns [rad].
-    """
-
-    q: Array
-    error: float
-    may_be_mirrored: bool
-    off: float
-    angles: Array
-
-
-class FurtherStarts:
+class PerturbedStarts:
     """Further starts, if the first one does not lead near the named values.
 
     Args:
@@ -172,7 +153,7 @@ class ClosureSettings(NamedTuple):
         free, first: (nv,) velocities that may move, and may move before that, see `Closer.close`.
         tolerance, iterations, cut: see `Closer.close`.
         kinds, lower, upper: see `NamedCoordinates`.
-        further: further starts; None: there are none.
+        perturbed: perturbed starts; None: there are none.
         are_all_named: whether the start names all that may move.
     """
 
@@ -184,7 +165,7 @@ class ClosureSettings(NamedTuple):
     kinds: NDArray[np.int64]
     lower: Array
     upper: Array
-    further: FurtherStarts | None
+    perturbed: PerturbedStarts | None
     are_all_named: bool = False
 
 
@@ -299,19 +280,20 @@ class Closer:
     def meet(
         self, q: Array, free: NDArray[np.bool_], reference: Array, targets: Sequence[KernelTarget],
         iterations: int,
-    ) -> TargetsMet | None:
+    ) -> tuple[Closed, float, Array] | None:
         """Close the loops from q (nq,) where targets are met, by the least displacement.
 
         Args:
             q: where to start.
             free: (nv,) velocities that may move.
             reference: (n_angles,) from which the angles of screws count [rad].
-            targets: what is to be met.
+            targets: the targets to meet.
             iterations: damped steps at most.
 
         Returns:
-            The configuration; None where there are more targets than it takes, where they are not
-            met from there, or only just at the end of what is in reach.
+            The configuration, the length of the targets' residuals, and the angles (n_angles,) of
+            screws, counting turns [rad]. None where there are more targets than it takes, where
+            they are not met from there, or only just at the end of their reach.
         """
         if len(targets) > len(self._of):
             return None
@@ -324,9 +306,9 @@ class Closer:
         task.named.value, task.targets.n = None, len(targets)
         code = self._library.closer_close(self.handle, self.at_task)
         task.targets.n = 0
-        return None if code else TargetsMet(
-            self._q[0], self._errors.item(0), self._may_be_mirrored, self._distances.item(0),
-            self._angles)
+        return None if code else (
+            Closed(self._q[0], self._errors.item(0), self._may_be_mirrored),
+            self._distances.item(0), self._angles)
 
     def _axes(
         self, pairs: Sequence[Sequence[tuple[int, Array]]]
@@ -344,7 +326,7 @@ class Closer:
 
     def reach(
         self, q: Sequence[Array], settings: ClosureSettings, value: Array,
-        reference: Array | float = 0.0, pinned: Iterable[float] = (), further: bool = False,
+        reference: Array | float = 0.0, pinned: Iterable[float] = (), perturbed: bool = False,
     ) -> list[Reached]:
         """Close from each of some q (nq,), `AT_ONCE` at most, by itself, as `close` does.
 
@@ -354,14 +336,13 @@ class Closer:
             value: (nq,) of named or fixed entries, see `NamedCoordinates`.
             reference: see `close`.
             pinned: see `close`.
-            further: close from the further starts too where a single one closes, nothing is at
-                fault, and it is not near: those that lead to what is closed, but no nearer, are
-                omitted.
+            perturbed: close from the perturbed starts too where a single one closes, nothing is at
+                fault, and it is not near: closed results that are no nearer are omitted.
 
         Raises:
             SingularError: positions have grown beyond all numbers.
         """
-        self.set_task(q, settings, value, reference, pinned, further)
+        self.set_task(q, settings, value, reference, pinned, perturbed)
         check(self._library.closer_close(self.handle, self.at_task))
         return self.reached()
 
@@ -378,10 +359,10 @@ class Closer:
 
     def set_task(
         self, q: Sequence[Array], settings: ClosureSettings, value: Array,
-        reference: Array | float = 0.0, pinned: Iterable[float] = (), further: bool = False,
+        reference: Array | float = 0.0, pinned: Iterable[float] = (), perturbed: bool = False,
     ) -> None:
         """Set the task of the kernel, see `reach`."""
-        task, starts = self._task, settings.further
+        task, starts = self._task, settings.perturbed
         if settings is not self._settings:  # else only values have changed
             self._set_method(settings.free, settings.first, settings.tolerance,
                              settings.iterations, settings.cut)
@@ -395,7 +376,7 @@ class Closer:
             self._q[row] = start
         self._value[:] = value
         task.m = len(q)
-        task.n_steps = len(starts.steps) if further and starts else 0
+        task.n_steps = len(starts.steps) if perturbed and starts else 0
         task.unique = settings.are_all_named
 
     def _set_method(
@@ -450,9 +431,9 @@ class Closer:
         return self._mirrored.item(0) != 0 or self._has_tangents
 
     def _examined(self, mirrored: bool) -> Examined:
-        error, _, least, left_out = self._facts.tolist()
+        error, _, least, dependent = self._facts.tolist()
         angles = self._angles.copy() if self.kernel.n_angles else self._angles
-        return Examined(error, angles, mirrored, least, left_out)
+        return Examined(error, angles, mirrored, least, dependent)
 
     def descend(
         self, q: Array, free: NDArray[np.bool_], tolerance: float, iterations: int
@@ -467,22 +448,6 @@ class Closer:
             self.handle, len(q), address(q), self._task.free, tolerance, iterations,
             address(errors)))
         return q, errors
-
-
-@made_once
-def frame_in_kernel(mechanism: Mechanism, frame: int) -> tuple[int, list[float], list[float]]:
-    """Return the joint of the kernel that carries a frame of the model, and where it is on it.
-
-    Returns:
-        The joint, the rotation (9,) by columns, and the origin (3,) [m].
-    """
-    own = mechanism.centred_model.frames[frame]
-    joint, at = int(own.parentJoint), own.placement
-    known = packed(mechanism, True)
-    carrier = int(known.carriers[joint])
-    turned = known.frames[carrier].T
-    return (carrier, (turned @ at.rotation).T.ravel().tolist(),
-            (turned @ at.translation).tolist())
 
 
 def closer_of(mechanism: Mechanism, pinned: Iterable[str] = ()) -> acquired[Closer]:

@@ -28,7 +28,7 @@ class Numbers(NamedTuple):
     """
 
     base: Array
-    places: NDArray[np.int64]
+    indices: NDArray[np.int64]
     varied: Array
 
 
@@ -150,10 +150,10 @@ class DimensionCloser:
         """
         kernel, m, nv = self._kernel, len(q), self._kernel.nv
         q, angles = np.array(q, order="C"), np.array(angles, order="C")
-        places, reals = np.array(made_of.places, np.int64), kernel.packed.reals.size
+        indices, reals = np.array(made_of.indices, np.int64), kernel.packed.reals.size
         at = kernel.packed.carriers[np.array(joints, np.int64)].astype(np.int64)
         base = numbers(made_of.base, (reals + 3 * len(at),))
-        varied = numbers(made_of.varied, (m, len(places)))
+        varied = numbers(made_of.varied, (m, len(indices)))
         v, a, facts = np.empty((m, nv)), np.empty((m, nv)), np.empty((m, 7))
         points = np.empty((m, len(at), 5, 3))
         fill = numbers(system.fill, (len(system.fill), nv))
@@ -164,9 +164,9 @@ class DimensionCloser:
             np.ascontiguousarray(x, float) for x in rates)
         samples = _DimensionStruct(
             *(None if x is None else address(x) for x in (
-                chosen, driven, fill, base, places, varied, free, at, speed, acceleration, q,
+                chosen, driven, fill, base, indices, varied, free, at, speed, acceleration, q,
                 angles, v, a, points, facts)),
-            len(chosen), len(driven), len(fill), reals, len(places), len(at), iterations,
+            len(chosen), len(driven), len(fill), reals, len(indices), len(at), iterations,
             tolerance, TOLERANCES.rank)
         check(kernel.library.dimensions_close(
             kernel.handle, self._closer.handle, ctypes.byref(samples), m, address(work)))
@@ -201,8 +201,8 @@ class DimensionEvaluator:
         q = numbers(q, (m, kernel.nq))
         angles = np.array(numbers(angles, (m, kernel.n_angles)))
         base = numbers(made_of.base, kernel.packed.reals.shape)
-        places = np.array(made_of.places, np.int64)
-        varied = numbers(made_of.varied, (m, len(places)))
+        indices = np.array(made_of.indices, np.int64)
+        varied = numbers(made_of.varied, (m, len(indices)))
         residual, turns, translations = (
             np.empty((m, *shape)) for shape in ((kernel.n_closure,), (n, 3, 3), (n, 3)))
         k = m if with_jacobian else 0
@@ -210,8 +210,8 @@ class DimensionEvaluator:
             (2, k, nv, 3))
         ends = [address(x) if with_jacobian else None for x in (jacobian, linear, angular)]
         code = kernel.library.kernel_evaluate(kernel.handle, ctypes.byref(EvaluationStruct(
-            m, address(q), None, address(angles), address(base), len(base), len(places),
-            *map(address, (places, varied, turns, translations, residual, angles)), *ends)))
+            m, address(q), None, address(angles), address(base), len(base), len(indices),
+            *map(address, (indices, varied, turns, translations, residual, angles)), *ends)))
         if code != NOT_FINITE:
             check(code)
         carriers = kernel.packed.carriers

@@ -131,7 +131,7 @@ class KernelDynamics:
 
         Returns:
             Their velocity entries, the unknowns (n,) in them, and whether nothing has changed
-            (the same coordinates, none of which turns in space). None where there are none.
+            (the same coordinates, and none turns in space). None where there are none.
         """
         y, free, same = np.array(y), np.empty(self.n_free, np.int64), np.empty(1, np.int64)
         code = self.errors.checked(self._library.dynamics_renew(

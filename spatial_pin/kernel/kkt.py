@@ -17,7 +17,7 @@ from spatial_pin.kernel.packing import packed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import EPS, Array
 
-Places = NDArray[Any]
+Positions = NDArray[Any]
 
 
 class _KktTask(ctypes.Structure):
@@ -74,8 +74,8 @@ class KKT:
     """
 
     def __init__(
-        self, mechanism: Mechanism, mass_entries: tuple[Places, Places, Places], n_masses: int,
-        tree: KernelTree | None = None,
+        self, mechanism: Mechanism, mass_entries: tuple[Positions, Positions, Positions],
+        n_masses: int, tree: KernelTree | None = None,
     ) -> None:
         self._kernel = kernel = Kernel(mechanism, packed(mechanism, False))
         self._library, nv, n_closure = kernel.library, kernel.nv, kernel.n_closure
@@ -247,12 +247,12 @@ class KKT:
         return a_by, multipliers_by
 
     @property
-    def entries(self) -> tuple[Places, Places, Array]:
+    def entries(self) -> tuple[Positions, Positions, Array]:
         """Rows, columns and values (nnz,) of the Jacobian for scaled velocities, at that place."""
         rows, columns = self._at
         return rows, columns, self._values.copy()
 
     @property
-    def rows(self) -> Places:
+    def rows(self) -> Positions:
         """Indices of the independent equations that were chosen, ascending."""
         return self._chosen[: self.rank].copy()

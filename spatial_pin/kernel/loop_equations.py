@@ -148,11 +148,6 @@ class LoopEquations:
 
     # ------------------------------------------------------------ forces of the equations
 
-    def _products(self) -> tuple[Array, Array]:
-        """Return all products of vectors (n,), and their wrenches (n, 6) about the world origin."""
-        values, wrenches = _products_at(self.constraints, self.placements[None])
-        return values[0], wrenches[0]
-
     def row_wrenches(self) -> Array:
         """Return (n_wrenches, 6) force on body 2 per unit of each equation, and its moment.
 
@@ -169,7 +164,7 @@ class LoopEquations:
 
         They are the derivatives of these equations by joint coordinates as such.
         """
-        c, (values, _) = self.constraints, self._products()
+        c, values = self.constraints, _products_at(self.constraints, self.placements[None])[0][0]
         forces, nv = np.zeros((c.n_closure, self.model.nv)), self.model.nv
         for group in c.composed:
             if len(group.coordinates[0]):

@@ -79,8 +79,8 @@ class Packed(NamedTuple):
 
     def indices(self) -> Parts:
         """Return the indices of the numbers, kind after kind."""
-        places: Any = np.arange(len(self.reals))
-        return self._replace(reals=places).parts()
+        numbers: Any = np.arange(len(self.reals))
+        return self._replace(reals=numbers).parts()
 
 
 @made_once
@@ -126,6 +126,30 @@ def packed(mechanism: Mechanism, idle: bool) -> Packed:
                 *sums.functions),
         tree.frames, carriers, np.array(vectors.fixed_in, np.int64),
         np.array(vectors.flag, bool), sums.called)
+
+
+class BodyFrame(NamedTuple):
+    """A frame fixed in a body of the kernel.
+
+    Attributes:
+        joint: of the kernel, that carries it.
+        axes: (9,) its rotation in the joint's axes, by columns.
+        origin: (3,) its origin there [m].
+    """
+
+    joint: int
+    axes: list[float]
+    origin: list[float]
+
+
+@made_once
+def frame_in_kernel(mechanism: Mechanism, frame: int) -> BodyFrame:
+    """Return a frame of the model as one of a body of the kernel."""
+    own, arrays = mechanism.centred_model.frames[frame], packed(mechanism, True)
+    joint = int(arrays.carriers[own.parentJoint])
+    turned = arrays.frames[joint].T
+    return BodyFrame(joint, (turned @ own.placement.rotation).T.ravel().tolist(),
+                     (turned @ own.placement.translation).tolist())
 
 
 def with_masses(mechanism: Mechanism) -> Packed:

@@ -111,10 +111,10 @@ class _ScatterTask(ctypes.Structure):
 
 
 class Scattered(NamedTuple):
-    """Configurations at scattered values of what is driven, each found from another one.
+    """Configurations at scattered values of the driven coordinates, each followed from another.
 
     Attributes:
-        values: (n, k) of what is driven first.
+        values: (n, k) of the first driven coordinates.
         parent: (n,) row that each is followed to from, along a straight line.
         samples: the rows.
         part: (n,) of its line that each has gone; 1 where the values are reached.
@@ -235,8 +235,8 @@ class Path:
         Args:
             scattered: whose rows are written; a row's parent is done before.
             rows: (m,) their numbers.
-            standing: (n_driven,) values of what is driven and is not among the values.
-            is_last: whether what cannot be reached is to come as near as it can.
+            standing: (n_driven,) constant values of the other driven coordinates.
+            is_last: whether unreachable rows end at the nearest configuration.
         """
         self.kernel.path, n = self._token, len(scattered.values)
         line = np.column_stack([standing, np.zeros(len(standing))])

@@ -18,6 +18,7 @@ from spatial_pin.kernel.library import (
     address,
     check,
 )
+from spatial_pin.kernel.packing import BodyFrame
 from spatial_pin.numerics.linalg import Array
 
 
@@ -52,20 +53,8 @@ class Chosen(NamedTuple):
     fill: Array
 
 
-class BodyPoint(NamedTuple):
-    """A point fixed in a body of the kernel, whose Jacobian is wanted.
-
-    Attributes:
-        joint: of the kernel, that carries it.
-        local: (3,) the point in the joint's axes [m].
-    """
-
-    joint: int
-    local: Array
-
-
 class RateRows(NamedTuple):
-    """What rates give at m configurations; arrays that were not wanted are None.
+    """Rates and influence coefficients at m configurations; arrays not computed are None.
 
     Attributes:
         codes: (m,) of the kernel: `DONE` where equations determine the rates.
@@ -136,10 +125,10 @@ class RateSolver:
         self._at_task = ctypes.byref(self._task)
 
     def factor(self, q: Array, reference: Array, chosen: Chosen | None = None) -> bool:
-        """Factor the equations at q (nq,); False where nothing determines rates there.
+        """Factor the equations at q (nq,); False if they do not determine the rates there.
 
-        Without `chosen`: where equations are not clearly independent of each other and of what is
-        driven, or where there are not as many as freedoms.
+        Without `chosen` also if equations are not clearly independent of each other and of the
+        driven freedoms, or if there are not as many equations as freedoms.
 
         Args:
             q: closed configuration.
@@ -160,12 +149,12 @@ class RateSolver:
         return Solved(self._v.copy(), self._a.copy(), pivot, lost, known, code == DONE)
 
     def jacobian(
-        self, q: Array, reference: Array, frame: BodyPoint, chosen: Chosen | None = None
+        self, q: Array, reference: Array, frame: BodyFrame, chosen: Chosen | None = None
     ) -> Array | None:
         """Return the Jacobian (6, n_moving) of a frame at q (nq,); None as `factor`."""
-        self._local[:], self._task.joint = frame.local, frame.joint
-        is_found = self._code(q, reference, chosen, local=self._addresses[1]) == DONE
-        return self._jacobian.copy() if is_found else None
+        self._local[:], self._task.joint = frame.origin, frame.joint
+        is_solved = self._code(q, reference, chosen, local=self._addresses[1]) == DONE
+        return self._jacobian.copy() if is_solved else None
 
     def _code(
         self, q: Array, reference: Array, chosen: Chosen | None, speed: int | None = None,
@@ -188,7 +177,7 @@ class RateSolver:
         return self._columns.copy()
 
     def rows(
-        self, q: Array, reference: Array, wanted: Sequence[str], *, frame: BodyPoint | None = None,
+        self, q: Array, reference: Array, wanted: Sequence[str], *, frame: BodyFrame | None = None,
         v: Array | None = None, rates: tuple[Array, Array] | None = None,
         chosen: Chosen | None = None,
     ) -> RateRows:
@@ -200,37 +189,37 @@ class RateSolver:
             wanted: names of results of `RateRows`; "v" brings "a" and "facts".
             frame: of the Jacobians.
             v: (m, nv) joint velocities of "jacobian_rate".
-            rates: speeds and accelerations (m, n_driven) of what is driven, for "v".
+            rates: speeds and accelerations (m, n_driven) of the driven freedoms, for "v".
             chosen: the equations at all of them, if the kernel is not to choose them.
         """
         m, n, nv = len(q), self.n_moving, self.nv
         shapes = {"columns": (nv, n), "second": (nv, n, n), "jacobian": (6, n),
                   "jacobian_rate": (6, n), "v": (nv,), "a": (nv,), "facts": (3,)}
         names = [*wanted, "a", "facts"] if "v" in wanted else wanted
-        found = RateRows(np.zeros(m, np.int64), **{x: np.zeros((m, *shapes[x])) for x in names})
+        results = RateRows(np.zeros(m, np.int64), **{x: np.zeros((m, *shapes[x])) for x in names})
         q, reference = numbers(q, (m, self._q.size)), numbers(reference, (m, self._reference.size))
         if v is not None:
             v = numbers(v, (m, nv))
         if rates is not None:
             rates = numbers(rates[0], (m, self.n_driven)), numbers(rates[1], (m, self.n_driven))
-        self.prepared(q, reference, found, frame=frame, v=v, rates=rates, chosen=chosen)()
-        return found
+        self.prepared(q, reference, results, frame=frame, v=v, rates=rates, chosen=chosen)()
+        return results
 
     def prepared(
-        self, q: Array, reference: Array, found: RateRows, *, frame: BodyPoint | None = None,
+        self, q: Array, reference: Array, results: RateRows, *, frame: BodyFrame | None = None,
         v: Array | None = None, rates: tuple[Array, Array] | None = None,
         chosen: Chosen | None = None,
     ) -> Callable[[], None]:
         """Return what solves for what the arrays of `rows` have when it is called.
 
-        The arrays are contiguous ones of doubles; the results of `found` are overwritten.
+        The arrays are contiguous ones of doubles; those of `results` are overwritten.
         """
-        task = _RateTask(len(q), address(q), address(reference), code=address(found.codes), **{
-            name: address(x) for name, x in found._asdict().items()
+        task = _RateTask(len(q), address(q), address(reference), code=address(results.codes), **{
+            name: address(x) for name, x in results._asdict().items()
             if name != "codes" and x is not None})
-        given: list[Any] = [q, reference, found]
+        given: list[Any] = [q, reference, results]
         if frame is not None:
-            given.append(numbers(frame.local, (3,)))
+            given.append(numbers(np.array(frame.origin), (3,)))
             task.joint, task.local = frame.joint, address(given[-1])
         if v is not None:
             given.append(v)
@@ -268,36 +257,31 @@ class RateSolver:
         self.prepared_idle(out)()
         return out
 
-    def acceleration(self, v: Array, drive: Array | None = None) -> Array:
-        """Return (nv,) joint accelerations at joint velocities v (nv,).
+    def answer(
+        self, derivative: Array | None, drive: Array | None = None, v: Array | None = None
+    ) -> Array:
+        """Return joint rates (nv,) of any order, or accelerations at joint velocities.
 
         Args:
-            v: joint velocities.
-            drive: (n_driven,) accelerations of driven coordinates; none by default.
-        """
-        v = numbers(v, (self.nv,))
-        return self._answer(address(v), None, drive)
-
-    def answer(self, derivative: Array, drive: Array | None = None) -> Array:
-        """Return joint rates (nv,) of any order; driven coordinates must be velocity entries.
-
-        Args:
-            derivative: (n_closure + n_passive,) of the equations, where the rates are zero.
+            derivative: (n_closure + n_passive,) of the equations, where the rates are zero; driven
+                coordinates must be velocity entries then. None: of accelerations at v.
             drive: (n_driven,) rates of driven coordinates; none by default.
+            v: (nv,) joint velocities, of accelerations.
         """
-        derivative = numbers(derivative, (self._n_equations,))
-        return self._answer(None, address(derivative), drive)
-
-    def _answer(self, v: int | None, derivative: int | None, drive: Array | None) -> Array:
+        v = None if v is None else numbers(v, (self.nv,))
+        if derivative is not None:
+            derivative = numbers(derivative, (self._n_equations,))
         rates, full = np.empty(self.nv), np.zeros(self.n_driven)  # the last ones stand still
         if drive is not None:
             full[: len(drive)] = drive
-        self._library.rates_answer(self._handle, v, derivative, address(full), address(rates))
+        self._library.rates_answer(
+            self._handle, None if v is None else address(v),
+            None if derivative is None else address(derivative), address(full), address(rates))
         return rates
 
 
 def _choose(task: _RateTask, chosen: Chosen | None) -> tuple[NDArray[Any], ...]:
-    """Let a task have chosen equations; returns what is to live as long as C reads it."""
+    """Give a task chosen equations; returns the arrays that must live as long as C reads them."""
     if chosen is None:
         task.equations = None
         return ()

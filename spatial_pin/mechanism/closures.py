@@ -524,7 +524,7 @@ def _coupling_numbers(
 def rope(frames: Sequence[FrameSpec], length: float, name: str | None = None) -> Closure:
     """Return a rope over points: the sum of the distances from each to the next is constant.
 
-    Pulleys have no size; the rope is taut, and would push if a force asked for it.
+    Pulleys have no size; the rope is always taut, and pushes where its force is negative.
 
     Args:
         frames: two or more, in the order of the rope: names, or (link or joint, `pin.SE3` on it)

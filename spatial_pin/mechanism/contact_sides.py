@@ -1,4 +1,4 @@
-"""On which side of its curve a follower, or another curve, is: where the guess has it."""
+"""The side of its curve on which a follower or another curve is, from the guess."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MOSTLY = 0.5  # part of a curve's points inside another: it belongs there
 
 
 def sided(mechanism: Mechanism) -> Mechanism:
-    """Return a mechanism whose followers are on the sides of their cams that its guess has.
+    """Return a mechanism with each follower on the side of its cam that the guess shows.
 
     Without a guess a roller is outside, and two curves are outside each other.
     """
@@ -50,7 +50,7 @@ def sided(mechanism: Mechanism) -> Mechanism:
 
 
 def _part_inside(points: Array, polygon: Array) -> float:
-    """Return which part of points (n, 3) is inside a polygon (m, 3), as seen along z."""
+    """Return the fraction of points (n, 3) that are inside a polygon (m, 3), seen along z."""
     x, y = points[:, :2].T
     (x1, y1), (x2, y2) = polygon[:-1, :2].T, polygon[1:, :2].T
     crosses = (y1 > y[:, None]) != (y2 > y[:, None])

@@ -254,9 +254,9 @@ def coordinate_curvature(mechanism: Mechanism, coordinate: Coordinate, q: Array)
     from the commutator of turns about body axes [Chirikjian2011, 10.86].
     """
     nv = mechanism.model.nv
-    found = np.zeros((nv, nv))
+    curvature = np.zeros((nv, nv))
     if coordinate.q >= 0:
-        return found
+        return curvature
     i = mechanism.joint_id(coordinate.joint)
     own = np.arange(mechanism.model.idx_vs[i], mechanism.model.idx_vs[i] + mechanism.model.nvs[i])
     units, n = np.eye(nv)[own], len(own)
@@ -268,8 +268,8 @@ def coordinate_curvature(mechanism: Mechanism, coordinate: Coordinate, q: Array)
     row[6 - n :] = coordinate_gradient(mechanism, coordinate, q)[own]
     twists = [pin.Motion(x) for x in np.eye(6)[6 - n :]]
     turned = np.array([[row @ b.cross(a).vector for b in twists] for a in twists])
-    found[np.ix_(own, own)] = 0.5 * (bent - alone[:, None] - alone + turned)
-    return found
+    curvature[np.ix_(own, own)] = 0.5 * (bent - alone[:, None] - alone + turned)
+    return curvature
 
 
 def rotation_vector(quaternion: Array) -> Array:

@@ -1,9 +1,9 @@
 """Equations of points, frames, followers and other curves on curves.
 
-With d the vector from a curve c(u) to what is on it, e its last axis and c' its slope, a point
-nearest to it has d . c' = 0, which defines u, and is on it where (e x c') . d = e . d = 0. Two
-profiles touch where their tangents point opposite ways and d, between them, has no part along the
-normal [Litvin, Gear Geometry, ch. 6].
+Let d be the vector from a curve c(u) to a point, e the last axis of the curve, c' its derivative.
+The nearest point of the curve has d . c' = 0, which defines u. The point is on the curve where
+(e x c') . d = e . d = 0. Two profiles touch where their tangents are opposite and the vector d
+between them has no component along the normal [Litvin, Gear Geometry, ch. 6].
 """
 
 from __future__ import annotations
@@ -49,10 +49,10 @@ def _of(functions: Sequence[Piecewise], u: Parameter) -> list[FunctionOf]:
 
 
 def nearest(curve: CurveShape, d: Sequence[Quantity]) -> Parameter:
-    """Return the parameter of the point of a curve that is nearest to another one.
+    """Return the parameter of the point of a curve that is nearest to a given point.
 
     Args:
-        curve: by a parameter.
+        curve: a curve with a parameter.
         d: components of the other point, see `_from`.
     """
     path = curve.by_parameter
@@ -78,7 +78,7 @@ def around(curve: CurveShape, offset: float = 0.0) -> ConstraintEquation:
         FunctionOf(square, Bearing(curve.axes, curve.centre)),)))
 
 
-def beside(curve: CurveShape, offset: float) -> ConstraintEquation:
+def offset_point(curve: CurveShape, offset: float) -> ConstraintEquation:
     """Return origin 2 at a distance from a curve in a plane that goes by a parameter [m].
 
     Positive to its right, which is outside.
@@ -111,7 +111,7 @@ def on_curve(curve: CurveShape) -> Rows:
 
 
 def along_curve(curve: CurveShape, z: Array) -> Rows:
-    """Return a direction of frame 2 along the tangent of a curve where origin 2 is on it.
+    """Return equations for a direction of frame 2 along the tangent of a curve, at origin 2.
 
     Args:
         curve: the curve.
@@ -145,7 +145,7 @@ def follows(curve: CurveShape, follower: Follower, z: Array) -> Rows:
     """Return a follower that touches a cam; z (3,) is a direction across a face's normal."""
     if follower.flat is None:
         offset = follower.side * follower.radius
-        return (around(curve, offset) if curve.at is not None else beside(curve, offset),)
+        return (around(curve, offset) if curve.at is not None else offset_point(curve, offset),)
     n = follower.side * follower.flat  # away from the cam
     distance, _ = curve.support()
     # from origin 1 to the face, by its normal, less what the cam reaches towards it
@@ -159,11 +159,11 @@ def follows(curve: CurveShape, follower: Follower, z: Array) -> Rows:
 
 
 def touching(one: CurveShape, two: CurveShape, side: int) -> Rows:
-    """Return two closed profiles that touch in their plane.
+    """Return equations for two closed profiles that touch in their plane.
 
     Args:
-        one: that frame 1 carries.
-        two: that frame 2 carries.
+        one: the profile on frame 1.
+        two: the profile on frame 2.
         side: 1 outside each other, -1 where one is inside the other.
     """
     paths = one.by_parameter, two.by_parameter

@@ -1,8 +1,8 @@
-"""Curves: geometry alone, which closures place in their first frame.
+"""Curves as geometry, without a frame: a closure attaches them to its first frame.
 
-A plane closed curve is followed by the direction in which a point of it is seen from a centre: its
-distance, and the arc length there, are piecewise polynomials of that angle, as exact as numbers
-are. Other splines, which their centre does not see whole, are followed by a parameter.
+The parameter of a plane closed curve is the polar angle about a centre. Distance and arc length
+are piecewise polynomials of this angle, exact to round-off. Splines that are open, in space, or
+not star-shaped about their centre have a parameter of their own.
 
 Example:
     >>> profile = sp.curves.ellipse([0.04, 0.03])
@@ -34,9 +34,9 @@ FACTORIALS = np.array([math.factorial(k) for k in range(ORDER + 1)], float)
 TURN = 2.0 * math.pi
 FLAT = 1e-6  # of its size: how far points of rounded numbers may be off their plane
 FLATTEST_CURVE = 0.02  # sine of the angle at which a curve is seen from its centre
-MOST_HELIX_TURNS = 60.0  # of a helix that is drawn
+MOST_HELIX_TURNS = 60.0  # most turns of a helix in a picture
 STRAIGHT = 0.25  # of its length: the end of an open spline goes over into a straight line on it
-DIRECTIONS = 400  # of which one is not that of any tangent
+DIRECTIONS = 400  # candidates for an axis; one differs from every tangent
 FORMS = ("circle", "ellipse", "line", "helix", "points", "table")
 
 
@@ -49,15 +49,15 @@ class CurveShape:
     """A curve in the axes of a frame.
 
     Attributes:
-        form: it as a mechanism file has it, below `[curves.NAME]`.
+        form: its table in a mechanism file, below `[curves.NAME]`.
         axes: (3, 3) x, y and normal of its plane in columns; of a line or helix its direction last.
-        centre: (3,) that it is seen from; a point of a line or of a helix' axis [m].
+        centre: (3,) origin of the polar angle; a point of a line or of a helix' axis [m].
         at: of plane closed ones: u (n,), and others in the same cells, -> points (n, 2) in the
             plane, from the centre, and their first five derivatives, (6, n, 2); anticlockwise.
         breaks: (k,) u between which all derivatives are continuous, from 0 on.
         numbers: radius and lead of a helix.
-        path: by a parameter, of splines that are open, in space, or that no centre sees whole;
-            None of others, see `by_parameter`.
+        path: the curve by a parameter, for splines that are open, in space, or not star-shaped;
+            None for others, see `by_parameter`.
         end: arc length at its end [m]; infinite of a line without one, and of a helix.
         name: in a mechanism file.
 
@@ -77,7 +77,7 @@ class CurveShape:
     name: str = ""
 
     def __reduce__(self) -> Any:
-        """Return how it is made again where it is sent to."""
+        """Return the function and arguments from which it is rebuilt (pickle)."""
         return curve_of, (self.name, dict(self.form))
 
     @property
@@ -125,7 +125,7 @@ class CurveShape:
 
     @cached_property
     def by_parameter(self) -> CurvePath:
-        """It by a parameter; of all but lines and helices, which have no need of one."""
+        """The curve by a parameter; lines and helices have none."""
         if self.path is not None:
             return self.path
         middles = 0.5 * (self.breaks[:-1] + self.breaks[1:])
@@ -149,7 +149,7 @@ class CurveShape:
         return self.at is not None or (self.path is not None and self.path.arc.is_periodic)
 
     def tangent(self, point: Array) -> Array:
-        """Return the direction (3,) in which it runs where it is nearest to a point (3,) of it."""
+        """Return the direction (3,) of its tangent at the point nearest to a given point (3,)."""
         x, y, z = (point - self.centre) @ self.axes
         if self.numbers:
             radius, lead = self.numbers
@@ -170,7 +170,7 @@ class CurveShape:
         return self.axes @ local / np.linalg.norm(local)
 
     def crosses_itself(self) -> bool:
-        """Whether a closed curve in a plane does, or comes to the same place twice."""
+        """Whether a closed curve in a plane crosses or touches itself."""
         p = ((self.points() - self.centre) @ self.axes)[:, :2]
         one, two = p[:-1, None], np.diff(p, axis=0)[:, None]
         n, (c, d) = len(one), (x.swapaxes(0, 1) for x in (one, two))
@@ -204,8 +204,8 @@ class CurveShape:
         known = self.__dict__.setdefault("_radial", {})
         if offset not in known:
             known[offset] = self._by_direction(seen)
-        found: tuple[Piecewise, Piecewise] = known[offset]
-        return found
+        pieces: tuple[Piecewise, Piecewise] = known[offset]
+        return pieces
 
     @cached_property
     def normals(self) -> tuple[Piecewise, Piecewise]:
@@ -233,8 +233,8 @@ class CurveShape:
 
         if "_support" not in self.__dict__:
             self.__dict__["_support"] = self._by_direction(normal)
-        found: tuple[Piecewise, Piecewise] = self.__dict__["_support"]
-        return found
+        pieces: tuple[Piecewise, Piecewise] = self.__dict__["_support"]
+        return pieces
 
     def _at(self, u: Array, within: Array) -> Array:
         assert self.at is not None
@@ -284,7 +284,7 @@ class CurveShape:
 
 @dataclass(frozen=True, eq=False)
 class CurvePath:
-    """A curve by a parameter u, in its own axes from its centre.
+    """A curve as a function of a parameter u, in its own axes from its centre.
 
     Open ones go on straight beyond their ends. The parameter never is 0 on the first turn.
 
@@ -332,7 +332,7 @@ class CurvePath:
 
 
 def _speed(slopes: Sequence[Piecewise], u: Array, within: Array | None = None) -> list[Array]:
-    """Return the series of the arc length's derivative at u (n,), whose first term is it.
+    """Return the Taylor series of the derivative of the arc length at u (n,).
 
     Where u is an end of cells, it is that of the cells that other u are within.
     """
@@ -354,14 +354,14 @@ def power(x: Taylor, exponent: float) -> Taylor:
 
 def by_angle(values: list[Array], angle: list[Array]) -> Array:
     """Return a series in a parameter as one (k, n) in an angle that is a series in it too."""
-    rest, found = list(values), [values[0]]
+    rest, derivatives = list(values), [values[0]]
     ahead = Taylor([0.0 * angle[0], *angle[1:]])
     step = ahead
     for k in range(1, len(values)):
-        found.append(rest[k] / step.values[k])
-        rest = [a - found[k] * b for a, b in zip(rest, step.values, strict=True)]
+        derivatives.append(rest[k] / step.values[k])
+        rest = [a - derivatives[k] * b for a, b in zip(rest, step.values, strict=True)]
         step = step * ahead
-    return np.array(np.broadcast_arrays(*found))
+    return np.array(np.broadcast_arrays(*derivatives))
 
 
 def hermite(widths: Array, first: Array, last: Array) -> Array:
@@ -399,7 +399,7 @@ def circle(radius: float, centre: ArrayLike = (0.0, 0.0, 0.0),
         array([0., 0., 0.])
     """
     r = positive_number(radius, "radius")
-    form = {"radius": r, **_place(centre, normal)}
+    form = {"radius": r, **_plane_entries(centre, normal)}
     return _conic({"circle": form}, (r, r), form)
 
 
@@ -421,7 +421,7 @@ def ellipse(semi_axes: ArrayLike, centre: ArrayLike = (0.0, 0.0, 0.0),
         [1.0, 0.5]
     """
     a, b = (positive_number(x, "semi_axes") for x in finite_array(semi_axes, (2,), "semi_axes"))
-    form = {"semi_axes": [a, b], **_place(centre, normal, x_axis)}
+    form = {"semi_axes": [a, b], **_plane_entries(centre, normal, x_axis)}
     return _conic({"ellipse": form}, (a, b), form)
 
 
@@ -458,8 +458,8 @@ def helix(radius: float, lead: float, axis: ArrayLike = (0.0, 0.0, 1.0),
         radius: positive [m].
         lead: advance per turn, positive of a right-handed one [m].
         axis: (3,) direction of its axis.
-        point: (3,) of its axis; the helix begins at the radius from there, along x or what is
-            nearest to it [m].
+        point: (3,) of its axis; the helix begins at the radius from there, along x or the direction
+            nearest to x [m].
 
     Raises:
         ValueError: a number is none, the radius is not positive, or the lead zero.
@@ -587,7 +587,7 @@ def _points(points: ArrayLike, closed: bool) -> tuple[Array, Array]:
 
 
 def _profile(p: Array, chords: Array) -> CurveShape:
-    """Return the closed curve through points (n, 3) in a plane, which their middle sees whole.
+    """Return the closed curve through points (n, 3) in a plane, star-shaped about their middle.
 
     Raises:
         ValueError: they do not lie in a plane, or it does not see it whole.
@@ -648,7 +648,7 @@ def curve_of(name: str, given: Any, read: Callable[[str], Any] | None = None) ->
     return replace(made, name=name)
 
 
-def _place(
+def _plane_entries(
     centre: ArrayLike, normal: ArrayLike, x_axis: ArrayLike | None = None
 ) -> dict[str, list[float]]:
     axes = _axes(finite_array(normal, (3,), "normal"), x_axis)
@@ -657,8 +657,8 @@ def _place(
             **({} if x_axis is None else {"x_axis": axes[:, 0].tolist()})}
 
 
-def _conic(form: Mapping[str, Any], sizes: Sequence[float], place: Mapping[str, Any]) -> CurveShape:
-    axes = _axes(np.array(place["normal"]), place.get("x_axis"))
+def _conic(form: Mapping[str, Any], sizes: Sequence[float], plane: Mapping[str, Any]) -> CurveShape:
+    axes = _axes(np.array(plane["normal"]), plane.get("x_axis"))
     a, b = sizes
 
     def at(u: Array, _: Array) -> Array:
@@ -666,7 +666,7 @@ def _conic(form: Mapping[str, Any], sizes: Sequence[float], place: Mapping[str, 
         turn = [[a * c, b * s], [-a * s, b * c], [-a * c, -b * s], [a * s, -b * c]]
         return np.array([*turn, *turn[: ORDER - 2]]).transpose(0, 2, 1)
 
-    return CurveShape(form, axes, np.array(place["centre"]), at)
+    return CurveShape(form, axes, np.array(plane["centre"]), at)
 
 
 def _axes(z: Array, x_axis: ArrayLike | None) -> Array:
@@ -721,7 +721,7 @@ class Follower:
 
     @property
     def form(self) -> dict[str, Any]:
-        """It as a mechanism file has it."""
+        """Its table in a mechanism file."""
         if self.flat is not None:
             return {"flat": self.flat.tolist()}
         return {"roller": self.radius} if self.radius else {"knife": True}
@@ -765,8 +765,8 @@ def named_curve(given: Any, context: Any = None) -> CurveShape:
     if not isinstance(given, str) or given not in curves:
         there = ", ".join(curves) or "none"
         raise ValueError(f"names [curves.NAME], not {str(given)[:60]!r}; there are: {there}")
-    found: CurveShape = curves[given]
-    return found
+    curve: CurveShape = curves[given]
+    return curve
 
 
 def two_curves(given: Any, context: Any = None) -> TouchingCurves:

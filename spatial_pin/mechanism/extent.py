@@ -2,7 +2,7 @@
 
 In site coordinates a machine of 3 m may be 5000 km from the world's origin. Numbers of that size
 have seven digits fewer for what happens within it, so solvers work relative to the
-centre, in which no digit is lost: it is a multiple of a power of two of about the machine's size.
+centre. This loses no digit: the centre is a multiple of a power of two near the machine's size.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ SMALLEST = 1.0 / TOLERANCES.largest  # m
 # The world's origin, and a frame of the ground without joints, are near a machine within this many
 # of its sizes. Coordinates there have all digits but two bits.
 SIZES_NEAR = 3.0
-# Ratio of lengths of links beyond which pivots of closures are below what is called singular.
+# Ratio of lengths of links beyond which pivots of closures fall below the threshold of singularity.
 UNLIKE = 1e6
 
 
@@ -35,8 +35,8 @@ class Extent(NamedTuple):
         centre: (3,) close to the middle of these [m]; zero along axes along which the world's
             origin is near.
         frames: which frames count.
-        resolution: what coordinates in the world do not resolve, relative to the length [-]: half
-            a unit of the last digit of each of two; 0 if the origin is near.
+        resolution: resolution of coordinates in the world, relative to the length [-]: half a
+            unit of the last digit of each of two; 0 if the origin is near.
     """
 
     length: float
@@ -93,10 +93,10 @@ def extent_of(model: pin.Model, joined: Collection[int], where: str) -> Extent:
 
 
 def unlike_links(model: pin.Model, extent: Extent) -> str:
-    """Return words on links of so different lengths that loops lose their digits; "" if not so.
+    """Return a warning if the lengths of links differ so much that loops lose digits; else "".
 
-    A closure is known to round-off of the longest link. The shortest one moves it by its own
-    length, and near dead centres by the square of what it is of the longest.
+    A closure is accurate to round-off of the longest link. The shortest link moves it by its own
+    length; near dead centres by the square of the ratio of the two lengths.
 
     Args:
         model: the tree of a mechanism.

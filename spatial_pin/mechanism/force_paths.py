@@ -144,10 +144,10 @@ def _frame(table: Mapping[str, Any]) -> str:
 
 def _numbers(table: Mapping[str, Any], key: str, shape: tuple[int, ...]) -> Array:
     try:
-        found = np.array(table.get(key), float)
+        numbers = np.array(table.get(key), float)
     except (TypeError, ValueError):
-        found = np.empty(0)
-    if found.shape != shape or not np.isfinite(found).all():
+        numbers = np.empty(0)
+    if numbers.shape != shape or not np.isfinite(numbers).all():
         many = "three finite numbers are" if shape == (3,) else "a finite number is"
         raise ValueError(f"{key}: {many} needed, not {str(table.get(key))[:60]}")
-    return found
+    return numbers

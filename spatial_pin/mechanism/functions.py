@@ -109,10 +109,10 @@ def called(function: Callable[[float], Any]) -> CoordinateFunction:
     Raises:
         ValueError: at 0 it gives no four finite numbers.
     """
-    found = np.array(function(0.0), float).ravel()
-    if found.shape != (4,) or not np.isfinite(found).all():
+    derivatives = np.array(function(0.0), float).ravel()
+    if derivatives.shape != (4,) or not np.isfinite(derivatives).all():
         raise ValueError("a function of a coupling gives four finite numbers for a: its value and "
-                         f"first three derivatives, not {str(found.tolist())[:60]} at a = 0")
+                         f"first three derivatives, not {str(derivatives.tolist())[:60]} at a = 0")
     return CoordinateFunction(CalledFunction(function))
 
 
@@ -148,9 +148,9 @@ def function_of(given: Any, context: Any = None) -> CoordinateFunction:
 
 def _numbers(values: Any, what: str, axes: int) -> Array:
     try:
-        found = np.array(values, float)
+        numbers = np.array(values, float)
     except (TypeError, ValueError):
-        found = np.empty(0)
-    if found.ndim != axes or not found.size or not np.isfinite(found).all():
+        numbers = np.empty(0)
+    if numbers.ndim != axes or not numbers.size or not np.isfinite(numbers).all():
         raise ValueError(f"{what}: finite numbers are needed, not {str(values)[:60]}")
-    return found
+    return numbers

@@ -12,7 +12,7 @@ To add a pair, add one entry to `PAIRS`:
 5. `n_frames`, `n_joints`: how many frames it joins, two as a rule, and of how many joints it has
    the coordinates; at least, if it `has_more` of them.
 6. `keys`: its own numbers in a mechanism file, which a `Closure` has in `numbers`, and `fault`: a
-   function of a `Closure` that returns a key and what is wrong there, or None.
+   function of a `Closure` that returns a key and its fault, or None.
 """
 
 from __future__ import annotations

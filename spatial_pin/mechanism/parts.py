@@ -102,7 +102,7 @@ class Closure:
     sums: tuple[tuple[float, ...], ...] = ()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what is copied or sent elsewhere: not its equations, made of the rest."""
+        """Return the fields to copy or pickle: all but the equations, which follow from them."""
         return {key: x for key, x in self.__dict__.items() if key != "rows"}
 
     @property

@@ -3,9 +3,9 @@
     force = -damping v - friction tanh(v / slip speed)
 
 of every coordinate with velocity v, as a part of it. Dry (Coulomb) friction is a step at v = 0; the
-step is drawn out over the slip speed, from three of which on it is whole but for 0.5 %, from twenty
-on to round-off. So at rest there is no friction, and what friction should hold at rest creeps, a
-load of half of it at 0.55 slip speeds.
+step is smoothed over the slip speed. At three slip speeds friction has all but 0.5 % of its value,
+at twenty all of it to round-off. So there is no friction at rest: a load that friction should hold
+creeps. A load of half the friction creeps at 0.55 slip speeds.
 """
 
 from __future__ import annotations

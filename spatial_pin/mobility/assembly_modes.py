@@ -173,8 +173,8 @@ def _put(
     """Return a configuration (nq,) with each group of loops from one of its own."""
     q = base.copy()
     for group, own in zip(groups, chosen, strict=True):
-        places = configuration_indices(check.mechanism, group)
-        q[places] = own[places]
+        indices = configuration_indices(check.mechanism, group)
+        q[indices] = own[indices]
     return q
 
 

@@ -100,10 +100,10 @@ def _four_bar(mechanism: Mechanism, state: State) -> tuple[list[str], Array]:
         raise wrong
     with loops_of(mechanism, state.angles) as evaluation:
         evaluation.update(state.q)
-        places = [evaluation.data.oMi[i] for i in first]
-        places += [evaluation.frame(mechanism.frame_id(frames[0]))]
-        places += [evaluation.data.oMi[i] for i in reversed(second)]
-        centres = np.array([at.translation for at in places])
+        poses = [evaluation.data.oMi[i] for i in first]
+        poses += [evaluation.frame(mechanism.frame_id(frames[0]))]
+        poses += [evaluation.data.oMi[i] for i in reversed(second)]
+        centres = np.array([at.translation for at in poses])
         columns = joint_jacobian(evaluation.data, model.nv).copy()
         points = {c.name: evaluation.frame(mechanism.frame_id(c.frames[0])).translation
                   for c in mechanism.closures}

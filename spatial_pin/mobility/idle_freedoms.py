@@ -189,7 +189,7 @@ def _goes_on(evaluation: LoopEquations, q: Array, joint: str, v: Array) -> bool:
         return bool(evaluation.closure_error < ALGEBRA_TOLERANCE)
     twist = joint_jacobian(evaluation.data, model.nv) @ (v * evaluation.constraints.support(body))
     rest = [k for k in range(1, model.njoints) if k not in moved]
-    before, places = evaluation.data.oMi[body].copy(), evaluation.placements[rest].copy()
+    before, poses = evaluation.data.oMi[body].copy(), evaluation.placements[rest].copy()
     hinges = {model.names[k] for k in range(1, model.njoints)
               if k in moved or model.parents[k] in moved}
     driven = {mechanism.coordinate(d.joint) for d in mechanism.drivers.values()}
@@ -201,7 +201,7 @@ def _goes_on(evaluation: LoopEquations, q: Array, joint: str, v: Array) -> bool:
     size = np.array([1.0 / mechanism.characteristic_length] * 3 + [1.0] * 3)
     along, displacement = size * twist / np.linalg.norm(size * twist), size * screw
     off = displacement - along * (along @ displacement)
-    shifted = np.abs(evaluation.placements[rest] - places).max(initial=0.0)
+    shifted = np.abs(evaluation.placements[rest] - poses).max(initial=0.0)
     return bool(error <= TOLERANCES.closed and along @ displacement > TOLERANCES.moved * IDLE_MOTION
                 and max(np.abs(off).max(), shifted) < ALGEBRA_TOLERANCE)
 

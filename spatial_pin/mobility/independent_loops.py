@@ -11,7 +11,7 @@ from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Closure
-from spatial_pin.numerics.linalg import Array, null_space, rank, row_space
+from spatial_pin.numerics.linalg import null_space, rank, row_space
 
 # Singular value of twists that counts as zero: axes from files with nine or more digits coincide;
 # six digits need `gap`.
@@ -63,7 +63,9 @@ def loop_of(evaluation: LoopEquations, closure: Closure, tolerance: float) -> Lo
     algebra, dimension = row_space(np.vstack([*twists, own]) if twists else own, tolerance), -1
     while len(algebra) > dimension:  # it grows to dimension 6 at most
         dimension = len(algebra)
-        brackets = [_bracket(a, b) for i, a in enumerate(algebra) for b in algebra[:i]]
+        brackets = [np.append(np.cross(a[3:], b[:3]) - np.cross(b[3:], a[:3]),
+                              np.cross(a[3:], b[3:]))
+                    for i, a in enumerate(algebra) for b in algebra[:i]]
         algebra = row_space(np.vstack([algebra, *brackets]), tolerance)
     names = tuple(mechanism.model.names[i] for i in joints)
     turns = rank(algebra[:, 3:], tolerance) if len(algebra) else 0
@@ -77,8 +79,3 @@ def joints_between(mechanism: Mechanism, frames: Iterable[str]) -> list[int]:
         set(mechanism.model.supports[mechanism.frame_on_joint(f)[0]]) for f in frames
     )
     return sorted((first ^ second) - {0})
-
-
-def _bracket(a: Array, b: Array) -> Array:
-    v, w, x, y = a[:3], a[3:], b[:3], b[3:]
-    return np.concatenate([np.cross(w, x) - np.cross(y, v), np.cross(w, y)])

@@ -80,13 +80,13 @@ def resting(evaluation: LoopEquations, idle: list[tuple[str, Array]]) -> dict[in
     for _, velocities in idle:
         for body in moved_bodies(evaluation, velocities):
             model = mechanism.centred_model
-            places = [np.zeros(3)]  # the centres of its pairs
-            places += [model.jointPlacements[i].translation for i in range(1, model.njoints)
+            centres = [np.zeros(3)]  # the centres of its pairs
+            centres += [model.jointPlacements[i].translation for i in range(1, model.njoints)
                        if model.parents[i] == body]
             for closure in mechanism.closures:
                 placed = map(mechanism.centred_frame, (*closure.frames, *closure.between))
-                places += [M.translation for joint, M in placed if joint == body]
-            points = np.array(places)
+                centres += [M.translation for joint, M in placed if joint == body]
+            points = np.array(centres)
             speeds = _speeds(evaluation, body, points, velocities)
             speeds = np.abs(speeds.reshape(len(velocities), len(points), 3)).max(axis=(0, 2))
             twists = _twists(evaluation, body, velocities)
@@ -111,9 +111,9 @@ def _twists(evaluation: LoopEquations, body: int, velocities: Array) -> Array:
 def _speeds(evaluation: LoopEquations, body: int, points: Array, velocities: Array) -> Array:
     """Return (k, 3 points) velocities of points of a body [characteristic lengths]."""
     placement = evaluation.data.oMi[body]
-    places = points @ placement.rotation.T + placement.translation
+    positions = points @ placement.rotation.T + placement.translation
     twists = _twists(evaluation, body, velocities)
-    speeds = twists[:, None, :3] + np.cross(twists[:, None, 3:], places[None])
+    speeds = twists[:, None, :3] + np.cross(twists[:, None, 3:], positions[None])
     return speeds.reshape(len(velocities), -1) * evaluation.constraints.scale
 
 

@@ -278,7 +278,7 @@ class ModeSearch:
                     self._sort(q, self.recognition.signatures(q), numbers)
                 bar.n = self.starts
                 bar.set_postfix(found=len(self.modes))
-        except KeyboardInterrupt:  # what was found until then is the answer
+        except KeyboardInterrupt:  # the result has the modes until then
             if not self.modes:
                 raise
             self.is_whole = False

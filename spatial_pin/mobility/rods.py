@@ -235,17 +235,17 @@ def core_of(mechanism: Mechanism, held: Mapping[str, float], rods: list[Rod]) ->
                 out.append(rod)
                 distances.append((ends, length))
     gone = {i for rod in out for i in rod.lines}
-    # joints of which all coordinates are held, those of couplings apart
+    # joints whose coordinates are all held, those of couplings apart
     coupled = {mechanism.coordinate(name).joint for c in mechanism.closures for name in c.joints}
     free = {c.joint for c in mechanism.coordinate_table.values() if c.name not in held}
     locked = {i for i, name in enumerate(model.names)
               if i and name not in free and name not in coupled and i not in gone}
-    small, places, joints = _without(model, data, locked, gone)
+    small, poses, joints = _without(model, data, locked, gone)
     names = {f for c in mechanism.closures for f in (*c.frames, *c.between)}
     for name in sorted(names):
         body, placement = mechanism.frame_on_joint(name)
         if body not in gone:
-            at, on = places[body]
+            at, on = poses[body]
             small.addFrame(pin.Frame(name, at, 0, on * placement, pin.FrameType.OP_FRAME))
     removed = {end.closure for rod in out for end in rod.ends}
     is_rounded = mechanism.whole is not None  # its axes are parallel to some digits only
@@ -255,7 +255,7 @@ def core_of(mechanism: Mechanism, held: Mapping[str, float], rods: list[Rod]) ->
     for k, (ends, length) in enumerate(distances):
         frames = (f"{k} of rods", f"{k} of rods, other end")
         for name, end in zip(frames, ends, strict=True):
-            at, on = places[end.other]
+            at, on = poses[end.other]
             small.addFrame(pin.Frame(name, at, 0, on * end.there, pin.FrameType.OP_FRAME))
         closures.append(Closure(f"rod {k}", "distance", frames,
                                 PairGeometry(np.eye(3), np.eye(3), length)))
@@ -297,15 +297,15 @@ def _without(
 ) -> tuple[pin.Model, dict[int, tuple[int, pin.SE3]], list[int]]:
     """Return a tree without some joints, the place of each body in it, and the remaining joints."""
     out, joints = pin.Model(), []
-    places = {0: (0, pin.SE3.Identity())}
+    poses = {0: (0, pin.SE3.Identity())}
     for i in (i for i in range(1, model.njoints) if i not in gone):
-        at, on = places[int(model.parents[i])]
+        at, on = poses[int(model.parents[i])]
         on = on * model.jointPlacements[i]
         if i in locked:
             own = data.oMi[int(model.parents[i])] * model.jointPlacements[i]
-            places[i] = at, on * own.actInv(data.oMi[i])
+            poses[i] = at, on * own.actInv(data.oMi[i])
             continue
         joints.append(i)
         k = out.addJoint(at, model.joints[i].extract(), on, model.names[i])
-        places[i] = k, pin.SE3.Identity()
-    return out, places, joints
+        poses[i] = k, pin.SE3.Identity()
+    return out, poses, joints

@@ -178,8 +178,8 @@ def finished(
         mechanism: the mechanism.
         followed: samples of its q, v and a.
         times: (N,) of all samples; None: the parameter is their number.
-        held: what was held by name.
-        names: what went along tables, for words.
+        held: coordinates held by name.
+        names: coordinates with tables, for messages.
         who: what these are, in one word.
         on_limit: "raise" or "stop".
         on_crossing: the same.

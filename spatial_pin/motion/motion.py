@@ -24,7 +24,7 @@ from spatial_pin.assembly.state import FrameMotion, Samples, State, is_coordinat
 from spatial_pin.errors import SampleError, SpatialPinError
 from spatial_pin.mechanism.coordinates import CoordinateRates, coordinate_rates
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.linalg import Array, largest_by
 
 
 class Event(NamedTuple):
@@ -291,7 +291,7 @@ class Motion(Samples, Tabular):
         if isinstance(item, np.ndarray | list) and rows.ndim == 1 and (
                 rows.dtype.kind in "iu" or not rows.size):
             if wrong := [x for x in rows.tolist() if not -len(self) <= x < len(self)]:
-                self.state(wrong[0])  # which says what is wrong
+                self.state(wrong[0])  # raises the error
             return selected(self, np.arange(len(self))[rows.astype(int)])
         raise TypeError(
             "a Motion is indexed by the number of a sample, a slice, a mask of all "
@@ -384,13 +384,13 @@ class Motion(Samples, Tabular):
             raise SpatialPinError(
                 f"mechanism {self.mechanism.name!r}: nobody has estimated the errors of this "
                 "motion; sweep, follow, trace and simulate do")
-        v, a = (float(np.abs(x / scale).max(initial=0.0)) for x in (self.v, self.a))
-        sizes = np.array([1.0, v or 1.0, max(a, LEAST_BEND * v * v) or 1.0])
-        found = estimates / sizes
-        rows = found.argmax(axis=0)
-        positions, rates, accelerations = found[rows, range(3)].tolist()
-        return ErrorEstimate(positions, rates, accelerations, tuple(rows.tolist()),
-                             tuple(found[-1].tolist()))
+        v, a = largest_by(scale, self.v), largest_by(scale, self.a)
+        sizes = 1.0, v or 1.0, max(a, LEAST_BEND * v * v) or 1.0
+        rows = estimates.argmax(axis=0).tolist()
+        end = [x / size for x, size in zip(estimates[-1].tolist(), sizes, strict=True)]
+        positions, rates, accelerations = (
+            estimates.item(row, k) / sizes[k] for k, row in enumerate(rows))
+        return ErrorEstimate(positions, rates, accelerations, tuple(rows), tuple(end))
 
     @checked
     def coordinate(self, name: str) -> CoordinateRates[Array]:
@@ -630,7 +630,7 @@ class Motion(Samples, Tabular):
             The path written.
 
         Raises:
-            OSError: it cannot be written; what was there before stays.
+            OSError: it cannot be written; the former file stays.
 
         Example:
             >>> motion = sp.sweep(sp.load("four_bar"), "crank", [0.0, 0.5, 1.0], speed=2.0)
@@ -783,7 +783,7 @@ def selected(
     Args:
         motion: the motion.
         rows: the numbers. Where they rise or fall the events come along.
-        piece: the same as a slice, of which arrays are views.
+        piece: the same as a slice, so that arrays are views.
     """
     n, index = len(motion), rows if piece is None else piece
 

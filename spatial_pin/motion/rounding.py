@@ -17,8 +17,8 @@ from spatial_pin.motion.motion import AnyMotion, Event, first_samples
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import Accuracy
 
-# Samples at which a motion is checked. So many per turn miss the peak of a sine by 5e-6 of its
-# height, much less than the report shows.
+# Samples at which a motion is checked. This number per turn misses the peak of a sine by 5e-6 of
+# its height, much less than the report shows.
 MOST_SAMPLES = 1000
 GAP = "gap"  # kind of event
 BRIEF = 0.01  # part of a motion on which equations that were left out open beyond the gap at most

@@ -71,20 +71,20 @@ def states(
 ) -> Motion:
     """Solve configurations at scattered driver values on one branch: that of the guess.
 
-    The values of the sample nearest to the guess are assembled. Each other sample is followed to
-    from its nearest solved neighbour, along a straight line of driver values, so that the branch is
-    kept; where one is out of reach from there, from others. A line may go straight on where
-    branches cross. No result depends on the number of threads, nor on the order of the samples.
+    The sample nearest to the guess is assembled. Each other sample is followed from its nearest
+    solved neighbour, along a straight line of driver values, so it is on the same branch. If it
+    cannot be reached from there, other neighbours are tried. At a branch point a line goes straight
+    on. No result depends on the number of threads, nor on the order of the samples.
 
-    Where a region of driver values surrounds one that cannot be reached, or a cusp of one, other
-    lines may lead to other branches: `sweep` and `follow` go along a line of your own.
+    If a region of driver values cannot be reached, lines on either side of it may lead to different
+    branches. Then use `sweep` or `follow` along a line that you choose.
 
     Args:
         mechanism: the mechanism.
         values: (N,) values by driver, or coordinate of a joint [rad or m], in any order; one number
-            stands still. All other drivers keep their values from the guess.
-        guess: where to begin, as for `assemble`; a State is on the branch itself.
-        threads: how many rows are solved at a time; default: as many as there are cores.
+            holds it at that value. All other drivers keep their values from the guess.
+        guess: the first configuration, as for `assemble`; a State selects its own branch.
+        threads: number of threads that solve rows; default: the number of cores.
         hold: names of other joints that stand still, as for `sweep`.
         accuracy: tolerance; default "engineering".
         progress: show a bar on stderr after a second, if that is a terminal.
@@ -92,8 +92,8 @@ def states(
     Returns:
         The Motion, one sample per row of the tables, in their order, at rest: v and a are zero, as
         those of `assemble`; `solve_rates` of it takes arrays of speeds. It has no driver and no
-        time. Where a value cannot be reached the row holds the nearest configuration that was, and
-        `unreached` {sample: reason} says so.
+        time. If a value cannot be reached, the row holds the nearest configuration that was reached
+        on the line, and `unreached` {sample: reason} says why.
 
     Raises:
         AssemblyError: neither the sample nearest to the guess nor the guess can be assembled.
@@ -115,7 +115,7 @@ def states(
     accuracy = accuracy_of(accuracy)
     require_mechanism(mechanism)
     if threads is not None and threads < 1:
-        raise ValueError(f"threads is {threads}: one at least solves the samples")
+        raise ValueError(f"threads is {threads}: it must be at least 1")
     names, table = table_of(mechanism, values)
     held = () if hold is None else tuple(names_of(hold, "hold"))
     check_not_held(mechanism, [mechanism.prescribed_coordinate(name) for name in names], held)
@@ -128,16 +128,18 @@ def states(
     state, gone = _first(mechanism, names, distinct, guess, held, accuracy)
     moved = part_moving_with(state, names, hold)
     there, standing = (state, hold) if moved is None else moved[:2]
-    with (progress_bar(len(distinct), f"{mechanism.name}: {', '.join(names)}", progress) as bar,
-          Workspaces() as workspaces):
-        cloud = _Cloud(there, names, standing, distinct, accuracy, threads or _cores(), workspaces)
-        is_cut = False
-        try:
+    own_cores = getattr(os, "sched_getaffinity", None)
+    threads = threads or (len(own_cores(0)) if own_cores else os.cpu_count() or 1)
+    cloud, is_done = None, None
+    try:  # around the workspaces: after Ctrl-C a thread may still use a kernel of theirs
+        with (progress_bar(len(distinct), f"{mechanism.name}: {', '.join(names)}", progress) as bar,
+              Workspaces() as workspaces):
+            cloud = _Cloud(there, names, standing, distinct, accuracy, threads, workspaces)
             cloud.solve(bar)
-        except KeyboardInterrupt:
-            if not (cloud.scattered.part[:-1] >= 1.0).any():
-                raise
-            is_cut = True
+    except KeyboardInterrupt:
+        if cloud is None or not (cloud.scattered.part[:-1] >= 1.0).any():
+            raise
+        is_done = cloud.scattered.part[number] >= 1.0
     samples, unreached = cloud.scattered.samples, cloud.unreached(list(values))
     samples = samples if moved is None else moved.of_whole(samples)
     unreached |= _opened(state, samples, accuracy)
@@ -148,23 +150,16 @@ def states(
         [Event("released", 0.0, 0, text) for text in gone], samples.angles[number],
         held=held if moved is None else moved.held, unreached={
             k: unreached[row] for k, row in enumerate(number.tolist()) if row in unreached})
-    if is_cut:
-        done = cloud.scattered.part[number] >= 1.0
-        raise Interrupted(selected(motion, np.flatnonzero(done)))
+    if is_done is not None:
+        raise Interrupted(selected(motion, np.flatnonzero(is_done)))
     return motion
-
-
-def _cores() -> int:
-    """Return how many cores this process may use."""
-    known = getattr(os, "sched_getaffinity", None)
-    return len(known(0)) if known else os.cpu_count() or 1
 
 
 def _first(
     mechanism: Mechanism, names: list[str], table: Array, guess: Any, held: tuple[str, ...],
     accuracy: Accuracy,
 ) -> tuple[State, list[str]]:
-    """Return the first State, and sentences on what is held elsewhere than the guess has it.
+    """Return the first State, and sentences on coordinates held at other values than the guess.
 
     It is at the values nearest to the guess, where these cannot be assembled at the guess.
 
@@ -189,7 +184,7 @@ def _first(
 
 
 class _Cloud:
-    """Scattered values, each with its parent, and what solves them.
+    """Scattered values, each with the neighbour it is followed from, and their solver.
 
     Args:
         state: the first State, of the mechanism or of the part that moves.
@@ -235,31 +230,36 @@ class _Cloud:
     # ------------------------------------------------------------ rows, many at a time
 
     def solve(self, bar: Any) -> None:
-        """Solve all rows; those that cannot be reached come as near as they can."""
+        """Solve all rows; unreachable ones end at the nearest configuration on their line."""
         with ThreadPoolExecutor(self._threads) as executor:
             pool = executor if self._threads > 1 else None
-            for rows in self._levels():
+            for rows in self._levels(pool):
                 self._follow(pool, rows)
                 bar.update(len(rows))
             self._try_others(pool)
             self._pass_singular(pool)
 
-    def _levels(self) -> Iterator[Rows]:
-        """Yield all rows, few before many, their parents being set."""
+    def _levels(self, pool: Any) -> Iterator[Rows]:
+        """Yield all rows in levels of growing density, after setting their parents.
+
+        Threads of `cKDTree.query` itself would go on in memory that is free after Ctrl-C.
+        """
         from scipy.spatial import cKDTree  # on use: it takes a tenth of a second
 
         n = len(self.points) - 1
-        order, place = morton_order(self.points[:n]), np.arange(1, n + 1)
-        levels, before = np.bitwise_and(place, -place), np.array([n])
+        order, number = morton_order(self.points[:n]), np.arange(1, n + 1)
+        levels, before = np.bitwise_and(number, -number), np.array([n])
         for size in 2 ** np.arange(int(n).bit_length())[::-1]:
             rows = order[levels == size]
-            _, near = cKDTree(self.points[before]).query(self.points[rows], workers=self._threads)
-            self.scattered.parent[rows] = before[near]
+            tree, n_jobs = cKDTree(self.points[before]), min(self._threads, len(rows) // FEWEST)
+            jobs = [(some,) for some in np.array_split(self.points[rows], max(n_jobs, 1))]
+            pairs = in_order(pool if n_jobs > 1 else None, tree.query, jobs)
+            self.scattered.parent[rows] = before[np.concatenate([near for _, near in pairs])]
             before = np.concatenate([before, rows])
             yield rows
 
     def _follow(self, pool: Any, rows: Rows, is_last: bool = False) -> None:
-        """Follow to rows from their parents, which are done before."""
+        """Follow rows from their parents, which are solved before."""
         most = max(PIECE // max(self.mechanism.model.nv, 1), 1)
         n = min(max(FEWEST, -(-len(rows) // (SHARE * self._threads))), most)
         jobs = [(np.ascontiguousarray(rows[k : k + n]), is_last) for k in range(0, len(rows), n)]
@@ -275,20 +275,20 @@ class _Cloud:
 
     # ------------------------------------------------------------ rows that were not reached
 
-    def _left(self) -> Rows:
+    def _unsolved(self) -> Rows:
         """Return the rows that are not reached."""
         return np.flatnonzero(self.scattered.part < 1.0)
 
     def _try_others(self, pool: Any) -> None:
-        """Try rows that are not reached from other solved neighbours, and end as near as they can.
+        """Try unreached rows from other solved neighbours; else end as near as possible.
 
         A row that is reached is a neighbour of others.
         """
         from scipy.spatial import cKDTree
 
         scattered, points = self.scattered, self.points
-        tried: dict[int, dict[int, float]] = {row: {} for row in self._left().tolist()}
-        while len(rows := self._left()):
+        tried: dict[int, dict[int, float]] = {row: {} for row in self._unsolved().tolist()}
+        while len(rows := self._unsolved()):
             solved = np.flatnonzero(scattered.part >= 1.0)
             k = min(NEIGHBOURS, len(solved))
             near = solved[cKDTree(points[solved]).query(points[rows], k)[1].reshape(-1, k)]
@@ -304,16 +304,16 @@ class _Cloud:
             for row, parent, far in zip(rows.tolist(), parents.tolist(), (
                     apart * (1.0 - scattered.part[rows])).tolist(), strict=True):
                 tried[row][parent] = far
-        rows = self._left()
+        rows = self._unsolved()
         for row in rows.tolist():
             scattered.parent[row] = min(tried[row], key=lambda x: (tried[row][x], x))
         self._follow(pool, rows, is_last=True)
 
     def _pass_singular(self, pool: Any) -> None:
-        """Go on through singular configurations and branch points on the lines to rows, if any."""
+        """Pass singular configurations and branch points on the lines to rows, if any."""
         failed, seen = 0, set[int]()
         while failed < PASSAGES:
-            rows = [row for row in self._left().tolist() if row not in seen and not
+            rows = [row for row in self._unsolved().tolist() if row not in seen and not
                     self._is_limit(row)]
             if not rows:
                 return
@@ -328,7 +328,7 @@ class _Cloud:
                 failed += 1
 
     def _passes(self, row: int) -> bool:
-        """Whether the line to a row leads through what stopped it; then the row is written."""
+        """Whether the line to a row passes the point that stopped it; then the row is written."""
         from scipy.interpolate import PPoly  # on use: it takes a tenth of a second
 
         s, parent = self.scattered, self.scattered.parent[row]
@@ -338,16 +338,16 @@ class _Cloud:
         first, last = s.values[parent], s.values[row]
         line = PPoly(np.array([[last - first], [first]]), np.array([0.0, 1.0]))
         try:
-            found = along(state, self._names, self._hold, line, np.array([0.0, 1.0]),
+            passage = along(state, self._names, self._hold, line, np.array([0.0, 1.0]),
                           self._accuracy, "", False, passes=True)
         except SingularError:  # right at the neighbour
             return False
-        if found.stop is None:
-            for to, own in zip(s.samples, found.samples, strict=True):
+        if passage.stop is None:
+            for to, own in zip(s.samples, passage.samples, strict=True):
                 to[row] = own[1]
             s.part[row] = 1.0
             return True
-        end = found.stop
+        end = passage.stop
         self._ends[row] = "too far to be followed to" if end.is_far else ENDS[end.kind]
         if end.value > s.part[row]:
             loops = loops_at(self.mechanism, end.q, s.samples.angles[row])
@@ -364,11 +364,11 @@ class _Cloud:
         s, scale = self.scattered, self.mechanism.velocity_scale
         t, c = s.samples.t[row] / scale, s.samples.c[row] / scale
         bend = -float(t @ c)  # the parameter falls along the line
-        way = float(np.abs(self.points[row] - self.points[s.parent[row]]).max())
-        return bend > 0.0 and float(t @ t) / (2.0 * bend) * way < AT_LIMIT
+        distance = float(np.abs(self.points[row] - self.points[s.parent[row]]).max())
+        return bend > 0.0 and float(t @ t) / (2.0 * bend) * distance < AT_LIMIT
 
     def unreached(self, names: Sequence[str]) -> dict[int, str]:
-        """Return why rows are not reached, with names for what has values."""
+        """Return the reasons why rows are not reached, by row, with names and values."""
         s, words = self.scattered, {}
         units = [self.mechanism.coordinate(name).unit for name in self._names]
 
@@ -376,7 +376,7 @@ class _Cloud:
             return ", ".join(f"{name} = {x:.9g} {unit}" for name, x, unit in zip(
                 names, values.tolist(), units, strict=True))
 
-        for row in self._left().tolist():
+        for row in self._unsolved().tolist():
             parent, part = s.parent[row], s.part[row]
             end = s.values[parent] + part * (s.values[row] - s.values[parent])
             kind = self._ends.get(row) or ENDS["limit" if self._is_limit(row) else "singular"]

@@ -148,7 +148,9 @@ def sweep(
     values = _values(mechanism, driver, values, speed)
     speeds, accels = _requested_rates(speed, acceleration, values)
     coordinate = mechanism.prescribed_coordinate(driver)
-    given, held = ({}, (hold,)) if isinstance(hold, str) else _hold_values(hold)
+    given: Mapping[str, float] = hold if isinstance(hold, Mapping) else {}
+    held = (BASE,) if isinstance(hold, Mapping) else () if hold is None else tuple(
+        names_of(hold, "hold"))
     requested, rates, good = values, (speeds, accels), None
     for _ in range(CHOICES):
         mechanism, result, still, events = _followed(
@@ -204,15 +206,6 @@ def _values(mechanism: Mechanism, driver: str, given: Any, speed: Any) -> Array:
     if values.ndim > 1 or not is_finite(values):
         values = finite_array(values, (values.size,), "values")  # refuses in words
     return values
-
-
-def _hold_values(
-    hold: Mapping[str, float] | Iterable[str] | None
-) -> tuple[Mapping[str, float], tuple[str, ...]]:
-    """Return the coordinates held at given values, and the names that are held, bases included."""
-    if isinstance(hold, Mapping):
-        return hold, (BASE,)
-    return {}, () if hold is None else tuple(names_of(hold, "hold"))
 
 
 def _followed(
@@ -377,18 +370,18 @@ def scaled_estimates(
         speeds: (N,) of what leads; None: these derivatives are the rates.
         accels: (N,) its accelerations; None: there are none.
     """
-    found = estimate.copy()
+    scaled = estimate.copy()
     if speeds is not None:
-        found[:, 1] *= np.abs(speeds)
-        found[:, 2] *= speeds * speeds
+        scaled[:, 1] *= np.abs(speeds)
+        scaled[:, 2] *= speeds * speeds
         if accels is not None:
-            found[:, 2] += estimate[:, 1] * np.abs(accels)
+            scaled[:, 2] += estimate[:, 1] * np.abs(accels)
     resolved = motion.mechanism.extent.resolution
     if resolved:
         v, a = (np.abs(x / motion.mechanism.velocity_scale).max(axis=1, initial=0.0)
                 for x in (motion.v, motion.a))
-        found += UNRESOLVED * resolved * np.column_stack([np.ones(len(v)), v, a + v * v])
-    return read_only(found)
+        scaled += UNRESOLVED * resolved * np.column_stack([np.ones(len(v)), v, a + v * v])
+    return read_only(scaled)
 
 
 def _near_limit(motion: Motion, t: Array) -> list[Event]:
@@ -476,7 +469,7 @@ def _error(
     if stop.kind == "branch point":
         why = ("on_crossing='raise' asks to stop there; give on_crossing='straight' to go on"
                if on_crossing == "raise" else
-               "none that goes straight on can be told from the others there; start")
+               "no branch there clearly goes straight on; start")
         remedy = " the sweep beyond it with a guess on the wanted branch" * why.endswith("start")
         return SingularError(
             f"{where}: branches cross at {driver} = {stop.value:.12g} {unit} ({last}); "

@@ -1,8 +1,8 @@
 """Best fit of parts of closed curves to given points, up to translation, rotation and size.
 
 Curves are compared at points spaced evenly along them. For all places at which a part may begin the
-sums of products are correlations, found together by Fourier transforms; from these follow the best
-rotation [Kabsch1976] and size, and what is missed.
+sums of products are correlations, computed together by Fourier transforms. They give the best
+rotation [Kabsch1976], the best size and the remaining error.
 """
 
 from __future__ import annotations

@@ -82,7 +82,7 @@ class Independence(NamedTuple):
 
     rows: NDArray[np.intp]
     least: float
-    left_out: float
+    dependent: float
 
 
 def independence(a: Array, most: int, part: float) -> Independence:

@@ -68,7 +68,7 @@ class LeastSquares(ABC):
         gain: part of the sum that a step gains at least, while steps are Gauss's.
         longest: step that is made at most.
         cut: singular values, relative to the largest, below which Gauss's steps move nothing.
-        most: steps that are made at most: Newton's are ten, towards what is far away some dozens.
+        most: largest number of steps: Newton's are ten, towards far targets some dozens.
     """
 
     moves: NDArray[np.bool_]
@@ -346,16 +346,16 @@ class Minimum(NamedTuple):
     at: Iterate
     active: Bounds  # those that hold it back
     has_ended: bool  # by itself, not since steps ran out
-    is_on_its_way: bool  # it went on by long steps until these ran out
+    is_in_progress: bool  # it went on by long steps until these ran out
 
 
 def minimised(problem: LeastSquares, x: Array, active: Bounds) -> Minimum:
     """Minimise from unknowns that meet the constraints and the active bounds."""
     for off in (OFF_ON_THE_WAY, 0.0):
         result = Descent(problem, off).run(Iterate(problem, x), active)
-        for _ in range(MORE_ROUNDS if result.is_on_its_way else 0):
+        for _ in range(MORE_ROUNDS if result.is_in_progress else 0):
             result = Descent(problem, off).run(result.at, result.active)
-            if not result.is_on_its_way:
+            if not result.is_in_progress:
                 break
         end = result.at.x
         met = problem.corrected(end, problem.free(result.active), 0.0)

@@ -152,10 +152,10 @@ def quintic_spline(x: Array, y: Array, is_periodic: bool = False) -> Piecewise:
         repeats = max(1, -(-6 // (len(x) - 1)))
         repeats += repeats % 2 == 0
         period = x[-1] - x[0]
-        places = [x[:-1] + (k - repeats // 2) * period for k in range(repeats)]
-        places.append(x[:1] + (repeats - repeats // 2) * period)
+        knots = [x[:-1] + (k - repeats // 2) * period for k in range(repeats)]
+        knots.append(x[:1] + (repeats - repeats // 2) * period)
         values = np.concatenate([*[y[:-1]] * repeats, y[:1]])
-        spline = make_interp_spline(np.concatenate(places), values, k=5, bc_type="periodic")
+        spline = make_interp_spline(np.concatenate(knots), values, k=5, bc_type="periodic")
     pieces = PPoly.from_spline(spline)
     begin = int(np.searchsorted(pieces.x, 0.5 * (x[0] + x[1]), side="right")) - 1
     end = int(np.searchsorted(pieces.x, 0.5 * (x[-2] + x[-1]), side="right"))

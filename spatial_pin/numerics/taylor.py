@@ -23,7 +23,7 @@ class Taylor:
 
     Attributes:
         values: coefficients of t^k.
-        changes: of e t^k, as many; empty where nothing is asked for them.
+        changes: of e t^k, as many; empty if they are not wanted.
     """
 
     __array_ufunc__ = None  # NumPy leaves its arrays' products and sums with series to these
@@ -78,8 +78,8 @@ def _product(a: list[Coefficient], b: list[Coefficient]) -> list[Coefficient]:
 def argument(sine: Taylor, cosine: Taylor, near: Coefficient = 0.0) -> Taylor:
     """Return the angle of a direction, of the turn nearest an angle.
 
-    It is the imaginary part of log z, z = cosine + i sine; with u = z / z(0) - 1, of which no
-    higher power than the order is left, log(1 + u) = u - u² / 2 + u³ / 3 - ...
+    It is the imaginary part of log z, z = cosine + i sine; with u = z / z(0) - 1, whose
+    powers above the order vanish, log(1 + u) = u - u² / 2 + u³ / 3 - ...
 
     Args:
         sine: of the angle; or both times the same positive number.

@@ -31,18 +31,18 @@ class Tolerances:
         round_off: a residual or correction that cannot be made smaller, 45 epsilon: three times
             the largest closure error of all sweeps measured.
         zero: a singular value, pivot or entry that is zero in matrices of order one, 450 epsilon:
-            what sums of some hundred terms leave, a hundred times what was measured.
+            round-off of sums of some hundred terms, a hundred times the measured one.
         tight: a difference of two numbers that are the same but for how each was computed, from
             placements composed of some hundred others, 4500 epsilon. And the residual to which
-            loops with redundant equations are closed before it is asked which are redundant.
+            loops with redundant equations are closed before the redundant ones are determined.
         closed: the closure error up to which loops count as closed where round-off is magnified:
             a thousand times `round_off`, which pivots down to 1e-3 leave; single precision, the
             finest that opens a loop in earnest, leaves 2e-7.
         rank: singular values, relative to the largest, below which they count as zero: in the
             geometric middle of the 1e-15 of redundant equations and the 1e-5 of `near_singular`.
         nothing: a rate, length or angle, relative to the largest of its kind, that is none: in the
-            middle of `tight`, which round-off does not reach where all is regular, and of
-            `half_precision`, of which each is something.
+            middle of `tight`, which round-off does not reach in regular configurations, and
+            `half_precision`, below which no true rate is.
         singular: the smallest pivot, relative to the largest, of a configuration that has rates:
             eps/s² is 2 % there, and their first digit is lost at half as much.
         half_precision: of numbers known to half of the digits. A singular configuration is known to

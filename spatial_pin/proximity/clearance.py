@@ -149,7 +149,7 @@ class Clearance:
         raise SpatialPinError(f"{first!r} and {second!r} were not looked at: {why}")
 
     def as_dict(self) -> dict[str, Any]:
-        """Return what was found as plain numbers and lists, as JSON has them.
+        """Return the distances as plain numbers and lists, for JSON.
 
         Example:
             >>> mech = sp.load("four_bar")
@@ -224,7 +224,7 @@ def clearance(
         UnknownNameError: there is no such link.
         SpatialPinError: a link has no shape, or two are fixed to each other.
         ValueError: the motion has no samples, or the tolerance is no number.
-        Interrupted: after Ctrl-C; `.result` has what was found until then.
+        Interrupted: after Ctrl-C; `.result` has the distances until then.
 
     Example:
         >>> mech = sp.load("four_bar")
@@ -276,7 +276,7 @@ def _searched(search: ClearanceSearch, bar: Any) -> tuple[ClearanceSearch, list[
         for k in range(n):
             results.append(search.result(k))
             bar.update()
-    except KeyboardInterrupt:  # what was found until then is the answer
+    except KeyboardInterrupt:  # the result has the distances until then
         if not done:
             raise
         search = search.cut(done)

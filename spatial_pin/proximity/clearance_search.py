@@ -173,7 +173,7 @@ class SampledClearance:
         self.points = np.empty((*self.sampled.shape, 2, 3))
         self._travelled: list[Array] = []
         self._rough: set[int] = set()  # samples after which polynomials stray too far
-        self._known_places: dict[MotionPoint, Array] = {}  # configurations, for all pairs
+        self._known_configurations: dict[MotionPoint, Array] = {}  # configurations, for all pairs
 
     def sample(self) -> Iterator[int]:
         """Compute the distances of all pairs at all samples, one sample at a time."""
@@ -197,10 +197,10 @@ class SampledClearance:
     def _configuration(self, row: int, part: float) -> Array:
         """Return the configuration (nq,) at a point, exact enough for the search."""
         point = MotionPoint(row, part)
-        if point not in self._known_places:
+        if point not in self._known_configurations:
             go = self.between.closed if row in self._rough else self.between.at
-            self._known_places[point] = go(row, part)
-        return self._known_places[point]
+            self._known_configurations[point] = go(row, part)
+        return self._known_configurations[point]
 
     def _approach(self, row: int, before: tuple[Array, Array], here: tuple[Array, Array]) -> Array:
         """Return the approach of links at even parts of the step to a sample.
@@ -260,11 +260,11 @@ class ClearanceSearch(SampledClearance):
         least, touches = min(known.values()), self.touching + self.known
         for row, travelled in enumerate(self._travelled):
             come = CURVED * travelled[:, pair]
-            places = np.linspace(0.0, 1.0, len(come))
+            parts = np.linspace(0.0, 1.0, len(come))
             intervals = [(0.0, 1.0, known[MotionPoint(row, 0.0)], known[MotionPoint(row + 1, 0.0)])]
             while intervals:
                 first, last, before, after = intervals.pop()
-                travel = float(np.subtract(*np.interp((last, first), places, come)))
+                travel = float(np.subtract(*np.interp((last, first), parts, come)))
                 bound = 0.5 * (before + after - travel)  # with nothing between nearer than that
                 shows = min(before, after) <= touches  # its ends show a touch
                 may_hide = bound < least - self.certain or (
@@ -281,11 +281,11 @@ class ClearanceSearch(SampledClearance):
         """Return the point of the least distance, near the least known ones."""
         from scipy.optimize import minimize_scalar
 
-        places = sorted(known)
-        for k in sorted(range(len(places)), key=lambda k: known[places[k]])[:VALLEYS]:
-            here = known[places[k]] = self._nearest(pair, places[k]).distance
-            for row, first, last in _neighbouring_intervals(places, k):
-                end, other = (first, last) if (row, first) == places[k] else (last, first)
+        points = sorted(known)
+        for k in sorted(range(len(points)), key=lambda k: known[points[k]])[:VALLEYS]:
+            here = known[points[k]] = self._nearest(pair, points[k]).distance
+            for row, first, last in _neighbouring_intervals(points, k):
+                end, other = (first, last) if (row, first) == points[k] else (last, first)
                 inside = MotionPoint(row, end + INWARD * (other - end))
                 if self._nearest(pair, inside).distance >= here:
                     continue
@@ -300,9 +300,9 @@ class ClearanceSearch(SampledClearance):
         self, pair: int, known: dict[MotionPoint, float]
     ) -> Iterator[tuple[MotionPoint, MotionPoint]]:
         """Yield the first and last point of each contact."""
-        places = sorted(known)
+        points = sorted(known)
         first: MotionPoint | None = None
-        for before, here in zip([None, *places], places, strict=False):
+        for before, here in zip([None, *points], points, strict=False):
             touches = known[here] - self.touching <= self.known
             if touches and first is None:
                 first = here if before is None else self._change(pair, before, here, known)
@@ -310,7 +310,7 @@ class ClearanceSearch(SampledClearance):
                 yield first, self._change(pair, before, here, known)
                 first = None
         if first is not None:
-            yield first, places[-1]
+            yield first, points[-1]
 
     def _change(
         self, pair: int, a: MotionPoint, b: MotionPoint, known: dict[MotionPoint, float]
@@ -335,14 +335,14 @@ class ClearanceSearch(SampledClearance):
 
 
 def _neighbouring_intervals(
-    places: list[MotionPoint], k: int
+    points: list[MotionPoint], k: int
 ) -> Iterator[tuple[int, float, float]]:
     """Yield (sample, first part, last part) of the intervals on both sides of a point."""
     if k > 0:
-        row, first = places[k - 1]
-        yield row, first, places[k].part if places[k].row == row else 1.0
-    if k + 1 < len(places):
-        row, first = places[k]
-        yield row, first, places[k + 1].part if places[k + 1].row == row else 1.0
+        row, first = points[k - 1]
+        yield row, first, points[k].part if points[k].row == row else 1.0
+    if k + 1 < len(points):
+        row, first = points[k]
+        yield row, first, points[k + 1].part if points[k + 1].row == row else 1.0
 
 

@@ -93,13 +93,13 @@ def hulls(points: Array, corners: Array) -> Iterator[coal.ShapeBase]:
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import ConvexHull, QhullError
 
-    places, own = np.unique(points, axis=0, return_inverse=True)
+    distinct, own = np.unique(points, axis=0, return_inverse=True)
     corners = own.reshape(-1)[corners]
     edges = np.concatenate([corners[:, :2], corners[:, 1:]]).T
-    graph = coo_array((np.ones(edges.shape[1]), edges), shape=(len(places), len(places)))
+    graph = coo_array((np.ones(edges.shape[1]), edges), shape=(len(distinct), len(distinct)))
     parts = connected_components(graph, directed=False)[1]
     for part in np.unique(parts[corners]):
-        own = places[parts == part]
+        own = distinct[parts == part]
         try:
             hull = ConvexHull(own)
         except QhullError:  # a flat part: its points are moved by round-off

@@ -22,14 +22,13 @@ from spatial_pin.assembly.state import State, made
 from spatial_pin.assembly.undetermined import rank_loss
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.loop_equations import loops_of
-from spatial_pin.kernel.packing import packed
+from spatial_pin.kernel.packing import frame_in_kernel
 from spatial_pin.kernel.paths import PathSamples
-from spatial_pin.kernel.rate_solver import BodyPoint, Chosen
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 from spatial_pin.numerics.linalg import Array, common_rows, independent_rows, null_space
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.rates.prescribed import Prescription, chosen_at, solved_by
+from spatial_pin.rates.prescribed import Prescription, chosen_at, solved_at
 from spatial_pin.rates.rates import usual_prescription, wanted_coordinates
 
 
@@ -94,77 +93,53 @@ def velocity_indices(driven: Iterable[Coordinate]) -> tuple[int, ...]:
     return tuple(c.v for c in driven if c.q >= 0 or isinstance(c, VelocityEntry))
 
 
-class FrameDependence(NamedTuple):
-    """The equations that determine the velocity of a frame.
+def solved_for_frame(
+    state: State, given: Prescription, frame: int, wanted: str
+) -> list[Array]:
+    """Return a Jacobian (6, n_moving) of `RateRows` of a frame of a closed state.
 
-    Attributes:
-        state: of the mechanism, or of the part that the frame depends on.
-        given: its prescribed coordinates.
-        columns: numbers of its moving coordinates, among all.
-        chosen: the equations, if these are not clear.
-    """
-
-    state: State
-    given: Prescription
-    columns: list[int]
-    chosen: Chosen | None
-
-    def solved(
-        self, wanted: str, n: int, frame: BodyPoint | None = None, v: Array | None = None
-    ) -> list[Array]:
-        """Return a result (k, n) of `RateRows`, a column for each of n moving coordinates."""
-        found = solved_by(self.state, self.given, (wanted,), frame, self.chosen, v)
-        assert found is not None
-        whole = np.zeros((len(found[0]), n))
-        whole[:, self.columns] = found[0]
-        return [whole]
-
-
-@made_once
-def frame_in_kernel(mechanism: Mechanism, frame: int) -> BodyPoint:
-    """Return a frame of the model as a point of a joint of the kernel."""
-    own, arrays = mechanism.model.frames[frame], packed(mechanism, True)
-    joint = int(arrays.carriers[own.parentJoint])
-    return BodyPoint(joint, arrays.frames[joint].T @ own.placement.translation)
-
-
-def equations_for_frame(state: State, given: Prescription, frame: int) -> FrameDependence:
-    """Return the equations that determine the velocity of a frame of a closed state.
+    Only the velocity of the frame must be determined.
 
     Raises:
-        SingularError: it is not determined.
+        SingularError: it is not.
     """
     model = state.mechanism.model
     carriers = list(model.supports[model.frames[frame].parentJoint])[1:]
-    return equations_for_entries(state, given, tuple(v for i in carriers for v in velocity_entries(
-        state.mechanism, model.names[i])), frame)
+    return solved_for_entries(state, given, tuple(v for i in carriers for v in velocity_entries(
+        state.mechanism, model.names[i])), wanted, frame)
 
 
-def equations_for_entries(
-    state: State, given: Prescription, entries: tuple[int, ...], frame: int | None = None
-) -> FrameDependence:
-    """Return the equations that determine velocities of a closed state.
+def solved_for_entries(
+    state: State, given: Prescription, entries: tuple[int, ...], wanted: str,
+    frame: int | None = None,
+) -> list[Array]:
+    """Return a result (k, n_moving) of `RateRows` at a closed state, from the part that moves.
 
     Args:
         state: the state.
         given: the prescribed coordinates.
-        entries: indices of the velocities.
+        entries: indices of the velocities that must be determined.
+        wanted: name of the result.
         frame: frame that they move, if only its velocity must be determined.
 
     Raises:
         SingularError: they are not determined.
     """
-    moving_entries = {*entries, *velocity_indices(given.driven)} - {*given.still}
-    part = part_for(state.mechanism, tuple(sorted(moving_entries)), tuple(sorted(given.still)))
-    if part is None:
-        return FrameDependence(
-            state, given, list(range(given.n_moving)), chosen_at(state, given, frame))
-    driven = [k for k, c in enumerate(given.driven) if part.entries[c.v]]
-    columns = [k for k in driven if k < given.n_moving]
-    still = {*given.still, *np.flatnonzero(~part.entries).tolist()}
-    own = Prescription([given.driven[k] for k in driven], len(columns), tuple(sorted(still)))
-    there = part.state(state)
-    return FrameDependence(there, own, columns, chosen_at(there, own, frame))
+    moving = {*entries, *velocity_indices(given.driven)} - {*given.still}
+    part = part_for(state.mechanism, tuple(sorted(moving)), tuple(sorted(given.still)))
+    there, own, columns = state, given, list(range(given.n_moving))
+    if part is not None:
+        driven = [k for k, c in enumerate(given.driven) if part.entries[c.v]]
+        columns = [k for k in driven if k < given.n_moving]
+        still = {*given.still, *np.flatnonzero(~part.entries).tolist()}
+        own = Prescription([given.driven[k] for k in driven], len(columns), tuple(sorted(still)))
+        there = part.state(state)
+    point = None if frame is None else frame_in_kernel(state.mechanism, frame)
+    solution = solved_at(there, own, (wanted,), point, chosen_at(there, own, frame), state.v)
+    assert solution is not None
+    whole = np.zeros((len(solution[0]), given.n_moving))
+    whole[:, columns] = solution[0]
+    return [whole]
 
 
 class PartMotion(NamedTuple):

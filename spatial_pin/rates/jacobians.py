@@ -15,22 +15,20 @@ from spatial_pin.assembly.samples import angles_of, is_motion, pieces, samples_o
 from spatial_pin.assembly.state import State
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.loop_equations import loops_of
+from spatial_pin.kernel.packing import frame_in_kernel
 from spatial_pin.mechanism.coordinates import finite_array, require_mechanism
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mechanism.parts import Coordinate, drivers_of_tree
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.rates.depending import (
-    equations_for_frame,
-    frame_in_kernel,
-)
+from spatial_pin.rates.depending import solved_for_frame
 from spatial_pin.rates.prescribed import (
     Prescription,
     chosen_at,
     driven_coordinates,
     rate_coordinates,
     refuse_components,
-    samples_solved_by,
+    solved_at,
     solved_by,
 )
 
@@ -120,12 +118,12 @@ def jacobian(
     own = samples.mechanism
     given, point = _prescribed(own, names, hashable_hold(hold)), frame_in_kernel(own, frame)
     if not isinstance(samples, State):
-        return samples_solved_by(samples, given, ("jacobian",), lambda row: [
-            jacobian(mechanism, samples.state(row), name, names, hold=hold)], point)[0]
+        return solved_by(samples, given, ("jacobian",), lambda at, _: solved_for_frame(
+            at, given, frame, "jacobian"), point)[0]
     with kernel_of(own) as kernel:
-        found = given.rates(kernel).jacobian(samples.q, samples.angles, point)
-    return found if found is not None else equations_for_frame(
-        samples, given, frame).solved("jacobian", given.n_moving, point)[0]
+        solution = given.rates(kernel).jacobian(samples.q, samples.angles, point)
+    return solution if solution is not None else solved_for_frame(
+        samples, given, frame, "jacobian")[0]
 
 
 @made_once
@@ -214,16 +212,8 @@ def jacobian_rate(
     own = samples.mechanism
     given = Prescription.of(own, moving_coordinates(own, drivers, hold), hold)
     refuse_components(own, given.driven)
-    point = frame_in_kernel(own, frame)
-
-    wanted = ("jacobian_rate",)
-
-    def rate(at: State) -> list[Array]:
-        return solved_by(at, given, wanted, point) or equations_for_frame(at, given, frame).solved(
-            "jacobian_rate", given.n_moving, point, at.v)
-
-    return (rate(samples) if isinstance(samples, State) else
-            samples_solved_by(samples, given, wanted, lambda k: rate(samples.state(k)), point))[0]
+    return solved_by(samples, given, ("jacobian_rate",), lambda at, _: solved_for_frame(
+        at, given, frame, "jacobian_rate"), frame_in_kernel(own, frame))[0]
 
 
 class Influence(NamedTuple):
@@ -291,13 +281,5 @@ def influence(
     own = samples.mechanism
     names = None if drivers is None else tuple(names_of(drivers, "drivers"))
     given, wanted = _prescribed(own, names, hashable_hold(hold)), ("columns", "second")
-
-    def coefficients(at: State) -> list[Array]:
-        found = solved_by(at, given, wanted) or solved_by(
-            at, given, wanted, chosen=chosen_at(at, given))
-        assert found is not None
-        return found
-
-    return Influence(*(coefficients(samples) if isinstance(samples, State) else
-                       samples_solved_by(samples, given, wanted,
-                                         lambda k: coefficients(samples.state(k)))))
+    return Influence(*solved_by(samples, given, wanted, lambda at, _: solved_at(
+        at, given, wanted, chosen=chosen_at(at, given))))

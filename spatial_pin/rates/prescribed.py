@@ -25,8 +25,9 @@ from spatial_pin.assembly.state import State
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.kernel.kernel import Kernel, kernel_of
 from spatial_pin.kernel.loop_equations import loops_of
+from spatial_pin.kernel.packing import BodyFrame
 from spatial_pin.kernel.paths import prescribed_indices
-from spatial_pin.kernel.rate_solver import BodyPoint, Chosen, RateRows, RateSolver, rates_of
+from spatial_pin.kernel.rate_solver import Chosen, RateRows, RateSolver, rates_of
 from spatial_pin.mechanism.coordinates import coordinates_of, driver_coordinates
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
@@ -79,7 +80,7 @@ def rates_by_coordinate(
         mechanism: the mechanism.
         given: a number by coordinate, driver or joint, or one for each freedom of the joint.
         what: name of the rates for messages: "speed".
-        n: of so many samples, which may each have their own; None: of one State.
+        n: number of samples, which may each have a value; None: one State.
 
     Returns:
         Numbers; of samples arrays (n,).
@@ -164,8 +165,8 @@ def factored_rates(kernel: Kernel, state: State, given: Prescription) -> RateSol
     return rates
 
 
-def solved_by(
-    state: State, given: Prescription, wanted: Sequence[str], frame: BodyPoint | None = None,
+def solved_at(
+    state: State, given: Prescription, wanted: Sequence[str], frame: BodyFrame | None = None,
     chosen: Chosen | None = None, v: Array | None = None,
 ) -> list[Array] | None:
     """Return results of `RateRows` at a state; None where its equations are not clear.
@@ -179,36 +180,39 @@ def solved_by(
     return None if rows.codes[0] else [getattr(rows, name)[0] for name in wanted]
 
 
-def samples_solved_by(
-    motion: sp.Motion, given: Prescription, wanted: Sequence[str],
-    at: Callable[[int], Sequence[Array]], frame: BodyPoint | None = None,
+def solved_by(
+    samples: State | sp.Motion, given: Prescription, wanted: Sequence[str],
+    otherwise: Callable[[State, int], Sequence[Array] | None], frame: BodyFrame | None = None,
     rates: tuple[Array, Array] | None = None,
 ) -> list[Array]:
-    """Return results of `RateRows` at all samples of a motion.
+    """Return results of `RateRows` at a State, or at all samples of a Motion.
 
     Args:
-        motion: the motion.
+        samples: the State or the Motion.
         given: the prescribed coordinates.
         wanted: names of the results.
-        at: returns the same of the sample of a number, where equations are not clear.
+        otherwise: returns the same of a State, and its number, where equations are not clear.
         frame: of Jacobians.
-        rates: speeds and accelerations (N, k) of the prescribed coordinates.
+        rates: speeds and accelerations (N, k) of the prescribed coordinates of a Motion.
 
     Raises:
-        SingularError: they are not determined at a sample; says which.
+        SingularError: they are not determined; of a Motion says at which sample.
     """
-    parts, angles = list[RateRows](), angles_of(motion)
-    with kernel_of(motion.mechanism) as kernel:
+    if isinstance(samples, State):
+        return solved_at(samples, given, wanted, frame) or list(otherwise(samples, 0) or ())
+    parts, angles = list[RateRows](), angles_of(samples)
+    with kernel_of(samples.mechanism) as kernel:
         solver = given.rates(kernel)
-        for piece in pieces(motion):
+        for piece in pieces(samples):
             own = None if rates is None else (rates[0][piece], rates[1][piece])
-            parts.append(solver.rows(motion.q[piece], angles[piece], wanted, frame=frame,
-                                     v=motion.v[piece], rates=own))
+            parts.append(solver.rows(samples.q[piece], angles[piece], wanted, frame=frame,
+                                     v=samples.v[piece], rates=own))
     results = [np.concatenate([getattr(rows, name) for rows in parts]) for name in wanted]
     for row in np.flatnonzero(np.concatenate([rows.codes for rows in parts])).tolist():
         with at_sample(row):
-            for result, found in zip(results, at(row), strict=True):
-                result[row] = found
+            solution = otherwise(samples.state(row), row) or ()
+            for result, own_result in zip(results, solution, strict=True):
+                result[row] = own_result
     return results
 
 

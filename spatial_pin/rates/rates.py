@@ -38,8 +38,8 @@ from spatial_pin.rates.prescribed import (
     rate_coordinates,
     rates_by_coordinate,
     rates_prescription,
-    samples_solved_by,
     siblings,
+    solved_by,
 )
 
 if TYPE_CHECKING:
@@ -296,22 +296,17 @@ def _motion_solved(
         for c, x in of.items():
             target[:, given.driven.index(c)] = x
 
-    def at(row: int) -> tuple[Array, Array, Array]:
-        own = [{name: _at_row(mechanism, name, x, row) for name, x in of.items()}
-               for of in (speeds, accelerations)]
-        moving = solve_rates(mechanism, motion.state(row), *own, hold=hold)
+    def at(state: State, row: int) -> tuple[Array, Array, Array]:
+        own = [{name: np.asarray(x)[row] if np.ndim(x) > (
+            len(rate_coordinates(mechanism, name)) > 1) else x for name, x in of.items()}
+            for of in (speeds, accelerations)]  # of this sample, where there is one for each
+        moving = solve_rates(mechanism, state, *own, hold=hold)
         known = moving.rate_error / _more_error(mechanism)
         return moving.v, moving.a, np.array([0.0, known, 0.0])
 
-    v, a, facts = samples_solved_by(
+    v, a, facts = solved_by(
         motion, given, ("v", "a", "facts"), at, rates=(rates[0], rates[1]))
     return motion.at_rates(v, a, np.minimum(facts[:, 1] * _more_error(mechanism), 1.0))
-
-
-def _at_row(mechanism: Mechanism, name: str, rates: Any, row: int) -> Any:
-    """Return the rates of a name at a sample, where they may be given for all samples."""
-    is_whole = len(rate_coordinates(mechanism, name)) > 1
-    return np.asarray(rates)[row] if np.ndim(rates) > is_whole else rates
 
 
 def _solved(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar, overload
 
 import numpy as np
@@ -21,13 +20,8 @@ from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.stacked import cross, padded_null_spaces, padded_row_spaces
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.rates.depending import equations_for_entries
-from spatial_pin.rates.prescribed import (
-    Prescription,
-    driven_coordinates,
-    samples_solved_by,
-    solved_by,
-)
+from spatial_pin.rates.depending import solved_for_entries
+from spatial_pin.rates.prescribed import Prescription, driven_coordinates, solved_by
 from spatial_pin.rates.rates import check_not_held
 
 if TYPE_CHECKING:
@@ -134,21 +128,14 @@ def transmission(
     given, at_output = moved.given, mechanism.driven_coordinate(output).v
     column = [c.name for c in given.driven].index(input_.name)
 
-    def columns(at: State) -> list[Array]:
-        return solved_by(at, given, ("columns",)) or equations_for_entries(
-            at, given, (at_output,)).solved("columns", given.n_moving)
-
-    if isinstance(samples, State):
-        ratio = float(columns(samples)[0][at_output, column])
-        advantage = 1.0 / ratio if ratio else math.copysign(math.inf, ratio)
-        angle = moved.angle(mechanism, samples.q, samples.angles)
-        return Transmission(ratio, advantage, angle, moved.at)
-    ratios = samples_solved_by(
-        samples, given, ("columns",), lambda k: columns(samples.state(k)),
-    )[0][:, at_output, column]
+    ratio = solved_by(samples, given, ("columns",), lambda at, _: solved_for_entries(
+        at, given, (at_output,), "columns"))[0][..., at_output, column].copy()
     with np.errstate(divide="ignore"):
-        advantages = 1.0 / ratios
-    return Transmission(ratios.copy(), advantages, moved.angles(
+        advantage = 1.0 / ratio
+    if isinstance(samples, State):
+        angle = moved.angle(mechanism, samples.q, samples.angles)
+        return Transmission(float(ratio), float(advantage), angle, moved.at)
+    return Transmission(ratio, advantage, moved.angles(
         mechanism, samples.q, angles_of(samples)), moved.at)
 
 
@@ -213,13 +200,13 @@ class MovedOutput(NamedTuple):
             angles: (N, n_angles) of screw closures there [rad].
         """
         size, n = mechanism.characteristic_length, max(PIECE // mechanism.model.nv**2, 1)
-        found: list[Array] = [np.empty(0)]
+        pieces: list[Array] = [np.empty(0)]
         for first in range(0, len(q), n):
             piece = slice(first, first + n)
             own, allowed, placed = _velocities(mechanism, self, q[piece], angles[piece])
             points = placed[:, 3] + np.einsum("mci,c->mi", placed[:, :3], self.point)
-            found.append(_angles(own, allowed, points / size))
-        return np.concatenate(found)
+            pieces.append(_angles(own, allowed, points / size))
+        return np.concatenate(pieces)
 
 
 def _moved_at(mechanism: Mechanism, joint: int, at: str | None) -> tuple[str, Array]:

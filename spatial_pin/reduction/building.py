@@ -83,7 +83,7 @@ class ReducedModel:
                 if j not in joints and joints[0] in [int(k) for k in supports[j]]]
         requested = [f for f in self.requested.frames if self.bodies.of(
             self.full.frame_on_joint(f)[0])[0] in joints]
-        related = [p for _, r in self.relations for p in (*r.places, *r.between)
+        related = [p for _, r in self.relations for p in (*r.frames, *r.between)
                    if p.body in joints]
         springs = [f for s in self.full.springs for f in s.frames
                    if self.dynamics and self.bodies.frame(f)[0] in joints]
@@ -274,7 +274,7 @@ def _passive(model: ReducedModel, passive: Passive, tree: ReducedTree) -> Passiv
 
 def _closure(name: str, made: Relation, tree: ReducedTree) -> Closure:
     """Return a relation as a closure between z axes of frames of its own."""
-    frames = tuple(tree.add(f"{name}_{k}", frame) for k, frame in enumerate(made.places, 1))
+    frames = tuple(tree.add(f"{name}_{k}", frame) for k, frame in enumerate(made.frames, 1))
     ends = tuple(tree.add(f"{name}_end_{k}", frame) for k, frame in enumerate(made.between, 1))
     geometry = closure_geometry(PAIRS[made.type], Z, Z, length=0.0 if ends else made.length)
     return Closure(name, made.type, frames, geometry, between=ends)

@@ -63,7 +63,7 @@ def requested_outputs(
             if not dynamics:
                 raise SpatialPinError(
                     f"mechanism {mechanism.name!r}: {force} depends on masses: reduce with "
-                    "dynamics=True, which keeps what has mass")
+                    "dynamics=True, which keeps parts with mass")
         coordinates, frames, centres = _named(mechanism, name)
         requested = RequestedOutputs(requested.coordinates + coordinates, requested.frames + frames,
                                  requested.centres + centres)

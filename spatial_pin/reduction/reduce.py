@@ -40,7 +40,7 @@ class Reduced(Mechanism):
         full: the full mechanism.
         outputs: names of its outputs.
         welds: coordinates of the full mechanism that are locked, with their values [rad, m].
-        dynamics: whether what has mass was kept.
+        dynamics: whether all parts with mass remain.
         omissions: the removed parts, with reasons.
 
     Example:
@@ -95,7 +95,7 @@ class Reduced(Mechanism):
             link = next((x for x in self.full.links if self.full.frame_on_joint(x)[0] == on), name)
             raise SpatialPinError(
                 f"mechanism {self.name!r} does not know where {name!r} is: joint {joint!r}, which "
-                "moves it, is left out, as nothing asked for moves with it; reduce to "
+                "moves it, is left out, as no output moves with it; reduce to "
                 f"{(*self.outputs, link)} for that")
         return name
 
@@ -173,9 +173,11 @@ class Reduced(Mechanism):
             f"{len(full.links)} -> {len(self.links)}",
         ]
         if len(self.coordinates) == len(full.coordinates) and rows[0] == rows[1]:
-            moved = "these outputs, or what has mass" if self.dynamics else "these outputs"
+            moved = "these outputs, or parts with mass" if self.dynamics else "these outputs"
             lines.append(f"  nothing is gained: all coordinates and equations move {moved}; "
                          f"{'simulations' if self.dynamics else 'sweeps'} take as long")
+        lines.append("  without a State as guess, the full mechanism is assembled first and "
+                     "chooses the branch: sweeps of few values take longer than with the full one")
         return "\n".join([*lines, *(f"  left out: {x}" for x in self.omissions)])
 
 
@@ -193,7 +195,7 @@ def reduce(
 
     These parts are removed: geometry; loops and branches that no output depends on; links with two
     pairs that are no more than equations between their neighbours (a rod with two balls is one
-    distance; a leg with a slide that is asked for or driven is a distance of variable length);
+    distance; a leg with a slide that is driven, or an output, is a distance of variable length);
     redundant equations (of plane loops); and, unless `dynamics`, inertias and springs. Drivers
     stay. A removed loop no longer limits the drivers; `Reduced.verify` shows if this matters.
 
@@ -204,7 +206,7 @@ def reduce(
             with `dynamics` efforts and powers too (`crank.effort`).
         lock: joints, coordinates or drivers that never move, with their values [rad, m], or
             their names only to lock them where the guess has them.
-        dynamics: keep all that has mass, springs and damped joints; what is then left out is
+        dynamics: keep all parts with mass, springs and damped joints. The omitted parts are then
             massless, and forward dynamics is exact.
         lump: with `dynamics`, replace rods between balls or universal joints all the same: their
             mass goes to the centres of the two pairs, which keeps the mass, and the centre of mass

@@ -84,7 +84,7 @@ class Relation(NamedTuple):
     """A new closure: of the pair `type` between z axes (or origins) of two frames."""
 
     type: str
-    places: tuple[BodyFrame, BodyFrame]
+    frames: tuple[BodyFrame, BodyFrame]
     length: float = 0.0  # of a distance [m]
     ends: tuple[Array, ...] = ()  # (3,) its two ends on the link, in the axes of the link
     between: tuple[BodyFrame, ...] = ()  # frames with the same distance, if it varies

@@ -146,16 +146,16 @@ def _relation(
                     p.body != o.body
                     or not np.abs(p.origin - o.origin).max() <= TOLERANCES.tight * around.length
                     or not np.abs(p.z - o.z).max() <= TOLERANCES.tight
-                    for p, o in zip(same[0].places, other.places, strict=True)):
+                    for p, o in zip(same[0].frames, other.frames, strict=True)):
                 return None
         lengths = [r.length for r in same]
         if max(lengths) - min(lengths) <= TOLERANCES.tight * around.length:
             made.append(same[0])
             continue
         between = [_ends(a, bodies, r, placement) for r, placement in zip(same, moved, strict=True)]
-        for places in between:
+        for frames in between:
             if any(np.abs(p.origin - o.origin).max() > TOLERANCES.tight * around.length
-                   for p, o in zip(places, between[0], strict=True)):
+                   for p, o in zip(frames, between[0], strict=True)):
                 return None
         made.append(same[0]._replace(between=between[0]))
     return made if any(r.between for r in made) else None
@@ -168,7 +168,7 @@ def _ends(
     return tuple(
         BodyFrame(bodies[0], end) if frame.body == a.body
         else BodyFrame(bodies[1], placement.actInv(end))
-        for frame, end in zip(made.places, made.ends, strict=True))
+        for frame, end in zip(made.frames, made.ends, strict=True))
 
 
 def may_go(model: ReducedModel, i: int, pins: list[Pin]) -> bool:

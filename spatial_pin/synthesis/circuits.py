@@ -63,9 +63,9 @@ class Circuit:
         self._bodies = non_spinning_bodies(system_at(self.motion.mechanism, driver,
                                               self.motion.state(0), BASE)[0])
         with loops_of(self.motion.mechanism) as evaluation:
-            self._places = np.array([self._at(evaluation, q) for q in self.motion.q[: self._n]])
+            self._points = np.array([self._at(evaluation, q) for q in self.motion.q[: self._n]])
         # a screw may have gone on by less than a step
-        self.is_closed = ends_at_first and self._ahead(self._n - 1, self._places[0]) is not None
+        self.is_closed = ends_at_first and self._ahead(self._n - 1, self._points[0]) is not None
         self.turn = float(self.motion.swept[-1] - self.motion.swept[0]) if self.is_closed else 0.0
 
     @property
@@ -80,7 +80,7 @@ class Circuit:
         """
         with loops_of(self.motion.mechanism) as evaluation:
             target = self._at(evaluation, state.q)
-        gaps = np.abs(self._places - target).reshape(len(self._places), -1).max(axis=1, initial=0.0)
+        gaps = np.abs(self._points - target).reshape(len(self._points), -1).max(axis=1, initial=0.0)
         near = (k for k in np.argsort(gaps, kind="stable").tolist()
                 if gaps[k] <= ON_CIRCUIT * self._spacing(k) + TOLERANCES.half_precision)
         row, point = next(((k, x) for k in near if (x := self._ahead(k, target)) is not None),
@@ -120,7 +120,7 @@ class Circuit:
             return [event.row - k for event in circuit.borders if event.kind == "branch point"
                     for k in (0, 1) if 0 <= event.row - k < circuit._n]
 
-        return any(np.abs(self._places[i] - other._places[j]).max() < ON_CIRCUIT * max(
+        return any(np.abs(self._points[i] - other._points[j]).max() < ON_CIRCUIT * max(
             self._spacing(i), other._spacing(j))
             for i in branch_points(self) for j in branch_points(other))
 
@@ -130,7 +130,7 @@ class Circuit:
 
     def _spacing(self, row: int) -> float:
         """Return the largest displacement of a body to a neighbouring sample."""
-        near = self._places[max(row - 1, 0) : row + 2]
+        near = self._points[max(row - 1, 0) : row + 2]
         return float(np.abs(np.diff(near, axis=0)).max(initial=0.0))
 
     def _ahead(self, row: int, target: Array) -> tuple[float, float, float] | None:
@@ -141,7 +141,7 @@ class Circuit:
         """
         mechanism, state = self.motion.mechanism, self.motion.state(row)
         system, near, _ = system_at(mechanism, self.driver, state, BASE)
-        if np.abs(self._at(system.evaluation, near.q) - self._places[row]).max(
+        if np.abs(self._at(system.evaluation, near.q) - self._points[row]).max(
                 initial=0.0) > TOLERANCES.half_precision:
             return None  # a dead centre: its neighbours are as good
         curve = SolutionCurve(system, Accuracy.named("engineering").tolerance)

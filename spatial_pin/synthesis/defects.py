@@ -190,8 +190,8 @@ def defects(
     except SpatialPinError as error:
         return (Defect("not judged", everything, f"{ALL}: {error}"), *beyond)
     result, branches = [*_circuit_defects(circuits)], list[UsedBranch]()
-    for circuit, places in circuits:
-        own = UsedBranch.several(circuit, places)
+    for circuit, samples in circuits:
+        own = UsedBranch.several(circuit, samples)
         result += _branch_defects(own)
         branches += own
     if ordered:
@@ -224,9 +224,9 @@ def _circuit_defects(
     """Yield the defect of samples on several curves."""
     if len(circuits) < 2:
         return
-    samples = tuple(sorted(i for _, places in circuits for i in places))
-    apart = "; ".join(f"{_named(tuple(places))} on {'one' if not k else 'another'}"
-                      for k, (_, places) in enumerate(circuits))
+    samples = tuple(sorted(i for _, rows in circuits for i in rows))
+    apart = "; ".join(f"{_named(tuple(rows))} on {'one' if not k else 'another'}"
+                      for k, (_, rows) in enumerate(circuits))
     curves = [circuit for circuit, _ in circuits]
     if not all(circuit.is_closed for circuit in curves):
         yield Defect("not judged", samples, f"circuit: {apart} curve of configurations, which "

@@ -161,13 +161,14 @@ class FullTurn(MotionDemand):
         names = {motion.driver_name, *(d.joint for d in mechanism.drivers.values())}
         driven = [mechanism.driven_coordinate(name).v for name in names]
 
-        def rest(q: Array) -> Array:
+        def rest(some: Motion) -> Array:
             with kernel_of(mechanism) as kernel:
-                return np.delete(kernel.jacobians(q), driven, axis=2)
+                return np.delete(kernel.jacobians_and_columns(some.q, some.angles)[0], driven,
+                                 axis=2)
 
-        independent = rank(rest(motion.q[:1])[0])
+        independent = rank(rest(motion)[0])
         return self.worst(
-            motion, lambda some: REGULAR - singular_values(rest(some.q))[:, independent - 1] ** 2)
+            motion, lambda some: REGULAR - singular_values(rest(some))[:, independent - 1] ** 2)
 
     def errors(self, values: Array, mechanism: Mechanism) -> Array:
         """See `Demand`: the missing angles."""

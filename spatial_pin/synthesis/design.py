@@ -139,8 +139,8 @@ def design(
     and what comes out is ranked.
 
     Args:
-        mechanism: a mechanism of that kind, which closes at its own dimensions; it need not do what
-            is asked.
+        mechanism: a mechanism of that kind, which closes at its own dimensions; it need not
+            meet the goals.
         goals: of `sp.goals`: one or several.
         dimensions: {name: (least, most)} of those that may change [m or rad]; an end is left open
             by None, or by -inf for the least and inf for the most; None for both, or names alone,
@@ -163,7 +163,7 @@ def design(
 
     Returns:
         Distinct Designs, the best first, with the defects of each; none if no start led to one that
-        meets what is to be met exactly.
+        meets the exact goals.
 
     Raises:
         UnknownNameError: there is no such dimension, frame, coordinate or driver.

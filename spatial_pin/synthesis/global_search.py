@@ -220,7 +220,7 @@ def searched(
         try:
             work.run(method, 1 if method == "local" else starts, seed, progress)
             is_whole = True
-        except KeyboardInterrupt:  # what was found until then is the answer
+        except KeyboardInterrupt:  # the result has the designs until then
             if not checkpoint.solutions:
                 raise
     tried = [checkpoint.solutions[k] for k in sorted(checkpoint.solutions) if k < starts]
@@ -250,8 +250,8 @@ class GlobalSearch:
         """Compute the solutions that are not in the checkpoint."""
         seeds = np.random.SeedSequence(seed).spawn(starts)
         if method == "evolution":
-            places = self._evolved(np.random.default_rng(seed), starts, progress)
-            jobs: list[tuple[Array | AtlasStart | None, Any]] = [(x, None) for x in places]
+            starting_points = self._evolved(np.random.default_rng(seed), starts, progress)
+            jobs: list[tuple[Array | AtlasStart | None, Any]] = [(x, None) for x in starting_points]
         elif method == "atlas":
             atlas = CurveDatabase(self._problem)  # refuses what it is not for
             begins = list[AtlasStart]()
@@ -292,15 +292,15 @@ class GlobalSearch:
         low, high = self._problem.lower, self._problem.upper
         low = np.where(np.isfinite(low), low, drawn.min(axis=0))
         high = np.where(np.isfinite(high), high, drawn.max(axis=0))
-        places: list[Array] = []
+        candidates: list[Array] = []
 
         def values(points: list[Array]) -> list[float]:
-            known = self._checkpoint.values[len(places) : len(places) + len(points)]
+            known = self._checkpoint.values[len(candidates) : len(candidates) + len(points)]
             rest = [low + u * (high - low) for u in points[len(known) :]]
             groups = [rest[k : k + VALUES_TOGETHER] for k in range(0, len(rest), VALUES_TOGETHER)]
             new = [x for some in self._all(_valued, groups) for x in some]
             self._checkpoint.add_values(new)
-            places.extend(np.array(u) for u in points)
+            candidates.extend(np.array(u) for u in points)
             bar.update()
             return [*known, *new]
 
@@ -311,19 +311,19 @@ class GlobalSearch:
                 [(0.0, 1.0)] * len(low), popsize=POPULATION, maxiter=GENERATIONS,
                 polish=False, seed=rng, updating="deferred",
                 workers=lambda _, points: values(list(points)))
-        best = _apart(np.array(places), np.array(self._checkpoint.values), starts)
+        best = _apart(np.array(candidates), np.array(self._checkpoint.values), starts)
         return [low + u * (high - low) for u in best]
 
 
-def _apart(places: Array, values: Array, most: int) -> list[Array]:
+def _apart(candidates: Array, values: Array, most: int) -> list[Array]:
     """Return the best of points (m, n) between 0 and 1 that are not near a better one."""
     order = np.flatnonzero(np.isfinite(values))
     order = order[np.argsort(values[order], kind="stable")]
     apart: list[Array] = []
     while order.size and len(apart) < most:
-        best = places[order[0]]
+        best = candidates[order[0]]
         apart.append(best)
-        order = order[np.abs(places[order] - best).max(axis=1) > OTHER_VALLEY]
+        order = order[np.abs(candidates[order] - best).max(axis=1) > OTHER_VALLEY]
     return apart
 
 

@@ -104,7 +104,7 @@ class Precision(Goal):
 
         Args:
             bodies: m configurations.
-            at: (m,) of which sample each is.
+            at: (m,) sample of each.
             own: (n_own,) numbers of its own.
         """
 
@@ -278,8 +278,8 @@ class PosesGoal(DrawnGoal):
 
     def errors(self, residual: Array, mechanism: Mechanism, own: Array) -> Array:
         """See `Precision`: lengths of the world in m and angles in rad, the larger of both."""
-        places = np.linalg.norm(residual[:, :3], axis=1) * self._size(mechanism, own)
-        return np.maximum(places, np.linalg.norm(residual[:, 3:], axis=1))
+        distances = np.linalg.norm(residual[:, :3], axis=1) * self._size(mechanism, own)
+        return np.maximum(distances, np.linalg.norm(residual[:, 3:], axis=1))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -265,9 +265,9 @@ class Designs(Sequence[Design]):
         failed: how many of them led to no design.
         evaluations: sets of dimensions that were tried in all.
         nearest: of those that led to no design, the least by which an exact goal was
-            missed [characteristic lengths, rad, or parts of what is allowed]; infinite if the loops
-            closed at none, or nothing could be judged.
-        why: what was said of the first start that led nowhere at all; empty if there is none.
+            missed [characteristic lengths, rad, or fractions of the allowed value]; infinite if
+            the loops closed at none, or nothing could be judged.
+        why: error text of the first start that led nowhere at all; empty if there is none.
 
     Example:
         >>> mech = sp.load("four_bar")
@@ -327,7 +327,7 @@ class Designs(Sequence[Design]):
         if not np.isfinite(self.nearest):
             return f"; {self.why or 'the loops closed at none of them'}"
         return ("; the nearest misses an exact goal by "
-                f"{self.nearest:.2g} characteristic lengths, rad, or parts of what is allowed")
+                f"{self.nearest:.2g} characteristic lengths, rad, or fractions of allowed values")
 
     def __repr__(self) -> str:
         best = f", errors from {self.designs[0].error:.3g}" if self.designs else ""

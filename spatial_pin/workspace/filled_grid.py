@@ -81,12 +81,12 @@ class FilledGrid:
         """Whether a configuration is the one at a point of the grid, with equal frames."""
         if not self.reached[index]:
             return False
-        mechanism, places = self.config.mechanism, []
+        mechanism, positions = self.config.mechanism, []
         for q in (self.data["q"][index], other.q[0]):  # idle rotations do not move origins
             data = mechanism.model.createData()
             pin.framesForwardKinematics(mechanism.model, data, q)
-            places.append(np.array([at.translation for at in data.oMf]))
-        off = np.abs(places[0] - places[1]).max() / mechanism.characteristic_length
+            positions.append(np.array([at.translation for at in data.oMf]))
+        off = np.abs(positions[0] - positions[1]).max() / mechanism.characteristic_length
         return bool(off < TOLERANCES.half_precision)
 
     def at(self, index: Index) -> Array:
@@ -206,7 +206,7 @@ def other_starts(filling: FilledGrid) -> Iterator[tuple[Index, LinePoints]]:
 
 
 def one_of(config: GridConfig, state: State) -> LinePoints:
-    """Return a configuration as what was followed."""
+    """Return a configuration as a line of one point."""
     at = state.placement(config.frame)
     return LinePoints(state.q[None], np.asarray(state.angles)[None],
                     np.array([state.closure_error]), at.translation[None], at.rotation[None],

@@ -224,10 +224,10 @@ def _seen(config: GridConfig, last: GridLine, end: Termination) -> Termination:
         motion, n, _ = motion_along(config, last, near)
     if motion is None or n < 4:
         return end
-    places = motion.frame(config.frame).position
-    if np.ptp(places[1:4], axis=0).max() > config.body.characteristic_length:
+    positions = motion.frame(config.frame).position
+    if np.ptp(positions[1:4], axis=0).max() > config.body.characteristic_length:
         return end  # it runs away without end
-    return end._replace(point=TO_END @ places[1:4], q=motion.q[3], angles=motion.angles[3])
+    return end._replace(point=TO_END @ positions[1:4], q=motion.q[3], angles=motion.angles[3])
 
 
 def natural_jacobians(config: GridConfig, states: Sequence[State]) -> Array:

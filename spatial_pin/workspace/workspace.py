@@ -146,7 +146,7 @@ def workspace(
                 fillings[-1][0].enter(index, other, 0)
                 _fill(*fillings[-1], task, executor, bar.update)
             is_whole = True
-        except KeyboardInterrupt:  # what was found until then is the answer
+        except KeyboardInterrupt:  # the result has the lines until then
             pass
     others = tuple(_workspace(*x, task, names, is_whole) for x in fillings[1:])
     return unless_cut(_workspace(*fillings[0], task, names, is_whole, others))

@@ -394,12 +394,12 @@ def _drawn(
             curves = result.curves()
     for borders, colour, label in ((result.boundary, BOUNDARY_COLOUR, "the branch ends"),
                                    (result.singular, SINGULAR_COLOUR, "the determinant vanishes")):
-        places = borders.points[holds(borders.points)]
+        held = borders.points[holds(borders.points)]
         lines = [c.points for c in curves if c.is_boundary == (borders is result.boundary)]
         for k, line in enumerate(lines):
             axes.plot(line[:, x], line[:, y], color=colour, lw=1.6, label="" if k else label)
-        if len(places) and not lines:
-            axes.scatter(places[:, x], places[:, y], s=7, color=colour, linewidths=0, label=label)
+        if len(held) and not lines:
+            axes.scatter(held[:, x], held[:, y], s=7, color=colour, linewidths=0, label=label)
     axes.set(xlabel=f"{plane[0]} [m]", ylabel=f"{plane[1]} [m]", aspect="equal")
     axes.set_title(literal(f"{result.mechanism.name}: {result.frame}{where}"), color=INK)
     if axes.get_legend_handles_labels()[0]:

@@ -398,7 +398,7 @@ def test_what_has_no_effect_is_reported_by_name():
     for given, seen in table:
         seen["platform"] = sp.assemble(m, given).placement("platform")
     found = sp.calibrate(m, table, ["rb", "h"])
-    assert found.undetermined == ("h has no effect on what was measured",)
+    assert found.undetermined == ("h has no effect on the measurements",)
     assert found.values == pytest.approx({"rb": 0.3, "h": 0.36}, abs=1e-12)
 
 
@@ -591,5 +591,5 @@ def test_where_nothing_has_an_effect_round_off_is_not_taken_for_one():
     table = [({"crank": x}, {"right_pin": sp.assemble(m, {"crank": x}).coordinate("right_pin")[0]})
              for x in np.linspace(0.0, 1.0, 6)]
     found = sp.calibrate(m, table, ["a", "b"])
-    assert found.undetermined == tuple(f"{x} has no effect on what was measured" for x in "ab")
+    assert found.undetermined == tuple(f"{x} has no effect on the measurements" for x in "ab")
     assert np.isinf([*found.sigma.values()]).all()

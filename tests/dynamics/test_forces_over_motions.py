@@ -113,7 +113,7 @@ def test_an_array_of_another_length_is_refused():
         sp.forward_dynamics(mech, motion, {driver: np.zeros(N + 1)})
     with pytest.raises(ValueError, match=r"external force at .* has shape"):
         sp.inverse_dynamics(mech, motion, external={link: np.zeros((N, 3))})
-    with pytest.raises(TypeError, match="external is a function, which takes a Motion"):
+    with pytest.raises(TypeError, match="external is a function, which needs a Motion"):
         sp.forward_dynamics(mech, motion.state(0), external=lambda state: {})
     with pytest.raises(sp.SpatialPinError, match="a function of the time, and the motion has none"):
         still = sp.sweep(mech, driver, [motion.driver[0]])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+from derivative_cases import check
 
 import spatial_pin as sp
 
@@ -218,6 +219,11 @@ def test_teeth_are_outputs_over_a_motion_and_go_through_a_file(tmp_path):
     assert mech.closures[0].numbers["teeth"].form == again.closures[0].numbers["teeth"].form
 
 
+def test_teeth_on_the_ground_may_name_it_as_closures_do():
+    assert reactions(gears(frame="universe"), TORQUE).reactions["mesh"].isApprox(
+        reactions(gears(), TORQUE).reactions["mesh"], 1e-14)
+
+
 def test_a_coupling_without_teeth_has_the_effort_at_its_last_joint():
     model = bodies(("one", pin.JointModelRZ(), (0, 0, 0), ""),
                    ("two", pin.JointModelPX(), (1.0, 0, 0), ""))
@@ -241,3 +247,35 @@ def test_a_coupling_without_teeth_has_the_effort_at_its_last_joint():
 def test_teeth_that_do_not_mesh_are_refused(teeth, words):
     with pytest.raises((ValueError, sp.SpatialPinError), match=words):
         assert reactions(gears(**teeth), TORQUE).reactions
+
+
+def carried(coupling):
+    """Two wheels on a carrier that turns about y, with their centres of mass aside."""
+    model = bodies(("carrier", pin.JointModelRY(), (0.1, 0.2, 0.0), ""),
+                   ("one", pin.JointModelRZ(), (0.0, 0.0, 0.1), "carrier"),
+                   ("two", pin.JointModelRZ(), (R1 + R2, 0.0, 0.1), "carrier"), gravity=9.81)
+    for i in range(1, 4):
+        model.inertias[i] = pin.Inertia(1.0 + i, np.array([0.01 * i, 0.02, -0.01]),
+                                        0.01 * np.diag([1.0, 2.0, 2.5]))
+    mech = sp.Mechanism.from_model(model, [coupling], drivers=["one"])
+    start = sp.assemble(mech, {"carrier": 0.3, "one": 0.7})
+    return mech, sp.solve_rates(mech, start, {"one": 2.0, "carrier": -1.0})
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_reactions_beside_teeth_have_derivatives(sign):
+    mech, state = carried(sp.closures.coupling("one", "two", -R1 / R2, name="mesh", teeth={
+        "point": [R1, 0.0, 0.1], "pressure_angle": ALPHA, "helix_angle": 0.2}))
+    check(mech, state, {"one": sign * 3.0, "two": 0.1, "carrier": 0.2}, 1e-3, 1e-8)
+
+
+@pytest.mark.parametrize(("pretension", "torque"), [(0.0, 3.0), (0.0, -3.0), (400.0, 3.0)])
+def test_reactions_beside_strands_have_derivatives(pretension, torque):
+    apart = R1 + R2
+    tilt = np.arcsin((R2 - R1) / apart)  # of an open belt
+    strands = {"points": [[[-R1 * np.sin(tilt), side * R1 * np.cos(tilt), 0.1],
+                           [apart - R2 * np.sin(tilt), side * R2 * np.cos(tilt), 0.1]]
+                          for side in (1.0, -1.0)], "pretension": pretension}
+    mech, state = carried(sp.closures.coupling("one", "two", R1 / R2, name="belt",
+                                               strands=strands))
+    check(mech, state, {"one": torque, "two": 0.1, "carrier": 0.2}, 1e-3, 1e-8)

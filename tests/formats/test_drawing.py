@@ -7,6 +7,7 @@ import re
 
 import drawings
 import numpy as np
+import pinocchio as pin
 import pytest
 from drawings import DRAWN
 from variety import each
@@ -294,8 +295,8 @@ def test_bodies_have_the_masses_that_are_given_and_others_none():
     mech = drawings.four_bar().mechanism()
     assert set(mech.inertias) == {"coupler", "rocker"}
     elbow = np.array([0.1 + 0.3 * math.cos(0.5), 0.3 * math.sin(0.5), 0.0])
-    for body, pin in (("coupler", [0.1, 0, 0]), ("rocker", [0.35, 0, 0])):
-        assert np.abs(mech.inertias[body].lever - (elbow + np.array(pin)) / 2).max() < 1e-16
+    for body, place in (("coupler", [0.1, 0, 0]), ("rocker", [0.35, 0, 0])):
+        assert np.abs(mech.inertias[body].lever - (elbow + np.array(place)) / 2).max() < 1e-16
 
 
 def test_a_bar_of_a_density_weighs_what_a_round_rod_weighs():
@@ -508,3 +509,44 @@ def test_all_mistakes_of_a_drawing_are_told_together():
     with pytest.raises(sp.MechanismFileError) as caught:
         d.mechanism()
     assert len(caught.value.mistakes) == 2
+
+
+@pytest.mark.parametrize("keep", [(), "U"])
+@pytest.mark.parametrize("turn", [np.eye(3), np.eye(3)[[2, 0, 1]], -np.eye(3)[[1, 0, 2]]])
+def test_a_universal_joint_turns_as_cardan_has_it_wherever_its_pins_point(turn, keep):
+    d, bend = sp.Drawing("cardan"), 0.5
+    d.body("in").body("out").drive("A")
+    d.hinge("A", "ground", "in", at=(0, 0), axis=turn @ [1, 0, 0])
+    out = turn @ [np.cos(bend), np.sin(bend), 0]
+    d.hinge("D", "ground", "out", at=(0, 0), axis=out)
+    d.universal("U", "in", "out", at=(0, 0), axis=turn @ [0, 0, 1],
+                axis2=turn @ [-np.sin(bend), np.cos(bend), 0])
+    state = sp.assemble(d.mechanism(keep=keep), {"A": 1.0})
+    assert pin.log3(state.placement("out").rotation) @ out == pytest.approx(
+        np.arctan(np.tan(1.0) * np.cos(bend)), abs=1e-14)
+
+
+def differential(left=(1, 0), right=(1, 0), spider=(0, 1), at=(-0.05, 0)):
+    d = sp.Drawing("differential")
+    d.body("cage").body("left").body("right").body("spider").drive("L").drive("C")
+    d.hinge("C", "ground", "cage", at=(0, 0), axis=(1, 0))
+    d.hinge("L", "ground", "left", at=at, axis=left).hinge(
+        "R", "ground", "right", at=(0.05, 0), axis=right)
+    d.hinge("S", "cage", "spider", at=(0, 0.05), axis=spider)
+    return d.gear("one", "L", "S", teeth=(20, 10)).gear("two", "S", "R", teeth=(10, 20))
+
+
+@pytest.mark.parametrize("left", [1, -1])
+@pytest.mark.parametrize("right", [1, -1])
+@pytest.mark.parametrize("spider", [1, -1])
+def test_the_wheels_of_a_bevel_differential_turn_twice_as_far_as_its_cage(left, right, spider):
+    mech = differential((left, 0), (right, 0), (0, spider)).mechanism()
+    state = driven(mech, [2.0 * left, 5.0])
+    assert state.coordinate("R").value == pytest.approx(8.0 * right, abs=1e-14)
+    # the left wheel, slower than the cage by 3 rad, rolls on the spider at x = -0.05
+    assert state.coordinate("S").value == pytest.approx(-6.0 * spider, abs=1e-14)
+
+
+def test_a_bevel_gear_at_its_apex_is_refused():
+    with pytest.raises(sp.MechanismFileError, match=r"gears.one: joints has 'L' where the axes"):
+        differential(at=(0, 0)).mechanism()

@@ -107,7 +107,7 @@ def test_an_update_that_fails_changes_nothing():
     loop = sp.ControlLoop(mech)
     loop.update([1.0], [2.0])
     known = [x.copy() for x in (loop.q, loop.v, loop.inertia, loop.influence.first)]
-    with pytest.raises(sp.LimitError, match="the control loop stays where it was"):
+    with pytest.raises(sp.LimitError, match="the control loop keeps its last configuration"):
         loop.update([3.0])
     with pytest.raises(ValueError, match="NaN"):
         loop.update([np.nan])

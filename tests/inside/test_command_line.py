@@ -105,7 +105,7 @@ OF_CALLERS = (
     ("outputs.py", "a motion by itself has no forces"), ("influence.py", "the whole mechanism"),
     ("influence.py", "dynamics=True"), ("reduce.py", "lump=True"), ("design.py", "goals"),
     ("integrators.py", "explicit integrator"), ("integrators.py", "needs a step"),
-    ("simulate.py", "take a longer step"), ("jerks.py", "j="), ("forward.py", "a="),
+    ("simulate.py", "take a longer step"), ("jerks.py", "j="), ("state_forces.py", "a="),
     ("coordinates.py", "CoordinateRates"), ("pictures.py", ""), ("browser.py", ""),
     ("sdf_model.py", "canonical_link="),  # an attribute of SDFormat
 )

@@ -432,8 +432,8 @@ def test_numbers_that_are_none_and_places_that_are_not_there(tmp_path):
     again = near.solve(samples.geometry(np.array([[0.382]])))[1]
     for value, alone_ in zip(values, again, strict=True):
         np.testing.assert_array_equal(value[5], alone_[0])
-    for numbers in (made.numbers._replace(places=made.numbers.places + 10**6),
-                    made.numbers._replace(places=made.numbers.places - 10**6)):
+    for numbers in (made.numbers._replace(indices=made.numbers.indices + 10**6),
+                    made.numbers._replace(indices=made.numbers.indices - 10**6)):
         with pytest.raises(sp.SpatialPinError, match="arrays that do not fit together"):
             near.solve(made._replace(numbers=numbers))
     with pytest.raises(ValueError, match="shape"):

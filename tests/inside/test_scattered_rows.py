@@ -1,5 +1,8 @@
 """Scattered states that Ctrl-C cuts short, and the order in which they are solved."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from loaded_library import library
@@ -39,6 +42,38 @@ def test_ctrl_c_before_anything_is_solved_is_a_plain_one(monkeypatch):
     with pytest.raises(KeyboardInterrupt) as caught:
         sp.states(library("rssr"), {"crank": [0.0, 1.0]})
     assert type(caught.value) is KeyboardInterrupt
+
+
+CUT = """
+import signal, time
+import numpy as np
+import spatial_pin as sp
+
+mechanism, rng = sp.load("delta"), np.random.default_rng(1)
+arms = {name: rng.uniform(0.0, 0.6, 3000) for name in mechanism.drivers}
+sp.states(mechanism, arms, threads=2)
+began = time.perf_counter()
+sp.states(mechanism, arms, threads=2)
+whole = time.perf_counter() - began
+signal.signal(signal.SIGALRM, signal.default_int_handler)
+for _ in range(100):
+    try:
+        signal.setitimer(signal.ITIMER_REAL, rng.uniform(1e-4, whole))
+        try:
+            sp.states(mechanism, arms, threads=2)
+        finally:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+    except KeyboardInterrupt:
+        pass
+print("alive")
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="no timers of signals there")
+def test_no_thread_works_in_freed_memory_after_ctrl_c():
+    run = subprocess.run([sys.executable, "-c", CUT], capture_output=True, text=True, check=False)
+    assert (run.stdout, run.returncode) == ("alive\n", 0), run.stderr[-500:]
 
 
 def test_mortons_order_goes_through_one_quarter_after_the_other():

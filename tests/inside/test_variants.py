@@ -168,7 +168,7 @@ def test_numbers_of_the_kernel_are_those_of_loaded_mechanisms(name):
     v, turns = rng.normal(size=kernel.nv) * mechanism.velocity_scale, np.zeros(kernel.n_angles)
     for own, varied_numbers in zip(dimensions, numbers.varied, strict=True):
         reals = numbers.base.copy()
-        reals[numbers.places] = varied_numbers
+        reals[numbers.indices] = varied_numbers
         kernel.library.kernel_set_numbers(kernel.handle, address(reals), len(reals))
         one, two = (evaluated(x, q, v, turns) for x in (kernel, Kernel(varied(mechanism, own))))
         for a, b in list(zip(one, two, strict=True))[tree.turns_axes:]:  # bodies' axes turn too

@@ -105,9 +105,9 @@ def test_a_point_and_an_angle_determine_a_plane_arm(tmp_path):
     motion = sp.reach_path(mechanism, {"tip": poses}, TIMES, start)
     assert np.abs(motion.q - angles).max() < 1e-12
     out = tip + np.outer(TIMES, [0.0, 0.0, 0.1])
-    with pytest.raises(sp.ReachError, match=r"'tip': 3 numbers are asked for.* are 2 freedoms"):
+    with pytest.raises(sp.ReachError, match=r"'tip': 3 numbers are wanted.* are 2 freedoms"):
         sp.reach_path(mechanism, {"tip": out}, TIMES, start)
-    with pytest.raises(sp.ReachError, match=r"4 numbers are asked for.* are 3 freedoms"):
+    with pytest.raises(sp.ReachError, match=r"4 numbers are wanted.* are 3 freedoms"):
         sp.reach_path(mechanism, {"tip": tip, "j1": 0.3, "j3": 0.5}, TIMES[:81], start)
 
 
@@ -432,7 +432,7 @@ def test_more_targets_than_freedoms_are_refused_before_work_begins():
     mechanism = library("delta")
     home = sp.assemble(mechanism).placement("platform")
     poses, _ = figure(home)
-    with pytest.raises(sp.ReachError, match=r"6 numbers are asked for .* there are 3"):
+    with pytest.raises(sp.ReachError, match=r"6 numbers are wanted .* there are 3"):
         sp.reach_path(mechanism, {"platform": poses}, TIMES)
 
 

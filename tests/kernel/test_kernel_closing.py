@@ -21,8 +21,8 @@ from spatial_pin.kernel.closer import (
     TURNS,
     Closer,
     ClosureSettings,
-    FurtherStarts,
     NamedCoordinates,
+    PerturbedStarts,
     closer_of,
 )
 from spatial_pin.numerics.linalg import decompose
@@ -160,10 +160,10 @@ def test_further_starts_tried_in_one_go_are_those_tried_one_by_one(
     kinds = np.zeros(model.nq, np.int64)
     kinds[[c.q for c in mechanism.coordinate_table.values() if c.q >= 0]] = NAMED
     steps = np.random.default_rng(7).uniform(-2.0, 2.0, (8, model.nv)) * mechanism.velocity_scale
-    further = FurtherStarts(steps[None], near, np.zeros(model.nv, np.int64))  # one group
+    further = PerturbedStarts(steps[None], near, np.zeros(model.nv, np.int64))  # one group
     asked = ClosureSettings(free, first if stays else None, 1e-13, 60, 1e-9, kinds, q, q, further)
     start = Closer(mechanism).reach([_near(mechanism, 3, 0.5)], asked, q)[0].q
-    told = Closer(mechanism).reach([start], asked, start + 0.1, further=True)
+    told = Closer(mechanism).reach([start], asked, start + 0.1, perturbed=True)
     alone, wanted, nearest = Closer(mechanism), [], np.inf
     for step in (np.zeros(model.nv), *steps):
         (found,) = alone.reach([pin.integrate(model, start, step)], asked, start + 0.1)

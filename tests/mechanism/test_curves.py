@@ -345,6 +345,13 @@ def test_profiles_lift_off_where_they_would_have_to_pull():
     assert event.value == pytest.approx(0.0)  # the crank's dead centre outside: it is pulled back
 
 
+def test_profiles_out_of_reach_of_each_other_are_no_screw():
+    mech = profiles(sp.curves.circle(R, [E, 0, 0]), sp.curves.circle(ROLLER), apart=1.0)
+    with pytest.raises(sp.AssemblyError, match="stays open") as refused:
+        sp.assemble(mech, {"cam": 0.3})
+    assert "screw" not in str(refused.value)
+
+
 @pytest.mark.parametrize(("curves", "words"), [
     ([sp.curves.circle(0.1)], "two curves touch"),
     ([sp.curves.circle(0.1), sp.curves.line([0, 0, 0], [1, 0, 0])], "closed and in a plane"),

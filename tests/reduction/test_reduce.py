@@ -484,4 +484,6 @@ def test_it_says_when_nothing_is_gained():
     mech = library("rspc")
     small = sp.reduce(mech, list(mech.coordinates))
     assert "nothing is gained" in str(small)
-    assert "nothing is gained" not in str(sp.reduce(library("rssr"), "rocker_pin"))
+    gained = str(sp.reduce(library("rssr"), "rocker_pin"))
+    assert "nothing is gained" not in gained
+    assert "without a State as guess, the full mechanism is assembled first" in gained

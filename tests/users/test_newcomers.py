@@ -70,8 +70,8 @@ def test_passive_freedoms_are_not_to_be_driven(run, tmp_path):
 
 
 def test_too_much_is_held():
-    with pytest.raises(sp.SingularError, match="what is held and the loops leave no freedom, so "
-                                               "that 'rocker_pin' cannot move; hold less"):
+    with pytest.raises(sp.SingularError, match="held coordinates and the loops leave no freedom, "
+                                               "so that 'rocker_pin' cannot move; hold less"):
         sp.sweep(sp.load("four_bar"), "rocker_pin", [1.7, 1.9], hold=["crank"])
 
 

@@ -83,7 +83,7 @@ class FreeSet:
     spread: StartSpread | None
     groups: tuple[LoopGroup, ...]
     are_all_named: bool
-    places: list[int]
+    indices: list[int]
     largest: float
 
 
@@ -187,7 +187,7 @@ class AssemblyProblem:
             self.goal = with_values(mechanism, guess.q, self.held)
         else:
             self.goal = guess.q.copy()
-            for at, value in zip(self.free_set.places, self.held.values(), strict=True):
+            for at, value in zip(self.free_set.indices, self.held.values(), strict=True):
                 self.goal[at] = value
 
     def part(self, group: LoopGroup) -> AssemblyProblem:
@@ -314,7 +314,7 @@ class AssemblyProblem:
             return None
         with closer_of(self.mechanism) as closer:
             results = closer.reach(
-                [self.goal], self.settings, self.goal, self.reference, further=is_compared)
+                [self.goal], self.settings, self.goal, self.reference, perturbed=is_compared)
             best = results[0]
             if best.is_unique:
                 return best.q, best.examined or closer.examine(best.q, self.reference)
@@ -482,7 +482,7 @@ def size_of(mechanism: Mechanism, q: Array) -> Any:
 
     Periodic angles do not count.
     """
-    _, places, sizes = coordinate_sizes(mechanism)
-    if not places.size:
+    _, indices, sizes = coordinate_sizes(mechanism)
+    if not indices.size:
         return 0.0 if q.ndim == 1 else np.zeros(len(q))
-    return np.abs(q[..., places] / sizes).max(axis=-1)
+    return np.abs(q[..., indices] / sizes).max(axis=-1)

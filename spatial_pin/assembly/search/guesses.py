@@ -14,7 +14,7 @@ from spatial_pin._support.lazy import cached_property, made_anew, made_once
 from spatial_pin.assembly.search.loop_groups import LoopGroup
 from spatial_pin.assembly.search.whole_turns import periodic
 from spatial_pin.assembly.state import State
-from spatial_pin.kernel.closer import AT_ONCE, MOST_GROUPS, FurtherStarts
+from spatial_pin.kernel.closer import AT_ONCE, MOST_GROUPS, PerturbedStarts
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.mechanism.coordinates import (
     by_joint,
@@ -50,13 +50,15 @@ class Guess:
 
     Attributes:
         names: of these coordinates.
+        is_whole: whether these are all.
     """
 
     def __init__(
         self, mechanism: Mechanism, q: Array, values: Mapping[str, float] | None = None
     ) -> None:
         self.mechanism, self.q, self._values = mechanism, q, values
-        self.names = _all_names(mechanism) if values is None else tuple(values)
+        self.is_whole = values is None
+        self.names = mechanism.coordinates if values is None else tuple(values)
 
     @cached_property
     def values(self) -> Mapping[str, float]:
@@ -64,7 +66,7 @@ class Guess:
         if self._values is not None:
             return self._values
         entries = self.q.tolist()
-        plain, turning = _places(self.mechanism)
+        plain, turning = _spread_indices(self.mechanism)
         named = {name: entries[at] for name, at in plain}
         for names, at, turns in turning:
             components = rotation_components(*entries[turns : turns + 4])
@@ -97,7 +99,7 @@ def _within_turns(mechanism: Mechanism, given: Guess) -> Guess:
         if COORDINATE_ERROR * abs(entries[c.q]) > OPEN:
             turned[c.name] = math.atan2(math.sin(entries[c.q]), math.cos(entries[c.q]))
             q[c.q] = turned[c.name]
-    if given.names is _all_names(mechanism):
+    if given.is_whole:
         return Guess(mechanism, q)
     return Guess(mechanism, q, {k: turned.get(k, x) for k, x in given.values.items()})
 
@@ -122,13 +124,7 @@ def _as_given(mechanism: Mechanism, guess: Mapping[str, Any] | State | Array) ->
 
 
 @made_once
-def _all_names(mechanism: Mechanism) -> tuple[str, ...]:
-    """Return the names of all coordinates, every time the same tuple."""
-    return mechanism.coordinates
-
-
-@made_once
-def _places(
+def _spread_indices(
     mechanism: Mechanism,
 ) -> tuple[list[tuple[str, int]], list[tuple[list[str], int, int]]]:
     """Return names and indices in q of coordinates.
@@ -156,7 +152,7 @@ class StartSpread(NamedTuple):
 
     phase: NDArray[np.intp]
     size: Array
-    first: FurtherStarts
+    first: PerturbedStarts
     lengths: list[str]
 
 
@@ -195,7 +191,7 @@ def start_spread(
         by_group = np.array([steps * own.entries for own in groups])
         for k, own in enumerate(groups):
             group[own.entries] = k
-    return StartSpread(phase, size, FurtherStarts(by_group, NEAR_GUESS, group),
+    return StartSpread(phase, size, PerturbedStarts(by_group, NEAR_GUESS, group),
                    [name for name in named if table[name].unit == "m"])
 
 

@@ -70,7 +70,7 @@ def _gap_words(search: Search, error: float, q: Array, worst: str) -> str:
     constraints = constraints_of(mechanism)
     by_path = [constraints.labels[x.equation].closure for x, turns in zip(
         constraints.angles, constraints.turns, strict=True) if not turns.are_all]
-    if worst in by_path:
+    if worst in by_path and next(c for c in mechanism.closures if c.name == worst).type == "screw":
         words += ("; its joints do not tell how often this screw has turned, so that it is "
                   "assembled within half a turn of the guess: sweep to further turns, or put the "
                   "screw into the tree")
@@ -152,8 +152,8 @@ def _closed_elsewhere(search: Search, q: Array) -> dict[str, float]:
 
 def _too_large(mechanism: Mechanism, q: Array) -> str:
     """Return which coordinate of q is too large for closing the loops."""
-    names, places, sizes = coordinate_sizes(mechanism)
-    name = max(zip(np.abs(q[places] / sizes).tolist(), names, strict=True))[1]
+    names, indices, sizes = coordinate_sizes(mechanism)
+    name = max(zip(np.abs(q[indices] / sizes).tolist(), names, strict=True))[1]
     value = float(q[mechanism.index_of(mechanism.coordinate_table[name])])
     return (f"{name} = {value:.3g} {mechanism.coordinate_table[name].unit} is so large that its "
             "round-off alone opens the loops; give a value nearer to the mechanism's size of "

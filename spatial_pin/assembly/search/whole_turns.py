@@ -115,10 +115,10 @@ def turning_with(
     unknown = {c.q for c in periodic(mechanism)} - {table[name].q for name in fixed}
     turning = _turning(mechanism) if unknown else []
     known = [x for x in turning if x.q not in unknown]
-    found = [(x.q, row) for x in turning
+    matches = [(x.q, row) for x in turning
              if x.q in unknown and (row := _turned(mechanism.model.nq, x, known)) is not None]
-    return (np.array([q for q, _ in found], dtype=np.intp),
-            np.array([row for _, row in found]).reshape(len(found), mechanism.model.nq))
+    return (np.array([q for q, _ in matches], dtype=np.intp),
+            np.array([row for _, row in matches]).reshape(len(matches), mechanism.model.nq))
 
 
 def _turning(mechanism: Mechanism) -> list[_Turning]:

@@ -214,7 +214,7 @@ HEAD = """\
 # `spatial-pin check FILE` lists mistakes, `spatial-pin show FILE` shows it.
 """
 MORE = """\
-# More that may be said; without the first two letters of its lines it holds:
+# More keys that are possible; without the first two letters of its lines it holds:
 #
 # [joints.{joint}]
 # damping = 0.01                  # N·m·s/rad or N·s/m; also friction, armature, lower, upper

@@ -81,8 +81,9 @@ class Derivatives:
 
         The force, then the moment, that the pair exerts, as in `Dynamics.reactions`: world axes,
         about the pair's own origin, which moves with it. All NaN where loops can be under stress by
-        themselves: what is one of many has no derivative. Beside couplings they are those of
-        what `Dynamics.reactions` has, without the couplings' forces. Worked out at first use.
+        themselves: a reaction that is not unique has no derivative. Beside couplings without teeth
+        or strands they are those of `Dynamics.reactions`, without these couplings' forces. Worked
+        out at first use.
         """
         return self._borne[0]
 
@@ -128,7 +129,7 @@ def dynamics_derivatives(
 
     Args:
         mechanism: the mechanism, with its springs and gravity.
-        state: configuration and velocity; or a Motion, at all samples of which they are wanted.
+        state: configuration and velocity; or a Motion, for all its samples.
         efforts: by driver, joint or coordinate [N·m, N]; over a Motion as for `forward_dynamics`.
         external: by link, frame or joint, the force on it at its origin, world axes; it keeps its
             world axes as the frame moves. Over a Motion as for `forward_dynamics`.
@@ -184,7 +185,7 @@ def _over(
 ) -> Derivatives:
     """Return the derivatives at all samples of a motion."""
     if not len(motion):
-        raise SpatialPinError("the motion has no sample")
+        raise SpatialPinError("the motion has no samples")
     rows, at = efforts_over(mechanism, motion, efforts), forces_at(mechanism, motion, external)
     laws, slopes, slip_speed = more
     samples = []

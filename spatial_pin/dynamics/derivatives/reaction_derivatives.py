@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from spatial_pin._support.brief import brief
 from spatial_pin.constraints.compiled_equations import combined_wrenches
 from spatial_pin.constraints.tree_motion import motion_cross, skewed, twist_matrices
+from spatial_pin.dynamics.coupling_forces import CouplingForce
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
 from spatial_pin.dynamics.derivatives.spring_derivatives import ExternalWrenches, Springs
 from spatial_pin.dynamics.reactions import Pairs
 from spatial_pin.dynamics.state_forces import Dynamics
-from spatial_pin.errors import SpatialPinError
 from spatial_pin.numerics.linalg import Array
 
 
@@ -104,16 +104,14 @@ class ReactionChanges:
     def all(self) -> tuple[dict[str, Linear], Linear]:
         """Return the reactions by pair and the wrench on the fixed link."""
         pairs = Pairs(self.mechanism)
-        placed = [c.name for c in pairs.couplings if c.lines]
-        if placed:
-            raise SpatialPinError(
-                f"mechanism {self.mechanism.name!r}: derivatives of reactions are not worked out "
-                f"beside the teeth or strands of {', '.join(placed)}: leave these out, or take "
-                "differences of `forward_dynamics`")
         closed, on_bodies = self._of_closures(pairs)
         self._add_given(on_bodies)
+        efforts, coupled = self._efforts(), {c.name: self._coupled(c) for c in pairs.couplings}
+        for c in pairs.couplings:
+            on_bodies[c.bodies[0]] -= coupled[c.name]
+            on_bodies[c.bodies[1]] += coupled[c.name]
+            efforts -= np.outer(c.row, self.multipliers[c.at])
         forces = pairs.carried(self._needed() - on_bodies)
-        efforts = self._efforts()
         wrenches = {}
         for i in range(1, self.mechanism.model.njoints):
             force = _moved(forces[i], self.rows.placements[i, 3], self.placements_by_q[i, :, 3])
@@ -121,6 +119,10 @@ class ReactionChanges:
         for (name, _, (_, body), point), wrench in zip(pairs.closed, closed, strict=True):
             wrenches[name] = _moved(wrench, point @ self.rows.placements[body],
                                  point @ self.placements_by_q[body])
+        for c in pairs.couplings:
+            point = np.append(c.lines[0].point, 1.0)
+            wrenches[c.name] = _moved(coupled[c.name], point @ self.rows.placements[c.carrier],
+                                    point @ self.placements_by_q[c.carrier])
         unique = self.answer.of_loops
         borne = {name: self._linear(x if unique[name].all() else np.full_like(x, np.nan))
                  for name, x in wrenches.items()}
@@ -202,6 +204,19 @@ class ReactionChanges:
             total[first] -= wrench
             total[second] += wrench
         return on_second, total
+
+    def _coupled(self, coupling: CouplingForce) -> Array:
+        """Return the wrench (6, ...) of a coupling on its second body, along its lines."""
+        at, changes = (x[coupling.carrier] for x in (self.rows.placements, self.placements_by_q))
+        multiplier, total = self.multipliers[coupling.at], self._new(6)
+        for line in coupling.lines:
+            force, slope = line.force(multiplier[0]), line.slope(multiplier[0])
+            wrench, point = self._new(6), np.append(line.point, 1.0)
+            wrench[:3] = np.outer(slope @ at[:3], multiplier)
+            wrench[:3, 0] = force @ at[:3]
+            wrench[:3, self.by_q] += (force @ changes[:, :3]).T
+            total += _moved(wrench, -point @ at, -point @ changes)
+        return total
 
     def _add_given(self, on_bodies: Array) -> None:
         """Add the wrenches of springs between frames, and those from outside."""

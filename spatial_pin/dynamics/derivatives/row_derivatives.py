@@ -71,9 +71,9 @@ class RowDerivatives:
     @cached_property
     def _evaluated(self) -> tuple[Array, Array, Array]:
         with tree_of_single_joints(self.mechanism) as tree:
-            found = tree.products(*self.motion, self.of_products)
-        found[0][0, : self.closed] -= self.constraints.constants[: self.closed]
-        return found
+            products = tree.products(*self.motion, self.of_products)
+        products[0][0, : self.closed] -= self.constraints.constants[: self.closed]
+        return products
 
     @cached_property
     def bodies(self) -> TreeMotion:

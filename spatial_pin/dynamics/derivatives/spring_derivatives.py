@@ -147,8 +147,8 @@ class Springs:
         a direction if the frames can part along one line only.
         """
         bodies = rows.bodies
-        parting = sum((sense * (bodies.columns[:, :3] + cross(bodies.columns[:, 3:], x @ place))
-                       * bodies.moved_by[bodies.joints[i], :, None] for sense, i, x, place in zip(
+        parting = sum((sense * (bodies.columns[:, :3] + cross(bodies.columns[:, 3:], x @ point))
+                       * bodies.moved_by[bodies.joints[i], :, None] for sense, i, x, point in zip(
                            (-1.0, 1.0), line.bodies, line.points,
                            (rows.placements[i] for i in line.bodies), strict=True)),
                       np.zeros((rows.nv, 3)))

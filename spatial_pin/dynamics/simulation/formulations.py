@@ -347,8 +347,8 @@ class ProjectedFormulation(IndependentFormulation):
 
     def renewed(self, t: float, y: Array, state: State) -> Array | None:
         """Make y the reference of the coordinates; return the unknowns, None if it fails."""
-        found = self.kernel.renew(t, y)
-        return None if found is None else found[1]
+        result = self.kernel.renew(t, y)
+        return None if result is None else result[1]
 
     def settle(self, solver: Any) -> float:
         """Project the solver's state to closed loops and compatible velocities.

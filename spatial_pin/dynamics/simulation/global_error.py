@@ -67,7 +67,7 @@ def error_estimates(run: Callable[[], Simulation], motion: Simulation) -> Array:
         except SpatialPinError as error:
             other = getattr(error, "motion", None)
     n = 0 if other is None else min(len(other), len(motion))
-    found = np.full((len(motion), 3), np.inf)
+    errors = np.full((len(motion), 3), np.inf)
     scale = motion.mechanism.velocity_scale
     if n and other is not None:
         if motion.time is not None and other.time is not None:  # what stopped it may differ
@@ -76,7 +76,7 @@ def error_estimates(run: Callable[[], Simulation], motion: Simulation) -> Array:
         gaps = (np.array(steps).reshape(n, -1), motion.v[:n] - other.v[:n],
                 motion.a[:n] - other.a[:n])
         for k, gap in enumerate(gaps):
-            found[:n, k] = ERROR_MARGIN * np.abs(gap / scale).max(axis=1, initial=0.0)
+            errors[:n, k] = ERROR_MARGIN * np.abs(gap / scale).max(axis=1, initial=0.0)
         v, a = (np.abs(x / scale).max(initial=0.0) for x in (motion.v, motion.a))
-        found[:n] += ERROR_FLOOR * np.array([1.0, v, max(a, v * v)])
-    return read_only(np.maximum.accumulate(found, axis=0))
+        errors[:n] += ERROR_FLOOR * np.array([1.0, v, max(a, v * v)])
+    return read_only(np.maximum.accumulate(errors, axis=0))

@@ -99,7 +99,7 @@ class DifferenceJacobian:
 
     Those of SciPy grow without bound where nothing depends on an unknown, and those of LSODA
     vanish at rest. Where loops cannot be closed on one side the other is taken, and where they
-    cannot be closed at all what was found last: the integrator then shortens its step.
+    cannot be closed at all the last result: the integrator then shortens its step.
     """
 
     def __init__(self, fun: Function, units: Array) -> None:

@@ -153,7 +153,7 @@ class Record:
         error, kinetic, energy, work = numbers.T.copy()
         lifted = lift_offs(problem.mechanism, _multipliers(problem, *self.recorded()), times,
                            "at {:.9g} s") if contacts_of(problem.mechanism) else []
-        found = Simulation(
+        simulation = Simulation(
             mechanism=problem.mechanism, driver=None, driver_name="", time=times, q=q, v=v, a=a,
             closure_error=error, driver_speed=np.empty(0), events=[*self.events, *lifted],
             angles=angles, energy=energy, work=work,
@@ -163,8 +163,9 @@ class Record:
             steps=self.steps, by_drivers=problem.by_drivers, joint_limits=self._passed,
             projection=projection, integrators=integrators, time_tolerance=self._time_tolerance,
         )
-        found.events = sorted([*found.events, *curve_end_events(found)], key=lambda x: x.row)
-        return found
+        simulation.events = sorted([*simulation.events, *curve_end_events(simulation)],
+                                   key=lambda x: x.row)
+        return simulation
 
     def refuse_samples(self) -> None:
         """Refuse samples whose energy balance is wrong; they are dropped.
@@ -235,11 +236,11 @@ def _multipliers(problem: Problem, times: Array, samples: SimulationSamples) -> 
     """Return the multipliers (N, n_closure) of the samples of a simulation.
 
     Args:
-        problem: what was simulated.
+        problem: the simulated mechanism and its loads.
         times: (N,) [s].
         samples: at these.
     """
-    mechanism, found = problem.mechanism, []
+    mechanism, rows = problem.mechanism, []
     driven = [c.v for c, _ in problem.drives]
     with equations_of(mechanism.whole or mechanism) as equations:
         for t, q, v, a, efforts, angles in zip(times.tolist(), samples.q, samples.v, samples.a,
@@ -248,5 +249,5 @@ def _multipliers(problem: Problem, times: Array, samples: SimulationSamples) -> 
             given = problem.joint_forces(t, q, v, equations.evaluation)
             closures = equations.motion_forces(a) - given
             closures[driven] -= efforts
-            found.append(equations.multipliers(closures))
-    return np.array(found).reshape(len(times), -1)
+            rows.append(equations.multipliers(closures))
+    return np.array(rows).reshape(len(times), -1)

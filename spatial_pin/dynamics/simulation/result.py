@@ -190,7 +190,7 @@ class Simulation(Motion):
             path: of the file; the suffix is added where it is missing.
 
         Raises:
-            OSError: it cannot be written; what was there before stays.
+            OSError: it cannot be written; the former file stays.
 
         Example:
             >>> mech = sp.load("four_bar")

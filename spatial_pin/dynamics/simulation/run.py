@@ -68,7 +68,7 @@ class NextAction(Enum):
     STEP = "the next one"
     REPEAT = "the same one, shorter"
     CHOOSE = "steps in other coordinates, or in the same ones counted from there"
-    GIVE_UP = "the same, without what has failed there"
+    GIVE_UP = "the same, without the method that failed there"
     END = "nothing"
 
 
@@ -336,7 +336,7 @@ class EquationsInUse:
         if renewed is not None:
             self._note_start(system, t)
             return system, renewed
-        if failed:  # what has failed at the present time is given up
+        if failed:  # a method that failed at the present time is given up
             if not self._stepping.is_short(t - self._failed_at):
                 self._failed_at = t
                 self._given_up.clear()
@@ -345,7 +345,7 @@ class EquationsInUse:
         try:
             fresh = self.begin(t, state, self._given_up if failed else frozenset())
         except SingularError as error:
-            if self._stepping.is_short(t):  # what is said of a start
+            if self._stepping.is_short(t):  # the error of a start
                 raise
             raise self.singular(t, state) from error
         return fresh, fresh.unknowns(state.v, float(y[-1]) if self._problem.works else 0.0)
@@ -443,7 +443,7 @@ def _lost_rank(problem: Problem, first: State, last: State) -> str:
     before, now = (_rows(problem, state)[1:] for state in (first, last))
     fallen = []
     for rows, there, part in zip(before, now, (FALLEN, FALLEN**0.5), strict=True):
-        # at a limit position of a coordinate, a singular value falls as the root of what is left
+        # at a limit position of a coordinate, a singular value falls as the root of the distance
         rank = len(independent_rows(rows))
         least = _least(rows, rank), _least(there, rank)
         hides = least[1] < TOLERANCES.half_precision < least[0]  # all that is known of rates

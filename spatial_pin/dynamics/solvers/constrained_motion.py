@@ -52,8 +52,8 @@ class Loops:
         self.bodies = bodies_of(self.model)
         self.rest, self._no_freedoms = np.zeros(self.model.nv), np.zeros((0, self.model.nv))
         self._regular: Regular | None = None
-        self._kept_at: State | None = None  # where equations keep the rank that they had there last
-        self._kept = 0
+        self._last_rank_at: State | None = None  # where the rank was computed last
+        self._last_rank = 0
         self._spaces: Decomposition | SparseSpaces | None = None
         self._tied_freedoms: tuple[Array, int] | None = None
         self._rank: int | None = None
@@ -192,7 +192,7 @@ class Loops:
     # ------------------------------------------------------------ rank
 
     def keeps_rank(self, rank: int, q: Array) -> bool:
-        """Whether the equations surely keep this rank near q (nq,), by what is known of them."""
+        """Whether the equations surely keep this rank near q (nq,), by known bounds."""
         known = self._regular
         return has_constant_rank(self.mechanism, self.n_closure, rank) or (
             known is not None and known.holds(self.mechanism, q, rank))
@@ -203,10 +203,10 @@ class Loops:
         Raises:
             SingularError: they have; the motion is not determined by the forces.
         """
-        if self._kept_at is self.state and self._kept == rank:
+        if self._last_rank_at is self.state and self._last_rank == rank:
             return
         if self.keeps_rank(rank, self.state.q):
-            self._kept_at, self._kept = self.state, rank
+            self._last_rank_at, self._last_rank = self.state, rank
             return
         if self.is_large and self.model.nv > PROBED:
             self._check_second_order(rank)

@@ -37,8 +37,8 @@ def drawn(tree: SpanningTree) -> tuple[dict[str, Any], list[str]]:
     """Return the coordinates at which a file draws its links, and a notice of joints off there."""
     rounding, links = tree.graph.rounding, tree.graph.links
     at = {WORLD: pin.SE3.Identity(), **{link.name: link.placement for link in links}}
-    places = [x.translation for x in at.values() if x is not None]
-    size = float(np.ptp(places, axis=0).max()) or 1.0
+    positions = [x.translation for x in at.values() if x is not None]
+    size = float(np.ptp(positions, axis=0).max()) or 1.0
     guess: dict[str, Any] = {}
     off: dict[str, float] = {}
     for joint in tree.joints:

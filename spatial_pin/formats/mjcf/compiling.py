@@ -34,7 +34,7 @@ COPIES = ("replicate", "composite", "flexcomp")  # elements with a count of copi
 
 
 # The file of a mesh asset, None where there is none; its scale (3,) along x, y and z; the placement
-# of the scaled file in the frame of a geom; and why there is no file, if not told once for all.
+# of the scaled file in the frame of a geom; and why there is no file; "" if one notice covers all.
 MeshFile = tuple[Path | None, Array, pin.SE3, str]
 
 
@@ -221,7 +221,7 @@ def some(names: Iterable[str]) -> str:
 
 
 def _prepare(mujoco: Any, spec: Any) -> list[str]:
-    """Name what has no name, and delete textures, skins and height fields; return notices."""
+    """Name unnamed elements, and delete textures, skins and height fields; return notices."""
     taken, notices = {body.name for body in spec.bodies}, []
     for k, body in enumerate(spec.bodies):
         if not body.name:

@@ -164,12 +164,12 @@ def _axes(points: Array) -> tuple[str, Array]:
     if lengths[far] == 0.0:
         return "spherical", np.eye(3)
     z = points[far] / lengths[far]
-    beside = points - np.outer(points @ z, z)
-    widths = np.linalg.norm(beside, axis=1)
+    across = points - np.outer(points @ z, z)
+    widths = np.linalg.norm(across, axis=1)
     wide = int(np.argmax(widths))
     if widths[wide] <= SAME_SHAPE * lengths[far]:
         return "revolute", axes_from_z(z)
-    x = beside[wide] / widths[wide]
+    x = across[wide] / widths[wide]
     return "weld", np.column_stack([x, np.cross(z, x), z])
 
 
@@ -180,13 +180,13 @@ def _coupling(reading: MjcfReading, eq: int, name: str) -> dict[str, Any]:
     """Return joint1 - ref1 = c0 + c1 (joint2 - ref2); without joint2, or c1, joint1 is held."""
     model, data = reading.model, reading.model.eq_data[eq]
     driven, driving = int(model.eq_obj1id[eq]), int(model.eq_obj2id[eq])
-    place, refs = reading.joints[driven], model.qpos0[model.jnt_qposadr]
+    joint, refs = reading.joints[driven], model.qpos0[model.jnt_qposadr]
     value = refs[driven] + data[0]
     if driving < 0 or not np.any(data[1:5]):
-        return _held(reading, driven, float(value), name or f"{place.name}_held")
+        return _held(reading, driven, float(value), name or f"{joint.name}_held")
     source = reading.joints[driving].name
-    closure = {"name": name or f"{place.name}_{source}", "type": "coupling",
-               "joints": [source, place.name]}
+    closure = {"name": name or f"{joint.name}_{source}", "type": "coupling",
+               "joints": [source, joint.name]}
     if np.any(data[2:5]):
         moved = Polynomial(data[:5])(Polynomial([-refs[driving], 1.0])) + refs[driven]
         return {**closure, "function": {"polynomial": moved.trim().coef.tolist()}}
@@ -252,12 +252,12 @@ def _distance(reading: MjcfReading, eq: int, name: str) -> dict[str, Any] | None
 
 def _held(reading: MjcfReading, joint: int, value: float, name: str) -> dict[str, Any]:
     """Return the one equation that holds a coordinate: one of a weld whose z is the axis."""
-    place, model = reading.joints[joint], reading.model
+    follower, model = reading.joints[joint], reading.model
     turns = model.jnt_type[joint] == reading.mujoco.mjtJoint.mjJNT_HINGE
-    axes = pin.SE3(axes_from_z(place.axis), np.zeros(3))
-    moved = (pin.SE3(pin.exp3(value * place.axis), np.zeros(3)) if turns
-             else shift(value * place.axis))
-    frames = [reading.urdf.frame(f"{name}_1", place.parent, place.placement * moved * axes),
-              reading.urdf.frame(f"{name}_2", place.child, axes)]
+    axes = pin.SE3(axes_from_z(follower.axis), np.zeros(3))
+    moved = (pin.SE3(pin.exp3(value * follower.axis), np.zeros(3)) if turns
+             else shift(value * follower.axis))
+    frames = [reading.urdf.frame(f"{name}_1", follower.parent, follower.placement * moved * axes),
+              reading.urdf.frame(f"{name}_2", follower.child, axes)]
     return {"name": name, "type": "weld", "frames": frames,
             "equations": [TURN_ROW if turns else SLIDE_ROW]}

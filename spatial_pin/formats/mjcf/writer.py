@@ -198,7 +198,7 @@ def _compose(document: MjcfDocument, closure: Closure, q: Array) -> None:
     """Add a body that moves on frame 1 as the pair does, and weld it to frame 2."""
     mech, geometry = document.mechanism, closure.geometry
     (joint1, at1), (joint2, at2) = (
-        (joint, place * axes) for (joint, place), axes in
+        (joint, placement * axes) for (joint, placement), axes in
         zip(map(mech.frame_on_joint, closure.frames), _frames_of(closure), strict=True))
     x, y, z = np.eye(3)
     if closure.type == "universal":  # the second pin, z of frame 2, is the body's x

@@ -356,10 +356,10 @@ class _FrameNames:
         """Return the name of a link or joint; the universe's is that of the root link."""
         return self.bodies.mains[0] if name == UNIVERSE else name
 
-    def named(self, places: Iterable[FrameSpec], owner: str) -> tuple[str, ...]:
+    def named(self, frames: Iterable[FrameSpec], owner: str) -> tuple[str, ...]:
         """Return the names of frames; those that have none are called after their owner."""
         names = []
-        for k, frame in enumerate(places, 1):
+        for k, frame in enumerate(frames, 1):
             on, placement = (frame, None) if isinstance(frame, str) else frame
             names.append(self.link(on))
             if placement is not None and not placement.isIdentity(0.0):
@@ -375,7 +375,11 @@ class _FrameNames:
             name = fresh(closure.name or closure.type, taken)
             ends = self.named(closure.frames, name)
             between = self.named(closure.between, f"{name}_between")
-            named.append(replace(closure, name=name, frames=ends, between=between))
+            numbers = {key: replace(x, frame=self.link(x.frame))
+                       if x is closure.acts_at and x is not None else x
+                       for key, x in closure.numbers.items()}
+            named.append(replace(closure, name=name, frames=ends, between=between,
+                                 numbers=numbers))
         return tuple(named)
 
     def put(self) -> None:

@@ -104,15 +104,15 @@ def _points(model: SdfModel, element: ET.Element) -> tuple[str, str, pin.SE3, pi
     """Return the two links of a constraint of Drake's, and the placements of its points on them."""
     kind, where = local(element), f"{model.where}: <{local(element)}>"
     texts = {local(x): x.text or "" for x in element}
-    links, places = [], []
+    links, placements = [], []
     for body, point in BODIES:
         name = texts.get(f"{kind}_body_{body}", "").strip()
         if name not in model.links:
             raise MechanismFileError(f"{where}: no link {name!r}; {suggestion(name, model.links)}")
         links.append(name)
         at = number_list(texts.get(f"{kind}_p_{point}"), 3, f"{where}: <{kind}_p_{point}>")
-        places.append(pin.SE3(np.eye(3), at))
-    return links[0], links[1], places[0], places[1]
+        placements.append(pin.SE3(np.eye(3), at))
+    return links[0], links[1], placements[0], placements[1]
 
 
 def couplings(model: SdfModel, joints: tuple[GraphJoint, ...]) -> list[dict[str, Any]]:

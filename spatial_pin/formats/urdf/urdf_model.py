@@ -243,7 +243,7 @@ def _rebuild(
     """Return a copy of `model` with every joint replaced by the model of its pair, in order."""
     new = pin.Model()
     new.name, new.gravity = model.name, model.gravity
-    places = {0: 0}
+    indices = {0: 0}
     for i in order:
         name = model.names[i]
         pair = PAIRS[pairs[name]]
@@ -255,11 +255,11 @@ def _rebuild(
         as_read = PAIR_OF_URDF_TYPE.get(kind, kind) == pairs[name] \
             and pairs[name] in ("revolute", "prismatic") and refined.axis is None
         joint = model.joints[i] if as_read else pair.joint(axis, axis2, refined.lead)
-        places[i] = new.addJoint(places[model.parents[i]], joint, model.jointPlacements[i], name,
+        indices[i] = new.addJoint(indices[model.parents[i]], joint, model.jointPlacements[i], name,
                                  *stated_limits(elements[name], joint.nq, joint.nv))
     new.lowerVelocityLimit = -new.upperVelocityLimit  # addJoint of Pinocchio 4.1 stores the upper
     for frame in list(model.frames)[1:]:
-        frame.parentJoint = places[frame.parentJoint]
+        frame.parentJoint = indices[frame.parentJoint]
         new.addFrame(frame, False)
     return new
 
@@ -291,10 +291,10 @@ def _ordered(model: pin.Model, order: Sequence[str], where: str) -> list[int]:
             raise MechanismFileError(f"{where}: order: no joint that moves is named {name!r}; "
                                      f"{suggestion(name, names[1:])}")
     numbers = sorted(range(1, model.njoints), key=lambda i: wanted.get(names[i], -1))
-    places = {joint: k for k, joint in enumerate(numbers)}
+    positions = {joint: k for k, joint in enumerate(numbers)}
     for joint in numbers:
         parent = model.parents[joint]
-        if parent and places[parent] > places[joint]:
+        if parent and positions[parent] > positions[joint]:
             raise MechanismFileError(f"{where}: order: {names[joint]!r} comes before "
                                      f"{names[parent]!r}, on which it hangs")
     return numbers

@@ -178,9 +178,9 @@ def arguments_of(expansion: Expansion) -> dict[str, str]:
 
 def with_defaults(text: str, values: Mapping[str, float]) -> str:
     """Return the text of a xacro file with other defaults of its arguments."""
-    def other(found: re.Match[str]) -> str:
-        name = found[2]
-        return f"{found[1]}{xacro_text(values[name])}{found[3]}" if name in values else found[0]
+    def other(match: re.Match[str]) -> str:
+        name = match[2]
+        return f"{match[1]}{xacro_text(values[name])}{match[3]}" if name in values else match[0]
 
     return re.sub(r'(<xacro:arg name="([^"]*)" default=")[^"]*(")', other, text)
 

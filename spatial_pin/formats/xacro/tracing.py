@@ -145,17 +145,17 @@ class Tape:
             (k + 1,) texts between them, and (k,) their rows; None where one is no word of its
             own.
         """
-        between, places = list[list[str]]([[]]), list[int]()
+        between, rows = list[list[str]]([[]]), list[int]()
         for word in _BETWEEN_WORDS.split(text):
             number = self.read(word) if depends(word) else None
             if number is not None:
-                places.append(number.row)
+                rows.append(number.row)
                 between.append([])
             elif depends(word):
                 return None
             else:
                 between[-1].append(word)
-        return ["".join(words) for words in between], places
+        return ["".join(words) for words in between], rows
 
     def _size(self, match: re.Match[str]) -> Traced:
         """Return the size of the number of a reference: its sign is before the reference."""
@@ -166,17 +166,17 @@ class Tape:
         number = self.number(row)
         return -number if math.copysign(1.0, number) < 0.0 else number
 
-    def at(self, arguments: Array, places: Iterable[int]) -> tuple[Array, NDArray[np.bool_]]:
+    def at(self, arguments: Array, rows: Iterable[int]) -> tuple[Array, NDArray[np.bool_]]:
         """Return numbers at other arguments, and which of these lead to the same decisions.
 
         Args:
             arguments: (len(names), m).
-            places: of the numbers.
+            rows: of the numbers.
 
         Returns:
-            (len(places), m) numbers, and (m,) whether they are those of the file.
+            (len(rows), m) numbers, and (m,) whether they are those of the file.
         """
-        wanted, m = list(places), arguments.shape[1]
+        wanted, m = list(rows), arguments.shape[1]
         values: list[Any] = list(arguments) + [None] * (len(self._operations) - len(arguments))
         needed = self._needed(tuple(wanted))
         holds = np.full(m, self.is_whole)
@@ -189,21 +189,22 @@ class Tape:
         return numbers, holds & np.isfinite(numbers).all(axis=0)
 
     def _needed(self, wanted: tuple[int, ...]) -> list[int]:
-        """Return the places, in order, of the operations that numbers and decisions are made of."""
+        """Return the rows, in order, of the operations that numbers and decisions are made of."""
         key = wanted, len(self._operations), len(self._decisions)
         if key not in self._ordered:
-            todo, seen = [*wanted, *(p for o, _ in self._decisions for p in _places(o))], set()
+            todo = [*wanted, *(p for o, _ in self._decisions for p in _operand_rows(o))]
+            seen = set()
             while todo:
                 row = todo.pop()
                 operation = self._operations[row]
                 if operation is not None and row not in seen:
                     seen.add(row)
-                    todo += _places(operation)
+                    todo += _operand_rows(operation)
             self._ordered[key] = sorted(seen)
         return self._ordered[key]
 
 
-def _places(operation: Operation) -> list[int]:
+def _operand_rows(operation: Operation) -> list[int]:
     return [x.row for x in operation[1] if isinstance(x, Traced)]
 
 

@@ -132,17 +132,17 @@ WRITTEN = re.compile(r"\s*\$\{[^}]*\}\s*")
 
 def expressions_in(content: Mapping[str, Any]) -> dict[str, str]:
     """Return the numbers of a mechanism file that are written as `${...}`, by their places."""
-    found: dict[str, str] = {}
+    expressions: dict[str, str] = {}
     waiting: list[tuple[str, Any]] = [(key, content.get(key)) for key in SECTIONS]
     while waiting:
-        place, value = waiting.pop()
+        key_path, value = waiting.pop()
         if isinstance(value, str) and WRITTEN.fullmatch(value):
-            found[place] = value
+            expressions[key_path] = value
         if isinstance(value, dict):
-            waiting += [(f"{place}.{key}", x) for key, x in value.items()]
+            waiting += [(f"{key_path}.{key}", x) for key, x in value.items()]
         elif isinstance(value, list):
-            waiting += [(f"{place}[{k}]", x) for k, x in enumerate(value)]
-    return found
+            waiting += [(f"{key_path}[{k}]", x) for k, x in enumerate(value)]
+    return expressions
 
 
 def written_dimensions(content: Mapping[str, Any], names: Iterable[str]) -> set[str]:
@@ -161,12 +161,12 @@ def with_numbers(
         return dict(content)
     numbers = worked_out(written, where, "numbers", tree, parameters, trusted, packages)
 
-    def replaced(place: str, value: Any) -> Any:
+    def replaced(key_path: str, value: Any) -> Any:
         if isinstance(value, dict):
-            return {key: replaced(f"{place}.{key}", x) for key, x in value.items()}
+            return {key: replaced(f"{key_path}.{key}", x) for key, x in value.items()}
         if isinstance(value, list):
-            return [replaced(f"{place}[{k}]", x) for k, x in enumerate(value)]
-        return numbers.get(place, value)
+            return [replaced(f"{key_path}[{k}]", x) for k, x in enumerate(value)]
+        return numbers.get(key_path, value)
 
     return {key: replaced(key, x) if key in SECTIONS else x for key, x in content.items()}
 

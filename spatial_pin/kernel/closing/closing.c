@@ -64,7 +64,7 @@
 #define FEW_EQUATIONS 100
 /* Rows of targets at most, besides one for each velocity: those of a placement in a plane */
 #define MORE_TARGETS 6
-/* Smallest over largest pivot of loops and targets: below it a target is at the end of what is in
+/* Smallest over largest pivot of loops and targets: below it a target is at the end of its
    reach, and met to half of the digits */
 #define IN_REACH TOLERANCE_HALF_PRECISION
 /* Weight of targets beside loops: where they contradict each other on the way, as a placement of what
@@ -101,7 +101,7 @@ struct Closer {
     Int *moves, *of_loops;       /* (nv) whether an equation depends on each velocity; a loop's */
     Int *free_index, n_free;          /* (nv) of each of these among the free ones; how many */
     Real *q, *trial, *step;
-    Real size, rest;     /* of the step tried last, of what is left to go, by entries of v / scale */
+    Real size, rest;     /* of the step tried last, of the remaining distance, by entries of v / scale */
     Real *begin;         /* (nq) where the first start was */
     Int *order;          /* (n) scratch */
     /* ---- of the call ---- */
@@ -401,8 +401,8 @@ static Real close_one(Closer *c, const Closing *how)
     return polish(c);
 }
 
-/* Take a configuration to c->q, and close it as far as what moves first can; whether what is left is
-   a number. */
+/* Take a configuration to c->q, and close it as far as the joints that move first can; whether the
+   rest is a number. */
 static int begin_from(Closer *c, const Closing *how, const Real *q, Real worthwhile)
 {
     memcpy(c->q, q, (size_t)c->k->nq * sizeof(Real));
@@ -555,8 +555,8 @@ static void judge(Closer *c, Real *q, const Real *reference, const Named *named,
         *distance = named_distance(k, named, q);
 }
 
-/* Make the columns of the closure equations' derivatives alike: short levers are none then. What is
-   no column stays none; `square` (nv) is scratch. */
+/* Make the columns of the closure equations' derivatives alike: short levers are none then. A zero
+   column stays zero; `square` (nv) is scratch. */
 static void make_even(Kernel *k, Real *square)
 {
     const Int entries = k->entry_start[k->n_closure];
@@ -687,7 +687,7 @@ static int is_unique(Closer *c, const ClosureTask *r)
            norm(away, c->k->nv) <= 2.0 * size;
 }
 
-/* Close from further starts, until one leads near to what is named. Of results where nothing is at
+/* Close from further starts, until one leads near to the named values. Of results where nothing is at
    fault only those nearer than all before them stay. */
 static void reach_nearer(Closer *c, ClosureTask *r)
 {

@@ -41,10 +41,10 @@ typedef struct {
 EXPORT int closer_create(Kernel *k, const Int *rotations, Int n_rotations, const Int *pins,
                          Int n_pins, const Int *body, const Real *axis, Int n_axes, Closer **out);
 
-/* Close the loops from each start by itself, and judge where that leads. Of a single start, what is
-   closed is examined too, else facts[0] is infinite; and where nothing is at fault there, further
+/* Close the loops from each start by itself, and judge where that leads. Of a single start, a closed
+   result is examined too, else facts[0] is infinite; and where nothing is at fault there, further
    starts are tried: q, error, distance and mirrored have room for 1 + n_steps rows. With targets it
-   is the nearest to the first start that meets them, `distance` what is left of them, `first` and
+   is the nearest to the first start that meets them, `distance` the rest of them, `first` and
    pinned coordinates are none; NOT_CONVERGED where that was not found. */
 EXPORT int closer_close(Closer *c, ClosureTask *r);
 /* Whether nothing is at fault in the first row, and it is the nearest, or near where there was no

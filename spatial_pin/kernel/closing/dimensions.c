@@ -3,8 +3,8 @@
  * A sample is a set of numbers in the place of the kernel's own. It is closed from where it starts
  * by the least motion (closing.c), as one mechanism alone would be; then its rates follow from the
  * square system of `system_set`, K v = drive and K a = drive' - bias(v). Whether it is on the
- * branch of its start, the caller judges by what is written down here: how far it has gone, how
- * much of the way the linear equations at its end leave unexplained, and the determinant. */
+ * branch of its start, the caller judges by these results: how far it has gone, how much of
+ * the motion the linear equations at its end leave unexplained, and the determinant. */
 #include <string.h>
 
 #include "closing.h"

@@ -55,7 +55,7 @@ static void jacobian_of(Kernel *k, Int equation)
     const Int kind = k->equations.kind[equation], product = k->equations.product[equation];
     Real force[3] = {0.0, 0.0, 0.0}, moment[3];
     if (kind == SUM) {
-        sum_add_row(k, equation, 1.0, 0, 0);
+        sum_add_row(k, equation);
         store_row(k, equation);
         return;
     }
@@ -352,7 +352,7 @@ void equations_values_near(Kernel *k, const Real *q, const Real *reference)
 
 void equations_angle_row(Kernel *k, Int angle, Real *row)
 {
-    angle_add_row(k, angle, 1.0);
+    angle_add_row(k, angle);
     for (Int v = 0; v < k->nv; v++) {
         row[v] = k->equations.row[v];
         k->equations.row[v] = 0.0;

@@ -96,6 +96,9 @@ typedef struct {
     const Real *support_sign;        /* times scale */
     Real *A, *B;                     /* (3) of each */
     Real *value, *rate, *bias;       /* of each; bias: second derivative */
+    Real *weight;                    /* of each in the row that is added up */
+    Int *weighted, n_weighted;       /* those that have one */
+    char *is_weighted;
 } Products;
 
 /* Angles that count turns, between half turns by the products that are their sine and cosine. */
@@ -106,6 +109,7 @@ typedef struct {
     const Real *spin_offset; /* (n_angles) angle where these are zero */
     const Real *spin_sign;
     Real *rate, *bias;       /* of each; bias: second derivative */
+    Real *weight;            /* of each in the row that is added up, zero between uses */
 } Angles;
 
 /* Angles that sums define: one or two, at which as many sums vanish. They follow the equations: those
@@ -127,6 +131,9 @@ typedef struct {
     const Int *shape;            /* (n_functions, 4) see piecewise.h */
     const Real *number;
     Called *called;              /* functions of the caller, NULL of others */
+    Real *last;                  /* (n_functions, 4) where each was evaluated last, and its value and
+                                    derivatives there: terms share functions */
+    Int *piece;                  /* (n_functions) that it was in */
     Real *value, *rate, *bias;   /* of each; bias: second derivative */
     Real *slope, *bend;          /* derivatives of the functions */
 } Quantities;
@@ -269,13 +276,12 @@ void product_wrench(const Kernel *k, Int product, Real *force, Real *moment);
 /* All angles, near the reference; those that sums define at their best root where that is 0. */
 void angles_place(Kernel *k);
 void angles_rates(Kernel *k, const Real *v);
-/* Add factor times the derivatives of an angle to the scratch row over all freedoms. */
-void angle_add_row(Kernel *k, Int angle, Real factor);
-/* Of a sum: its value, first two derivatives in time, and the derivatives by all but n angles from
-   `first` on, added to the scratch row. */
+/* Add the derivatives of an angle to the scratch row over all freedoms. */
+void angle_add_row(Kernel *k, Int angle);
+/* Of a sum: its value, first two derivatives in time, and its derivatives, added to the scratch row. */
 Real sum_value(Kernel *k, Int sum);
 void sum_rates(Kernel *k, Int sum, const Real *v, Real *rate, Real *bias);
-void sum_add_row(Kernel *k, Int sum, Real factor, Int first, Int n);
+void sum_add_row(Kernel *k, Int sum);
 /* a term's number times its quantities but two of them (-1: none), after the sum's value */
 Real product_without(const Kernel *k, Int term, Int one, Int other);
 int is_one_of(const Kernel *k, Int quantity, Int first, Int n); /* whether it is one of n angles */
@@ -304,13 +310,13 @@ typedef struct {
 EXPORT int kernel_evaluate(Kernel *k, const Evaluation *e);
 
 /* ---- system.c ---- */
-/* Equations to be solved (NULL: the first ones), what is driven, and rows that fill the system up;
+/* Equations to be solved (NULL: the first ones), driven freedoms, and rows that fill the system up;
    n_chosen + n_idle + n_driven + n_fill must be nv. Driven is a freedom v, or, as nv + v, the
    component of a ball or floating joint (pins.h) whose velocity entry is v. */
 int system_set(Kernel *k, const Int *chosen, Int n_chosen, const Int *driven, Int n_driven,
                const Real *fill, Int n_fill);
 /* Rows of a square matrix: of equations and of all idle rotations, at the evaluated point, with room
-   for so many entries more; 0 if there is no memory. Then those of driven coordinates, at that point,
+   for `more` entries; 0 if there is no memory. Then those of driven coordinates, at that point,
    `pin` being its component if it is one; and rows (n, nv) that fill it up. */
 int system_put_equations(const Kernel *k, const Int *equations, Int n, Int more, Entries *to);
 void system_put_driven(const Kernel *k, Int row, Int driven, const Pin *pin, Entries *to);

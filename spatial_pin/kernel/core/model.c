@@ -171,9 +171,12 @@ static int read_numbers(Kernel *k, const Real *reals, Int n_reals)
     return DONE;
 }
 
-/* Joints whose fixed rotation is the identity. */
-static void find_plain_joints(Kernel *k)
+/* What follows from numbers: joints whose fixed rotation is the identity, and that no function has
+   been evaluated. */
+static void take_numbers(Kernel *k)
 {
+    for (Int f = 0; f < k->quantities.n_functions; f++)
+        k->quantities.last[4 * f] = NAN;
     for (Int j = 0; j < k->n_joints; j++) {
         const Real *R = k->rotation + 9 * j;
         k->plain[j] = R[0] == 1.0 && R[4] == 1.0 && R[8] == 1.0 && R[1] == 0.0 && R[2] == 0.0 &&
@@ -200,12 +203,16 @@ static int make_room(Kernel *k)
         {&k->angles.rate, na}, {&k->angles.bias, na}, {&k->quantities.value, nx},
         {&k->quantities.rate, nx}, {&k->quantities.bias, nx}, {&k->quantities.slope, nx},
         {&k->quantities.bend, nx}, {&k->equations.bias, ne}, {&k->equations.row, nv},
-        {&k->implicit.inverse, 4 * k->implicit.n},
+        {&k->implicit.inverse, 4 * k->implicit.n}, {&k->products.weight, np},
+        {&k->angles.weight, na}, {&k->quantities.last, 4 * k->quantities.n_functions},
     };
     for (size_t i = 0; i < sizeof fields / sizeof *fields; i++)
         *fields[i].to = kernel_reals(k, fields[i].count);
     k->quantities.called =
         kernel_memory(k, k->quantities.n_functions, sizeof *k->quantities.called);
+    k->quantities.piece = kernel_ints(k, k->quantities.n_functions);
+    k->products.weighted = kernel_ints(k, np);
+    k->products.is_weighted = kernel_memory(k, np, 1);
     k->plain = kernel_ints(k, n);
     k->moves = kernel_ints(k, n);
     k->system.chosen = kernel_ints(k, nv);
@@ -236,7 +243,7 @@ EXPORT int kernel_create(const Int *ints, Int n_ints, const Real *reals, Int n_r
         for (Int i = 0; i < n_called && i < k->quantities.n_functions; i++)
             k->quantities.called[i] = called[i];
         k->R[0] = k->R[4] = k->R[8] = 1.0; /* the ground */
-        find_plain_joints(k);
+        take_numbers(k);
         for (Int i = 0; i < k->implicit.n; i++)
             for (Int x = 0; x < k->implicit.at[4 * i + 1]; x++)
                 k->implicit.is_angle[k->implicit.at[4 * i] + x] = 1;
@@ -257,7 +264,7 @@ int kernel_vary_numbers(Kernel *k, const Real *base, Int n_reals, const Int *pla
         if (place[i] < n_reals)
             own[place[i]] = varied[i];
     if (code == DONE) {
-        find_plain_joints(k);
+        take_numbers(k);
         equations_place_ground(k);
     }
     return code;

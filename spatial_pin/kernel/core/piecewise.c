@@ -5,9 +5,12 @@
 #define MOST_BREAKS 1000000 /* of one function: times powers they stay far below 2^63 */
 #define MOST_POWERS 1000    /* likewise */
 
-/* The last piece that begins at or before x, among all but the first; 0 if there is none. */
-static Int piece_of(const Real *breaks, Int n, Real x)
+/* The last piece that begins at or before x, among all but the first; 0 if there is none. It is
+   often the one it was before. */
+static Int piece_of(const Real *breaks, Int n, Real x, Int before)
 {
+    if (breaks[before] <= x && x < breaks[before + 1])
+        return before;
     Int low = 0, high = n; /* breaks[low] <= x < breaks[high], but beyond the ends */
     while (high - low > 1) {
         const Int middle = low + (high - low) / 2;
@@ -35,8 +38,8 @@ static void other_function_at(const Int *shape, Called called, Real x, Real *val
     *bend = -0.5 * *slope / x;
 }
 
-void piecewise_at(const Int *shape, const Real *numbers, Called called, Real x, Real *value,
-                  Real *slope, Real *bend)
+void piecewise_at(const Int *shape, const Real *numbers, Called called, Real x, Int *piece,
+                  Real *value, Real *slope, Real *bend)
 {
     const Int n = shape[PIECES], degree = shape[DEGREE];
     if (!n) {
@@ -47,10 +50,10 @@ void piecewise_at(const Int *shape, const Real *numbers, Called called, Real x, 
     const Real period = breaks[n] - breaks[0], rise = coefficients[n * (degree + 1)];
     const Real periods = shape[REPEATS] ? floor((x - breaks[0]) / period) : 0.0;
     x -= period * periods;
-    const Int piece = piece_of(breaks, n, x);
-    const Real *c = coefficients + piece * (degree + 1);
+    *piece = piece_of(breaks, n, x, *piece);
+    const Real *c = coefficients + *piece * (degree + 1);
     Real sum[3] = {c[degree], 0.0, 0.0};
-    x -= breaks[piece];
+    x -= breaks[*piece];
     for (Int k = degree - 1; k >= 0; k--) {
         sum[2] = sum[2] * x + 2.0 * sum[1];
         sum[1] = sum[1] * x + sum[0];

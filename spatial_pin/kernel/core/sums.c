@@ -11,13 +11,13 @@
 
 #define MOST_STEPS 30     /* of Newton's method, as in Python (`composed_equations.py`) */
 #define LONGEST_STEP 0.1  /* of the span of an angle */
-#define STEP_NOISE 1e-13  /* likewise: a step so short is the last one */
+#define LAST_STEP 1e-8    /* likewise: the step after one so short is below round-off */
 
 enum { MOST = 2, N_STARTS = 96, N_STARTS_OF_TWO = 16 };
 
 static void implicit_place(Kernel *k);
 static void implicit_rates(Kernel *k, const Real *v);
-static void implicit_add_row(Kernel *k, Int angle, Real factor);
+static void weigh_implicit(Kernel *k, Int angle, Real weight);
 
 /* ---- products ---- */
 
@@ -33,16 +33,32 @@ void product_wrench(const Kernel *k, Int i, Real *force, Real *moment)
     add3(k->products.force[i], B, force);
 }
 
-/* Add factor times the derivatives of product i to the scratch row over all freedoms. */
-static void add_product_row(Kernel *k, Int i, Real factor)
+/* Weigh product i by factor in the row that is added up: terms share products. */
+static void weigh_product(Kernel *k, Int i, Real factor)
 {
-    Real force[3], moment[3];
-    product_wrench(k, i, force, moment);
-    for (Int t = k->products.support_start[i]; t < k->products.support_start[i + 1]; t++) {
-        const Int v = k->products.support_v[t];
-        k->equations.row[v] += factor * k->products.support_sign[t] *
-                     (dot3(force, k->linear + 3 * v) + dot3(moment, k->angular + 3 * v));
+    if (!k->products.is_weighted[i]) {
+        k->products.is_weighted[i] = 1;
+        k->products.weighted[k->products.n_weighted++] = i;
     }
+    k->products.weight[i] += factor;
+}
+
+/* Add the derivatives of the products, by their weights, to the scratch row over all freedoms. */
+static void add_weighted_products(Kernel *k)
+{
+    for (Int x = 0; x < k->products.n_weighted; x++) {
+        const Int i = k->products.weighted[x];
+        Real force[3], moment[3];
+        product_wrench(k, i, force, moment);
+        for (Int t = k->products.support_start[i]; t < k->products.support_start[i + 1]; t++) {
+            const Int v = k->products.support_v[t];
+            k->equations.row[v] += k->products.weight[i] * k->products.support_sign[t] *
+                         (dot3(force, k->linear + 3 * v) + dot3(moment, k->angular + 3 * v));
+        }
+        k->products.weight[i] = 0.0;
+        k->products.is_weighted[i] = 0;
+    }
+    k->products.n_weighted = 0;
 }
 
 /* ---- quantities of sums ---- */
@@ -93,9 +109,15 @@ static void place_quantity(Kernel *k, Int i)
     const Real x = kind == COORDINATE ? k->q[at] : kind == ANGLE ? k->angle[at]
                                                                  : k->products.value[at];
     all->value[i] = x;
-    if (f >= 0)
-        piecewise_at(all->shape + SHAPE * f, all->number, all->called[f], x, all->value + i,
-                     all->slope + i, all->bend + i);
+    if (f < 0)
+        return;
+    Real *last = all->last + 4 * f;
+    if (last[0] != x) {
+        piecewise_at(all->shape + SHAPE * f, all->number, all->called[f], x, all->piece + f,
+                     last + 1, last + 2, last + 3);
+        last[0] = x;
+    }
+    all->value[i] = last[1], all->slope[i] = last[2], all->bend[i] = last[3];
 }
 
 static void rate_quantity(Kernel *k, Int i, const Real *v)
@@ -113,33 +135,6 @@ static void rate_quantity(Kernel *k, Int i, const Real *v)
     }
     all->rate[i] = rate;
     all->bias[i] = bias;
-}
-
-void angle_add_row(Kernel *k, Int angle, Real factor)
-{
-    if (k->implicit.is_angle[angle]) {
-        implicit_add_row(k, angle, factor);
-        return;
-    }
-    const Int *of = k->angles.product + 2 * angle;
-    const Real s = k->products.value[of[0]], c = k->products.value[of[1]], square = s * s + c * c;
-    add_product_row(k, of[0], factor * c / square);
-    add_product_row(k, of[1], -factor * s / square);
-}
-
-/* Add factor times the derivatives of a quantity to the scratch row over all freedoms. */
-static void add_quantity_row(Kernel *k, Int i, Real factor)
-{
-    const Int kind = k->quantities.kind[i], *at = k->quantities.at + 2 * i;
-    if (k->quantities.function[i] >= 0)
-        factor *= k->quantities.slope[i];
-    if (kind == COORDINATE) {
-        k->equations.row[at[1]] += factor * k->scale[at[1]];
-    } else if (kind == OF_PRODUCT) {
-        add_product_row(k, at[0], factor);
-    } else {
-        angle_add_row(k, at[0], factor);
-    }
 }
 
 /* ---- sums: terms, each a number times quantities ---- */
@@ -185,13 +180,59 @@ static void sum_slopes(const Kernel *k, Int sum, Int first, Int n, Real *slopes)
                     (k->quantities.function[i] >= 0 ? k->quantities.slope[i] : 1.0);
 }
 
-void sum_add_row(Kernel *k, Int sum, Real weight, Int first, Int n)
+/* Weigh what a sum's terms are made of, but n angles from `first` on, in the row that is added up. */
+static void weigh_sum(Kernel *k, Int sum, Real weight, Int first, Int n)
 {
+    const Quantities *all = &k->quantities;
     const Int *term = k->equations.term_start + sum, *factor = k->equations.factor_start;
     for (Int t = term[0]; t < term[1]; t++)
-        for (Int i = factor[t]; i < factor[t + 1]; i++)
-            if (!is_one_of(k, i, first, n))
-                add_quantity_row(k, i, weight * product_without(k, t, i, -1));
+        for (Int i = factor[t]; i < factor[t + 1]; i++) {
+            if (is_one_of(k, i, first, n))
+                continue;
+            const Int *at = all->at + 2 * i;
+            const Real slope = all->function[i] >= 0 ? all->slope[i] : 1.0;
+            const Real own = weight * product_without(k, t, i, -1) * slope;
+            if (all->kind[i] == COORDINATE)
+                k->equations.row[at[1]] += own * k->scale[at[1]];
+            else if (all->kind[i] == OF_PRODUCT)
+                weigh_product(k, at[0], own);
+            else
+                k->angles.weight[at[0]] += own;
+        }
+}
+
+/* Weigh what an angle is made of by the angle's own weight. */
+static void weigh_angle(Kernel *k, Int angle)
+{
+    const Real weight = k->angles.weight[angle];
+    k->angles.weight[angle] = 0.0;
+    if (weight == 0.0)
+        return;
+    if (k->implicit.is_angle[angle]) {
+        weigh_implicit(k, angle, weight);
+        return;
+    }
+    const Int *of = k->angles.product + 2 * angle;
+    const Real s = k->products.value[of[0]], c = k->products.value[of[1]], square = s * s + c * c;
+    weigh_product(k, of[0], weight * c / square);
+    weigh_product(k, of[1], -weight * s / square);
+}
+
+void angle_add_row(Kernel *k, Int angle)
+{
+    k->angles.weight[angle] = 1.0;
+    weigh_angle(k, angle);
+    add_weighted_products(k);
+}
+
+void sum_add_row(Kernel *k, Int sum)
+{
+    const Int *term = k->equations.term_start + sum, *factor = k->equations.factor_start;
+    weigh_sum(k, sum, 1.0, 0, 0);
+    for (Int i = factor[term[0]]; i < factor[term[1]]; i++)
+        if (k->quantities.kind[i] == ANGLE)
+            weigh_angle(k, k->quantities.at[2 * i]);
+    add_weighted_products(k);
 }
 
 void sum_rates(Kernel *k, Int sum_at, const Real *v, Real *of_rate, Real *of_bias)
@@ -254,7 +295,7 @@ static void newton_step(Kernel *k, const Root *r, Real *step)
 static int descends(Kernel *k, const Root *r)
 {
     Real *u = k->angle + r->first, step[MOST], size = INFINITY;
-    for (Int i = 0; i < MOST_STEPS && size > STEP_NOISE; i++) {
+    for (Int i = 0; i < MOST_STEPS && size > LAST_STEP; i++) {
         newton_step(k, r, step);
         size = 0.0;
         for (Int x = 0; x < r->n; x++)
@@ -264,9 +305,11 @@ static int descends(Kernel *k, const Root *r)
         for (Int x = 0; x < r->n; x++)
             u[x] += step[x] * (size > LONGEST_STEP ? LONGEST_STEP / size : 1.0);
     }
-    if (size > STEP_NOISE)
+    if (size > LAST_STEP)
         return 0;
-    newton_step(k, r, step); /* the slopes there */
+    newton_step(k, r, step); /* and the slopes there */
+    for (Int x = 0; x < r->n; x++)
+        u[x] += step[x];
     return sum_value(k, r->sum + r->n) > 0.0;
 }
 
@@ -372,13 +415,13 @@ static void implicit_rates(Kernel *k, const Real *v)
     }
 }
 
-static void implicit_add_row(Kernel *k, Int angle, Real factor)
+static void weigh_implicit(Kernel *k, Int angle, Real weight)
 {
     for (Int i = 0; i < k->implicit.n; i++) {
         const Root r = root_at(k, i);
         if (!within(angle - r.first, r.n))
             continue;
         for (Int x = 0; x < r.n; x++)
-            sum_add_row(k, r.sum + x, -factor * r.inverse[(angle - r.first) * r.n + x], r.first, r.n);
+            weigh_sum(k, r.sum + x, -weight * r.inverse[(angle - r.first) * r.n + x], r.first, r.n);
     }
 }

@@ -1,12 +1,12 @@
 /* Error estimates of a path: of its points, and of samples that are interpolated between two of them.
  *
  * A point: q is off by what its equations magnify residuals and round-off to, and that changes t and c.
- * How much is told by solutions for an example, at one point of many, by the equations' second
- * derivatives.
+ * The size of this change is estimated at one point of many, by solving for an example with the
+ * equations' second derivatives.
  *
  * Hermite's polynomial of fifth degree misses (u (1 - u))^3 times the sixth derivative at a part u of a
  * step, over 720; that through a third point r steps before (u (1 - u) (u + r))^3 times the ninth, over
- * 9!. One correction tells what that is in the middle; of the rates it is told by derivatives. */
+ * 9!. One correction measures this error in the middle; derivatives give that of the rates. */
 #include <string.h>
 #include <float.h>
 
@@ -32,7 +32,7 @@
 /* What polynomials of fifth and of eighth degree miss, by the error e in the middle of a step h. */
 typedef struct {
     Real order;        /* of second derivatives */
-    Real rates, bends; /* up to so many e / h, e / h^2 */
+    Real rates, bends; /* at most these multiples of e / h, e / h^2 */
     Real round_off;    /* second derivatives by errors of the points, over h^2 */
 } Missed;
 static const Missed MISSED[] = {{4.0, 3.43, 24.0, 12.0}, {7.0, 5.2, 41.0, 20.0}};
@@ -49,7 +49,7 @@ static void add_bias(Kernel *k, const Real *rates, Real factor, Real *right)
 }
 
 /* Add second derivatives along a and b (nv), scaled, times a factor, to a right side: by the polar form
-   of what is quadratic, (c(a + b) - c(a - b)) / 4. */
+   of the quadratic terms, (c(a + b) - c(a - b)) / 4. */
 static void add_second(Path *path, const Real *a, const Real *b, Real factor, Real *right)
 {
     Kernel *k = path->k;
@@ -207,8 +207,8 @@ Real estimate_between(Path *path, const Point *third, const Point *from, Real *e
     const Real longer = pow(AIM / larger_of(part, 1e-30), 1.0 / m->order);
     const Real node = estimate_point(path, estimate);
     const Real noise = m->round_off * node / (second * path->accuracy.between);
-    /* Noise falls with the square of the way, as far as a third point allows; what is missing does not
-       grow where it is noise too. */
+    /* Noise falls with the square of the distance, as far as a third point allows. The missing part
+       does not grow where it is noise too. */
     const int is_noise = missing <= node + 0.3 * h * estimate[1] + 0.03 * h * h * estimate[2];
     const Real room = third ? larger_of(fabs(from->s - third->s) / (h * BETWEEN_NEAREST), SOONEST / way) : 1.0;
     const Real most = fmin(GROWTH_POWER, room);

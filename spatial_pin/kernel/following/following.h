@@ -67,8 +67,8 @@ EXPORT Int path_follow(Kernel *k, const Real *values, Int n, const PathRows *row
 EXPORT Int path_from_guess(Kernel *k, const PathTask *task, Closer *c, ClosureTask *guess,
                            const Real *values, Int n, const PathRows *rows);
 
-/* Configurations at scattered values of what is driven first, each followed to along a straight line
-   from another one: as `_ScatterTask` in paths.py. */
+/* Configurations at scattered values of the first driven coordinates, each followed along a straight
+   line from another one: as `_ScatterTask` in paths.py. */
 typedef struct {
     Int n_rows, n;
     const Int *row;      /* (n) which rows of the arrays to find, in this order, */
@@ -76,9 +76,9 @@ typedef struct {
                             The last row is the first configuration, which comes from none */
     Int n_values;
     const Real *values;  /* (n_rows, n_values) */
-    Real *line;          /* (n_driven, 2) coefficients of the line: of what is not among the values those
-                            are kept */
-    Int is_last;         /* whether rows that cannot be reached are to come as near as they can */
+    Real *line;          /* (n_driven, 2) coefficients of the line: of coordinates that are not among the
+                            values they stay */
+    Int is_last;         /* whether unreachable rows end at the nearest configuration */
     PathRows rows;       /* (n_rows) */
     Real *part;          /* (n_rows) of the line that was gone: 1 where the values are reached */
 } ScatterTask;

@@ -299,8 +299,8 @@ static int try_step(Path *path, Real target)
     return code == DONE ? arrive(path, way) : code;
 }
 
-/* Make `next` the present point. The point before stays what it is as long as it is near: what
- * is told ahead by less than the distance of two points does not suffer from their round-off. */
+/* Make `next` the present point. The point before stays what it is as long as it is near: a
+ * prediction over less than the distance of two points does not suffer from their round-off. */
 static void take(Path *path)
 {
     Point *next = path->next;

@@ -23,8 +23,8 @@ typedef struct {
 int prescribed_create(Kernel *k, Prescribed *p); /* DONE, NO_MEMORY */
 
 /* Let it be what the system drives, by polynomials if there are pieces. DONE; BAD_ARRAYS where nothing
- * with a value is driven first, where breaks do not rise, numbers are none, or what has no value is
- * to move. */
+ * with a value is driven first, breaks do not rise, numbers are not finite, or a coordinate without
+ * value is to move. */
 int prescribed_read(const Kernel *k, Prescribed *p, Int n_pieces, Int degree, const Real *breaks,
                     const Real *coefficient);
 

@@ -125,8 +125,8 @@ typedef struct {
     Int *best;          /* (n_free) coordinates that would be best */
     Int *former;        /* (nv) equations chosen before others were tried */
     SavedPosition saved, ended;
-    Real opened;        /* what was left open before the last projection, and how many corrections */
-    Int corrections;    /* it took */
+    Real opened;        /* closure error before the last projection */
+    Int corrections;    /* number of corrections of the projection */
 } Work;
 
 typedef struct Dynamics {

@@ -269,7 +269,7 @@ static void note_change(Dynamics *d, const Real *from, const Real *x)
 }
 
 /* Whether the determinant, as it has changed, would nearly vanish on the way to x. Where it has a
- * zero of even order its sign does not tell a step across: one freedom may look for what is there,
+ * zero of even order its sign does not tell a step across: one freedom may go on to look for it,
  * more may not get there. */
 static int may_cross(const Dynamics *d, const Real *x)
 {
@@ -296,7 +296,7 @@ static void accept(Dynamics *d, const Real *x)
 }
 
 /* How the determinant of other equations, or with other held coordinates, has changed on the way
- * from the position that was saved: what was known of the former ones does not hold for it. */
+ * from the position that was saved: the known changes of the former ones do not hold for it. */
 int independent_measure_change(Dynamics *d)
 {
     const size_t size = (size_t)d->n_held * sizeof *d->determinant.change;

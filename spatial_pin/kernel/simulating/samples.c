@@ -11,7 +11,7 @@
 #include "running.h"
 
 #define MAY_LEAVE 0.1 /* of the closure tolerance, that polynomials may leave open */
-/* Of that and the square of the way between two anchors: accelerations miss 24 times what is left by
+/* Of that and the square of the way between two anchors: accelerations miss 24 times the rest by
    that square, which is to be a hundred times the closure at most */
 #define MAY_BEND 4.0
 /* Of what they may, below which anchors may be twice as far apart: that leaves 64 times as much, and

@@ -358,7 +358,7 @@ static void forces_of(const Kernel *k, const Real *multipliers, Real *force)
 
 /* ---------------------------------------------------------------- a tree with loops
 
-   Joints that no loop is built on are eliminated before; what is left, the core, has a KKT system as
+   Joints that no loop is built on are eliminated before; the remaining tree, the core, has a KKT system as
    if its bodies had the inertias of all that they carry. */
 
 /* Accelerations under joint forces, and what they follow from: as `_KktTask` in kkt.py. */

@@ -64,8 +64,8 @@ static int make_room(Rates *r)
     return kernel_had_memory(k) && r->matrix ? DONE : NO_MEMORY;
 }
 
-/* How many equations are constant: whose derivatives vanish at places where no loop is closed. What
-   is a function of the caller may have none there, and is not asked. */
+/* How many equations are constant: their derivatives vanish at configurations where no loop is closed.
+   A function of the caller may have no value there, and is not evaluated. */
 static Int count_constant(Rates *r)
 {
     Kernel *k = r->k;
@@ -213,7 +213,7 @@ static void add_bias(Rates *r, const Real *v, Real factor, Real *x)
 }
 
 /* Joint rates (nv) of any order, for the right sides of the equations in r->x and rates (n_driven)
-   of what is driven. */
+   of the driven freedoms. */
 static void answer(Rates *r, const Real *drive, Real *out)
 {
     const Kernel *k = r->k;
@@ -290,7 +290,7 @@ static Real lost_along(Rates *r, Real off, const Real *away, const Real *velocit
     return off * fmax(first, (second + third) / fmax(bend, 1.0));
 }
 
-/* Whether what is closed to round-off loses no more than is known without the velocities. */
+/* Whether a configuration closed to round-off loses no more than is known without velocities. */
 static int is_known_anyway(Rates *r, Real known)
 {
     Real grown = 0.0;
@@ -303,7 +303,7 @@ static int is_known_anyway(Rates *r, Real known)
    position at a small distance e of the driver, joints move 1/sqrt(e) times as fast as the driver
    (`pace`); a configuration known to round-off times that gives rates to that squared. A short link
    leaves as much of it as its pivot: that is known without the velocities. A configuration that is
-   not closed to round-off, as those of motions, is off by what is open. */
+   not closed to round-off, as those of motions, is off by its closure error. */
 static Real round_off(Rates *r, const Real *v, Real known)
 {
     const Real open = fmax(CLOSURE_ROUND_OFF, equations_error(r->k));
@@ -371,8 +371,8 @@ static int take_and_factor(Rates *r, const RateTask *task)
     return code == DONE && !(r->matrix->pivot > 0.0) ? SINGULAR : code;
 }
 
-/* Velocities and accelerations at the factored configuration, for rates of what is driven, and what
-   round-off leaves of them: into row `at`. */
+/* Velocities and accelerations at the factored configuration, for rates of the driven freedoms, and
+   their errors by round-off: into row `at`. */
 static int put_rates(Rates *r, const RateTask *task, Int at, Real pace)
 {
     const Int nv = r->k->nv;
@@ -510,7 +510,7 @@ static void put_column_rate(Rates *r, Int joint, const Real *arm, const Real *v,
         out[i] += moved[i] + (i < 3 ? 0.0 : 0.5 * turned[i - 3]);
 }
 
-/* What is wanted of the frame, into row `at`. */
+/* The wanted Jacobians of the frame, into row `at`. */
 static void put_jacobians(Rates *r, const RateTask *task, Int at)
 {
     const Kernel *k = r->k;

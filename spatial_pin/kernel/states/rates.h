@@ -6,7 +6,7 @@
 
 typedef struct Rates Rates;
 
-/* What is solved at n configurations, a row each, and the results: as `_RateTask` in rate_solver.py.
+/* Inputs and results at n configurations, a row each: as `_RateTask` in rate_solver.py.
    Results that are NULL are not wanted. */
 typedef struct {
     Int n;

@@ -170,7 +170,7 @@ def export_html(
 
     The page needs no network and no server. It plays for ever, faster, slower, to and fro or frame
     by frame, and says the driver's value, the time, the largest closure error and the pace it is
-    shown at. It has views, a list of what is shown, names under the pointer, distances between
+    shown at. It has views, a list of the shown objects, names under the pointer, distances between
     points, and curves of outputs. A closure that is open by more than 1e-6 is marked where and
     while it is. Limits and singular configurations are ticks on the slider. `#controls` at the end
     of the address opens meshcat's own.

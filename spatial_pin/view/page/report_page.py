@@ -248,7 +248,7 @@ def _events(subject: Subject) -> str | None:
     unit = motion.driver_unit if motion.driver_name else "s"
     rows = [(e.kind, e.text, number(e.value, unit, 10))
             for e in sorted(events, key=lambda e: e.row)]
-    heads = ("kind", "what was met", f"at {motion.driver_name or 'time'}")
+    heads = ("kind", "event", f"at {motion.driver_name or 'time'}")
     return section(title, table(heads, rows, numbers=1))
 
 

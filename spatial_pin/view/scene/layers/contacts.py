@@ -74,18 +74,18 @@ def _follower(
     """
     follower, (joint, at) = closure.numbers["follower"], on
     normal = turned[0].T @ curves_in(closure.numbers)[0].axes[:, 2]  # of the plane, in frame 2
-    place = at.homogeneous.copy()
+    pose = at.homogeneous.copy()
     if follower.flat is not None:
         x, room = follower.flat, FACE_MARGIN * stage.size
-        place[:3, :3] = at.rotation @ np.column_stack([x, normal, np.cross(x, normal)])
+        pose[:3, :3] = at.rotation @ np.column_stack([x, normal, np.cross(x, normal)])
         along = np.einsum("nji,nj->ni", turned, touched) @ np.cross(x, normal)
         low, high = float(along.min()) - room, float(along.max()) + room
-        place[:3, 3] += 0.5 * (low + high) * place[:3, 2]
+        pose[:3, 3] += 0.5 * (low + high) * pose[:3, 2]
         face = Solid(mg.Box([CURVE_WIDTH * stage.size, room, high - low]))
-        return [Item(f"face {closure.name}", face, FOLLOWER, joint, place, called=title)]
+        return [Item(f"face {closure.name}", face, FOLLOWER, joint, pose, called=title)]
     if not follower.radius:
         return []
-    place[:3, :3] = at.rotation @ axes_from_z(normal)
+    pose[:3, :3] = at.rotation @ axes_from_z(normal)
     half = 2.0 * CURVE_WIDTH * stage.size
     roller = rod(follower.radius, -half, half)
-    return [Item(f"roller {closure.name}", roller, FOLLOWER, joint, place, called=title)]
+    return [Item(f"roller {closure.name}", roller, FOLLOWER, joint, pose, called=title)]

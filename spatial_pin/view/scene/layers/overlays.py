@@ -1,4 +1,4 @@
-"""What is drawn with a motion: other states and motions, clearance, workspace, goals."""
+"""Objects drawn with a motion: other states and motions, clearance, workspace, goals."""
 
 from __future__ import annotations
 
@@ -206,10 +206,10 @@ def _red_links(stage: Stage, clearance: Clearance, pairs: list[PairClearance]) -
         for item in body_items(own, stage):
             poses = stage.poses[:, item.joint]
             turns = Rotation.from_quat(poses[:, 3:])
-            places = poses[:, :3] + turns.apply(item.placement[:3, 3])
+            positions = poses[:, :3] + turns.apply(item.placement[:3, 3])
             turned = (turns * Rotation.from_matrix(item.placement[:3, :3])).as_quat()
             items.append(Item(f"touching {link} {item.name}", item.solid, TOUCHING,
-                              track=Track(np.concatenate([places, turned], axis=1), scales)))
+                              track=Track(np.concatenate([positions, turned], axis=1), scales)))
     return items
 
 
