@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import ctypes
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -213,6 +214,26 @@ class KernelTree:
         self.take_masses()
         self._evaluate(q, v, a, tau=self._tau)
         return self._tau
+
+    def prepared(self, q: Array, v: Array, a: Array, tau: Array) -> Callable[[], None]:
+        """Return what writes `forces` of m motions into tau (m, nv) when it is called.
+
+        Args:
+            q: (m, nq) configurations; these arrays are contiguous.
+            v: (m, nv) joint velocities.
+            a: (m, nv) joint accelerations.
+            tau: (m, nv), to be filled.
+        """
+        m, n = len(q), self._split.njoints
+        room = np.empty((m, n, 3, 3)), np.empty((m, n, 3))
+        task = _TreeTask(m, *map(address, (q, v, a, self.armature, *room)), tau=address(tau))
+        at_task = ctypes.byref(task)
+
+        def work(alive: Any = (q, v, a, tau, *room)) -> None:
+            self.take_masses()
+            self._library.tree_evaluate(self.handle, at_task)
+
+        return work
 
     def transmitted(self, q: Array, v: Array, a: Array) -> Array:
         """Return the forces (njoints, 6) through the joints, joint axes, as in `pin.Data.f`."""

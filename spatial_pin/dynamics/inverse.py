@@ -22,7 +22,9 @@ from spatial_pin.dynamics.solvers.equations_of_motion import Equations
 from spatial_pin.dynamics.solvers.independent_coordinates import ROUNDING
 from spatial_pin.dynamics.state_forces import Dynamics, Load
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.loop_equations import LoopEquations
+from spatial_pin.kernel.rate_solver import rates_of
 from spatial_pin.mechanism.coordinates import driver_coordinates
 from spatial_pin.mechanism.inertia import fall_energy
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -178,6 +180,9 @@ def balance(equations: Equations, actuation: Actuation) -> tuple[Array, Array, A
         if solution is not None:
             equations.check_rank(kkt.rank)
             return solution, a, kkt.closures.copy()
+        beside = _beside_idle_rotations(equations, actuation)
+        if beside is not None:
+            return beside
     freedoms, rank = _freedoms(equations, actuation)
     equations.check_rank(rank)
     scale = equations.scale
@@ -203,6 +208,38 @@ def balance(equations: Equations, actuation: Actuation) -> tuple[Array, Array, A
         work, root = freedoms * scale, actuation.root[shared]
         svd = decompose(work[:, actuation.columns[shared]] * root)
         efforts[shared] = root * svd.minimum_norm(work @ wanted)
+    return efforts, a, wanted - actuation.generalised(efforts, len(wanted))
+
+
+def _beside_idle_rotations(
+    equations: Equations, actuation: Actuation
+) -> tuple[Array, Array, Array] | None:
+    """Return what `balance` does where all is actuated but idle rotations, by few equations.
+
+    None where that is not so, where it is not clear, where springs or forces from outside may work
+    on them, or where they move a centre of mass.
+
+    Raises:
+        SingularError: as `balance`.
+    """
+    state, constraints = equations.state, equations.constraints
+    if not constraints.n_passive or equations.is_large or len(actuation.others) or (
+            equations.wrenches or equations.springs.turns or not actuation.shared.all()):
+        return None
+    with kernel_of(equations.mechanism) as kernel:
+        driven = tuple(actuation.columns.tolist())
+        rates = rates_of(kernel, driven, len(driven))
+        if not rates.factor(state.q, equations.angle_reference):
+            return None
+        columns, idle = rates.columns(), rates.idle()
+    idle /= equations.scale
+    idle /= np.sqrt(np.vecdot(idle, idle))[:, None]
+    if np.abs(_centre_shifts(equations, idle)).max(initial=0.0) > TOLERANCES.half_precision:
+        return None
+    equations.check_rank(len(equations.scale) - len(idle) - len(driven))
+    a = _with_idle_rotations(equations, idle, state.a)
+    wanted = equations.motion_forces(a) - equations.given
+    efforts: Array = columns.T @ wanted
     return efforts, a, wanted - actuation.generalised(efforts, len(wanted))
 
 
@@ -328,21 +365,31 @@ def _idle_rotations(equations: Equations, single_link: list[tuple[str, Array]]) 
 
     They turn a link of a loop and move no centre of mass.
     """
-    evaluation, mechanism, scale = equations.evaluation, equations.mechanism, equations.scale
-    idle = [np.zeros((0, len(scale)))]
+    idle = [np.zeros((0, len(equations.scale)))]
     for joint, motions in single_link:
-        if is_in_loop(mechanism, joint):
-            heavy, levers = equations.bodies.centres
-            columns = joint_jacobian(evaluation.data, len(scale))
-            twists = ((columns * evaluation.constraints.supports[heavy][:, None])
-                      @ (motions * scale).T)
-            centres = (levers[:, None] @ evaluation.placements[heavy])[:, 0]
-            shifts = twists[:, :3] + np.cross(twists[:, 3:], centres[:, :, None], axis=1)
-            svd = decompose(
-                shifts.reshape(-1, len(motions)) / mechanism.characteristic_length)
+        if is_in_loop(equations.mechanism, joint):
+            svd = decompose(_centre_shifts(equations, motions))
             moved = svd.s > TOLERANCES.half_precision * np.abs(motions).max()
             idle.append(svd.vt[np.count_nonzero(moved) :] @ motions)
     return np.vstack(idle)
+
+
+def _centre_shifts(equations: Equations, motions: Array) -> Array:
+    """Return the velocities (3 bodies, k) of centres of mass in motions (k, nv), scaled.
+
+    They are divided by the characteristic length.
+    """
+    evaluation = equations.evaluation
+    heavy, levers = equations.bodies.centres
+    columns = joint_jacobian(evaluation.data, len(equations.scale))
+    twists = ((columns * evaluation.constraints.supports[heavy][:, None])
+              @ (motions * equations.scale).T)
+    centres = (levers[:, None] @ evaluation.placements[heavy]).transpose(2, 0, 1)
+    shifts = twists[:, :3]
+    for k in range(3):  # the velocity at the centre; np.cross takes several times as long
+        i, j = (k + 1) % 3, (k + 2) % 3
+        shifts[:, k] += twists[:, 3 + i] * centres[j] - twists[:, 3 + j] * centres[i]
+    return shifts.reshape(-1, len(motions)) / equations.mechanism.characteristic_length
 
 
 def _loaded(equations: Equations, spare: Array, idle: Array, a: Array) -> list[str]:

@@ -28,7 +28,7 @@ from spatial_pin.kernel.loop_equations import row_wrenches
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.motion.motion import Motion
-from spatial_pin.numerics.linalg import Array, minimum_norms_transposed
+from spatial_pin.numerics.linalg import Array, left_null_spaces, minimum_norms_transposed
 
 SAMPLES_AT_ONCE = 256  # samples that are solved in one call: their arrays stay in the cache
 
@@ -182,26 +182,43 @@ class LoadedSamples:
                 self.set_sample(at.start + k)
                 equations.check_rank(rank)
         has_redundant = bool(n) and ranks.min() < n
-        self._bear(piece, at_joints, a, solution.closures,
-                   None if has_redundant else solution.multipliers)
+        poses = self._bear(piece, at_joints, a, solution.closures,
+                           None if has_redundant else solution.multipliers)
         if equations.pairs.coupled or has_redundant:
-            for k in range(at.start, at.stop):
-                self.set_sample(k)
-                self.unique[k] = list(equations.unique().values())
-                self.done = k + 1
+            self._mark(piece, poses)
+
+    def _mark(self, piece: SampleBlock, poses: Poses) -> None:
+        """Mark the components of reactions of a piece that no self-stress changes."""
+        equations, at = self.equations, piece.at
+        stresses = None if equations.pairs.coupled else left_null_spaces(self._jacobians(piece))
+        if stresses is not None:
+            marks = equations.pairs.unstressed(
+                Poses(*(x[:, None] for x in poses)), equations.joint_rows, stresses)
+            for pair, each in enumerate(marks.values()):
+                self.unique[at, pair] = each
+            return
+        for k in range(at.start, at.stop):
+            self.set_sample(k)
+            self.unique[k] = list(equations.unique().values())
+            self.done = k + 1
+
+    def _jacobians(self, piece: SampleBlock) -> Array:
+        """Return the scaled Jacobians (k, n_closure, nv) of a piece."""
+        with acquired(self.equations.mechanism, Kernel) as kernel:
+            rows = kernel.jacobians_and_columns(piece.q, piece.angles)[0]
+        return rows[:, : self.equations.n_closure]
 
     def _bear(
         self, piece: SampleBlock, at_joints: Array, a: Array, closures: Array,
         multipliers: Array | None,
-    ) -> None:
+    ) -> Poses:
         """Find the reactions of a piece, and the shortest multipliers if there are none."""
-        equations, at, n = self.equations, piece.at, self.equations.n_closure
+        equations, at = self.equations, piece.at
         with acquired(equations.mechanism, _centred_tree) as tree:
             placements, columns, transmitted = tree.at_many(piece.q, piece.v, a)
         if multipliers is None:
-            with acquired(equations.mechanism, Kernel) as kernel:
-                jacobians = kernel.jacobians_and_columns(piece.q, piece.angles)[0][:, :n]
-            multipliers = minimum_norms_transposed(jacobians, equations.scale * closures)
+            multipliers = minimum_norms_transposed(
+                self._jacobians(piece), equations.scale * closures)
         poses = Poses(placements, columns, row_wrenches(
             equations.constraints, placements, piece.q, piece.angles))
         reactions, self.on_ground[at] = equations.pairs.reactions(
@@ -210,6 +227,7 @@ class LoadedSamples:
         self.a[at], self.multipliers[at] = a, multipliers
         for pair, wrench in enumerate(reactions.values()):
             self.reactions[at, pair] = wrench
+        return poses
 
     def end(self) -> None:
         """Drop the samples that are not solved."""

@@ -174,38 +174,41 @@ class Pairs:
         self, poses: Poses, joint_rows: Array, self_stresses: Array,
         internal_efforts: Array | None = None, unmoved: float = UNMOVED,
     ) -> dict[str, NDArray[np.bool_]]:
-        """Return by pair which components (6,) of its reaction no self-stress changes.
+        """Return by pair which components (..., 6) of its reaction no self-stress changes.
 
         Args:
-            poses: where the bodies are, at one configuration.
+            poses: where the bodies are; of many configurations with an axis of length 1 behind
+                theirs.
             joint_rows: (k, nv) efforts at joints of unit multipliers of `of_joints`.
-            self_stresses: (k, n_closure) multipliers, of length 1, that balance among themselves.
+            self_stresses: (..., k, n_closure) multipliers, of length 1, that balance among
+                themselves.
             internal_efforts: (k, nv) joint forces of the actuators in each self-stress, if any.
             unmoved: reaction to a unit self-stress that counts as zero.
         """
-        if not len(self_stresses):
+        if not self_stresses.shape[-2]:
             return {name: np.ones(6, dtype=bool) for name in self.names}
         unit = np.array([1.0] * 3 + [1.0 / self.length] * 3)
         pulls = joint_rows * np.where(self.turns, 1.0 / self.length, 1.0)
-        scale = max(float(np.abs(poses.rows * unit).max(initial=0.0)),
-                    float(np.abs(pulls).max(initial=0.0)), 1e-300)
-        efforts = self_stresses[:, self._of_joints] @ joint_rows
+        least = max(float(np.abs(pulls).max(initial=0.0)), 1e-300)
+        scale = np.abs(poses.rows * unit).max(axis=(-2, -1), initial=least)
+        efforts = self_stresses[..., self._of_joints] @ joint_rows
         if internal_efforts is not None:
             efforts = efforts + internal_efforts
         on_bodies = self.on_bodies(poses.rows, self_stresses)
         coupled = [c.wrench(poses.placements, self_stresses) for c in self.couplings]
         for c, wrench in zip(self.couplings, coupled, strict=True):
-            on_bodies[:, c.bodies[0]] -= wrench
-            on_bodies[:, c.bodies[1]] += wrench
-            efforts = efforts - self_stresses[:, c.at, None] * c.row
-        at_joints = _moved(-self._carried(on_bodies), poses.placements[:, 3])
-        joints = [self._without_effort(i, at_joints[:, i], poses.columns, efforts)
+            on_bodies[..., c.bodies[0], :] -= wrench
+            on_bodies[..., c.bodies[1], :] += wrench
+            efforts = efforts - self_stresses[..., c.at, None] * c.row
+        at_joints = _moved(-self._carried(on_bodies), poses.placements[..., 3, :])
+        joints = [self._without_effort(i, at_joints[..., i, :], poses.columns, efforts)
                   for i in range(1, self.model.njoints)]
-        closed = [_moved(_borne(poses.rows, self_stresses, rows), point @ poses.placements[body])
+        closed = [_moved(_borne(poses.rows, self_stresses, rows),
+                         point @ poses.placements[..., body, :, :])
                   for _, rows, (_, body), point in self.closed]
         closed += [_moved(wrench, c.pose_of(poses.placements))
                    for c, wrench in zip(self.couplings, coupled, strict=True)]
-        largest = [np.abs(w * unit).max(axis=0, initial=0.0) / scale for w in [*joints, *closed]]
+        largest = [np.abs(w * unit).max(axis=-2, initial=0.0) / scale for w in [*joints, *closed]]
         return {name: size < unmoved for name, size in zip(self.names, largest, strict=True)}
 
     def unaffected_by_couplings(self, poses: Poses) -> dict[str, NDArray[np.bool_]]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,15 +13,15 @@ from spatial_pin.assembly.close import DAMPED_STEPS
 from spatial_pin.assembly.held_start import starting_state
 from spatial_pin.assembly.holding import BASE
 from spatial_pin.assembly.state import State
+from spatial_pin.constraints.kernel_tree import KernelTree
 from spatial_pin.dynamics.forces import Forces, generalised
-from spatial_pin.dynamics.solvers.bodies import bodies_of
 from spatial_pin.errors import SingularError, SpatialPinError, UnknownNameError
 from spatial_pin.kernel.closer import Closer
 from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.library import DONE, address
 from spatial_pin.kernel.loop_equations import LoopEquations
-from spatial_pin.kernel.packing import frame_in_kernel
-from spatial_pin.kernel.rate_solver import RateRows
+from spatial_pin.kernel.packing import BodyFrame, frame_in_kernel
+from spatial_pin.kernel.rate_solver import Chosen, RateRows
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.follow import follow
 from spatial_pin.numerics.linalg import Array, decompose
@@ -100,45 +101,72 @@ class ControlLoop:
         self._names = {**{c.name: k for k, c in enumerate(coordinates)},
                        **{name: k for k, name in enumerate(self.drivers)}}
         n, nv = len(coordinates), own.model.nv
-        self._kernel, self._closer = Kernel(own), Closer(own)
-        self._rates = self._given.rates(self._kernel)
-        self._bodies, self._forces = bodies_of(own.centred_model), Forces(own)
+        self._kernel, self._closer, self._tree = (
+            Kernel(own), Closer(own), KernelTree(own.centred_model))
+        self._rates, self._forces = self._given.rates(self._kernel), Forces(own)
         self._loops = LoopEquations(own)
         self._free = np.ones(nv, bool)
         self._free[[*self._at_v, *self._given.still]] = False
-        self._size_of_q = _sizes(own)
-        self.q, self._angles = state.q.copy(), state.angles.copy()
-        self.v, self.a, self._rest, self._step = np.zeros((4, nv))
-        self.influence = Influence(np.zeros((nv, n)), np.zeros((nv, n, n)))
-        points = {name: frame_in_kernel(own, own.frame_id(own.placed(name)))
-                  for name in names_of(frames, "frames")}
-        self._points = list(points.values())
-        self.jacobians = {name: np.zeros((6, n)) for name in points}
-        self.inertia = np.zeros((n, n))
-        self.gravity_efforts, self.velocity_efforts = np.zeros((2, n))
-        self.closure_error = state.closure_error
+        self._sizes, self._names_of_frames = _sizes(own), names_of(frames, "frames")
+        points = [frame_in_kernel(own, own.frame_id(own.placed(name)))
+                  for name in self._names_of_frames]
+        self._make_arrays(nv, n, len(points))
+        self._prepare(points)
+        self._ahead[:], self._next_angles[:] = state.q, state.angles
+        self._has_others = False
+        self._finish(state.closure_error)
+        self._has_others = len(self._null_space()) > len(self._idle)
+        self._finish(state.closure_error)
+
+    def _make_arrays(self, nv: int, n: int, n_frames: int) -> None:
+        """Make all arrays: those of the last tick, those of the next one, and room to work in."""
+        nq, n_angles = self._kernel.nq, self._kernel.n_angles
+        shapes = [(nq,), (n_angles,), (nv,), (nv,), (nv, n), (nv, n, n), (n, n), (n,), (n,),
+                  *[(6, n)] * n_frames]
+        ends = np.cumsum([math.prod(shape) for shape in shapes])
+        self._all, self._next = np.zeros((2, ends[-1]))
+        known, ahead = ([x.reshape(shape) for x, shape in zip(
+            np.split(numbers, ends[:-1]), shapes, strict=True)] for numbers in (
+                self._all, self._next))
+        (self.q, self._angles, self.v, self.a, first, second, self.inertia,
+         self.gravity_efforts, self.velocity_efforts, *jacobians) = known
+        self.influence = Influence(first, second)
+        self.jacobians = dict(zip(self._names_of_frames, jacobians, strict=True))
+        (self._ahead, self._next_angles, self._v, self._a, self._first, self._second,
+         self._inertia, self._at_rest, self._moving, *self._jacobians) = ahead
         self._wanted, self._speeds, self._off = np.zeros((3, n))
-        self._moved_mass, self._has_idle = np.zeros((nv, n)), False
-        self._ahead, self._next_angles = state.q.copy(), self._angles.copy()
+        self._step, self._scaled_step, self._load = np.zeros((3, nv))
+        self._corrected = np.zeros(nq)
+        self._driven = np.zeros((2, 1, len(self._given.driven) + len(self._given.still)))
+        self._code, self._facts = np.zeros(1, np.int64), np.zeros((1, 3))
+        self._idle = np.zeros((self._kernel.n_passive, nv))
+        self._motions, self._needed = np.zeros((2, 2, nv)), np.zeros((2, nv))
+        self._configurations = np.zeros((2, nq))
+        rows, columns = self._tree.mass_entries()
+        self._entries, self._places = np.zeros(len(rows) + 1), np.full((nv, nv), len(rows))
+        self._places[rows, columns] = self._places[columns, rows] = np.arange(len(rows))
+        self._mass, self._moved_mass = np.zeros((nv, nv)), np.zeros((nv, n))
+
+    def _prepare(self, points: list[BodyFrame]) -> None:
+        """Prepare the calls of the kernel at each tick."""
         self._at_ahead = address(self._ahead), address(self._step)
-        width = len(self._given.driven) + len(self._given.still)
-        self._driven = np.zeros((2, 1, width))
-        self._facts = np.zeros((1, 3))
-        self._news = [np.zeros((1, *x.shape)) for x in (self.v, self.a, *self.influence)]
-        v, a, first, second = self._news
-        self._rows = RateRows(
-            np.zeros(1, np.int64), first, second, v=v, a=a, facts=self._facts)
-        self._new_jacobians = np.zeros((len(points), 1, 6, n))
-        self._jacobian_rows = [RateRows(np.zeros(1, np.int64), jacobian=x)
-                                 for x in self._new_jacobians]
+        self._close = self._closer.prepared(
+            self._ahead, self._angles, self._free, TOLERANCES.tight, DAMPED_STEPS, TOLERANCES.rank)
+        found = [RateRows(self._code, jacobian=x[None]) for x in self._jacobians]
+        rates = RateRows(self._code, self._first[None], self._second[None], v=self._v[None],
+                         a=self._a[None], facts=self._facts)
+        first = rates._replace(jacobian=self._jacobians[0][None]) if points else rates
+        self._wanted_rows = [(first, points[0] if points else None, (*self._driven,)), *(
+            (rows, point, None) for rows, point in zip(found[1:], points[1:], strict=True))]
+        self._tasks = self._rate_tasks(None)
+        self._find_idle = self._rates.prepared_idle(self._idle)
+        self._find_needed = self._tree.prepared(
+            self._configurations, self._motions[0], self._motions[1], self._needed)
+
+    def _rate_tasks(self, chosen: Chosen | None) -> list[Callable[[], None]]:
         at = self._ahead[None], self._next_angles[None]
-        self._tasks = [
-            self._rates.prepared(*at, self._rows, rates=(self._driven[0], self._driven[1])),
-            *(self._rates.prepared(*at, rows, frame=point) for rows, point in zip(
-                self._jacobian_rows, self._points, strict=True))]
-        self._finish(state.q, state.angles, state.closure_error)
-        self._has_idle = bool(len(self._idle()))
-        self._finish(state.q, state.angles, state.closure_error)
+        return [self._rates.prepared(*at, rows, frame=point, rates=rates, chosen=chosen)
+                for rows, point, rates in self._wanted_rows]
 
     @property
     def state(self) -> State:
@@ -182,7 +210,8 @@ class ControlLoop:
         if rates is not None:
             self._read(rates, self._speeds, "rates")
         try:
-            self._finish(*(self._closed_next() or self._followed()))
+            error = self._closed_next()
+            self._finish(self._followed() if error is None else error)
         except SpatialPinError as error:
             error.args = (f"{error}; the control loop keeps its last configuration",)
             raise
@@ -199,57 +228,58 @@ class ControlLoop:
                              f"{', '.join(self.drivers)}")
         else:
             target[:] = given
-        if not np.isfinite(target).all():
+        if not all(map(math.isfinite, target.tolist())):
             raise ValueError(f"{what} has a value that is NaN or infinite")
 
-    def _closed_next(self) -> tuple[Array, Array, float] | None:
-        """Return the next configuration, from the tangent; None if it may be on another branch."""
+    def _closed_next(self) -> float | None:
+        """Close the next configuration from the tangent; None where it may be another branch.
+
+        Returns:
+            Its closure error.
+        """
         self.q.take(self._at_q, out=self._off, mode="clip")
         np.subtract(self._wanted, self._off, out=self._off)
         np.matmul(self.influence.first, self._off, out=self._step)
-        size = float(np.abs(self._step / self.mechanism.velocity_scale).max(initial=0.0))
+        np.divide(self._step, self.mechanism.velocity_scale, out=self._scaled_step)
+        size = largest(self._scaled_step)
         if not size <= STEP_AT_ONCE:
             return None
-        ahead = self._ahead
+        ahead, moved = self._ahead, self._corrected
         ahead[:] = self.q
         self._kernel.library.kernel_integrate(self._kernel.handle, 1, *self._at_ahead)
         ahead[self._at_q] = self._wanted
-        q, error, _ = self._closer.close(
-            ahead, self._free, self._angles, TOLERANCES.tight, DAMPED_STEPS, (), TOLERANCES.rank)
-        corrected = float(np.abs((q - ahead) / self._size_of_q).max(initial=0.0))
-        if (error > TOLERANCES.tight and error > self.mechanism.closure_resolution) or (
-                corrected > CORRECTED_MOVE * size + SMALLEST_STEP):
+        moved[:] = ahead
+        error = self._close()
+        np.subtract(ahead, moved, out=moved)
+        np.divide(moved, self._sizes, out=moved)
+        if (error > TOLERANCES.tight and error > self.mechanism.closure_resolution) or not (
+                largest(moved) <= CORRECTED_MOVE * size + SMALLEST_STEP):
             return None
-        angles = self._angles
-        if angles.size:
-            self._loops.angle_reference[:] = angles
-            self._loops.update(q, False)
-            angles = self._loops.angles
-        return q, angles, error
+        if self._angles.size:
+            self._loops.angle_reference[:] = self._angles
+            self._loops.update(ahead, False)
+            self._next_angles[:] = self._loops.angles
+        return error
 
-    def _followed(self) -> tuple[Array, Array, float]:
-        """Return the configuration at the end of a straight motion of the drivers."""
+    def _followed(self) -> float:
+        """Go to the end of a straight motion of the drivers; return its closure error."""
         now = self.q[self._at_q]
         table = {name: [a, b] for name, a, b in zip(
             self.drivers, now.tolist(), self._wanted.tolist(), strict=True) if a != b}
         end = follow(self.mechanism, table, guess=self.state).state(-1) if table else self.state
-        return end.q, end.angles, end.closure_error
+        self._ahead[:], self._next_angles[:] = end.q, end.angles
+        return end.closure_error
 
-    def _finish(self, q: Array, angles: Array, error: float) -> None:
-        """Compute all results at a closed configuration; arrays are set only if all succeed."""
-        n = len(self.drivers)
-        self._ahead[:], self._next_angles[:], self._driven[0, 0, :n] = q, angles, self._speeds
+    def _finish(self, error: float) -> None:
+        """Work out what belongs to the next configuration; it is taken when all of it is known."""
+        self._driven[0, 0, : len(self.drivers)] = self._speeds
         for work in self._tasks:
             work()
-        if self._rows.codes[0] != DONE:
+        if self._code[0] != DONE:
             self._solve_by_trial(error)
-        self.q[:], self._angles[:], self.closure_error = q, angles, error
-        self.rate_error = self._facts.item(1)
-        for target, (row,) in zip((self.v, self.a, *self.influence), self._news, strict=True):
-            target[:] = row
-        for target, (row,) in zip(self.jacobians.values(), self._new_jacobians, strict=True):
-            target[:] = row
         self._find_efforts()
+        self._all[:], self.closure_error = self._next, error
+        self.rate_error = self._facts.item(1)
 
     def _solve_by_trial(self, error: float) -> None:
         """Solve with equations chosen here, if it is not clear which ones are independent.
@@ -257,52 +287,75 @@ class ControlLoop:
         Raises:
             SingularError: none are.
         """
-        q, angles = self._ahead, self._next_angles
-        state = State(self.mechanism, q, closure_error=error,
-                      angles=angles if angles.size else None)
-        chosen, at = chosen_at(state, self._given), (q[None], angles[None])
-        self._rates.prepared(*at, self._rows, rates=(self._driven[0], self._driven[1]),
-                             chosen=chosen)()
-        if self._rows.codes[0] != DONE:
+        angles = self._next_angles if self._angles.size else None
+        state = State(self.mechanism, self._ahead, closure_error=error, angles=angles)
+        for work in self._rate_tasks(chosen_at(state, self._given)):
+            work()
+        if self._code[0] != DONE:
             raise SingularError(f"mechanism {self.mechanism.name!r}: the rates are not determined, "
                                 "or larger than numbers can be")
-        for rows, point in zip(self._jacobian_rows, self._points, strict=True):
-            self._rates.prepared(*at, rows, frame=point, chosen=chosen)()
 
     def _find_efforts(self) -> None:
-        """Project inertia and forces on the drivers' motions, with idle rotations free."""
-        q, first = self.q, self.influence.first
-        mass = self._bodies.matrix(q)
-        at_rest = self._bodies.inverse_dynamics(q, self._rest, self._rest) - self._applied(
-            self._rest)
-        moving = self._bodies.inverse_dynamics(q, self.v, self.a) - self._applied(self.v)
-        np.matmul(mass, first, out=self._moved_mass)
-        if self._has_idle:
-            idle = self._idle()
-            own = decompose(idle @ mass @ idle.T)
-            self._moved_mass -= mass @ idle.T @ own.minimum_norm(idle @ self._moved_mass)
-            at_rest = at_rest - mass @ idle.T @ own.minimum_norm(idle @ at_rest)
-            moving = moving - mass @ idle.T @ own.minimum_norm(idle @ moving)
-        np.matmul(first.T, self._moved_mass, out=self.inertia)
-        np.matmul(first.T, at_rest, out=self.gravity_efforts)
-        np.matmul(first.T, moving, out=self.velocity_efforts)
-        np.subtract(self.velocity_efforts, self.gravity_efforts, out=self.velocity_efforts)
+        """Project inertia and forces on the drivers' motions, idle rotations left to themselves."""
+        first, moved, needed = self._first, self._moved_mass, self._needed
+        self._configurations[:] = self._ahead
+        self._motions[0, 1], self._motions[1, 1] = self._v, self._a
+        self._find_needed()
+        if self._forces.exist:
+            for row, v in zip(needed, self._motions[0], strict=True):
+                row -= self._applied(v)
+        self._tree.masses(self._ahead, self._entries)
+        self._entries.take(self._places, out=self._mass, mode="clip")
+        np.matmul(self._mass, first, out=moved)
+        if len(self._idle) or self._has_others:
+            self._leave_idle()
+        np.matmul(first.T, moved, out=self._inertia)
+        np.matmul(first.T, needed[0], out=self._at_rest)
+        np.matmul(first.T, needed[1], out=self._moving)
+        np.subtract(self._moving, self._at_rest, out=self._moving)
+
+    def _leave_idle(self) -> None:
+        """Take from inertia and forces what idle rotations, which no motor holds, give way to.
+
+        They are made orthogonal with respect to the mass matrix, one after the other.
+        """
+        scale, least = self.mechanism.velocity_scale, TOLERANCES.zero
+        if self._has_others:
+            motions = self._null_space()
+        else:
+            motions = self._idle
+            self._find_idle()
+        for k, motion in enumerate(motions):
+            for other in motions[:k]:
+                if other.any():
+                    np.matmul(self._mass, other, out=self._load)
+                    motion -= (motion @ self._load) / (other @ self._load) * other
+            np.divide(motion, scale, out=self._scaled_step)
+            motion /= math.sqrt(self._scaled_step @ self._scaled_step) or 1.0
+            np.matmul(self._mass, motion, out=self._load)
+            inertia = float(motion @ self._load)
+            if not inertia > least:
+                motion[:] = 0.0
+                continue
+            least = max(least, TOLERANCES.rank * inertia)
+            self._load /= inertia
+            for row in self._needed:
+                row -= (motion @ row) * self._load
+            self._moved_mass -= self._load[:, None] * (motion @ self._moved_mass)
 
     def _applied(self, v: Array) -> Array:
         """Return the joint forces (nv,) of springs and resistance."""
-        forces = self._forces
-        if not forces.exist:
-            return self._rest
-        total = forces.turning(self.q, v)
+        forces, q = self._forces, self._ahead
+        total = forces.turning(q, v)
         if forces.lines or forces.bushings:
-            self._loops.update(self.q)
+            self._loops.update(q)
             total = total + generalised(self._loops, forces.wrenches(self._loops, v))
         return total
 
-    def _idle(self) -> Array:
-        """Return the velocities (k, nv), scaled, of freedoms that the drivers do not determine."""
-        self._loops.angle_reference[:] = self._angles
-        self._loops.update(self.q)
+    def _null_space(self) -> Array:
+        """Return the velocities (k, nv) of all freedoms that the drivers do not determine."""
+        self._loops.angle_reference[:] = self._next_angles
+        self._loops.update(self._ahead)
         rows = self._loops.jacobian[: self._loops.constraints.n_closure]
         fixed = np.eye(len(self.v))[~self._free]
         spare: Array = decompose(np.vstack([rows, fixed])).null_space
@@ -316,6 +369,11 @@ class ControlLoop:
         values = ", ".join(f"{name} = {x:.6g}" for name, x in zip(
             self.drivers, self.q[self._at_q], strict=True))
         return f"ControlLoop({self.mechanism.name!r}, {values})"
+
+
+def largest(x: Array) -> float:
+    """Return the largest absolute entry of x, which is overwritten by absolute entries."""
+    return float(np.maximum.reduce(np.abs(x, out=x), initial=0.0))
 
 
 def _sizes(mechanism: Mechanism) -> Array:

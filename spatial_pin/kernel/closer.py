@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -249,6 +249,33 @@ class Closer:
         if not math.isfinite(error):
             raise SingularError(NOT_FINITE)
         return Closed(self._q[0].copy(), error, self._may_be_mirrored)
+
+    def prepared(
+        self, q: Array, reference: Array, free: NDArray[np.bool_], tolerance: float,
+        iterations: int, cut: float,
+    ) -> Callable[[], float]:
+        """Return what closes the loops from q (nq,), into q, and returns the closure error.
+
+        Nothing is pinned; `q` and `reference` are read when it is called. Else as `close`.
+
+        Raises:
+            SingularError: when it is called, as `close`.
+        """
+        moving, error, mirrored = free.astype(np.int64), np.zeros(1), np.zeros(1, np.int64)
+        given = q, reference, moving, error, mirrored
+        task = ClosureTask(
+            1, address(q), None, address(moving), max(tolerance, LOOSE), tolerance, iterations,
+            None, address(reference), cut, error=address(error), distance=address(self._distances),
+            mirrored=address(mirrored), angle=self._at_angles, targets=self._task.targets)
+        at_task = ctypes.byref(task)
+
+        def work(alive: Any = given) -> float:
+            check(self._library.closer_close(self.handle, at_task))
+            if not math.isfinite(error.item(0)):
+                raise SingularError(NOT_FINITE)
+            return error.item(0)
+
+        return work
 
     def meet(
         self, q: Array, free: NDArray[np.bool_], reference: Array, targets: Sequence[KernelTarget],

@@ -105,6 +105,7 @@ class RateSolver:
     def __init__(self, kernel: Kernel, driven: Sequence[int], n_moving: int) -> None:
         self._library, handle = kernel.library, ctypes.c_void_p()
         self.n_moving, self.n_driven, self.nv = n_moving, len(driven), kernel.nv
+        self._n_passive = kernel.n_passive
         self._n_equations = kernel.n_closure + kernel.n_passive
         at = np.array(driven, np.int64)
         check(self._library.rates_create(
@@ -233,6 +234,28 @@ class RateSolver:
             check(solve(handle, at_task))
 
         return work
+
+    def prepared_idle(self, out: Array) -> Callable[[], None]:
+        """Return what finds joint velocities (n_passive, nv) of idle rotations, into `out`.
+
+        Each per unit rate of it, at the last configuration, while all that is driven stands still.
+        """
+        rates, still = np.zeros((len(out), self._n_equations)), np.zeros(self.n_driven)
+        rates[:, self._n_equations - len(out) :] = -np.eye(len(out))
+        calls = [(self._handle, None, address(rate), address(still), address(row))
+                 for rate, row in zip(rates, out, strict=True)]
+
+        def work(alive: Any = (rates, still, out)) -> None:
+            for call in calls:
+                self._library.rates_answer(*call)
+
+        return work
+
+    def idle(self) -> Array:
+        """Return joint velocities (n_passive, nv) of idle rotations, see `prepared_idle`."""
+        out = np.empty((self._n_passive, self.nv))
+        self.prepared_idle(out)()
+        return out
 
     def answer(
         self, derivative: Array | None, drive: Array | None = None, v: Array | None = None

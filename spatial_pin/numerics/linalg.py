@@ -69,6 +69,19 @@ def minimum_norms_transposed(a: Array, b: Array) -> Array:
     return x
 
 
+def left_null_spaces(a: Array) -> Array | None:
+    """Return rows x (N, k, m) of length 1 with x a = 0, of matrices (N, m, n) of one rank.
+
+    As `Decomposition.left_null_space`; None where the ranks differ.
+    """
+    u, s, _ = np.linalg.svd(a)
+    ranks = np.count_nonzero(s > np.maximum(TOLERANCES.rank * s[:, :1], TOLERANCES.zero), axis=1)
+    if ranks.min() < ranks.max():
+        return None
+    rows: Array = u[..., ranks[0] :].mT
+    return rows
+
+
 def decompose(a: Array, tolerance: float = TOLERANCES.rank) -> Decomposition:
     """Decompose `a` (m, n); columns and rows are expected to be scaled alike.
 

@@ -249,7 +249,7 @@ def influence(
     """Return the influence coefficients of a closed state with respect to its drivers.
 
     The second order is the closure's acceleration bias, a quadratic form in the joint velocities,
-    polarised: B(u, w) = (b(u + w) - b(u - w))/4 [BenedictTesar1978].
+    polarised: B(u, w) = (b(u + w) - b(u) - b(w))/2 [BenedictTesar1978].
 
     Args:
         mechanism: the mechanism.
@@ -279,7 +279,7 @@ def influence(
     """
     samples = samples_of(mechanism, state)
     own = samples.mechanism
-    given = Prescription.of(own, moving_coordinates(own, drivers, hold), hold)
-    wanted = ("columns", "second")
+    names = None if drivers is None else tuple(names_of(drivers, "drivers"))
+    given, wanted = _prescribed(own, names, hashable_hold(hold)), ("columns", "second")
     return Influence(*solved_by(samples, given, wanted, lambda at, _: solved_at(
         at, given, wanted, chosen=chosen_at(at, given))))

@@ -171,3 +171,12 @@ def test_motors_are_named_where_they_can_act(tmp_path):
     named = re.search(r"actuated=(\[.*\])", str(told.value))
     assert named
     assert set(sp.inverse_dynamics(mechanism, state, literal_eval(named[1])).efforts) > {"crank"}
+
+
+def test_an_idle_rod_turns_under_the_efforts_as_it_does_under_forces():
+    mech = sp.load("rssr")
+    state = sp.solve_rates(mech, sp.assemble(mech, {"crank": 0.7}), {"crank": 3.0}, {"crank": -2.0})
+    needed = sp.inverse_dynamics(mech, state)
+    found = sp.forward_dynamics(mech, state, needed.efforts)
+    assert np.abs(needed.a - found.a).max() <= 1e-11 * np.abs(found.a).max()
+    assert needed.a[mech.coordinate("crank").v] == pytest.approx(-2.0, abs=1e-12)

@@ -79,6 +79,21 @@ def test_memory_stays_constant():
         strict=True))
 
 
+def test_a_tick_needs_little_memory_of_its_own():
+    loop = sp.ControlLoop(library("stewart"), frames=["platform"])
+    home = np.array([loop.state.coordinate(d).value for d in loop.drivers])
+    for k in range(3):
+        loop.update(home + 1e-3 * k, np.ones(6))
+    tracemalloc.start()
+    loop.update(home, np.ones(6))
+    before = tracemalloc.get_traced_memory()[0]
+    tracemalloc.reset_peak()
+    loop.update(home + 1e-3, np.ones(6))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak - before < loop.influence.second.nbytes
+
+
 def test_drivers_that_jump_stay_on_the_branch():
     mech = library("four_bar")
     loop = sp.ControlLoop(mech)

@@ -131,12 +131,13 @@ def _screws(mechanism: Mechanism, q: Array, angles: Array | None) -> tuple[Array
 @made_once
 def _winding(
     mechanism: Mechanism, fixed: tuple[str, ...], named: tuple[str, ...]
-) -> tuple[tuple[str, ...], NDArray[np.intp], NDArray[np.intp], Array]:
+) -> tuple[tuple[str, ...], NDArray[np.intp], NDArray[np.intp], Array, bool]:
     """Return fixed angles that may wind periodic ones round.
 
     Returns:
-        Fixed angles of loops with such ones; the indices in q of these (n,); and what
-        `turning_with` returns of the others, those with names left out.
+        Fixed angles of loops with such ones; the indices in q of these (n,); what `turning_with`
+        returns of the others, those with names left out; and whether these turn with others too
+        than the fixed ones.
     """
     table = mechanism.coordinate_table
     explicit = {table[name].q for name in named}
@@ -151,7 +152,10 @@ def _winding(
         if any(group.entries[c.v] for c in free):
             entries |= set(np.flatnonzero(group.entries).tolist()) & held
     angles = tuple(name for name in fixed if table[name].v in entries and table[name].unit == "rad")
-    return angles, np.array([c.q for c in free], dtype=np.intp), alike[is_open], rows[is_open]
+    alike, rows = alike[is_open], rows[is_open]
+    known = [table[name].q for name in fixed]  # counted ones only when the loops are closed
+    waits = bool(np.delete(rows, known, axis=1).any())
+    return angles, np.array([c.q for c in free], dtype=np.intp), alike, rows, waits
 
 
 def turns_of_others(
@@ -173,12 +177,11 @@ def turns_of_others(
         turns others may have lost. None if nothing is set so far from the guess.
     """
     table = mechanism.coordinate_table
-    followed, winding, alike, rows = _winding(mechanism, fixed, named)
+    followed, winding, alike, rows, waits = _winding(mechanism, fixed, named)
     by = {name: abs(float(goal[table[name].q] - start[table[name].q])) for name in followed}
     far = tuple(name for name, x in by.items() if x > OVER_A_TURN)
-    known = [table[name].q for name in fixed]  # counted ones only when the loops are closed
-    waits = bool(np.delete(rows, known, axis=1).any())
-    if not (far or waits or np.abs(rows @ (goal - start)).max(initial=0.0) > math.pi):
+    if not (far or waits or (
+            len(rows) and np.abs(rows @ (goal - start)).max() > math.pi)):
         return None
     lower, upper = position_limits(mechanism)
 

@@ -59,9 +59,15 @@ def turn_free_difference(mechanism: Mechanism, q: Array, other: Array) -> Array:
     In radians and characteristic lengths.
     """
     difference: Array = pin.difference(mechanism.model, q, other)
-    turning = [c.v for c in periodic(mechanism)]
+    turning = _turning_entries(mechanism)
     difference[turning] -= whole_turns(difference[turning])
     return difference / mechanism.velocity_scale
+
+
+@made_once
+def _turning_entries(mechanism: Mechanism) -> NDArray[np.intp]:
+    """Return the velocity entries of periodic angles."""
+    return np.array([c.v for c in periodic(mechanism)], dtype=np.intp)
 
 
 def entry_kinds(

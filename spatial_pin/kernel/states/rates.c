@@ -544,26 +544,26 @@ static void put_columns(const Rates *r, Int at, Real *out)
 }
 
 /* Second order (nv, n_moving, n_moving), into row `at`: the acceleration at no drive is a quadratic
-   form, polarised: (b(u + w) - b(u - w)) / 4 [BenedictTesar1978]. */
+   form a, polarised: (a(u + w) - a(u) - a(w)) / 2 [BenedictTesar1978]. */
 static void put_second(Rates *r, Int at, Real *out)
 {
     const Kernel *k = r->k;
     const Int nv = k->nv, n = r->n_moving;
     for (Int c = 0; c < n; c++)
-        for (Int d = 0; d <= c; d++) {
+        for (Int d = c; d >= 0; d--) {
             memset(r->x, 0, (size_t)nv * sizeof(Real));
-            for (int sign = 1; sign >= -1; sign -= 2) {
-                for (Int v = 0; v < nv; v++)
-                    r->sum[v] = r->columns[c * nv + v] + sign * r->columns[d * nv + v];
-                add_bias(r, r->sum, -0.25 * sign, r->x);
-            }
+            for (Int v = 0; v < nv; v++)
+                r->sum[v] = r->columns[c * nv + v] + (d < c ? r->columns[d * nv + v] : 0.0);
+            add_bias(r, r->sum, -1.0, r->x);
             factors_solve(r->matrix, 1, r->x);
             for (Int i = 0; i < r->n_driven; i++)
                 if (!is_pin(r, i))
                     r->x[r->driven[i]] = 0.0;
             for (Int v = 0; v < nv; v++) {
-                Real *row = out + (at * nv + v) * n * n;
-                row[c * n + d] = row[d * n + c] = k->scale[v] * r->x[v];
+                Real *row = out + (at * nv + v) * n * n, a = k->scale[v] * r->x[v];
+                if (d < c)
+                    a = 0.5 * (a - row[c * n + c] - row[d * n + d]);
+                row[c * n + d] = row[d * n + c] = a;
             }
         }
 }
