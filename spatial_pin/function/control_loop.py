@@ -20,7 +20,7 @@ from spatial_pin.kernel.closer import Closer
 from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.library import DONE, address
 from spatial_pin.kernel.loop_equations import LoopEquations
-from spatial_pin.kernel.packing import BodyFrame, frame_in_kernel
+from spatial_pin.kernel.packing import FrameInKernel, frame_in_kernel
 from spatial_pin.kernel.rate_solver import Chosen, RateRows
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.follow import follow
@@ -147,7 +147,7 @@ class ControlLoop:
         self._places[rows, columns] = self._places[columns, rows] = np.arange(len(rows))
         self._mass, self._moved_mass = np.zeros((nv, nv)), np.zeros((nv, n))
 
-    def _prepare(self, points: list[BodyFrame]) -> None:
+    def _prepare(self, points: list[FrameInKernel]) -> None:
         """Prepare the calls of the kernel at each tick."""
         self._at_ahead = address(self._ahead), address(self._step)
         self._close = self._closer.prepared(
