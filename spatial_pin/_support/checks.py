@@ -71,7 +71,7 @@ def _as_float(value: Any) -> float:
 
 
 def _is_several(value: Any) -> bool:
-    return hasattr(value, "__iter__") and not isinstance(value, bytes) and not (
+    return getattr(value, "__iter__", None) is not None and not isinstance(value, bytes) and not (
         isinstance(value, np.ndarray) and value.ndim == 0)
 
 

@@ -19,6 +19,7 @@ CALLS = {  # of every command with JSON, but for those that read files or measur
     "modes": ["four_bar", "crank=1", "--patience", "50"], "limits": ["four_bar", "crank"],
     "reach": ["four_bar", "rocker_pin=1.7"], "sweep": SWEPT, "clearance": SWEPT,
     "simulate": ["four_bar", "--duration", "0.01", "--rows", "2"],
+    "states": ["excavator", "booms.csv"],
     "jacobian": ["delta", "platform"], "transmission": ["four_bar", "rocker_pin"],
     "statics": ["four_bar"], "sensitivity": ["four_bar", "rocker_pin"],
     "tolerance": ["four_bar", "rocker_pin", "--deviation", "r2=1mm"],
@@ -49,6 +50,7 @@ def test_the_json_of_every_command_is_on_the_page(commands):
 
 def test_json_has_the_keys_that_the_page_tells_of(run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "booms.csv").write_text("boom\n2.0\n99.0\n", encoding="utf-8")
     maybe = {"columns", "mean", "sampled", "driver", "clearance",  # where asked for
              "kind", "row", "text", "value", "contacts"}  # of events that there are
     wrong = {}

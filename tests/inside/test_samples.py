@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from closure_trees import JOINTS, KEYS, TYPES
 from loaded_library import library
+from mechanisms import closure
 from variety import few
 
 import spatial_pin as sp
@@ -160,7 +161,7 @@ def test_every_closure_between_moving_bodies(tmp_path, by_themselves, kind):
             + point("one", "arm", "${a} 0.05 ${a * h}", "0.1 0 ${tilt / 2}")
             + point("two", "body", "0.1 ${-a} 0", "${2 * tilt} 0.2 0"))
     more = KEYS.get(kind, {})
-    path = write(tmp_path, tree, closing(kind, "one", "two", **more) + DRIVER,
+    path = write(tmp_path, tree, closure("one_two", kind, "one", "two", **more) + DRIVER,
                  a=0.3, h=0.2, tilt=0.7)
     state = sp.assemble(sp.load(path), CRANK)
     check(state, {"a": 1e-4, "h": 1e-4, "tilt": 3e-4}, by_themselves)
