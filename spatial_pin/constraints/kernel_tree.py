@@ -165,7 +165,7 @@ class KernelTree:
 
     def _evaluate(
         self, q: Array, v: Array | None, a: Array | None, products: TreeProducts | None = None,
-        **arrays: Array,
+        **arrays: Array | None,
     ) -> None:
         """Evaluate a motion; a None: no acceleration; v None: placements only."""
         self._q[:], task = q, _TreeTask.from_buffer_copy(self._task)
@@ -180,7 +180,7 @@ class KernelTree:
         else:
             self._a[:] = a
         for name, array in arrays.items():
-            setattr(task, name, address(array))
+            setattr(task, name, None if array is None else address(array))
         self._library.tree_evaluate(self.handle, ctypes.byref(task))
 
     def _put_placements(self) -> None:
@@ -301,7 +301,7 @@ class KernelTree:
 
     def derivatives(
         self, q: Array, v: Array, a: Array, outside: Array, out: Array, products: TreeProducts,
-        weights: Array, bent: Array,
+        weights: Array, bent: Array | None,
     ) -> None:
         """Find how `forces` change with q and v, as `pin.computeRNEADerivatives` does.
 
@@ -317,7 +317,8 @@ class KernelTree:
             out: (2, nv, nv) zeros, to be filled with the transposed derivatives by q and by v.
             products: n products.
             weights: (n,) of these.
-            bent: (nv, nv) zeros, to be filled: how a row's derivative changes with a column's q.
+            bent: (nv, nv) zeros, to be filled: how a row's derivative changes with a column's q;
+                None: without products.
         """
         self.take_masses()
         self._evaluate(q, v, a, products, outside=outside, by_q=out[0], by_v=out[1],

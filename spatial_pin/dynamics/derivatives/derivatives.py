@@ -170,7 +170,8 @@ def dynamics_derivatives(
         rows = RowDerivatives(mechanism, springs.forces, (state.q, state.v, answer.a), state.angles)
         springs.move(rows)
         springs.refuse_undirected()
-        outside, kkt = ExternalWrenches(mechanism, external), equations.whole_kkt(closures)
+        outside = ExternalWrenches(mechanism, external)
+        kkt = equations.whole_kkt(closures) if equations.n_closure else equations.limbs.kkt
         chosen, multipliers = kkt.rows, kkt.multipliers.copy()
         a_by, multipliers_by = _changes(equations, rows, springs, outside, multipliers)
     warn_of_no_inertia(mechanism, efforts, external)

@@ -96,10 +96,11 @@ class RowDerivatives:
             weights: (n,) of the products, in whose sum the second derivatives are taken.
             out: (2, nv, nv) zeros, to be filled with the transposed derivatives by q and by v.
         """
-        bent = np.zeros((self.nv, self.nv))
+        bent = np.zeros((self.nv, self.nv)) if weights.size else None
         with tree_of_single_joints(self.mechanism) as tree:
             tree.derivatives(*self.motion, outside, out, self.of_products, weights, bent)
-        out[0] -= bent.T
+        if bent is not None:
+            out[0] -= bent.T
 
     def changes(self, order: int) -> tuple[Array, Array]:
         """Return the derivatives (n_closure, nv) of the rows' rates of an order, in q and in v."""
