@@ -37,7 +37,7 @@ FULL_TURN = ["crane", "crank_collar", "double_cardan", "four_bar", "geared_five_
 def without_kernel(patch: pytest.MonkeyPatch) -> None:
     """Let branches be followed by pseudo-arclength alone."""
     patch.setattr(PathTracker, "from_guess", lambda *_: None)
-    patch.setattr(PathTracker, "_kernel_path", lambda *_: None)
+    patch.setattr(PathTracker, "_path_from", lambda *_, **_keys: None)
 
 
 def both_ways(monkeypatch, mechanism, values, driver=None, **keys) -> tuple[sp.Motion, sp.Motion]:

@@ -38,7 +38,7 @@ def room(path: Path, n: int) -> PathSamples:
 def by_arc_length(monkeypatch, *args, **keys) -> sp.Motion:
     with monkeypatch.context() as patch:
         patch.setattr(PathTracker, "from_guess", lambda *_: None)
-        patch.setattr(PathTracker, "_kernel_path", lambda *_: None)
+        patch.setattr(PathTracker, "_path_from", lambda *_, **_keys: None)
         return sp.sweep(*args, **keys)
 
 

@@ -233,8 +233,8 @@ class VanishingInertia:
         joint = int(np.argmax(pace))
         link = next((f.name for f in model.frames if f.type == pin.FrameType.BODY
                      and f.parentJoint == joint), model.names[joint])
-        return (f"dead centre of a link without inertia at {t:.12g} s: {link!r} would have "
-                "to become infinitely fast")
+        return (f"dead centre of a link without inertia at {t:.12g} s: the link {link!r} "
+                "would have to become infinitely fast")
 
 
 def _falls_to_zero(looks: Sequence[tuple[float, float]]) -> bool:
