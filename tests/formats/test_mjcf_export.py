@@ -311,3 +311,16 @@ def test_tendons_and_several_joints_of_a_body_come_back(tmp_path):
     again = sp.load(exported(mech, tmp_path))
     assert [s.name for s in again.springs] == [s.name for s in mech.springs]
     assert again.coordinates == mech.coordinates
+
+
+def test_tooth_forces_act_at_joints_in_mujoco_and_it_is_reported(tmp_path):
+    model = pin.Model()
+    model.name = "gears"
+    for name, x in (("one", 0.0), ("two", 0.07)):
+        i = model.addJoint(0, pin.JointModelRZ(), pin.SE3(np.eye(3), np.array([x, 0.0, 0.0])), name)
+        model.appendBodyToJoint(i, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    mesh = sp.closures.coupling("one", "two", -0.4, name="mesh", teeth={
+        "point": [0.02, 0.0, 0.0], "pressure_angle": 0.35})
+    with pytest.warns(sp.SpatialPinWarning, match=r"forces of teeth and strands \(mesh\)"):
+        sp.export_mjcf(sp.Mechanism.from_model(model, [mesh], drivers=["one"]),
+                       tmp_path / "gears.xml")

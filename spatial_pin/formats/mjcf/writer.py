@@ -331,6 +331,10 @@ def mjcf_text(mechanism: Mechanism, q: Array) -> str:
     if mechanism.passives:
         spins = some(passive.name for passive in mechanism.passives)
         warn(f"mechanism {mechanism.name!r}: passive spins ({spins}) are free in MuJoCo")
+    touching = [closure.name for closure in mechanism.closures if closure.acts_at is not None]
+    if touching:
+        warn(f"mechanism {mechanism.name!r}: forces of teeth and strands ({some(touching)}) act at "
+             "joints in MuJoCo, not on bearings")
     ET.indent(document.root)
     return ET.tostring(document.root, encoding="unicode") + "\n"
 
