@@ -173,7 +173,7 @@ class Tradeoff:
         """
         return float(np.maximum(row.error, max(self.reference_error, ROUND_OFF)))
 
-    def kept_error(self, row: Measured) -> float:
+    def error_bound(self, row: Measured) -> float:
         """Return the error that a setting keeps, on this motion and on others like it.
 
         It is three times the measured error, to cover points between samples and other motions. It
@@ -188,7 +188,7 @@ class Tradeoff:
             >>> task = {"driver": "crank", "values": np.linspace(0.0, 1.0, 21), "speed": 1.0}
             >>> levels = [sp.Accuracy.named("draft")]
             >>> table = sp.tradeoff(mech, task, settings=levels, repeats=1)
-            >>> table.kept_error(table.rows[0]) >= 1e-8
+            >>> table.error_bound(table.rows[0]) >= 1e-8
             True
         """
         accuracy, least = row.accuracy, row.estimate or 0.0
@@ -217,7 +217,7 @@ class Tradeoff:
 
     @checked
     def cheapest(self, error: float) -> Measured:
-        """Return the fastest row that keeps this error, see `kept_error`.
+        """Return the fastest row that keeps this error, see `error_bound`.
 
         Args:
             error: the largest error to accept [rad, characteristic lengths].
@@ -240,12 +240,12 @@ class Tradeoff:
         error = positive_number(error, "error")
         good = [row for row in self.rows if row.errors is not None]
         for row in good:
-            if self.kept_error(row) <= error:
+            if self.error_bound(row) <= error:
                 return row
         if not good:
             raise SpatialPinError(f"{self.mechanism}, {self.task}: no setting worked; the table "
                                   "says why")
-        best = min(self.kept_error(row) for row in good)
+        best = min(self.error_bound(row) for row in good)
         raise SpatialPinError(
             f"{self.mechanism}, {self.task}: no setting that was measured has an error of "
             f"{error:.3g}; the best keeps {best:.1e}"
@@ -286,7 +286,7 @@ class Tradeoff:
             "below_reference": bool(row.errors and row.error < self.reference_error),
             "energy_drift": row.energy_drift, "solver_steps": row.solver_steps,
             "on_front": row.on_front, "note": row.note, "estimate": row.estimate,
-            "keeps": row.errors and self.kept_error(row),
+            "keeps": row.errors and self.error_bound(row),
         } for row in self.rows]
         return {"mechanism": self.mechanism, "task": self.task, "kind": self.kind,
                 "reference": self.reference, "reference_error": self.reference_error,

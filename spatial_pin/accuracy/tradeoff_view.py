@@ -114,7 +114,7 @@ def _columns(tradeoff: Tradeoff, row: Measured | None) -> dict[str, str]:
     cells["µs/step"] = f"{1e6 * row.time_per_step:.3g}"
     cells["±"] = "-" if row.spread is None else f"{100 * row.spread:.0f} %"
     cells["time"] = f"{tradeoff.relative_time(row):.2f}".replace("nan", "-")
-    cells["keeps e ="] = f"{tradeoff.kept_error(row):.0e}"
+    cells["keeps e ="] = f"{tradeoff.error_bound(row):.0e}"
     for key in numbers:
         value = row.error if key == "error" else getattr(row.errors, key)
         cells[key] = f"{value:.1e}"

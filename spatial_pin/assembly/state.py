@@ -13,7 +13,7 @@ import pinocchio as pin
 from spatial_pin._support.brief import brief
 from spatial_pin._support.checks import finite_array, is_finite
 from spatial_pin._support.lazy import cached_property, made_once
-from spatial_pin.assembly.contact_places import contact_closure, contact_rates
+from spatial_pin.assembly.curve_contacts import contact_closure, contact_rates
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.trees import Located, located
 from spatial_pin.errors import SpatialPinError, UnknownNameError

@@ -112,7 +112,7 @@ class _DimensionStruct(ctypes.Structure):
     """Samples in dimensions.c."""
 
     _fields_ = [(name, POINTER) for name in (
-        "chosen", "driven", "fill", "base", "place", "varied", "free", "joint", "speed",
+        "chosen", "driven", "fill", "base", "varied_index", "varied", "free", "joint", "speed",
         "acceleration", "q", "angle", "v", "a", "point", "fact")]
     _fields_ += [(name, INT) for name in (
         "n_chosen", "n_driven", "n_fill", "n_reals", "n_varied", "n_points", "iterations")]

@@ -44,7 +44,7 @@ class EvaluationStruct(ctypes.Structure):
     _fields_ = [
         ("m", INT), ("q", POINTER), ("v", POINTER), ("reference", POINTER), ("base", POINTER),
         ("n_reals", INT), ("n_varied", INT), *((name, POINTER) for name in (
-            "place", "varied", "R", "p", "residual", "angle", "jacobian", "linear", "angular",
+            "varied_index", "varied", "R", "p", "residual", "angle", "jacobian", "linear", "angular",
             "bias"))]
 
 

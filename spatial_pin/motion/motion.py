@@ -18,7 +18,7 @@ from spatial_pin._support.brief import words
 from spatial_pin._support.checks import checked, is_finite
 from spatial_pin._support.columns import Quantity, Tabular, read_only, write_npz
 from spatial_pin._support.output_files import named_path
-from spatial_pin.assembly.contact_places import contact_closure, contact_rates
+from spatial_pin.assembly.curve_contacts import contact_closure, contact_rates
 from spatial_pin.assembly.holding import BASE, hold_from_file, hold_to_file
 from spatial_pin.assembly.state import FrameMotion, Samples, State, is_coordinate
 from spatial_pin.errors import SampleError, SpatialPinError

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from spatial_pin.assembly.contact_places import angles_of, contact_shape
+from spatial_pin.assembly.curve_contacts import angles_of, contact_shape
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
 from spatial_pin.mechanism.curves import curves_in

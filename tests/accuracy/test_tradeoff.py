@@ -140,7 +140,7 @@ def test_settings_measured_on_the_mechanism_itself_go_first():
     found = sp.tradeoff(mech, {"values": TURN}, settings=FEW, repeats=3)
     for error in (1e-2, 1e-6, 1e-9):
         pick = sp.Accuracy.for_error(error, measured=found)
-        good = [row for row in found.rows if found.kept_error(row) <= error]
+        good = [row for row in found.rows if found.error_bound(row) <= error]
         assert pick == min(good, key=lambda row: row.time_per_step).accuracy
     with pytest.raises(sp.SpatialPinError, match=r"no setting that was measured .* the best"):
         sp.Accuracy.for_error(1e-30, measured=found)
@@ -280,4 +280,4 @@ def test_a_table_tells_times_by_engineering_and_the_error_that_a_setting_keeps()
     assert "keeps e =" in text and "time" in text.splitlines()[2]
     base = next(row for row in found.rows if row.accuracy == sp.Accuracy())
     assert found.relative_time(base) == 1.0
-    assert all(found.kept_error(row) >= 3.0 * row.error for row in found.rows if row.errors)
+    assert all(found.error_bound(row) >= 3.0 * row.error for row in found.rows if row.errors)

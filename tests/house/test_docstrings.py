@@ -140,7 +140,7 @@ RAISE_NOTHING = {  # that a caller could mend
     "BeyondLimit.text", "Calibration.as_dict", "Clearance.as_dict", "Design.as_dict",
     "Designs.as_dict", "Dynamics.why_not_unique", "JointLimit.room", "Kinetostatics.marks",
     "Kinetostatics.why_not_unique", "Linearization.state_space", "Motion.frame_unit",
-    "Motion.rate_unit", "Output.parts", "Tradeoff.as_dict", "Tradeoff.kept_error",
+    "Motion.rate_unit", "Output.parts", "Tradeoff.as_dict", "Tradeoff.error_bound",
     "Tradeoff.known_error", "Tradeoff.relative_time", "Viewer.stop",
     "Viewer.wait", "Viewer.wait_until_fetched", "list_mechanisms"}
 

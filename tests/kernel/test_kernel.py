@@ -232,7 +232,7 @@ def use(handle: ctypes.c_void_p, ints: np.ndarray, reals: np.ndarray, rng) -> se
     base, places = reals.copy(), wild_places(len(reals), rng, 3)
     varied = rng.choice(ODD, 3)
     task.base, task.n_reals, task.n_varied = address(base), len(base), 3
-    task.place, task.varied = address(places), address(varied)
+    task.varied_index, task.varied = address(places), address(varied)
     ends.add(c.kernel_evaluate(handle, ctypes.byref(task)))
     ends |= use_path(handle, ints, q, turns, rng)
     c.kernel_destroy(handle)

@@ -25,7 +25,7 @@ typedef struct {
     const Int *driven;  /* (n_driven) */
     const Real *fill;   /* (n_fill, nv) */
     const Real *base;   /* (n_reals + 3 n_points) numbers, then points in the axes of their joints */
-    const Int *place;   /* (n_varied) which of them differ from sample to sample */
+    const Int *varied_index; /* (n_varied) which of them differ from sample to sample */
     const Real *varied; /* (m, n_varied) */
     const Int *free;    /* (nv) velocities that may move */
     const Int *joint;   /* (n_points) that carry the points */
@@ -164,9 +164,9 @@ static int take_numbers(Work *w, Int i)
     const Real *varied = s->varied + i * s->n_varied;
     memcpy(w->points, s->base + s->n_reals, (size_t)(3 * s->n_points) * sizeof(Real));
     for (Int n = 0; n < s->n_varied; n++)
-        if (s->place[n] >= s->n_reals)
-            w->points[s->place[n] - s->n_reals] = varied[n];
-    return kernel_vary_numbers(w->k, s->base, s->n_reals, s->place, varied, s->n_varied);
+        if (s->varied_index[n] >= s->n_reals)
+            w->points[s->varied_index[n] - s->n_reals] = varied[n];
+    return kernel_vary_numbers(w->k, s->base, s->n_reals, s->varied_index, varied, s->n_varied);
 }
 
 /* Close sample i, whose numbers the kernel has, from its start; it is evaluated there. */
@@ -224,7 +224,7 @@ static int is_sound(const Kernel *k, const Samples *s)
         if (!within(s->joint[i], k->n_joints))
             return 0;
     for (Int i = 0; i < s->n_varied; i++)
-        if (!within(s->place[i], s->n_reals + 3 * s->n_points))
+        if (!within(s->varied_index[i], s->n_reals + 3 * s->n_points))
             return 0;
     return 1;
 }

@@ -23,7 +23,7 @@ static void put_jacobian(Kernel *k, Real *jacobian)
 static int numbers_are_sound(const Evaluation *e)
 {
     for (Int i = 0; i < e->n_varied; i++)
-        if (!within(e->place[i], e->n_reals))
+        if (!within(e->varied_index[i], e->n_reals))
             return 0;
     return 1;
 }
@@ -35,7 +35,7 @@ EXPORT int kernel_evaluate(Kernel *k, const Evaluation *e)
     if (e->base && !numbers_are_sound(e))
         return BAD_ARRAYS;
     for (Int i = 0; i < e->m; i++) {
-        const int code = e->base ? kernel_vary_numbers(k, e->base, e->n_reals, e->place,
+        const int code = e->base ? kernel_vary_numbers(k, e->base, e->n_reals, e->varied_index,
                                                        e->varied + i * e->n_varied, e->n_varied)
                                  : DONE;
         if (code != DONE)

@@ -226,7 +226,7 @@ EXPORT int kernel_create(const Int *ints, Int n_ints, const Real *reals, Int n_r
 /* Take the numbers of other dimensions; the kernel is as if it had been made of them. */
 EXPORT int kernel_set_numbers(Kernel *k, const Real *reals, Int n_reals);
 /* The same numbers but for some, at places below n_reals; other places are not looked at. */
-int kernel_vary_numbers(Kernel *k, const Real *base, Int n_reals, const Int *place,
+int kernel_vary_numbers(Kernel *k, const Real *base, Int n_reals, const Int *varied_index,
                         const Real *varied, Int n_varied);
 /* Free a kernel, and all that was made in its memory; NULL: nothing. */
 EXPORT void kernel_destroy(Kernel *k);
@@ -295,7 +295,7 @@ typedef struct {
     const Real *reference;   /* (m, n_angles) that angles are nearest to */
     const Real *base;        /* (n_reals) numbers of other dimensions; NULL: the kernel's own */
     Int n_reals, n_varied;
-    const Int *place;        /* (n_varied) those that differ from one configuration to the next */
+    const Int *varied_index; /* (n_varied) those that differ from one configuration to the next */
     const Real *varied;      /* (m, n_varied) */
     Real *R, *p;             /* (m, n_joints, 9) by columns, (m, n_joints, 3) */
     Real *residual, *angle;  /* (m, n_closure), (m, n_angles) */

@@ -254,15 +254,15 @@ EXPORT int kernel_create(const Int *ints, Int n_ints, const Real *reals, Int n_r
     return code;
 }
 
-int kernel_vary_numbers(Kernel *k, const Real *base, Int n_reals, const Int *place,
+int kernel_vary_numbers(Kernel *k, const Real *base, Int n_reals, const Int *varied_index,
                         const Real *varied, Int n_varied)
 {
     lu_forget(k->system.lu);
     const int code = read_numbers(k, base, n_reals);
     Real *own = (Real *)k->rotation; /* the first of them */
     for (Int i = 0; code == DONE && i < n_varied; i++)
-        if (place[i] < n_reals)
-            own[place[i]] = varied[i];
+        if (varied_index[i] < n_reals)
+            own[varied_index[i]] = varied[i];
     if (code == DONE) {
         take_numbers(k);
         equations_place_ground(k);

@@ -84,7 +84,7 @@ static void curve_at(const Curve *curve, Real u, Real *e, Real *rate)
  * short steps between two points want no more than three, exact to degree 5. */
 static Real solid_angle(const Curve *curve)
 {
-    static const Real place[8] = {0.0, -0.7745966692414834, 0.7745966692414834,
+    static const Real node[8] = {0.0, -0.7745966692414834, 0.7745966692414834,
                                   0.0, -0.5384693101056831, 0.5384693101056831,
                                   -0.9061798459386640, 0.9061798459386640};
     static const Real weight[8] = {0.8888888888888889, 0.5555555555555556, 0.5555555555555556,
@@ -95,7 +95,7 @@ static Real solid_angle(const Curve *curve)
     Real sum = 0.0;
     for (int i = first; i < last; i++) {
         Real e[3], rate[3], normal[3];
-        curve_at(curve, 0.5 * (1.0 + place[i]), e, rate);
+        curve_at(curve, 0.5 * (1.0 + node[i]), e, rate);
         cross3(start, e, normal);
         sum += 0.5 * weight[i] * dot3(normal, rate) / (1.0 + dot3(start, e));
     }

@@ -5,11 +5,11 @@
 #define MOST_DEGREE 100 /* of a polynomial: beyond, its terms cancel all digits */
 #define MOST_PIECES 100000000
 
-static void find_single(const Kernel *k, Int v, Int *place)
+static void find_single(const Kernel *k, Int v, Int *q_index)
 {
     for (Int j = 1; j < k->n_joints; j++)
         if (k->iv[j] == v && joint_nv(k->kind[j]) == 1)
-            *place = k->iq[j];
+            *q_index = k->iq[j];
 }
 
 /* Components in the order of their places: those of one rotation come together. */
@@ -27,7 +27,7 @@ static void take_pin(Prescribed *p, const Pin *pin, Int which)
 int prescribed_create(Kernel *k, Prescribed *p)
 {
     p->pin = kernel_memory(k, k->nv, sizeof *p->pin);
-    p->place = kernel_ints(k, k->nv);
+    p->q_index = kernel_ints(k, k->nv);
     p->pinned = kernel_ints(k, k->nv);
     p->value = kernel_reals(k, k->nv);
     p->rate = kernel_reals(k, k->nv);
@@ -41,7 +41,7 @@ static int has_value(const Prescribed *p, Int i)
     for (Int pin = 0; pin < p->n_pins; pin++)
         if (p->pinned[pin] == i)
             return 1;
-    return p->place[i] >= 0;
+    return p->q_index[i] >= 0;
 }
 
 static int polynomials_are_sound(const Prescribed *p)
@@ -68,9 +68,9 @@ int prescribed_read(const Kernel *k, Prescribed *p, Int n_pieces, Int degree, co
     p->breaks = breaks, p->coefficient = coefficient;
     for (Int i = 0; i < p->n; i++) {
         Pin pin;
-        p->place[i] = -1;
+        p->q_index[i] = -1;
         if (k->system.driven[i] < k->nv)
-            find_single(k, k->system.driven[i], p->place + i);
+            find_single(k, k->system.driven[i], p->q_index + i);
         else if (pin_of(k, driven_at(k, i), &pin))
             take_pin(p, &pin, i);
     }
@@ -84,7 +84,7 @@ static Real value_at(const Prescribed *p, const Real *q, Int i, Real wanted)
     for (Int pin = 0; pin < p->n_pins; pin++)
         if (p->pinned[pin] == i)
             return pin_value_near(p->pin + pin, q, wanted);
-    return p->place[i] >= 0 ? q[p->place[i]] : 0.0;
+    return p->q_index[i] >= 0 ? q[p->q_index[i]] : 0.0;
 }
 
 Real prescribed_from(Prescribed *p, const Real *q)
@@ -121,8 +121,8 @@ void prescribe(Prescribed *p, Real s)
 void prescribed_put(Prescribed *p, Real *q)
 {
     for (Int i = 0; i < p->n; i++)
-        if (p->place[i] >= 0)
-            q[p->place[i]] = p->value[i];
+        if (p->q_index[i] >= 0)
+            q[p->q_index[i]] = p->value[i];
     if (!p->n_pins)
         return;
     for (Int i = 0; i < p->n_pins; i++)

@@ -9,7 +9,7 @@
 
 typedef struct {
     Int n;                      /* as many as are driven */
-    Int *place;                 /* entry of q; -1 of components, and of entries of v that have none */
+    Int *q_index;                 /* entry of q; -1 of components, and of entries of v that have none */
     Int n_pins, *pinned;        /* components, those of one rotation side by side: which they are */
     Pin *pin;
     Int n_pieces, degree;       /* of the polynomials; no pieces: see above */

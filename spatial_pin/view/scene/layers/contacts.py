@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.assembly.contact_places import angles_of, contact_shape
+from spatial_pin.assembly.curve_contacts import angles_of, contact_shape
 from spatial_pin.mechanism.curves import curves_in
 from spatial_pin.mechanism.pairs import axes_from_z
 from spatial_pin.mechanism.parts import Closure
