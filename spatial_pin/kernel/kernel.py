@@ -44,8 +44,8 @@ class EvaluationStruct(ctypes.Structure):
     _fields_ = [
         ("m", INT), ("q", POINTER), ("v", POINTER), ("reference", POINTER), ("base", POINTER),
         ("n_reals", INT), ("n_varied", INT), *((name, POINTER) for name in (
-            "varied_index", "varied", "R", "p", "residual", "angle", "jacobian", "linear", "angular",
-            "bias"))]
+            "varied_index", "varied", "R", "p", "residual", "angle", "jacobian", "linear",
+            "angular", "bias"))]
 
 
 class Kernel:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -130,11 +131,22 @@ def _closure_text(closure: Any) -> str:
             law = f"{' + '.join(parts)}{offset} = 0".replace("+ -", "- ")
         else:
             law = "{1} = f({0}), {2}".format(*closure.joints, closure.numbers["function"])
-        return f"coupling: {law} (1 equation){stated}"
+        acts_at = f", with {type(closure.acts_at).__name__.lower()}" if closure.acts_at else ""
+        return f"coupling: {law}{acts_at} (1 equation){stated}"
     length = f", as far as {' - '.join(closure.between)}" if closure.between else ""
     names = " - ".join((*closure.frames, *closure.joints))
-    return (f"{closure.type}: {names}{length} "
+    return (f"{closure.type}: {names}{length}{_curve_text(closure.numbers)} "
             f"({counted(closure.n_rows, 'equation')}){stated}")
+
+
+def _curve_text(numbers: Mapping[str, Any]) -> str:
+    """Return the curves of a closure and the follower of a cam, in words."""
+    curves = numbers.get("curves")
+    shapes = (curves.one, curves.two) if curves else filter(None, [numbers.get("curve")])
+    text = " and ".join(f"{next(iter(x.form))} {x.name}".rstrip() for x in shapes)
+    follower = numbers.get("follower")
+    return (f", on {text}" if text else "") + (
+        f", {next(iter(follower.form))}" if follower else "")
 
 
 def _spring_text(mechanism: Mechanism, spring: Spring) -> str:
