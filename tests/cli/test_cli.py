@@ -416,3 +416,34 @@ def test_the_package_runs_as_a_module():
     done = subprocess.run([sys.executable, "-m", "spatial_pin", "--version"], capture_output=True,
                           text=True, check=True)
     assert done.stdout == f"spatial-pin {sp.__version__}\n" and not done.stderr
+
+
+def test_info_names_curves_followers_and_teeth(run, tmp_path):
+    joints = "".join(
+        f'<link name="l_{name}"/><joint name="{name}" type="continuous"><parent link="ground"/>'
+        f'<child link="l_{name}"/><origin xyz="{x} 0 0"/><axis xyz="0 0 1"/></joint>'
+        for name, x in (("cam", 0.0), ("rocker", 0.1), ("wheel", -0.07)))
+    (tmp_path / "parts.urdf").write_text(
+        f'<robot name="parts"><link name="ground"/>{joints}</robot>', encoding="utf-8")
+    (tmp_path / "parts.toml").write_text('''name = "parts"
+tree = "parts.urdf"
+[[closures]]
+name = "contact"
+type = "cam"
+curve = "profile"
+frames = ["l_cam", "l_rocker"]
+follower = {flat = [0, 1, 0]}
+[curves.profile]
+circle = {radius = 0.03, centre = [0.01, 0, 0]}
+[[closures]]
+name = "mesh"
+type = "coupling"
+joints = ["cam", "wheel"]
+ratio = -0.4
+[closures.teeth]
+point = [-0.02, 0, 0]
+''', encoding="utf-8")
+    code, out, _ = run("info", str(tmp_path / "parts.toml"))
+    assert code == 0
+    assert "cam: l_cam - l_rocker, on circle profile, flat (1 equation)" in out
+    assert "coupling: wheel = -0.4 * cam, with teeth (1 equation)" in out

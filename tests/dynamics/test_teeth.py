@@ -40,11 +40,6 @@ def reactions(mech: sp.Mechanism, effort: float):
     return sp.inverse_dynamics(mech, state, laws={"load": lambda *_: -effort})
 
 
-def test_the_parts_of_a_mechanism_say_that_a_coupling_has_teeth():
-    assert sp.info(gears()).closures["mesh"] == (
-        "coupling: two = -0.4 * one, with teeth (1 equation)")
-
-
 @pytest.mark.parametrize("torque", [TORQUE, -TORQUE])
 def test_a_bearing_of_spur_gears_bears_torque_by_radius_and_its_tangent_across(torque):
     found = reactions(gears(), torque)  # the load turns gear 2 by `torque`

@@ -34,11 +34,6 @@ def follower(curve, kind, guess=0.05, offset=0.0) -> sp.Mechanism:
         guess={"rod": guess})
 
 
-def test_the_parts_of_a_mechanism_name_the_curve_and_the_follower():
-    mech = follower(sp.curves.circle(0.03, [0.01, 0.0, 0.0]), {"roller": 0.008})
-    assert sp.info(mech).closures["contact"] == "cam: cam - rod, on circle, roller (1 equation)"
-
-
 def test_a_roller_on_an_eccentric_circle_moves_as_a_slider_crank():
     mech = follower(sp.curves.circle(R, [E, 0, 0]), {"roller": ROLLER})
     turn = np.radians(50.0)
