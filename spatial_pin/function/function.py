@@ -255,6 +255,7 @@ class Function:
         """Return values (N, k), and derivatives (N, k, m), empty if not wanted."""
         values = np.empty((len(rows), len(self.labels)))
         slopes = np.empty((len(rows), len(self.labels), len(self.inputs) if with_slopes else 0))
+        given = self._given() if with_slopes else None
         for at, mechanism, home in self._by_dimensions(rows):
             geometry = self._geometry(mechanism) if with_slopes else None
             motion = self._moving(self._closed(mechanism, home, rows, at), rows, at)
@@ -265,9 +266,9 @@ class Function:
                 each = [load.state for load in loads]
                 motion = _as_motion(each)
             values[at] = self._values(motion, loads)
-            if geometry is not None:
+            if geometry is not None and given is not None:
                 for k, state, load in zip(at.tolist(), each, loads, strict=True):
-                    slopes[k] = self._slopes(k, geometry, state, load, values[k])
+                    slopes[k] = self._slopes(k, geometry, given, state, load, values[k])
         return values, slopes
 
     def _by_dimensions(
@@ -401,8 +402,9 @@ class Function:
         """Return the derivatives of the given quantities by each input."""
         m, numbers = len(self._inputs), [c.name for c in self._driven]
         values, rates, accelerations = np.zeros((3, len(numbers), m))
-        given = InputChanges(values, rates, accelerations, np.zeros((self.mechanism.model.nv, m)),
-                      np.zeros((len(self._dimensions), m)))
+        given = InputChanges(
+            values, rates, accelerations, np.zeros((self.mechanism.model.nv, m)),
+            np.zeros((len(self._dimensions), m)))
         for k, x in enumerate(self._inputs):
             if x.kind == DIMENSION:
                 given.dimensions[self._dimensions.index(x.of), k] = 1.0
@@ -417,10 +419,11 @@ class Function:
         return given
 
     def _slopes(
-        self, row: int, geometry: MovedGeometry, state: State, load: Any, values: Array
+        self, row: int, geometry: MovedGeometry, given: InputChanges, state: State, load: Any,
+        values: Array,
     ) -> Array:
         """Return the derivatives (k, m) of a row."""
-        given, m = self._given(), len(self._inputs)
+        m = len(self._inputs)
         at = ClosedDerivatives(geometry, state, self._driven, self._still)
         try:
             changes = at.changes(given)
