@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin._support.checks import checked, mapping
+from spatial_pin.assembly.assembly_problem import ACCEPTED, AssemblyProblem, deviations
 from spatial_pin.assembly.close import closed
 from spatial_pin.assembly.holding import fixed_base_entries, free_velocities
 from spatial_pin.assembly.redundant_equations import (
@@ -17,13 +18,15 @@ from spatial_pin.assembly.redundant_equations import (
     gap_allowed,
     without_rounded_equations,
 )
-from spatial_pin.assembly.search.assembly_problem import ACCEPTED, AssemblyProblem, deviations
-from spatial_pin.assembly.search.counted_turns import turns_of_others, with_followed_turns
-from spatial_pin.assembly.search.guesses import Guess, read_guess
-from spatial_pin.assembly.search.refusals import failure
-from spatial_pin.assembly.search.release import beyond_words
-from spatial_pin.assembly.search.search import Search
-from spatial_pin.assembly.search.whole_turns import turn_free_difference
+from spatial_pin.assembly.release import beyond_words
+from spatial_pin.assembly.search import Search, failure
+from spatial_pin.assembly.start_values import (
+    Guess,
+    read_guess,
+    turn_free_difference,
+    turns_of_others,
+    with_followed_turns,
+)
 from spatial_pin.assembly.state import NO_ANGLES, State, made
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import AssemblyError, SingularError, warn

@@ -11,16 +11,16 @@ import numpy as np
 from spatial_pin._support.checks import checked, generator, mapping, positive_number
 from spatial_pin._support.progress import progress_bar
 from spatial_pin.assembly.assemble import assembled, default_driver_values, warn_of_rounding
-from spatial_pin.assembly.holding import free_bases
-from spatial_pin.assembly.redundant_equations import with_independent_equations
-from spatial_pin.assembly.search.guesses import read_guess
-from spatial_pin.assembly.search.loop_groups import (
+from spatial_pin.assembly.holding import (
     LoopGroup,
     configuration_indices,
+    free_bases,
     loop_groups,
     part_of,
 )
-from spatial_pin.assembly.search.release import violated_limit
+from spatial_pin.assembly.redundant_equations import with_independent_equations
+from spatial_pin.assembly.release import violated_limit
+from spatial_pin.assembly.start_values import read_guess
 from spatial_pin.errors import AssemblyError, ContinuumError, unless_cut
 from spatial_pin.mechanism.coordinates import (
     coordinate_value,

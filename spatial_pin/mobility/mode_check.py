@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from spatial_pin.assembly.close import close
 from spatial_pin.assembly.passive_freedoms import moved_bodies, uncounted_links
-from spatial_pin.assembly.search.whole_turns import nearest_turn, turn_free_difference
+from spatial_pin.assembly.start_values import nearest_turn, turn_free_difference
 from spatial_pin.assembly.state import State, gap_of
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.kernel.loop_equations import LoopEquations

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.assembly.search.guesses import read_guess
+from spatial_pin.assembly.start_values import read_guess
 from spatial_pin.errors import ContinuumError
 from spatial_pin.kernel.closer import Closer
 from spatial_pin.mechanism.coordinates import with_values

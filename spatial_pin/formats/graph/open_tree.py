@@ -22,7 +22,7 @@ from spatial_pin.formats.urdf.elements import (
     unique,
 )
 from spatial_pin.mechanism.pairs import PAIRS, axes_from_z
-from spatial_pin.numerics.angles import whole_turns
+from spatial_pin.numerics.linalg import whole_turns
 
 DRAWN = 100.0  # roundings of the file that links may be drawn away from their joints
 BASE = "root_joint"  # the joint that lets a base float, as Pinocchio names it

@@ -13,20 +13,28 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import cached_property, made_once
 from spatial_pin.assembly.close import DAMPED_STEPS, NOTHING, close, closed
-from spatial_pin.assembly.holding import fixed_base_entries, free_velocities
+from spatial_pin.assembly.holding import (
+    LoopGroup,
+    fixed_base_entries,
+    free_velocities,
+    loop_groups,
+    loose_entries,
+    part_of,
+)
 from spatial_pin.assembly.redundant_equations import NEARLY_OPEN
-from spatial_pin.assembly.search.guesses import (
+from spatial_pin.assembly.release import least_motion
+from spatial_pin.assembly.start_values import (
     COORDINATE_ERROR,
     NEAR_GUESS,
     OPEN,
     Guess,
     StartSpread,
+    entry_kinds,
     far_lengths,
+    periodic,
     start_spread,
+    turn_free_difference,
 )
-from spatial_pin.assembly.search.loop_groups import LoopGroup, loop_groups, loose_entries, part_of
-from spatial_pin.assembly.search.release import least_motion
-from spatial_pin.assembly.search.whole_turns import entry_kinds, periodic, turn_free_difference
 from spatial_pin.assembly.state import all_angles
 from spatial_pin.constraints.workspaces import Workspaces
 from spatial_pin.kernel.closer import (
