@@ -30,7 +30,7 @@ from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.opposite_axes import opposite_axes
 from spatial_pin.errors import AssemblyError
-from spatial_pin.kernel.closer import AT_ONCE, Examined, Reached
+from spatial_pin.kernel.closer import AT_ONCE, ClosureResult, Examined
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.coordinates import coordinate_value, with_values
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -146,9 +146,10 @@ class Search:
             return
         if self.best is None and release and problem.standing:
             most = _starts_worth_trying(problem, first)
-        if problem.spread is None:
+        spread = problem.free_set.spread
+        if spread is None:
             return
-        starts = starts_from(self.mechanism, first, problem.held, problem.named, problem.spread)
+        starts = starts_from(self.mechanism, first, problem.held, problem.named, spread)
         for k in range(1, most):
             if self.best is None:
                 self.attempt(next(starts))
@@ -180,9 +181,9 @@ class Search:
             self.keep(result)
         return shaken and self.problem.is_sound(results[0])
 
-    def keep(self, result: Reached) -> None:
+    def keep(self, result: ClosureResult) -> None:
         """Keep a result if it is the best so far."""
-        problem, free = self.problem, self.problem.free_set.free
+        problem, free = self.problem, self.problem.settings.free
         if problem.let_go and result.error <= ACCEPTED and not self.parts:
             least, _ = problem.least(result.q, free)
             if problem.given or can_move(

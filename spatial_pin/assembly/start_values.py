@@ -61,6 +61,19 @@ NEAR_GUESS = 1e-2
 # A named length beyond this may be in another unit [characteristic lengths]: joints move one or
 # two, and millimetres for metres are a thousand.
 ANOTHER_SIZE = 10.0
+PERIODIC = ("revolute", "cylindrical", "universal", "planar")
+# first of the equations that make a closure's frames parallel
+PARALLEL_FRAMES = {"weld": 3, "prismatic": 2}
+# Change of fixed coordinates beyond which loops are followed [rad]: with less, a loop usually turns
+# by less than half a turn, which is unique.
+FAR = 0.5 * math.pi
+# step, and largest joint motion in a step without a change of branch [rad, characteristic lengths]
+LEADING_STEP, LEAP = 0.2, 1.0
+MOST_STEPS = 2000  # a hundred turns
+# Change of a fixed angle beyond which hinges are followed that no closure counts [rad]: one turn,
+# which the last value of a sweep over a turn has
+OVER_A_TURN = 2.0 * math.pi * (1.0 + 1e-9)
+SAME_CONFIGURATION = 1e-6  # rad, characteristic lengths
 
 
 class Guess:
@@ -73,14 +86,12 @@ class Guess:
 
     Attributes:
         names: of these coordinates.
-        is_whole: whether these are all.
     """
 
     def __init__(
         self, mechanism: Mechanism, q: Array, values: Mapping[str, float] | None = None
     ) -> None:
         self.mechanism, self.q, self._values = mechanism, q, values
-        self.is_whole = values is None
         self.names = mechanism.coordinates if values is None else tuple(values)
 
     @cached_property
@@ -88,93 +99,68 @@ class Guess:
         """Named values, by coordinate [rad, m]."""
         if self._values is not None:
             return self._values
-        entries = self.q.tolist()
-        plain, turning = _spread_indices(self.mechanism)
-        named = {name: entries[at] for name, at in plain}
-        for names, at, turns in turning:
-            components = rotation_components(*entries[turns : turns + 4])
-            named |= zip(names, entries[at:turns] + components, strict=True)
+        entries, mechanism = self.q.tolist(), self.mechanism
+        named = {c.name: entries[c.q] for c in mechanism.coordinate_table.values() if c.q >= 0}
+        for joint, components in by_joint(mechanism).items():
+            if components[0].q < 0:  # it turns in space: the quaternion comes last
+                at = int(mechanism.model.idx_qs[mechanism.joint_id(joint)])
+                turns = at + len(components) - 3
+                values = entries[at:turns] + rotation_components(*entries[turns : turns + 4])
+                named |= zip((c.name for c in components), values, strict=True)
         return named
 
 
 def read_guess(
     mechanism: Mechanism, guess: Mapping[str, Any] | State | Array | None
 ) -> Guess:
-    """Return the guess; angles with too many turns are reduced."""
-    if guess is not None:
-        return _within_turns(mechanism, _as_given(mechanism, guess))
-    return _of_file(mechanism, dict(mechanism.guess))
-
-
-@made_anew  # as anybody may change it
-def _of_file(mechanism: Mechanism, guess: Mapping[str, Any]) -> Guess:
-    start = _within_turns(mechanism, _as_given(mechanism, guess))
-    start.q.flags.writeable = False
-    return start
-
-
-def _within_turns(mechanism: Mechanism, given: Guess) -> Guess:
-    entries = given.q.tolist()
-    if not entries or max(max(entries), -min(entries)) * COORDINATE_ERROR <= OPEN:
-        return given
-    q, turned = given.q.copy(), dict[str, float]()
-    for c in periodic(mechanism):
-        if COORDINATE_ERROR * abs(entries[c.q]) > OPEN:
-            turned[c.name] = math.atan2(math.sin(entries[c.q]), math.cos(entries[c.q]))
-            q[c.q] = turned[c.name]
-    if given.is_whole:
-        return Guess(mechanism, q)
-    return Guess(mechanism, q, {k: turned.get(k, x) for k, x in given.values.items()})
-
-
-def _as_given(mechanism: Mechanism, guess: Mapping[str, Any] | State | Array) -> Guess:
+    """Return the guess, by default the file's; angles with too many turns are reduced."""
+    if guess is None:
+        return _guess_of_file(mechanism, dict(mechanism.guess))
     if isinstance(guess, State):
         own = guess.mechanism
         if own is not mechanism and own.coordinates != mechanism.coordinates:
             raise ValueError(
-                f"the guess is a state of mechanism {guess.mechanism.name!r}, which has other "
-                f"coordinates than {mechanism.name!r}"
-            )
-        q = guess.q
+                f"the guess is a state of mechanism {own.name!r}, which has other coordinates than "
+                f"{mechanism.name!r}")
+        q, named = pin.normalize(mechanism.model, guess.q), None
     elif isinstance(guess, Mapping):
         base, named = joint_values(mechanism, mechanism.guess), joint_values(mechanism, guess)
-        return Guess(mechanism, with_values(mechanism, mechanism.neutral, base | named), named)
+        q = with_values(mechanism, mechanism.neutral, base | named)
     else:
-        q = finite_array(guess, (mechanism.model.nq,), "guess q")
+        q, named = finite_array(guess, (mechanism.model.nq,), "guess q"), None
         if not pin.isNormalized(mechanism.model, q, 0.5):
             raise ValueError("guess q has a quaternion whose length is far from 1")
-    return Guess(mechanism, pin.normalize(mechanism.model, q))
+        q = pin.normalize(mechanism.model, q)
+    entries = q.tolist()
+    if entries and max(max(entries), -min(entries)) * COORDINATE_ERROR > OPEN:
+        q = q.copy()
+        for c in periodic(mechanism):
+            if COORDINATE_ERROR * abs(entries[c.q]) > OPEN:
+                q[c.q] = math.atan2(math.sin(entries[c.q]), math.cos(entries[c.q]))
+                if named and c.name in named:
+                    named = {**named, c.name: float(q[c.q])}
+    return Guess(mechanism, q, named)
 
 
-@made_once
-def _spread_indices(
-    mechanism: Mechanism,
-) -> tuple[list[tuple[str, int]], list[tuple[list[str], int, int]]]:
-    """Return names and indices in q of coordinates.
-
-    Of single entries of q; and of joints that turn in space, with the index of the joint and of its
-    quaternion.
-    """
-    starts, table = mechanism.model.idx_qs, mechanism.coordinate_table
-    turning = [([c.name for c in components], at, at + len(components) - 3)
-               for joint, components in by_joint(mechanism).items() if components[0].q < 0
-               for at in [int(starts[mechanism.joint_id(joint)])]]
-    return [(c.name, c.q) for c in table.values() if c.q >= 0], turning
+@made_anew  # as anybody may change it
+def _guess_of_file(mechanism: Mechanism, guess: Mapping[str, Any]) -> Guess:
+    start = read_guess(mechanism, guess)
+    start.q.flags.writeable = False
+    return start
 
 
 class StartSpread(NamedTuple):
     """Spread of further starts around the guess.
 
     Attributes:
-        phase: (MAX_STARTS - 1,) of each: 0 named coordinates fixed, 1 perturbed by up to a radian,
-            2 by any angle.
-        size: (3, nv) of the steps in each phase.
+        is_near: (MAX_STARTS - 1,) whether named coordinates are perturbed in each.
+        steps: (MAX_STARTS - 1, nv) joint displacements.
         first: the first starts of each group of loops, if groups are few; else none.
         lengths: names of named lengths.
     """
 
-    phase: NDArray[np.intp]
-    size: Array
+    is_near: NDArray[np.bool_]
+    steps: Array
     first: PerturbedStarts
     lengths: list[str]
 
@@ -205,16 +191,17 @@ def start_spread(
     n, late = MAX_STARTS // 2 if open_ones.any() else 0, 3 * MAX_STARTS // 4 - 1
     phase = np.repeat([0, 1, 2], [n, late - n, MAX_STARTS - 1 - late])
     size = np.array([np.where(is_named, shake, reach) * sizes for shake in (0.0, 1.0, np.pi)])
-    steps = _draws(mechanism)[:AT_ONCE] * size[phase[:AT_ONCE]]
-    group = np.zeros(steps.shape[1], np.int64)
-    by_group = steps[None]  # of each group of loops by itself, if these are few
+    steps = np.random.default_rng(20110).uniform(-1.0, 1.0, (MAX_STARTS - 1, len(sizes)))
+    steps *= size[phase]
+    first, group = steps[:AT_ONCE], np.zeros(len(sizes), np.int64)
+    by_group = first[None]  # of each group of loops by itself, if these are few
     if len(groups) > MOST_GROUPS:
-        by_group = np.empty((0, *steps.shape))
+        by_group = np.empty((0, *first.shape))
     elif len(groups) > 1:
-        by_group = np.array([steps * own.entries for own in groups])
+        by_group = np.array([first * own.entries for own in groups])
         for k, own in enumerate(groups):
             group[own.entries] = k
-    return StartSpread(phase, size, PerturbedStarts(by_group, NEAR_GUESS, group),
+    return StartSpread(phase > 0, steps, PerturbedStarts(by_group, NEAR_GUESS, group),
                    [name for name in named if table[name].unit == "m"])
 
 
@@ -229,10 +216,10 @@ def starts_from(
     far = far_lengths(mechanism, named, spread)
     near = with_values(mechanism, fixed, {**far, **held}) if far else fixed
     for i in range(0, MAX_STARTS - 1, AT_ONCE):
-        phase = spread.phase[i : i + AT_ONCE]
-        steps = _draws(mechanism)[i : i + AT_ONCE] * spread.size[phase]
+        some = slice(i, i + AT_ONCE)
+        starts = np.where(spread.is_near[some, None], near, fixed)
         with kernel_of(mechanism) as kernel:
-            moved = kernel.displaced(np.array([fixed, near, near])[phase], steps)
+            moved = kernel.displaced(starts, spread.steps[some])
         yield from moved
 
 
@@ -243,32 +230,6 @@ def far_lengths(
     far = ANOTHER_SIZE * mechanism.characteristic_length
     return {name: math.copysign(far, named[name])
             for name in spread.lengths if abs(named[name]) > far}
-
-
-@made_once
-def _draws(mechanism: Mechanism) -> Array:
-    """Return the random numbers (MAX_STARTS - 1, nv) in [-1, 1] of the further starts."""
-    shape = MAX_STARTS - 1, mechanism.model.nv
-    return np.random.default_rng(20110).uniform(-1.0, 1.0, shape)
-
-
-PERIODIC = ("revolute", "cylindrical", "universal", "planar")
-# first of the equations that make a closure's frames parallel
-PARALLEL_FRAMES = {"weld": 3, "prismatic": 2}
-
-
-class _Turning(NamedTuple):
-    """A joint that turns one body, or others parallel to it, relative to another.
-
-    Attributes:
-        q: its index in the configuration.
-        bodies: numbers of the two.
-        axes: (3,) in the axes of each.
-    """
-
-    q: int
-    bodies: tuple[int, int]
-    axes: tuple[Array, Array]
 
 
 @made_once
@@ -291,15 +252,9 @@ def turn_free_difference(mechanism: Mechanism, q: Array, other: Array) -> Array:
     In radians and characteristic lengths.
     """
     difference: Array = pin.difference(mechanism.model, q, other)
-    turning = _turning_entries(mechanism)
+    turning = [c.v for c in periodic(mechanism)]
     difference[turning] -= whole_turns(difference[turning])
     return difference / mechanism.velocity_scale
-
-
-@made_once
-def _turning_entries(mechanism: Mechanism) -> NDArray[np.intp]:
-    """Return the velocity entries of periodic angles."""
-    return np.array([c.v for c in periodic(mechanism)], dtype=np.intp)
 
 
 def entry_kinds(
@@ -343,18 +298,35 @@ def turning_with(
     Returns:
         Indices in q (m,); and (m, nq) by how much each turns as the others do.
     """
-    table = mechanism.coordinate_table
-    unknown = {c.q for c in periodic(mechanism)} - {table[name].q for name in fixed}
-    turning = _turning(mechanism) if unknown else []
-    known = [x for x in turning if x.q not in unknown]
-    matches = [(x.q, row) for x in turning
-             if x.q in unknown and (row := _turned(mechanism.model.nq, x, known)) is not None]
-    return (np.array([q for q, _ in matches], dtype=np.intp),
-            np.array([row for _, row in matches]).reshape(len(matches), mechanism.model.nq))
+    unknown = {c.q for c in periodic(mechanism)} - {
+        mechanism.coordinate_table[name].q for name in fixed}
+    hinges, nq = _hinges(mechanism) if unknown else [], mechanism.model.nq
+    known = [link for q, one, two, axis1, axis2 in hinges if q not in unknown
+             for link in ((q, 1.0, one, two, axis1, axis2), (q, -1.0, two, one, axis2, axis1))]
+    alike, rows = list[int](), list[Array]()
+    for q, one, two, axis1, axis2 in hinges:
+        turned, queue = {one: (axis1, np.zeros(nq))}, [one] if q in unknown else []
+        for body in queue:
+            axis, row = turned[body]
+            for other, sense, here, there, at_here, at_there in known:
+                if here == body and there not in turned and (
+                        np.linalg.norm(np.cross(at_here, axis)) <= NEARLY_PARALLEL):
+                    along = float(np.sign(at_here @ axis))
+                    turned[there] = along * at_there, row.copy()
+                    turned[there][1][other] += along * sense
+                    queue.append(there)
+        if two in turned and turned[two][0] @ axis2 > 1.0 - NEARLY_PARALLEL:
+            alike.append(q)
+            rows.append(turned[two][1])
+    return np.array(alike, dtype=np.intp), np.array(rows).reshape(len(rows), nq)
 
 
-def _turning(mechanism: Mechanism) -> list[_Turning]:
-    """Return the joints about an axis between bodies that are not parallel to each other."""
+def _hinges(mechanism: Mechanism) -> list[tuple[int, int, int, Array, Array]]:
+    """Return the joints about an axis between bodies that are not parallel to each other.
+
+    Of each its index in q, the numbers of the two bodies, or of others parallel to them, and the
+    axis (3,) in the axes of each.
+    """
     model, carriers = split_of(mechanism)
     parallel: list[tuple[int, int, Array]] = []  # two joints' bodies, rotation of 2 relative to 1
     hinges = []
@@ -378,42 +350,8 @@ def _turning(mechanism: Mechanism) -> list[_Turning]:
         joined, onto = turned[one] @ rotation @ turned[two].T, body[one]
         for i in np.flatnonzero(body == body[two]).tolist() if body[two] != onto else ():
             body[i], turned[i] = onto, joined @ turned[i]
-    return [_Turning(q, (int(body[one]), int(body[two])), (turned[one] @ a, turned[two] @ b))
+    return [(q, int(body[one]), int(body[two]), turned[one] @ a, turned[two] @ b)
             for q, one, two, a, b in hinges if body[one] != body[two]]
-
-
-def _turned(nq: int, hinge: _Turning, known: list[_Turning]) -> Array | None:
-    """Return (nq,) the turn of a hinge by those of known ones about its axis; None if free."""
-    rows = {hinge.bodies[0]: (hinge.axes[0], np.zeros(nq))}
-    queue = [hinge.bodies[0]]
-    for body in queue:
-        axis, row = rows[body]
-        for other in known:
-            for here, there, sense in ((0, 1, 1.0), (1, 0, -1.0)):
-                if other.bodies[here] != body or other.bodies[there] in rows or (
-                        np.linalg.norm(np.cross(other.axes[here], axis)) > NEARLY_PARALLEL):
-                    continue
-                along = float(np.sign(other.axes[here] @ axis))
-                on = row.copy()
-                on[other.q] += along * sense
-                rows[other.bodies[there]] = along * other.axes[there], on
-                queue.append(other.bodies[there])
-    if hinge.bodies[1] not in rows:
-        return None
-    axis, row = rows[hinge.bodies[1]]
-    return row if axis @ hinge.axes[1] > 1.0 - NEARLY_PARALLEL else None
-
-
-# Change of fixed coordinates beyond which loops are followed [rad]: with less, a loop usually turns
-# by less than half a turn, which is unique.
-FAR = 0.5 * math.pi
-# step, and largest joint motion in a step without a change of branch [rad, characteristic lengths]
-LEADING_STEP, LEAP = 0.2, 1.0
-MOST_STEPS = 2000  # a hundred turns
-# Change of a fixed angle beyond which hinges are followed that no closure counts [rad]: one turn,
-# which the last value of a sweep over a turn has
-OVER_A_TURN = 2.0 * math.pi * (1.0 + 1e-9)
-SAME_CONFIGURATION = 1e-6  # rad, characteristic lengths
 
 
 @made_once

@@ -348,7 +348,7 @@ class PathTracker(Branch):
             if done > 0:
                 return tracker, samples, done
             if done == -1:
-                problem.known = closer.reached()
+                problem.known = closer.results()
         workspaces.release_last()
         return None
 
