@@ -12,7 +12,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import cached_property, made_once
-from spatial_pin.assembly.close import DAMPED_STEPS, NOTHING, close, closed
+from spatial_pin.assembly.close import DAMPED_STEPS, NOTHING, close, closed, least_motion
 from spatial_pin.assembly.holding import (
     LoopGroup,
     fixed_base_entries,
@@ -22,7 +22,6 @@ from spatial_pin.assembly.holding import (
     part_of,
 )
 from spatial_pin.assembly.redundant_equations import NEARLY_OPEN
-from spatial_pin.assembly.release import least_motion
 from spatial_pin.assembly.start_values import (
     COORDINATE_ERROR,
     NEAR_GUESS,

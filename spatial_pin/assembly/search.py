@@ -16,15 +16,15 @@ from spatial_pin.assembly.assembly_problem import (
     is_nearer,
     size_of,
 )
-from spatial_pin.assembly.holding import LoopGroup, configuration_indices
-from spatial_pin.assembly.redundant_equations import clearly_above, gap_words
-from spatial_pin.assembly.release import (
+from spatial_pin.assembly.close import (
     can_be_fixed,
     can_move,
     least_motion,
     violated_limit,
     within_limits,
 )
+from spatial_pin.assembly.holding import LoopGroup, configuration_indices
+from spatial_pin.assembly.redundant_equations import clearly_above, gap_words
 from spatial_pin.assembly.start_values import COORDINATE_ERROR, MAX_STARTS, NEAR_GUESS, starts_from
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of

@@ -34,8 +34,8 @@ from spatial_pin.mechanism.coordinates import (
 )
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
+from spatial_pin.mobility.assembly_modes import missing_by
 from spatial_pin.mobility.idle_freedoms import PassiveFreedom
-from spatial_pin.mobility.mode_list import missing_by
 from spatial_pin.numerics.linalg import Array, decompose, pivoted_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy, accuracy_of

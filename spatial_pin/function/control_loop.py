@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from spatial_pin._support.checks import checked, names_of
+from spatial_pin.assembly.assemble import starting_state
 from spatial_pin.assembly.close import DAMPED_STEPS
-from spatial_pin.assembly.held_start import starting_state
 from spatial_pin.assembly.holding import BASE
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.kernel_tree import KernelTree

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from spatial_pin._support.brief import counted
 from spatial_pin._support.checks import checked
 from spatial_pin._support.lazy import made_once
-from spatial_pin.assembly.held_start import starting_state
+from spatial_pin.assembly.assemble import starting_state
 from spatial_pin.assembly.holding import BASE, Held, Hold, free_velocities, held_by
 from spatial_pin.assembly.start_values import periodic
 from spatial_pin.assembly.state import State

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.checks import checked, names_of
 from spatial_pin._support.progress import in_order, progress_bar
-from spatial_pin.assembly.held_start import held_start, starting_state
+from spatial_pin.assembly.assemble import held_start, starting_state
 from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.redundant_equations import allowed_from, gap_allowed
 from spatial_pin.assembly.samples import PIECE
