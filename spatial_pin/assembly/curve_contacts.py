@@ -22,7 +22,6 @@ from spatial_pin.mechanism.equations import (
     Cosine,
     Displacement,
     FunctionOf,
-    ImplicitParameters,
     Parameter,
     Quantity,
 )
@@ -146,7 +145,8 @@ def parameters_of(
         rotation: of the entries of its rotation, row by row.
         near: (2, N) that they are nearest to; 0 for the best of all.
     """
-    root = _parameters_in(closure)
+    root = next(x.argument.of for _, factors in closure.rows[0].terms for x in factors
+                if isinstance(x, FunctionOf) and isinstance(x.argument, Parameter))
     known: dict[str, Series] = {"product": [], "coordinate": [], "angle": [
         Taylor([x, *[0.0 * x] * (len(position[0].values) - 1)]) for x in near[: len(root.spans)]]}
     index_of: dict[int, int] = {}
@@ -168,15 +168,6 @@ def parameters_of(
                  for of in root.definition)
     implicit_angles(ImplicitAngles(0, sums, root.spans, root.is_periodic), known)
     return known["angle"]
-
-
-def _parameters_in(closure: Closure) -> ImplicitParameters:
-    """Return the parameters that the first equation of a closure has."""
-    for _, factors in closure.rows[0].terms:
-        for x in factors:
-            if isinstance(x, FunctionOf) and isinstance(x.argument, Parameter):
-                return x.argument.of
-    raise AssertionError  # who calls has looked
 
 
 class ContactShape(NamedTuple):

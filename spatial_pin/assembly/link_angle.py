@@ -92,10 +92,17 @@ def _named(mechanism: Mechanism, name: str, letter: str, spec: str) -> LinkAngle
     frame = mechanism.frame_id(mechanism.placed(name))
     with loops_of(mechanism) as evaluation:
         evaluation.update(mechanism.neutral)
-        turns = evaluation.frame_jacobian(frame)[3:].copy()
-        axis = np.eye(3)[XYZ.index(letter)] if letter else _common(turns, _turns(evaluation))
+        turns, every = evaluation.frame_jacobian(frame)[3:].copy(), _turns(evaluation)
         rotation = evaluation.frame(frame).rotation.copy()
-    if axis is None:
+    own = turns if turns.any() else every
+    own = own[:, own.any(axis=0)]
+    if letter:
+        axis = np.eye(3)[XYZ.index(letter)]
+    elif own.size and np.abs(np.cross(own.T, own[:, 0])).max() <= TOLERANCES.nothing:
+        axis = next(x for x in every.T if x.any() and np.abs(np.cross(x, own[:, 0])).max()
+                    <= TOLERANCES.nothing)  # the sense of the first parallel hinge of all
+        axis = axis / np.linalg.norm(axis)
+    else:
         raise SpatialPinError(
             f"{spec}: the hinges that carry {name!r} are not parallel, so that it turns about no "
             f"axis of its own; say about which: {spec}.x, {spec}.y or {spec}.z")
@@ -121,21 +128,6 @@ def _turns(evaluation: LoopEquations) -> Array:
         own = slice(model.idx_vs[j], model.idx_vs[j] + model.nvs[j])
         turns[:, own] = evaluation.body_jacobian(j)[3:, own]
     return turns
-
-
-def _common(own: Array, every: Array) -> Array | None:
-    """Return the common axis (3,) of a link's hinges, or of all if it has none; None for several.
-
-    It has the sense of the first parallel hinge of all.
-    """
-    turns = own if own.any() else every
-    turns = turns[:, turns.any(axis=0)]
-    if not turns.size or np.abs(np.cross(turns.T, turns[:, 0])).max() > TOLERANCES.nothing:
-        return None
-    alike = [x for x in every.T if x.any() and np.abs(np.cross(x, turns[:, 0])).max()
-             <= TOLERANCES.nothing]
-    axis: Array = alike[0] / np.linalg.norm(alike[0])
-    return axis
 
 
 def _sums(mechanism: Mechanism, axis: Array, turns: Array) -> Array | None:

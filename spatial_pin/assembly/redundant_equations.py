@@ -220,11 +220,16 @@ def rounding_of(mechanism: Mechanism) -> float:
 def _selected(evaluation: LoopEquations, gap: float) -> SelectedEquations | None:
     """Return the remaining equations if the numbers of others are rounded; None: all."""
     cut = min(GAPS_WIDE * gap, WIDEST_GAP)
-    first = next(_start_samples(evaluation, cut, gap), None)
+    mechanism, rng = evaluation.mechanism, np.random.default_rng(20111)
+    guess, first = _guess(mechanism), None
+    for k in range(START_SAMPLES):  # from the guess of the file, and from others
+        shaken = rng.uniform(-1.0, 1.0, evaluation.model.nv) * mechanism.velocity_scale * min(k, 3)
+        start = pin.integrate(evaluation.model, guess, shaken)
+        first = first or _sample(evaluation, start, cut, gap)
     if first is None:
         return None
     # another branch may have a smaller gap than the guess, but the loops are not drawn there
-    missed = _sample(evaluation, _guess(evaluation.mechanism), cut, NEARLY_OPEN * gap)
+    missed = _sample(evaluation, guess, cut, NEARLY_OPEN * gap)
     if missed is not None and missed.error > gap:
         return None
     reached = [first, *_motion_samples(evaluation, first, cut, gap)]
@@ -238,7 +243,6 @@ def _selected(evaluation: LoopEquations, gap: float) -> SelectedEquations | None
         return None
     if _moves_with_all(evaluation, samples, rank, soft):
         return None
-    mechanism = evaluation.mechanism
     near = [list(takewhile(lambda y: _rank(y.s, CLEAR_OF_CUT * cut) == rank,
                            _oriented(first, x, rank)))
             for x in _nearby(evaluation, first, cut, gap)]
@@ -310,18 +314,6 @@ def _sample(evaluation: LoopEquations, q: Array, cut: float, gap: float) -> Samp
         return None
     jacobian = evaluation.jacobian[: evaluation.constraints.n_closure].copy()
     return Sample(q, jacobian, singular_values(jacobian), error)
-
-
-def _start_samples(evaluation: LoopEquations, cut: float, gap: float) -> Iterator[Sample]:
-    """Yield configurations closed to the gap, from the guess of the file and from others."""
-    mechanism, model = evaluation.mechanism, evaluation.model
-    q = _guess(mechanism)
-    rng = np.random.default_rng(20111)
-    for k in range(START_SAMPLES):
-        shaken = rng.uniform(-1.0, 1.0, model.nv) * mechanism.velocity_scale * min(k, 3)
-        sample = _sample(evaluation, pin.integrate(model, q, shaken), cut, gap)
-        if sample is not None:
-            yield sample
 
 
 def _nearby(

@@ -66,9 +66,12 @@ def matches(points: Array, curves: Array, is_closed: bool, movable: Movable) -> 
     m, part = len(curves), at * (EVEN if is_closed else EVEN - 1)
     best = Matches(np.full(m, np.inf), np.ones(m), np.tile(np.eye(3), (m, 1, 1)),
                    np.zeros((m, len(points))))
+    closed = np.concatenate([curves, curves[:, :1]], axis=1)
     for times in TIMES_AS_LONG[:1] if is_closed else TIMES_AS_LONG:
         n = round(times * EVEN)
-        forward = _even(curves, n)
+        fractions = np.arange(n) / n
+        forward = np.array([np.column_stack([np.interp(fractions, parts, x) for x in curve.T])
+                            for parts, curve in zip(lengths_along(curves), closed, strict=True)])
         for sense in (1, -1):
             along = forward if sense > 0 else forward[:, (-np.arange(n)) % n]
             misfit, first, size, rotation = _best_starts(given, along, movable)
@@ -102,14 +105,6 @@ def lengths_along(curves: Array) -> Array:
     steps = np.linalg.norm(np.diff(curves, axis=1, append=curves[:, :1]), axis=2)
     sums = np.concatenate([np.zeros((len(curves), 1)), np.cumsum(steps, axis=1)], axis=1)
     return sums / np.maximum(sums[:, -1:], np.finfo(float).tiny)
-
-
-def _even(curves: Array, n: int) -> Array:
-    """Return points (m, n, 3) spaced evenly along closed curves."""
-    closed = np.concatenate([curves, curves[:, :1]], axis=1)
-    fractions = np.arange(n) / n
-    return np.array([np.column_stack([np.interp(fractions, at, x) for x in curve.T])
-                     for at, curve in zip(lengths_along(curves), closed, strict=True)])
 
 
 def _best_starts(
