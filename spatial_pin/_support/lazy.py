@@ -1,4 +1,4 @@
-"""Results of an object that are computed once and kept in it.
+"""Results of an object that are computed once and kept in it, and its pool of workspaces.
 
 All of it lies in the object itself and goes with it; copies begin without what `made_once` and
 `made_anew` hold. Nothing here locks: before Python 3.12 the `cached_property` of `functools` holds
@@ -8,15 +8,16 @@ waits for ever, and threads wait for each other.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from functools import wraps
-from typing import TYPE_CHECKING, Any, TypeVar, TypeVarTuple
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, TypeVarTuple
 from warnings import warn
 
 RESULTS = "_results"  # the attribute that holds them: an object leaves it out of its copies
 
 Owner = TypeVar("Owner")
 Made = TypeVar("Made")
+Workspace = TypeVar("Workspace")
 More = TypeVarTuple("More")
 
 
@@ -80,6 +81,69 @@ else:
             return value
 
 
+class acquired(Generic[Workspace]):  # with acquired(...) as workspace
+    """Acquire a workspace from the pool, and release it; two at the same time are two workspaces.
+
+    It is as its last user left it; one that an error went through is not released to the pool.
+
+    Args:
+        owner: a mechanism, whose pool it is.
+        make: makes one of the owner, and of hashable arguments, when the pool has none.
+        more: these.
+    """
+
+    def __init__(
+        self, owner: Owner, make: Callable[[Owner, *More], Workspace], *more: *More
+    ) -> None:
+        self._idle: list[Workspace] = _pool(owner, make, *more)
+        self._owner: Any = owner
+        self._make, self._more = make, more
+
+    def __enter__(self) -> Workspace:
+        """Return the workspace."""
+        try:
+            self._acquired = self._idle.pop()
+        except IndexError:
+            self._acquired = self._make(self._owner, *self._more)
+        return self._acquired
+
+    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
+        """Release it to the pool."""
+        if kind is None:
+            self._idle.append(self._acquired)
+
+
+class Workspaces:  # with Workspaces() as workspaces
+    """Workspaces acquired one after the other, and released together."""
+
+    def __init__(self) -> None:
+        self._acquired: list[acquired[Any]] = []
+
+    def __enter__(self) -> Workspaces:
+        """Return the workspaces."""
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        """Release them to their pools."""
+        while self._acquired:
+            self._acquired.pop().__exit__(*error)
+
+    def acquire(self, workspace: acquired[Workspace]) -> Workspace:
+        """Acquire one more."""
+        entered = workspace.__enter__()
+        self._acquired.append(workspace)
+        return entered
+
+    def release_last(self) -> None:
+        """Release the one that was acquired last."""
+        self._acquired.pop().__exit__(None)
+
+
+@made_once
+def _pool(owner: object, *kind: Hashable) -> list[Any]:
+    """Return the workspaces of a kind that nobody uses."""
+    return []
+
 
 def by_new_name(owner: object, old: str, new: str) -> Any:
     """Return an attribute that a user reads by its old name, with a warning."""
@@ -108,4 +172,5 @@ def with_former_field(old: str, new: str) -> Callable[[type[Owner]], type[Owner]
     return decorated
 
 
-__all__ = ["by_new_name", "cached_property", "made_anew", "made_once", "with_former_field"]
+__all__ = ["Workspaces", "acquired", "by_new_name", "cached_property", "made_anew", "made_once",
+           "with_former_field"]

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin._support.lazy import cached_property, made_once
+from spatial_pin._support.lazy import Workspaces, cached_property, made_once
 from spatial_pin.assembly.close import DAMPED_STEPS, NOTHING, close, closed, least_motion
 from spatial_pin.assembly.holding import (
     LoopGroup,
@@ -35,7 +35,6 @@ from spatial_pin.assembly.start_values import (
     turn_free_difference,
 )
 from spatial_pin.assembly.state import all_angles
-from spatial_pin.constraints.workspaces import Workspaces
 from spatial_pin.kernel.closer import (
     LOOSE,
     MOST_GROUPS,

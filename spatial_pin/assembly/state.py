@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import replace
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeGuard
 
 import numpy as np
 import pinocchio as pin
@@ -17,6 +18,7 @@ from spatial_pin.assembly.curve_contacts import contact_closure, contact_rates
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.trees import Located, located
 from spatial_pin.errors import SpatialPinError, UnknownNameError
+from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
 from spatial_pin.mechanism.coordinates import CoordinateRates, coordinate_rates, require_mechanism
 from spatial_pin.mechanism.inertia import moving_mass
@@ -25,6 +27,12 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
+if TYPE_CHECKING:
+    import spatial_pin as sp
+
+# Joint coordinates that one call of the kernel computes: a tenth of a second, so that Ctrl-C is
+# answered, and what it needs besides its results is bounded.
+PIECE = 200_000
 # relative round-off of rates that is reported: dimensions seldom have ten digits
 WORTH_A_WORD = 1e-10
 WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
@@ -606,7 +614,6 @@ class Samples:
     """Base of Motion: samples of a mechanism, one per row. For the modules below `motion`."""
 
 
-
 def of_mechanism(mechanism: Mechanism, state: State) -> State:
     """Return `state` as a state of `mechanism`: itself, or converted from another load of it.
 
@@ -722,3 +729,53 @@ NO_ANGLES = _frozen(np.empty(0))
 def _rest(mechanism: Mechanism) -> Array:
     """Return zero rates (nv,)."""
     return _frozen(np.zeros(mechanism.model.nv))
+
+
+def is_motion(given: object) -> TypeGuard[sp.Motion]:
+    """Whether an argument is a Motion, where a State may be given too."""
+    return isinstance(given, Samples)
+
+
+def samples_of(mechanism: Mechanism, given: State | sp.Motion) -> State | sp.Motion:
+    """Return a State or a Motion as one of `mechanism`: itself, or converted from another load.
+
+    Raises:
+        SpatialPinError: it is of another mechanism, or of other dimensions; see `of_mechanism`.
+    """
+    if not is_motion(given):
+        return of_mechanism(mechanism, given)  # type: ignore[arg-type]  # which refuses others
+    require_mechanism(mechanism)
+    if mechanism in (given.mechanism, given.mechanism.whole) or not len(given):
+        return given
+    with at_sample(0):
+        own = of_mechanism(mechanism, given.state(0)).mechanism
+    with kernel_of(own) as kernel:
+        errors = np.concatenate([kernel.errors(given.q[rows], angles_of(given)[rows])
+                                 for rows in pieces(given)])
+    open_ = errors > np.maximum(TOLERANCES.nothing, 2.0 * given.closure_error)
+    for row in np.flatnonzero(open_).tolist():
+        with at_sample(row):
+            of_mechanism(mechanism, given.state(row))
+    return replace(given, mechanism=own, closure_error=errors)
+
+
+def angles_of(motion: sp.Motion) -> Array:
+    """Return the angles (N, n_angles) of a motion's screw closures, (N, 0) where there are none."""
+    return motion.angles if motion.angles.size else np.empty((len(motion), 0))
+
+
+def pieces(motion: sp.Motion) -> Iterator[slice]:
+    """Yield the samples of a motion in pieces that one call of the kernel computes."""
+    n = max(PIECE // max(motion.mechanism.model.nv, 1), 1)
+    for first in range(0, max(len(motion), 1), n):
+        yield slice(first, first + n)
+
+
+@contextmanager
+def at_sample(row: Any) -> Iterator[None]:
+    """Let errors of the block name the sample."""
+    try:
+        yield
+    except (SpatialPinError, ValueError) as error:
+        error.args = (f"{error} (sample {row})",)
+        raise

@@ -16,10 +16,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from spatial_pin._support.lazy import acquired
 from spatial_pin.constraints.composite_joints import split_of
 from spatial_pin.constraints.kernel_tree import KernelTree
 from spatial_pin.constraints.pinocchio_views import TWIST_MATRIX
-from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.stacked import cross

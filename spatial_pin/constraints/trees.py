@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from spatial_pin._support.lazy import acquired
 from spatial_pin.constraints.kernel_tree import KernelTree
 from spatial_pin.constraints.pinocchio_views import (
     accelerations,
@@ -20,7 +21,6 @@ from spatial_pin.constraints.pinocchio_views import (
     placements,
     twists,
 )
-from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 

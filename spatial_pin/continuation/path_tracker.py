@@ -13,12 +13,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from spatial_pin._support.lazy import made_once
+from spatial_pin._support.lazy import Workspaces, made_once
 from spatial_pin.assembly.assembly_problem import AssemblyProblem
 from spatial_pin.assembly.holding import FixedHold, Hold, divided, fixed_base_entries
 from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.workspaces import Workspaces
 from spatial_pin.continuation.asymptotes import running_away
 from spatial_pin.continuation.pseudo_arclength import Arrival, followed_to
 from spatial_pin.continuation.solution_curve import (

@@ -13,10 +13,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from spatial_pin._support.lazy import acquired
 from spatial_pin.assembly.state import center_of_mass
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.composite_joints import split_of
-from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.dimensions.homotopy import varied
 from spatial_pin.dimensions.variants import (
     PlacementBatch,

@@ -15,11 +15,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from spatial_pin._support.lazy import acquired
 from spatial_pin.assembly.close import DAMPED_STEPS
 from spatial_pin.assembly.holding import fixed_base_entries
 from spatial_pin.assembly.start_values import periodic
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.dimensions.dimension_batch import DimensionNumbers
 from spatial_pin.dimensions.homotopy import followed
 from spatial_pin.dimensions.variants import TracedGeometry, TracedTree, Variants

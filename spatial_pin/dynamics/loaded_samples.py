@@ -14,9 +14,9 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin._support.checks import as_array, is_finite, mapping
+from spatial_pin._support.lazy import acquired
 from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.constraints.kernel_tree import KernelTree
-from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.dynamics.forces import Law, joint_efforts
 from spatial_pin.dynamics.reactions import Poses
 from spatial_pin.dynamics.solvers.accelerations import DOUBTFUL

@@ -16,11 +16,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin._support.lazy import made_anew, made_once
+from spatial_pin._support.lazy import acquired, made_anew, made_once
 from spatial_pin.constraints.compiled_equations import Constraints, constraints_of
 from spatial_pin.constraints.composed_equations import CompiledTerm, Equation, QuantityIndex
 from spatial_pin.constraints.composite_joints import TreeArrays, split_of
-from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.kernel.library import (
     BAD_ARRAYS,
     DONE,

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin._support.lazy import acquired
 from spatial_pin.constraints.compiled_equations import (
     Constraints,
     combined_wrenches,
@@ -23,7 +24,6 @@ from spatial_pin.constraints.composed_equations import composed_rows
 from spatial_pin.constraints.kernel_tree import KernelTree
 from spatial_pin.constraints.opposite_axes import opposite_axes
 from spatial_pin.constraints.trees import Tree, tree_of
-from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.kernel.kernel import EvaluationStruct, Kernel, numbers
 from spatial_pin.kernel.library import address
 from spatial_pin.mechanism.mechanism import Mechanism

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin._support.checks import checked
-from spatial_pin.constraints.workspaces import Workspaces
+from spatial_pin._support.lazy import Workspaces
 from spatial_pin.continuation.path_tracker import PathTracker, Stopped
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.motion.motion import Event, Motion, require_motion

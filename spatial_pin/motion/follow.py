@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from spatial_pin._support.checks import as_array, checked, finite_array, mapping, names_of
+from spatial_pin._support.lazy import Workspaces
 from spatial_pin._support.progress import progress_bar
 from spatial_pin.assembly.assemble import held_start
 from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.workspaces import Workspaces
 from spatial_pin.continuation.path_following import Followed, followed
 from spatial_pin.continuation.path_tracker import PathTracker
 from spatial_pin.continuation.pseudo_arclength import Arrival

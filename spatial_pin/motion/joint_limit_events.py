@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.constraints.workspaces import Workspaces
+from spatial_pin._support.lazy import Workspaces
 from spatial_pin.continuation.path_tracker import PathTracker, Stopped
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.joint_limits import SLACK, JointLimit, joint_limits

@@ -11,8 +11,7 @@ from spatial_pin._support.checks import names_of
 from spatial_pin._support.columns import XYZ, Quantity
 from spatial_pin.assembly.curve_contacts import contact_closure, contact_coordinates
 from spatial_pin.assembly.link_angle import ANGLE, link_angle
-from spatial_pin.assembly.samples import angles_of
-from spatial_pin.assembly.state import center_of_mass, mass_shares
+from spatial_pin.assembly.state import angles_of, center_of_mass, mass_shares
 from spatial_pin.constraints.trees import tree_of
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.mechanism.curves import curves_in

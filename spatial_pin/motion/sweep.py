@@ -19,14 +19,13 @@ from spatial_pin._support.checks import (
     names_of,
 )
 from spatial_pin._support.columns import read_only
-from spatial_pin._support.lazy import made_once
+from spatial_pin._support.lazy import Workspaces, made_once
 from spatial_pin._support.progress import progress_bar
 from spatial_pin.assembly.assemble import assembly_problem, held_start, held_values, solved
 from spatial_pin.assembly.close import NOTHING
 from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.redundant_equations import gap_allowed
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.workspaces import Workspaces
 from spatial_pin.continuation.asymptotes import BEYOND_LINKS
 from spatial_pin.continuation.path_following import (
     Followed,

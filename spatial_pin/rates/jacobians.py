@@ -11,8 +11,7 @@ from spatial_pin._support.brief import brief
 from spatial_pin._support.checks import checked, names_of
 from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.holding import BASE, FixedHold, Hold, free_bases, hashable_hold, is_base
-from spatial_pin.assembly.samples import angles_of, is_motion, pieces, samples_of
-from spatial_pin.assembly.state import State
+from spatial_pin.assembly.state import State, angles_of, is_motion, pieces, samples_of
 from spatial_pin.kernel.kernel import frame_in_kernel, kernel_of
 from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.mechanism.coordinates import finite_array, require_mechanism

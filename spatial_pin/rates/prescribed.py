@@ -19,9 +19,8 @@ import numpy as np
 from spatial_pin._support.checks import finite_array, finite_number
 from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.holding import FixedHold, Hold, divided, hashable_hold, held_by
-from spatial_pin.assembly.samples import angles_of, at_sample, pieces
 from spatial_pin.assembly.square_system import SINGULAR_PIVOT, SquareSystem
-from spatial_pin.assembly.state import State
+from spatial_pin.assembly.state import State, angles_of, at_sample, pieces
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.kernel.kernel import FrameInKernel, Kernel, kernel_of
 from spatial_pin.kernel.loop_equations import loops_of

@@ -19,8 +19,7 @@ from spatial_pin.assembly.holding import (
     hashable_hold,
     held_by,
 )
-from spatial_pin.assembly.samples import at_sample, samples_of
-from spatial_pin.assembly.state import State, made
+from spatial_pin.assembly.state import State, at_sample, made, samples_of
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_at, loops_of

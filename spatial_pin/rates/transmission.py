@@ -10,8 +10,7 @@ from spatial_pin._support.brief import brief
 from spatial_pin._support.checks import checked
 from spatial_pin.assembly.close import scaled_row
 from spatial_pin.assembly.holding import BASE, Hold
-from spatial_pin.assembly.samples import PIECE, angles_of, samples_of
-from spatial_pin.assembly.state import State
+from spatial_pin.assembly.state import PIECE, State, angles_of, samples_of
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.loop_equations import twist_derivatives

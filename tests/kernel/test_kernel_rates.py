@@ -263,5 +263,5 @@ def test_pieces_of_a_long_motion_are_put_together(monkeypatch) -> None:
     mechanism = library("delta")
     motion = sp.sweep(mechanism, "arm_1", np.linspace(0.0, 0.3, 40))
     whole = sp.jacobian(mechanism, motion, "platform")
-    monkeypatch.setattr("spatial_pin.assembly.samples.PIECE", 7 * mechanism.model.nv)
+    monkeypatch.setattr("spatial_pin.assembly.state.PIECE", 7 * mechanism.model.nv)
     assert np.array_equal(whole, sp.jacobian(mechanism, motion, "platform"))

@@ -14,10 +14,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from spatial_pin._support.lazy import acquired
 from spatial_pin.assembly.redundant_equations import rounding_of
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
-from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.dynamics.forces import Forces, Law, external_wrenches, generalised
 from spatial_pin.dynamics.reactions import UNMOVED, Pairs, Poses
 from spatial_pin.dynamics.solvers.accelerations import MotionEquations

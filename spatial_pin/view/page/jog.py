@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin._support.lazy import Workspaces
 from spatial_pin.assembly.holding import BASE
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.workspaces import Workspaces
 from spatial_pin.continuation.branch_points import passage
 from spatial_pin.continuation.path_tracker import PathTracker, Stopped
 from spatial_pin.errors import SingularError, SpatialPinError
