@@ -200,14 +200,7 @@ def can_move(
 
 
 class _Joints(LimitedJoints, LeastSquares):
-    """Joints within limits, with wanted values of coordinates.
-
-    Args:
-        evaluation: the loops.
-        free: (nv,) the free velocities.
-        wanted: values by coordinate [rad, m].
-        limits: whether joint limits count.
-    """
+    """Joints within limits, with wanted values by coordinate [rad, m]."""
 
     def __init__(
         self, evaluation: LoopEquations, free: NDArray[np.bool_], wanted: Mapping[str, float],
@@ -229,14 +222,7 @@ class _Joints(LimitedJoints, LeastSquares):
 
 
 class _Released(_Joints):
-    """The same with closed loops.
-
-    Args:
-        joints: evaluation, free, wanted and limits, of `_Joints`; loops are closed at the
-            evaluation.
-        tolerance: of closed loops.
-        pinned: fixed components of balls and floating joints.
-    """
+    """The same with closed loops, as they are at the evaluation of the joints."""
 
     def __init__(self, *joints: Any, tolerance: float, pinned: Mapping[str, float]) -> None:
         super().__init__(*joints)

@@ -333,12 +333,9 @@ def _nearby(
 
 
 def _oriented(first: Sample, path: list[Sample], rank: int = 0) -> list[Sample]:
-    """Return samples along a path from one, the rows of each turned as those of the one before.
+    """Return samples along a path, the rows of each turned as those of the one before.
 
-    Args:
-        first: where the path begins; with rows of its own, or a rank.
-        path: samples along it.
-        rank: how many rows there are.
+    The first sample before them has rows, or there are `rank` of them.
     """
     oriented, before = [], first.rows if first.rows.size else decompose(first.jacobian).vt[:rank]
     for x in path:
@@ -476,12 +473,7 @@ def _walk(
 ) -> Iterator[Sample]:
     """Yield configurations from q (nq,) on, until a limit, one part of half a radian after another.
 
-    Args:
-        mechanism: the mechanism.
-        q: where the motion begins.
-        ahead: (nv,) its direction, scaled.
-        parts: how many configurations there are at most.
-        closed: closes the loops from a configuration; None where that fails.
+    The motion begins along `ahead` (nv,), scaled; `closed` closes the loops, or returns None.
     """
     model, scale = mechanism.model, mechanism.velocity_scale
     for _ in range(parts):
