@@ -287,9 +287,6 @@ class DrawnFile:
         return ends
 
 
-# ---------------------------------------------------------------- gears
-
-
 def read_gear(file: DrawnFile, table: TomlTable) -> dict[str, Any]:
     """Return the coupling of two hinges that gears turn on, and of those of their carrier."""
     ends, joints = table.two_names("joints"), file.joints

@@ -102,9 +102,6 @@ def drawn_tree(
     return text.xacro(), mechanism_file, tuple(text.notices())
 
 
-# ---------------------------------------------------------------- which joints are cut
-
-
 def spanning_tree(drawing: DrawnFile, rest: Mapping[str, Any], where: str) -> SpanningTree:
     """Return a drawing's spanning tree, in which coordinates are that something refers to."""
     links = [Link(name, massless=False) for name in drawing.bodies]
@@ -158,9 +155,6 @@ def _world(body: str) -> str:
     return WORLD if body == GROUND else body
 
 
-# ---------------------------------------------------------------- expressions
-
-
 def _texts(vector: Sequence[Number]) -> str:
     """Return numbers as xacro has them."""
     return " ".join(f"${{{x}}}" if isinstance(x, str) else repr(x + 0.0) for x in vector)
@@ -207,9 +201,6 @@ def _across(axis: Vector, axis2: Vector) -> tuple[Vector, Vector]:
     return _facing(x, y), _facing(
         [f"({a} * {two})", f"({d} * {one})", f"({b} * {f} - {c} * {e})"],
         [f"({b} * {two})", f"({e} * {one})", f"({c} * {d} - {a} * {f})"])
-
-
-# ---------------------------------------------------------------- the text
 
 
 class TreeText:
@@ -365,9 +356,6 @@ def _oriented(
     if pair.uses_axis and is_varied(axis):
         return [0.0, 0.0, 1.0], axis2, _along(axis)
     return axis, axis2, None
-
-
-# ---------------------------------------------------------------- shapes and masses
 
 
 class DrawnShapes:

@@ -112,9 +112,6 @@ def read_text(path: Path) -> str:
         raise MechanismFileError(f"{shown(path)}: {_reason(error)}") from error
 
 
-# ---------------------------------------------------------------- packages
-
-
 def library_folder() -> Path:
     """Return the folder of the mechanisms that come with the library."""
     package = Path(__file__).resolve().parent.parent
@@ -178,9 +175,6 @@ def is_installed(folder: Path, packages: Mapping[str, Path]) -> bool:
     return is_file(folder / MANIFEST) or any(
         root.resolve() in (folder, *folder.parents)
         for root in (library_folder(), Path(__file__).parent, *listed, *packages.values()))
-
-
-# ---------------------------------------------------------------- which files may be read
 
 
 @dataclass(frozen=True)

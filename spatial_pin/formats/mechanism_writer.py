@@ -163,9 +163,6 @@ def _mechanism_content(mechanism: Mechanism, tree: str) -> dict[str, Any]:
         if key != "closures" or closures}}
 
 
-# ---------------------------------------------------------------- meshes
-
-
 def _gathered(mechanism: Mechanism, trust: Trust | None = None) -> tuple[str, dict[Path, Path]]:
     """Return the URDF with meshes named below its own folder, and which file each is a copy of.
 
@@ -211,9 +208,6 @@ def _parts(mesh: Path) -> list[Path]:
     named = [mesh.parent / name.strip() for name in re.findall(r"^mtllib[ \t]+(.+)$", text, re.M)]
     trust = Trust.of(mesh)
     return [file for file in named if file.parent == mesh.parent and trust.allows(file)]
-
-
-# ---------------------------------------------------------------- what a mechanism file says
 
 
 def robot_of(mechanism: Mechanism) -> ET.Element:

@@ -111,9 +111,6 @@ def _reason(text: str) -> str:
     return " ".join((printed or lines)[0].split())[:200]
 
 
-# ---------------------------------------------------------------- where they lie
-
-
 def mesh_file(name: str, folder: Path, trust: Trust) -> Path | str:
     """Return where a mesh lies, or why it may not be read, "" if it is not there.
 
@@ -151,9 +148,6 @@ def package_of(name: str) -> tuple[str, str] | None:
             package, _, rest = name.removeprefix(scheme).lstrip("/").partition("/")
             return package, rest
     return None
-
-
-# ---------------------------------------------------------------- how formats begin
 
 
 def fault(file: Path) -> str:

@@ -84,8 +84,6 @@ def limit_memory(files: list[str]) -> None:
     resource.setrlimit(resource.RLIMIT_AS, (most, most))
 
 
-# ---------------------------------------------------------------- COLLADA
-
 Part = tuple[Any, Any, Any]  # points (N, 3), triangles (M, 3), colour (4,)
 
 
@@ -246,9 +244,6 @@ def _corners(primitive: ET.Element) -> Any:
             triangles = np.stack([first, face[1:-1], face[2:]], axis=1)
         blocks.append(triangles)
     return np.concatenate(blocks)
-
-
-# ---------------------------------------------------------------- Wavefront
 
 
 def read_wavefront(file: str) -> tuple[Any, Any, Any]:

@@ -12,7 +12,7 @@ from spatial_pin.assembly.search.guesses import COORDINATE_ERROR, MAX_STARTS
 from spatial_pin.assembly.search.search import Search
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.constraints.opposite_axes import opposite_axes
+from spatial_pin.constraints.vector_products import opposite_axes
 from spatial_pin.errors import AssemblyError
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.coordinates import coordinate_value, with_values

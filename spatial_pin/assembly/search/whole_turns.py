@@ -10,9 +10,8 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import made_once
-from spatial_pin.constraints.compiled_equations import constraints_of
+from spatial_pin.constraints.compiled_equations import NEARLY_PARALLEL, constraints_of
 from spatial_pin.constraints.composite_joints import SCREW, SLIDE, TURN, joint_kind, split_of
-from spatial_pin.constraints.turns import NEARLY_PARALLEL
 from spatial_pin.kernel.closer import FIXED, NAMED, TURNS, NamedCoordinates, closer_of
 from spatial_pin.mechanism.joint_limits import position_limits
 from spatial_pin.mechanism.mechanism import Mechanism

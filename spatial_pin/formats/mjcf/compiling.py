@@ -108,9 +108,6 @@ def _collected_warnings(mujoco: Any, heard: list[str]) -> Iterator[None]:
         mujoco.set_mju_user_warning(before)
 
 
-# ---------------------------------------------------------------- before MuJoCo reads it
-
-
 def _copies(path: Path, main: Path, trust: Trust, seen: dict[Path, None]) -> float:
     """Return how many copies of elements a file makes, with those that it includes."""
     seen[path] = None
@@ -176,9 +173,6 @@ def _product(text: str) -> float:
         return float(np.prod([abs(float(word)) for word in text.split()]))
     except ValueError:
         return 1.0  # MuJoCo complains of it
-
-
-# ---------------------------------------------------------------- meshes
 
 
 def _without_meshes(

@@ -115,9 +115,6 @@ def shift(position: Array) -> pin.SE3:
     return pin.SE3(np.eye(3), np.array(position))
 
 
-# ---------------------------------------------------------------- bodies and joints
-
-
 def _add_body(reading: MjcfReading, body: int, names: list[str]) -> str:
     """Add a body and the joints before it, and return the name of its link."""
     model, urdf, wanted = reading.model, reading.urdf, reading.model.body(body).name
@@ -222,9 +219,6 @@ def _forces(reading: MjcfReading, joint: int) -> tuple[float, float]:
     return float(ends.min(axis=1).sum()) + 0.0, float(ends.max(axis=1).sum()) + 0.0
 
 
-# ---------------------------------------------------------------- shapes
-
-
 def _add_geom(reading: MjcfReading, geom: int) -> None:
     model = reading.model
     solid = _solid(reading, geom)
@@ -277,9 +271,6 @@ def _mesh(reading: MjcfReading, geom: int) -> tuple[str, dict[str, str], pin.SE3
     centred = pose(model.mesh_pos[mesh], model.mesh_quat[mesh])  # by MuJoCo
     sizes = {"filename": str(file), "scale": numbers_text(scale)}
     return "mesh", sizes, centred.inverse() * placement
-
-
-# ---------------------------------------------------------------- tendons
 
 
 def fixed_lengths(reading: MjcfReading, tendon: int) -> dict[int, float]:

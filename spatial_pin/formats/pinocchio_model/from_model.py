@@ -189,9 +189,6 @@ def _solid(shape: Any) -> ET.Element | None:
     return None
 
 
-# ---------------------------------------------------------------- the mechanism
-
-
 def mechanism_of(
     given: pin.Model, closures: Iterable[Any], drivers: Mapping[str, str] | Iterable[str] | None,
     springs: Iterable[Spring], passives: Iterable[Passive], guess: Mapping[str, Any] | ArrayLike,
@@ -313,9 +310,6 @@ def _inertias(model: pin.Model) -> dict[str, pin.Inertia]:
             parts[first.name] = parts[first.name] + mine if first.name in parts else mine
         inertias.update({k: pin.Inertia(x) for k, x in parts.items()})
     return inertias
-
-
-# ---------------------------------------------------------------- frames and closures
 
 
 class _FrameNames:

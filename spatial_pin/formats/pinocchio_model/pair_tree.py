@@ -127,9 +127,6 @@ def _check_names(model: pin.Model, where: str) -> None:
             seen.add(name)
 
 
-# ---------------------------------------------------------------- joints
-
-
 def _recognised(model: pin.Model, i: int, where: str) -> Recognised:
     """Return the pair of joint i of a model, and the joint of Pinocchio for it."""
     joint = model.joints[i].extract()
@@ -214,9 +211,6 @@ KINDS: dict[str, Callable[[Any], Recognised | None]] = {  # by how names begin, 
     "SphericalZYX": lambda _: None, "Spherical": _as_it_is("spherical"),
     "FreeFlyer": _as_it_is("floating"), "Universal": _universal, "Composite": _composite,
 }
-
-
-# ---------------------------------------------------------------- numbers
 
 
 def copy_numbers(given: pin.Model, i: int, new: pin.Model, k: int) -> None:

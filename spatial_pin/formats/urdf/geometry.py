@@ -118,9 +118,6 @@ def _solid(
     return solid
 
 
-# ---------------------------------------------------------------- in a URDF
-
-
 def take_shapes(
     robot: ET.Element, path: Path, trust: Trust, faults: Faults
 ) -> tuple[Shape, ...]:

@@ -191,9 +191,6 @@ def _read(robot: ET.Element, path: Path) -> pin.Model:
         raise MechanismFileError(f"{path}: Pinocchio cannot read it: {reason}") from error
 
 
-# ---------------------------------------------------------------- joints
-
-
 def _joint_pairs(
     robot: ET.Element, refinements: Mapping[str, JointRefinement], path: Path
 ) -> dict[str, str]:

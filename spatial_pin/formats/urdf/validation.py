@@ -33,8 +33,6 @@ UNIVERSE = "universe"  # the joint that all joints of a Pinocchio model hang on
 INERTIAL = (("mass", "value"),
             *(("inertia", key) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")))
 
-# ---------------------------------------------------------------- structure
-
 
 def check_structure(robot: ET.Element, path: Path, faults: Faults) -> None:
     """Refuse links and joints that do not make a graph; several trees are made one.
@@ -142,9 +140,6 @@ def end_of(joint: ET.Element, role: str) -> str:
     """Return the link at one end of a joint, its "parent" or "child"; "" where there is none."""
     element = joint.find(role)
     return element.get("link", "") if element is not None else ""
-
-
-# ---------------------------------------------------------------- numbers
 
 
 def numbers(element: ET.Element, attribute: str, count: int, where: str) -> Array:

@@ -65,9 +65,6 @@ def body_of(prim: Any, bodies: dict[str, Body]) -> Body | None:
     return None
 
 
-# ---------------------------------------------------------------- shapes
-
-
 UsdSolid = tuple[ET.Element, pin.SE3, pin.CollisionGeometry]  # of URDF, on its body [m], itself
 
 
@@ -104,9 +101,6 @@ def _size(stage: UsdStage, prim: Any) -> tuple[str, dict[str, float]] | None:
             return kind, {"radius": stage.number(shape.GetRadiusAttr()),
                           "length": stage.number(shape.GetHeightAttr())}
     return None
-
-
-# ---------------------------------------------------------------- links
 
 
 def link_elements(stage: UsdStage, body: Body, bodies: dict[str, Body]

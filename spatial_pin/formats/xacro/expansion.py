@@ -185,9 +185,6 @@ def with_defaults(text: str, values: Mapping[str, float]) -> str:
     return re.sub(r'(<xacro:arg name="([^"]*)" default=")[^"]*(")', other, text)
 
 
-# ---------------------------------------------------------------- one expansion
-
-
 @lru_cache(maxsize=4096)
 def _tokens(text: str) -> tuple[tuple[str, str], ...]:
     """Return the parts of a text, each with its kind: "text", "value" or "command"."""
@@ -485,9 +482,6 @@ def _link(siblings: list[Any]) -> None:
             before.nextSibling = after
         if after is not None:
             after.previousSibling = before
-
-
-# ---------------------------------------------------------------- the module
 
 
 @lru_cache(maxsize=1)

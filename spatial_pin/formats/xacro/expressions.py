@@ -141,9 +141,6 @@ WORDS = {"Lambda": "lambda", "NamedExpr": "an assignment (:=)", "JoinedStr": "an
          "DictComp": "a dictionary comprehension"}
 
 
-# ---------------------------------------------------------------- size
-
-
 def _paid(value: Any, budget: Budget) -> Any:
     """Return a value that was made, paid for."""
     kind = value.__class__
@@ -192,9 +189,6 @@ def _items(values: Any, budget: Budget) -> list[Any]:
     if hasattr(values.__class__, "__len__"):
         budget.spend(len(values) // SHARE)
     return list(values)
-
-
-# ---------------------------------------------------------------- operators
 
 
 def _times(a: Any, b: Any, budget: Budget) -> Any:
@@ -250,9 +244,6 @@ COMPARISONS: dict[type[ast.AST], Callable[[Any, Any], Any]] = {
     ast.Gt: operator.gt, ast.GtE: operator.ge, ast.Is: operator.is_, ast.IsNot: operator.is_not,
     ast.In: lambda a, b: a in b, ast.NotIn: lambda a, b: a not in b,
 }
-
-
-# ---------------------------------------------------------------- syntax
 
 
 class _Evaluation(ast.NodeVisitor):
@@ -427,9 +418,6 @@ def _runnable(function: Any, written: str) -> Callable[..., Any]:
     if not isinstance(function, Offered):
         raise RefusedError(f"{written} is not a function that is offered here")
     return function.run
-
-
-# ---------------------------------------------------------------- functions
 
 
 METHODS: dict[type, tuple[str, ...]] = {

@@ -68,9 +68,6 @@ def _evaluated(
     return {e.getAttribute("name"): e.getAttribute("value") for e in elements}
 
 
-# ---------------------------------------------------------------- numbers written with them
-
-
 def worked_out(
     table: Mapping[str, Any], where: Path, name: str, tree: Path, parameters: Mapping[str, float],
     trusted: bool, packages: Mapping[str, Path],
