@@ -414,10 +414,7 @@ def _angles_of(equation: ConstraintEquation) -> list[Angle | Bearing | Parameter
 
 
 def _plain_constant(equation: ConstraintEquation) -> float | None:
-    """Return the constant of an equation that else is one scalar product of the first two frames.
-
-    None where it is more than that.
-    """
+    """Return the constant of an equation that else is one product of two frames, or None."""
     (weight, factors), *rest = equation.terms
     is_plain = (weight == 1.0 and len(factors) == 1 and isinstance(factors[0], ScalarProduct)
                 and factors[0].frames == FIRST_TWO and not any(factors for _, factors in rest))

@@ -48,15 +48,11 @@ class _TreeTask(ctypes.Structure):
 
 
 class TreeProducts:
-    """Products A . B of vectors that two bodies carry.
+    """Products A . B of vectors that two bodies carry; `addresses` tell the kernel where they are.
 
     Args:
         bodies: (n, 2) joints of the kernel that carry them.
-        a_parts, b_parts: (n, 2, 4) what each carries of A and of B, in the axes of the kernel's
-            joints, and 1 for a point.
-
-    Attributes:
-        addresses: how many there are, and where these are.
+        a_parts, b_parts: (n, 2, 4) what each carries of A and of B, in its axes, and 1 for a point.
     """
 
     def __init__(self, bodies: NDArray[np.int64], a_parts: Array, b_parts: Array) -> None:
@@ -207,23 +203,13 @@ class KernelTree:
     # ------------------------------------------------------------ forces
 
     def forces(self, q: Array, v: Array, a: Array | None = None) -> Array:
-        """Return the joint forces (nv,) that a motion needs, `pin.rnea`; a None: no acceleration.
-
-        The next call overwrites them.
-        """
+        """Return the joint forces (nv,) of a motion, `pin.rnea`; the next call overwrites them."""
         self.take_masses()
         self._evaluate(q, v, a, tau=self._tau)
         return self._tau
 
     def prepared(self, q: Array, v: Array, a: Array, tau: Array) -> Callable[[], None]:
-        """Return what writes `forces` of m motions into tau (m, nv) when it is called.
-
-        Args:
-            q: (m, nq) configurations; these arrays are contiguous.
-            v: (m, nv) joint velocities.
-            a: (m, nv) joint accelerations.
-            tau: (m, nv), to be filled.
-        """
+        """Return what writes `forces` of m motions, contiguous arrays, into tau (m, nv)."""
         m, n = len(q), self._split.njoints
         room = np.empty((m, n, 3, 3)), np.empty((m, n, 3))
         task = _TreeTask(m, *map(address, (q, v, a, self.armature, *room)), tau=address(tau))
@@ -250,13 +236,9 @@ class KernelTree:
         self, motion: tuple[Array, Array, Array], products: TreeProducts, weights: Array,
         out: Array,
     ) -> _TreeTask:
-        """Return the task of `derivatives`, and of `products`, with nothing from outside.
+        """Return the task of `derivatives` and `products`, with weights (n,), none from outside.
 
-        Args:
-            motion: q (nq,), v and a (nv,).
-            products: n products.
-            weights: (n,) of these.
-            out: (2 or more, nv, nv) zeros.
+        The motion is q (nq,), v and a (nv,); `out` (2 or more, nv, nv) has zeros.
         """
         self.take_masses()
         n, nv, task = products.addresses[0], self.model.nv, _TreeTask.from_buffer_copy(self._task)
@@ -271,16 +253,9 @@ class KernelTree:
         return task
 
     def at_many(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
-        """Return placements, Jacobians and forces through the joints of many motions.
+        """Return placements (m, njoints, 4, 3), Jacobians (m, 6, nv) and forces (m, njoints, 6).
 
-        Args:
-            q: (m, nq) configurations.
-            v: (m, nv) joint velocities.
-            a: (m, nv) joint accelerations.
-
-        Returns:
-            (m, njoints, 4, 3) as `placements`, (m, 6, nv) as `columns`, and (m, njoints, 6) as
-            `transmitted`.
+        They are as `placements`, `columns` and `transmitted`, of m motions.
         """
         self.take_masses()
         m, n, nv = len(q), self._split.njoints, self.model.nv
@@ -330,12 +305,9 @@ class KernelTree:
         self, joints: NDArray[np.intp], a: Sequence[Mapping[int, Array]],
         b: Sequence[Mapping[int, Array]],
     ) -> TreeProducts:
-        """Return products of vectors, each given by its parts (4,) by joint, two at most.
+        """Return products of vectors a and b, each given by its parts (4,) by joint, two at most.
 
-        Args:
-            joints: joints of the tree that those in the parts stand for.
-            a: the first vector of each.
-            b: the second one.
+        The joints in these stand for `joints` of the tree.
         """
         n, t = len(a), self._tree
         bodies, both = np.zeros((n, 2), np.int64), np.zeros((2, n, 2, 4))
@@ -355,16 +327,7 @@ class KernelTree:
     def products(
         self, q: Array, v: Array, a: Array, products: TreeProducts
     ) -> tuple[Array, Array, Array]:
-        """Return products and their first and second rates (3, n), and derivatives (3, n, nv).
-
-        Those by q, then by v.
-
-        Args:
-            q: configuration.
-            v: joint velocities.
-            a: joint accelerations.
-            products: n products.
-        """
+        """Return products and rates (3, n), and derivatives (3, n, nv) by q, then by v."""
         n = products.addresses[0]
         values, by_q, by_v = np.empty((3, n)), *np.zeros((2, 3, n, self.model.nv))
         self._evaluate(q, v, a, products, values=values, product_by_q=by_q, product_by_v=by_v)
@@ -400,13 +363,8 @@ class KernelTree:
     def eliminate(self, q: Array, v: Array, force: Array, masses: Array, needed: Array) -> bool:
         """Eliminate the joints that are not the core's, under joint forces (nv,).
 
-        Args:
-            q: configuration.
-            v: joint velocities.
-            force: joint forces, contiguous.
-            masses: to be filled with the core's, by `mass_entries`.
-            needed: (nv,) to be filled with the joint forces that the core's motion needs without
-                accelerations of its own.
+        The core's `masses`, by `mass_entries`, and the forces (nv,) `needed` for its motion without
+        accelerations of its own are filled in.
 
         Returns:
             Whether every freedom that is eliminated has inertia.
@@ -421,10 +379,7 @@ class KernelTree:
         return not code
 
     def respond(self, forces: Array) -> None:
-        """Make joint forces (n, nv) the accelerations under them alone, after `eliminate`.
-
-        Those of the core are zero.
-        """
+        """Make joint forces (n, nv) accelerations, zero of the core, after `eliminate`."""
         if forces.size:  # or there are no joints
             at = address(forces)
             self._library.tree_accelerations(self.handle, len(forces), at, None, at, None, None)

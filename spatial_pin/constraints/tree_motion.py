@@ -78,14 +78,11 @@ class TreeMotion:
         return back
 
     def by_motion(self, bodies: NDArray[np.intp]) -> tuple[Array, Array, Array, Array]:
-        """Return how twists and accelerations of bodies change, in their own axes.
-
-        Args:
-            bodies: (k,) joints of the mechanism.
+        """Return how twists and accelerations of bodies (k,) change, in their own axes.
 
         Returns:
-            Derivatives (k, 6, nv) of twists by q, of accelerations by q, v and a; that by a is
-            also that of twists by v.
+            Derivatives (k, 6, nv) of twists by q, of accelerations by q, v and a; that by a is also
+                that of twists by v.
         """
         joints = self.joints[bodies]
         is_moved, back = self.moved_by[joints][:, None], self.to_bodies(joints)

@@ -84,13 +84,7 @@ def mass_pattern(model: pin.Model) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 
 class Located(NamedTuple):
-    """A motion of a tree, evaluated for single frames.
-
-    Attributes:
-        model: the tree.
-        placements: (njoints, 4, 3) of the joints, columns of the rotation, then the position.
-        twists, accelerations: (njoints, 6) spatial ones, joint axes.
-    """
+    """A motion of a tree of joints, as `Tree` has it, evaluated for single frames."""
 
     model: pin.Model
     placements: Array

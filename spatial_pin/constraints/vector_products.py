@@ -96,10 +96,7 @@ class Products:
     def add(
         self, product: ScalarProduct | PointDistance, closure: Closure, constant: float = 0.0
     ) -> int:
-        """Add the product of two frames of a closure, less a constant; return its number.
-
-        That of a distance is its square.
-        """
+        """Add the product of two frames of a closure, less a constant; return its number."""
         names = (*closure.frames, *closure.between)
         one, two = (FrameOnBody.of(self.mechanism, names[k]) for k in product.frames)
         sign = self.supports[two.joint] - self.supports[one.joint]
@@ -168,10 +165,10 @@ def matrix_of(blocks: Sequence[list[tuple[Term, ...]]], n_joints: int) -> Any:
 
 
 def unit_length(mechanism: Mechanism, closure: Closure) -> float:
-    """Return the unit [m] of a distance between other frames.
+    """Return the unit [m] of a distance between other frames: theirs in the guess.
 
-    It is theirs in the guess, so that the equation is the difference of the lengths near there, or
-    the characteristic length where that is next to nothing.
+    So the equation is the difference of the lengths near there. Where that is next to nothing it is
+    the characteristic length.
     """
     model, size = mechanism.centred_model, mechanism.characteristic_length
     q = with_values(mechanism, mechanism.neutral, joint_values(mechanism, mechanism.guess))
@@ -191,10 +188,6 @@ def opposite_axes(mechanism: Mechanism, data: pin.Data) -> dict[str, bool]:
 
     Closed equations leave them parallel, opposite, or (three equations of rotation) interchanged:
     then half a turn of one of the frames is not what makes them one.
-
-    Args:
-        mechanism: with closures.
-        data: of its model, with the joint placements.
     """
     opposite = {}
     for name, ends in axis_pairs(mechanism):

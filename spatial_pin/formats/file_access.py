@@ -29,11 +29,7 @@ REMEDY = "sp.load(..., trusted=True) reads it all the same"
 
 
 class HeldFile(PlainPath):
-    """A path whose file is in memory: of a mechanism drawn in code, or of a tree made of bodies.
-
-    Attributes:
-        text: what the file says; None of a path that is made from it, which is as any other.
-    """
+    """A path whose file is in memory, its `text`; a path that is made from it has none."""
 
     text: str | None = None
 
@@ -122,12 +118,8 @@ def library_folder() -> Path:
 def package_folders(name: str, folder: Path, packages: Mapping[str, Path]) -> Iterator[Path]:
     """Yield the folders that may be the ROS package, or Gazebo's model, of that name.
 
-    The surest goes first.
-
-    Args:
-        name: of the package.
-        folder: of the file that asks for it.
-        packages: folders of packages, by name, as `load` was given them.
+    The surest goes first: `packages` that `load` was given, then what is round the `folder` of the
+    file that asks.
     """
     if not name or Path(name).name != name:
         return
@@ -167,10 +159,7 @@ def _manifest_name(folder: Path) -> str:
 
 
 def is_installed(folder: Path, packages: Mapping[str, Path]) -> bool:
-    """Return whether a folder is the library, or a package.
-
-    A package has a manifest, or is named by the environment or the caller.
-    """
+    """Return whether a folder is the library, or a package, which has a manifest or is named."""
     listed = (root for variable in (*OF_PACKAGES, *OF_MODELS) for root in _listed(variable))
     return is_file(folder / MANIFEST) or any(
         root.resolve() in (folder, *folder.parents)
@@ -216,11 +205,7 @@ class Trust:
         return path
 
     def checked(self, name: Path | str) -> Path:
-        """Return where a file lies that may be read.
-
-        Raises:
-            MechanismFileError: it lies elsewhere, is not there, no plain file, or too large.
-        """
+        """Return where a file lies that may be read; refuse one elsewhere, missing or no file."""
         path = self.resolved(name)
         check_file(path)
         return path

@@ -54,10 +54,7 @@ def coloured(file):
 
 
 def plain(file, folder):
-    """Return points and corners of a mesh, and no colours.
-
-    Of a mesh with materials a copy is read that names none: the reader would open their files.
-    """
+    """Return points and corners of a mesh; files of materials that it names are not opened."""
     import coal
 
     if file.lower().endswith(".obj"):

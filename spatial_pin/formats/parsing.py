@@ -46,10 +46,7 @@ def parse_xml(text: str, path: Path) -> ET.Element:
 
 
 def without(text: str, begin: str, end: str) -> str:
-    """Return text without the parts from `begin` to the next `end`; line breaks in them stay.
-
-    A piece without an end stays, too. Unlike a regular expression, this looks for that end once.
-    """
+    """Return text without the parts from `begin` to the next `end`; line breaks in them stay."""
     parts, at, start = [], 0, text.find(begin)
     while start >= 0 and (stop := text.find(end, start + len(begin))) >= 0:
         parts += [text[at:start], "\n" * text.count("\n", start, stop)]

@@ -97,10 +97,6 @@ def unlike_links(model: pin.Model, extent: Extent) -> str:
 
     A closure is accurate to round-off of the longest link. The shortest link moves it by its own
     length; near dead centres by the square of the ratio of the two lengths.
-
-    Args:
-        model: the tree of a mechanism.
-        extent: of it.
     """
     lengths = []
     for joint in range(model.njoints):

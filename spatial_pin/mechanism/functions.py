@@ -63,11 +63,7 @@ class CoordinateFunction:
 
 
 def polynomial(coefficients: Any) -> CoordinateFunction:
-    """Return the polynomial of coefficients, ascending.
-
-    Raises:
-        ValueError: they are no finite numbers.
-    """
+    """Return the polynomial of ascending coefficients; refuse others than finite numbers."""
     c = _numbers(coefficients, "polynomial", 1)
     return CoordinateFunction(Piecewise(np.array([0.0, 1.0]), c[None].copy()),
                               {"polynomial": c.tolist()})
@@ -104,11 +100,7 @@ def through(points: Any, periodic: bool = False) -> CoordinateFunction:
 
 
 def called(function: Callable[[float], Any]) -> CoordinateFunction:
-    """Return a function in code: a -> (f, f', f'', f''').
-
-    Raises:
-        ValueError: at 0 it gives no four finite numbers.
-    """
+    """Return a function in code, a -> (f, f', f'', f'''); refuse one without finite values at 0."""
     derivatives = np.array(function(0.0), float).ravel()
     if derivatives.shape != (4,) or not np.isfinite(derivatives).all():
         raise ValueError("a function of a coupling gives four finite numbers for a: its value and "

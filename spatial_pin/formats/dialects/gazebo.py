@@ -38,8 +38,7 @@ import pinocchio as pin
 from spatial_pin.formats.dialects.robot import RobotReading, words
 from spatial_pin.formats.sdf.sdf_elements import MODEL, link_elements, pose
 from spatial_pin.formats.sdf.sdf_model import OWN, is_detachable
-from spatial_pin.formats.urdf.elements import joint_element, local, without_it
-from spatial_pin.formats.urdf.validation import end_of
+from spatial_pin.formats.urdf.elements import end_of, joint_element, local, without_it
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.numerics.linalg import Array
 

@@ -44,8 +44,7 @@ def compiled(
     """Let MuJoCo compile an MJCF file.
 
     Returns:
-        `mujoco.MjModel`; the file of every mesh asset by its name; names of bodies whose inertia is
-        not known, for want of meshes; notices of changes and omissions.
+        `mujoco.MjModel`; the file of every mesh asset; bodies whose inertia is not known; notices.
     """
     try:
         import mujoco
@@ -143,10 +142,7 @@ def _opened_at_once(element: ET.Element, path: Path, main: Path, trust: Trust) -
 
 
 def _elements(path: Path, trust: Trust) -> list[ET.Element]:
-    """Return the root element of a file; none where only MuJoCo, less strict, may read it.
-
-    Of a file that is not trusted, none that may name others.
-    """
+    """Return the root of a file; none where MuJoCo may read it, and it can name no other files."""
     text = _text(path)
     try:
         return [parse_xml(text, path)]

@@ -36,10 +36,7 @@ UNNAMED = "MuJoCo Model"  # what MuJoCo calls a model without a name
 
 
 class EqualityEnd(NamedTuple):
-    """One end of a closure: number of its body, its frame there, and the link that is this frame.
-
-    The link is "" where the file has no site for it.
-    """
+    """An end of a closure: body, frame there, and its link, "" where the file has no site."""
 
     body: int
     at: pin.SE3
@@ -123,8 +120,7 @@ def _closure(reading: MjcfReading, name: str, kind: str, *ends: EqualityEnd) -> 
 def _balls(reading: MjcfReading, group: list[Connect]) -> list[dict[str, Any]]:
     """Return the closures of all connects between two rigid bodies.
 
-    Two points of an axis are a hinge; three that are not on a line are a weld. Points whose
-    distances differ between the bodies stay what they are.
+    Two points of an axis are a hinge; three that are not on a line are a weld.
     """
     _, name, ends = group[0]
     points = [np.array([end.at.translation]) for end in ends]
@@ -196,10 +192,7 @@ def _coupling(reading: MjcfReading, eq: int, name: str) -> dict[str, Any]:
 
 
 def _tendon_coupling(reading: MjcfReading, eq: int, name: str, where: str) -> dict[str, Any]:
-    """Return length1 - rest1 = c0 + c1 (length2 - rest2) of tendons.
-
-    Fixed ones are a coupling of their joints, straight ones a rope over their sites, or a distance.
-    """
+    """Return a coupling, rope or distance: length1 - rest1 = c0 + c1 (length2 - rest2)."""
     model, data = reading.model, reading.model.eq_data[eq]
     first, second = int(model.eq_obj1id[eq]), int(model.eq_obj2id[eq])
     distance = _distance(reading, eq, name or f"tendon_{first}")
@@ -232,10 +225,7 @@ def _tendon_coupling(reading: MjcfReading, eq: int, name: str, where: str) -> di
 
 
 def _distance(reading: MjcfReading, eq: int, name: str) -> dict[str, Any] | None:
-    """Return the distance, or rope, of a straight tendon of constant length; None for another.
-
-    The length of a distance may be that of a second straight tendon, too.
-    """
+    """Return the distance, or rope, of a straight tendon of constant or equal length; else None."""
     model, data = reading.model, reading.model.eq_data[eq]
     first, second = int(model.eq_obj1id[eq]), int(model.eq_obj2id[eq])
     sites, rest = straight_sites(reading, first), float(model.tendon_length0[first])
@@ -266,10 +256,7 @@ def _held(reading: MjcfReading, joint: int, value: float, name: str) -> dict[str
 
 
 def read_drivers(reading: MjcfReading, closures: list[dict[str, Any]]) -> dict[str, dict[str, str]]:
-    """Return a driver for every joint that an actuator moves, by name of the actuator.
-
-    Of joints that are coupled the first has one.
-    """
+    """Return a driver for every joint that an actuator moves, and for the first of coupled ones."""
     model, drivers = reading.model, {}
     joints = {placed.name for placed in reading.joints}
     driven: set[str] = set()

@@ -24,15 +24,7 @@ GREY = np.array([0.5, 0.5, 0.5, 1.0])  # of a geom that has no colour of its own
 
 
 class PlacedJoint(NamedTuple):
-    """A joint and its placement.
-
-    Attributes:
-        name: of the joint.
-        parent: link that carries it.
-        child: link that it carries, whose frame is the joint's.
-        placement: of the joint's zero in the parent link.
-        axis: (3,) unit vector in the joint's frame.
-    """
+    """A joint: the links that it joins, its zero in the first, and its unit axis (3,) there."""
 
     name: str
     parent: str
@@ -196,27 +188,21 @@ def moves_joint(reading: MjcfReading) -> Array:
 
 
 def _effort(reading: MjcfReading, joint: int) -> dict[str, float]:
-    """Return the limits of what actuators do at a joint, as `[joints.X]` has them."""
-    lower, upper = _forces(reading, joint)
-    if reading.model.jnt_actfrclimited[joint]:
-        low, high = reading.model.jnt_actfrcrange[joint]
+    """Return the limits of what all actuators do at a joint, as `[joints.X]` has them."""
+    model, lower, upper = reading.model, -np.inf, np.inf
+    own = moves_joint(reading) & (model.actuator_trnid[:, 0] == joint)
+    on_tendon = (model.wrap_objid == joint) & (
+        model.wrap_type == int(reading.mujoco.mjtWrap.mjWRAP_JOINT))
+    if reading.is_single(joint) and np.any(own) and not np.any(on_tendon) and np.all(
+            model.actuator_forcelimited[own]):
+        ends = model.actuator_gear[own, :1] * model.actuator_forcerange[own]
+        lower, upper = float(ends.min(axis=1).sum()) + 0.0, float(ends.max(axis=1).sum()) + 0.0
+    if model.jnt_actfrclimited[joint]:
+        low, high = model.jnt_actfrcrange[joint]
         lower, upper = max(lower, float(low)), min(upper, float(high))
     if lower > upper or np.inf in (-lower, upper):
         return {}
     return {"effort": upper} if lower == -upper else {"effort": upper, "lower_effort": lower}
-
-
-def _forces(reading: MjcfReading, joint: int) -> tuple[float, float]:
-    """Return the least and the largest force of all actuators together at a joint."""
-    model = reading.model
-    own = moves_joint(reading) & (model.actuator_trnid[:, 0] == joint)
-    on_tendon = (model.wrap_objid == joint) & (
-        model.wrap_type == int(reading.mujoco.mjtWrap.mjWRAP_JOINT))
-    if not (reading.is_single(joint) and np.any(own) and np.all(model.actuator_forcelimited[own])
-            ) or np.any(on_tendon):
-        return -np.inf, np.inf
-    ends = model.actuator_gear[own, :1] * model.actuator_forcerange[own]
-    return float(ends.min(axis=1).sum()) + 0.0, float(ends.max(axis=1).sum()) + 0.0
 
 
 def _add_geom(reading: MjcfReading, geom: int) -> None:

@@ -19,8 +19,13 @@ from spatial_pin.formats.file_access import is_file
 from spatial_pin.formats.mechanism_writer import tree_axes
 from spatial_pin.formats.mjcf.compiling import some
 from spatial_pin.formats.mjcf.model_tree import WORLD
-from spatial_pin.formats.urdf.elements import UNBOUNDED, numbers_text, unique
-from spatial_pin.formats.urdf.validation import placement
+from spatial_pin.formats.urdf.elements import (
+    UNBOUNDED,
+    finite_numbers,
+    numbers_text,
+    placement,
+    unique,
+)
 from spatial_pin.mechanism.coordinates import joint_values, with_values
 from spatial_pin.mechanism.inertia import inertia_as_given
 from spatial_pin.mechanism.mechanism import Mechanism, rigid_distance
@@ -120,15 +125,9 @@ class MjcfDocument:
         self, name: str, body: ET.Element, inertia: pin.Inertia | None = None, *,
         carries: bool = False,
     ) -> None:
-        """Give a body as little mass and moments of inertia as MuJoCo asks for.
+        """Give a body the least mass and moments that MuJoCo takes, its own being too small.
 
-        A body at an end gets enough for MuJoCo; a warning names it later.
-
-        Args:
-            name: of the body.
-            body: its element.
-            inertia: its own, too small.
-            carries: whether it carries a body that has mass.
+        One at an end, which `carries` no mass, gets more, and a warning names it later.
         """
         mech, own = self.mechanism, inertia or pin.Inertia.Zero()
         mass = moment = LEAST_MOMENT
@@ -158,13 +157,7 @@ def placed(placement: pin.SE3, **attributes: Any) -> dict[str, str]:
 
 
 class MjcfJoint(NamedTuple):
-    """A joint of MuJoCo.
-
-    Attributes:
-        name: of the joint.
-        kind: its type.
-        axis: (3,) in the joint's frame, zero for none.
-    """
+    """A joint of MuJoCo: name, type, and axis (3,) in the joint's frame, zero for none."""
 
     name: str
     kind: str
@@ -325,16 +318,12 @@ def _geom(
                           scale=scale, inertia="shell")
         return {**geom, "type": "mesh", "mesh": assets[file, scale]}
     if solid.tag == "box":
-        size = _numbers(solid.get("size", "")) / 2.0
+        size = finite_numbers(solid.get("size", ""), 3) / 2.0
     elif solid.tag == "sphere":
-        size = _numbers(solid.get("radius", ""))
+        size = finite_numbers(solid.get("radius", ""), 1)
     else:  # cylinder or capsule
         size = np.array([float(solid.get("radius", "")), float(solid.get("length", "")) / 2.0])
     return {**geom, "type": solid.tag, "size": numbers_text(size)}
-
-
-def _numbers(text: str) -> Array:
-    return np.array([float(word) for word in text.split()])
 
 
 def add_closures(document: MjcfDocument, q: Array) -> None:
@@ -447,25 +436,18 @@ def _compose(document: MjcfDocument, closure: Closure, q: Array) -> None:
     data = mech.model.createData()
     pin.forwardKinematics(mech.model, data, q)
     moved = (data.oMi[joint1] * at1).inverse() * data.oMi[joint2] * at2
-    parts = parts_of(name, closure.type, z, x)
-    add_parts(document, body, parts, _values(closure.type, moved))
+    parts, turned = parts_of(name, closure.type, z, x), moved.rotation
+    turn, (along, across, up) = np.arctan2(turned[1, 0], turned[0, 0]), moved.translation
+    coordinates = {"planar": [along, across, turn], "prismatic": [up],
+                   "universal": [turn, np.arctan2(turned[2, 1], turned[2, 2])]}.get(
+        closure.type, [turn, up])
+    add_parts(document, body, parts, np.array(coordinates))
     if closure.type == "screw":
         tie_screw(document, parts, geometry.lead)
     document.least_inertia(name, body)
     site1 = document.new_site(f"{closure.name}_1", -1, pin.SE3.Identity(), body)
     ET.SubElement(document.part("equality"), "weld", name=closure.name, site1=site1,
                   site2=document.site(f"{closure.name}_2", joint2, at2))
-
-
-def _values(pair: str, moved: pin.SE3) -> Array:
-    """Return the coordinates of the parts of a pair about z at a relative placement."""
-    turn = np.arctan2(moved.rotation[1, 0], moved.rotation[0, 0])
-    x, y, z = moved.translation
-    if pair == "planar":
-        return np.array([x, y, turn])
-    if pair == "universal":
-        return np.array([turn, np.arctan2(moved.rotation[2, 1], moved.rotation[2, 2])])
-    return np.array([z]) if pair == "prismatic" else np.array([turn, z])
 
 
 def add_springs(document: MjcfDocument) -> None:
@@ -508,17 +490,7 @@ def add_drivers(document: MjcfDocument) -> None:
 
 
 def write_mjcf(mechanism: Mechanism, path: str | Path, q: Array | None = None) -> Path:
-    """Write a mechanism as MJCF, see `spatial_pin.export_mjcf`.
-
-    Args:
-        mechanism: the mechanism.
-        path: the file; its name ends in .xml or .mjcf.
-        q: (nq,) where the key "home" is; default the guess.
-
-    Raises:
-        ClosureTypeError: MuJoCo has no equality that is exactly one of its closures.
-        SpatialPinError: something else has no counterpart, or the file cannot be written.
-    """
+    """Write a mechanism as MJCF, its key "home" at q (nq,), see `spatial_pin.export_mjcf`."""
     path = named_path(path)
     if path.suffix.lower() not in SUFFIXES:
         raise SpatialPinError(f"{path}: the name of an MJCF file ends in .xml or .mjcf")
@@ -540,7 +512,7 @@ def mjcf_text(mechanism: Mechanism, q: Array) -> str:
     refuse_negative_inertias(mechanism)
     document, model = MjcfDocument(mechanism), mechanism.model
     _add_links(document, 0, document.bodies[0])
-    waiting = _children(model, 0)
+    waiting = list(model.children[0])
     while waiting:
         i = waiting.pop(0)
         body = ET.SubElement(document.bodies[model.parents[i]], "body",
@@ -548,7 +520,7 @@ def mjcf_text(mechanism: Mechanism, q: Array) -> str:
         document.bodies[i] = body
         add_joints(document, i, body, q)
         _add_links(document, i, body)
-        waiting += _children(model, i)
+        waiting += model.children[i]
     add_shapes(document)
     points = [f.name for f in model.frames if f.type == pin.FrameType.OP_FRAME]
     for name in dict.fromkeys([*mechanism.frames, *points]):
@@ -573,10 +545,6 @@ def mjcf_text(mechanism: Mechanism, q: Array) -> str:
              "joints in MuJoCo, not on bearings")
     ET.indent(document.root)
     return ET.tostring(document.root, encoding="unicode") + "\n"
-
-
-def _children(model: pin.Model, i: int) -> list[int]:
-    return [k for k in range(1, model.njoints) if model.parents[k] == i]
 
 
 def _add_links(document: MjcfDocument, i: int, body: ET.Element) -> None:

@@ -34,11 +34,10 @@ from spatial_pin.formats.urdf.elements import (
     origin,
 )
 from spatial_pin.mechanism.closures import FrameSpec, of_native
-from spatial_pin.mechanism.contact_sides import sided
 from spatial_pin.mechanism.coordinates import check_guess, joint_vector
 from spatial_pin.mechanism.inertia import remainder
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mechanism.mechanism_checks import check_mechanism
+from spatial_pin.mechanism.mechanism_checks import check_mechanism, sided
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mechanism.parts import (
     Closure,
@@ -111,10 +110,7 @@ class LinkTree:
 
 
 def urdf_of(mechanism: Mechanism, bodies: LinkTree) -> str:
-    """Return the open tree as URDF text.
-
-    Shapes that URDF does not have are left out, with a warning.
-    """
+    """Return the open tree as URDF text; shapes that URDF lacks are left out, with a warning."""
     model = mechanism.model
     robot = ET.Element("robot", name=mechanism.name)
     links = {name: ET.SubElement(robot, "link", name=name) for name in mechanism.links}
@@ -198,7 +194,10 @@ def mechanism_of(
     """Return the mechanism of a model; see `Mechanism.from_model`."""
     if not isinstance(given, pin.Model):
         raise TypeError(f"a pin.Model is needed, not {type(given).__name__}")
-    title = _text(given.name if name is None else name) or "mechanism"
+    title = given.name if name is None else name
+    if not isinstance(title, str) or not title.isprintable():
+        raise TypeError(f"name is text that can be read, not {title!r}")
+    title = title or "mechanism"
     where = f"{WHERE} {title!r}"
     model, pairs, mimics = pair_tree(given, where)
     bodies = LinkTree(model)
@@ -240,12 +239,6 @@ def _guess(
     q = own_configuration(given, made.model, finite_array(guess, (given.nq,), "guess"))
     vectors = {name: joint_vector(made, q, name) for name in list(made.model.names)[1:]}
     return {name: float(x[0]) if len(x) == 1 else x.tolist() for name, x in vectors.items()}
-
-
-def _text(name: Any) -> str:
-    if not isinstance(name, str) or not name.isprintable():
-        raise TypeError(f"name is text that can be read, not {name!r}")
-    return name
 
 
 def _several(values: Any, what: str) -> list[Any]:

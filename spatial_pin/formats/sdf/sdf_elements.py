@@ -163,14 +163,7 @@ PlacementOf = Callable[[ET.Element | None, str], pin.SE3]  # <pose>, where -> pl
 
 def link_elements(link: ET.Element, placement_of: PlacementOf, where: str, omitted: list[str]
                   ) -> tuple[ET.Element, ...]:
-    """Return <inertial>, <visual> and <collision> of a link.
-
-    Args:
-        link: its element.
-        placement_of: gives the placement that a <pose> states, on the link.
-        where: file and link, for errors.
-        omitted: is added to, what URDF has no shape for.
-    """
+    """Return <inertial>, <visual> and <collision> of a link; `omitted` gets what URDF lacks."""
     inertial, inside = link.find("inertial"), f"{where}: <inertial>"
     if inertial is not None and inertial.get("auto", "").lower() in TRUE:
         elements = [inertial_element(_of_shapes(link, inertial, placement_of, where, omitted))]

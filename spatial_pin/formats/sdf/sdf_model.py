@@ -26,8 +26,7 @@ from spatial_pin.formats.sdf.sdf_elements import (
     number_list,
     pose,
 )
-from spatial_pin.formats.urdf.elements import is_prefixed, local, without_it
-from spatial_pin.formats.urdf.validation import by_name
+from spatial_pin.formats.urdf.elements import by_name, is_prefixed, local, without_it
 from spatial_pin.numerics.linalg import Array
 
 OF_MODEL = ("static", "self_collide", "allow_auto_disable", "enable_wind", "frame", "pose", "link",
@@ -307,10 +306,7 @@ def _about(
 
 
 def _lead(element: ET.Element, where: str) -> float:
-    """Return the translation per turn of a screw [m].
-
-    `screw_thread_pitch` is that; the older `thread_pitch` is the negative angle per metre.
-    """
+    """Return the lead of a screw [m/turn]; `thread_pitch` is the negative angle per metre."""
     if element.find("screw_thread_pitch") is not None:
         return number(element, "screw_thread_pitch", 1.0, where)
     if element.find("thread_pitch") is None:

@@ -33,7 +33,7 @@ from spatial_pin.formats.file_access import read_text, shown
 from spatial_pin.formats.graph.joint_graph import GraphJoint
 from spatial_pin.formats.graph.open_tree import open_tree
 from spatial_pin.formats.importers import Imported, Request
-from spatial_pin.formats.parsing import parse_xml, without
+from spatial_pin.formats.parsing import parse_xml, without as without_parts
 from spatial_pin.formats.sdf.sdf_elements import (
     MODEL,
     SCOPE,
@@ -303,7 +303,9 @@ def _move_into(moved: ET.Element, scope: str) -> None:
 def read(request: Request) -> Imported:
     """Read an SDFormat file."""
     path = request.path
-    root = parse_xml(_plain(read_text(path)), path)
+    # in SDFormat comments and declaration may be anywhere
+    text = without_parts(without_parts(read_text(path), "<!--", "-->"), "<?xml", "?>")
+    root = parse_xml(text.lstrip(" \t\ufeff"), path)
     version = _version(root, path)
     without = leave_out(root, request.without, shown(path))
     model, content, notices = _one_model(root, path, request.model)
@@ -316,14 +318,6 @@ def read(request: Request) -> Imported:
     graph = replace(graph, needed=frozenset(coupled | {x.rpartition(".")[0] for x in coupled}))
     content = {"name": model.get("name") or path.stem, **content}
     return open_tree(graph, str(path), content, (*without, *notices, *reader.notices))
-
-
-def _plain(text: str) -> str:
-    """Return XML text without comments and declaration: in SDFormat these may be anywhere.
-
-    Lines keep their numbers.
-    """
-    return without(without(text, "<!--", "-->"), "<?xml", "?>").lstrip(" \t\ufeff")
 
 
 def _version(root: ET.Element, path: Path) -> tuple[int, int]:

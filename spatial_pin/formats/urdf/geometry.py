@@ -20,7 +20,7 @@ from spatial_pin.errors import MechanismFileError, warn
 from spatial_pin.formats.file_access import Trust, shown
 from spatial_pin.formats.importers import Faults
 from spatial_pin.formats.mesh_files import mesh_colours, mesh_file, package_of, read_meshes
-from spatial_pin.formats.urdf.validation import numbers, placement
+from spatial_pin.formats.urdf.elements import numbers, placement
 from spatial_pin.numerics.linalg import Array
 
 KINDS = ("visual", "collision")
@@ -121,11 +121,7 @@ def _solid(
 def take_shapes(
     robot: ET.Element, path: Path, trust: Trust, faults: Faults
 ) -> tuple[Shape, ...]:
-    """Take the shapes out of a URDF; no mesh is opened.
-
-    Raises:
-        MechanismFileError: a shape has impossible numbers.
-    """
+    """Take the shapes out of a URDF; refuse impossible numbers. No mesh is opened."""
     materials = _Materials(robot, faults)
     folder = path if os.path.isdir(path) else path.parent
     taken = []

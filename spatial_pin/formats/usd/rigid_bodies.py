@@ -13,7 +13,7 @@ from pxr import Gf, UsdGeom, UsdPhysics
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.urdf.elements import inertial, numbers_text, origin
 from spatial_pin.formats.urdf.geometry import SOLIDS
-from spatial_pin.formats.urdf.validation import LIGHTEST
+from spatial_pin.formats.urdf.urdf_model import LIGHTEST
 from spatial_pin.formats.usd.usd_stage import UsdStage, brief_names, rotation_of
 from spatial_pin.mechanism.inertia import inertia_as_given
 from spatial_pin.numerics.linalg import Array
@@ -25,15 +25,7 @@ AXES = {"X": pin.utils.rotate("y", np.pi / 2), "Y": pin.utils.rotate("x", -np.pi
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A rigid body.
-
-    Attributes:
-        prim: its prim.
-        name: of its link.
-        placement: in the world [m], without its scale.
-        scale: (3,) of its prim.
-        held: whether it is fixed in the world.
-    """
+    """A rigid body: prim, link's name, placement in the world [m], scale (3,); `held` there."""
 
     prim: Any
     name: str
@@ -185,11 +177,9 @@ def inertia_of(stage: UsdStage, body: Body, bodies: dict[str, Body]) -> pin.Iner
 def _from_shapes(
     stage: UsdStage, body: Body, bodies: dict[str, Body]
 ) -> tuple[float, Array, Array, Array] | None:
-    """Return mass properties that USD computes from shapes, masses and densities.
+    """Return the mass properties that USD computes from shapes, masses and densities, or None.
 
-    Returns:
-        Mass, principal moments (3,) in the stage's units, centre (3,) [m], axes (3, 3); None where
-        no shape has a known volume.
+    They are mass, principal moments (3,) in the stage's units, centre (3,) [m] and axes (3, 3).
     """
     unknown: list[str] = []
     unit = 1.0 / stage.metre

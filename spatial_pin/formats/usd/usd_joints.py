@@ -125,8 +125,7 @@ def in_series(
 ) -> tuple[list[Link], list[GraphJoint]]:
     """Return massless links between joints in series, and all joints.
 
-    Joints that MuJoCo's schemas describe, `named`, between the same two bodies are in series, in
-    the order of the stage, each about its axis on the second body.
+    Those that MuJoCo's schemas describe, `named`, between the same two bodies are in series.
     """
     groups: dict[tuple[str, str], list[GraphJoint]] = {}
     for joint in joints:
@@ -300,10 +299,7 @@ def _distance(stage: UsdStage, prim: Any, joint: GraphJoint) -> GraphJoint | Non
 
 
 def _generic(stage: UsdStage, prim: Any, joint: GraphJoint) -> GraphJoint | None:
-    """Return the pair that a joint with six lockable freedoms is.
-
-    A freedom whose lower limit is above its upper limit is locked.
-    """
+    """Return the pair that a joint with six freedoms is; reversed limits lock a freedom."""
     limits = {}
     for schema in applied(prim):
         kind, _, freedom = schema.partition(":")
