@@ -26,10 +26,9 @@ from numpy.typing import NDArray
 from spatial_pin._support.lazy import made_once
 from spatial_pin.dimensions.homotopy import varied
 from spatial_pin.errors import SpatialPinError, warn
-from spatial_pin.formats.file_access import shown
+from spatial_pin.formats.file_access import parse_urdf, shown
 from spatial_pin.formats.files import load_expanded
 from spatial_pin.formats.importers import Faults, Request
-from spatial_pin.formats.parsing import parse_urdf
 from spatial_pin.formats.urdf.urdf_model import check_links
 from spatial_pin.formats.xacro.expansion import expand, traced
 from spatial_pin.formats.xacro.tracing import depends

@@ -23,12 +23,13 @@ from spatial_pin.formats.file_access import (
     check_file,
     is_file,
     library_folder,
+    parse_toml,
+    parse_urdf,
     read_text,
     shown,
 )
 from spatial_pin.formats.importers import IMPORTERS, Faults, Importer, Request, endings, importer_of
 from spatial_pin.formats.mechanism_file import MechanismSpec, mechanism_of
-from spatial_pin.formats.parsing import parse_toml, parse_urdf
 from spatial_pin.formats.urdf.elements import end_of
 from spatial_pin.formats.xacro.expansion import expand
 from spatial_pin.formats.xacro.xacro_arguments import arguments

@@ -12,8 +12,7 @@ from types import MappingProxyType
 from typing import Any
 
 from spatial_pin.errors import MechanismFileError
-from spatial_pin.formats.file_access import Trust, check_file, shown
-from spatial_pin.formats.parsing import parse_urdf
+from spatial_pin.formats.file_access import Trust, check_file, parse_urdf, shown
 from spatial_pin.mechanism.mechanism import Mechanism
 
 FOLDER = "/"  # the ending of a folder's name

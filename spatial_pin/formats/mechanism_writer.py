@@ -19,10 +19,17 @@ from spatial_pin._support.checks import finite_array, finite_number
 from spatial_pin._support.output_files import named_folder, named_path, replacing, write_text
 from spatial_pin.errors import MechanismFileError, SpatialPinError, UnknownNameError, warn
 from spatial_pin.formats.dialects.robot import RobotReading
-from spatial_pin.formats.file_access import HeldFile, Trust, is_file, is_held, read_text
+from spatial_pin.formats.file_access import (
+    HeldFile,
+    Trust,
+    is_file,
+    is_held,
+    parse_toml,
+    read_text,
+    toml_text,
+)
 from spatial_pin.formats.files import load, made_of
 from spatial_pin.formats.importers import Request
-from spatial_pin.formats.parsing import parse_toml, toml_text
 from spatial_pin.formats.pinocchio_model.pair_tree import joint_axis
 from spatial_pin.formats.urdf.elements import fresh
 from spatial_pin.formats.urdf.urdf_model import (

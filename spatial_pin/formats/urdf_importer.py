@@ -16,9 +16,8 @@ from pathlib import Path
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.dialects import drake, gazebo, urdf_loops, yaml_loops
 from spatial_pin.formats.dialects.robot import RobotReading
-from spatial_pin.formats.file_access import Trust, read_text, shown
+from spatial_pin.formats.file_access import ROOT, Trust, parse_urdf, read_text, shown
 from spatial_pin.formats.importers import Imported, Request
-from spatial_pin.formats.parsing import ROOT, parse_urdf
 from spatial_pin.formats.urdf.elements import end_of, is_prefixed, leave_out, local, without_it
 from spatial_pin.formats.xacro.expansion import expand
 

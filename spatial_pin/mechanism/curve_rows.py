@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from spatial_pin.mechanism.curves import CurveShape, Follower, circle
+from spatial_pin.mechanism.curves import CurveShape, Follower, TouchingCurves, circle
 from spatial_pin.mechanism.equations import (
     Angle,
     Bearing,
@@ -145,8 +145,9 @@ def follows(curve: CurveShape, follower: Follower, z: Array) -> Rows:
     return (_length(*terms),)
 
 
-def touching(one: CurveShape, two: CurveShape, side: int) -> Rows:
-    """Return equations for two closed profiles that touch: outside (side 1), or nested (-1)."""
+def touching(curves: TouchingCurves) -> Rows:
+    """Return equations for two closed profiles that touch."""
+    one, two, side = curves.one, curves.two, curves.side
     paths = one.by_parameter, two.by_parameter
     x, y = (Displacement(u) for u in one.axes.T[:2])
     turned = [[Cosine(u, w) for w in two.axes.T[:2]] for u in one.axes.T[:2]]

@@ -273,10 +273,6 @@ def _fault_of_coupling(c: ClosureData) -> tuple[str, str] | None:
     return None
 
 
-def _on_curve(c: ClosureData) -> Rows:
-    return on_curve(c.numbers["curve"])
-
-
 def _frame_on_curve(c: ClosureData) -> Rows:
     curve = c.numbers["curve"]
     return *on_curve(curve), *along_curve(curve, Z)
@@ -286,11 +282,6 @@ def _cam(c: ClosureData) -> Rows:
     follower = c.numbers["follower"]
     across = Z if follower.flat is None else axes_from_z(follower.flat)[:, 0]
     return follows(c.numbers["curve"], follower, across)
-
-
-def _touching(c: ClosureData) -> Rows:
-    curves = c.numbers["curves"]
-    return touching(curves.one, curves.two, curves.side)
 
 
 def _fault_of_cam(c: ClosureData) -> tuple[str, str] | None:
@@ -390,10 +381,11 @@ PAIRS: dict[str, Pair] = {
     "point_on_plane": Pair(5, _on_plane),
     "parallel": Pair(4, _parallel, aligned="z"),
     "perpendicular": Pair(5, _perpendicular, uses_axis2=True),
-    "point_on_curve": Pair(4, _on_curve, uses_axis=False, keys=(Key("curve", read=named_curve),)),
+    "point_on_curve": Pair(4, lambda c: on_curve(c.numbers["curve"]), uses_axis=False,
+                           keys=(Key("curve", read=named_curve),)),
     "frame_on_curve": Pair(2, _frame_on_curve, uses_axis=False, aligned="tangent",
                            keys=(Key("curve", read=named_curve),)),
-    "curve_on_curve": Pair(5, _touching, uses_axis=False,
+    "curve_on_curve": Pair(5, lambda c: touching(c.numbers["curves"]), uses_axis=False,
                            keys=(Key("curves", read=two_curves),), fault=_fault_of_profiles,
                            at_guess=_sided_profiles),
     "cam": Pair(5, _cam, uses_axis=False, keys=(

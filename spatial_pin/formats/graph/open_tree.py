@@ -9,6 +9,7 @@ import copy
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -390,7 +391,7 @@ def _joint(
     limit = element.find("limit")
     if limit is None or element.get("type") not in LIMITED:
         return joint
-    return joint.with_changes(
+    return replace(joint,
         lower=float(limit.get("lower", 0.0)), upper=float(limit.get("upper", 0.0)))
 
 

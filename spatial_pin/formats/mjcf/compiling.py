@@ -19,9 +19,16 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError
-from spatial_pin.formats.file_access import Trust, check_file, is_file, shown
+from spatial_pin.formats.file_access import (
+    PROLOGUE,
+    Trust,
+    check_file,
+    is_file,
+    parse_xml,
+    shown,
+    without,
+)
 from spatial_pin.formats.mesh_files import OUTSIDE
-from spatial_pin.formats.parsing import PROLOGUE, parse_xml, without
 from spatial_pin.formats.urdf.elements import notice_of
 from spatial_pin.numerics.linalg import Array
 

@@ -32,6 +32,7 @@ from spatial_pin.formats.urdf.elements import (
     joint_element,
     numbers_text,
     origin,
+    paint,
 )
 from spatial_pin.mechanism.closures import FrameSpec, of_native
 from spatial_pin.mechanism.coordinates import check_guess, joint_vector
@@ -134,9 +135,7 @@ def urdf_of(mechanism: Mechanism, bodies: LinkTree) -> str:
             element.append(origin(mechanism.frame_on_joint(link)[1].actInv(shape.placement)))
             ET.SubElement(element, "geometry").append(solid)
             if kind == "visual":
-                material = ET.SubElement(element, "material", name=f"{shape.name}_colour")
-                rgba = numbers_text(np.clip(shape.meshColor, 0.0, 1.0))
-                ET.SubElement(material, "color", rgba=rgba)
+                paint(element, np.clip(shape.meshColor, 0.0, 1.0), f"{shape.name}_colour")
     for i in range(1, model.njoints):
         _add_joint(mechanism, bodies, robot, i)
     for link, mount in bodies.mounts.items():

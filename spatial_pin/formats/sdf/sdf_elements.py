@@ -17,6 +17,7 @@ from spatial_pin.formats.urdf.elements import (
     inertial as inertial_element,
     numbers_text,
     origin,
+    paint,
 )
 from spatial_pin.numerics.linalg import Array
 
@@ -189,7 +190,7 @@ def link_elements(link: ET.Element, placement_of: PlacementOf, where: str, omitt
             ET.SubElement(element, "geometry").append(solid)
             colour = _colour(shape, f"{where}: {name}")
             if colour is not None and kind == "visual":
-                element.append(colour)
+                paint(element, colour, override=True)
             elements.append(element)
     return tuple(elements)
 
@@ -247,7 +248,7 @@ def _solid(solid: ET.Element | None, where: str) -> ET.Element | None:
     return None
 
 
-def _colour(shape: ET.Element, where: str) -> ET.Element | None:
+def _colour(shape: ET.Element, where: str) -> Array | None:
     stated = shape.find("material/diffuse")
     if stated is None:
         stated = shape.find("material/ambient")
@@ -256,6 +257,4 @@ def _colour(shape: ET.Element, where: str) -> ET.Element | None:
     words = (stated.text or "").split()
     values = number_list(" ".join([*words, "1"] if len(words) == 3 else words), 4,
                          f"{where}: <{stated.tag}>")
-    element = ET.Element("material", name="", override="true")
-    ET.SubElement(element, "color", rgba=numbers_text(np.clip(values, 0.0, 1.0)))
-    return element
+    return np.clip(values, 0.0, 1.0)

@@ -257,7 +257,7 @@ def _joints_of(
         # a universal joint, or two revolute joints where these have limits or springs
         cross = f"{joint.name}.cross"
         first, second = (
-            _about(model, joint.with_changes(name=f"{joint.name}.{AXES[tag]}", type="revolute"),
+            _about(model, replace(joint, name=f"{joint.name}.{AXES[tag]}", type="revolute"),
                    joint.name, element.find(tag), where, tag) for tag in AXES)
         square = abs(first.axis @ second.axis) < 1e-9
         if kind == "universal" and not square:
@@ -267,16 +267,16 @@ def _joints_of(
         if square and same and not any(
                 x.is_limited or x.stiffness or math.isfinite(min(x.effort, x.velocity))
                 for x in (first, second)):
-            return [], [joint.with_changes(axis=first.axis, axis2=second.axis,
+            return [], [replace(joint, axis=first.axis, axis2=second.axis,
                                            damping=first.damping, friction=first.friction)]
         between = Link(cross, model.frames.in_world(model.frame_of[joint.name], "joint"))
-        return [between], [first.with_changes(child=cross, on_child=pin.SE3.Identity()),
-                           second.with_changes(parent=cross, on_parent=pin.SE3.Identity())]
+        return [between], [replace(first, child=cross, on_child=pin.SE3.Identity()),
+                           replace(second, parent=cross, on_parent=pin.SE3.Identity())]
     joint = _about(model, joint, name, element.find("axis"), where, "axis")
     if joint.type == "screw":
-        joint = joint.with_changes(lead=_lead(element, where))
+        joint = replace(joint, lead=_lead(element, where))
     if kind == "continuous":
-        joint = joint.with_changes(lower=-math.inf, upper=math.inf)
+        joint = replace(joint, lower=-math.inf, upper=math.inf)
     return [], [joint]
 
 
@@ -286,7 +286,7 @@ def _about(
     """Return a joint with the numbers of an <axis> of the file's joint of that name."""
     if joint.type == "spherical":
         dynamics = axis.find("dynamics") if axis is not None else None
-        return joint.with_changes(damping=number(dynamics, "damping", 0.0, where),
+        return replace(joint, damping=number(dynamics, "damping", 0.0, where),
                        friction=number(dynamics, "friction", 0.0, where))
     if axis is None:
         raise MechanismFileError(f"{where} needs <{tag}>")

@@ -29,11 +29,10 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError, suggestion
-from spatial_pin.formats.file_access import read_text, shown
+from spatial_pin.formats.file_access import parse_xml, read_text, shown, without as without_parts
 from spatial_pin.formats.graph.joint_graph import GraphJoint
 from spatial_pin.formats.graph.open_tree import open_tree
 from spatial_pin.formats.importers import Imported, Request
-from spatial_pin.formats.parsing import parse_xml, without as without_parts
 from spatial_pin.formats.sdf.sdf_elements import (
     MODEL,
     SCOPE,
@@ -84,7 +83,7 @@ def constraints(model: SdfModel) -> list[GraphJoint]:
             joint = _of_drake(model, element)
         if joint is not None:
             name = unique(joint.name, [*model.joints, *joints])
-            joints[name] = joint.with_changes(name=name, cut=True)
+            joints[name] = replace(joint, name=name, cut=True)
     return list(joints.values())
 
 

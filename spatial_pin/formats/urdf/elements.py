@@ -68,6 +68,13 @@ def inertial(inertia: pin.Inertia) -> ET.Element:
     return element
 
 
+def paint(visual: ET.Element, rgba: Array, name: str = "", override: bool = False) -> None:
+    """Give a <visual> a colour (4,); one that overrides goes before those of a mesh."""
+    more = {"override": "true"} if override else {}
+    material = ET.SubElement(visual, "material", {"name": name, **more})
+    ET.SubElement(material, "color", rgba=numbers_text(rgba))
+
+
 def joint_element(
     robot: ET.Element, name: str, kind: str, parent: str, child: str,
     placement: pin.SE3 | None = None,
@@ -143,9 +150,7 @@ class UrdfTree:
         shape.append(origin(placement))
         ET.SubElement(ET.SubElement(shape, "geometry"), solid, sizes)
         if rgba is not None:
-            material = ET.SubElement(shape, "material", name=f"rgba {numbers_text(rgba)}",
-                                     override="true")
-            ET.SubElement(material, "color", rgba=numbers_text(rgba))
+            paint(shape, rgba, f"rgba {numbers_text(rgba)}", override=True)
 
 def unique(wanted: str, taken: Iterable[str]) -> str:
     """Return a name that is not taken: the wanted one, or that with a number."""

@@ -11,7 +11,7 @@ import pinocchio as pin
 from pxr import Gf, UsdGeom, UsdPhysics
 
 from spatial_pin.errors import MechanismFileError
-from spatial_pin.formats.urdf.elements import inertial, numbers_text, origin
+from spatial_pin.formats.urdf.elements import inertial, numbers_text, origin, paint
 from spatial_pin.formats.urdf.geometry import SOLIDS
 from spatial_pin.formats.urdf.urdf_model import LIGHTEST
 from spatial_pin.formats.usd.usd_stage import UsdStage, brief_names, rotation_of
@@ -115,7 +115,7 @@ def link_elements(stage: UsdStage, body: Body, bodies: dict[str, Body]
             ET.SubElement(element, "geometry").append(solid[0])
             colour = _colour(prim) if kind == "visual" else None
             if colour is not None:
-                element.append(colour)
+                paint(element, colour)
             elements.append(element)
     if omitted:
         stage.notices.append(f"{omitted} shape(s) of {body.name!r} are not drawn: meshes and "
@@ -126,17 +126,14 @@ def link_elements(stage: UsdStage, body: Body, bodies: dict[str, Body]
     return tuple(elements), inertia is None
 
 
-def _colour(prim: Any) -> ET.Element | None:
+def _colour(prim: Any) -> Array | None:
     colours = UsdGeom.Gprim(prim).GetDisplayColorAttr().Get()
     opacities = UsdGeom.Gprim(prim).GetDisplayOpacityAttr().Get()
     try:
         rgba = np.array([*colours[0], opacities[0] if opacities else 1.0], dtype=float)
     except (TypeError, ValueError, IndexError):
         return None  # none is stated
-    rgba = np.clip(np.nan_to_num(rgba), 0.0, 1.0)
-    element = ET.Element("material", name="")
-    ET.SubElement(element, "color", rgba=numbers_text(rgba))
-    return element
+    return np.clip(np.nan_to_num(rgba), 0.0, 1.0)
 
 
 def inertia_of(stage: UsdStage, body: Body, bodies: dict[str, Body]) -> pin.Inertia | None:

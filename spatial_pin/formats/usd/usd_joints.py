@@ -100,7 +100,7 @@ def with_resistance(stage: UsdStage, prim: Any, joint: GraphJoint) -> GraphJoint
                              "has no unit, or it has several coordinates")
         stiffness = 0.0
     force = mass if turns else stage.kilogram * stage.metre
-    return joint.with_changes(
+    return replace(joint,
         damping=stage.optional(prim, "mjc:damping", 0.0) * mass,
         friction=stage.optional(prim, "mjc:frictionloss", 0.0) * force,
         armature=stage.optional(prim, "mjc:armature", 0.0) * mass, stiffness=stiffness)
@@ -137,8 +137,8 @@ def in_series(
             this, after = chain[k], chain[k + 1]
             link = f"{this.name}/{after.name}"  # at zero it has the pose of the second body
             links.append(Link(link))
-            chain[k] = this.with_changes(child=link)
-            chain[k + 1] = after.with_changes(parent=link, on_parent=after.on_child)
+            chain[k] = replace(this, child=link)
+            chain[k + 1] = replace(after, parent=link, on_parent=after.on_child)
         series += chain
     return links, series
 
@@ -251,7 +251,7 @@ def _about(stage: UsdStage, prim: Any, joint: GraphJoint, pair: str, schema: Any
     api = schema(prim)
     lower, upper = (stage.number(x) for x in (api.GetLowerLimitAttr(), api.GetUpperLimitAttr()))
     axis = DIRECTIONS[stage.word(api.GetAxisAttr(), DIRECTIONS)]
-    return _one(stage, prim, joint.with_changes(type=pair, axis=axis), lower, upper)
+    return _one(stage, prim, replace(joint, type=pair, axis=axis), lower, upper)
 
 
 def _one(stage: UsdStage, prim: Any, joint: GraphJoint, lower: float, upper: float) -> GraphJoint:
@@ -267,7 +267,7 @@ def _one(stage: UsdStage, prim: Any, joint: GraphJoint, lower: float, upper: flo
     armature = stage.optional(prim, "physxJoint:armature", 0.0)
     if stage.optional(prim, "physxJoint:jointFriction", 0.0):
         stage.notices.append(f"the friction coefficient of joint {joint.name!r} is left out")
-    return joint.with_changes(
+    return replace(joint,
         lower=_limit(lower, unit), upper=_limit(upper, unit),
         effort=math.inf if most >= LARGEST_FLOAT else most * force,
         velocity=math.inf if fastest >= LARGEST_FLOAT else fastest * unit,
@@ -283,7 +283,7 @@ def _spherical(stage: UsdStage, prim: Any, joint: GraphJoint) -> GraphJoint:
     cone = [stage.number(x) for x in (api.GetConeAngle0LimitAttr(), api.GetConeAngle1LimitAttr())]
     if any(0.0 <= angle < LARGEST_FLOAT for angle in cone):
         stage.notices.append(f"the cone limit of joint {joint.name!r} is left out")
-    return joint.with_changes(type="spherical")
+    return replace(joint, type="spherical")
 
 
 def _distance(stage: UsdStage, prim: Any, joint: GraphJoint) -> GraphJoint | None:
@@ -294,8 +294,8 @@ def _distance(stage: UsdStage, prim: Any, joint: GraphJoint) -> GraphJoint | Non
                              "out")
         return None
     if least == 0.0:
-        return joint.with_changes(type="spherical")
-    return joint.with_changes(type="distance", length=least * stage.metre)
+        return replace(joint, type="spherical")
+    return replace(joint, type="distance", length=least * stage.metre)
 
 
 def _generic(stage: UsdStage, prim: Any, joint: GraphJoint) -> GraphJoint | None:
@@ -318,7 +318,7 @@ def _generic(stage: UsdStage, prim: Any, joint: GraphJoint) -> GraphJoint | None
         return None
     if len(free) == 1:
         kind = "revolute" if turns else "prismatic"
-        joint = joint.with_changes(type=kind, axis=DIRECTIONS[free[0][-1]])
+        joint = replace(joint, type=kind, axis=DIRECTIONS[free[0][-1]])
         return _one(stage, prim, joint, *limits.get(free[0], (-math.inf, math.inf)))
     pair = PAIR_OF_FREEDOMS.get(("".join(slides), "".join(turns)))
     if pair is None:
@@ -330,7 +330,7 @@ def _generic(stage: UsdStage, prim: Any, joint: GraphJoint) -> GraphJoint | None
     if pair == "universal":
         stage.notices.append(f"joint {joint.name!r} is a universal joint: it turns about "
                              f"{turns[0]} of body0 first, then about {turns[1]} of body1")
-    return joint.with_changes(type=pair, axis=DIRECTIONS[turns[0]], axis2=DIRECTIONS[turns[-1]])
+    return replace(joint, type=pair, axis=DIRECTIONS[turns[0]], axis2=DIRECTIONS[turns[-1]])
 
 
 def _drives(stage: UsdStage, prim: Any) -> dict[str, dict[str, float]]:

@@ -35,11 +35,11 @@ from spatial_pin.formats.file_access import (
     is_file,
     library_folder,
     package_folders,
+    parse_xml,
     read_text,
     shown,
 )
 from spatial_pin.formats.importers import Request
-from spatial_pin.formats.parsing import parse_xml
 from spatial_pin.formats.xacro.expressions import (
     GLOBALS,
     SHARE,
