@@ -94,7 +94,7 @@ class KernelTree:
         self.data = SimpleNamespace(J=self.columns, oMi=TreePlacements(self.placements))
         n, nv = self._split.njoints, model.nv
         self._q, self._v, self._a = np.empty(model.nq), np.empty(nv), np.empty(nv)
-        self._tau, self._scratch, self._facts = np.empty(nv), np.zeros((4, nv)), np.empty(4)
+        self._tau = np.empty(nv)
         self._R, self._p = np.empty((n, 3, 3)), np.empty((n, 3))
         self._moving = np.empty((2, n, 6))
         self._task = _TreeTask(1, *map(address, (

@@ -154,7 +154,7 @@ class TreeMotion:
     """
 
     def __init__(self, mechanism: Mechanism, motion: Motion) -> None:
-        self.mechanism, self._motion = mechanism, motion
+        self.mechanism = mechanism
         self.model, self.joints = split_of(mechanism)
         model, parents = self.model, np.array(self.model.parents)
         self.joint_of = np.repeat(np.arange(model.njoints), np.array(model.nvs))

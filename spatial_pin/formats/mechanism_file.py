@@ -49,6 +49,7 @@ from spatial_pin.mechanism.parts import (
     add_frames,
     drivers_of_tree,
 )
+from spatial_pin.numerics.linalg import Array
 
 SYMMETRY = 1e-9  # of the largest moment of inertia: what rounded matrices differ by
 BUSHING = ("stiffness", "damping", "preload")  # keys of six numbers, or of 6 x 6
@@ -262,23 +263,19 @@ def _refinement(table: TomlTable) -> JointRefinement:
     if not needs_type:
         return JointRefinement(resistances=resistances, limits=limits, where=table.where)
     kind = table.choice("type", JOINT_TYPES, hint_at_type)
-    pair = PAIRS[kind]
-    return JointRefinement(
-        kind,
-        axis=table.axis("axis") if pair.uses_axis and "axis" in table else None,
-        axis2=table.axis("axis2") if pair.uses_axis2 and "axis2" in table else None,
-        lead=_lead(table) if pair.uses_lead else 0.0,
-        resistances=resistances, limits=limits, where=table.where,
-    )
+    return JointRefinement(kind, *_axes(table, PAIRS[kind]), resistances=resistances,
+                           limits=limits, where=table.where)
 
 
-def _lead(table: TomlTable) -> float:
-    """Return the lead of a screw, which is not zero."""
-    lead = table.number("lead")
-    if lead == 0.0:
+def _axes(table: TomlTable, pair: Pair) -> tuple[Array | None, Array | None, float]:
+    """Return the axes (3,) of a pair, None for the default, and the lead of a screw."""
+    axis = table.axis("axis") if pair.uses_axis and "axis" in table else None
+    axis2 = table.axis("axis2") if pair.uses_axis2 and "axis2" in table else None
+    lead = table.number("lead") if pair.uses_lead else 0.0
+    if pair.uses_lead and lead == 0.0:
         table.fail("lead", 'is 0; a screw advances as it turns (one that does not is of type = '
                    '"revolute")')
-    return lead
+    return axis, axis2, lead
 
 
 def _curve(spec: MechanismSpec, name: str, table: TomlTable) -> CurveShape:
@@ -344,15 +341,13 @@ def _numbers(table: TomlTable, pair: Pair, spec: MechanismSpec) -> dict[str, Any
 
 
 def _geometry(table: TomlTable, pair: Pair) -> PairGeometry:
-    axis = table.axis("axis") if pair.uses_axis and "axis" in table else None
-    axis2 = table.axis("axis2") if pair.uses_axis2 and "axis2" in table else None
+    axis, axis2, lead = _axes(table, pair)
     length = 0.0
     if pair.uses_length and BETWEEN not in table:
         length = table.number("length")
         if length <= 0.0:
             table.fail("length",
                        f"is {length} m; it must be positive (for 0 use type = \"spherical\")")
-    lead = _lead(table) if pair.uses_lead else 0.0
     return closure_geometry(pair, axis, axis2, length=length, lead=lead)
 
 

@@ -201,22 +201,14 @@ def _transform(node: ET.Element) -> Any:
         elif element.tag == "scale":
             part[:3, :3] = np.diag(_floats(element.text))
         elif element.tag == "rotate":
-            part[:3, :3] = _turn(_floats(element.text))
+            x, y, z, degrees = _floats(element.text)
+            axis = np.array([x, y, z]) / (np.linalg.norm([x, y, z]) or 1.0)
+            cross, angle = np.cross(np.eye(3), axis), np.radians(degrees)  # Rodrigues' formula
+            part[:3, :3] += np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
         elif element.tag in ("lookat", "skew"):
             raise ValueError(f"it has a node with <{element.tag}>")
         whole = whole @ part
     return whole
-
-
-def _turn(axis_angle: Any) -> Any:
-    """Return the rotation (3, 3) about an axis by an angle [degrees], by Rodrigues' formula."""
-    length = np.linalg.norm(axis_angle[:3])
-    if length == 0.0:
-        return np.eye(3)
-    x, y, z = axis_angle[:3] / length
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    angle = np.radians(axis_angle[3])
-    return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
 
 
 def _corners(primitive: ET.Element) -> Any:

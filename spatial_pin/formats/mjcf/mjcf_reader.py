@@ -343,18 +343,17 @@ def read_guess(reading: MjcfReading) -> dict[str, Any]:
     names = [model.key(k).name for k in range(model.nkey)]
     key = names.index(HOME) if HOME in names else 0
     q = model.key_qpos[key] if names else model.qpos0
-    guess = {placed.name: _value(reading, joint, q) for joint, placed in enumerate(reading.joints)}
-    return {name: x for name, x in guess.items() if names or np.any(x)}
-
-
-def _value(reading: MjcfReading, joint: int, q: Array) -> Any:
-    at = int(reading.model.jnt_qposadr[joint])
-    if reading.is_single(joint):
-        return float(q[at])
-    is_free = reading.model.jnt_type[joint] == reading.mujoco.mjtJoint.mjJNT_FREE
-    turn = at + 3 if is_free else at
-    vector = rotation_vectors(q[turn:turn + 4][[1, 2, 3, 0]][None])[0]
-    return [*q[at:turn].tolist(), *vector.tolist()]
+    guess: dict[str, Any] = {}
+    for joint, placed in enumerate(reading.joints):
+        at = int(model.jnt_qposadr[joint])
+        turn = at + 3 * int(model.jnt_type[joint] == reading.mujoco.mjtJoint.mjJNT_FREE)
+        value: Any = float(q[at])
+        if not reading.is_single(joint):
+            vector = rotation_vectors(q[turn:turn + 4][[1, 2, 3, 0]][None])[0]
+            value = [*q[at:turn].tolist(), *vector.tolist()]
+        if names or np.any(value):
+            guess[placed.name] = value
+    return guess
 
 
 def read(request: Request) -> Imported:

@@ -14,6 +14,6 @@ def read(request: Request) -> Imported:
     except ImportError as error:
         raise MechanismFileError(f"{shown(request.path)}: reading USD needs OpenUSD: pip install "
                                  "'spatial_pin[usd]'") from error
-    from spatial_pin.formats.usd.usd_joints import read_stage
+    from spatial_pin.formats.usd.usd_reader import read_stage
 
     return read_stage(request)
