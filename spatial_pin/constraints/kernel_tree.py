@@ -281,7 +281,7 @@ class KernelTree:
         """Find how `forces` change with q and v, as `pin.computeRNEADerivatives` does.
 
         They are right for joints whose motion subspace is constant. And second derivatives by q of
-        a weighted sum of products.
+        a sum of n products with weights (n,).
 
         Args:
             q: configuration.
@@ -290,10 +290,10 @@ class KernelTree:
             outside: (njoints, 6) wrenches on the bodies, world axes, about the joints' origins,
                 that turn with their bodies.
             out: (2, nv, nv) zeros, to be filled with the transposed derivatives by q and by v.
-            products: n products.
-            weights: (n,) of these.
-            bent: (nv, nv) zeros, to be filled: how a row's derivative changes with a column's q;
-                None: without products.
+            products: the products.
+            weights: of these.
+            bent: (nv, nv) zeros, to be filled: how a row's derivative changes with a column's q; or
+                None.
         """
         self.take_masses()
         self._evaluate(q, v, a, products, outside=outside, by_q=out[0], by_v=out[1],

@@ -70,11 +70,9 @@ def polynomial(coefficients: Any) -> CoordinateFunction:
 
 
 def through(points: Any, periodic: bool = False) -> CoordinateFunction:
-    """Return the quintic spline through points (n, 2).
+    """Return the quintic spline through points (n, 2), rows a, b with rising a.
 
-    Args:
-        points: rows a, b with rising a.
-        periodic: whether it repeats: the last b is the first.
+    A periodic one repeats: the last b is the first.
 
     Raises:
         ValueError: they are no such points.
@@ -109,11 +107,9 @@ def called(function: Callable[[float], Any]) -> CoordinateFunction:
 
 
 def function_of(given: Any, context: Any = None) -> CoordinateFunction:
-    """Return a function from its table in a mechanism file, or from code.
+    """Return a function from its table in a mechanism file, see the module, or from code.
 
-    Args:
-        given: see the module; or a callable.
-        context: has `rows`, from the name of a file to its rows (n, 2).
+    The context has `rows`, from the name of a file to its rows (n, 2).
 
     Raises:
         ValueError: it is none; says why.

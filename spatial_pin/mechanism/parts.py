@@ -161,11 +161,10 @@ class Closure:
         return len(self.rows)
 
     def with_equations(self, weights: Weights, length: float) -> Closure:
-        """Return it with sums of its equations only, each times its weight.
+        """Return it with sums of its equations only, by weights (n, n_rows).
 
-        Args:
-            weights: (n, n_rows). Where all rows have one entry each, 1, these equations stay.
-            length: what equations that are lengths are divided by [m].
+        Equations that are lengths are divided by a length [m]. Rows with one entry each, 1, leave
+        these equations as they are.
         """
         matrix = np.array(weights).reshape(-1, self.n_rows)
         if np.all(np.count_nonzero(matrix, axis=1) == 1):

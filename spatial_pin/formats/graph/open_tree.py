@@ -115,12 +115,8 @@ def open_tree(
 ) -> Imported:
     """Return a joint graph as an open tree and closures.
 
-    Args:
-        graph: links and joints.
-        where: the file, for errors.
-        content: tables of a mechanism file, with its name; more are added.
-        notices: of the reader.
-        robot: the <robot> that it comes from; elements other than links and joints stay.
+    Tables are added to the `content` of a mechanism file, which has its name. Elements other than
+    links and joints stay from the <robot> that the graph comes from, if any.
     """
     writer = _Writer(SpanningTree(graph), where, content)
     if robot is not None:

@@ -245,14 +245,9 @@ def tree_of(
 ) -> tuple[dict[str, Any], tuple[Closure, ...]]:
     """Return the fields of a `Mechanism` for the open tree of a URDF, which changes, and mimics.
 
-    Args:
-        robot: its root element.
-        path: where it comes from, for relative paths and errors.
-        refinements: tables of joints in a mechanism file.
-        faults: collects faults that do not stop the reading.
-        trust: which meshes may be read.
-        order: joints in the order of their coordinates; others go first, in Pinocchio's order.
-        order_of: the file of this order, for errors.
+    Coordinates are in the `order` of joints, which the file `order_of` states: joints that it lacks
+    go first, in the order of Pinocchio's reader: joint by joint upwards, alphabetically at each
+    link.
     """
     for parent in list(robot.iter()):  # elements of other namespaces, from xacro
         for key in [key for key in parent.attrib if "}" in key]:

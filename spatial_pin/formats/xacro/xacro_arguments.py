@@ -61,13 +61,9 @@ def _is_number(value: Any) -> bool:
 def worked_out(
     table: Mapping[str, Any], where: Path, name: str, request: Request
 ) -> dict[str, Any]:
-    """Return a table of the file `where` with numbers in the place of texts with `${...}`.
+    """Return a table with numbers in the place of texts with `${...}`.
 
-    Args:
-        table: as the file has it.
-        where: the file.
-        name: that of the table, for errors.
-        request: the file of the tree, whose arguments are the names in the texts.
+    The file `where` has it under a name; names in the texts are arguments of the request's file.
 
     Raises:
         MechanismFileError: a text is no expression of the arguments, or its value no number.
