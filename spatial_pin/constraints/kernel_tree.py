@@ -85,8 +85,26 @@ class KernelTree:
         self._library, self._tree = library(), TreeArrays(self._split)
         self._inertias, self._masses = inertias(model), b""  # views: they see later changes
         self._gravity, self.armature = model.gravity.linear, model.armature
-        self._create(np.ones(model.nv) if scale is None else scale,
-                     np.zeros(model.njoints, bool) if is_core is None else is_core)
+        t, n = self._tree, self._split.njoints
+        head = [n, model.nq, model.nv, *[0] * 13]  # no equations:
+        starts = [0] * 5  # of supports, terms, factors, patterns and turns
+        ints = np.concatenate([head, t.kind, t.parent, t.iq, t.iv, starts]).astype(np.int64)
+        parts = (t.rotation, t.translation, t.pitch, t.mass, t.com, t.inertia, self._gravity,
+                 np.ones(model.nv) if scale is None else scale)
+        self._reals = np.concatenate([np.asarray(x, float).ravel() for x in parts])
+        self._kernel, self.handle = ctypes.c_void_p(), ctypes.c_void_p()
+        check(self._library.kernel_create(
+            address(ints), len(ints), address(self._reals), len(self._reals), None, 0,
+            ctypes.byref(self._kernel)))
+        weakref.finalize(self, self._library.kernel_destroy, self._kernel)
+        core = np.zeros(n, np.int64)
+        core[self._carriers] = False if is_core is None else is_core
+        for joint in range(n - 1, 0, -1):  # those in front in a joint that is split
+            core[t.parent[joint]] |= core[joint]
+        check(self._library.tree_create(self._kernel, address(core), ctypes.byref(self.handle)))
+        self.is_core = np.zeros(model.nv, bool)
+        for joint in (np.flatnonzero(core[1:]) + 1).tolist():
+            self.is_core[t.iv[joint] : t.iv[joint] + self._split.nvs[joint]] = True
         n = model.njoints
         self.placements, self.columns = np.zeros((n, 4, 3)), np.zeros((6, model.nv))
         self.placements[0, :3] = np.eye(3)
@@ -99,29 +117,6 @@ class KernelTree:
         self._moving = np.empty((2, n, 6))
         self._task = _TreeTask(1, *map(address, (
             self._q, self._v, self._a, self.armature, self._R, self._p)))
-
-    def _create(self, scale: Array, is_core: NDArray[np.bool_]) -> None:
-        t, n = self._tree, self._split.njoints
-        head = [n, self.model.nq, self.model.nv, *[0] * 13]  # no equations:
-        starts = [0] * 5  # of supports, terms, factors, patterns and turns
-        ints = np.concatenate([head, t.kind, t.parent, t.iq, t.iv, starts]).astype(np.int64)
-        parts = (t.rotation, t.translation, t.pitch, t.mass, t.com, t.inertia,
-                 self.model.gravity.linear, scale)
-        self._reals = np.concatenate([np.asarray(x, float).ravel() for x in parts])
-        handle, tree = ctypes.c_void_p(), ctypes.c_void_p()
-        check(self._library.kernel_create(
-            address(ints), len(ints), address(self._reals), len(self._reals), None, 0,
-            ctypes.byref(handle)))
-        weakref.finalize(self, self._library.kernel_destroy, handle)
-        self._kernel = handle
-        own = np.zeros(n, np.int64)
-        own[self._carriers] = is_core
-        for joint in range(n - 1, 0, -1):  # those in front in a joint that is split
-            own[t.parent[joint]] |= own[joint]
-        check(self._library.tree_create(handle, address(own), ctypes.byref(tree)))
-        self.handle, self.is_core = tree, np.zeros(self.model.nv, bool)
-        for joint in (np.flatnonzero(own[1:]) + 1).tolist():
-            self.is_core[t.iv[joint] : t.iv[joint] + self._split.nvs[joint]] = True
 
     def take_masses(self) -> None:
         """Take the masses and the gravity that the model has now; armatures are always those."""

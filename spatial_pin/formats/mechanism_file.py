@@ -35,7 +35,6 @@ from spatial_pin.mechanism.pairs import (
     JOINT_TYPES,
     PAIRS,
     Pair,
-    PairGeometry,
     closure_geometry,
     closure_types,
     hint_at_type,
@@ -297,12 +296,17 @@ def _closure(spec: MechanismSpec, table: TomlTable) -> Closure:
     if pair.n_joints:
         more = pair.has_more and not pair.n_frames
         parts["joints"] = table.some_names("joints", pair.n_joints, more)
-    numbers, geometry = _numbers(table, pair, spec), _geometry(table, pair)
+    numbers, (axis, axis2, lead) = _numbers(table, pair, spec), _axes(table, pair)
+    length = table.number("length") if pair.uses_length and BETWEEN not in table else 0.0
     if pair.uses_length and BETWEEN in table:
         if "length" in table:
             table.fail("length", f"or {BETWEEN}: a distance has one of the two")
         parts["between"] = table.two_names(BETWEEN)
-    closure = Closure(name, kind, numbers=numbers, geometry=geometry, **parts)
+    elif pair.uses_length and length <= 0.0:
+        table.fail("length",
+                   f"is {length} m; it must be positive (for 0 use type = \"spherical\")")
+    closure = Closure(name, kind, numbers=numbers, **parts, geometry=closure_geometry(
+        pair, axis, axis2, length=length, lead=lead))
     fault = pair.fault(closure)
     if fault:
         table.fail(*fault)
@@ -338,17 +342,6 @@ def _numbers(table: TomlTable, pair: Pair, spec: MechanismSpec) -> dict[str, Any
                 table.fail(key.name, f"is zero; {key.no_zero}")
             numbers[key.name] = value
     return numbers
-
-
-def _geometry(table: TomlTable, pair: Pair) -> PairGeometry:
-    axis, axis2, lead = _axes(table, pair)
-    length = 0.0
-    if pair.uses_length and BETWEEN not in table:
-        length = table.number("length")
-        if length <= 0.0:
-            table.fail("length",
-                       f"is {length} m; it must be positive (for 0 use type = \"spherical\")")
-    return closure_geometry(pair, axis, axis2, length=length, lead=lead)
 
 
 def _law(table: TomlTable, spec: MechanismSpec) -> tuple[tuple[float, float], ...]:

@@ -153,22 +153,17 @@ def _add_joint(
     turns = None if written == "floating" else axis
     name, link = reading.urdf.joint(wanted, written, parent, child, placement, turns, limits)
     reading.joints.append(PlacedJoint(name, parent, link, placement, axis))
-    refinement = {**refinement, **_resistances(reading, joint), **_effort(reading, joint)}
-    if refinement:
-        reading.refined[name] = refinement
-    return link
-
-
-def _resistances(reading: MjcfReading, joint: int) -> dict[str, float]:
-    """Return damping, friction and armature of a joint, as `[joints.X]` has them."""
-    model, dof = reading.model, reading.model.jnt_dofadr[joint]
-    values = {
+    dof = model.jnt_dofadr[joint]
+    resistances = {
         "damping": 0.0 if reading.is_off("DAMPER") else (
             model.dof_damping[dof] + _of_actuators(reading, joint, "actuator_damping")),
         "friction": 0.0 if reading.is_off("FRICTIONLOSS") else model.dof_frictionloss[dof],
-        "armature": model.dof_armature[dof] + _of_actuators(reading, joint, "actuator_armature"),
-    }
-    return {key: float(x) for key, x in values.items() if x != 0.0}
+        "armature": model.dof_armature[dof] + _of_actuators(reading, joint, "actuator_armature")}
+    refinement |= {key: float(x) for key, x in resistances.items() if x != 0.0}
+    refinement |= _effort(reading, joint)
+    if refinement:
+        reading.refined[name] = refinement
+    return link
 
 
 def _of_actuators(reading: MjcfReading, joint: int, key: str) -> float:
@@ -215,17 +210,12 @@ def _add_geom(reading: MjcfReading, geom: int) -> None:
     placement = pose(model.geom_pos[geom], model.geom_quat[geom]) * inner
     touches = bool(model.geom_contype[geom] or model.geom_conaffinity[geom])
     if not touches or model.geom_group[geom] < DRAWN_GROUPS:
-        reading.urdf.shape(link, "visual", placement, tag, sizes, _colour(model, geom))
+        colour, material = np.array(model.geom_rgba[geom], dtype=float), model.geom_matid[geom]
+        if material >= 0 and np.array_equal(colour, GREY):
+            colour = np.array(model.mat_rgba[material], dtype=float)
+        reading.urdf.shape(link, "visual", placement, tag, sizes, colour)
     if touches:
         reading.urdf.shape(link, "collision", placement, tag, sizes)
-
-
-def _colour(model: Any, geom: int) -> Array:
-    """Return the colour (4,) of a geom: its own, else its material's."""
-    own, material = np.array(model.geom_rgba[geom], dtype=float), model.geom_matid[geom]
-    if material >= 0 and np.array_equal(own, GREY):
-        return np.array(model.mat_rgba[material], dtype=float)
-    return own
 
 
 def _solid(reading: MjcfReading, geom: int) -> tuple[str, dict[str, str], pin.SE3] | None:
