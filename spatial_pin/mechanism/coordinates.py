@@ -23,8 +23,7 @@ from spatial_pin.errors import MechanismFileError, SpatialPinError, UnknownNameE
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mechanism.parts import Coordinate
-from spatial_pin.numerics.angles import whole_turns
-from spatial_pin.numerics.linalg import EPS, Array, pseudo_inverses
+from spatial_pin.numerics.linalg import EPS, Array, pseudo_inverses, whole_turns
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 Numbers = TypeVar("Numbers", float, Array)

@@ -37,7 +37,7 @@ from spatial_pin.formats.urdf.urdf_model import (
     joint_axes,
 )
 from spatial_pin.mechanism.pairs import PAIRS, axes_from_z
-from spatial_pin.numerics.angles import whole_turns
+from spatial_pin.numerics.linalg import whole_turns
 
 LIMITED = ("revolute", "prismatic")  # URDF types that have limits of position
 DRAWN = 100.0  # roundings of the file that links may be drawn away from their joints
