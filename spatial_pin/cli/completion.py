@@ -172,9 +172,7 @@ SHELLS: dict[str, Callable[[list[_CommandWords], list[str]], str]] = {
 def offer(words: Sequence[str]) -> int:
     """Print the names of a kind, one a line; nothing where there are none, for whatever reason.
 
-    Args:
-        words: the kind, one of `KINDS`, with `=` where a value comes after the name; and the
-            mechanism as it is typed.
+    The words are one of `KINDS`, with `=` where a value comes after the name, and the mechanism.
     """
     try:
         kind, typed = words

@@ -170,12 +170,7 @@ class Remedy(NamedTuple):
 
 
 def in_options(text: str, flags: Collection[str]) -> str:
-    """Return a message of the library with a command's options in place of arguments.
-
-    Args:
-        text: the message of an error or warning.
-        flags: the command's options, as `--hold`.
-    """
+    """Return a message of the library with flags, as `--hold`, in place of arguments."""
     for remedy in REMEDIES:
         if not remedy.flag or remedy.flag in flags:
             text = re.sub(remedy.python, remedy.words, text)

@@ -44,16 +44,7 @@ def read_table(
     `time [s]`; `tip position x [m]` is `tip.x`. Numbers may have units of their own, `20deg`.
     Between them are commas, or semicolons or tabs where the first line has no comma; numbers
     between semicolons may have decimal commas. Columns of rates, accelerations, efforts and
-    energies, as `--csv` writes them, are left out.
-
-    Args:
-        path: of the file.
-        mechanism: with whose coordinates and frames the units must go.
-        with_blanks: whether fields may be empty, which are NaN then.
-
-    Raises:
-        OSError: it cannot be read.
-        SpatialPinError: it is no such table; names file, row and column.
+    energies, as `--csv` writes them, are left out. `with_blanks`: empty fields are NaN.
     """
     lines = _lines(path)
     if len(lines) < 2:
@@ -133,10 +124,6 @@ def targets_of(
     `NAME.x`, `NAME.y` and `NAME.z` are points of a frame [m]; with `NAME.rx`, `NAME.ry` and
     `NAME.rz`, rotation vectors [rad], placements. Other columns are coordinates, drivers or outputs
     of one number, as `NAME.position.z` [m] and `LINK.angle` [rad].
-
-    Raises:
-        SpatialPinError: columns of a frame are missing, or there is no such frame, coordinate or
-            driver.
     """
     targets: dict[str, Any] = {}
     frames: dict[str, dict[str, Array]] = {}
@@ -157,10 +144,7 @@ def targets_of(
 def frame_targets(where: str, frame: str, parts: Mapping[str, Any]) -> Any:
     """Return points (N, 3) of a frame, or its placements, from columns (N,) by x, y, z, rx, ry, rz.
 
-    Args:
-        where: text before the names of missing columns.
-        frame: its name.
-        parts: the columns.
+    `where` is the text before the names of missing columns.
     """
     wanted = (*POINT, *TURNED) if set(parts) & set(TURNED) else POINT
     missing = [f"{frame}.{part}" for part in wanted if part not in parts]
@@ -215,20 +199,10 @@ def read_measurements(
 ) -> list[tuple[dict[str, float], dict[str, Any]]]:
     """Return measurements as `calibrate` takes them: readings of encoders, and measured outputs.
 
-    Columns of drivers are what encoders read. Measured are `NAME.x`, `NAME.y`, `NAME.z` of a point
-    [m], with `NAME.rx`, `NAME.ry`, `NAME.rz` (rotation vector, rad) of a placement, other
-    coordinates by their names, and `NAME-OTHER` the distance of two frames [m]. A field that is
-    empty was not measured at that pose.
-
-    Args:
-        path: of the file.
-        mechanism: whose names these are.
-        read: coordinates besides the drivers that are read.
-
-    Raises:
-        OSError: it cannot be read.
-        SpatialPinError: it is no such table; names file, row and column.
-        UnknownNameError: there is no such frame, coordinate or driver.
+    Columns of drivers, and of the coordinates in `read`, are what encoders read. Measured are
+    `NAME.x`, `NAME.y`, `NAME.z` of a point [m], with `NAME.rx`, `NAME.ry`, `NAME.rz` (rotation
+    vector, rad) of a placement, other coordinates by their names, and `NAME-OTHER` the distance of
+    two frames [m]. A field that is empty was not measured at that pose.
     """
     columns, _ = read_table(path, mechanism, with_blanks=True)
     own = {name for d in mechanism.drivers.values()
