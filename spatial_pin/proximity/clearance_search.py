@@ -203,11 +203,7 @@ class SampledClearance:
         return self._known_configurations[point]
 
     def _approach(self, row: int, before: tuple[Array, Array], here: tuple[Array, Array]) -> Array:
-        """Return the approach of links at even parts of the step to a sample.
-
-        Returns:
-            (parts + 1, pairs).
-        """
+        """Return the approach of links (parts + 1, pairs) at even parts of the step to a sample."""
         parts = EVEN_PARTS * max(1, int(np.ceil(self.between.turned(row - 1) / WHOLE_TURN)))
         steps: list[Array] = []
         for k in range(1, parts + 1):

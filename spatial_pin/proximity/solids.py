@@ -83,12 +83,7 @@ def _solid(
 
 
 def hulls(points: Array, corners: Array) -> Iterator[coal.ShapeBase]:
-    """Yield the convex hull of each connected part of a mesh.
-
-    Args:
-        points: (n, 3) [m]; points at one place are one.
-        corners: (m, 3) of triangles.
-    """
+    """Yield the convex hull of each connected part of a mesh of triangles (m, 3)."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import ConvexHull, QhullError

@@ -267,15 +267,9 @@ def _peak(
 
 
 def smooth_peak(x: Array, y: Array, at: Callable[[Array], Array]) -> float | None:
-    """Return the height of a smooth peak, by parabolas closer and closer to the top.
+    """Return the height of a smooth peak of a function, by parabolas closer and closer to the top.
 
-    Args:
-        x: (3,) in order, around the peak.
-        y: (3,) values there.
-        at: the function, of (3,).
-
-    Returns:
-        None if the function is not smooth there.
+    Values y (3,) at x (3,) are around it. None if the function is not smooth there.
     """
     wide, top, before = float(x[2] - x[0]), 0.0, 0.0
     for closer in CLOSER:

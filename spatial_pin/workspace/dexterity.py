@@ -44,12 +44,9 @@ class FrameTask(NamedTuple):
 
 
 def task_of(jacobians: Array, wanted: str | None) -> FrameTask:
-    """Return the wanted task, or the one with a direction for each driver.
+    """Return the wanted task, "position" or "pose", for Jacobians (m, 6, c) in natural units.
 
-    Args:
-        jacobians: (m, 6, c) in natural units.
-        wanted: "position" or "pose"; None: position, unless only poses have as many directions as
-            there are drivers.
+    None: position, unless only poses have as many directions as there are drivers.
     """
     n = jacobians.shape[-1]
     known = jacobians[~np.isnan(jacobians).any(axis=(1, 2))]

@@ -106,9 +106,7 @@ def motion_along(
 ) -> tuple[Motion | None, int, Termination | None]:
     """Follow the branch from the start of a line to values of its coordinate.
 
-    Returns:
-        The motion, whose first row is the start; the number of its valid rows; and why there are no
-        more.
+    Return the motion from the start on, the number of its valid rows, and why there are no more.
     """
     others = [name for k, name in enumerate(config.names) if k != run.axis]
     start = State(config.mechanism, run.q, closure_error=run.error, angles=run.angles)

@@ -42,13 +42,8 @@ def curves_of(
 ) -> list[Curve]:
     """Return the curves in a section of a grid, pieces of the boundary joined at corners.
 
-    Args:
-        config: the grid.
-        task: the task of the frame.
-        borders: points on lines of the grid in the section, where curves begin.
-        free: numbers of the two coordinates that span the section.
-        spans: (k, 2) ranges of all coordinates.
-        tolerance: largest distance between curve and polyline [rad, characteristic lengths].
+    They begin at `borders`. Two coordinates, by their numbers, are `free`; `spans` (k, 2) are the
+    ranges of all; `tolerance` is that of the polylines [rad, characteristic lengths].
     """
     kinds = {LIMIT} | ({SINGULAR} if task.is_square else set())
     with loops_of(config.mechanism) as evaluation:

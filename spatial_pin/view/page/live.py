@@ -118,12 +118,7 @@ class Desk:
         self.says()
 
     def answer(self, question: Any) -> Answer:
-        """Return the answer to a question of the page.
-
-        Raises:
-            ValueError: it is no question.
-            SpatialPinError: the mechanism cannot do it.
-        """
+        """Return the answer to a question of the page."""
         kind = question.get("ask") if isinstance(question, dict) else None
         if kind not in ANSWERS:
             raise ValueError(f"a question asks for one of {', '.join(ANSWERS)}, not {kind!r}")
@@ -160,12 +155,7 @@ class Desk:
         return {name: self.jog.value(name) / dial.size for name, dial in self.dials.items()}
 
     def says(self) -> list[str]:
-        """Return the readings.
-
-        Raises:
-            UnknownNameError: an output does not exist.
-            SpatialPinError: an output is neither an angle nor a length.
-        """
+        """Return the readings."""
         texts = [dial.words(self.jog.value(name)) for name, dial in self.dials.items()]
         if self.outputs:
             motion = NamedOutputs(_now(self.jog), in_time=False)

@@ -156,12 +156,7 @@ def default_outputs(motion: Motion) -> list[str]:
 
 
 def svg(figure: Figure, name: str) -> str:
-    """Return a figure as an SVG element for a page.
-
-    Args:
-        figure: the figure.
-        name: a description for readers who cannot see it; its identifiers follow from it.
-    """
+    """Return a figure as an SVG element for a page, with a name for readers who cannot see it."""
     from matplotlib import rc_context
 
     buffer = io.StringIO()
@@ -287,15 +282,8 @@ def curves_of(
 ) -> dict[str, Any] | None:
     """Return the curves under the picture, for its script; None where nothing moves.
 
-    Args:
-        shown: the film.
-        names: of outputs, as `Motion.output` takes them: the page opens with them. Without any it
-            has those of `default_outputs`, behind a button.
-        others: motions beside it; motions that have an output too have dashed curves.
-
-    Raises:
-        UnknownNameError: there is no such output.
-        SpatialPinError: some are named, and nothing moves.
+    The page opens with the named outputs; without any it has those of `default_outputs`, behind a
+    button. Curves of other motions are dashed.
     """
     if not isinstance(shown.source, Motion) or not shown.seconds[-1] > 0:
         if names:
@@ -315,14 +303,7 @@ def curves_of(
 def growing_curves(now: Motion, names: Sequence[str], over: str) -> dict[str, Any] | None:
     """Return curves without points, for a page that adds them while a mechanism is moved by hand.
 
-    Args:
-        now: its pose, one sample.
-        names: of outputs; None without any.
-        over: the abscissa, with its unit.
-
-    Raises:
-        UnknownNameError: there is no such output.
-        SpatialPinError: an output is a rate.
+    `now` is its pose, one sample; `over` the abscissa, with its unit. None without names.
     """
     if not names:
         return None

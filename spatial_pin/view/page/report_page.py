@@ -108,12 +108,10 @@ def _drawn(
 
 
 def _derived(subject: Subject, of_coordinate: str = "", of_position: str = "") -> list[str]:
-    """Return ratios, velocities or accelerations of the outputs that have them.
+    """Return the outputs' derivatives that exist.
 
-    Args:
-        subject: of the report.
-        of_coordinate: "ratio" or "acceleration" of outputs that are coordinates; "" for none.
-        of_position: "velocity" or "acceleration" of outputs that are positions; "" for none.
+    They are the "ratio" or "acceleration" of coordinates, the "velocity" or "acceleration" of
+    positions; "" for none.
     """
     sentences: list[str] = []
     if subject.motion is None:

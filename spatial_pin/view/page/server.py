@@ -248,13 +248,9 @@ class Viewer:
 
 
 def open_in_browser(viewer: Viewer, verb: str) -> None:
-    """Open a page in the user's browser; if none can be, warn with the address.
+    """Open a page in the user's browser; if none can be, stop it or warn with the address.
 
-    In a notebook nothing is opened: there the viewer shows itself.
-
-    Args:
-        viewer: the page; it is stopped if anything goes wrong.
-        verb: the function that the user called.
+    In a notebook nothing is opened: there the viewer shows itself. `verb` is what the user called.
     """
     named = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"))
     # without one only browsers that write text are left, and they would take the terminal

@@ -68,12 +68,7 @@ def _short(values: Array) -> list[float]:
 
 
 def signals(film: Film, loads: Kinetostatics | None = None) -> list[Signal]:
-    """Return the coordinates of a film with their rates, and its reactions.
-
-    Args:
-        film: the film; one of a state has no rates.
-        loads: forces of its whole motion, if they are known.
-    """
+    """Return the coordinates of a film with their rates, and the reactions of its loads."""
     result, source = list[Signal](), film.source
     for name, c in film.mechanism.coordinate_table.items():
         value, rate, _ = (np.atleast_1d(x)[film.rows] for x in source.coordinate(name))

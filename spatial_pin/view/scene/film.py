@@ -216,11 +216,7 @@ def moments(shown: Film, other: Film) -> tuple[Array, NDArray[np.intp], str]:
     """Return when samples of another motion are shown with a film.
 
     They are where both have the same time, else the same driver value; else both begin and end
-    together.
-
-    Returns:
-        Seconds of the film, shape (K,), rising; which samples of the other, shape (K,); how they
-        belong together, in words.
+    together. Return seconds (K,), rising, samples of the other (K,), and how in words.
     """
     one, two = shown.motion, other.motion
     x, y, words = _ends(one, two)

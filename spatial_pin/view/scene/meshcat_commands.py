@@ -117,13 +117,9 @@ class Recorder:
 
 
 def animation(seconds: Array, tracks: dict[str, Track]) -> bytes:
-    """Return the command of an animation that repeats for ever.
+    """Return the command of an animation, by meshcat path, that repeats for ever.
 
     Meshcat's own `Animation` keeps every key apart; arrays make the page five times smaller.
-
-    Args:
-        seconds: when each sample is shown, shape (N,) [s].
-        tracks: of each thing that moves, by meshcat path.
     """
     clips = []
     for path, track in tracks.items():
@@ -251,9 +247,6 @@ def scene(film: Film, look: Look | None = None) -> MeshcatScene:
 
     The scene is centred and scaled to a radius of 1, so that the viewer's lights and clipping
     planes fit a watch and a crane alike. Links without visuals are shown as a skeleton.
-
-    Raises:
-        UnknownNameError: `look` names something that does not exist.
     """
     model, geometry = film.mechanism.model, film.mechanism.visual_model
     bare = geometry is None or geometry.ngeoms == 0

@@ -139,11 +139,9 @@ def ball(radius: float) -> Solid:
 
 
 def turned(*corners: tuple[float, float], segments: int = 48) -> Solid:
-    """Return the solid that a polygon of (radius, z) sweeps about z, with sharp edges.
+    """Return the solid that a polygon of (radius, z) [m] sweeps about z, with sharp edges.
 
-    Args:
-        corners: of the profile, outside to the right of the way along them [m].
-        segments: number of facets round the axis; few make a prism.
+    Outside is to the right along the corners; few segments make a prism.
     """
     sides = [corner for k in range(len(corners) - 1) for corner in corners[k : k + 2]]
     return Solid(Lathe(np.array(sides), segments), Y_TO_Z, faceted=segments < 12)
@@ -183,11 +181,7 @@ def _frames_along(tangent: Array) -> tuple[Array, Array]:
 
 
 def coloured(visual: pin.GeometryObject) -> list[tuple[Solid, tuple[float, ...] | None]]:
-    """Return the parts of a mesh that have colours of their own; none where it has none.
-
-    Args:
-        visual: the geometry object, whose colour goes before those of the file.
-    """
+    """Return the parts of a mesh with the colours of its file; none where one colour is for all."""
     shape = visual.geometry
     if visual.overrideMaterial or not isinstance(shape, coal.BVHModelBase):
         return []
@@ -208,12 +202,7 @@ def coloured(visual: pin.GeometryObject) -> list[tuple[Solid, tuple[float, ...] 
 
 
 def solid(visual: pin.GeometryObject, size: float) -> Solid | None:
-    """Return what to draw for a geometry object, or None when nothing can be.
-
-    Args:
-        visual: the geometry object.
-        size: of the scene [m]; unbounded planes are drawn as large as that.
-    """
+    """Return what to draw in a scene of a size [m] for a geometry object, or None."""
     for kind, make in SOLIDS.items():
         if isinstance(visual.geometry, kind):
             return make(visual.geometry, size)

@@ -62,15 +62,10 @@ def _follower(
     stage: Stage, title: str, closure: Closure, on: tuple[int, pin.SE3], turned: Array,
     touched: Array,
 ) -> list[Item]:
-    """Return the face or the roller of a follower, none of a knife edge.
+    """Return the face or the roller of a cam's follower, none of a knife edge.
 
-    Args:
-        stage: the stage.
-        title: of the closure.
-        closure: a cam.
-        on: joint that carries frame 2, and its placement there.
-        turned: (N, 3, 3) rotation of frame 2 in frame 1.
-        touched: (N, 3) point of contact from origin 2, axes of frame 1 [m].
+    Frame 2 is on a joint; `turned` (N, 3, 3) is its rotation in frame 1, `touched` (N, 3) the point
+    of contact from its origin in axes of frame 1 [m].
     """
     follower, (joint, at) = closure.numbers["follower"], on
     normal = turned[0].T @ curves_in(closure.numbers)[0].axes[:, 2]  # of the plane, in frame 2

@@ -85,11 +85,7 @@ def others_of(
 
 
 def ghosts(stage: Stage, shown: tuple[State | Motion, ...]) -> Layer:
-    """Return other states and motions in the same place, half transparent.
-
-    Raises:
-        SpatialPinError: one is a state of another mechanism.
-    """
+    """Return other states and motions in the same place, half transparent."""
     others = others_of(stage, shown, "ghost")
     items = [replace(item, colour=(*item.colour[:3], OPACITY * item.colour[3]))
              for solids, _, _ in others for item in solids
@@ -102,13 +98,7 @@ def ghosts(stage: Stage, shown: tuple[State | Motion, ...]) -> Layer:
 def side_by_side(stage: Stage, shown: tuple[State | Motion, ...], direction: Array) -> Layer:
     """Return other states and motions side by side with the first, which is the film itself.
 
-    Args:
-        stage: the film.
-        shown: the other states and motions.
-        direction: unit vector from the middle to the camera, shape (3,).
-
-    Raises:
-        SpatialPinError: one is a state of another mechanism.
+    The direction (3,) is that from the middle to the camera.
     """
     others = others_of(stage, shown, "beside")
     corners = [occupied(list(stage.visuals), stage.poses), *(points for _, points, _ in others)]
@@ -269,10 +259,7 @@ def workspaces(stage: Stage, workspace: Workspace) -> Layer:
 def designs(stage: Stage, design: Design, drawn: tuple[str, ...]) -> Layer:
     """Return balls at target points, triads at target placements, and paths of their frames.
 
-    Args:
-        stage: the scene.
-        design: whose goals are drawn.
-        drawn: frames whose paths are drawn anyway.
+    Paths of the frames in `drawn` are there anyway.
     """
     shown = stage.film.mechanism
     if shown.name != design.mechanism.name or shown.dimensions != design.mechanism.dimensions:
