@@ -21,19 +21,12 @@ Option = tuple[str, dict[str, Any]]  # flag and settings, as `add_argument` take
 
 
 class Command(NamedTuple):
-    """A command of `spatial-pin`.
+    """A command of `spatial-pin`."""
 
-    Attributes:
-        run: its function, whose docstring is the help.
-        options: of its parser.
-        takes_mechanism: whether its first word names a mechanism.
-        one_of: options that exclude each other; one must be given.
-    """
-
-    run: Callable[[Any], None]
-    options: tuple[Option, ...]
-    takes_mechanism: bool = True
-    one_of: tuple[Option, ...] = ()
+    run: Callable[[Any], None]  # its function, whose docstring is the help
+    options: tuple[Option, ...]  # of its parser
+    takes_mechanism: bool = True  # whether its first word names a mechanism
+    one_of: tuple[Option, ...] = ()  # options that exclude each other; one must be given
 
     @property
     def text(self) -> str:

@@ -156,16 +156,11 @@ def finite(x: Any) -> Any:
 
 
 class Remedy(NamedTuple):
-    """How advice to callers from Python reads for who types commands.
+    """How advice to callers from Python reads for who types commands."""
 
-    Attributes:
-        python: pattern in a message of the library.
-        words: its replacement.
-        flag: the option that a command needs for it; "" for none. Others leave it to the next.
-    """
-
-    python: str
-    words: str | Callable[[re.Match[str]], str]
+    python: str  # pattern in a message of the library
+    words: str | Callable[[re.Match[str]], str]  # its replacement
+    # the option that a command needs for it; "" for none. Others leave it to the next
     flag: str = ""
 
 

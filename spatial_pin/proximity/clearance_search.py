@@ -143,17 +143,11 @@ class MotionPoint(NamedTuple):
 
 
 class PairResult(NamedTuple):
-    """The result for a pair of links.
+    """The result for a pair of links."""
 
-    Attributes:
-        at: point of the least distance.
-        nearest: the distance there.
-        contacts: first and last point of each contact.
-    """
-
-    at: MotionPoint
-    nearest: Nearest
-    contacts: tuple[tuple[MotionPoint, MotionPoint], ...]
+    at: MotionPoint  # point of the least distance
+    nearest: Nearest  # the distance there
+    contacts: tuple[tuple[MotionPoint, MotionPoint], ...]  # first and last point of each contact
 
 
 class SampledClearance:

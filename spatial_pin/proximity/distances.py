@@ -43,15 +43,10 @@ WIDE_GAP = 0.2  # angle between such directions [rad]
 
 
 class Nearest(NamedTuple):
-    """The distance of two links.
+    """The distance of two links."""
 
-    Attributes:
-        distance: below zero the depth of overlap [m].
-        points: (2, 3) nearest points of both, in the world [m].
-    """
-
-    distance: float
-    points: Array
+    distance: float  # below zero the depth of overlap [m]
+    points: Array  # (2, 3) nearest points of both, in the world [m]
 
 
 NOWHERE = Nearest(np.inf, np.full((2, 3), np.nan))

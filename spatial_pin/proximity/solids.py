@@ -15,25 +15,17 @@ from spatial_pin.numerics.linalg import Array
 
 
 class ConvexSolid(NamedTuple):
-    """A convex solid of a link.
+    """A convex solid of a link."""
 
-    Attributes:
-        link: name of the link.
-        joint: joint of its frame.
-        rotation, position: (3, 3), (3,) in that frame.
-        shape: for coal.
-        centre, radius: (3,) in that frame, of a sphere around it [m].
-        half, thickness: (3,) in that frame, from the centre to an end of a segment, and the radius
-            about it that contains the solid [m].
-    """
-
-    link: str
-    joint: int
-    rotation: Array
+    link: str  # name of the link
+    joint: int  # joint of its frame
+    rotation: Array  # rotation, position: (3, 3), (3,) in that frame
     position: Array
-    shape: coal.ShapeBase
-    centre: Array
+    shape: coal.ShapeBase  # for coal
+    centre: Array  # centre, radius: (3,) in that frame, of a sphere around it [m]
     radius: float
+    # half, thickness: (3,) in that frame, from the centre to an end of a segment, and the radius
+    # about it that contains the solid [m]
     half: Array
     thickness: float
 

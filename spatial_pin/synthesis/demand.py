@@ -194,15 +194,10 @@ class AtMost(Demand):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MotionDemand(Demand):
-    """A demand over a motion.
+    """A demand over a motion."""
 
-    Attributes:
-        driver: name of the driver; None: the only one.
-        at: (k,) driver values; None: a turn, or from limit to limit.
-    """
-
-    driver: str | None = None
-    at: Array | None = None
+    driver: str | None = None  # name of the driver; None: the only one
+    at: Array | None = None  # (k,) driver values; None: a turn, or from limit to limit
 
     def check(self, mechanism: Mechanism) -> None:
         """See `Goal`."""

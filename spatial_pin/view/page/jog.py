@@ -48,17 +48,11 @@ STOPS = {
 
 
 class JogStop(NamedTuple):
-    """Where a driver cannot go on.
+    """Where a driver cannot go on."""
 
-    Attributes:
-        kind: one of STOPS.
-        value: driver value [rad or m].
-        of: the coordinate whose joint limit it is.
-    """
-
-    kind: str
-    value: float
-    of: str = ""
+    kind: str  # one of STOPS
+    value: float  # driver value [rad or m]
+    of: str = ""  # the coordinate whose joint limit it is
 
 
 class Jog:
@@ -272,19 +266,12 @@ def _path(jog: Jog, name: str, end: float, rows: int) -> tuple[float, JogStop | 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Grip(Target):
-    """A point of a body on a line of the world: where the eye sees the pointer.
+    """A point of a body on a line of the world: where the eye sees the pointer."""
 
-    Attributes:
-        joint: number of the joint that the body hangs on.
-        point: in the joint's frame, shape (3,) [m].
-        origin: of the line, shape (3,) [m].
-        direction: unit vector along it, shape (3,).
-    """
-
-    joint: int
-    point: Array
-    origin: Array
-    direction: Array
+    joint: int  # number of the joint that the body hangs on
+    point: Array  # in the joint's frame, shape (3,) [m]
+    origin: Array  # of the line, shape (3,) [m]
+    direction: Array  # unit vector along it, shape (3,)
 
     def residual(self, evaluation: LoopEquations) -> Residual:
         """See `Target`: how far the point is from the line, by the characteristic length."""

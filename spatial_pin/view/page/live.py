@@ -51,19 +51,12 @@ Answer = dict[str, Any]
 
 
 class Dial(NamedTuple):
-    """How the values of a driver are written.
+    """How the values of a driver are written."""
 
-    Attributes:
-        name: of the driver.
-        unit: "°", " mm", ..., as it follows the number.
-        size: of the unit [rad or m].
-        digits: decimals shown.
-    """
-
-    name: str
-    unit: str
-    size: float
-    digits: int
+    name: str  # of the driver
+    unit: str  # "°", " mm", ..., as it follows the number
+    size: float  # of the unit [rad or m]
+    digits: int  # decimals shown
 
     def words(self, value: float) -> str:
         """Return a value [rad or m] with name and unit."""

@@ -49,23 +49,14 @@ COUNTED_AT = 0.29  # part of a motion after which its freedoms are counted: no r
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """The subject of a report.
+    """The subject of a report."""
 
-    Attributes:
-        shown: the motion or state.
-        motion: the motion; None for a state.
-        state: the state, or a sample of the motion that is no special position.
-        outputs: names of the drawn outputs, as `Motion.output` takes them.
-        title: heading.
-        look: extras of the picture; None for the usual.
-    """
-
-    shown: Motion | State
-    motion: Motion | None
-    state: State
-    outputs: tuple[str, ...]
-    title: str
-    look: Look | None
+    shown: Motion | State  # the motion or state
+    motion: Motion | None  # the motion; None for a state
+    state: State  # the state, or a sample of the motion that is no special position
+    outputs: tuple[str, ...]  # names of the drawn outputs, as `Motion.output` takes them
+    title: str  # heading
+    look: Look | None  # extras of the picture; None for the usual
 
     @property
     def mechanism(self) -> Mechanism:

@@ -19,21 +19,13 @@ FORCES = (("force", "N", slice(0, 3)), ("moment", "N·m", slice(3, 6)))  # of a 
 
 
 class Signal(NamedTuple):
-    """A number of a film that its page can show and draw.
+    """A number of a film that its page can show and draw."""
 
-    Attributes:
-        name: of the quantity, as outputs are named.
-        unit: of the values.
-        pair: joint or closure that it belongs to.
-        what: "value", "rate", "force" or "moment".
-        values: in every sample, shape (N,).
-    """
-
-    name: str
-    unit: str
-    pair: str
-    what: str
-    values: Array
+    name: str  # of the quantity, as outputs are named
+    unit: str  # of the values
+    pair: str  # joint or closure that it belongs to
+    what: str  # "value", "rate", "force" or "moment"
+    values: Array  # in every sample, shape (N,)
 
 
 def anatomy(mechanism: Mechanism) -> dict[str, Any]:

@@ -19,21 +19,13 @@ ROWS_LOOKED_AT = 121  # samples that must all be in the picture: 3 degrees apart
 
 
 class Framing(NamedTuple):
-    """A view that holds a whole motion.
+    """A view that holds a whole motion."""
 
-    Attributes:
-        centre: of the view, shape (3,) [m].
-        radius: of the sphere about it that holds all [m].
-        floor: height of the lowest point [m].
-        camera: position from the centre relative to the radius, shape (3,) [-].
-        cell: width of a cell of the ground grid [m].
-    """
-
-    centre: Array
-    radius: float
-    floor: float
-    camera: Array
-    cell: float
+    centre: Array  # of the view, shape (3,) [m]
+    radius: float  # of the sphere about it that holds all [m]
+    floor: float  # height of the lowest point [m]
+    camera: Array  # position from the centre relative to the radius, shape (3,) [-]
+    cell: float  # width of a cell of the ground grid [m]
 
     def scaled(self, points: Array) -> Array:
         """Return points (..., 3) [m] in the scene, whose radius is 1."""

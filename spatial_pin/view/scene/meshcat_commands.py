@@ -64,45 +64,26 @@ FRONT_SIDE, BOTH_SIDES = 0, 2  # of faces, as three.js numbers them
 
 
 class MeshcatScene(NamedTuple):
-    """A picture.
+    """A picture."""
 
-    Attributes:
-        commands: meshcat's, packed.
-        framing: the camera.
-        layer: legend, alarms and labels; `labels` are in the scaled scene.
-        extras: commands of further layers, hidden at first.
-        parts: that can be pointed at, shown and hidden.
-        extent: points that the picture holds, those farthest out, shape (K, 3) [m].
-        hidden: groups that are hidden at first.
-        shadow: as `Look` has it.
-    """
-
-    commands: list[bytes]
-    framing: Framing
-    layer: Layer
-    extras: list[bytes]
-    parts: list[ScenePart]
-    extent: Array
-    hidden: list[str]
-    shadow: bool | None
+    commands: list[bytes]  # meshcat's, packed
+    framing: Framing  # the camera
+    layer: Layer  # legend, alarms and labels; `labels` are in the scaled scene
+    extras: list[bytes]  # commands of further layers, hidden at first
+    parts: list[ScenePart]  # that can be pointed at, shown and hidden
+    extent: Array  # points that the picture holds, those farthest out, shape (K, 3) [m]
+    hidden: list[str]  # groups that are hidden at first
+    shadow: bool | None  # as `Look` has it
 
 
 class ScenePart(NamedTuple):
-    """Something in a picture that has a name.
+    """Something in a picture that has a name."""
 
-    Attributes:
-        path: meshcat's.
-        group: its layer: "links", "pairs", "axes", ...
-        name: of the link or pair, or of the part itself.
-        at: middle of the sign of a pair in its joint's frame [m].
-        along: axis of the pair there, a unit vector.
-    """
-
-    path: str
-    group: str
-    name: str
-    at: list[float] | None = None
-    along: list[float] | None = None
+    path: str  # meshcat's
+    group: str  # its layer: "links", "pairs", "axes", ...
+    name: str  # of the link or pair, or of the part itself
+    at: list[float] | None = None  # middle of the sign of a pair in its joint's frame [m]
+    along: list[float] | None = None  # axis of the pair there, a unit vector
 
 
 @dataclass(frozen=True)

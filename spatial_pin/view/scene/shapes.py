@@ -29,17 +29,11 @@ Y_TO_Z = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 
 
 class Solid(NamedTuple):
-    """A three.js geometry and its placement.
+    """A three.js geometry and its placement."""
 
-    Attributes:
-        geometry: a meshcat geometry.
-        placement: of the geometry in the shape's frame, shape (4, 4), may scale.
-        faceted: whether its faces are to be shaded flat.
-    """
-
-    geometry: Any
-    placement: Array = np.eye(4)
-    faceted: bool = False
+    geometry: Any  # a meshcat geometry
+    placement: Array = np.eye(4)  # of the geometry in the shape's frame, shape (4, 4), may scale
+    faceted: bool = False  # whether its faces are to be shaded flat
 
 
 class Lathe(mg.Geometry):

@@ -23,19 +23,12 @@ GAP_DIGITS = 3  # of a gap: its size matters, not its value
 
 
 class ClosureGap(NamedTuple):
-    """How far a closure is open, sample by sample; 0 where it is closed.
+    """How far a closure is open, sample by sample; 0 where it is closed."""
 
-    Attributes:
-        closure: the closure.
-        lengths: between the two points that should coincide, shape (N,) [m].
-        angles: between the directions that should agree, shape (N,) [rad].
-        offset: from where point 2 should be to where it is, in the view, shape (N, 3) [m].
-    """
-
-    closure: Closure
-    lengths: Array
-    angles: Array
-    offset: Array
+    closure: Closure  # the closure
+    lengths: Array  # between the two points that should coincide, shape (N,) [m]
+    angles: Array  # between the directions that should agree, shape (N,) [rad]
+    offset: Array  # from where point 2 should be to where it is, in the view, shape (N, 3) [m]
 
 
 def _pair_gap(stage: Stage, closure: Closure, residual: Array) -> ClosureGap:

@@ -28,19 +28,12 @@ MOST_THREAD_TURNS = 60.0  # of a thread that is drawn: more are a grey bar
 
 
 class Site(NamedTuple):
-    """The placement of a sign.
+    """The placement of a sign."""
 
-    Attributes:
-        unit: its size [m].
-        travel: least and greatest height of origin 2 along z of frame 1 [m].
-        middle: of where origin 2 comes to, along x and y of frame 1 [m].
-        reach: its least and greatest distance from there [m].
-    """
-
-    unit: float
-    travel: tuple[float, float]
-    middle: tuple[float, float]
-    reach: tuple[float, float]
+    unit: float  # its size [m]
+    travel: tuple[float, float]  # least and greatest height of origin 2 along z of frame 1 [m]
+    middle: tuple[float, float]  # of where origin 2 comes to, along x and y of frame 1 [m]
+    reach: tuple[float, float]  # its least and greatest distance from there [m]
 
     @property
     def rail(self) -> tuple[float, float]:
@@ -50,19 +43,13 @@ class Site(NamedTuple):
 
 
 class Piece(NamedTuple):
-    """One solid of a sign.
+    """One solid of a sign."""
 
-    Attributes:
-        on: the frame that carries it: "first", "second" or "between".
-        solid: its shape.
-        span: least and greatest z, and radius of it [m], where that is more than the sign's size.
-        middle: x and y of where that is [m].
-    """
-
-    on: str
-    solid: Solid
+    on: str  # the frame that carries it: "first", "second" or "between"
+    solid: Solid  # its shape
+    # least and greatest z, and radius of it [m], where that is more than the sign's size
     span: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    middle: tuple[float, float] = (0.0, 0.0)
+    middle: tuple[float, float] = (0.0, 0.0)  # x and y of where that is [m]
 
 
 def _revolute(site: Site) -> list[Piece]:

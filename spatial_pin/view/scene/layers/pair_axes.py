@@ -28,18 +28,12 @@ DASHES = (9.0, 2.0, 1.5, 2.0)  # lengths of dash, space, dot, space of an axis
 
 
 class PairAxes(NamedTuple):
-    """A pair between two bodies.
+    """A pair between two bodies."""
 
-    Attributes:
-        name, kind: of the joint or closure.
-        joints: the bodies.
-        frames: of the pair in each body, z along its axis, shape (4, 4) each.
-    """
-
-    name: str
+    name: str  # name, kind: of the joint or closure
     kind: str
-    joints: tuple[int, int]
-    frames: tuple[Array, Array]
+    joints: tuple[int, int]  # the bodies
+    frames: tuple[Array, Array]  # of the pair in each body, z along its axis, shape (4, 4) each
 
 
 def _framed(placement: pin.SE3, axes: Array) -> Array:
