@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import math
 import re
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -28,9 +28,15 @@ NOT_READ = (" rate", " acceleration", " effort", " power", "closure error")  # w
 POSITION = re.compile(r" position ([xyz])$")  # of a frame, as tables are written
 NO_POSITION = re.compile(r" (velocity|acceleration|jerk|force|moment) [xyz]$")  # not read either
 ENERGY = "J"  # unit of other columns that `--csv` writes
-KINDS = {  # of targets: what units their numbers have, " " for none
-    "position": ("m", "m", "m"), "pose": ("m", "m", "m", "rad", "rad", "rad"),
-    "orientation": ("rad", "rad", "rad"), "direction": (" ", " ", " "),
+# of targets: the units of their numbers, " " for none, and what makes one of these and a weight
+KINDS: dict[str, tuple[tuple[str, ...], Callable[[Array, float | None], targets.Target]]] = {
+    "position": (("m", "m", "m"), targets.position),
+    "pose": (("m", "m", "m", "rad", "rad", "rad"), lambda x, weight: targets.pose(
+        pin.SE3(pin.exp3(x[3:]), x[:3]), weight)),
+    "orientation": (("rad", "rad", "rad"), lambda x, weight: targets.orientation(
+        pin.exp3(x), weight)),
+    "direction": ((" ", " ", " "), lambda x, weight: targets.direction(
+        np.array([0.0, 0.0, 1.0]), x / (np.linalg.norm(x) or 1.0), weight)),
 }
 CENTRE = "com"  # name of the target of the centre of mass
 
@@ -286,7 +292,7 @@ def read_target(text: str) -> tuple[str, Any]:
         if weight is None:
             return name.strip(), number
         return name.strip(), targets.CoordinateValue(weight=weight, value=number)
-    units = KINDS[kind]
+    units, make = KINDS[kind]
     of_kind = f"{'an' if kind == 'orientation' else 'a'} {kind}"
     if len(words) != len(units):
         raise ValueError(f"{text!r}: {of_kind} has {len(units)} numbers, not {len(words)}")
@@ -296,20 +302,7 @@ def read_target(text: str) -> tuple[str, Any]:
         raise ValueError(f"{text!r}: {of_kind} has numbers in {', '.join(units)}")
     if kind == "position" and f".{frame}".endswith(f".{CENTRE}"):  # of a link, or of the whole
         frame = name.strip()
-    return frame, _of_frame(kind, np.array(numbers, dtype=float), weight)
-
-
-def _of_frame(kind: str, x: Array, weight: float | None) -> targets.Target:
-    """Return the target of a frame that numbers say."""
-    if kind == "position":
-        return targets.position(x, weight)
-    if kind == "direction":
-        along = x / (np.linalg.norm(x) or 1.0)
-        return targets.direction(np.array([0.0, 0.0, 1.0]), along, weight)
-    turned = pin.exp3(x[-3:])
-    if kind == "orientation":
-        return targets.orientation(turned, weight)
-    return targets.pose(pin.SE3(turned, x[:3]), weight)
+    return frame, make(np.array(numbers, dtype=float), weight)
 
 
 def _weight(text: str, given: str) -> float:

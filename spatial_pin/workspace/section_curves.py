@@ -13,16 +13,8 @@ from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.workspace.dexterity import SINGULAR, FrameTask
-from spatial_pin.workspace.filled_grid import Border
-from spatial_pin.workspace.grid_lines import GridConfig
-from spatial_pin.workspace.locus import (
-    AT_CORNER,
-    LIMIT,
-    RANGE,
-    Locus,
-    Section,
-    walk,
-)
+from spatial_pin.workspace.grid_lines import Border, GridConfig
+from spatial_pin.workspace.locus import AT_CORNER, LIMIT, RANGE, Locus, Section, walk
 from spatial_pin.workspace.workspace_result import Curve, Workspace, unit_of
 
 MEETS = 1e3 * AT_CORNER  # distance of two ends of curves at one corner

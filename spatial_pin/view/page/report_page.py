@@ -98,22 +98,26 @@ def _drawn(
     return section(title, f"{words}<figure data-panels='{data}'>{drawing}{caption}</figure>")
 
 
-def _derived(subject: Subject, of_coordinate: str = "", of_position: str = "") -> list[str]:
-    """Return the outputs' derivatives that exist.
+DERIVED = (  # titles of figures, and what they have of outputs that are coordinates, or positions
+    ("Speed ratios", "ratio", ""), ("Velocities", "", "velocity"),
+    ("Accelerations", "acceleration", "acceleration"))
 
-    They are the "ratio" or "acceleration" of coordinates, the "velocity" or "acceleration" of
-    positions; "" for none.
-    """
-    sentences: list[str] = []
-    if subject.motion is None:
-        return sentences
-    for name in subject.outputs:
-        stem = name.removesuffix(".position")
-        suffix = of_coordinate if stem == name else of_position
-        with contextlib.suppress(SpatialPinError):  # there is no such thing of this output
-            subject.motion.output(f"{stem}.{suffix}")
-            sentences.append(f"{stem}.{suffix}")
-    return sentences
+
+def _derivatives(subject: Subject) -> str | None:
+    """Draw speed ratios, velocities and accelerations of the outputs that have them."""
+    motion, figures = subject.motion, list[str]()
+    if motion is None:
+        return None
+    for title, of_coordinate, of_position in DERIVED:
+        names = list[str]()
+        for name in subject.outputs:
+            stem = name.removesuffix(".position")
+            derivative = f"{stem}.{of_coordinate if stem == name else of_position}"
+            with contextlib.suppress(SpatialPinError):  # there is no such thing of this output
+                motion.output(derivative)
+                names.append(derivative)
+        figures += filter(None, [_drawn(subject, title, names)])
+    return "\n".join(figures)
 
 
 def _key(subject: Subject) -> str:
@@ -170,23 +174,6 @@ def _outputs(subject: Subject) -> str | None:
         return None
     return _drawn(subject, "Outputs", with_force_values(
         motion, subject.outputs, lambda: subject.loads or loads(subject.shown, motion)))
-
-
-def _ratios(subject: Subject) -> str | None:
-    """Draw the outputs' rates by the driver's."""
-    if subject.motion is None or subject.motion.driver is None:
-        return None
-    return _drawn(subject, "Speed ratios", _derived(subject, of_coordinate="ratio"))
-
-
-def _velocities(subject: Subject) -> str | None:
-    """Draw the velocities of the outputs that are positions."""
-    return _drawn(subject, "Velocities", _derived(subject, of_position="velocity"))
-
-
-def _accelerations(subject: Subject) -> str | None:
-    """Draw the outputs' accelerations."""
-    return _drawn(subject, "Accelerations", _derived(subject, "acceleration", "acceleration"))
 
 
 def _ranges(subject: Subject) -> str | None:
@@ -347,9 +334,7 @@ SECTIONS: tuple[Callable[[Subject], str | None], ...] = (
     _view,
     _design,
     _outputs,
-    _ratios,
-    _velocities,
-    _accelerations,
+    _derivatives,
     _ranges,
     _coordinates,
     _events,
@@ -360,8 +345,6 @@ SECTIONS: tuple[Callable[[Subject], str | None], ...] = (
     _structure,
     _accuracy,
 )
-
-
 
 
 @checked
