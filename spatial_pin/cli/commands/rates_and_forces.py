@@ -13,7 +13,6 @@ from spatial_pin.assembly.holding import held_by
 from spatial_pin.cli import options as opt
 from spatial_pin.cli.mechanism_arguments import Options, in_units
 from spatial_pin.cli.printing import grid, print_result
-from spatial_pin.motion.motion import first_samples
 from spatial_pin.motion.summary import EFFORTS, tidy
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.rates.rates import check_not_held
@@ -109,42 +108,28 @@ def transmission(options: Options) -> None:
 def _tell_along(options: Options, motion: sp.Motion) -> None:
     """Answer with the transmission along a sweep."""
     mechanism, driver = motion.mechanism, options.driver or motion.driver_name
-    results: list[sp.Transmission] = options.along(lambda: _each(options, motion, driver))
-    values, ratios, angles = (np.asarray(x)[: len(results)] for x in (
-        motion.driver, [x.ratio for x in results], [x.angle for x in results]))
+    result = sp.transmission(mechanism, motion, options.output, driver, options.pair,
+                             hold=options.held)
+    values = np.asarray(motion.driver)
     units = _units(*(mechanism.driven_coordinate(x).unit for x in (options.output, driver)))
     table = flat({
         motion.driver_name: Quantity(values, motion.driver_unit),
-        "ratio": Quantity(ratios, units["ratio"].replace("1", "-")),
-        "mechanical advantage": Quantity(np.array([x.mechanical_advantage for x in results]),
+        "ratio": Quantity(result.ratio, units["ratio"].replace("1", "-")),
+        "mechanical advantage": Quantity(result.mechanical_advantage,
                                          units["mechanical_advantage"].replace("1", "-")),
-        "transmission angle": Quantity(angles, "rad")})
+        "transmission angle": Quantity(result.angle, "rad")})
     unit, rows = motion.driver_unit, []
-    for name, column, mark in (("speed ratio", ratios, ""),
-                               ("transmission angle", np.degrees(angles), "°")):
+    for name, column, mark in (("speed ratio", result.ratio, ""),
+                               ("transmission angle", np.degrees(result.angle), "°")):
         for word, k in (("least", int(column.argmin())), ("most", int(column.argmax()))):
             rows.append([word, name, f"{column[k]:.6g}{mark}",
                          f"at {motion.driver_name} = {values[k]:.6g} {unit}"])
-    head = (f"{mechanism.name}: {driver} moves {options.output} at {results[0].at}, "
-            f"{len(results)} values")
+    head = (f"{mechanism.name}: {driver} moves {options.output} at {result.at}, "
+            f"{len(motion)} values")
     content = {"mechanism": mechanism.name, "output": options.output, "driver": driver,
-               "at": results[0].at, "units": units,
+               "at": result.at, "units": units,
                "columns": {name: x.tolist() for name, x in table.items()}}
     print_result(options, f"{head}\n{grid(rows)}", content, table)
-
-
-def _each(options: Options, motion: sp.Motion, driver: str) -> list[sp.Transmission]:
-    """Return the transmission at every sample."""
-    results: list[sp.Transmission] = []
-    try:
-        for state in map(motion.state, range(len(motion))):
-            results.append(sp.transmission(motion.mechanism, state, options.output, driver,
-                                         options.pair, hold=options.held))
-    except KeyboardInterrupt:
-        if not results:
-            raise
-        raise sp.Interrupted(first_samples(motion, len(results)), results) from None
-    return results
 
 
 # ---------------------------------------------------------------- statics
