@@ -199,9 +199,16 @@ class MotionDemand(Demand):
     driver: str | None = None  # name of the driver; None: the only one
     at: Array | None = None  # (k,) driver values; None: a turn, or from limit to limit
 
+    @property
+    def mover(self) -> str:
+        """The driver in words."""
+        return self.driver or "the driver"
+
     def check(self, mechanism: Mechanism) -> None:
         """See `Goal`."""
         mechanism.driven_coordinate(self.moved_by(mechanism))
+        if output := getattr(self, "output", ""):
+            mechanism.coordinate(output)
 
     def moved_by(self, mechanism: Mechanism) -> str:
         """Return the driver."""
@@ -238,7 +245,6 @@ def _peak(
     motion: Motion, measured: Array, rows: NDArray[np.intp], measure: Callable[[Motion], Array]
 ) -> float:
     """Return the largest value of a measure at samples, refined between them if it counts."""
-    assert motion.driver_name is not None
     driver, best = motion.driver_name, int(rows[np.argmax(measured[rows])])
     highest = float(measured[best])
     inside = 0 < best < len(measured) - 1 and highest >= max(measured[best - 1], measured[best + 1])

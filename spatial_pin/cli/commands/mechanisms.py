@@ -18,7 +18,7 @@ import spatial_pin as sp
 from spatial_pin._support.brief import counted
 from spatial_pin._support.output_files import write_text
 from spatial_pin.cli import options as opt
-from spatial_pin.cli.completion import SHELLS, script
+from spatial_pin.cli.completion import SHELLS
 from spatial_pin.cli.mechanism_arguments import Options
 from spatial_pin.cli.printing import WIDTH, on_screen, print_result, say
 from spatial_pin.dynamics.coupling_forces import coupling_forces
@@ -313,7 +313,7 @@ def new(options: Options) -> None:
 
 def completion(options: Options) -> None:
     """Write a script with which a shell completes these words."""
-    print(script(options.shell, options.parsers), end="")
+    print(SHELLS[options.shell](options.parsers), end="")
 
 
 COMMANDS = {

@@ -296,8 +296,7 @@ def curves_of(
     panels = _curve_panels(motion, drawn)
     for k, other in enumerate((x for x in others if isinstance(x, Motion)), start=1):
         _add_other(panels, shown, film(other), drawn, f"other {k}" if k > 1 else "other")
-    title = f"{name} [{unit}]" if unit else name
-    return {"x": _rounded(x), "name": title, "panels": panels, "open": bool(names)}
+    return {"x": _rounded(x), "name": _label(name, unit), "panels": panels, "open": bool(names)}
 
 
 def growing_curves(now: Motion, names: Sequence[str], over: str) -> dict[str, Any] | None:
@@ -349,15 +348,13 @@ def _curve_panels(motion: Motion, names: Sequence[str]) -> list[dict[str, Any]]:
 
 
 def _curve_panel(output: Output) -> dict[str, Any]:
-    values, unit = np.asarray(output.values, float), "" if output.unit == "1" else output.unit
-    if unit == "rad":
-        values, unit = np.rad2deg(values), "°"
+    values, unit = _in_degrees(np.asarray(output.values, float), output.unit)
+    unit = "" if unit == "1" else unit
     columns = values.reshape(len(values), -1).T
     names = "xyz" if len(columns) == 3 else [""] * len(columns)
     lines = [{"name": name, "values": _rounded(x), "of": k}
              for k, (name, x) in enumerate(zip(names, columns, strict=True))]
-    label = f"{output.label} [{unit}]" if unit else output.label
-    return {"name": output.label, "label": label, "unit": unit,
+    return {"name": output.label, "label": _label(output.label, unit), "unit": unit,
             "lines": lines}
 
 

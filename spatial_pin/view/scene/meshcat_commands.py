@@ -39,15 +39,7 @@ from spatial_pin.view.scene.stage import (
     upright,
 )
 
-__all__ = [
-    "MeshcatScene",
-    "colour",
-    "grid_lines",
-    "item_path",
-    "joint_paths",
-    "scene",
-]
-
+__all__ = ["MeshcatScene", "colour", "grid_lines", "item_path", "joint_paths", "scene"]
 
 GROUP = "/mechanism"
 GRID = f"{GROUP}/ground grid"

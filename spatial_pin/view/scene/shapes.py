@@ -72,16 +72,11 @@ def _triangles(points: Array, corners: Callable[[int], Any], n: int) -> Solid | 
     return Solid(mg.TriangularMeshGeometry(points, faces), faceted=True) if faces else None
 
 
-def _height_field(shape: Any, size: float) -> Solid:
-    from pinocchio.visualize.meshcat_visualizer import loadMesh
+def _by_pinocchio(shape: Any, size: float) -> Solid:
+    from pinocchio.visualize.meshcat_visualizer import loadMesh, loadOctree
 
-    return Solid(loadMesh(shape), faceted=True)
-
-
-def _octree(shape: Any, size: float) -> Solid:
-    from pinocchio.visualize.meshcat_visualizer import loadOctree
-
-    return Solid(loadOctree(shape), faceted=True)
+    load = loadOctree if isinstance(shape, coal.OcTree) else loadMesh
+    return Solid(load(shape), faceted=True)
 
 
 SOLIDS: dict[type, Callable[[Any, float], Solid | None]] = {
@@ -101,9 +96,9 @@ SOLIDS: dict[type, Callable[[Any, float], Solid | None]] = {
         shape.points(), shape.polygons, shape.num_polygons),
     coal.BVHModelBase: lambda shape, size: _triangles(
         shape.vertices(), shape.tri_indices, shape.num_tris),
-    coal.HeightFieldAABB: _height_field,
-    coal.HeightFieldOBBRSS: _height_field,
-    coal.OcTree: _octree,
+    coal.HeightFieldAABB: _by_pinocchio,
+    coal.HeightFieldOBBRSS: _by_pinocchio,
+    coal.OcTree: _by_pinocchio,
 }
 
 

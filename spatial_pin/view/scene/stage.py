@@ -7,6 +7,7 @@ arrows and markers are fractions of `Stage.size`, so that a watch and a crane lo
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -86,6 +87,11 @@ class Stage:
         """Return a point p (3,) of a joint's frame [m] in the view, shape (N, 3)."""
         pose = self.poses[:, joint]
         return pose[:, :3] + rotate(pose[:, 3:], np.broadcast_to(p, (len(pose), 3)))
+
+    def origins(self, frames: Iterable[str]) -> list[Array]:
+        """Return the origins of frames by their names in the view, shape (N, 3) each."""
+        placed = map(self.film.mechanism.frame_on_joint, frames)
+        return [self.points(joint, M.translation) for joint, M in placed]
 
     def rotations(self, joint: int, axes: Array) -> Array:
         """Return axes (3, 3) of a joint's frame, in columns, in the view, shape (N, 3, 3)."""

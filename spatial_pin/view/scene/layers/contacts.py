@@ -31,8 +31,8 @@ def contacts(stage: Stage) -> Layer:
             continue
         (one, on_1), (two, on_2) = map(mechanism.frame_on_joint, closure.frames)
         first, second = (stage.rotations(j, m.rotation) for j, m in ((one, on_1), (two, on_2)))
-        start = stage.points(one, on_1.translation)
-        seen = np.einsum("nij,ni->nj", first, stage.points(two, on_2.translation) - start)
+        start, end = stage.origins(closure.frames)
+        seen = np.einsum("nij,ni->nj", first, end - start)
         turned = np.einsum("nji,njk->nik", first, second)
         curve = curves_in(closure.numbers)[0]
         along = (seen - curve.centre) @ curve.axes[:, 2]

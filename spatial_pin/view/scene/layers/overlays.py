@@ -14,7 +14,7 @@ from spatial_pin.assembly.state import State
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.proximity.clearance import Clearance, PairClearance
+from spatial_pin.proximity.clearance import Clearance, PairClearance, in_words
 from spatial_pin.synthesis.goals import PathGoal, PosesGoal
 from spatial_pin.synthesis.ranked_designs import Design
 from spatial_pin.view.scene.film import (
@@ -166,19 +166,15 @@ def clearances(stage: Stage, clearance: Clearance) -> Layer:
     for pair in (*touching, *nearest):
         items += _line(stage, pair, TOUCHING if pair.contacts else LINE)
     legend = [Entry(TOUCHING, "links that touch")] * bool(touching)
-    legend += [Entry(LINE, f"least over the motion, {_names(p)}: {length_words(p.distance)}")
+    legend += [Entry(LINE, f"least over the motion, {in_words(p)}: {length_words(p.distance)}")
                for p in nearest]
     alarms = []
     for pair in touching:  # how deep they overlap
         distances = pair.distances[film.rows]
         depth = np.where(distances <= clearance.tolerance, -distances, 0.0)
         size, unit = unit_of_length(float(np.abs(depth).max()) or 1.0)
-        alarms.append(Readout(_names(pair), depth / size, f" {unit}", 2, says=" overlap by "))
+        alarms.append(Readout(in_words(pair), depth / size, f" {unit}", 2, says=" overlap by "))
     return Layer(tuple(items), np.zeros((0, 3)), tuple(legend), tuple(alarms))
-
-
-def _names(pair: PairClearance) -> str:
-    return " and ".join(pair.links)
 
 
 def _red_links(stage: Stage, clearance: Clearance, pairs: list[PairClearance]) -> list[Item]:
@@ -206,7 +202,7 @@ def _red_links(stage: Stage, clearance: Clearance, pairs: list[PairClearance]) -
 def _line(stage: Stage, pair: PairClearance, colour: tuple[float, ...]) -> list[Item]:
     """Return a line between the nearest points of two links, with a ball at either end."""
     a, b = (stage.seen(pair.points[stage.film.rows, k]) for k in (0, 1))
-    name, size = f"clearance {_names(pair)}", stage.size
+    name, size = f"clearance {in_words(pair)}", stage.size
     return [
         Item(name, rod(CLEARANCE_ROD * size), colour, track=rod_between(a, b), through=True),
         *(Item(f"{name} {k}", ball(CLEARANCE_BALL * size), colour, track=ball_at(p), through=True)

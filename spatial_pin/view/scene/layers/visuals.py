@@ -167,16 +167,14 @@ def springs(stage: Stage) -> Layer:
     for spring in stage.film.mechanism.springs:
         if not spring.frames:
             continue
-        a, b = (stage.points(joint, M.translation) for joint, M in map(
-            stage.film.mechanism.frame_on_joint, spring.frames))
+        a, b = stage.origins(spring.frames)
         length = float(np.linalg.norm(b - a, axis=1).mean())
         drawn = coil(length or stage.size, stage.size)
         items.append(Item(f"spring {spring.name}", drawn, SPRING_COLOUR, track=rod_between(a, b)))
         points += [a, b]
     for closure in stage.film.mechanism.closures:
         if closure.type == "distance":
-            a, b = (stage.points(joint, M.translation) for joint, M in map(
-                stage.film.mechanism.frame_on_joint, closure.frames))
+            a, b = stage.origins(closure.frames)
             items.append(Item(f"rod {closure.name}", rod(WIRE * stage.size), SPRING_COLOUR,
                               track=rod_between(a, b)))
             points += [a, b]
