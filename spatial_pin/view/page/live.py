@@ -124,9 +124,8 @@ class Desk:
 
     def poses(self) -> list[tuple[str, list[float]]]:
         """Return the meshcat path and pose of everything that moves: x y z, x y z w, scales."""
-        from spatial_pin.view.scene.layers.contacts import contacts
         from spatial_pin.view.scene.layers.glyphs import glyphs
-        from spatial_pin.view.scene.layers.visuals import springs
+        from spatial_pin.view.scene.layers.visuals import contacts, springs
         from spatial_pin.view.scene.meshcat_commands import item_path, joint_paths
         from spatial_pin.view.scene.stage import Stage, joint_poses, upright
 

@@ -13,7 +13,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.view.scene.film import Film
-from spatial_pin.view.scene.layers.pair_axes import AXIAL, pairs_of
+from spatial_pin.view.scene.layers.glyphs import AXIAL, pairs_of
 
 FORCES = (("force", "N", slice(0, 3)), ("moment", "N·m", slice(3, 6)))  # of a reaction
 

@@ -14,9 +14,8 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.view.scene.film import Film
 from spatial_pin.view.scene.framing import FIELD_OF_VIEW, Framing, direction, frame, occupied
 from spatial_pin.view.scene.layers.arrows import arrows, traces
-from spatial_pin.view.scene.layers.contacts import contacts
 from spatial_pin.view.scene.layers.gaps import gaps
-from spatial_pin.view.scene.layers.glyphs import glyphs
+from spatial_pin.view.scene.layers.glyphs import axes, glyphs
 from spatial_pin.view.scene.layers.overlays import (
     clearances,
     designs,
@@ -24,8 +23,14 @@ from spatial_pin.view.scene.layers.overlays import (
     side_by_side,
     workspaces,
 )
-from spatial_pin.view.scene.layers.pair_axes import axes
-from spatial_pin.view.scene.layers.visuals import bodies, centres, colour, springs, with_skeleton
+from spatial_pin.view.scene.layers.visuals import (
+    bodies,
+    centres,
+    colour,
+    contacts,
+    springs,
+    with_skeleton,
+)
 from spatial_pin.view.scene.look import Look
 from spatial_pin.view.scene.shapes import meshcat, mg
 from spatial_pin.view.scene.stage import (
