@@ -63,10 +63,20 @@ def print_result(
     if not on_screen(options):
         say(text)
     written = list(files)
-    if table is not None and getattr(options, "csv", None):
-        written += write_table(table, options.csv)
+    if table is not None and (path := getattr(options, "csv", None)):
+        columns = {name: np.array(column, dtype=object) for name, column in table.items()}
+        if path == SCREEN:
+            write_csv(sys.stdout, columns, "\n")
+        else:
+            write_columns(Path(path), columns)
+            written.append(path)
     if content is not None and options.json:
-        written += write_json(content, options.json)
+        plain = json.dumps(finite(content), indent=1, allow_nan=False)
+        if options.json == SCREEN:
+            print(plain)
+        else:
+            write_text(Path(options.json), plain + "\n")
+            written.append(options.json)
     if not on_screen(options):
         wrote(written)
     if not is_whole:
@@ -117,26 +127,6 @@ def grid(rows: Sequence[Sequence[str]], heads: Sequence[str] = ()) -> str:
                  for word, w, to_right in zip(row, widths, right, strict=True)]
         lines.append("  " + "  ".join(words).rstrip())
     return "\n".join(lines)
-
-
-def write_json(content: Any, path: str) -> list[str]:
-    """Write plain data; returns the files written."""
-    text = json.dumps(finite(content), indent=1, allow_nan=False)
-    if path == SCREEN:
-        print(text)
-        return []
-    write_text(Path(path), text + "\n")
-    return [path]
-
-
-def write_table(table: Table, path: str) -> list[str]:
-    """Write columns of equal length with all digits; returns the files written."""
-    columns = {name: np.array(column, dtype=object) for name, column in table.items()}
-    if path != SCREEN:
-        write_columns(Path(path), columns)
-        return [path]
-    write_csv(sys.stdout, columns, "\n")
-    return []
 
 
 def finite(x: Any) -> Any:

@@ -33,16 +33,7 @@ from spatial_pin.view.scene.layers.visuals import (
 )
 from spatial_pin.view.scene.look import Look
 from spatial_pin.view.scene.shapes import meshcat, mg
-from spatial_pin.view.scene.stage import (
-    Item,
-    Layer,
-    Stage,
-    Track,
-    grouped,
-    joined,
-    joint_poses,
-    upright,
-)
+from spatial_pin.view.scene.stage import Item, Layer, Stage, Track, joined, joint_poses, upright
 
 __all__ = ["MeshcatScene", "colour", "grid_lines", "item_path", "joint_paths", "scene"]
 
@@ -217,7 +208,7 @@ def _layers(stage: Stage, look: Look, bare: bool, towards: Array) -> dict[str, l
 
 
 def _in_groups(layers: dict[str, list[Layer]]) -> Layer:
-    return joined([grouped(group, layer) for group, items in layers.items() for layer in items])
+    return joined([joined(some, group) for group, some in layers.items()])
 
 
 def scene(film: Film, look: Look | None = None) -> MeshcatScene:

@@ -153,15 +153,10 @@ def ball_at(points: Array, scale: Array | None = None) -> Track:
     return Track(np.concatenate([points, still], axis=1), scales)
 
 
-def grouped(group: str, layer: Layer) -> Layer:
-    """Return a layer whose solids are shown and hidden together."""
-    return replace(layer, items=tuple(replace(item, group=group) for item in layer.items))
-
-
-def joined(layers: list[Layer]) -> Layer:
-    """Return all layers as one."""
+def joined(layers: list[Layer], group: str = "") -> Layer:
+    """Return all layers as one, whose solids are shown and hidden together if they have a group."""
     return Layer(
-        tuple(item for layer in layers for item in layer.items),
+        tuple(replace(item, group=group or item.group) for layer in layers for item in layer.items),
         np.concatenate([np.zeros((0, 3)), *(layer.points for layer in layers)]),
         tuple(entry for layer in layers for entry in layer.legend),
         tuple(alarm for layer in layers for alarm in layer.alarms),

@@ -215,13 +215,8 @@ def _distance(site: Site) -> list[Piece]:
     return [*ends, Piece("between", rod(0.13 * s))]
 
 
-def _point_on_line(site: Site) -> list[Piece]:
-    line = Piece("first", rod(0.13 * site.unit, *site.rail), (*site.rail, 0.0))
-    return [line, Piece("second", ball(0.4 * site.unit))]
-
-
-def _point_on_plane(site: Site) -> list[Piece]:
-    return [_plate(site), Piece("second", ball(0.4 * site.unit))]
+def _point(site: Site) -> list[Piece]:
+    return [Piece("second", ball(0.4 * site.unit))]
 
 
 def _directions(site: Site) -> list[Piece]:
@@ -241,13 +236,14 @@ GLYPHS: dict[str, Callable[[Site], list[Piece]]] = {
     "planar": _planar,
     "universal": _universal,
     "distance": _distance,
-    "point_on_curve": lambda site: [Piece("second", ball(0.4 * site.unit))],
-    "cam": lambda site: [Piece("second", ball(0.4 * site.unit))],
-    "frame_on_curve": lambda site: [Piece("second", ball(0.4 * site.unit))],
-    "curve_on_curve": lambda site: [Piece("second", ball(0.4 * site.unit))],
+    "point_on_curve": _point,
+    "cam": _point,
+    "frame_on_curve": _point,
+    "curve_on_curve": _point,
     "rope": _distance,
-    "point_on_line": _point_on_line,
-    "point_on_plane": _point_on_plane,
+    "point_on_line": lambda site: [Piece("first", rod(0.13 * site.unit, *site.rail),
+                                         (*site.rail, 0.0)), *_point(site)],
+    "point_on_plane": lambda site: [_plate(site), *_point(site)],
     "parallel": _directions,
     "perpendicular": _directions,
 }
