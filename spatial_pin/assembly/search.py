@@ -28,7 +28,7 @@ from spatial_pin.assembly.redundant_equations import clearly_above, gap_words
 from spatial_pin.assembly.start_values import COORDINATE_ERROR, MAX_STARTS, NEAR_GUESS, starts_from
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.constraints.opposite_axes import opposite_axes
+from spatial_pin.constraints.vector_products import opposite_axes
 from spatial_pin.errors import AssemblyError
 from spatial_pin.kernel.closer import AT_ONCE, ClosureResult, Examined
 from spatial_pin.kernel.loop_equations import LoopEquations

@@ -20,9 +20,8 @@ from spatial_pin._support.lazy import cached_property, made_anew, made_once
 from spatial_pin.assembly.close import closed
 from spatial_pin.assembly.holding import LoopGroup, fixed_base_entries, free_velocities, loop_groups
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.compiled_equations import constraints_of
+from spatial_pin.constraints.compiled_equations import NEARLY_PARALLEL, constraints_of
 from spatial_pin.constraints.composite_joints import SCREW, SLIDE, TURN, joint_kind, split_of
-from spatial_pin.constraints.turns import NEARLY_PARALLEL
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.closer import (
     AT_ONCE,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import acquired
-from spatial_pin.constraints.opposite_axes import TANGENT, axis_pairs
+from spatial_pin.constraints.vector_products import TANGENT, axis_pairs
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.library import INT, POINTER, REAL, address, check

@@ -67,17 +67,12 @@ class Goal(ABC):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Precision(Goal):
-    """A goal at k configurations.
+    """A goal at k configurations."""
 
-    Attributes:
-        drivers: values (k,) of coordinates at the samples; empty: the timing is free.
-        input_offset: whether the drivers have free zeros.
-        width: residuals of a sample.
-    """
-
+    # values (k,) of coordinates at the samples; empty: the timing is free
     drivers: Mapping[str, Array] = field(default_factory=dict)
-    input_offset: bool = False
-    width: ClassVar[int]
+    input_offset: bool = False  # whether the drivers have free zeros
+    width: ClassVar[int]  # residuals of a sample
 
     def __len__(self) -> int:
         """Return the number of configurations."""

@@ -57,7 +57,7 @@ def posed(
 
     Returns:
         A state of the copy, absolute positions [m], angles zero; its names of the parts of the
-        pose; fixed parts outside the grid; "position" or "pose".
+        pose; fixed parts outside the grid; the task.
 
     Args:
         start: closed state.

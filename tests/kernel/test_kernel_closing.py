@@ -15,7 +15,7 @@ from variety import each
 import spatial_pin as sp
 from spatial_pin.assembly.close import close, pinned_rows
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.constraints.opposite_axes import opposite_axes
+from spatial_pin.constraints.vector_products import opposite_axes
 from spatial_pin.kernel.closer import (
     NAMED,
     TURNS,
