@@ -15,8 +15,8 @@ import pinocchio as pin
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.motion.motion import Motion, first_samples
-from spatial_pin.numerics.hermite import quintic
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.piecewise import quintic
 from spatial_pin.numerics.roots import sign_change
 from spatial_pin.proximity.distances import Distances, Nearest
 

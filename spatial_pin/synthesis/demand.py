@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.assembly.assemble import assembled
-from spatial_pin.assembly.search.whole_turns import nearest_turn
+from spatial_pin.assembly.start_values import nearest_turn
 from spatial_pin.assembly.state import State
 from spatial_pin.dimensions.dimension_batch import DimensionFamily
 from spatial_pin.dimensions.homotopy import followed

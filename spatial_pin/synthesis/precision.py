@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 from spatial_pin.dimensions.dimension_batch import EvaluatedBatch
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.numerics.angles import whole_turns
-from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.linalg import Array, whole_turns
 
 FAR = 10.0  # ratio to the mechanism's size: beyond, a drawing is in pixels or another unit
 Slopes = tuple[Array, Array, Array]  # residual (m, r), derivatives (m, r, nv) and (m, r, n_own)

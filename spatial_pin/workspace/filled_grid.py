@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin._support.executors import in_order
+from spatial_pin._support.progress import in_order
 from spatial_pin.assembly.holding import held_by, is_base
 from spatial_pin.assembly.state import State
 from spatial_pin.errors import SpatialPinError

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from spatial_pin._support.checks import finite_number, mapping, positive_number
-from spatial_pin.assembly.search.whole_turns import turn_free_difference
+from spatial_pin.assembly.start_values import turn_free_difference
 from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES

@@ -23,9 +23,9 @@ from spatial_pin.cli.mechanism_arguments import Options
 from spatial_pin.cli.printing import WIDTH, on_screen, print_result, say
 from spatial_pin.dynamics.coupling_forces import coupling_forces
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.formats.file_access import toml_text
 from spatial_pin.formats.files import library_titles
 from spatial_pin.formats.mechanism_writer import export_urdf, robot_of
-from spatial_pin.formats.parsing import toml_text
 from spatial_pin.mechanism.coordinates import coordinates_of
 from spatial_pin.mechanism.joint_limits import joint_limits
 from spatial_pin.mechanism.pairs import COUPLING

@@ -25,7 +25,7 @@ from spatial_pin.cli.printing import print_result
 from spatial_pin.cli.tables import check_sigma, read_measurements, read_table, targets_of
 from spatial_pin.dimensions.bounds import Bounds
 from spatial_pin.errors import SpatialPinError, suggestion
-from spatial_pin.formats.parsing import parse_toml
+from spatial_pin.formats.file_access import parse_toml
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.synthesis import goals
 from spatial_pin.synthesis.precision import Goal

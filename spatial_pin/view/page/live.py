@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from spatial_pin._support.checks import checked, finite_array, names_of
-from spatial_pin.assembly.held_start import starting_state
+from spatial_pin.assembly.assemble import starting_state
 from spatial_pin.assembly.state import State
 from spatial_pin.dynamics.force_outputs import NamedOutputs
 from spatial_pin.errors import SingularError, SpatialPinError, UnknownNameError
