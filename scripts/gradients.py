@@ -32,10 +32,11 @@ STEP = 1e-5  # of a framework's differences: their error is then below 1e-9
 
 
 def outputs_of(mech: sp.Mechanism) -> list[str]:
-    """Return outputs that the drivers determine: coordinates, a frame, efforts."""
+    """Return outputs that the drivers determine: coordinates, a frame, efforts, forces."""
     name = [c for c in mech.coordinates if mech.coordinate(c).q >= 0][-1]
     return [name, f"{name}.rate", f"{name}.acceleration", f"{mech.links[-1]}.position",
-            f"{mech.links[-1]}.acceleration", *(f"effort.{d}" for d in mech.drivers)]
+            f"{mech.links[-1]}.acceleration", *(f"effort.{d}" for d in mech.drivers),
+            *(f"{d}.power" for d in mech.drivers), "on_ground.force"]
 
 
 def in_jax(f: sp.Function, x: np.ndarray, sizes: np.ndarray) -> None:

@@ -61,18 +61,49 @@ def test_accelerations_under_efforts_have_derivatives(name):
     assert far_off(f, exact, differences(f, x, sizes), values, sizes) < 1e-8
 
 
+def forces_of(mech, state):
+    """Return the names of powers and of all components of reactions that are unique."""
+    unique = sp.inverse_dynamics(mech, state).unique
+    return [*(f"{d}.power" for d in mech.drivers), "on_ground", *(
+        f"{pair}.reaction.{part}.{axis}" for pair, each in unique.items()
+        for k, part in enumerate(("force", "moment")) for i, axis in enumerate("xyz")
+        if each[3 * k + i])]
+
+
+@pytest.mark.parametrize("name", each([
+    name for name in sp.list_mechanisms() if name not in ("bricard", "excavator")]))
+def test_reactions_and_powers_have_derivatives(name):
+    mech = library(name)
+    state = sp.solve_rates(mech, sp.assemble(mech), {d: 1.0 for d in mech.drivers})
+    for efforts in (False, True):
+        f, x, sizes = moving_function(
+            sp, mech, forces_of(mech, state)[efforts * len(mech.drivers) :],
+            dimensions_of(mech, 1), efforts)
+        values, exact = f.value_and_jacobian(x)
+        assert far_off(f, exact, differences(f, x, sizes), values, sizes) < 1e-9
+
+
+def test_a_reaction_that_is_one_of_many_has_no_derivative():
+    f = sp.function(library("four_bar"), ["crank"], ["output_pin.reaction.force"])
+    assert f([1.0]).shape == (3,)
+    with pytest.raises(sp.SpatialPinError, match=r"row 0: .*force\.y' is one of many, the least"):
+        f.jacobian([1.0])
+
+
 def test_values_are_those_of_states():
     mech = library("delta")
     f = sp.function(mech, ["arm_1", "arm_2.rate", "arm_3.acceleration"],
                     ["platform.position", "platform.acceleration", "effort.arm_1", "com.position",
-                     "platform.rotation"])
+                     "platform.rotation", "arm_1.power", "on_ground.force"])
     x = np.array([0.1, 2.0, 3.0])
     state = sp.solve_rates(mech, sp.assemble(mech, {"arm_1": 0.1}, guess=f.home),
                            {"arm_2": 2.0}, {"arm_3": 3.0})
     wanted = [*state.placement("platform").translation, *state.acceleration("platform").linear,
               sp.inverse_dynamics(mech, state).efforts["arm_1"],
               *pin.centerOfMass(mech.model, mech.model.createData(), state.q),
-              *state.placement("platform").rotation.ravel()]
+              *state.placement("platform").rotation.ravel(), state.coordinate("arm_1").rate
+              * sp.inverse_dynamics(mech, state).efforts["arm_1"],
+              *sp.inverse_dynamics(mech, state).on_ground.linear]
     assert f(x) == pytest.approx(wanted, abs=1e-12)
     assert len(f.labels) == len(wanted)
 
@@ -171,7 +202,8 @@ def test_dimensions_that_the_mechanism_file_computes_with(tmp_path):
     (tmp_path / "rod.urdf.xacro").write_text(TREE)
     mech = sp.load(tmp_path / "rod.toml")
     f, x, sizes = moving_function(
-        sp, mech, ["arm", "arm.acceleration", "effort.lever"], list(mech.dimensions))
+        sp, mech, ["arm", "arm.acceleration", "effort.lever", "rod.reaction.force",
+                   "on_ground.moment"], list(mech.dimensions))
     values, exact = f.value_and_jacobian(x)
     assert far_off(f, exact, differences(f, x, sizes), values, sizes) < 1e-9
 
