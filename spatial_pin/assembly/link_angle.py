@@ -59,10 +59,12 @@ class LinkAngle(NamedTuple):
             rotations: (N, 3, 3) of the frame.
             q: (N, nq) configurations.
         """
+        if np.iscomplexobj(rotations):  # with derivatives, each sample by itself
+            return self.directed(rotations)
         if self.sums is not None:
             return self.zero + q @ self.sums
-        angle = self.directed(rotations)
-        return angle if np.iscomplexobj(angle) else np.unwrap(angle)
+        angle: Array = np.unwrap(self.directed(rotations))
+        return angle
 
     def slope(self, evaluation: LoopEquations) -> Array:
         """Return the derivative (nv,) for joint velocities at the last `update`."""

@@ -11,11 +11,18 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.checks import as_array, checked, finite_array, names_of
 from spatial_pin.assembly.held_start import starting_state
-from spatial_pin.assembly.holding import fixed_base_entries
 from spatial_pin.assembly.link_angle import link_angle
 from spatial_pin.assembly.state import State, center_of_mass
-from spatial_pin.constraints.compiled_equations import constraints_of
+from spatial_pin.dimensions.changed_state import output_changes
+from spatial_pin.dimensions.closed_derivatives import (
+    ClosedDerivatives,
+    InputChanges,
+    OpenedError,
+    fixed_entries,
+)
+from spatial_pin.dimensions.force_derivatives import Load
 from spatial_pin.dimensions.homotopy import followed
+from spatial_pin.dimensions.moved_geometry import MovedGeometry, moved_geometry
 from spatial_pin.dimensions.variants import Variants
 from spatial_pin.dynamics.force_outputs import rule_of
 from spatial_pin.dynamics.forward import forward_dynamics
@@ -26,10 +33,6 @@ from spatial_pin.errors import (
     SpatialPinError,
     UnknownNameError,
 )
-from spatial_pin.function.changed_state import ChangedLoads, ChangedState, change_of
-from spatial_pin.function.closed_derivatives import ClosedDerivatives, InputChanges, OpenedError
-from spatial_pin.function.force_derivatives import ForceChanges, Load
-from spatial_pin.function.moved_geometry import MovedGeometry, moved_geometry
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.outputs import EFFORT, RATES, NamedOutput, named_output, output_names
@@ -82,10 +85,7 @@ class Function:
         own = [x.of for x in self._inputs if x.kind == VALUE]
         names = own or list(mechanism.drivers)
         self._driven = prescribed_at(self.home, names) if names else []
-        tied = constraints_of(self.home.mechanism).tied
-        loose = np.flatnonzero(~tied).tolist()
-        self._still = sorted({*fixed_base_entries(mechanism, self._driven), *loose}
-                             - {c.v for c in self._driven})
+        self._still = fixed_entries(self.home.mechanism, self._driven)
         self._dimensions = [x.of for x in self._inputs if x.kind == DIMENSION]
         self._variants = Variants(mechanism, self._dimensions) if self._dimensions else None
         self._at_home: MovedGeometry | None = None
@@ -420,19 +420,9 @@ class Function:
         m = len(self._inputs)
         try:
             at = ClosedDerivatives(geometry, state, self._driven, self._still)
-            changes = at.changes(given)
-            forces = None if load is None else ForceChanges(at, given, changes, load)
+            every = np.vstack(output_changes(at, given, load, self._outputs))
         except OpenedError as error:
             raise self._opened(row, error.column, state) from error
-        if forces is not None and self._has_efforts:
-            changes.a[geometry.v] = forces.a
-        free = changes.q.shape[1] - m  # columns of freedoms that nothing determines
-        wide = np.hstack([given.dimensions, np.zeros((len(self._dimensions), free))])
-        moved = ChangedState(at, changes, wide)
-        loads = None if forces is None else ChangedLoads(moved, forces)
-        every: Array = np.vstack([change_of(x.values(
-            loads if x.family == "force" else moved, rule_of(x))).reshape(m + free, -1).T
-            for x in self._outputs])
         if np.isnan(every).any():
             label = self.labels[int(np.isnan(every).any(axis=1).argmax())]
             raise SpatialPinError(

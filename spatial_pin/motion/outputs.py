@@ -2,7 +2,7 @@
 
 `named_output` reads a name; `KINDS` has a rule for each kind of output. A rule works its values out
 of samples: of a Motion, of closed samples at other dimensions, or of samples whose imaginary parts
-are derivatives (`function.changed_state`). A new kind of output is an entry of `KINDS`.
+are derivatives (`dimensions.changed_state`). A new kind of output is an entry of `KINDS`.
 """
 
 from __future__ import annotations
@@ -251,24 +251,17 @@ def frame(samples: Any, name: str) -> FrameMotion:
     """Return the motion of the origin of a link, frame or joint; see `Motion.frame`."""
     mechanism = samples.mechanism
     joint, placement = mechanism.frame_on_joint(mechanism.placed(name))
-    return _at(samples, joint, placement.rotation, placement.translation)
+    return at_point(samples, joint, placement.rotation, placement.translation)
 
 
-def com(samples: Any, name: str, lever: Array | None = None) -> FrameMotion:
-    """Return the motion of a link's own centre of mass; see `Motion.com`.
-
-    Args:
-        samples: of a mechanism.
-        name: the link; or `WHOLE`.
-        lever: its centre of mass in its frame, (3,) or (N, 3); default that of the mechanism.
-    """
+def com(samples: Any, name: str) -> FrameMotion:
+    """Return the motion of a link's own centre of mass, or of `WHOLE`; see `Motion.com`."""
     mechanism = samples.mechanism
     if name == WHOLE and name not in mechanism.frame_ids:
         return whole_com(samples, mass_shares(mechanism))
-    lever = center_of_mass(mechanism, name) if lever is None else lever
+    lever = center_of_mass(mechanism, name)
     joint, placement = mechanism.frame_on_joint(mechanism.placed(name))
-    turn = placement.rotation
-    return _at(samples, joint, turn, lever @ turn.T + placement.translation)
+    return at_point(samples, joint, placement.rotation, placement.act(lever))
 
 
 def whole_com(samples: Any, shares: Iterable[tuple[int, Any, Array]]) -> FrameMotion:
@@ -278,7 +271,7 @@ def whole_com(samples: Any, shares: Iterable[tuple[int, Any, Array]]) -> FrameMo
         samples: of a mechanism.
         shares: joint, part of the whole mass and centre of each body, as `mass_shares`.
     """
-    points = [(np.reshape(share, (-1, 1)), _at(samples, joint, np.eye(3), lever))
+    points = [(np.reshape(share, (-1, 1)), at_point(samples, joint, np.eye(3), lever))
               for joint, share, lever in shares]
     position, velocity, acceleration = (
         sum(share * getattr(at, kind) for share, at in points)
@@ -392,8 +385,8 @@ def bodies(motion: Motion) -> tuple[Array, Array, Array]:
     return placements, twists, accelerations
 
 
-def _at(samples: Any, joint: int, rotation: Array, p: Array) -> FrameMotion:
-    """Motion of the frame with axes `rotation` at a point p, (3,) or (N, 3), of a joint's frame."""
+def at_point(samples: Any, joint: int, rotation: Array, p: Array) -> FrameMotion:
+    """Return the motion of axes `rotation` at a point p, (3,) or (N, 3), of a joint's frame."""
     placements, twists, accelerations = samples._bodies
     r = placements[:, joint, :3].transpose(0, 2, 1)
     v, w = twists[:, joint, :3], twists[:, joint, 3:]

@@ -117,6 +117,15 @@ def test_derivatives_for_dimensions_are_those_of_sensitivity():
     assert slopes == pytest.approx([known[name] for name in mech.dimensions], rel=1e-9)
 
 
+@pytest.mark.parametrize("name", ["four_bar", "rssr", "excavator"])
+def test_angles_of_links_have_derivatives(name):
+    mech = library(name)
+    f, x, sizes = moving_function(
+        sp, mech, [f"{mech.links[-1]}.angle.y", f"{mech.links[1]}.angle.x"], dimensions_of(mech))
+    values, exact = f.value_and_jacobian(x)
+    assert far_off(f, exact, differences(f, x, sizes), values, sizes) < 1e-9
+
+
 def test_components_of_balls_have_derivatives():
     mech = library("stewart")
     outputs = ["pose.rx", "pose.rx.rate", "pose.ry.acceleration", "pose.x.acceleration"]

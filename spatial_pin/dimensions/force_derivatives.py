@@ -14,7 +14,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.assembly.state import State
-from spatial_pin.dimensions.sensitivity import SLOPE
+from spatial_pin.dimensions.closed_derivatives import Changes, ClosedDerivatives, InputChanges
 from spatial_pin.dynamics.derivatives.derivatives import changes_of_forces
 from spatial_pin.dynamics.derivatives.reaction_derivatives import Linear, ReactionChanges
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
@@ -23,7 +23,6 @@ from spatial_pin.dynamics.forces import Forces
 from spatial_pin.dynamics.kinetostatics import Kinetostatics
 from spatial_pin.dynamics.solvers.equations_of_motion import equations_of
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.function.closed_derivatives import Changes, ClosedDerivatives, InputChanges
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array, Decomposition, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -183,7 +182,7 @@ class ForceChanges:
         geometry, load = self._at.geometry, self._load
         out: dict[str, Array] = {name: np.zeros((6, geometry.moves.shape[1])) for name in names}
         nv = len(geometry.moves)
-        for k, (step, around) in geometry.written.items():
+        for k, (weights, around) in geometry.written.items():
             values = []
             for mechanism in around:
                 with equations_of(mechanism) as equations:
@@ -192,7 +191,7 @@ class ForceChanges:
                     values.append({**borne, "": ground})
             for name, change in out.items():
                 change[:, k] = np.tensordot(
-                    SLOPE / step, np.array([x[name] for x in values]), 1) - (
+                    weights, np.array([x[name] for x in values]), 1) - (
                     wrenches[name][:, 1 : 1 + nv] @ geometry.moves[:, k])
         return out
 
@@ -214,13 +213,13 @@ class ForceChanges:
             model = at.mechanism.model
             out += pin.computeJointTorqueRegressor(
                 model, model.createData(), at.q, at.v, load.a) @ geometry.inertias.T
-        for k, (step, around) in geometry.written.items():
+        for k, (weights, around) in geometry.written.items():
             values = []
             for mechanism in around:
                 with equations_of(mechanism) as equations:
                     equations.update(self._there(mechanism))
                     values.append(equations.motion_forces(load.a) - equations.given
                                   - closure_jacobian(mechanism, at.q).T @ load.multipliers)
-            out[:, k] = np.tensordot(SLOPE / step, np.array(values), 1) - (  # masses are in it
+            out[:, k] = np.tensordot(weights, np.array(values), 1) - (  # masses are in it
                 by_q @ geometry.moves[:, k])[geometry.v]
         return out

@@ -15,17 +15,24 @@ from typing import NamedTuple
 import numpy as np
 
 from spatial_pin.assembly.close import scaled_row
+from spatial_pin.assembly.holding import fixed_base_entries
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.dimensions.sensitivity import SLOPE
+from spatial_pin.dimensions.moved_geometry import MovedGeometry
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
 from spatial_pin.dynamics.forces import Forces
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.function.moved_geometry import MovedGeometry
 from spatial_pin.kernel.loop_equations import loops_of
+from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array, Decomposition, full_decomposition
 from spatial_pin.numerics.tolerances import TOLERANCES
+
+
+def fixed_entries(mechanism: Mechanism, driven: Sequence[Coordinate]) -> list[int]:
+    """Return the velocity entries that do not move: of bases, and of what no loop ties."""
+    loose = np.flatnonzero(~constraints_of(mechanism).tied).tolist()
+    return sorted({*fixed_base_entries(mechanism, driven), *loose} - {c.v for c in driven})
 
 
 class InputChanges(NamedTuple):
@@ -123,7 +130,7 @@ class ClosedDerivatives:
         """
         out = np.zeros((3, len(self.by[0][0]), self.geometry.moves.shape[1]))
         moves, at = self.geometry.moves, self.state
-        for k, (step, around) in self.geometry.written.items():
+        for k, (weights, around) in self.geometry.written.items():
             values = []
             for mechanism in around:
                 with loops_of(mechanism, at.angles) as loops:
@@ -132,7 +139,7 @@ class ClosedDerivatives:
                     rows, n = loops.jacobian / mechanism.velocity_scale, out.shape[1]
                     values.append([loops.residual.copy(), rows[:n] @ at.v,
                                    (rows @ at.a + bias)[:n]])
-            out[:, :, k] = np.tensordot(SLOPE / step, np.array(values), 1) - np.array(
+            out[:, :, k] = np.tensordot(weights, np.array(values), 1) - np.array(
                 [by_q @ moves[:, k] for by_q, _ in self.by])
         return out
 

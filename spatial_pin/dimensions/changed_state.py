@@ -7,6 +7,7 @@ all digits [Martins2003].
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import cached_property
 from typing import Any, cast
 
@@ -15,15 +16,16 @@ import pinocchio as pin
 
 from spatial_pin.assembly.state import FrameMotion, center_of_mass
 from spatial_pin.constraints.tree_motion import skewed
-from spatial_pin.function.closed_derivatives import Changes, ClosedDerivatives
-from spatial_pin.function.force_derivatives import ForceChanges
+from spatial_pin.dimensions.closed_derivatives import Changes, ClosedDerivatives, InputChanges
+from spatial_pin.dimensions.force_derivatives import ForceChanges, Load
+from spatial_pin.dynamics.force_outputs import rule_of
 from spatial_pin.mechanism.coordinates import (
     CoordinateRates,
     rotation_vector_rates,
     rotation_vectors,
     spin_of,
 )
-from spatial_pin.motion.outputs import WHOLE, com, frame, whole_com
+from spatial_pin.motion.outputs import WHOLE, NamedOutput, at_point, whole_com
 from spatial_pin.numerics.linalg import Array
 
 STEP = 1e-200  # its square vanishes, so that derivatives have all digits
@@ -35,9 +37,36 @@ def with_change(value: Array, change: Array) -> Array:
     return cast(Array, both)
 
 
-def change_of(values: Array) -> Array:
-    """Return the derivative of what was worked out; zero where it has none."""
-    return np.imag(values) / STEP
+def output_changes(
+    at: ClosedDerivatives, given: InputChanges, load: Load | None, outputs: Iterable[NamedOutput],
+    driver_speed: float = np.nan,
+) -> list[Array]:
+    """Return the derivatives (size, m) of outputs, and of freedoms that nothing determines.
+
+    Args:
+        at: the closed state.
+        given: what the m inputs change.
+        load: the forces there, if an output needs them or they give accelerations.
+        outputs: which need no "motion".
+        driver_speed: of speed ratios; it does not change.
+
+    Returns:
+        By output (size, m + loose), NaN for reactions that are not unique.
+
+    Raises:
+        OpenedError: an input alone opens a loop.
+        SpatialPinError: efforts are not unique, or a spring has no direction.
+    """
+    changes = at.changes(given)
+    forces = None if load is None else ForceChanges(at, given, changes, load)
+    if forces is not None and load is not None and not load.prescribed:
+        changes.a[at.geometry.v] = forces.a
+    n, m = given.dimensions.shape[0], changes.q.shape[1]
+    wide = np.hstack([given.dimensions, np.zeros((n, m - given.dimensions.shape[1]))])
+    moved = ChangedState(at, changes, wide, driver_speed)
+    loads = None if forces is None else ChangedLoads(moved, forces)
+    return [(np.imag(x.values(loads if x.family == "force" else moved, rule_of(x))) / STEP
+             ).reshape(m, -1).T for x in outputs]
 
 
 class ChangedState:
@@ -50,8 +79,8 @@ class ChangedState:
         driver_speed: of speed ratios; it does not change.
 
     Attributes:
-        mechanism: with the joints that dimensions move.
-        q: (m, nq) of the mechanism itself; of turns in space the changes are missing.
+        mechanism, q: of the state.
+        driver_speed: (m,) as given.
     """
 
     def __init__(
@@ -59,12 +88,8 @@ class ChangedState:
         driver_speed: float = np.nan,
     ) -> None:
         self._at, self._changes, self._dimensions = at, changes, dimensions
-        self.mechanism, self.driver_speed = at.mechanism, np.full(dimensions.shape[1], driver_speed)
-        self.swept, own = self.driver_speed, at.state.mechanism
-        self.q = np.repeat(at.state.q[None], dimensions.shape[1], axis=0).astype(complex)
-        for c in own.coordinate_table.values():
-            if c.q >= 0:
-                self.q[:, c.q] += 1j * STEP * changes.q[at.geometry.v[c.v]]
+        self.mechanism, self.q = at.state.mechanism, at.state.q[None]
+        self.swept = self.driver_speed = np.full(dimensions.shape[1], driver_speed)
 
     @cached_property
     def _bodies(self) -> tuple[Array, Array, Array]:
@@ -83,8 +108,8 @@ class ChangedState:
 
     def coordinate(self, name: str) -> CoordinateRates[Array]:
         """See `Motion.coordinate`."""
-        state, own = self._at.state, self._at.geometry.v
-        m, c = state.mechanism, state.mechanism.coordinate(name)
+        state, own, m = self._at.state, self._at.geometry.v, self.mechanism
+        c = m.coordinate(name)
         if c.q >= 0:
             return CoordinateRates(*(
                 with_change(x, dx[own[c.v]]) for x, dx in zip(
@@ -107,20 +132,26 @@ class ChangedState:
 
     def frame(self, name: str) -> FrameMotion:
         """See `Motion.frame`."""
-        return frame(self, name)
+        return self._at_point(name, np.zeros(3))
 
     def com(self, name: str) -> FrameMotion:
         """See `Motion.com`."""
-        geometry, own = self._at.geometry, self._at.state.mechanism
-        if name == WHOLE and name not in own.frame_ids:
+        geometry = self._at.geometry
+        if name == WHOLE and name not in self.mechanism.frame_ids:
             total = self.moving_mass
             return whole_com(self, [
                 (int(geometry.joint[joint]), x[:, 0] / total, x[:, 1:] / x[:, :1])
                 for joint, x in enumerate(self._masses, start=1) if x[0, 0]])
-        lever = center_of_mass(own, name)
+        lever = center_of_mass(self.mechanism, name)
         if name in geometry.levers:
             lever = with_change(lever, self._dimensions.T @ geometry.levers[name])
-        return com(self, name, lever)
+        return self._at_point(name, lever)
+
+    def _at_point(self, name: str, point: Array) -> FrameMotion:
+        """Return the motion of a point, (3,) or (m, 3), of a frame."""
+        joint, placement = self._at.mechanism.frame_on_joint(name)
+        turn = placement.rotation
+        return at_point(self, joint, turn, point @ turn.T + placement.translation)
 
     @property
     def moving_mass(self) -> Array:
@@ -131,7 +162,7 @@ class ChangedState:
     @cached_property
     def _masses(self) -> Array:
         """(njoints - 1, m, 4) of the bodies: the mass and its first moment."""
-        own = self._at.state.mechanism.model
+        own = self.mechanism.model
         changes = self._at.geometry.inertias.reshape(-1, own.njoints - 1, 10)[..., :4]
         numbers = np.array([x.toDynamicParameters()[:4] for x in own.inertias][1:])
         return with_change(numbers[:, None], np.einsum("dm,djk->jmk", self._dimensions, changes))
@@ -193,7 +224,7 @@ def _rotation_vector(
         given = [np.tile(x.astype(complex), (3, 1)) for x in (phi, rate, accel)]
         given[order] += STEP * 1j * np.eye(3)
         spin = spin_of(*given)
-        return change_of(spin[0]).T, change_of(spin[1]).T
+        return spin[0].imag.T / STEP, spin[1].imag.T / STEP
 
     turn = np.linalg.inv(slopes(1)[0])
     dphi = turn @ changes[0]
