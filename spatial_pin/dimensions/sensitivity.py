@@ -351,7 +351,8 @@ def _sizes(state: State, drive: DriverMotion, outputs: Iterable[str]) -> dict[st
         force = float(np.abs(wrenches / ([1.0] * 3 + [length] * 3)).max())
     return {"rad": 1.0, "1": 1.0, "m": length, "m/rad": length, "rad/m": 1.0 / length,
             "rad/s": speed, "m/s": speed * length, "rad/s²": per_s2, "m/s²": per_s2 * length,
-            "N": force, "N·m": force * length, "N, N·m": force * max(1.0, length), "W": force * length * speed}
+            "N": force, "N·m": force * length, "N, N·m": force * max(1.0, length),
+            "W": force * length * speed}
 
 
 def _unit(state: State, drive: DriverMotion, output: str) -> str:
