@@ -147,22 +147,34 @@ class ClosedDerivatives:
         """Return the derivatives by the inputs; columns for undetermined freedoms follow.
 
         Raises:
-            SpatialPinError: a dimension alone opens a loop.
+            OpenedError: an input alone opens a loop.
         """
-        spare, loose = self.positions.null_space, self._rates.null_space
-        n, m, own = len(spare), given.values.shape[1], self.geometry.v
-        q, v, a = np.zeros((3, self.bodies.model.nv, m + n + len(loose)))
-        q[:, :m] = self.geometry.moves @ given.dimensions
-        written = self.written @ given.dimensions
-        q[own] = self._solved(self.positions, [(self.by[0][0], q)], given.values, written[0])
-        q[own, m : m + n] = (spare * self.scale).T
+        loose = self._rates.null_space
+        moved, n = self.displacements(given), len(loose)
+        q, v, a = np.zeros((3, self.bodies.model.nv, moved.shape[1] + n))
+        q[:, : moved.shape[1]], own = moved, self.geometry.v
+        written = self.written[1:] @ given.dimensions
         idle = self._idle_changes(given, q, v, 0)
-        v[own] = self._solved(self._rates, [(self.by[1][0], q)], given.rates, written[1], idle)
-        v[own, m + n :] = (loose * self.scale).T
+        v[own] = self._solved(self._rates, [(self.by[1][0], q)], given.rates, written[0], idle)
+        v[own, moved.shape[1] :] = (loose * self.scale).T
         idle = self._idle_changes(given, q, v, 1)
         a[own] = self._solved(self._rates, [(self.by[2][0], q), (self.by[2][1], v)],
-                              given.accelerations, written[2], idle)
+                              given.accelerations, written[1], idle)
         return Changes(q, v, a)
+
+    def displacements(self, given: InputChanges) -> Array:
+        """Return the changes of q alone by the inputs, and the freedoms that nothing determines.
+
+        Raises:
+            OpenedError: an input alone opens a loop.
+        """
+        spare, m, own = self.positions.null_space, given.values.shape[1], self.geometry.v
+        q = np.zeros((self.bodies.model.nv, m + len(spare)))
+        q[:, :m] = self.geometry.moves @ given.dimensions
+        written = self.written[0] @ given.dimensions
+        q[own] = self._solved(self.positions, [(self.by[0][0], q)], given.values, written)
+        q[own, m:] = (spare * self.scale).T
+        return q
 
     def _idle_changes(self, given: InputChanges, q: Array, v: Array, order: int) -> Array:
         """Return changes (k, m) of idle rotations' rates, or of their accelerations."""
