@@ -18,6 +18,7 @@ from spatial_pin.assembly.close import scaled_row
 from spatial_pin.assembly.holding import fixed_base_entries
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
+from spatial_pin.constraints.tree_motion import TreeMotion
 from spatial_pin.dimensions.moved_geometry import MovedGeometry
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
 from spatial_pin.dynamics.forces import Forces
@@ -82,9 +83,13 @@ class ClosedDerivatives:
         self.driven, self._still = list(driven), list(still)
         self.rows = RowDerivatives(
             self.mechanism, Forces(self.mechanism), geometry.motion(state, state.a), state.angles)
-        self.bodies = self.rows.bodies
         self.scale = state.mechanism.velocity_scale
         self.by = [self.rows.changes(k) for k in range(3)]
+
+    @property
+    def bodies(self) -> TreeMotion:
+        """The bodies of the mechanism with added joints."""
+        return self.rows.bodies
 
     @cached_property
     def positions(self) -> Decomposition:
@@ -151,7 +156,7 @@ class ClosedDerivatives:
         """
         loose = self._rates.null_space
         moved, n = self.displacements(given), len(loose)
-        q, v, a = np.zeros((3, self.bodies.model.nv, moved.shape[1] + n))
+        q, v, a = np.zeros((3, self.mechanism.model.nv, moved.shape[1] + n))
         q[:, : moved.shape[1]], own = moved, self.geometry.v
         written = self.written[1:] @ given.dimensions
         idle = self._idle_changes(given, q, v, 0)
@@ -169,7 +174,7 @@ class ClosedDerivatives:
             OpenedError: an input alone opens a loop.
         """
         spare, m, own = self.positions.null_space, given.values.shape[1], self.geometry.v
-        q = np.zeros((self.bodies.model.nv, m + len(spare)))
+        q = np.zeros((self.mechanism.model.nv, m + len(spare)))
         q[:, :m] = self.geometry.moves @ given.dimensions
         written = self.written[0] @ given.dimensions
         q[own] = self._solved(self.positions, [(self.by[0][0], q)], given.values, written)

@@ -88,6 +88,7 @@ class Predictions:
         self._variants = Variants(m, unknowns.dimensions) if unknowns.dimensions else None
         self._near = start
         self._last: tuple[bytes, FittedState] | None = None
+        self._slopes: tuple[bytes, Array] | None = None
         length = m.characteristic_length
         own = self.nominal = np.array([m.dimensions[name] for name in unknowns.dimensions])
         # a dimension may be a length or an angle, and be zero
@@ -168,12 +169,16 @@ class Predictions:
 
     def slopes(self, x: Array) -> Array:
         """Return the derivatives (m, n) of `errors` for x, with small turns of the base."""
+        if self._slopes is not None and self._slopes[0] == x.tobytes():
+            return self._slopes[1].copy()
         here = self._near = self.at(x)
         geometry = moved_geometry(here.mechanism, self._variants, False)
         rows = [self._pose_rows(i, here, geometry) for i in range(len(here.states))]
         k = len(self.unknowns.encoders)
         slopes = np.concatenate(rows) * self.sizes / self.sigmas[: len(self.sigmas) - k, None]
-        return np.vstack([slopes, np.eye(k, len(self.sizes), len(self.sizes) - k)])
+        read = np.eye(k, len(self.sizes), len(self.sizes) - k)
+        self._slopes = x.tobytes(), np.vstack([slopes, read])
+        return self._slopes[1].copy()
 
     def _pose_rows(self, i: int, here: FittedState, geometry: MovedGeometry) -> Array:
         """Return the derivatives (k, n) of a pose's errors [m, rad] per unit of the unknowns."""
