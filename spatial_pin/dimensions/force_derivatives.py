@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from spatial_pin.assembly.state import State
 from spatial_pin.dimensions.closed_derivatives import Changes, ClosedDerivatives, InputChanges
-from spatial_pin.dynamics.derivatives.derivatives import changes_of_forces
+from spatial_pin.dynamics.derivatives.derivatives import changes_of_forces, exact_mechanism
 from spatial_pin.dynamics.derivatives.reaction_derivatives import Linear, ReactionChanges
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
 from spatial_pin.dynamics.derivatives.spring_derivatives import ExternalWrenches, Springs
@@ -71,12 +71,13 @@ class ForceChanges:
         efforts: by driver.
 
     Raises:
-        SpatialPinError: the efforts are not unique.
+        SpatialPinError: the efforts are not unique, or the file's numbers are rounded.
     """
 
     def __init__(
         self, at: ClosedDerivatives, given: InputChanges, changes: Changes, load: Load
     ) -> None:
+        exact_mechanism(at.state)
         self._at, self._given, self._changes, self._load = at, given, changes, load
         geometry, own, n = at.geometry, at.geometry.v, given.efforts.shape[1]
         self._springs = springs = Springs(Forces(at.mechanism))

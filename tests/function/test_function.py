@@ -83,6 +83,17 @@ def test_reactions_and_powers_have_derivatives(name):
         assert far_off(f, exact, differences(f, x, sizes), values, sizes) < 1e-9
 
 
+def test_reactions_of_drivers_without_an_effort_have_derivatives():
+    """The effort of a driver that is no input is zero."""
+    mech = library("delta")
+    f = sp.function(mech, ["arm_1", "arm_1.rate", "effort.arm_1"],
+                    [f"{mech.drivers['arm_2'].joint}.reaction.force", "arm_2.power", "on_ground.force"])
+    x = np.array([f.home.coordinate("arm_1").value, 1.0, 2.0])
+    values, exact = f.value_and_jacobian(x)
+    assert values[3] == 0.0
+    assert far_off(f, exact, differences(f, x, np.ones(3)), values, np.ones(3)) < 1e-9
+
+
 def test_a_reaction_that_is_one_of_many_has_no_derivative():
     f = sp.function(library("four_bar"), ["crank"], ["output_pin.reaction.force"])
     assert f([1.0]).shape == (3,)
@@ -264,6 +275,9 @@ guess = {crank = 0.2, rod = 1.2}
 @pytest.mark.parametrize(("inputs", "outputs", "kind", "words"), [
     (["crnk"], ["rocker_pin"], sp.UnknownNameError, "no input 'crnk'; did you mean 'crank'"),
     (["crank"], ["rocker"], sp.UnknownNameError, "no differentiable output 'rocker'"),
+    (["crank"], ["rocker_p.reaction.force"], sp.UnknownNameError, "no differentiable output"),
+    (["crank"], ["effort.rocker_pin"], sp.UnknownNameError, "no differentiable output"),
+    (["crank"], ["crank.power"], ValueError, "add 'crank.rate' to the inputs"),
     (["crank"], ["rocker_b.jerk"], sp.UnknownNameError, "no differentiable output"),
     (["crank", "crank_pin"], ["rocker_pin"], ValueError, "'crank_pin' is named twice"),
     (["crank"], ["rocker_pin", "rocker_pin"], ValueError, "'rocker_pin' is named twice"),
