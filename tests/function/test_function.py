@@ -86,8 +86,9 @@ def test_reactions_and_powers_have_derivatives(name):
 def test_reactions_of_drivers_without_an_effort_have_derivatives():
     """The effort of a driver that is no input is zero."""
     mech = library("delta")
+    pair = mech.drivers["arm_2"].joint
     f = sp.function(mech, ["arm_1", "arm_1.rate", "effort.arm_1"],
-                    [f"{mech.drivers['arm_2'].joint}.reaction.force", "arm_2.power", "on_ground.force"])
+                    [f"{pair}.reaction.force", "arm_2.power", "on_ground.force"])
     x = np.array([f.home.coordinate("arm_1").value, 1.0, 2.0])
     values, exact = f.value_and_jacobian(x)
     assert values[3] == 0.0

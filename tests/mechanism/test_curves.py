@@ -12,7 +12,6 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 import spatial_pin as sp
-from spatial_pin.kernel.kernel import kernel_of
 
 TURN = np.linspace(0.0, 2.0 * np.pi, 60, endpoint=False)
 COS, SIN = np.cos(TURN), np.sin(TURN)
@@ -303,9 +302,6 @@ def test_a_configuration_alone_tells_where_its_curves_touch():
         known = sp.closure_jacobian(mech, motion)
         alone = [sp.closure_jacobian(mech, q) for q in motion.q]
         np.testing.assert_allclose(alone, known, atol=1e-9 * np.abs(known).max())
-        with kernel_of(mech) as kernel:  # as a search of all modes has them
-            rows = kernel.jacobians(motion.q)[:, : known.shape[1]] / mech.velocity_scale
-        np.testing.assert_allclose(rows, known, atol=1e-9 * np.abs(known).max())
 
 
 def test_an_ellipse_slides_on_an_ellipse_as_numbers_of_fifty_digits_have_it():
