@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.assembly.state import FrameMotion, center_of_mass
-from spatial_pin.constraints.tree_motion import skewed
+from spatial_pin.constraints.trees import skewed
 from spatial_pin.dimensions.closed_derivatives import Changes, ClosedDerivatives, InputChanges
 from spatial_pin.dimensions.force_derivatives import ForceChanges, Load
 from spatial_pin.dynamics.force_outputs import rule_of

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.assembly.held_start import starting_state
+from spatial_pin.assembly.assemble import starting_state
 from spatial_pin.assembly.state import State
 from spatial_pin.dimensions.closed_derivatives import InputChanges, fixed_entries
 from spatial_pin.dimensions.homotopy import followed
