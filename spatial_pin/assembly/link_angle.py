@@ -47,7 +47,9 @@ class LinkAngle(NamedTuple):
     def directed(self, rotations: Array) -> Array:
         """Return the angle (N,) of rotations (N, 3, 3) of the frame, within half a turn [rad]."""
         x, y = np.moveaxis((rotations @ self.arm) @ self.aside.T, -1, 0)
-        angle: Array = np.arctan2(y, x)
+        angle: Array = np.arctan2(y.real, x.real)
+        if np.iscomplexobj(x):  # imaginary parts are derivatives
+            angle = angle + 1j * (x.real * y.imag - y.real * x.imag) / (x.real**2 + y.real**2)
         return np.where(angle < HALF_TURN_NOISE - np.pi, angle + 2.0 * np.pi, angle)
 
     def along(self, rotations: Array, q: Array) -> Array:
@@ -57,6 +59,8 @@ class LinkAngle(NamedTuple):
             rotations: (N, 3, 3) of the frame.
             q: (N, nq) configurations.
         """
+        if np.iscomplexobj(rotations):  # with derivatives, each sample by itself
+            return self.directed(rotations)
         if self.sums is not None:
             return self.zero + q @ self.sums
         angle: Array = np.unwrap(self.directed(rotations))

@@ -29,8 +29,11 @@ from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.dimensions import DimensionEvaluator, EvaluatedSamples, Numbers
 from spatial_pin.kernel.kernel import kernel_of, packed
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.linalg import EPS, Array
 
+# Step of a search relative to a dimension's size: second-order differences have an error of its
+# square, and round-off eps over it.
+STEP = EPS ** (1.0 / 3.0)
 Block = tuple[NDArray[np.int64], Array]  # indices of n numbers, and their values (m or 1, n)
 
 

@@ -1,14 +1,16 @@
 """Sensitivity: derivatives of outputs for the dimensions of a mechanism.
 
-The xacro file can compute the geometry from dimensions in any way. So derivatives are eighth-order
-central differences of exactly closed mechanisms. The sixth-order value of the same points gives the
-error estimate. The file is expanded once (`variants`).
+Derivatives are those of the closed state (`changed_state`). The xacro file can compute the geometry
+from dimensions in any way, so how that changes is an eighth-order central difference. The
+sixth-order value of the same points gives the error estimate. The file is expanded once
+(`variants`). What has no derivative of its own is differenced likewise, over closed mechanisms.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -17,30 +19,39 @@ from spatial_pin._support.brief import brief
 from spatial_pin._support.checks import checked, names_of
 from spatial_pin.assembly.holding import BASE
 from spatial_pin.assembly.state import State, of_mechanism
+from spatial_pin.dimensions.changed_state import output_changes
+from spatial_pin.dimensions.closed_derivatives import (
+    ClosedDerivatives,
+    InputChanges,
+    fixed_entries,
+)
+from spatial_pin.dimensions.force_derivatives import Load
+from spatial_pin.dimensions.moved_geometry import (
+    AROUND,
+    EIGHTH,
+    SHORTER,
+    SIXTH,
+    MovedGeometry,
+    difference_steps,
+    moved_geometry,
+)
 from spatial_pin.dimensions.variants import Variants, idle_dimensions, tell_idle
 from spatial_pin.dimensions.varied_samples import (
     DriverMotion,
-    VariedSamples,
     end_of_range,
     with_force_values,
     with_masses,
 )
+from spatial_pin.dynamics.force_outputs import rule_of
 from spatial_pin.errors import Interrupted, SingularError, SpatialPinError, UnknownNameError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Motion, first_samples
+from spatial_pin.motion.outputs import named_output
 from spatial_pin.numerics.linalg import Array, whole_turns
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.prescribed import Prescription, driven_coordinates, factored_rates
 
-# Step of differences relative to the dimension, or characteristic length (1 for angles) if it is
-# zero. Eighth order has an error of 1e-21, and round-off 4e-15 over the step.
-DIFFERENCE = 2e-3
-EIGHTH = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
-AROUND = (1, -1, 2, -2, 3, -3, 4, -4)  # steps at which outputs are evaluated
-SLOPE = np.array([np.sign(k) * EIGHTH[abs(k)] for k in AROUND])  # weights, for a step of one
-SHORTER = (1.0, 1.0 / 8.0, 1.0 / 64.0, 1.0 / 512.0)  # steps, where the branch ends within one
-SIXTH = {1: 3 / 4, 2: -3 / 20, 3: 1 / 60}
 CONFIGURATION_ERROR = 4e-15  # of a well-conditioned one, for the error estimate: 18 epsilon
 
 
@@ -201,49 +212,87 @@ def _differentiated(
 
 
 class _Around:
-    """Outputs at eight values of each dimension around the nominal one."""
+    """Derivatives of outputs by dimensions: of closed states, else of closed mechanisms around.
+
+    The latter count where an output, such as a limit, has no derivative of its own, and where it is
+    the least one of many.
+    """
 
     def __init__(self, mechanism: Mechanism, names: list[str], outputs: list[str]) -> None:
         self._mechanism, self._names, self._outputs = mechanism, names, outputs
         self._variants = Variants(mechanism, names)
+        self._heavy = with_masses(mechanism, outputs)
         self._made: dict[tuple[str, float], list[Mechanism]] = {}  # for all states
-        self._samples = VariedSamples.of(mechanism, names, outputs)
+        named = [None if end_of_range(x) else named_output(mechanism, x) for x in outputs]
+        self._known = {k: x for k, x in enumerate(named) if x is not None
+                       and rule_of(x).needs != "motion"}
         own = np.array([mechanism.dimensions[name] for name in names])
         self._steps = difference_steps(mechanism, own)
-        offsets = np.kron(np.diag(self._steps), np.array(AROUND, float))  # dimension by dimension
-        self._geometry = self._samples.geometry(own[:, None] + offsets) if self._samples else None
+
+    @cached_property
+    def _geometry(self) -> MovedGeometry:
+        return moved_geometry(self._mechanism, self._variants, self._heavy, (EIGHTH, SIXTH))
 
     def differentiated(self, state: State, drive: DriverMotion) -> list[Sensitivity]:
         """Return the derivatives of the outputs at a state."""
-        near = self._samples.near(state, drive) if self._samples else None
-        together = near.solve(self._geometry) if near and self._geometry else None
-        values = ([_plain(x[0]) for x in near.own] if near else
-                  drive.evaluate(state.mechanism, state, self._outputs))
-        results = [Sensitivity(output, value, {}, {}, _unit(state, drive, output))
-                 for output, value in zip(self._outputs, values, strict=True)]
+        values = drive.evaluate(state.mechanism, state, self._outputs)
         known, sizes = _known(state), _sizes(state, drive, self._outputs)
-        for i, name in enumerate(self._names):
-            own = slice(len(AROUND) * i, len(AROUND) * (i + 1))
-            if together is not None and together[0][own].all():
-                around = {k: [x[at] for x in together[1]]
-                          for k, at in zip(AROUND, range(own.start, own.stop), strict=True)}
-                h = float(self._steps[i])
-            else:
-                around, h = self._one_by_one(state, drive, i)
-            for one, at in zip(results, zip(*around.values(), strict=True), strict=True):
-                size = max(float(np.max(np.abs(one.value))), sizes.get(one.unit, 0.0))
-                near_values = [within_half_turn(np.asarray(x), one.value, one.unit) for x in at]
-                values_at = dict(zip(around, near_values, strict=True))
-                eighth, sixth = (
-                    np.asarray(sum(w * (values_at[k] - values_at[-k]) for k, w in weights.items()))
-                    / h for weights in (EIGHTH, SIXTH))
-                one.derivatives[name] = _plain(eighth)
+        changes = self._changes(state, drive)
+        results, n = [], len(self._names)
+        for k, (output, value) in enumerate(zip(self._outputs, values, strict=True)):
+            one = Sensitivity(output, value, {}, {}, _unit(state, drive, output))
+            size = max(float(np.max(np.abs(value))), sizes.get(one.unit, 0.0))
+            for i, name in enumerate(self._names):
+                if k in changes:
+                    eighth, sixth = (changes[k][:, j].reshape(np.shape(value)) for j in (i, n + i))
+                    h = float(self._geometry.steps[i])
+                else:
+                    around, h = self._one_by_one(state, drive, i)
+                    at = np.array([within_half_turn(np.asarray(x[k]), value, one.unit)
+                                   for x in around])
+                    eighth, sixth = (np.tensordot(w / h, at, 1) for w in (EIGHTH, SIXTH))
+                one.derivatives[name] = float(eighth) if np.ndim(eighth) == 0 else eighth
                 one.errors[name] = float(np.max(np.abs(eighth - sixth))) + known * size / h
+            results.append(one)
         return results
+
+    def _changes(self, state: State, drive: DriverMotion) -> dict[int, Array]:
+        """Return the derivatives (size, 2 n) of eighth and sixth order by number of an output.
+
+        Those that have none at the state are missing.
+        """
+        mechanism, n = state.mechanism, len(self._names)
+        changes: dict[int, Array] = {}
+        driven = list(dict.fromkeys(map(mechanism.driven_coordinate, drive.values)))
+        still = fixed_entries(mechanism, driven)
+        rates = np.zeros((len(driven), 2 * n))
+        given = InputChanges(
+            rates, rates, rates, np.zeros((mechanism.model.nv, 2 * n)), np.eye(2 * n))
+        for forces in (False, True):
+            some = {k: x for k, x in self._known.items() if (x.family == "force") == forces}
+            if not some or not self._names:
+                continue
+            try:
+                there, load = drive.state(mechanism, state), None
+                if forces:
+                    load = Load.of_sample(drive.outputs_at(there).loads, 0, True)
+                    there = there if drive.in_time else _at_rest(there)
+                speed = there.coordinate(drive.driver).rate
+                found = output_changes(ClosedDerivatives(self._geometry, there, driven, still),
+                                       given, load, some.values(), speed)
+            except SpatialPinError:
+                continue
+            size = mechanism.characteristic_length
+            for k, x in zip(some, found, strict=True):
+                loose = np.abs(x[:, 2 * n :]).max(initial=0.0)
+                if np.isfinite(x).all() and loose <= TOLERANCES.half_precision * (
+                        size + np.abs(x).max(initial=0.0)):
+                    changes[k] = x
+        return changes
 
     def _one_by_one(
         self, state: State, drive: DriverMotion, i: int
-    ) -> tuple[dict[int, list[Any]], float]:
+    ) -> tuple[list[list[Any]], float]:
         """Return the outputs at eight values of a dimension, and the step.
 
         The step is shorter if the branch ends within it.
@@ -254,20 +303,13 @@ class _Around:
             try:
                 if (name, h) not in self._made:
                     self._made[name, h] = self._variants.several(
-                        [{name: float(value + k * h)} for k in AROUND],
-                        with_masses(self._mechanism, self._outputs))
-                return {k: drive.evaluate(there, state, self._outputs)
-                        for k, there in zip(AROUND, self._made[name, h], strict=True)}, float(h)
+                        [{name: float(value + k * h)} for k in AROUND], self._heavy)
+                return [drive.evaluate(there, state, self._outputs)
+                        for there in self._made[name, h]], float(h)
             except SpatialPinError as error:
                 first = first or error
         assert first is not None
         raise first
-
-
-def difference_steps(mechanism: Mechanism, own: Array) -> Array:
-    """Return the steps (n,) of differences for dimensions with the values (n,)."""
-    steps: Array = DIFFERENCE * np.where(own != 0.0, np.abs(own), mechanism.characteristic_length)
-    return steps
 
 
 def within_half_turn(values: Array, own: Any, unit: str) -> Array:
@@ -277,8 +319,9 @@ def within_half_turn(values: Array, own: Any, unit: str) -> Array:
     return values - whole_turns(values - own)
 
 
-def _plain(value: Any) -> Any:
-    return float(value) if np.ndim(value) == 0 else value
+def _at_rest(state: State) -> State:
+    return State(state.mechanism, state.q, closure_error=state.closure_error,
+                 angles=state.angles if state.angles.size else None)
 
 
 def _known(state: State) -> float:
@@ -305,9 +348,10 @@ def _sizes(state: State, drive: DriverMotion, outputs: Iterable[str]) -> dict[st
         loads = drive.outputs_at(state).loads
         wrenches = np.vstack([loads.on_ground, *loads.reactions.values()])
         force = float(np.abs(wrenches / ([1.0] * 3 + [length] * 3)).max())
-    return {"rad": 1.0, "1": 1.0, "m": length, "rad/s": speed, "m/s": speed * length,
-            "rad/s²": per_s2, "m/s²": per_s2 * length, "N": force, "N·m": force * length,
-            "N, N·m": force * max(1.0, length), "W": force * length * speed}
+    return {"rad": 1.0, "1": 1.0, "m": length, "m/rad": length, "rad/m": 1.0 / length,
+            "rad/s": speed, "m/s": speed * length, "rad/s²": per_s2, "m/s²": per_s2 * length,
+            "N": force, "N·m": force * length, "N, N·m": force * max(1.0, length),
+            "W": force * length * speed}
 
 
 def _unit(state: State, drive: DriverMotion, output: str) -> str:

@@ -19,7 +19,7 @@ from spatial_pin._support.lazy import acquired
 from spatial_pin.assembly.close import DAMPED_STEPS
 from spatial_pin.assembly.holding import fixed_base_entries
 from spatial_pin.assembly.start_values import periodic
-from spatial_pin.assembly.state import State
+from spatial_pin.assembly.state import FrameMotion, State
 from spatial_pin.dimensions.dimension_batch import DimensionNumbers
 from spatial_pin.dimensions.homotopy import followed
 from spatial_pin.dimensions.variants import TracedGeometry, TracedTree, Variants
@@ -27,11 +27,17 @@ from spatial_pin.dynamics.force_outputs import NamedOutputs
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.dimensions import ClosedSamples, ClosingSystem, DimensionCloser, Numbers
 from spatial_pin.kernel.loop_equations import loops_of
-from spatial_pin.mechanism.coordinates import coordinate_rates
+from spatial_pin.mechanism.coordinates import CoordinateRates, coordinate_rates
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.limits import limits
-from spatial_pin.motion.motion import FRAME_UNITS, Motion
-from spatial_pin.motion.outputs import COORDINATE_OUTPUTS, RATES, component, is_force, is_of_whole
+from spatial_pin.motion.motion import Motion
+from spatial_pin.motion.outputs import (
+    ROTATION,
+    NamedOutput,
+    is_force,
+    is_of_whole,
+    named_output,
+)
 from spatial_pin.numerics.linalg import Array, decompose, independent_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.rates import prescribed_at, solve_rates
@@ -90,6 +96,12 @@ class DriverMotion:
         """Whether a speed or acceleration is not zero."""
         return any(self.speeds.values()) or any(self.accelerations.values())
 
+    def state(self, mechanism: Mechanism, near: State) -> State:
+        """Return the state of a mechanism with this motion of its drivers; see `evaluate`."""
+        state = followed(mechanism, self.values, near)
+        return solve_rates(mechanism, state, self.speeds, self.accelerations) if (
+            self.moves) else state
+
     def evaluate(self, mechanism: Mechanism, near: State, outputs: Sequence[str]) -> list[Any]:
         """Return outputs of a mechanism with this motion of its drivers.
 
@@ -109,10 +121,7 @@ class DriverMotion:
                 values.append(bound.value)
                 continue
             if table is None:
-                state = followed(mechanism, self.values, near)
-                if self.moves:
-                    state = solve_rates(mechanism, state, self.speeds, self.accelerations)
-                table = self.outputs_at(state)
+                table = self.outputs_at(self.state(mechanism, near))
             value = table.output(output).values[0]
             values.append(float(value) if np.ndim(value) == 0 else value)
         return values
@@ -133,31 +142,6 @@ LONGEST_TOGETHER = TOLERANCES.longest_step
 # ratio of a sample's determinant to the state's: it costs two digits of accuracy
 LEAST_DETERMINANT = 0.02
 PARTS = 1, 4, 16  # steps in which a sample's dimensions are reached, one number after the other
-COORDINATE_KINDS = (*RATES, "acceleration", "ratio", "advantage")
-POINT_KINDS = ("position", "velocity", "acceleration", "angular_velocity", "angular_acceleration")
-
-
-class _Wanted(NamedTuple):
-    """An output: a quantity of a coordinate or of a point, and its component."""
-
-    name: str
-    kind: str
-    is_point: bool
-    component: int | None = None
-
-
-def _wanted(mechanism: Mechanism, spec: str) -> _Wanted | None:
-    """Read an output as `Motion.output` does; None if samples must be solved one by one."""
-    coordinates = {*mechanism.coordinate_table, *mechanism.drivers}
-    if spec in coordinates:
-        return _Wanted(spec, "value", False)
-    whole, k = component(spec)
-    name, _, kind = whole.rpartition(".")
-    if name in coordinates and kind in COORDINATE_OUTPUTS and k is None:
-        return _Wanted(name, kind, False) if kind in COORDINATE_KINDS else None
-    if kind in FRAME_UNITS and name.removesuffix(".com") in mechanism.frame_ids:
-        return _Wanted(name, kind, True, k) if kind in POINT_KINDS else None
-    return None
 
 
 class SampleGeometry(NamedTuple):
@@ -171,9 +155,9 @@ class SampleGeometry(NamedTuple):
 class VariedSamples:
     """Outputs of a mechanism at many sets of its dimensions; make it by `of`."""
 
-    def __init__(self, mechanism: Mechanism, tree: TracedTree, wanted: list[_Wanted]) -> None:
+    def __init__(self, mechanism: Mechanism, tree: TracedTree, wanted: list[NamedOutput]) -> None:
         self.mechanism, self._tree, self._wanted = mechanism, tree, wanted
-        self._points = list(dict.fromkeys(x.name for x in wanted if x.is_point))
+        self._points = list(dict.fromkeys(x.of for x in wanted if x.family == "point"))
         self._numbers = DimensionNumbers(mechanism, self._tree, self._points)
         self._own = np.array([[*self._tree.dimensions.values()]]).T
 
@@ -187,8 +171,9 @@ class VariedSamples:
         and points.
         """
         tree = Variants(mechanism, dimensions).tree
-        wanted = [_wanted(mechanism, spec) for spec in outputs]
-        known = [x for x in wanted if x is not None]
+        wanted = [named_output(mechanism, spec) for spec in outputs]
+        known = [x for x in wanted if x is not None and x.family in ("coordinate", "point")
+                 and not x.rule.needs and x.kind != ROTATION]
         if tree is None or not wanted or len(known) < len(wanted):
             return None
         try:
@@ -224,23 +209,39 @@ class VariedSamples:
 
     def values(self, closed: ClosedSamples, drive: DriverMotion) -> list[Array]:
         """Return the outputs, each (m,) or (m, 3)."""
-        return [self._value(x, closed, drive) for x in self._wanted]
+        samples = _SamplesOfDimensions(self.mechanism, self._points, closed, drive)
+        return [x.values(samples) for x in self._wanted]
 
-    def _value(self, wanted: _Wanted, closed: ClosedSamples, drive: DriverMotion) -> Array:
-        name, kind, is_point, k = wanted
-        if is_point:
-            vectors = closed.points[:, self._points.index(name), POINT_KINDS.index(kind)]
-            if kind == "position":
-                vectors = vectors + self.mechanism.centre
-            return vectors if k is None else vectors[:, k]
-        rates = coordinate_rates(
-            self.mechanism, name, closed.q, closed.v, closed.a, continued=False)
-        if kind not in ("ratio", "advantage"):
-            return rates.rate if kind in RATES else rates._asdict()[kind]
-        speed = closed.v[:, self.mechanism.coordinate(drive.driver).v]
-        with np.errstate(divide="ignore"):
-            ratio: Array = rates.rate / speed if kind == "ratio" else speed / rates.rate
-        return ratio
+
+class _SamplesOfDimensions:
+    """Samples closed together, in place of those of a motion."""
+
+    def __init__(
+        self, mechanism: Mechanism, points: list[str], closed: ClosedSamples, drive: DriverMotion
+    ) -> None:
+        self.mechanism, self._points, self._closed = mechanism, points, closed
+        self._driver = drive.driver
+
+    @property
+    def driver_speed(self) -> Array:
+        """(m,) see `Motion`."""
+        return self._closed.v[:, self.mechanism.coordinate(self._driver).v]
+
+    swept = driver_speed
+
+    def coordinate(self, name: str) -> CoordinateRates[Array]:
+        """See `Motion.coordinate`; samples have nothing to do with each other."""
+        q, _, v, a = self._closed[:4]
+        return coordinate_rates(self.mechanism, name, q, v, a, continued=False)
+
+    def frame(self, name: str) -> FrameMotion:
+        """See `Motion.frame`; rotations are missing."""
+        x, *rates = np.moveaxis(self._closed.points[:, self._points.index(name)], 1, 0)
+        return FrameMotion(x + self.mechanism.centre, np.empty(0), *rates)
+
+    def com(self, name: str) -> FrameMotion:
+        """See `Motion.com`."""
+        return self.frame(f"{name}.com")
 
 
 def _square_system(state: State, drive: DriverMotion) -> ClosingSystem | None:

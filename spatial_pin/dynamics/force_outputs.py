@@ -4,22 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
+from typing import Any
 
 from spatial_pin._support.checks import names_of
 from spatial_pin._support.columns import Quantity
 from spatial_pin._support.lazy import cached_property
-from spatial_pin.dynamics.coupling_forces import coupling_forces
+from spatial_pin.dynamics.coupling_forces import CouplingForce, coupling_forces
 from spatial_pin.dynamics.kinetostatics import Kinetostatics, kinetostatics
 from spatial_pin.dynamics.simulation.result import Simulation, driver_names
 from spatial_pin.errors import UnknownNameError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Motion, Output
 from spatial_pin.motion.outputs import (
+    EFFORT,
+    ON_GROUND,
+    NamedOutput,
+    OutputKind,
     abscissas,
-    component,
-    component_of,
     is_force,
     named,
+    named_output,
     output as output_of_motion,
     quantities as quantities_of_motion,
 )
@@ -29,19 +33,18 @@ from spatial_pin.numerics.linalg import Array
 ENERGIES = ("energy", "work")  # of a simulation
 
 
-def output(loads: Kinetostatics, spec: str) -> Output:
+def output(loads: Any, spec: str) -> Output:
     """Return a force by its name, or a quantity of the motion; see `Kinetostatics.output`."""
-    whole, k = component(spec)
-    if k is not None and is_force(spec):
-        return component_of(output(loads, whole), k)
-    values = (_effort(loads.motion, spec, loads.efforts) or _power(loads, spec)
-             or _wrench(loads, spec))
-    if values is not None:
-        return values
-    if is_force(spec):
-        raise UnknownNameError("force", spec, names(loads),
-                               f"loads of mechanism {loads.motion.mechanism.name!r}: ")
-    return loads.motion.output(spec)
+    is_effort = _own_name(loads.motion.mechanism, spec, loads.efforts) is not None
+    x = named_output(loads.motion.mechanism, f"{spec}.{EFFORT}" if is_effort else spec)
+    if x is None or x.family != "force":
+        return loads.motion.output(spec)
+    return x.of_samples(loads, FORCES[x.kind])
+
+
+def rule_of(x: NamedOutput) -> OutputKind:
+    """Return the rule of any output, a force's too."""
+    return FORCES[x.kind] if x.family == "force" else x.rule
 
 
 def names(loads: Kinetostatics) -> list[str]:
@@ -101,8 +104,7 @@ def with_force_values(
     """
     expanded: list[str | Output] = []
     for name in outputs:
-        is_own = (isinstance(motion, Simulation) and name.endswith(".effort")
-                  and _effort(motion, name, motion.efforts) is not None)
+        is_own = isinstance(motion, Simulation) and _prescribed_effort(motion, name)
         if is_force(name) and not is_own:
             expanded += output(loads(), name).parts()
         else:
@@ -121,51 +123,77 @@ def _own_name(mechanism: Mechanism, name: str, efforts: Mapping[str, Array]) -> 
     return next((x for x in either if x in efforts), None)
 
 
-def _effort(motion: Motion, spec: str, efforts: Mapping[str, Array]) -> Output | None:
-    mechanism = motion.mechanism
-    name = _own_name(mechanism, spec.removesuffix(".effort"), efforts)
-    if name is None:
-        return None
-    return Output(efforts[name], f"{name} effort", EFFORTS[mechanism.coordinate(name).unit])
+def _effort_of(kind: str) -> OutputKind:
+    """Return the effort or the power of a driver."""
+    def name(loads: Any, x: NamedOutput) -> str:
+        own = _own_name(loads.motion.mechanism, x.of, loads.efforts)
+        if own is None:
+            raise _unknown(loads, x)
+        return own
+
+    def unit(loads: Any, x: NamedOutput) -> str:
+        return "W" if kind == "power" else EFFORTS[
+            loads.motion.mechanism.coordinate(name(loads, x)).unit]
+
+    return OutputKind(
+        lambda loads, x: (loads.power if kind == "power" else loads.efforts)[name(loads, x)], unit,
+        order=int(kind == "power"), needs="forces",
+        label=lambda loads, x: f"{name(loads, x)} {kind}")
 
 
-def _power(loads: Kinetostatics, spec: str) -> Output | None:
-    whole, _, kind = spec.rpartition(".")
-    name = _own_name(loads.motion.mechanism, whole, loads.power) if kind == "power" else None
-    return None if name is None else Output(loads.power[name], f"{name} power", "W")
+def _coupling(loads: Any, name: str) -> CouplingForce | None:
+    """Return a coupling that does not say where it acts: its reaction is about its last joint."""
+    mechanism = loads.motion.mechanism.whole or loads.motion.mechanism
+    return next((c for c in coupling_forces(mechanism) if c.name == name), None)
 
 
-def _wrench(loads: Kinetostatics, spec: str) -> Output | None:
-    """Return a reaction (N, 6), its force or moment (N, 3), or the shaking wrench.
+def _wrench_of(part: str) -> OutputKind:
+    """Return a reaction (N, 6), or the shaking wrench, its force or its moment (N, 3).
 
     Of a coupling that does not say where it acts, what it does about its last joint (N,).
     """
-    whole, _, kind = spec.rpartition(".")
-    if kind in ("force", "moment"):
-        both = _wrench(loads, whole)
-        return both.parts()[kind == "moment"] if both and both.values.ndim > 1 else None
-    if spec == "on_ground":
-        return Output(loads.on_ground, "on ground", "N, N·m")
-    if kind == "reaction" and whole in loads.reactions:
-        return Output(loads.reactions[whole], f"{whole} reaction", "N, N·m")
-    mechanism = loads.motion.mechanism.whole or loads.motion.mechanism
-    coupling = next((c for c in coupling_forces(mechanism)
-                     if kind == "reaction" and c.name == whole), None)
-    if coupling is None:
-        return None
-    unit = EFFORTS[list(mechanism.coordinate_table.values())[coupling.last].unit]
-    return Output(coupling.effort(loads.multipliers), f"{whole} reaction", unit)
+    def values(loads: Any, x: NamedOutput) -> Array:
+        if x.kind in ON_GROUND or x.of in loads.reactions:
+            wrench: Array = loads.on_ground if x.kind in ON_GROUND else loads.reactions[x.of]
+            return wrench[:, {"": slice(6), "force": slice(3), "moment": slice(3, 6)}[part]]
+        coupling = _coupling(loads, x.of)
+        if coupling is None or part:
+            raise _unknown(loads, x)
+        return coupling.effort(loads.multipliers)
+
+    def unit(loads: Any, x: NamedOutput) -> str:
+        if x.kind in ON_GROUND or x.of in loads.reactions:
+            return {"": "N, N·m", "force": "N", "moment": "N·m"}[part]
+        coupling, mechanism = _coupling(loads, x.of), loads.motion.mechanism
+        table = list((mechanism.whole or mechanism).coordinate_table.values())
+        return EFFORTS[table[coupling.last].unit] if coupling else ""
+
+    return OutputKind(values, unit, size=3 if part else 6, needs="forces")
+
+
+def _unknown(loads: Any, x: NamedOutput) -> UnknownNameError:
+    return UnknownNameError("force", x.spec, names(loads),
+                            f"loads of mechanism {loads.motion.mechanism.name!r}: ")
+
+
+FORCES = {EFFORT: _effort_of(EFFORT), "power": _effort_of("power"), **{
+    f"{of}{end}": _wrench_of(end[1:]) for of in ("reaction", "on_ground")
+    for end in ("", ".force", ".moment")}}
+
+
+def _prescribed_effort(motion: Simulation, spec: str) -> Output | None:
+    """Return the effort of a prescribed driver of a simulation; None for other names."""
+    name = spec.removesuffix(f".{EFFORT}")
+    own = _own_name(motion.mechanism, name, motion.efforts) if name != spec else None
+    return None if own is None else Output(
+        motion.efforts[own], f"{own} {EFFORT}", EFFORTS[motion.mechanism.coordinate(own).unit])
 
 
 def output_of_simulation(motion: Simulation, spec: str) -> Output:
     """Return an energy, the effort of a prescribed driver, or an output of any motion."""
     if spec in ENERGIES and spec not in motion.mechanism.coordinate_table:
         return Output(getattr(motion, spec), spec, "J")
-    if spec.endswith(".effort"):
-        values = _effort(motion, spec, motion.efforts)
-        if values is not None:
-            return values
-    return output_of_motion(motion, spec)
+    return _prescribed_effort(motion, spec) or output_of_motion(motion, spec)
 
 
 def quantities_of_simulation(

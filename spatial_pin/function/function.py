@@ -2,53 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin._support.checks import as_array, checked, finite_array, names_of
-from spatial_pin.assembly.assemble import starting_state
-from spatial_pin.assembly.holding import fixed_base_entries
-from spatial_pin.assembly.state import State
-from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.dimensions.homotopy import followed
-from spatial_pin.dimensions.variants import Variants
-from spatial_pin.dynamics.forward import forward_dynamics
-from spatial_pin.dynamics.kinetostatics import inverse_dynamics
-from spatial_pin.errors import (
-    AssemblyError,
-    SingularError,
-    SpatialPinError,
-    UnknownNameError,
+from spatial_pin.assembly.link_angle import link_angle
+from spatial_pin.assembly.state import State, center_of_mass
+from spatial_pin.dimensions.changed_state import output_changes
+from spatial_pin.dimensions.closed_derivatives import (
+    ClosedDerivatives,
+    InputChanges,
+    OpenedError,
 )
-from spatial_pin.function.closed_derivatives import ClosedDerivatives, InputChanges, OpenedError
-from spatial_pin.function.moved_geometry import MovedGeometry, moved_geometry
-from spatial_pin.function.output_slopes import (
-    EFFORT,
-    MASS,
-    ROTATION,
-    Moved,
-    function_output,
+from spatial_pin.dimensions.force_derivatives import Load
+from spatial_pin.dimensions.moved_geometry import MovedGeometry, moved_geometry
+from spatial_pin.dynamics.coupling_forces import coupling_forces
+from spatial_pin.dynamics.force_outputs import rule_of
+from spatial_pin.dynamics.forward import forward_dynamics
+from spatial_pin.dynamics.kinetostatics import Kinetostatics, inverse_dynamics
+from spatial_pin.dynamics.reactions import Pairs
+from spatial_pin.errors import SingularError, SpatialPinError, UnknownNameError
+from spatial_pin.function.closed_rows import (
+    ACCELERATION,
+    DIMENSION,
+    RATE,
+    ClosedRows,
+    function_input,
 )
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Motion
-from spatial_pin.motion.outputs import RATES
-from spatial_pin.motion.scattered_states import states
+from spatial_pin.motion.outputs import EFFORT, NamedOutput, named_output, output_names
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.rates.rates import prescribed_at, solve_rates
-
-VALUE, RATE, ACCELERATION, DIMENSION = "value", "rate", "acceleration", "dimension"
-
-
-class _Input(NamedTuple):
-    """An input of a function: its quantity, and the name of the driver or dimension."""
-
-    name: str
-    kind: str
-    of: str
 
 
 class Function:
@@ -77,25 +66,19 @@ class Function:
         self.mechanism = mechanism
         self.inputs, self.outputs = (tuple(names_of(x, what)) for x, what in (
             (inputs, "inputs"), (outputs, "outputs")))
-        self._inputs = [_input(mechanism, name) for name in self.inputs]
-        self._outputs = [function_output(mechanism, name) for name in self.outputs]
+        self._inputs = [function_input(mechanism, name) for name in self.inputs]
+        self._outputs = [_output(mechanism, name) for name in self.outputs]
         self._check()
-        self.home = starting_state(mechanism, guess)
-        own = [x.of for x in self._inputs if x.kind == VALUE]
-        names = own or list(mechanism.drivers)
-        self._driven = prescribed_at(self.home, names) if names else []
-        tied = constraints_of(self.home.mechanism).tied
-        loose = np.flatnonzero(~tied).tolist()
-        self._still = sorted({*fixed_base_entries(mechanism, self._driven), *loose}
-                             - {c.v for c in self._driven})
-        self._dimensions = [x.of for x in self._inputs if x.kind == DIMENSION]
-        self._variants = Variants(mechanism, self._dimensions) if self._dimensions else None
+        self._closed = ClosedRows(mechanism, self._inputs, guess)
+        self.home = self._closed.home
         self._at_home: MovedGeometry | None = None
-        self._needs = {x.needs for x in self._outputs}
+        self._needs = {rule_of(x).needs for x in self._outputs}
         self._has_efforts = any(x.kind == EFFORT for x in self._inputs)
-        vectors = {1: ("",), 3: (".x", ".y", ".z"),
-                   9: tuple(f".{i}{j}" for i in "xyz" for j in "xyz")}
-        self.labels = tuple(x.name + end for x in self._outputs for end in vectors[x.size])
+        ends = tuple(f".{x}" for x in "xyz")
+        vectors = {1: ("",), 3: ends, 9: tuple(f".{i}{j}" for i in "xyz" for j in "xyz"),
+                   6: tuple(f".{x}{end}" for x in ("force", "moment") for end in ends)}
+        self.labels = tuple(x.spec + end for x in self._outputs for end in vectors[
+            1 if x.component is not None else rule_of(x).size])
 
     def _check(self) -> None:
         """Refuse inputs that are named twice or contradict each other, and outputs without rates.
@@ -103,8 +86,8 @@ class Function:
         Raises:
             ValueError: says which.
         """
-        for what, names in (("inputs", [(x.kind, x.of) for x in self._inputs]),
-                            ("outputs", [x.name for x in self._outputs])):
+        inputs, outputs = ([x[1:] for x in some] for some in (self._inputs, self._outputs))
+        for what, names in (("inputs", inputs), ("outputs", outputs)):
             if not names:
                 raise ValueError(f"{what} is empty: a function needs at least one")
             for k, name in enumerate(names):
@@ -116,14 +99,15 @@ class Function:
             raise ValueError("inputs: accelerations follow from efforts, or efforts from "
                              "accelerations: give one of the two")
         for x in self._outputs:
-            if x.needs == EFFORT and EFFORT in kinds:
-                raise ValueError(f"outputs: {x.name!r} is the effort of a given motion, but the "
+            order = rule_of(x).order
+            if x.kind == EFFORT and EFFORT in kinds:
+                raise ValueError(f"outputs: {x.spec!r} is the effort of a given motion, but the "
                                  "inputs have efforts: give accelerations instead")
-            if not x.order or RATE in kinds:
+            if not order or RATE in kinds:
                 continue
-            if x.order == 1 or not kinds & {ACCELERATION, EFFORT}:
+            if order == 1 or not kinds & {ACCELERATION, EFFORT}:
                 driver = next(iter(self.mechanism.drivers), "driver")
-                raise ValueError(f"outputs: {x.name!r} is a rate, but no input is a rate: add "
+                raise ValueError(f"outputs: {x.spec!r} is a rate, but no input is a rate: add "
                                  f"'{driver}.rate' to the inputs")
 
     def __call__(self, x: Any) -> Array:
@@ -248,200 +232,75 @@ class Function:
     def _shaped(self, x: Any, rows: Array) -> Array:
         return rows if np.ndim(x) == 2 else rows[0]
 
-    def _column(self, kind: str) -> list[tuple[int, str]]:
-        return [(k, x.of) for k, x in enumerate(self._inputs) if x.kind == kind]
-
     def _worked_out(self, rows: Array, with_slopes: bool) -> tuple[Array, Array]:
         """Return values (N, k), and derivatives (N, k, m), empty if not wanted."""
         values = np.empty((len(rows), len(self.labels)))
         slopes = np.empty((len(rows), len(self.labels), len(self.inputs) if with_slopes else 0))
-        given = self._given() if with_slopes else None
-        for at, mechanism, home in self._by_dimensions(rows):
-            geometry = self._geometry(mechanism) if with_slopes else None
-            motion = self._moving(self._closed(mechanism, home, rows, at), rows, at)
-            each = list(map(motion.state, range(len(motion)))) if (
-                with_slopes or self._has_efforts) else []
-            loads = [self._loads(state, rows[k]) for k, state in zip(at, each, strict=False)]
-            if self._has_efforts:
-                each = [load.state for load in loads]
-                motion = _as_motion(each)
+        given = self._closed.changes()
+        for at, motion in self._closed.motions(rows, self._with_masses):
+            geometry = self._geometry(motion.mechanism) if with_slopes else None
+            motion, loads = self._loaded(motion, rows, at)
             values[at] = self._values(motion, loads)
-            if geometry is not None and given is not None:
-                for k, state, load in zip(at.tolist(), each, loads, strict=True):
-                    slopes[k] = self._slopes(k, geometry, given, state, load, values[k])
+            for i, k in enumerate(at.tolist()):
+                if geometry is None:
+                    break
+                load = None if loads is None else Load.of_sample(loads, i, not self._has_efforts)
+                slopes[k] = self._slopes(k, geometry, given, motion.state(i), load, values[k])
         return values, slopes
-
-    def _by_dimensions(
-        self, rows: Array
-    ) -> Iterator[tuple[NDArray[np.intp], Mechanism, State | None]]:
-        """Yield row numbers with the same dimensions, their mechanism and its first State.
-
-        The State is None if the drivers cannot have the values of the guess at these dimensions.
-        """
-        columns = [k for k, _ in self._column(DIMENSION)]
-        every, group = np.unique(rows[:, columns], axis=0, return_inverse=True)
-        own = [self.mechanism.dimensions[name] for name in self._dimensions]
-        for k, x in enumerate(every.tolist()):
-            at = np.flatnonzero(group.reshape(-1) == k)
-            if x == own:
-                yield at, self.home.mechanism, self.home
-                continue
-            try:
-                assert self._variants is not None
-                mechanism = self._variants.at(
-                    dict(zip(self._dimensions, x, strict=True)),
-                    self._with_masses and not self._variants.has_masses)
-            except SpatialPinError as error:
-                raise _unreached(int(at[0]), str(error)) from error
-            try:
-                yield at, mechanism, followed(mechanism, self._standing, self.home)
-            except SpatialPinError:
-                yield at, mechanism, None
 
     @property
     def _with_masses(self) -> bool:
-        return bool(self._needs & {EFFORT, MASS}) or self._has_efforts
+        return bool(self._needs & {"forces", "masses"}) or self._has_efforts
 
-    @property
-    def _standing(self) -> dict[str, float]:
-        """The drivers' values at the first State."""
-        return {c.name: self.home.coordinate(c.name).value for c in self._driven if c.q >= 0}
-
-    def _closed(
-        self, mechanism: Mechanism, home: State | None, rows: Array, at: NDArray[np.intp]
-    ) -> Motion:
-        """Return the closed states of rows with the same dimensions, at rest.
-
-        The dimensions change first, then the drivers; if that fails, the drivers first.
-        """
-        values = {self.mechanism.coordinate(name).name: rows[at, column]
-                  for column, name in self._column(VALUE)}
-        known, reasons = None, dict.fromkeys(range(len(at)), "the dimensions cannot be reached")
-        if home is not None and not values:
-            return _as_motion([home] * len(at))
-        if home is not None:
-            known = states(mechanism, values, home)
-            reasons = known.unreached
-        if known is not None and not reasons:
-            return known
-        first = int(at[min(reasons)])
-        if mechanism is self.home.mechanism:
-            raise _unreached(first, reasons[min(reasons)])
-        before = states(self.home.mechanism, values, self.home) if values else _as_motion(
-            [self.home] * len(at))
-        solved = []
-        for i, k in enumerate(at.tolist()):
-            if known is not None and i not in reasons:
-                solved.append(known.state(i))
-                continue
-            try:
-                if i in before.unreached:
-                    raise SpatialPinError(before.unreached[i])
-                held = self._standing | {name: float(x[i]) for name, x in values.items()}
-                solved.append(followed(mechanism, held, before.state(i)))
-            except SpatialPinError as error:
-                raise _unreached(k, str(error)) from error
-        return _as_motion(solved)
-
-    def _moving(self, motion: Motion, rows: Array, at: NDArray[np.intp]) -> Motion:
-        """Return the states of rows with their rates."""
-        speeds, accelerations = (
-            {name: rows[at, column] for column, name in self._column(kind)}
-            for kind in (RATE, ACCELERATION))
-        if not speeds and not accelerations:
-            return motion
-        try:
-            return solve_rates(motion.mechanism, motion, speeds, accelerations)
-        except SingularError as error:
-            for i, k in enumerate(at.tolist()):
-                try:
-                    solve_rates(motion.mechanism, motion[i : i + 1], *(
-                        {name: float(x[i]) for name, x in of.items()}
-                        for of in (speeds, accelerations)))
-                except SingularError as at_row:
-                    raise SingularError(f"row {k}: {at_row}", state=at_row.state) from error
-            raise
-
-    def _loads(self, state: State, row: Array) -> Any:
-        """Return the forward or inverse dynamics of a state; None if they are not needed."""
+    def _loaded(
+        self, motion: Motion, rows: Array, at: NDArray[np.intp]
+    ) -> tuple[Motion, Kinetostatics | None]:
+        """Return the states with accelerations that efforts give, and the forces if needed."""
         if self._has_efforts:
-            efforts = {name: float(row[column]) for column, name in self._column(EFFORT)}
-            return forward_dynamics(state.mechanism, state, efforts)
-        return inverse_dynamics(state.mechanism, state) if EFFORT in self._needs else None
+            efforts = dict.fromkeys(self.mechanism.drivers, np.zeros(len(at))) | {
+                name: rows[at, column] for column, name in self._closed.columns(EFFORT)}
+            loads = forward_dynamics(motion.mechanism, motion, efforts)
+            return replace(motion, a=loads.a), loads
+        return motion, (
+            inverse_dynamics(motion.mechanism, motion) if "forces" in self._needs else None)
 
-    def _values(self, motion: Motion, loads: Sequence[Any]) -> Array:
+    def _values(self, motion: Motion, loads: Kinetostatics | None) -> Array:
         """Return the outputs (n, k) of states of one mechanism."""
-        columns, efforts = list[Array](), dict[str, Array]()
-        if EFFORT in self._needs:
-            whole = None if loads else inverse_dynamics(motion.mechanism, motion).efforts
-            efforts = {n: np.asarray(whole[n] if whole else [load.efforts[n] for load in loads])
-                       for n in self.mechanism.drivers}
+        columns = []
         for x in self._outputs:
-            if x.needs == EFFORT:
-                name = _driver(self.mechanism, x.name.removesuffix(f".{EFFORT}"))
-                columns.append(efforts[name])
-            elif x.name.endswith(f".{ROTATION}"):
-                columns.append(motion.frame(x.name.removesuffix(f".{ROTATION}")).rotation)
-            elif x.follows:  # each by itself
-                columns.append(np.array([motion[k : k + 1].output(x.name).values[0]
-                                         for k in range(len(motion))]))
+            samples = loads if x.family == "force" else motion
+            if _is_continued(self.mechanism, x):  # each by itself
+                parts = [x.values(motion[k : k + 1]) for k in range(len(motion))]
+                columns.append(np.concatenate([np.empty(0), *parts]))
             else:
-                columns.append(motion.output(x.name).values)
+                columns.append(x.values(samples, rule_of(x)))
         return np.hstack([x.reshape(len(motion), -1) for x in columns])
 
     # ------------------------------------------------------------ derivatives
 
     def _geometry(self, mechanism: Mechanism) -> MovedGeometry:
         if mechanism is not self.home.mechanism:
-            return moved_geometry(mechanism, self._variants, self._with_masses)
+            return moved_geometry(mechanism, self._closed.variants, self._with_masses)
         if self._at_home is None:
-            self._at_home = moved_geometry(mechanism, self._variants, self._with_masses)
+            self._at_home = moved_geometry(mechanism, self._closed.variants, self._with_masses)
         return self._at_home
 
-    def _given(self) -> InputChanges:
-        """Return the derivatives of the given quantities by each input."""
-        m, numbers = len(self._inputs), [c.name for c in self._driven]
-        values, rates, accelerations = np.zeros((3, len(numbers), m))
-        given = InputChanges(
-            values, rates, accelerations, np.zeros((self.mechanism.model.nv, m)),
-            np.zeros((len(self._dimensions), m)))
-        for k, x in enumerate(self._inputs):
-            if x.kind == DIMENSION:
-                given.dimensions[self._dimensions.index(x.of), k] = 1.0
-                continue
-            c = self.mechanism.coordinate(x.of)
-            if x.kind == EFFORT:
-                given.efforts[c.v, k] = 1.0
-            else:
-                table = {VALUE: given.values, RATE: given.rates,
-                         ACCELERATION: given.accelerations}[x.kind]
-                table[numbers.index(c.name), k] = 1.0
-        return given
-
     def _slopes(
-        self, row: int, geometry: MovedGeometry, given: InputChanges, state: State, load: Any,
-        values: Array,
+        self, row: int, geometry: MovedGeometry, given: InputChanges, state: State,
+        load: Load | None, values: Array,
     ) -> Array:
         """Return the derivatives (k, m) of a row."""
         m = len(self._inputs)
-        at = ClosedDerivatives(geometry, state, self._driven, self._still)
         try:
-            changes = at.changes(given)
-            efforts: Array = np.zeros((0, changes.q.shape[1]))
-            if load is not None:
-                a, borne = at.forced(given, changes, load.a, load.multipliers,
-                                     not self._has_efforts)
-                if self._has_efforts:
-                    changes.a[geometry.v] = a
-                else:
-                    efforts = borne[[self._driven.index(self.mechanism.coordinate(name))
-                                     for name in self.mechanism.drivers]]
+            at = ClosedDerivatives(geometry, state, self._closed.driven, self._closed.still)
+            every = np.vstack(output_changes(at, given, load, self._outputs))
         except OpenedError as error:
             raise self._opened(row, error.column, state) from error
-        columns = changes.q.shape[1] - m  # of freedoms that nothing determines
-        wide = np.hstack([given.dimensions, np.zeros((len(self._dimensions), columns))])
-        moved = Moved(at, changes, wide, efforts)
-        every: Array = np.vstack([x.slope(moved) for x in self._outputs])
+        if np.isnan(every).any():
+            label = self.labels[int(np.isnan(every).any(axis=1).argmax())]
+            raise SpatialPinError(
+                f"row {row}: mechanism {self.mechanism.name!r}: {label!r} is one of many, the "
+                "least: it has no derivatives; choose an output that is unique")
         size = self.mechanism.characteristic_length + np.abs(values) + np.abs(
             every[:, :m]).max(axis=1, initial=0.0)
         loose = np.abs(every[:, m:]).max(axis=1, initial=0.0) > TOLERANCES.half_precision * size
@@ -466,46 +325,41 @@ class Function:
             "that depend on each other), so that there is no derivative", state=state)
 
 
-def _input(mechanism: Mechanism, name: str) -> _Input:
-    """Return an input by its name: of a driver, or its joint, or a dimension.
+def _output(mechanism: Mechanism, name: str) -> NamedOutput:
+    """Return an output by its name.
 
     Raises:
-        UnknownNameError: there is none.
+        UnknownNameError: there is none, or it has no derivatives.
     """
-    own = {**{d.joint: n for n, d in mechanism.drivers.items()},
-           **{n: n for n in mechanism.drivers}}
-    if name in own:
-        return _Input(name, VALUE, own[name])
-    stem, _, kind = name.rpartition(".")
-    if name.startswith("effort."):
-        stem, kind = name.removeprefix("effort."), EFFORT
-    if stem in own and kind in (*RATES, ACCELERATION, EFFORT):
-        return _Input(name, RATE if kind in RATES else kind, own[stem])
-    dimension = name.removeprefix("dimension.")  # where a driver has its name
-    if dimension in mechanism.dimensions:
-        return _Input(name, DIMENSION, dimension)
-    valid = [*own, *(f"{n}.{k}" for n in own for k in (*RATES, ACCELERATION)),
-             *(f"effort.{n}" for n in own), *mechanism.dimensions]
-    raise UnknownNameError("input", name, valid, f"mechanism {mechanism.name!r}: ")
+    x = named_output(mechanism, name)
+    if x is not None and rule_of(x).needs != "motion" and x.kind not in ("ratio", "advantage"):
+        if x.family == "point":
+            mechanism.frame_id(mechanism.placed(x.of.removesuffix(".com")))
+        if x.of.endswith(".com"):
+            center_of_mass(mechanism, x.of.removesuffix(".com"))
+        if x.family != "force" or x.of in _loaded_names(mechanism, x.kind):
+            return x
+    valid = [name for name in (*output_names(mechanism), *(
+        f"{n}.{kind}" for kind in (EFFORT, "power", "reaction")
+        for n in _loaded_names(mechanism, kind) if n))
+        if not name.endswith((".jerk", ".ratio", ".advantage", ".transmission_angle"))]
+    raise UnknownNameError("differentiable output", name, valid,
+                           f"mechanism {mechanism.name!r}: ")
 
 
-def _driver(mechanism: Mechanism, name: str) -> str:
-    return name if name in mechanism.drivers else next(
-        n for n, d in mechanism.drivers.items() if d.joint == name)
+def _loaded_names(mechanism: Mechanism, kind: str) -> list[str]:
+    """Return what has a force of a kind: drivers and their joints, or pairs and couplings."""
+    if kind in (EFFORT, "power"):
+        return [name for n, d in mechanism.drivers.items() for name in (n, d.joint)]
+    return ["", *Pairs(mechanism).names, *(c.name for c in coupling_forces(mechanism))]
 
 
-def _as_motion(states: Sequence[State]) -> Motion:
-    """Return states as samples of a motion, which has rates in time."""
-    q, v, a, angles = (np.array([getattr(s, x) for s in states]) for x in (
-        "q", "v", "a", "angles"))
-    errors = np.array([s.closure_error for s in states])
-    return Motion(states[0].mechanism, None, "", None, q, v, a, errors, np.ones(len(states)),
-                  angles=angles)
-
-
-def _unreached(row: int, reason: str) -> AssemblyError:
-    """Return the error of a row that cannot be reached."""
-    return AssemblyError(f"row {row}: {reason}", closure_error=np.inf, worst_closure="")
+def _is_continued(mechanism: Mechanism, x: NamedOutput) -> bool:
+    """Whether the value of an output in a motion is the one nearest to the sample before."""
+    if x.family == "angle":
+        angle = link_angle(mechanism, x.spec)
+        return angle is not None and angle.sums is None
+    return x.family == "coordinate" and mechanism.coordinate(x.of).q < 0
 
 
 @checked
@@ -529,7 +383,9 @@ def function(
             named are zero.
         outputs: as `Motion.output` names coordinates, angles of links, and positions, velocities
             and accelerations of frames and centres of mass; `FRAME.rotation`, its nine numbers row
-            by row; `effort.crank` (or `crank.effort`), the effort that the motion needs.
+            by row; forces as `Kinetostatics.output` names them: `effort.crank` (or `crank.effort`),
+            the effort that the motion needs, `crank.power`, `PAIR.reaction.force.x`, ...,
+            `on_ground.moment`.
         guess: the first configuration, as for `assemble`.
 
     Returns:

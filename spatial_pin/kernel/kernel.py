@@ -374,7 +374,11 @@ class Kernel:
         return np.concatenate([columns, translations[:, carriers]], axis=2)
 
     def jacobians(self, q: Array) -> Array:
-        """Return (m, n_closure + n_passive, nv) at q (m, nq), by v / `velocity_scale`."""
+        """Return (m, n_closure + n_passive, nv) at q (m, nq), by v / `velocity_scale`.
+
+        Angles of screws count from zero, which changes no derivative; places along curves are those
+        at which the loops are open least.
+        """
         return self.jacobians_and_columns(q, np.zeros((len(q), self.n_angles)))[0]
 
     def jacobians_and_columns(self, q: Array, reference: Array) -> tuple[Array, Array]:

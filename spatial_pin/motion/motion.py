@@ -23,6 +23,7 @@ from spatial_pin.assembly.holding import BASE, hold_from_file, hold_to_file
 from spatial_pin.assembly.state import FrameMotion, Samples, State, is_coordinate
 from spatial_pin.errors import SampleError, SpatialPinError
 from spatial_pin.mechanism.coordinates import CoordinateRates, coordinate_rates
+from spatial_pin.mechanism.inertia import moving_mass
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array, largest_by
 
@@ -474,6 +475,17 @@ class Motion(Samples, Tabular):
 
         return bodies(self)
 
+    @property
+    def moving_mass(self) -> Array:
+        """(N,) mass of all moving links [kg].
+
+        Example:
+            >>> motion = sp.sweep(sp.load("rssr"), "crank", [0.0, 0.5], speed=2.0)
+            >>> motion.moving_mass.shape
+            (2,)
+        """
+        return np.full(len(self), moving_mass(self.mechanism.model))
+
     @checked
     def frame(self, name: str) -> FrameMotion:
         """Return the motion of the origin of a link, frame or joint.
@@ -525,7 +537,7 @@ class Motion(Samples, Tabular):
         """Return the motion of a link's own centre of mass.
 
         Args:
-            name: link.
+            name: link; or "com", for the centre of mass of all moving links.
 
         Returns:
             The FrameMotion of that point: arrays (N, 3), world axes [m, rad, s].

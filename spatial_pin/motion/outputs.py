@@ -1,11 +1,16 @@
-"""Quantities of a motion by name: of coordinates, frames, centres of mass, the whole mechanism."""
+"""Quantities of a motion by name: of coordinates, frames, centres of mass, the whole mechanism.
+
+`named_output` reads a name; `KINDS` has a rule for each kind of output. A rule works its values out
+of samples: of a Motion, of closed samples at other dimensions, or of samples whose imaginary parts
+are derivatives (`dimensions.changed_state`). A new kind of output is an entry of `KINDS`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from spatial_pin._support.checks import names_of
 from spatial_pin._support.columns import XYZ, Quantity
@@ -15,54 +20,264 @@ from spatial_pin.assembly.state import angles_of, center_of_mass, mass_shares
 from spatial_pin.constraints.trees import tree_of
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.mechanism.curves import curves_in
-from spatial_pin.mechanism.inertia import moving_mass
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import FRAME_UNITS, FrameMotion, Motion, Output
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.rates.jerks import Jerks, solve_jerks
+from spatial_pin.rates.jerks import solve_jerks
 from spatial_pin.rates.pressure_angle import UNITS as CONTACT_UNITS, contact_quantity
 from spatial_pin.rates.transmission import MovedOutput
 
 RATES = ("rate", "velocity")  # two words for the first derivative of a coordinate
-CONTACT_RATES = ("value", "rate", "acceleration")
-COORDINATE_OUTPUTS = (*RATES, "acceleration", "jerk", "ratio", "advantage", "transmission_angle")
-FORCES = ("effort", "power", "reaction", "reaction.force", "reaction.moment")  # NAME.effort, ...
+MASS, WHOLE = "mass", "com"  # of all moving links: their mass; WHOLE.position, ... of its centre
+EFFORT, ROTATION = "effort", "rotation"
+FORCES = (EFFORT, "power", "reaction", "reaction.force", "reaction.moment")  # NAME.effort, ...
 ENDINGS = tuple(f".{kind}" for kind in FORCES)
 ON_GROUND = ("on_ground", "on_ground.force", "on_ground.moment")
-MASS, WHOLE = "mass", "com"  # of all moving links: their mass; WHOLE.position, ... of its centre
 VECTORS = (*FRAME_UNITS, "force", "moment")  # NAME.position.z, ... is a component
-KINDS = sorted({*COORDINATE_OUTPUTS, *FORCES, *FRAME_UNITS, *CONTACT_UNITS}, key=len, reverse=True)
 
 
-def frame(motion: Motion, name: str) -> FrameMotion:
-    """Return the motion of the origin of a link, frame or joint; see `Motion.frame`."""
-    mechanism = motion.mechanism
-    return _at(motion, *mechanism.frame_on_joint(mechanism.placed(name)))
+class OutputKind(NamedTuple):
+    """A kind of output.
+
+    Attributes:
+        values: returns it (N, ...) of samples.
+        unit: returns its unit in samples.
+        order: of its highest time derivative.
+        size: how many numbers it has.
+        needs: "" of configurations and rates, "masses", "forces" of loads, or "motion" of what a
+            Motion alone has; what needs no "motion" has derivatives.
+        label: returns its name in tables; by default the name with spaces.
+    """
+
+    values: Callable[[Any, NamedOutput], Array]
+    unit: Callable[[Any, NamedOutput], str]
+    order: int = 0
+    size: int = 1
+    needs: str = ""
+    label: Callable[[Any, NamedOutput], str] | None = None
 
 
-def com(motion: Motion, name: str) -> FrameMotion:
-    """Return the motion of a link's own centre of mass; see `Motion.com`."""
-    mechanism = motion.mechanism
-    offset = pin.SE3(np.eye(3), center_of_mass(mechanism, name))
-    joint, placement = mechanism.frame_on_joint(mechanism.placed(name))
-    return _at(motion, joint, placement * offset)
+class NamedOutput(NamedTuple):
+    """An output, as its name says.
+
+    Attributes:
+        spec: the name.
+        family: what it is of, a key of `KINDS`; or "force".
+        kind: which quantity.
+        of: name of the coordinate, frame, closure or pair; `LINK.com` of a centre of mass.
+        component: number of a component of a vector, or None.
+    """
+
+    spec: str
+    family: str
+    kind: str
+    of: str
+    component: int | None = None
+
+    @property
+    def rule(self) -> OutputKind:
+        """Its rule; that of a force is in `dynamics.force_outputs`."""
+        return KINDS[self.family][self.kind]
+
+    def values(self, samples: Any, rule: OutputKind | None = None) -> Array:
+        """Return its values (N, ...) in samples."""
+        values = (rule or self.rule).values(samples, self)
+        return values if self.component is None else values[:, self.component]
+
+    def of_samples(self, samples: Any, rule: OutputKind | None = None) -> Output:
+        """Return its values in samples, with label and unit."""
+        rule = rule or self.rule
+        label = rule.label(samples, self) if rule.label else label_of(self.spec)
+        return Output(self.values(samples, rule), label, rule.unit(samples, self))
 
 
-def whole_com(motion: Motion) -> FrameMotion:
-    """Return the motion of the centre of mass of all moving links; it turns with nothing.
+def named_output(mechanism: Mechanism, spec: str) -> NamedOutput | None:
+    """Read the name of an output; None if it is none of the mechanism.
+
+    Whether its frame, link or pair exists is not looked up.
 
     Raises:
-        SpatialPinError: they have no mass.
+        SpatialPinError: it is an angle of a link that turns about no axis of its own.
     """
-    sums = [np.zeros((len(motion), 3)) for _ in range(3)]
-    for joint, share, lever in mass_shares(motion.mechanism):
-        at = _at(motion, joint, pin.SE3(np.eye(3), lever))
-        for x, part in zip(sums, (at.position, at.velocity, at.acceleration), strict=True):
-            x += share * part
-    position, velocity, acceleration = sums
-    still = np.zeros_like(position)
-    return FrameMotion(position, np.repeat(np.eye(3)[None], len(motion), axis=0), velocity,
-                       acceleration, still, still)
+    if _is_coordinate(mechanism, spec):
+        return NamedOutput(spec, "coordinate", "value", spec)
+    if is_force(spec):
+        return _named_force(spec)
+    whole, k = component(spec)
+    name, _, kind = whole.rpartition(".")
+    if is_of_whole(mechanism, spec):
+        return NamedOutput(spec, "whole", kind or MASS, WHOLE, k)
+    if k is None:
+        contact = spec if spec.endswith((".s", ".s2")) else name
+        if contact_closure(mechanism, contact) is not None:
+            kind = "value" if contact == spec else kind
+            if kind in KINDS["contact"]:
+                return NamedOutput(spec, "contact", kind, contact)
+        if kind in CONTACT_UNITS and contact_closure(mechanism, f"{name}.s") is not None:
+            return NamedOutput(spec, "curve", kind, name)
+        if link_angle(mechanism, spec) is not None:
+            return NamedOutput(spec, ANGLE, ANGLE, spec)
+        if kind in KINDS["coordinate"] and _is_coordinate(mechanism, name):
+            return NamedOutput(spec, "coordinate", kind, name)
+    return NamedOutput(spec, "point", kind, name, k) if name and kind in KINDS["point"] else None
+
+
+def _named_force(spec: str) -> NamedOutput:
+    whole, k = component(spec)
+    if whole in ON_GROUND:
+        return NamedOutput(spec, "force", whole, "", k)
+    if whole.startswith(f"{EFFORT}."):
+        return NamedOutput(spec, "force", EFFORT, whole.removeprefix(f"{EFFORT}."), k)
+    ending = max((x for x in ENDINGS if whole.endswith(x)), key=len)
+    return NamedOutput(spec, "force", ending[1:], whole.removesuffix(ending), k)
+
+
+def _is_coordinate(mechanism: Mechanism, name: str) -> bool:
+    return name in mechanism.coordinate_table or name in mechanism.drivers
+
+
+def _rate(order: int) -> OutputKind:
+    """Return the value, rate or acceleration of a coordinate or of a contact."""
+    def unit(samples: Any, x: NamedOutput) -> str:
+        own = "m" if x.family == "contact" else samples.mechanism.coordinate(x.of).unit
+        return samples.rate_unit(own, order) if order else own
+
+    return OutputKind(lambda samples, x: samples.coordinate(x.of)[order], unit, order)
+
+
+def _ratio(samples: Any, x: NamedOutput) -> Array:
+    """Return the speed ratio (N,), or its inverse."""
+    speed, rate = samples.driver_speed, samples.coordinate(x.of).rate
+    if len(samples.swept) and np.any(speed == 0.0):
+        raise SpatialPinError(f"{x.of}.ratio: the driver stands still in this motion")
+    with np.errstate(divide="ignore"):
+        ratio: Array = rate / speed if x.kind == "ratio" else speed / rate
+    return ratio
+
+
+def _ratio_unit(samples: Any, x: NamedOutput) -> str:
+    units = samples.mechanism.coordinate(x.of).unit, samples.driver_unit
+    one, two = units if x.kind == "ratio" else units[::-1]
+    return "1" if one == two else f"{one}/{two}"
+
+
+def _transmission_angles(motion: Motion, x: NamedOutput) -> Array:
+    if not len(motion.swept):
+        return np.empty(0)
+    moved = MovedOutput.of(motion.mechanism, x.of, motion.driver_name)
+    return moved.angles(motion.mechanism, motion.q, angles_of(motion))
+
+
+def _point(samples: Any, x: NamedOutput) -> Array:
+    """Return a quantity of a frame, or of a centre of mass."""
+    if x.of.endswith(".com") or x.family == "whole":
+        moving = samples.com(x.of.removesuffix(".com"))
+    else:
+        moving = samples.frame(x.of)
+    values: Array = getattr(moving, x.kind)
+    return values.reshape(len(values), -1) if x.kind == ROTATION else values
+
+
+def _jerk(motion: Motion, x: NamedOutput) -> Array:
+    driver = {motion.driver_name: 0.0} if len(motion.swept) else {}
+    jerks = (solve_jerks(motion.mechanism, motion.state(k), driver) for k in range(len(motion)))
+    if x.family == "coordinate":
+        return np.array([j.coordinate(x.of) for j in jerks])
+    body = x.of.removesuffix(".com")
+    rows = [j.whole_com() if x.family == "whole" else j.frame(x.of).linear if x.of == body
+            else j.com(body) for j in jerks]
+    return np.array(rows).reshape(-1, 3)
+
+
+def _angle(samples: Any, x: NamedOutput) -> Array:
+    angle = link_angle(samples.mechanism, x.spec)
+    assert angle is not None
+    return angle.along(samples.frame(samples.mechanism.model.frames[angle.frame].name).rotation,
+                       samples.q)
+
+
+def _of_curve(motion: Motion, x: NamedOutput) -> Array:
+    """Return the shape of a cam at its contact."""
+    closure = contact_closure(motion.mechanism, f"{x.of}.s")
+    assert closure is not None
+    return contact_quantity(motion.mechanism, closure, x.kind, motion.q, motion.angles)
+
+
+def _angle_label(samples: Any, x: NamedOutput) -> str:
+    angle = link_angle(samples.mechanism, x.spec)
+    assert angle is not None
+    return angle.label
+
+
+def _of_point(kind: str) -> OutputKind:
+    """Return a quantity of a frame or of a centre of mass."""
+    order, jerks = FRAME_UNITS[kind][1], kind == "jerk"
+    return OutputKind(_jerk if jerks else _point, lambda samples, x: samples.frame_unit(x.kind),
+                      order, 3, needs="motion" if jerks else "")
+
+
+POINT = {kind: _of_point(kind) for kind in FRAME_UNITS}
+KINDS: dict[str, dict[str, OutputKind]] = {
+    "coordinate": {
+        "value": _rate(0), "rate": _rate(1), "velocity": _rate(1), "acceleration": _rate(2),
+        "jerk": OutputKind(
+            _jerk, lambda motion, x: motion.rate_unit(motion.mechanism.coordinate(x.of).unit, 3),
+            3, needs="motion"),
+        "ratio": OutputKind(_ratio, _ratio_unit, 1, label=lambda samples, x: (
+            f"{x.of} / {samples.driver_name} speed ratio")),
+        "advantage": OutputKind(_ratio, _ratio_unit, 1, label=lambda samples, x: (
+            f"{x.of} mechanical advantage")),
+        "transmission_angle": OutputKind(
+            _transmission_angles, lambda motion, x: "rad", needs="motion")},
+    "contact": {kind: rule._replace(
+        needs="motion", label=lambda motion, x: x.spec.replace(".", " "))
+        for kind, rule in (("value", _rate(0)), ("rate", _rate(1)), ("acceleration", _rate(2)))},
+    "curve": {kind: OutputKind(_of_curve, lambda motion, x: CONTACT_UNITS[x.kind], needs="motion")
+              for kind in CONTACT_UNITS},
+    ANGLE: {ANGLE: OutputKind(_angle, lambda samples, x: "rad", label=_angle_label)},
+    "point": POINT | {ROTATION: OutputKind(_point, lambda samples, x: "1", 0, 9)},
+    "whole": {MASS: OutputKind(lambda samples, x: samples.moving_mass, lambda samples, x: "kg",
+                               needs="masses")}
+             | {kind: rule._replace(needs=rule.needs or "masses") for kind, rule in POINT.items()
+                if not kind.startswith("angular")},
+}
+COORDINATE_OUTPUTS = tuple(kind for kind in KINDS["coordinate"] if kind != "value")
+LABELLED = sorted({*COORDINATE_OUTPUTS, *FORCES, *FRAME_UNITS, *CONTACT_UNITS}, key=len,
+                  reverse=True)
+
+
+def frame(samples: Any, name: str) -> FrameMotion:
+    """Return the motion of the origin of a link, frame or joint; see `Motion.frame`."""
+    mechanism = samples.mechanism
+    joint, placement = mechanism.frame_on_joint(mechanism.placed(name))
+    return at_point(samples, joint, placement.rotation, placement.translation)
+
+
+def com(samples: Any, name: str) -> FrameMotion:
+    """Return the motion of a link's own centre of mass, or of `WHOLE`; see `Motion.com`."""
+    mechanism = samples.mechanism
+    if name == WHOLE and name not in mechanism.frame_ids:
+        return whole_com(samples, mass_shares(mechanism))
+    lever = center_of_mass(mechanism, name)
+    joint, placement = mechanism.frame_on_joint(mechanism.placed(name))
+    return at_point(samples, joint, placement.rotation, placement.act(lever))
+
+
+def whole_com(samples: Any, shares: Iterable[tuple[int, Any, Array]]) -> FrameMotion:
+    """Return the motion of the centre of mass of all moving links; it turns with nothing.
+
+    Args:
+        samples: of a mechanism.
+        shares: joint, part of the whole mass and centre of each body, as `mass_shares`.
+    """
+    points = [(np.reshape(share, (-1, 1)), at_point(samples, joint, np.eye(3), lever))
+              for joint, share, lever in shares]
+    position, velocity, acceleration = (
+        sum(share * getattr(at, kind) for share, at in points)
+        for kind in ("position", "velocity", "acceleration"))
+    still, n = np.zeros(np.shape(position)), len(position)
+    return FrameMotion(position, np.repeat(np.eye(3)[None], n, axis=0), velocity, acceleration,
+                       still, still)
 
 
 def component(spec: str) -> tuple[str, int | None]:
@@ -70,11 +285,6 @@ def component(spec: str) -> tuple[str, int | None]:
     whole, _, last = spec.rpartition(".")
     is_one = last in XYZ and whole.rpartition(".")[2] in VECTORS
     return (whole, XYZ.index(last)) if is_one else (spec, None)
-
-
-def component_of(vector: Output, k: int) -> Output:
-    """Return a component of a vector (N, 3) as an output."""
-    return Output(vector.values[:, k], f"{vector.label} {XYZ[k]}", vector.unit)
 
 
 def is_of_whole(mechanism: Mechanism, spec: str) -> bool:
@@ -89,60 +299,26 @@ def is_of_whole(mechanism: Mechanism, spec: str) -> bool:
 def output(motion: Motion, spec: str) -> Output:
     """Return a quantity by its name; see `Motion.output`."""
     mechanism = motion.mechanism
-    if spec in mechanism.coordinate_table or spec in mechanism.drivers:
-        return Output(motion.coordinate(spec).value, spec, mechanism.coordinate(spec).unit)
-    whole, k = component(spec)
-    if k is not None and not is_force(spec):
-        return component_of(_vector(motion, whole) or motion.output(whole), k)
-    if is_of_whole(mechanism, spec):
-        return _of_whole(motion, spec)
-    contact, _, kind = ((spec, "", "value") if spec.endswith((".s", ".s2"))
-                        else spec.rpartition("."))
-    if contact_closure(mechanism, contact) is not None and kind in CONTACT_RATES:
-        order = CONTACT_RATES.index(kind)
-        unit = motion.rate_unit("m", order) if order else "m"
-        return Output(motion.coordinate(contact)[order], spec.replace(".", " "), unit)
-    touched = contact_closure(mechanism, f"{contact}.s") if kind in CONTACT_UNITS else None
-    if touched is not None:
-        values = contact_quantity(mechanism, touched, kind, motion.q, motion.angles)
-        return Output(values, f"{contact} {kind.replace('_', ' ')}", CONTACT_UNITS[kind])
-    angle = link_angle(mechanism, spec)
-    if angle is not None:
-        rotations = motion.frame(mechanism.model.frames[angle.frame].name).rotation
-        return Output(angle.along(rotations, motion.q), angle.label, "rad")
-    name, _, kind = spec.rpartition(".")
-    if kind in COORDINATE_OUTPUTS and (name in mechanism.coordinate_table
-                                       or name in mechanism.drivers):
-        return _coordinate_output(motion, name, kind)
-    vector = _vector(motion, spec)
-    if vector is not None:
-        return vector
-    if is_force(spec):
+    x = named_output(mechanism, spec)
+    if x is None or x.kind == ROTATION:
+        raise UnknownNameError("output", spec, output_names(mechanism),
+                               f"mechanism {mechanism.name!r}: ")
+    if x.family == "force":
         raise SpatialPinError(
             f"{spec}: a motion by itself has no forces; loads = sp.kinetostatics(mechanism, "
             f"motion) solves them, and loads.output({spec!r}) or sp.plot(loads, ...) gives this")
-    valid = [*mechanism.coordinate_table, *mechanism.drivers,
-             MASS, *(f"{WHOLE}.{k}" for k in FRAME_UNITS if not k.startswith("angular")),
-             *(f"{n}.{k}" for n in mechanism.frame_ids for k in (*FRAME_UNITS, ANGLE)),
-             *(f"{n}.{k}" for n in (*mechanism.coordinate_table, *mechanism.drivers)
-               for k in COORDINATE_OUTPUTS),
-             *(f"{c.name}.{k}" for c in (mechanism.whole or mechanism).closures
-               if curves_in(c.numbers) for k in (*contact_coordinates(c), *CONTACT_UNITS))]
-    raise UnknownNameError("output", spec, valid, f"mechanism {mechanism.name!r}: ")
+    return x.of_samples(motion)
 
 
-def _vector(motion: Motion, spec: str) -> Output | None:
-    """Return a quantity of a point as a vector (N, 3), None for other names."""
-    name, _, kind = spec.rpartition(".")
-    if kind not in FRAME_UNITS or not name or is_of_whole(motion.mechanism, spec):
-        return None
-    body, label, unit = name.removesuffix(".com"), label_of(spec), motion.frame_unit(kind)
-    if kind == "jerk":
-        rows = [j.com(body) if name.endswith(".com") else j.frame(name).linear
-                for j in _jerks(motion)]
-        return Output(np.array(rows).reshape(-1, 3), label, unit)
-    moving = motion.com(body) if name.endswith(".com") else motion.frame(name)
-    return Output(getattr(moving, kind), label, unit)
+def output_names(mechanism: Mechanism) -> list[str]:
+    """Return the names of the outputs of a motion, for suggestions."""
+    coordinates = [*mechanism.coordinate_table, *mechanism.drivers]
+    contacts = [c for c in (mechanism.whole or mechanism).closures if curves_in(c.numbers)]
+    return [*coordinates, *(name for name in (
+                f"{WHOLE}.{kind}" if kind != MASS else MASS for kind in KINDS["whole"])),
+            *(f"{n}.{k}" for n in mechanism.frame_ids for k in (*FRAME_UNITS, ANGLE)),
+            *(f"{n}.{k}" for n in coordinates for k in COORDINATE_OUTPUTS),
+            *(f"{c.name}.{k}" for c in contacts for k in (*contact_coordinates(c), *CONTACT_UNITS))]
 
 
 def label_of(spec: str) -> str:
@@ -152,7 +328,7 @@ def label_of(spec: str) -> str:
         return f"{label_of(whole)} {XYZ[k]}"
     if spec in ON_GROUND:
         return spec.replace("_", " ").replace(".", " ")
-    for kind in KINDS:
+    for kind in LABELLED:
         if spec.endswith(f".{kind}"):
             return f"{spec.removesuffix(kind)[:-1]} {kind.replace('_', ' ').replace('.', ' ')}"
     return spec
@@ -180,7 +356,7 @@ def is_force(spec: object) -> bool:
     if not isinstance(spec, str):
         return False
     spec = component(spec)[0]
-    return spec in ON_GROUND or spec.endswith(ENDINGS)
+    return spec in ON_GROUND or spec.endswith(ENDINGS) or spec.startswith(f"{EFFORT}.")
 
 
 def abscissas(motion: Motion) -> dict[str, Quantity]:
@@ -197,51 +373,6 @@ def named(outputs: Iterable[Output]) -> dict[str, Quantity]:
             for output in outputs for part in output.parts()}
 
 
-def _of_whole(motion: Motion, spec: str) -> Output:
-    """Return the mass of all moving links, or the motion of its centre."""
-    kind = spec.rpartition(".")[2]
-    if spec == MASS:
-        return Output(np.full(len(motion), moving_mass(motion.mechanism.model)), MASS, "kg")
-    if kind == "jerk":
-        values = np.array([j.whole_com() for j in _jerks(motion)]).reshape(-1, 3)
-    else:
-        values = getattr(whole_com(motion), kind)
-    return Output(values, f"{WHOLE} {kind}", motion.frame_unit(kind))
-
-
-def _jerks(motion: Motion) -> Iterator[Jerks]:
-    driver = {motion.driver_name: 0.0} if len(motion.swept) else {}
-    return (solve_jerks(motion.mechanism, motion.state(k), driver)
-            for k in range(len(motion)))
-
-
-def _coordinate_output(motion: Motion, name: str, kind: str) -> Output:
-    _, rate, acceleration = motion.coordinate(name)
-    unit = motion.mechanism.coordinate(name).unit
-    if kind in RATES:
-        return Output(rate, f"{name} {kind}", motion.rate_unit(unit))
-    if kind == "acceleration":
-        return Output(acceleration, f"{name} acceleration", motion.rate_unit(unit, 2))
-    if kind == "jerk":
-        jerks = np.array([j.coordinate(name) for j in _jerks(motion)])
-        return Output(jerks, f"{name} jerk", motion.rate_unit(unit, 3))
-    if kind == "transmission_angle":
-        if not len(motion.swept):
-            return Output(np.empty(0), f"{name} transmission angle", "rad")
-        moved = MovedOutput.of(motion.mechanism, name, motion.driver_name)
-        angles = moved.angles(motion.mechanism, motion.q, angles_of(motion))
-        return Output(angles, f"{name} transmission angle", "rad")
-    if len(motion.swept) and np.any(motion.driver_speed == 0.0):
-        raise SpatialPinError(f"{name}.ratio: the driver stands still in this motion")
-    by = motion.driver_unit
-    if kind == "advantage":
-        with np.errstate(divide="ignore"):
-            values = motion.driver_speed / rate
-        return Output(values, f"{name} mechanical advantage", "1" if unit == by else f"{by}/{unit}")
-    return Output(rate / motion.driver_speed, f"{name} / {motion.driver_name} speed ratio",
-                  "1" if unit == by else f"{unit}/{by}")
-
-
 def bodies(motion: Motion) -> tuple[Array, Array, Array]:
     """Return joint placements (N, n, 4, 3), local twists and spatial accelerations (N, n, 6)."""
     tree = tree_of(motion.mechanism.model)
@@ -253,13 +384,12 @@ def bodies(motion: Motion) -> tuple[Array, Array, Array]:
     return placements, twists, accelerations
 
 
-def _at(motion: Motion, joint: int, offset: pin.SE3) -> FrameMotion:
-    """Motion of the frame at `offset` from a joint frame."""
-    placements, twists, accelerations = motion._bodies
+def at_point(samples: Any, joint: int, rotation: Array, p: Array) -> FrameMotion:
+    """Return the motion of axes `rotation` at a point p, (3,) or (N, 3), of a joint's frame."""
+    placements, twists, accelerations = samples._bodies
     r = placements[:, joint, :3].transpose(0, 2, 1)
     v, w = twists[:, joint, :3], twists[:, joint, 3:]
     a, e = accelerations[:, joint, :3], accelerations[:, joint, 3:]
-    p = offset.translation
     turning = np.cross(w, p)
     local = np.stack([
         np.broadcast_to(p, v.shape),
@@ -270,4 +400,4 @@ def _at(motion: Motion, joint: int, offset: pin.SE3) -> FrameMotion:
     ], axis=-1)
     x, dx, ddx, omega, epsilon = np.ascontiguousarray(np.moveaxis(r @ local, -1, 0))
     x += placements[:, joint, 3]
-    return FrameMotion(x, r @ offset.rotation, dx, ddx, omega, epsilon)
+    return FrameMotion(x, r @ rotation, dx, ddx, omega, epsilon)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.assembly.state import State
-from spatial_pin.dimensions.predictions import STEP
+from spatial_pin.dimensions.dimension_batch import STEP
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.numerics.least_squares import LeastSquares, minimised
 from spatial_pin.numerics.linalg import Array

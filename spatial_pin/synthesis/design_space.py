@@ -12,11 +12,11 @@ import numpy as np
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State
 from spatial_pin.dimensions.dimension_batch import (
+    STEP,
     DimensionBatch,
     DimensionFamily,
     EvaluatedBatch,
 )
-from spatial_pin.dimensions.predictions import STEP
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.sweep import sweep

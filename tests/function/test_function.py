@@ -61,18 +61,61 @@ def test_accelerations_under_efforts_have_derivatives(name):
     assert far_off(f, exact, differences(f, x, sizes), values, sizes) < 1e-8
 
 
+def forces_of(mech, state):
+    """Return the names of powers and of all components of reactions that are unique."""
+    unique = sp.inverse_dynamics(mech, state).unique
+    return [*(f"{d}.power" for d in mech.drivers), "on_ground", *(
+        f"{pair}.reaction.{part}.{axis}" for pair, each in unique.items()
+        for k, part in enumerate(("force", "moment")) for i, axis in enumerate("xyz")
+        if each[3 * k + i])]
+
+
+@pytest.mark.parametrize("name", each([
+    name for name in sp.list_mechanisms() if name not in ("bricard", "excavator")]))
+def test_reactions_and_powers_have_derivatives(name):
+    mech = library(name)
+    state = sp.solve_rates(mech, sp.assemble(mech), {d: 1.0 for d in mech.drivers})
+    for efforts in (False, True):
+        f, x, sizes = moving_function(
+            sp, mech, forces_of(mech, state)[efforts * len(mech.drivers) :],
+            dimensions_of(mech, 1), efforts)
+        values, exact = f.value_and_jacobian(x)
+        assert far_off(f, exact, differences(f, x, sizes), values, sizes) < 1e-9
+
+
+def test_reactions_of_drivers_without_an_effort_have_derivatives():
+    """The effort of a driver that is no input is zero."""
+    mech = library("delta")
+    pair = mech.drivers["arm_2"].joint
+    f = sp.function(mech, ["arm_1", "arm_1.rate", "effort.arm_1"],
+                    [f"{pair}.reaction.force", "arm_2.power", "on_ground.force"])
+    x = np.array([f.home.coordinate("arm_1").value, 1.0, 2.0])
+    values, exact = f.value_and_jacobian(x)
+    assert values[3] == 0.0
+    assert far_off(f, exact, differences(f, x, np.ones(3)), values, np.ones(3)) < 1e-9
+
+
+def test_a_reaction_that_is_one_of_many_has_no_derivative():
+    f = sp.function(library("four_bar"), ["crank"], ["output_pin.reaction.force"])
+    assert f([1.0]).shape == (3,)
+    with pytest.raises(sp.SpatialPinError, match=r"row 0: .*force\.y' is one of many, the least"):
+        f.jacobian([1.0])
+
+
 def test_values_are_those_of_states():
     mech = library("delta")
     f = sp.function(mech, ["arm_1", "arm_2.rate", "arm_3.acceleration"],
                     ["platform.position", "platform.acceleration", "effort.arm_1", "com.position",
-                     "platform.rotation"])
+                     "platform.rotation", "arm_1.power", "on_ground.force"])
     x = np.array([0.1, 2.0, 3.0])
     state = sp.solve_rates(mech, sp.assemble(mech, {"arm_1": 0.1}, guess=f.home),
                            {"arm_2": 2.0}, {"arm_3": 3.0})
     wanted = [*state.placement("platform").translation, *state.acceleration("platform").linear,
               sp.inverse_dynamics(mech, state).efforts["arm_1"],
               *pin.centerOfMass(mech.model, mech.model.createData(), state.q),
-              *state.placement("platform").rotation.ravel()]
+              *state.placement("platform").rotation.ravel(), state.coordinate("arm_1").rate
+              * sp.inverse_dynamics(mech, state).efforts["arm_1"],
+              *sp.inverse_dynamics(mech, state).on_ground.linear]
     assert f(x) == pytest.approx(wanted, abs=1e-12)
     assert len(f.labels) == len(wanted)
 
@@ -84,6 +127,15 @@ def test_derivatives_for_dimensions_are_those_of_sensitivity():
     slopes = f.jacobian([1.0, 10.0, *mech.dimensions.values()])[0, 2:]
     known = sp.sensitivity(mech, state, "crank.effort").derivatives
     assert slopes == pytest.approx([known[name] for name in mech.dimensions], rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ["four_bar", "rssr", "excavator"])
+def test_angles_of_links_have_derivatives(name):
+    mech = library(name)
+    f, x, sizes = moving_function(
+        sp, mech, [f"{mech.links[-1]}.angle.y", f"{mech.links[1]}.angle.x"], dimensions_of(mech))
+    values, exact = f.value_and_jacobian(x)
+    assert far_off(f, exact, differences(f, x, sizes), values, sizes) < 1e-9
 
 
 def test_components_of_balls_have_derivatives():
@@ -171,7 +223,8 @@ def test_dimensions_that_the_mechanism_file_computes_with(tmp_path):
     (tmp_path / "rod.urdf.xacro").write_text(TREE)
     mech = sp.load(tmp_path / "rod.toml")
     f, x, sizes = moving_function(
-        sp, mech, ["arm", "arm.acceleration", "effort.lever"], list(mech.dimensions))
+        sp, mech, ["arm", "arm.acceleration", "effort.lever", "rod.reaction.force",
+                   "on_ground.moment"], list(mech.dimensions))
     values, exact = f.value_and_jacobian(x)
     assert far_off(f, exact, differences(f, x, sizes), values, sizes) < 1e-9
 
@@ -223,6 +276,9 @@ guess = {crank = 0.2, rod = 1.2}
 @pytest.mark.parametrize(("inputs", "outputs", "kind", "words"), [
     (["crnk"], ["rocker_pin"], sp.UnknownNameError, "no input 'crnk'; did you mean 'crank'"),
     (["crank"], ["rocker"], sp.UnknownNameError, "no differentiable output 'rocker'"),
+    (["crank"], ["rocker_p.reaction.force"], sp.UnknownNameError, "no differentiable output"),
+    (["crank"], ["effort.rocker_pin"], sp.UnknownNameError, "no differentiable output"),
+    (["crank"], ["crank.power"], ValueError, "add 'crank.rate' to the inputs"),
     (["crank"], ["rocker_b.jerk"], sp.UnknownNameError, "no differentiable output"),
     (["crank", "crank_pin"], ["rocker_pin"], ValueError, "'crank_pin' is named twice"),
     (["crank"], ["rocker_pin", "rocker_pin"], ValueError, "'rocker_pin' is named twice"),

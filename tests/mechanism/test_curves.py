@@ -292,6 +292,18 @@ def test_equal_ellipses_that_turn_about_their_foci_roll_on_each_other():
     assert motion.output("contact.s2").unit == "m"
 
 
+def test_a_configuration_alone_tells_where_its_curves_touch():
+    """Without the places along the curves, those at which the loops are closed are taken."""
+    for mech in (profiles(sp.curves.ellipse([0.04, 0.03]), sp.curves.ellipse([0.02, 0.03]),
+                          guess=0.07),
+                 profiles(sp.curves.circle(0.03, [0.01, 0, 0]),
+                          sp.curves.circle(0.02, [0.03, 0, 0]), apart=0.06, guess=2.0)):
+        motion = sp.sweep(mech, "cam", np.linspace(0.0, 6.0, 25))
+        known = sp.closure_jacobian(mech, motion)
+        alone = [sp.closure_jacobian(mech, q) for q in motion.q]
+        np.testing.assert_allclose(alone, known, atol=1e-9 * np.abs(known).max())
+
+
 def test_an_ellipse_slides_on_an_ellipse_as_numbers_of_fifty_digits_have_it():
     from mpmath import cos, findroot, mp, mpf, sin
 

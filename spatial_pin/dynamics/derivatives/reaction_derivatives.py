@@ -14,6 +14,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin._support.brief import brief
@@ -54,24 +55,30 @@ class Linear(NamedTuple):
 class ReactionChanges:
     """The reactions of a mechanism and their derivatives.
 
-    Wrenches are kept as arrays (..., 6, 1 + 3 nv): the value, then its derivatives with
-    respect to q, v and efforts.
+    Wrenches are arrays (..., 6, 1 + 2 nv + k): the value, then its derivatives with respect to q, v
+    and k numbers: the efforts, or what efforts, accelerations and multipliers are functions of.
 
     Args:
-        answer: of the forward dynamics.
+        answer: of the forward dynamics, which says what is unique; None if `wrenches` are wanted.
         rows: closure equations and spring lengths at the motion.
         springs: their forces there.
         outside: wrenches on frames.
         effort: (nv,) efforts at joints.
         a, multipliers: accelerations, and multipliers of the rows `chosen`.
         chosen: the independent rows.
+        effort_changes: (nv, k) of the efforts; by default they are the numbers.
+        inertia_changes: (njoints, 10, k) of the bodies' numbers, as Pinocchio orders them.
     """
 
     def __init__(
-        self, answer: Dynamics, rows: RowDerivatives, springs: Springs, outside: ExternalWrenches,
-        effort: Array, a: Linear, multipliers: Linear, chosen: NDArray[np.intp],
+        self, answer: Dynamics | None, rows: RowDerivatives, springs: Springs,
+        outside: ExternalWrenches, effort: Array, a: Linear, multipliers: Linear,
+        chosen: NDArray[np.intp], effort_changes: Array | None = None,
+        inertia_changes: Array | None = None,
     ) -> None:
         self.answer, self.rows, self.springs, self.outside = answer, rows, springs, outside
+        self.effort_changes = np.eye(rows.nv) if effort_changes is None else effort_changes
+        self.inertia_changes = inertia_changes
         self.mechanism, self.effort, self.nv = rows.mechanism, effort, rows.nv
         self.by_q = slice(1, 1 + self.nv)
         self.by_v = slice(1 + self.nv, 1 + 2 * self.nv)
@@ -102,7 +109,14 @@ class ReactionChanges:
         return changes
 
     def all(self) -> tuple[dict[str, Linear], Linear]:
-        """Return the reactions by pair and the wrench on the fixed link."""
+        """Return the reactions by pair, NaN if not unique, and the wrench on the fixed link."""
+        wrenches, ground = self.wrenches()
+        unique = self.answer.of_loops if self.answer else {}
+        return {name: self._linear(x if unique[name].all() else np.full_like(x, np.nan))
+                for name, x in wrenches.items()}, self._linear(ground)
+
+    def wrenches(self) -> tuple[dict[str, Array], Array]:
+        """Return the reactions (6, ...) by pair and the wrench on the fixed link."""
         pairs = Pairs(self.mechanism)
         closed, on_bodies = self._of_closures(pairs)
         self._add_given(on_bodies)
@@ -123,18 +137,15 @@ class ReactionChanges:
             point = np.append(c.lines[0].point, 1.0)
             wrenches[c.name] = _moved(coupled[c.name], point @ self.rows.placements[c.carrier],
                                     point @ self.placements_by_q[c.carrier])
-        unique = self.answer.of_loops
-        borne = {name: self._linear(x if unique[name].all() else np.full_like(x, np.nan))
-                 for name, x in wrenches.items()}
         ground = on_bodies[0] - forces[pairs.grounded].sum(axis=0)
         ground[3:] += np.cross(pairs.centre, ground[:3], axisb=0, axisc=0)
-        return borne, self._linear(ground)
+        return wrenches, ground
 
     def _linear(self, x: Array) -> Linear:
         return Linear(x[:, 0], *np.split(x[:, 1:], 3, axis=1))
 
     def _new(self, *shape: int) -> Array:
-        return np.zeros((*shape, 1 + 3 * self.nv))
+        return np.zeros((*shape, 1 + 2 * self.nv + self.effort_changes.shape[1]))
 
     # ------------------------------------------------------------ what acts
 
@@ -147,7 +158,7 @@ class ReactionChanges:
         """
         tree, total = self.rows.bodies, self._new(len(self.rows.placements), 6)
         model = tree.model
-        carried = [np.zeros((6, 3 * self.nv))]  # world twists of a joint's accelerations that move
+        carried = [total[0, :, 1:]]  # world twists of a joint's accelerations that move
         for joint in range(1, model.njoints):
             own = tree.joint_of == joint
             carried.append(carried[model.parents[joint]] + tree.columns[own].T @ self.a[own, 1:])
@@ -166,6 +177,10 @@ class ReactionChanges:
             out[:, self.by_q] = inertia @ (a_by_q - falling) + turning @ v_by_q + _bar(f) @ columns
             out[:, self.by_v] = inertia @ a_by_v + turning @ columns
             out[:, 1:] += inertia @ back @ carried[joint]
+            if self.inertia_changes is not None:
+                falling_in = back @ tree.a[joint] - np.append(pull, np.zeros(3))
+                out[:, 1 + 2 * self.nv :] += pin.bodyRegressor(
+                    pin.Motion(v), pin.Motion(falling_in)) @ self.inertia_changes[i]
             out[:] = back.T @ out
         return total
 
@@ -265,7 +280,7 @@ class ReactionChanges:
         """Return (nv, ...) efforts at joints, springs, rotors and couplings there."""
         total = self._new(self.nv)
         total[:, 0] = self.effort
-        total[:, 1 + 2 * self.nv :] = np.eye(self.nv)
+        total[:, 1 + 2 * self.nv :] = self.effort_changes
         total -= self.mechanism.model.armature[:, None] * self.a
         own, (force, by_q, by_v) = np.arange(self.nv), self.springs.turning
         total[:, 0] -= force

@@ -19,12 +19,20 @@ from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.composite_joints import AXIAL, joint_kind
 from spatial_pin.constraints.trees import Motion
-from spatial_pin.dimensions.sensitivity import AROUND, SHORTER, SLOPE, difference_steps
 from spatial_pin.dimensions.variants import PlacementBatch, TracedTree, Variants, copied
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.formats.xacro.xacro_arguments import written_dimensions
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
+
+# Step of differences relative to the dimension, or characteristic length (1 for angles) if it is
+# zero. Eighth order has an error of 1e-21, and round-off 4e-15 over the step.
+DIFFERENCE = 2e-3
+AROUND = (1, -1, 2, -2, 3, -3, 4, -4)  # steps at which geometry or outputs are evaluated
+# weights of eighth and of sixth order there, for a step of one; the difference tells the error
+EIGHTH, SIXTH = (np.array([np.sign(k) * weights.get(abs(k), 0.0) for k in AROUND]) for weights in (
+    {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}, {1: 3 / 4, 2: -3 / 20, 3: 1 / 60}))
+SHORTER = (1.0, 1.0 / 8.0, 1.0 / 64.0, 1.0 / 512.0)  # steps, where the branch ends within one
 
 
 class MovedGeometry(NamedTuple):
@@ -39,8 +47,9 @@ class MovedGeometry(NamedTuple):
             `pin.Inertia.toDynamicParameters` orders them; `moves` does not have them.
         levers: (n, 3) by link, of its centre of mass in its own frame, where it changes.
         axes: (n, passives, 3) of the axes of idle rotations, in the frames of their joints.
-        written: dimensions that the mechanism file itself computes with, by number: the step, and
-            the mechanisms around.
+        written: dimensions that the mechanism file itself computes with, by number: weights of the
+            mechanisms around, and these.
+        steps: (n,) of the differences.
     """
 
     mechanism: Mechanism
@@ -51,7 +60,8 @@ class MovedGeometry(NamedTuple):
     inertias: Array
     levers: dict[str, Array]
     axes: Array
-    written: dict[int, tuple[float, list[Mechanism]]]
+    written: dict[int, tuple[Array, list[Mechanism]]]
+    steps: Array
 
     def motion(self, state: State, a: Array) -> Motion:
         """Return q, v and a of the mechanism with added joints, which are at rest."""
@@ -73,8 +83,15 @@ class _Sampled(NamedTuple):
     axes: list[Array]  # (s or 1, 3)
 
 
+def difference_steps(mechanism: Mechanism, own: Array) -> Array:
+    """Return the steps (n,) of differences for dimensions with the values (n,)."""
+    steps: Array = DIFFERENCE * np.where(own != 0.0, np.abs(own), mechanism.characteristic_length)
+    return steps
+
+
 def moved_geometry(
-    mechanism: Mechanism, variants: Variants | None, with_masses: bool
+    mechanism: Mechanism, variants: Variants | None, with_masses: bool,
+    stencils: Sequence[Array] = (EIGHTH,),
 ) -> MovedGeometry:
     """Return a mechanism with joints that its dimensions move.
 
@@ -82,19 +99,20 @@ def moved_geometry(
         mechanism: the mechanism.
         variants: makes it at other dimensions; None if there are none to be changed.
         with_masses: whether inertias and levers are wanted.
+        stencils: weights of differences; with several, all dimensions count once for each.
 
     Raises:
         SpatialPinError: there is no such mechanism at dimensions nearby.
     """
     names, model = [] if variants is None else variants.names, mechanism.model
-    n = len(names)
+    n = len(names) * len(stencils)
     own = np.array([mechanism.dimensions[name] for name in names])
     steps = difference_steps(mechanism, own)
     if variants is None:
-        samples, written = _Sampled({}, {}, {}, {}, []), dict[int, tuple[float, list[Mechanism]]]()
+        samples, written = _Sampled({}, {}, {}, {}, []), dict[int, list[Mechanism]]()
     else:
         samples, written, steps = _around(mechanism, variants, own, steps, with_masses)
-    weights = np.kron(np.diag(1.0 / steps), SLOPE)
+    weights = np.vstack([np.kron(np.diag(1.0 / steps), stencil) for stencil in stencils])
 
     def slope(x: Array) -> Array:
         """Return derivatives (n, ...) from samples (1 + 8 n, ...), the first at the dimensions."""
@@ -116,7 +134,9 @@ def moved_geometry(
         axes[:, i] = slope(x)
     return MovedGeometry(
         larger, joint, q, v, moves, inertias.reshape(n, 10 * (model.njoints - 1)),
-        {name: slope(x) for name, x in samples.levers.items()}, axes, written)
+        {name: slope(x) for name, x in samples.levers.items()}, axes,
+        {k + i * len(names): (stencil / steps[k], around) for k, around in written.items()
+         for i, stencil in enumerate(stencils)}, steps)
 
 
 def _twists(pose: PlacementBatch, slope: Callable[[Array], Array]) -> Array:
@@ -130,7 +150,7 @@ def _twists(pose: PlacementBatch, slope: Callable[[Array], Array]) -> Array:
 
 def _around(
     mechanism: Mechanism, variants: Variants, own: Array, steps: Array, with_masses: bool
-) -> tuple[_Sampled, dict[int, tuple[float, list[Mechanism]]], Array]:
+) -> tuple[_Sampled, dict[int, list[Mechanism]], Array]:
     """Return samples at dimensions (n,) and at eight values around each, those of the file too.
 
     Also the steps, which are shorter where there is no mechanism within them.
@@ -156,7 +176,7 @@ def _around(
             continue
         for x in several:  # lengths are relative to the same one
             x.__dict__["extent"] = mechanism.extent
-        written = {k: (float(h[k]), several[1 + 8 * k : 9 + 8 * k])
+        written = {k: several[1 + 8 * k : 9 + 8 * k]
                    for k, name in enumerate(variants.names) if name in file_itself}
         return _loaded(mechanism, several), written, h
     assert first is not None
@@ -206,7 +226,12 @@ def _loaded(mechanism: Mechanism, several: Sequence[Mechanism]) -> _Sampled:
     frames: list[list[pin.SE3]] = [[] for _ in range(model.nframes)]
     inertias: list[list[Array]] = [[] for _ in range(model.njoints)]
     axes: list[list[Array]] = [[] for _ in mechanism.passives]
+    names = [frame.name for frame in model.frames]
     for x in several:
+        if [frame.name for frame in x.model.frames] != names:
+            raise SpatialPinError(
+                f"mechanism {mechanism.name!r}: it has other links or frames at dimensions "
+                f"{dict(x.parameters)}, so that there are no derivatives by these")
         back = [_turn(x.model.joints[i], model.joints[i]) for i in range(model.njoints)]
         for i in range(1, model.njoints):
             joints[i].append(back[model.parents[i]] * x.model.jointPlacements[i]
