@@ -22,9 +22,7 @@ from spatial_pin.dynamics.solvers.equations_of_motion import Equations
 from spatial_pin.dynamics.solvers.independent_coordinates import ROUNDING
 from spatial_pin.dynamics.state_forces import Dynamics, Load
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.loop_equations import LoopEquations
-from spatial_pin.kernel.rate_solver import rates_of
 from spatial_pin.mechanism.coordinates import driver_coordinates
 from spatial_pin.mechanism.inertia import fall_energy
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -179,10 +177,7 @@ def balance(equations: Equations, actuation: Actuation) -> tuple[Array, Array, A
             state.q, state.v, a, equations.angle_reference, equations.given, actuation.columns)
         if solution is not None:
             equations.check_rank(kkt.rank)
-            return solution, a, kkt.closures.copy()
-        beside = _beside_idle_rotations(equations, actuation)
-        if beside is not None:
-            return beside
+            return solution, kkt.a.copy() if state.mechanism.passives else a, kkt.closures.copy()
     freedoms, rank = _freedoms(equations, actuation)
     equations.check_rank(rank)
     scale = equations.scale
@@ -208,38 +203,6 @@ def balance(equations: Equations, actuation: Actuation) -> tuple[Array, Array, A
         work, root = freedoms * scale, actuation.root[shared]
         svd = decompose(work[:, actuation.columns[shared]] * root)
         efforts[shared] = root * svd.minimum_norm(work @ wanted)
-    return efforts, a, wanted - actuation.generalised(efforts, len(wanted))
-
-
-def _beside_idle_rotations(
-    equations: Equations, actuation: Actuation
-) -> tuple[Array, Array, Array] | None:
-    """Return what `balance` does where all is actuated but idle rotations, by few equations.
-
-    None where that is not so, where it is not clear, where springs or forces from outside may work
-    on them, or where they move a centre of mass.
-
-    Raises:
-        SingularError: as `balance`.
-    """
-    state, constraints = equations.state, equations.constraints
-    if not constraints.n_passive or equations.is_large or len(actuation.others) or (
-            equations.wrenches or equations.springs.turns or not actuation.shared.all()):
-        return None
-    with kernel_of(equations.mechanism) as kernel:
-        driven = tuple(actuation.columns.tolist())
-        rates = rates_of(kernel, driven, len(driven))
-        if not rates.factor(state.q, equations.angle_reference):
-            return None
-        columns, idle = rates.columns(), rates.idle()
-    idle /= equations.scale
-    idle /= np.sqrt(np.vecdot(idle, idle))[:, None]
-    if np.abs(_centre_shifts(equations, idle)).max(initial=0.0) > TOLERANCES.half_precision:
-        return None
-    equations.check_rank(len(equations.scale) - len(idle) - len(driven))
-    a = _with_idle_rotations(equations, idle, state.a)
-    wanted = equations.motion_forces(a) - equations.given
-    efforts: Array = columns.T @ wanted
     return efforts, a, wanted - actuation.generalised(efforts, len(wanted))
 
 

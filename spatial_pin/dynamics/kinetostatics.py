@@ -264,7 +264,7 @@ def kinetostatics(
                     samples.efforts[at] = solution.efforts
                     joints = np.zeros_like(solution.a)
                     joints[:, columns] = solution.efforts
-                    samples.take_piece(piece, joints, samples.given_a[at], solution)
+                    samples.take_piece(piece, joints, solution.a, solution)
                     continue
             for k in range(at.start, at.stop):
                 samples.set_sample(k)

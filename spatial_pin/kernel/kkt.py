@@ -77,7 +77,7 @@ class KKT:
         self, mechanism: Mechanism, mass_entries: tuple[Positions, Positions, Positions],
         n_masses: int, tree: KernelTree | None = None,
     ) -> None:
-        self._kernel = kernel = Kernel(mechanism, packed(mechanism, False))
+        self._kernel = kernel = Kernel(mechanism, packed(mechanism, True))
         self._library, nv, n_closure = kernel.library, kernel.nv, kernel.n_closure
         labels = groupby(kernel.constraints.labels, lambda label: label.closure)
         groups = np.cumsum([0, *(len(list(group)) for _, group in labels)])  # by closure
@@ -158,8 +158,9 @@ class KKT:
     ) -> Array | None:
         """Return the efforts (k,) of actuators that accelerations need, and find `closures`.
 
-        With the masses and gravity that the tree has now. None where it is not clear that closures
-        and actuators together bear any force in one way, and in one way only.
+        With the masses and gravity that the tree has now. Idle rotations that no actuator holds
+        have the accelerations that forces give them, and `a` has all. None where it is not clear
+        that closures and actuators together bear any other force in one way, and in one way only.
 
         Args:
             q: (nq,) configuration.
@@ -190,14 +191,14 @@ class KKT:
             v: (n, nv) joint velocities.
             reference: (n, n_angles) from which the angles of screws count [rad].
             force: (n, nv) joint forces.
-            a: (n, nv) accelerations, where efforts are wanted.
+            a: (n, nv) accelerations, where efforts are wanted; those of idle rotations follow.
             actuated: (k,) velocity entries that have efforts.
         """
         assert self._tree
         self._tree.take_masses()
         n, nv, k = len(q), len(self.a), 0 if actuated is None else len(actuated)
         given = [numbers(x, x.shape) for x in (q, v, reference, force)]
-        out = Accelerated(np.empty((n, nv)) if a is None else numbers(a, (n, nv)),
+        out = Accelerated(np.empty((n, nv)) if a is None else np.array(a),
                           np.empty((n, k)), np.empty((n, nv)), np.empty((n, len(self._chosen))),
                           np.empty((n, len(self._facts))))
         task = _KktTask.from_buffer_copy(self._task)

@@ -10,7 +10,7 @@ from ladders import heavy_four_bar
 import spatial_pin as sp
 
 N = 7
-NAMES = ["delta", "four_bar", "rssr", "screw_press", "stewart"]
+NAMES = ["delta", "four_bar", "geared_five_bar", "rssr", "screw_press", "stewart"]
 
 
 def moving(name, speed=0.6):
@@ -118,3 +118,27 @@ def test_an_array_of_another_length_is_refused():
     with pytest.raises(sp.SpatialPinError, match="a function of the time, and the motion has none"):
         still = sp.sweep(mech, driver, [motion.driver[0]])
         sp.forward_dynamics(mech, still, external=lambda t, state: {})
+
+
+def test_an_uneven_rod_turns_about_its_line_as_forces_make_it_over_a_motion_too():
+    mech, _ = moving("rssr")
+    joint = mech.model.getJointId("ball_a")
+    rod = mech.model.inertias[joint]
+    mech.model.inertias[joint] = pin.Inertia(
+        rod.mass, rod.lever, rod.inertia + np.diag([1e-3, 0.0, 0.0]))
+    motion = sp.sweep(mech, "crank", np.linspace(0.0, 0.6, N), speed=6.0)
+    twist = {"coupler": pin.Force(np.zeros(3), np.array([0.01, 0.02, 0.03]))}
+    for external in (None, twist):
+        loads = sp.inverse_dynamics(mech, motion, external=external)
+        free = sp.forward_dynamics(mech, motion, loads.efforts, external=external)
+        assert np.abs(loads.a - motion.a).max() > 1.0  # it is free
+        np.testing.assert_allclose(loads.a, free.a, atol=1e-11 * np.abs(free.a).max())
+        same(loads, 3, sp.inverse_dynamics(mech, motion.state(3), external=external))
+
+
+def test_a_twist_on_a_rod_that_nothing_holds_is_refused_at_rest():
+    mech, _ = moving("rssr")
+    motion = sp.sweep(mech, "crank", np.linspace(0.0, 0.6, N))
+    twist = {"coupler": pin.Force(np.zeros(3), np.array([0.01, 0.02, 0.03]))}
+    with pytest.raises(sp.SpatialPinError, match="carries load"):
+        sp.inverse_dynamics(mech, motion, external=twist)

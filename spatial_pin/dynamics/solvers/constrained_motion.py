@@ -9,6 +9,7 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spatial_pin.assembly.state import State, all_angles
 from spatial_pin.assembly.undetermined import Regular, has_constant_rank, lost_rank_words, rank_loss
@@ -191,11 +192,12 @@ class Loops:
 
     # ------------------------------------------------------------ rank
 
-    def keeps_rank(self, rank: int, q: Array) -> bool:
-        """Whether the equations surely keep this rank near q (nq,), by known bounds."""
-        known = self._regular
-        return has_constant_rank(self.mechanism, self.n_closure, rank) or (
-            known is not None and known.holds(self.mechanism, q, rank))
+    def keep_ranks(self, ranks: NDArray[np.int64], q: Array) -> NDArray[np.bool_]:
+        """Whether the equations surely keep each rank near q (n, nq), by known bounds."""
+        kept = np.asarray(has_constant_rank(self.mechanism, self.n_closure, ranks))
+        if self._regular is not None and not kept.all():
+            kept |= self._regular.holds(self.mechanism, q, ranks)
+        return kept
 
     def check_rank(self, rank: int) -> None:
         """Refuse configurations in which the loops have lost rank.
@@ -205,7 +207,8 @@ class Loops:
         """
         if self._last_rank_at is self.state and self._last_rank == rank:
             return
-        if self.keeps_rank(rank, self.state.q):
+        if has_constant_rank(self.mechanism, self.n_closure, rank) or (
+                self.keep_ranks(np.array([rank]), self.state.q[None])[0]):
             self._last_rank_at, self._last_rank = self.state, rank
             return
         if self.is_large and self.model.nv > PROBED:

@@ -14,6 +14,7 @@
 #include <string.h>
 
 #include "choosing.h"
+#include "dense.h"
 #include "factors.h"
 #include "memory.h"
 #include "tree_bodies.h"
@@ -45,6 +46,10 @@ typedef struct {
     Int n_given;
     Real *mass, *core; /* (n_given) entries of M; (nv) joint forces of the core */
     Real *scratch;     /* (5 nv) */
+    Factors *rates;    /* with idle rotations: equations, actuators and idle rotations, by rows */
+    Real *spin, *weight; /* (n_idle, nv) motions of idle rotations, and joint forces per unit of each */
+    Real *gram, *pace;   /* (n_idle, n_idle) their inertia; (n_idle) accelerations */
+    Real *moved;         /* (n_joints, 6) accelerations of the bodies */
 } Kkt;
 
 static Int most_in_a_group(const Kkt *s)
@@ -71,7 +76,13 @@ static int make_room(Kkt *s)
     s->core = kernel_reals(k, nv);
     s->scratch = kernel_reals(k, 5 * nv);
     s->matrix = factors_new(k);
-    if (!kernel_had_memory(k) || !s->matrix)
+    s->rates = factors_new(k);
+    s->spin = kernel_reals(k, k->n_idle * nv);
+    s->weight = kernel_reals(k, k->n_idle * nv);
+    s->gram = kernel_reals(k, k->n_idle * k->n_idle);
+    s->pace = kernel_reals(k, k->n_idle);
+    s->moved = kernel_reals(k, 6 * k->n_joints);
+    if (!kernel_had_memory(k) || !s->matrix || !s->rates)
         return NO_MEMORY;
     for (Int v = 0; v < nv; v++)
         s->column[v] = -1;
@@ -466,25 +477,122 @@ static int solve_tree(Kkt *s, const KktTask *task, Int i)
 
 /* ---------------------------------------------------------------- efforts of a motion */
 
-/* Factor the forces of the chosen equations and of the actuators, of the size of one. */
-static int factor_bearing(Kkt *s, const KktTask *task)
+/* Factor the forces of the chosen equations, actuators and idle rotations, of the size of one; or, by
+   rows, the rates that these are. */
+static int factor_bearing(Kkt *s, const KktTask *task, Int n_idle, Factors *matrix, int by_rows)
 {
     const Kernel *k = s->k;
-    Entries *to = &s->matrix->entries;
-    if (!entries_begin(to, k->entry_start[k->n_closure] + task->n_actuated))
+    const Int n = s->n_chosen + task->n_actuated;
+    Entries *to = &matrix->entries;
+    if (!entries_begin(to, k->entry_start[k->n_equations] + task->n_actuated))
         return NO_MEMORY;
-    for (Int i = 0; i < s->n_chosen; i++) {
-        const Int from = k->entry_start[s->chosen[i]], end = k->entry_start[s->chosen[i] + 1];
+    for (Int i = 0; i < s->n_chosen + n_idle; i++) {
+        const Int equation = i < s->n_chosen ? s->chosen[i] : k->n_closure + i - s->n_chosen;
+        const Int at = i < s->n_chosen ? i : i + task->n_actuated;
         Real most = 0.0;
-        for (Int e = from; e < end; e++)
+        for (Int e = k->entry_start[equation]; e < k->entry_start[equation + 1]; e++)
             most = fmax(most, fabs(k->entry[e]));
-        s->size[i] = most;
-        for (Int e = from; e < end; e++)
-            entries_put(to, k->entry_v[e], i, k->entry[e] / most);
+        most = most > 0.0 ? most : 1.0;
+        if (i < s->n_chosen)
+            s->size[i] = most;
+        for (Int e = k->entry_start[equation]; e < k->entry_start[equation + 1]; e++)
+            entries_put(to, by_rows ? at : k->entry_v[e], by_rows ? k->entry_v[e] : at,
+                        k->entry[e] / most);
     }
-    for (Int c = 0; c < task->n_actuated; c++)
-        entries_put(to, task->actuated[c], s->n_chosen + c, 1.0);
-    return factors_make(s->matrix, k->nv);
+    for (Int c = s->n_chosen; c < n; c++) {
+        const Int v = task->actuated[c - s->n_chosen];
+        entries_put(to, by_rows ? c : v, by_rows ? v : c, 1.0);
+    }
+    return factors_make(matrix, k->nv);
+}
+
+/* Choose equations that, with actuators and n_idle idle rotations, bear any force in one way: their
+   matrix has a pivot that is sure then, else 0. */
+static int choose_bearing(Kkt *s, const KktTask *task, Int *n_idle)
+{
+    const Int nv = s->k->nv, n = task->n_actuated;
+    int (*const ways[])(Kkt *) = {choose_all, choose_in_closures, choose_among_all};
+    for (int way = 0; way < 3; way++) {
+        int code = ways[way](s);
+        s->matrix->pivot = 0.0;
+        *n_idle = s->n_chosen + n == nv ? 0 : s->k->n_idle;
+        if (code == DONE && s->n_chosen + n + *n_idle == nv)
+            code = factor_bearing(s, task, *n_idle, s->matrix, 0);
+        if (code != DONE || s->matrix->pivot > SURE)
+            return code;
+    }
+    return DONE;
+}
+
+/* Whether the bodies' accelerations s->moved move a centre of mass; `heaviest` is their inertia. */
+static int moves_a_centre(const Kkt *s, const Kernel *bodies, Real *heaviest)
+{
+    int moves = 0;
+    *heaviest = 0.0;
+    for (Int j = 1; j < bodies->n_joints; j++) {
+        const Real mass = bodies->bodies.mass[j], *I = bodies->bodies.inertia + 9 * j;
+        const Real *linear = s->moved + 6 * j;
+        Real arm[3], shift[3];
+        *heaviest = fmax(*heaviest, mass * s->length * s->length + I[0] + I[4] + I[8]);
+        rotate3(bodies->R + 9 * j, bodies->bodies.com + 3 * j, arm);
+        cross3(linear + 3, arm, shift);
+        add3(1.0, linear, shift);
+        moves |= mass > 0.0 && !(largest(shift, 3) <= TOLERANCE_HALF_PRECISION * s->length);
+    }
+    return moves;
+}
+
+/* Give idle rotations the accelerations that forces give them: to `a`, and to the joint forces
+   `needed` that the motion needs beside the given ones. Returns UNSAFE where they move a centre of
+   mass or have no inertia, and at rest under a load that would turn them. */
+static int free_idle(Kkt *s, const KktTask *task, Int i, Real *needed)
+{
+    const Kernel *k = s->k;
+    Kernel *bodies = task->tree->k;
+    const Int nv = k->nv, n = k->n_idle;
+    const Real none[3] = {0.0}, *gravity = bodies->bodies.gravity;
+    Real *a = task->a + i * nv, *still = s->scratch, load = 0.0, heaviest = 0.0, most = 0.0;
+    int code = factor_bearing(s, task, n, s->rates, 1);
+    if (code != DONE)
+        return code;
+    memset(still, 0, (size_t)nv * sizeof(Real));
+    for (Int v = 0; v < nv; v++)
+        most = fmax(most, fabs(k->scale[v] * needed[v]));
+    for (Int m = 0; m < n && code == DONE; m++) {
+        Real *spin = s->spin + m * nv;
+        memset(s->x, 0, (size_t)nv * sizeof(Real));
+        s->x[nv - n + m] = 1.0;
+        factors_solve(s->rates, 1, s->x);
+        const Real length = norm(s->x, nv);
+        for (Int v = 0; v < nv; v++)
+            spin[v] = k->scale[v] * s->x[v] / (length > 0.0 ? length : 1.0);
+        bodies->bodies.gravity = none;
+        tree_evaluate(task->tree, &(TreeTask){.n = 1, .q = task->q + i * k->nq, .v = still, .a = spin,
+                                              .armature = task->armature, .tau = s->weight + m * nv,
+                                              .acceleration = s->moved});
+        bodies->bodies.gravity = gravity;
+        if (moves_a_centre(s, bodies, &heaviest))
+            code = UNSAFE;
+        s->pace[m] = -dot(spin, needed, nv);
+        load = fmax(load, fabs(dot(spin, task->force + i * nv, nv)));
+    }
+    if (load > TOLERANCE_NOTHING * most && largest(a, nv) == 0.0 &&
+        largest(task->v + i * nv, nv) == 0.0)
+        code = UNSAFE;
+    Real least = TOLERANCE_ZERO * heaviest;
+    for (Int m = 0; m < n; m++)
+        for (Int l = 0; l < n; l++) {
+            s->gram[m * n + l] = dot(s->spin + m * nv, s->weight + l * nv, nv);
+            least = m == l ? fmax(least, TOLERANCE_RANK * s->gram[m * n + l]) : least;
+        }
+    if (code != DONE || dense_cholesky_solve(n, s->gram, s->pace, least))
+        return UNSAFE;
+    for (Int m = 0; m < n; m++)
+        for (Int v = 0; v < nv; v++) {
+            a[v] += s->pace[m] * s->spin[m * nv + v];
+            needed[v] += s->pace[m] * s->weight[m * nv + v];
+        }
+    return DONE;
 }
 
 /* Efforts and multipliers that together are what the motion needs. */
@@ -494,32 +602,29 @@ static int solve_efforts(Kkt *s, const KktTask *task, Int i)
     const Int nv = k->nv, n = task->n_actuated;
     Real *needed = task->closures + i * nv, *facts = task->facts + FACTS * i;
     Real *efforts = task->efforts + i * n, *multipliers = task->multipliers + i * k->n_closure;
-    int (*const ways[])(Kkt *) = {choose_all, choose_in_closures, choose_among_all};
+    Int n_idle = 0;
     memset(facts, 0, FACTS * sizeof *facts);
     tree_evaluate(task->tree, &(TreeTask){.n = 1, .q = task->q + i * k->nq, .v = task->v + i * nv,
                                           .a = task->a + i * nv, .armature = task->armature,
                                           .tau = needed});
     equations_values_near(k, task->q + i * k->nq, task->reference + i * k->n_angles);
     equations_jacobian(k, &k->equations.all);
-    for (int way = 0; way < 3; way++) {
-        int code = ways[way](s);
-        s->matrix->pivot = 0.0;
-        if (code == DONE && s->n_chosen + n == nv)
-            code = factor_bearing(s, task);
-        if (code != DONE)
-            return code;
-        if (s->matrix->pivot > SURE)
-            break;
-    }
+    int code = choose_bearing(s, task, &n_idle);
+    if (code != DONE)
+        return code;
     facts[PIVOT] = s->matrix->pivot;
     facts[RANK] = (Real)s->n_chosen;
     facts[FAILED] = !(s->matrix->pivot > SURE);
-    for (Int v = 0; v < nv; v++) {
+    for (Int v = 0; v < nv; v++)
         needed[v] -= task->force[i * nv + v];
-        s->x[v] = k->scale[v] * needed[v];
+    if (n_idle && facts[FAILED] == 0.0) {
+        code = free_idle(s, task, i, needed);
+        facts[FAILED] = code == UNSAFE;
     }
-    if (facts[FAILED] != 0.0)
-        return DONE;
+    if (code == NO_MEMORY || facts[FAILED] != 0.0)
+        return code == NO_MEMORY ? code : DONE;
+    for (Int v = 0; v < nv; v++)
+        s->x[v] = k->scale[v] * needed[v];
     factors_solve(s->matrix, 1, s->x);
     memset(multipliers, 0, (size_t)k->n_closure * sizeof(Real));
     for (Int e = 0; e < s->n_chosen; e++)
