@@ -98,9 +98,14 @@ class LoadedSamples:
         self._alone: list[tuple[Array, Array]] = []  # forces at joints of samples solved one by one
         self.is_together = bearing is equations and not equations.is_large  # solved in the kernel
 
+    def state(self, k: int) -> State:
+        """Return sample k, which errors name from now on."""
+        self.at = k
+        return moving_in_time(self.mechanism, self.motion.state(k))
+
     def set_sample(self, k: int) -> None:
         """Move the equations to sample k, under its forces."""
-        self.at, state = k, moving_in_time(self.mechanism, self.motion.state(k))
+        state = self.state(k)
         external = self._external(k, state) if self._external else None
         for each in {self.equations, self.bearing}:
             each.update(state, external, self._laws, self._slip_speed)
@@ -174,12 +179,8 @@ class LoadedSamples:
             SingularError: the loops have lost rank at a sample.
         """
         equations, at = self.equations, piece.at
-        ranks, n, k = solution.facts[:, RANK].astype(np.int64), equations.n_closure, 0
-        while not (kept := equations.keep_ranks(ranks[k:], piece.q[k:])).all():
-            k += int(kept.argmin())
-            self.set_sample(at.start + k)
-            equations.check_rank(int(ranks[k]))
-            k += 1
+        ranks, n = solution.facts[:, RANK].astype(np.int64), equations.n_closure
+        equations.check_ranks(ranks, piece.q, lambda k: self.state(at.start + k))
         has_redundant = bool(n) and ranks.min() < n
         poses, rows, stresses = self._bear(
             piece, at_joints, a, solution.closures, None if has_redundant else solution.multipliers)

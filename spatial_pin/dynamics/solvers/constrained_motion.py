@@ -6,6 +6,7 @@ Jacobian is formed only on use.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
@@ -198,6 +199,17 @@ class Loops:
         if self._regular is not None and not kept.all():
             kept |= self._regular.holds(self.mechanism, q, ranks)
         return kept
+
+    def check_ranks(
+        self, ranks: NDArray[np.int64], q: Array, state: Callable[[int], State]
+    ) -> None:
+        """Do `check_rank` at each q (n, nq), whose State is made where it is needed."""
+        k = 0
+        while not (kept := self.keep_ranks(ranks[k:], q[k:])).all():
+            k += int(kept.argmin())
+            self.move_to(state(k))
+            self.check_rank(int(ranks[k]))
+            k += 1
 
     def check_rank(self, rank: int) -> None:
         """Refuse configurations in which the loops have lost rank.

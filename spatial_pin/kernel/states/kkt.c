@@ -50,6 +50,7 @@ typedef struct {
     Real *spin, *weight; /* (n_idle, nv) motions of idle rotations, and joint forces per unit of each */
     Real *gram, *pace;   /* (n_idle, n_idle) their inertia; (n_idle) accelerations */
     Real *moved;         /* (n_joints, 6) accelerations of the bodies */
+    Real *changed;       /* (3 nv, nv + n_closure) changes of joint forces and equations; NULL at first */
 } Kkt;
 
 static Int most_in_a_group(const Kkt *s)
@@ -389,12 +390,18 @@ typedef struct {
     Real *a, *closures;    /* (n, nv) accelerations; joint forces of the closures */
     Real *multipliers;     /* (n, n_closure), 0 of equations that are not chosen */
     Real *entry;           /* of the last: entries of J of all equations, for v / scale, row by row */
-    Int *chosen;           /* (n_chosen) of the last; room for n_closure */
+    Int *chosen;           /* (n, n_closure) the chosen ones, first in each row */
     Real *facts;           /* (n, 6) smallest over largest pivot; estimated error of the KKT system's
                               accelerations, how many equations are chosen; estimated error of all;
                               whether round-off of the joint forces is most of that; whether there are
                               no results: a freedom of the limbs has no inertia, or it is not clear
                               that closures and actuators together bear any force in one way */
+    Tree *single;          /* where derivatives are wanted, every equation being a product: of single
+                              joints, relative to the centre, */
+    const TreeTask *changes; /* its products, and room for what they give at one configuration */
+    const Real *slopes;    /* (n, 2, nv) derivatives of joint forces by their own q and v; NULL: none */
+    Real *a_by, *multipliers_by; /* (n, 3 nv, nv), (n, 3 nv, n_closure) a row for each entry of q, of v,
+                              and of the efforts */
 } KktTask;
 enum { PIVOT, OF_CORE, RANK, OF_ALL, OF_FORCES, FAILED, FACTS };
 
@@ -636,56 +643,72 @@ static int solve_efforts(Kkt *s, const KktTask *task, Int i)
     return DONE;
 }
 
-/* Accelerations under joint forces, or efforts of accelerations, at all configurations of the task. */
+/* Solve with the last factors: forces f - b (n, nv), gamma (n, n_closure) -> a and multipliers, alike. */
+EXPORT void kkt_solve(Kkt *s, Int n, const Real *force, const Real *gamma, Real *a, Real *multipliers)
+{
+    const Int nv = s->k->nv, nc = s->k->n_closure;
+    for (Int i = 0; i < n; i += BLOCK)
+        solve(s, n - i < BLOCK ? n - i : BLOCK, force + i * nv, gamma + i * nc, a + i * nv,
+              multipliers + i * nc);
+}
+
+/* Derivatives of accelerations and multipliers at a configuration that was solved: joint forces and
+   second derivatives of the equations change, at constant ones, and the same factors do the rest. */
+static void put_changes(Kkt *s, const KktTask *task, Int i)
+{
+    const Int nv = s->k->nv, nc = s->k->n_closure, n = 3 * nv, last = 2 * nc * nv;
+    const Real *slopes = task->slopes ? task->slopes + 2 * i * nv : NULL;
+    Real *force = s->changed, *gamma = force + n * nv;
+    TreeTask of = *task->changes;
+    of.n = 1, of.q = task->q + i * s->k->nq, of.v = task->v + i * nv, of.a = task->a + i * nv;
+    of.by_q = force, of.by_v = force + nv * nv, of.weights = task->multipliers + i * nc;
+    memset(force, 0, (size_t)(n * (nv + nc)) * sizeof(Real));
+    memset(of.bent, 0, (size_t)(nv * nv) * sizeof(Real));
+    memset(of.product_by_q, 0, (size_t)(3 * nc * nv) * sizeof(Real));
+    memset(of.product_by_v, 0, (size_t)(3 * nc * nv) * sizeof(Real));
+    tree_evaluate(task->single, &of);
+    for (Int j = 0; j < nv; j++) {
+        for (Int v = 0; v < nv; v++) {
+            Real *by_q = force + j * nv + v, *by_v = by_q + nv * nv;
+            *by_q = of.bent[v * nv + j] - *by_q;
+            *by_v = -*by_v;
+            by_v[nv * nv] = j == v ? 1.0 : 0.0;
+        }
+        force[j * nv + j] -= slopes ? slopes[j] : 0.0;
+        force[(nv + j) * nv + j] -= slopes ? slopes[nv + j] : 0.0;
+        for (Int e = 0; e < nc; e++) {
+            gamma[j * nc + e] = of.product_by_q[last + e * nv + j];
+            gamma[(nv + j) * nc + e] = of.product_by_v[last + e * nv + j];
+        }
+    }
+    kkt_solve(s, n, force, gamma, task->a_by + i * n * nv, task->multipliers_by + i * n * nc);
+}
+
+/* Accelerations under joint forces, and their derivatives if wanted, or efforts of accelerations, at all
+   configurations of the task. */
 EXPORT int kkt_accelerations(Kkt *s, const KktTask *task)
 {
     const Kernel *k = s->k;
     for (Int c = 0; task->actuated && c < task->n_actuated; c++)
         if (!within(task->actuated[c], k->nv))
             return BAD_ARRAYS;
+    if (task->single && task->changes->n_products != k->n_closure)
+        return BAD_ARRAYS;
+    if (task->single && !s->changed) {
+        s->changed = kernel_reals(s->k, 3 * k->nv * (k->nv + k->n_closure));
+        if (!kernel_had_memory(s->k))
+            return NO_MEMORY;
+    }
     for (Int i = 0; i < task->n; i++) {
         const int code = task->actuated ? solve_efforts(s, task, i)
                          : task->tree   ? solve_tree(s, task, i)
                                         : solve_core(s, task, i, task->mass, task->force);
         if (code != DONE)
             return code;
+        memcpy(task->chosen + i * k->n_closure, s->chosen, (size_t)s->n_chosen * sizeof(Int));
+        if (task->single && task->facts[FACTS * i + FAILED] == 0.0)
+            put_changes(s, task, i);
     }
     memcpy(task->entry, k->entry, (size_t)k->entry_start[k->n_closure] * sizeof(Real));
-    memcpy(task->chosen, s->chosen, (size_t)s->n_chosen * sizeof(Int));
     return DONE;
-}
-
-/* How joint forces (3 nv, nv) and second derivatives of the equations (3 nv, n_closure), each a product
-   of the task, change at constant multipliers: a row for each entry of q, of v, and of the efforts. */
-static void put_changes(const Kkt *s, Tree *tree, const TreeTask *task, Real *force, Real *gamma)
-{
-    const Int nv = s->k->nv, nc = s->k->n_closure, last = 2 * nc * nv;
-    tree_evaluate(tree, task); /* by_q and by_v are the beginning of force */
-    for (Int j = 0; j < nv; j++)
-        for (Int v = 0; v < nv; v++) {
-            Real *by_q = force + j * nv + v, *by_v = by_q + nv * nv;
-            *by_q = task->bent[v * nv + j] - *by_q;
-            *by_v = -*by_v;
-            by_v[nv * nv] = j == v ? 1.0 : 0.0;
-        }
-    for (Int j = 0; j < nv; j++)
-        for (Int i = 0; i < nc; i++) {
-            gamma[j * nc + i] = task->product_by_q[last + i * nv + j];
-            gamma[(nv + j) * nc + i] = task->product_by_v[last + i * nv + j];
-        }
-    memset(gamma + 2 * nv * nc, 0, (size_t)(nv * nc) * sizeof(Real));
-}
-
-/* Solve with the last factors: forces f - b (n, nv), gamma (n, n_closure) -> a and multipliers,
- * alike. Where a task is given, n is 3 nv: of the derivatives by q, v and efforts; `force`, zeros
- * before, and gamma are made of it. */
-EXPORT void kkt_solve(Kkt *s, Int n, Real *force, Real *gamma, Real *a, Real *multipliers, Tree *tree,
-                      const TreeTask *task)
-{
-    const Int nv = s->k->nv, nc = s->k->n_closure;
-    if (task)
-        put_changes(s, tree, task, force, gamma);
-    for (Int i = 0; i < n; i += BLOCK)
-        solve(s, n - i < BLOCK ? n - i : BLOCK, force + i * nv, gamma + i * nc, a + i * nv,
-              multipliers + i * nc);
 }
