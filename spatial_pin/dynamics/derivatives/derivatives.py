@@ -189,7 +189,8 @@ def dynamics_derivatives(
         springs, outside = (
             Springs(equations.springs, laws, slopes), ExternalWrenches(mechanism, external))
         found = None if external else _together(
-            equations, springs, state.q[None], state.v[None], state.angles[None], effort[None])
+            equations, springs, state.q[None], state.v[None], equations.angle_reference[None],
+            effort[None])
         if found:
             a, closures, error, rank = (found.a[0], found.closures[0], found.facts.item(ERROR),
                                         int(found.facts.item(RANK)))
@@ -199,7 +200,8 @@ def dynamics_derivatives(
             undetermined = equations.undetermined
         answer = Dynamics(state, (external, laws, slip_speed), a, closures, effort, error,
                           undetermined)
-        rows = RowDerivatives(mechanism, springs.forces, (state.q, state.v, a), state.angles)
+        rows = RowDerivatives(
+            mechanism, springs.forces, (state.q, state.v, a), equations.angle_reference)
         springs.move(rows)
         springs.refuse_undirected()
         if found:

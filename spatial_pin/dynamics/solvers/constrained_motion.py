@@ -53,6 +53,7 @@ class Loops:
         self.is_large = is_large(self.model) if large is None else large
         self.bodies = bodies_of(self.model)
         self.rest, self._no_freedoms = np.zeros(self.model.nv), np.zeros((0, self.model.nv))
+        self._no_angles = np.zeros(self.constraints.n_angles)  # of a State that was made without
         self._regular: Regular | None = None
         self._last_rank_at: State | None = None  # where the rank was computed last
         self._last_rank = 0
@@ -71,7 +72,8 @@ class Loops:
         self.state, self._spaces, self._tied_freedoms = state, None, None
         is_rounded = state.mechanism.whole is self.mechanism
         self.angle_reference = (
-            all_angles(state.mechanism, state.angles) if is_rounded else state.angles)
+            all_angles(state.mechanism, state.angles) if is_rounded else
+            state.angles if state.angles.size else self._no_angles)
         self._rank = constraints_of(state.mechanism).n_closure if is_rounded else None
         self._placed = self._derived = None
 
