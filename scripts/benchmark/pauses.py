@@ -71,8 +71,8 @@ def counted() -> tuple[int, int]:
 def lines(cycles: int = CYCLES) -> Iterator[str]:
     """Measure and yield the lines about pauses."""
     seconds, collections, faults = measure(cycles)
-    yield (f"delta robot, warm assemble, influence, inverse_dynamics, {cycles} times, a bare loop of "
-           f"NumPy after each ({collections} collections of garbage, {faults} page faults)")
+    yield (f"delta robot, warm assemble, influence, inverse_dynamics, {cycles} times, a bare loop "
+           f"of NumPy after each ({collections} collections of garbage, {faults} page faults)")
     for name, times in zip(("cycle", "bare loop"), seconds, strict=True):
         median, slow, worst = np.quantile(times, [0.5, 0.999, 1.0]).tolist()
         ratio, is_ours = slow / median, name == "cycle"

@@ -71,7 +71,7 @@ class LoadedSamples:
 
     Attributes:
         v, given_a: (N, nv) rates of the motion in time; zero where it is none.
-        a, efforts, multipliers: (N, ...) of the samples that are done.
+        a, efforts, multipliers, error: (N, ...) of the samples that are done.
         reactions: (N, pairs, 6); on_ground: (N, 6).
         unique: (N, pairs, 6).
         done: how many there are.
@@ -91,7 +91,7 @@ class LoadedSamples:
         self.v = motion.v if moving else np.zeros((n, nv))
         self.given_a = motion.a if moving else np.zeros((n, nv))
         self.efforts, self.a = np.empty((n, n_efforts)), np.empty((n, nv))
-        self.multipliers = np.empty((n, bearing.n_closure))
+        self.multipliers, self.error = np.empty((n, bearing.n_closure)), np.empty(n)
         self.reactions, self.on_ground = np.empty((n, pairs, 6)), np.empty((n, 6))
         self.unique = np.ones((n, pairs, 6), dtype=bool)
         self.done = self.at = 0
@@ -141,7 +141,8 @@ class LoadedSamples:
             self.done = at.stop
 
     def take(
-        self, k: int, at_joints: Array, a: Array, closures: Array, internal: Array | None = None
+        self, k: int, at_joints: Array, a: Array, closures: Array, error: float,
+        internal: Array | None = None,
     ) -> None:
         """Take accelerations and closure forces of sample k, where the equations are.
 
@@ -150,9 +151,10 @@ class LoadedSamples:
             at_joints: (nv,) efforts at joints.
             a: (nv,) accelerations.
             closures: (nv,) joint forces of the closures.
+            error: estimated round-off of the accelerations, or of the efforts.
             internal: (m, nv) efforts at joints that balance each other.
         """
-        bearing, self.a[k] = self.bearing, a
+        bearing, self.a[k], self.error[k] = self.bearing, a, error
         if bearing.pairs.coupled or bearing.has_redundant or (
                 internal is not None and len(internal)):
             self.unique[k] = list(bearing.unique(internal).values())
@@ -179,6 +181,7 @@ class LoadedSamples:
             SingularError: the loops have lost rank at a sample.
         """
         equations, at = self.equations, piece.at
+        self.error[at] = solution.facts[:, ERROR]
         ranks, n = solution.facts[:, RANK].astype(np.int64), equations.n_closure
         equations.check_ranks(ranks, piece.q, lambda k: self.state(at.start + k))
         has_redundant = bool(n) and ranks.min() < n
@@ -229,7 +232,7 @@ class LoadedSamples:
 
     def end(self) -> None:
         """Drop the samples that are not solved."""
-        for name in ("efforts", "a", "multipliers", "reactions", "on_ground", "unique"):
+        for name in ("efforts", "a", "multipliers", "error", "reactions", "on_ground", "unique"):
             setattr(self, name, getattr(self, name)[: self.done])
 
 
@@ -255,8 +258,8 @@ def accelerate(samples: LoadedSamples, efforts: Array) -> None:
                 continue
         for k in range(at.start, at.stop):
             samples.set_sample(k)
-            a, closures, _ = equations.solve(efforts[k] + equations.given)
-            samples.take(k, efforts[k], a, closures)
+            a, closures, error = equations.solve(efforts[k] + equations.given)
+            samples.take(k, efforts[k], a, closures, error)
 
 
 def efforts_over(

@@ -46,7 +46,7 @@ class Accelerated(NamedTuple):
         multipliers: (n, n_closure) 0 of equations that are left out.
         chosen: (n, n_closure) indices of the independent equations, first in each row.
         facts: (n, 6) as in kkt.c: the rank of the closure equations, the estimated error of
-            accelerations, and whether there are no results are among them.
+            accelerations or efforts, and whether there are no results are among them.
         a_by: (n, 3, nv, nv) derivatives of accelerations, by each entry of q, v and joint forces.
         multipliers_by: (n, 3, nv, n_closure) likewise.
     """
@@ -75,8 +75,8 @@ class KKT:
         mass: (n_masses,) the mass matrix, to be filled in.
         pivot: smallest over largest pivot of the last `accelerations`, 0 where there are none.
         error: estimated round-off of them, relative to their size.
-        error_of_tree, is_of_forces: of the last `of_tree`, and whether it is mostly round-off of
-            the joint forces: no solver can be better.
+        error_of_tree, is_of_forces: of the last `of_tree` or `efforts_of`, and whether it is mostly
+            round-off of the joint forces: no solver can be better.
         a: (nv,) the accelerations.
         rank: how many independent equations there are.
         closures: (nv,) joint forces of the closures.

@@ -142,3 +142,32 @@ def test_a_twist_on_a_rod_that_nothing_holds_is_refused_at_rest():
     twist = {"coupler": pin.Force(np.zeros(3), np.array([0.01, 0.02, 0.03]))}
     with pytest.raises(sp.SpatialPinError, match="carries load"):
         sp.inverse_dynamics(mech, motion, external=twist)
+
+
+@pytest.mark.parametrize("away", [1.0, 1e-2, 1e-4, 1e-6])
+def test_the_error_of_efforts_bounds_how_far_they_are_from_the_balance_of_power(away):
+    """Towards a dead centre of the rocker, which drives, its torque loses digits."""
+    mech = sp.load("four_bar")
+    turn = sp.sweep(mech, "crank", np.linspace(0.0, 6.28, 721))
+    rocker = turn.coordinate("rocker_pin").value
+    dead = turn.driver[int(np.argmax(rocker))]
+    motion = sp.sweep(mech, "crank", dead + away * np.linspace(0.5, 1.0, N), speed=3.0)
+    for k in (0, N - 1):
+        state = motion.state(k)
+        found = sp.inverse_dynamics(mech, state, actuated=["rocker_pin"])
+        power = state.v @ pin.rnea(mech.model, mech.model.createData(), state.q, state.v, state.a)
+        speed = state.coordinate("rocker_pin").rate
+        off = abs(found.efforts["rocker_pin"] * speed / power - 1.0)
+        assert off <= found.error + 1e-14 / min(1.0, abs(speed))  # the rates have errors too
+        assert found.error < 1e-11 / min(1.0, abs(speed))
+    loads = sp.inverse_dynamics(mech, motion, actuated=["rocker_pin"])
+    assert loads.error[-1] == pytest.approx(found.error)
+
+
+def test_accelerations_over_a_motion_have_the_error_that_each_state_has():
+    mech, motion = moving("stewart")
+    loads = sp.forward_dynamics(mech, motion)
+    assert loads.error.shape == (N,)
+    for k in (0, N - 1):
+        want = sp.forward_dynamics(mech, motion.state(k)).error
+        assert loads.error[k] == pytest.approx(want) and 0.0 < want < 1e-10

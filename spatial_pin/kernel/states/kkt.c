@@ -392,7 +392,8 @@ typedef struct {
     Real *entry;           /* of the last: entries of J of all equations, for v / scale, row by row */
     Int *chosen;           /* (n, n_closure) the chosen ones, first in each row */
     Real *facts;           /* (n, 6) smallest over largest pivot; estimated error of the KKT system's
-                              accelerations, how many equations are chosen; estimated error of all;
+                              accelerations, how many equations are chosen; estimated error of all, or
+                              of efforts;
                               whether round-off of the joint forces is most of that; whether there are
                               no results: a freedom of the limbs has no inertia, or it is not clear
                               that closures and actuators together bear any force in one way */
@@ -493,6 +494,7 @@ static int factor_bearing(Kkt *s, const KktTask *task, Int n_idle, Factors *matr
     Entries *to = &matrix->entries;
     if (!entries_begin(to, k->entry_start[k->n_equations] + task->n_actuated))
         return NO_MEMORY;
+    s->shortest = 1.0;
     for (Int i = 0; i < s->n_chosen + n_idle; i++) {
         const Int equation = i < s->n_chosen ? s->chosen[i] : k->n_closure + i - s->n_chosen;
         const Int at = i < s->n_chosen ? i : i + task->n_actuated;
@@ -501,7 +503,7 @@ static int factor_bearing(Kkt *s, const KktTask *task, Int n_idle, Factors *matr
             most = fmax(most, fabs(k->entry[e]));
         most = most > 0.0 ? most : 1.0;
         if (i < s->n_chosen)
-            s->size[i] = most;
+            s->size[i] = most, s->shortest = fmin(s->shortest, most);
         for (Int e = k->entry_start[equation]; e < k->entry_start[equation + 1]; e++)
             entries_put(to, by_rows ? at : k->entry_v[e], by_rows ? k->entry_v[e] : at,
                         k->entry[e] / most);
@@ -602,6 +604,19 @@ static int free_idle(Kkt *s, const KktTask *task, Int i, Real *needed)
     return DONE;
 }
 
+/* Estimated round-off of efforts, by the largest of n (times its scale), 1 at most: from pivots and the
+   condition, and by `size` of what cancels, the solution in x and forces. Overwrites x. */
+static Real efforts_error(Kkt *s, const Real *efforts, Int n, Real size)
+{
+    const Factors *matrix = s->matrix;
+    const Real most = largest(efforts, n);
+    Real error = fmax(ROUNDING / fmax(matrix->pivot, DBL_EPSILON), entry_error(s));
+    size = fmax(size, largest(s->x, matrix->n));
+    const Real condition = matrix_norm(s) * factors_inverse_norm(matrix);
+    error = fmax(error, (Real)matrix->n * DBL_EPSILON * condition);
+    return size > 0.0 && n ? fmin(error * size / fmax(most, DBL_MIN), 1.0) : 0.0;
+}
+
 /* Efforts and multipliers that together are what the motion needs. */
 static int solve_efforts(Kkt *s, const KktTask *task, Int i)
 {
@@ -610,6 +625,7 @@ static int solve_efforts(Kkt *s, const KktTask *task, Int i)
     Real *needed = task->closures + i * nv, *facts = task->facts + FACTS * i;
     Real *efforts = task->efforts + i * n, *multipliers = task->multipliers + i * k->n_closure;
     Int n_idle = 0;
+    Real size = 0.0;
     memset(facts, 0, FACTS * sizeof *facts);
     tree_evaluate(task->tree, &(TreeTask){.n = 1, .q = task->q + i * k->nq, .v = task->v + i * nv,
                                           .a = task->a + i * nv, .armature = task->armature,
@@ -622,8 +638,10 @@ static int solve_efforts(Kkt *s, const KktTask *task, Int i)
     facts[PIVOT] = s->matrix->pivot;
     facts[RANK] = (Real)s->n_chosen;
     facts[FAILED] = !(s->matrix->pivot > SURE);
-    for (Int v = 0; v < nv; v++)
+    for (Int v = 0; v < nv; v++) {
+        size = fmax(size, k->scale[v] * (fabs(needed[v]) + fabs(task->force[i * nv + v])));
         needed[v] -= task->force[i * nv + v];
+    }
     if (n_idle && facts[FAILED] == 0.0) {
         code = free_idle(s, task, i, needed);
         facts[FAILED] = code == UNSAFE;
@@ -636,8 +654,10 @@ static int solve_efforts(Kkt *s, const KktTask *task, Int i)
     memset(multipliers, 0, (size_t)k->n_closure * sizeof(Real));
     for (Int e = 0; e < s->n_chosen; e++)
         multipliers[s->chosen[e]] = s->x[e] / s->size[e];
+    memcpy(efforts, s->x + s->n_chosen, (size_t)n * sizeof(Real));
+    facts[OF_ALL] = efforts_error(s, efforts, n, size);
     for (Int c = 0; c < n; c++) {
-        efforts[c] = s->x[s->n_chosen + c] / k->scale[task->actuated[c]];
+        efforts[c] /= k->scale[task->actuated[c]];
         needed[task->actuated[c]] -= efforts[c];
     }
     return DONE;
