@@ -1,4 +1,4 @@
-"""A controller's cycle, again and again: how long the slow ones take, and how long the machine's do.
+"""A controller's cycle, again and again: how long slow ones take, and how long the machine's do.
 
 The delta robot is assembled from the state before, at three motor angles a little further on; its
 influence and the efforts of its motors follow. After each cycle comes a bare loop of NumPy of about
