@@ -24,7 +24,7 @@ from spatial_pin._support.brief import first_names
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.dynamics.coupling_forces import coupling_forces
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.linalg import Array, complements
 from spatial_pin.numerics.stacked import cross
 
 MANY = ("* one of many (along these axes), the least: loops, or more actuators than freedoms, "
@@ -221,8 +221,8 @@ class Pairs:
             point = poses.placements[..., joint, 3, None, :]
             motions[..., :3, :] += cross(motions[..., 3:, :].mT, point).mT
             motions[..., 3:, :] *= self.length
-            bearing = np.linalg.qr(motions, mode="complete")[0][..., n:]
-            unaffected[self.model.names[joint]] = np.linalg.norm(bearing, axis=-1) < UNMOVED
+            bearing = np.linalg.norm(complements(motions), axis=-1)
+            unaffected[self.model.names[joint]] = bearing < UNMOVED
         return unaffected
 
 

@@ -71,6 +71,12 @@ def solved_transposed(a: Array, b: Array) -> tuple[Array, Array | None]:
     return x, u[..., ranks[0] :].mT if np.all(ranks == ranks[0]) else None
 
 
+def complements(a: Array) -> Array:
+    """Return orthonormal columns (..., m, m - n) square to n independent ones (..., m, n)."""
+    rest: Array = np.linalg.qr(a, mode="complete")[0][..., a.shape[-1] :]
+    return rest
+
+
 def decompose(a: Array, tolerance: float = TOLERANCES.rank) -> Decomposition:
     """Decompose `a` (m, n); columns and rows are expected to be scaled alike.
 
