@@ -187,7 +187,7 @@ class SampledClearance:
                 # the approach of links at even parts of the step, (parts + 1, pairs)
                 turns = self.between.turned(row - 1) / WHOLE_TURN
                 parts = EVEN_PARTS * max(1, int(np.ceil(turns)))
-                steps = [np.zeros(self.sampled.shape[1])]
+                steps: list[Array] = [np.zeros(self.sampled.shape[1])]
                 for k in range(1, parts + 1):
                     there = here if k == parts else self.distances.middles(
                         self._configuration(row - 1, k / parts))
