@@ -62,21 +62,30 @@ class Regular(NamedTuple):
     radius: float
     near: float = 0.0
 
-    def holds(self, mechanism: Mechanism, q: Array, rank: int) -> bool:
-        """Whether q (nq,), where the rows have this rank, is so near that it is regular too."""
-        change = q - self.q
-        if rank != self.rank or change.dot(change) <= self.near:
-            return rank == self.rank
-        away = pin.difference(mechanism.model, self.q, q) / mechanism.velocity_scale
-        return bool(np.abs(away).max(initial=0.0) <= self.radius)
+    def holds(
+        self, mechanism: Mechanism, q: Array, ranks: NDArray[np.int64] | int
+    ) -> NDArray[np.bool_]:
+        """Whether each q (n, nq), with rows of these ranks, is so near that it is regular too."""
+        changes, is_same = q - self.q, np.asarray(ranks) == self.rank
+        holds = is_same & (np.vecdot(changes, changes) <= self.near)
+        far = np.flatnonzero(is_same & ~holds)
+        if len(far):
+            model = mechanism.model
+            ways = changes[far] if model.nq == model.nv else np.array(
+                [pin.difference(model, self.q, x) for x in q[far]])
+            ways /= mechanism.velocity_scale
+            holds[far] = np.abs(ways).max(axis=1, initial=0.0) <= self.radius
+        return holds
 
 
-def has_constant_rank(mechanism: Mechanism, n: int, rank: int) -> bool:
-    """Whether n closure equations surely keep their rank nearby: all are independent, or hold.
+def has_constant_rank(
+    mechanism: Mechanism, n: int, rank: NDArray[np.int64] | int
+) -> NDArray[np.bool_] | bool:
+    """Whether n closure equations surely keep each rank nearby: all are independent, or hold.
 
     Those that stayed of a rounded file may be so by its rounding only.
     """
-    return rank == mechanism.model.nv or (rank == n and mechanism.whole is None)
+    return (rank == mechanism.model.nv) | ((rank == n) & (mechanism.whole is None))
 
 
 def rank_loss(evaluation: LoopEquations, q: Array, rank: int) -> int:
@@ -96,7 +105,7 @@ def rank_loss(evaluation: LoopEquations, q: Array, rank: int) -> int:
     if has_constant_rank(evaluation.mechanism, n, rank):
         return 0
     known: Regular | None = evaluation.regular
-    if known is not None and known.holds(evaluation.mechanism, q, rank):
+    if known is not None and known.holds(evaluation.mechanism, q[None], rank).all():
         return 0
     evaluation.update(q)
     jacobian = evaluation.jacobian[:n].copy()

@@ -334,23 +334,3 @@ def _nearest_roots(
 def _with_axes_of(x: Array, like: Array) -> Array:
     """Return an array (m, ...) with as many axes as another one, the missing ones last."""
     return x.reshape(x.shape + (1,) * (np.ndim(like) - x.ndim))
-
-
-def composed_rows(group: Composed, slopes: Array, products: Array, scale: Array) -> Array:
-    """Return (m, nv, ...) derivatives of composed equations, in scaled velocities.
-
-    Args:
-        group: the equations.
-        slopes: (m, n, ...) derivatives with respect to their products and coordinates.
-        products: (N, nv, ...) derivatives of all products.
-        scale: (nv,) of the velocities.
-    """
-    m, p = len(group.rows), len(group.products)
-    slopes = np.broadcast_to(slopes, (m, *slopes.shape[1:]))
-    out = np.zeros((m, *products.shape[1:]))
-    for k, at in enumerate(group.products):
-        out += slopes[:, k, None] * products[at]
-    for k, v in enumerate(group.coordinates[1], start=p):
-        own = slopes[:, k]
-        out[np.arange(m), v] += own * scale[v].reshape(-1, *[1] * (own.ndim - 1))
-    return out

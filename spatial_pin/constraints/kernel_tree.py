@@ -227,24 +227,19 @@ class KernelTree:
         forces[0] = 0.0
         return forces
 
-    def changes_task(
-        self, motion: tuple[Array, Array, Array], products: TreeProducts, weights: Array,
-        out: Array,
-    ) -> _TreeTask:
-        """Return the task of `derivatives` and `products`, with weights (n,), none from outside.
+    def changes_task(self, products: TreeProducts) -> _TreeTask:
+        """Return the task of `derivatives` and `products`, none from outside.
 
-        The motion is q (nq,), v and a (nv,); `out` (2 or more, nv, nv) has zeros.
+        It lacks the motion, the weights, and where `derivatives` go.
         """
         self.take_masses()
         n, nv, task = products.addresses[0], self.model.nv, _TreeTask.from_buffer_copy(self._task)
-        self._q[:], self._v[:], self._a[:] = motion
-        values, by, bent = np.empty((3, n)), np.zeros((2, 3 * n, nv)), np.zeros((nv, nv))
-        outside, weights = np.zeros((self._split.njoints, 6)), weights.copy()
-        self._alive = values, by, bent, outside, weights  # until the next one
-        task.outside, task.by_q, task.by_v = map(address, (outside, out[0], out[1]))
+        values, by, bent = np.empty((3, n)), np.empty((2, 3 * n, nv)), np.empty((nv, nv))
+        outside = np.zeros((self._split.njoints, 6))
+        self._alive = task, values, by, bent, outside, products  # until the next one
         task.n_products, task.bodies, task.a_parts, task.b_parts = products.addresses
-        (task.values, task.product_by_q, task.product_by_v, task.weights, task.bent) = map(
-            address, (values, by[0], by[1], weights, bent))
+        task.outside, task.values, task.product_by_q, task.product_by_v, task.bent = map(
+            address, (outside, values, by[0], by[1], bent))
         return task
 
     def at_many(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:

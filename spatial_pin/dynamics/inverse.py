@@ -22,16 +22,14 @@ from spatial_pin.dynamics.solvers.equations_of_motion import Equations
 from spatial_pin.dynamics.solvers.independent_coordinates import ROUNDING
 from spatial_pin.dynamics.state_forces import Dynamics, Load
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.loop_equations import LoopEquations
-from spatial_pin.kernel.rate_solver import rates_of
 from spatial_pin.mechanism.coordinates import driver_coordinates
 from spatial_pin.mechanism.inertia import fall_energy
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.mobility.idle_freedoms import idle_freedoms
 from spatial_pin.motion.summary import EFFORTS
-from spatial_pin.numerics.linalg import Array, common_rows, decompose, independent_rows
+from spatial_pin.numerics.linalg import EPS, Array, common_rows, decompose, independent_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 NO_MOTOR = "no motor acts on a component of a ball or of a floating joint"
@@ -105,6 +103,8 @@ class Efforts(Dynamics):
     Attributes:
         efforts: by driver or actuated coordinate [N·m about it, N along it].
         power: of each of them [W].
+        error: estimated round-off of the efforts, relative to the largest (forces by the
+            characteristic length); 1 where nothing else is left of them.
 
     Example:
         >>> mech = sp.load("four_bar")
@@ -118,9 +118,9 @@ class Efforts(Dynamics):
 
     def __init__(
         self, state: State, load: Load, a: Array, closures: Array, actuation: Actuation,
-        efforts: Array,
+        efforts: Array, error: float,
     ) -> None:
-        super().__init__(state, load, a, closures, actuation.generalised(efforts, len(a)))
+        super().__init__(state, load, a, closures, actuation.generalised(efforts, len(a)), error)
         names, self._actuation = actuation.names, actuation
         self.efforts: dict[str, float] = dict(zip(names, efforts.tolist(), strict=True))
         power = efforts * state.v[actuation.columns]
@@ -163,8 +163,8 @@ class Efforts(Dynamics):
         return "\n".join([*lines, super().__str__()])
 
 
-def balance(equations: Equations, actuation: Actuation) -> tuple[Array, Array, Array]:
-    """Return efforts (k,), accelerations (nv,), and joint forces (nv,) of the closures.
+def balance(equations: Equations, actuation: Actuation) -> tuple[Array, Array, Array, float]:
+    """Return efforts (k,), accelerations (nv,), joint forces (nv,) of the closures, and the error.
 
     Along every freedom N of the closed loops, N^T (M a + b - f - E x) = 0. The accelerations are
     those of the equations' state but for passive freedoms.
@@ -179,10 +179,9 @@ def balance(equations: Equations, actuation: Actuation) -> tuple[Array, Array, A
             state.q, state.v, a, equations.angle_reference, equations.given, actuation.columns)
         if solution is not None:
             equations.check_rank(kkt.rank)
-            return solution, a, kkt.closures.copy()
-        beside = _beside_idle_rotations(equations, actuation)
-        if beside is not None:
-            return beside
+            if state.mechanism.passives:
+                a = kkt.a.copy()
+            return solution, a, kkt.closures.copy(), kkt.error_of_tree
     freedoms, rank = _freedoms(equations, actuation)
     equations.check_rank(rank)
     scale = equations.scale
@@ -201,46 +200,19 @@ def balance(equations: Equations, actuation: Actuation) -> tuple[Array, Array, A
         if single_link:
             idle = _idle_rotations(equations, single_link)
             a = _unactuated_accelerations(equations, actuation, spare, idle)
-    wanted = equations.motion_forces(a) - equations.given
-    efforts = wanted[actuation.columns]
+    forces, condition = equations.motion_forces(a), 1.0
+    wanted = forces - equations.given
+    efforts: Array = wanted[actuation.columns]
     if actuation.has_shared:
         shared = actuation.shared
         work, root = freedoms * scale, actuation.root[shared]
         svd = decompose(work[:, actuation.columns[shared]] * root)
         efforts[shared] = root * svd.minimum_norm(work @ wanted)
-    return efforts, a, wanted - actuation.generalised(efforts, len(wanted))
-
-
-def _beside_idle_rotations(
-    equations: Equations, actuation: Actuation
-) -> tuple[Array, Array, Array] | None:
-    """Return what `balance` does where all is actuated but idle rotations, by few equations.
-
-    None where that is not so, where it is not clear, where springs or forces from outside may work
-    on them, or where they move a centre of mass.
-
-    Raises:
-        SingularError: as `balance`.
-    """
-    state, constraints = equations.state, equations.constraints
-    if not constraints.n_passive or equations.is_large or len(actuation.others) or (
-            equations.wrenches or equations.springs.turns or not actuation.shared.all()):
-        return None
-    with kernel_of(equations.mechanism) as kernel:
-        driven = tuple(actuation.columns.tolist())
-        rates = rates_of(kernel, driven, len(driven))
-        if not rates.factor(state.q, equations.angle_reference):
-            return None
-        columns, idle = rates.columns(), rates.idle()
-    idle /= equations.scale
-    idle /= np.sqrt(np.vecdot(idle, idle))[:, None]
-    if np.abs(_centre_shifts(equations, idle)).max(initial=0.0) > TOLERANCES.half_precision:
-        return None
-    equations.check_rank(len(equations.scale) - len(idle) - len(driven))
-    a = _with_idle_rotations(equations, idle, state.a)
-    wanted = equations.motion_forces(a) - equations.given
-    efforts: Array = columns.T @ wanted
-    return efforts, a, wanted - actuation.generalised(efforts, len(wanted))
+        condition = float(svd.s[0] / svd.s[svd.rank - 1]) if svd.rank else 1.0
+    gross = float((scale * (np.abs(forces) + np.abs(equations.given))).max(initial=0.0))
+    most = float(np.abs(scale[actuation.columns] * efforts).max(initial=0.0))
+    off = float(min(len(a) * EPS * condition * gross / (most or 1e-300), 1.0)) if gross else 0.0
+    return efforts, a, wanted - actuation.generalised(efforts, len(wanted)), off
 
 
 def internal_efforts(equations: Equations, actuation: Actuation) -> Array:

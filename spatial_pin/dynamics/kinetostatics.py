@@ -54,8 +54,9 @@ class _Loads(NamedTuple):
     multipliers: Array
     determined: dict[str, NDArray[np.bool_]]
     unique: dict[str, NDArray[np.bool_]]
-    beyond_limits: tuple[BeyondLimit, ...] = ()
-    events: tuple[Event, ...] = ()
+    beyond_limits: tuple[BeyondLimit, ...]
+    events: tuple[Event, ...]
+    error: Array
 
 
 class Kinetostatics(_Loads, Tabular):
@@ -82,6 +83,8 @@ class Kinetostatics(_Loads, Tabular):
         beyond_limits: efforts, and velocities of a motion in time, beyond the URDF's limits, each
             with the samples, the worst of them, and how much it is.
         events: "lift off" where the contact of a cam would have to pull, between its samples.
+        error: (N,) estimated round-off of the efforts, as `Efforts.error`; of `forward_dynamics` of
+            the accelerations, as `Dynamics.error`.
 
     Example:
         >>> mech = sp.load("four_bar")
@@ -264,14 +267,14 @@ def kinetostatics(
                     samples.efforts[at] = solution.efforts
                     joints = np.zeros_like(solution.a)
                     joints[:, columns] = solution.efforts
-                    samples.take_piece(piece, joints, samples.given_a[at], solution)
+                    samples.take_piece(piece, joints, solution.a, solution)
                     continue
             for k in range(at.start, at.stop):
                 samples.set_sample(k)
-                samples.efforts[k], a, closures = balance(equations, actuation)
+                samples.efforts[k], a, closures, error = balance(equations, actuation)
                 internal = internal_efforts(equations, actuation)
                 samples.take(k, actuation.generalised(samples.efforts[k], len(a)), a, closures,
-                             actuation.all_generalised(internal, len(a)))
+                             error, actuation.all_generalised(internal, len(a)))
 
     return loads_over(mechanism, motion, (external, laws, slip_speed),
                       dict.fromkeys(actuation.names), solve)
@@ -352,8 +355,8 @@ def inverse_dynamics(
     load = external, laws, slip_speed
     with equations_of(mechanism) as equations:
         equations.update(state, *load)
-        efforts, a, closures = balance(equations, actuation)
-    return Efforts(state, load, a, closures, actuation, efforts)
+        efforts, a, closures, error = balance(equations, actuation)
+    return Efforts(state, load, a, closures, actuation, efforts, error)
 
 
 def forward_over(
@@ -425,7 +428,8 @@ def loads_over(
         {name: read_only(samples.reactions[:, k].copy()) for k, name in enumerate(names)},
         read_only(samples.on_ground), read_only(samples.multipliers),
         {name: np.logical_and.reduce(each, axis=1) for name, each in unique.items()}, unique,
-        _beyond_limits(motion, columns, samples.efforts), _lift_offs(motion, samples.multipliers))
+        _beyond_limits(motion, columns, samples.efforts), _lift_offs(motion, samples.multipliers),
+        read_only(samples.error))
     if is_cut:
         raise Interrupted(motion, result)
     return result

@@ -24,11 +24,11 @@ from spatial_pin.dynamics.solvers.equations_of_motion import Equations
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.kkt import ERROR, FAILED, RANK, Accelerated
-from spatial_pin.kernel.loop_equations import row_wrenches
+from spatial_pin.kernel.loop_equations import joint_rows, row_wrenches
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.motion.motion import Motion
-from spatial_pin.numerics.linalg import Array, left_null_spaces, minimum_norms_transposed
+from spatial_pin.numerics.linalg import Array, solved_transposed
 
 SAMPLES_AT_ONCE = 256  # samples that are solved in one call: their arrays stay in the cache
 
@@ -71,7 +71,7 @@ class LoadedSamples:
 
     Attributes:
         v, given_a: (N, nv) rates of the motion in time; zero where it is none.
-        a, efforts, multipliers: (N, ...) of the samples that are done.
+        a, efforts, multipliers, error: (N, ...) of the samples that are done.
         reactions: (N, pairs, 6); on_ground: (N, 6).
         unique: (N, pairs, 6).
         done: how many there are.
@@ -91,18 +91,21 @@ class LoadedSamples:
         self.v = motion.v if moving else np.zeros((n, nv))
         self.given_a = motion.a if moving else np.zeros((n, nv))
         self.efforts, self.a = np.empty((n, n_efforts)), np.empty((n, nv))
-        self.multipliers = np.empty((n, bearing.n_closure))
+        self.multipliers, self.error = np.empty((n, bearing.n_closure)), np.empty(n)
         self.reactions, self.on_ground = np.empty((n, pairs, 6)), np.empty((n, 6))
         self.unique = np.ones((n, pairs, 6), dtype=bool)
         self.done = self.at = 0
         self._alone: list[tuple[Array, Array]] = []  # forces at joints of samples solved one by one
-        self.is_together = (  # whether the kernel solves many samples in one call
-            bearing is equations and not equations.is_large
-            and not len(equations.constraints.of_joints))
+        self.is_together = bearing is equations and not equations.is_large  # solved in the kernel
+
+    def state(self, k: int) -> State:
+        """Return sample k, which errors name from now on."""
+        self.at = k
+        return moving_in_time(self.mechanism, self.motion.state(k))
 
     def set_sample(self, k: int) -> None:
         """Move the equations to sample k, under its forces."""
-        self.at, state = k, moving_in_time(self.mechanism, self.motion.state(k))
+        state = self.state(k)
         external = self._external(k, state) if self._external else None
         for each in {self.equations, self.bearing}:
             each.update(state, external, self._laws, self._slip_speed)
@@ -138,7 +141,8 @@ class LoadedSamples:
             self.done = at.stop
 
     def take(
-        self, k: int, at_joints: Array, a: Array, closures: Array, internal: Array | None = None
+        self, k: int, at_joints: Array, a: Array, closures: Array, error: float,
+        internal: Array | None = None,
     ) -> None:
         """Take accelerations and closure forces of sample k, where the equations are.
 
@@ -147,9 +151,10 @@ class LoadedSamples:
             at_joints: (nv,) efforts at joints.
             a: (nv,) accelerations.
             closures: (nv,) joint forces of the closures.
+            error: estimated round-off of the accelerations, or of the efforts.
             internal: (m, nv) efforts at joints that balance each other.
         """
-        bearing, self.a[k] = self.bearing, a
+        bearing, self.a[k], self.error[k] = self.bearing, a, error
         if bearing.pairs.coupled or bearing.has_redundant or (
                 internal is not None and len(internal)):
             self.unique[k] = list(bearing.unique(internal).values())
@@ -176,62 +181,58 @@ class LoadedSamples:
             SingularError: the loops have lost rank at a sample.
         """
         equations, at = self.equations, piece.at
-        ranks, n = solution.facts[:, RANK].astype(int), equations.n_closure
-        for k, rank in enumerate(ranks.tolist()):
-            if not equations.keeps_rank(rank, piece.q[k]):
-                self.set_sample(at.start + k)
-                equations.check_rank(rank)
+        self.error[at] = solution.facts[:, ERROR]
+        ranks, n = solution.facts[:, RANK].astype(np.int64), equations.n_closure
+        equations.check_ranks(ranks, piece.q, lambda k: self.state(at.start + k))
         has_redundant = bool(n) and ranks.min() < n
-        poses = self._bear(piece, at_joints, a, solution.closures,
-                           None if has_redundant else solution.multipliers)
-        if equations.pairs.coupled or has_redundant:
-            self._mark(piece, poses)
-
-    def _mark(self, piece: SampleBlock, poses: Poses) -> None:
-        """Mark the components of reactions of a piece that no self-stress changes."""
-        equations, at = self.equations, piece.at
-        stresses = None if equations.pairs.coupled else left_null_spaces(self._jacobians(piece))
+        poses, rows, stresses = self._bear(
+            piece, at_joints, a, solution.closures, None if has_redundant else solution.multipliers)
         if stresses is not None:
-            marks = equations.pairs.unstressed(
-                Poses(*(x[:, None] for x in poses)), equations.joint_rows, stresses)
+            pairs = equations.pairs
+            marks = pairs.unstressed(Poses(*(x[:, None] for x in poses)), rows, stresses)
+            marks |= {name: marks[name] & never for name, never in
+                      pairs.unaffected_by_couplings(poses).items()}
             for pair, each in enumerate(marks.values()):
                 self.unique[at, pair] = each
             return
-        for k in range(at.start, at.stop):
+        for k in range(at.start, at.stop):  # ranks differ
             self.set_sample(k)
             self.unique[k] = list(equations.unique().values())
             self.done = k + 1
 
-    def _jacobians(self, piece: SampleBlock) -> Array:
-        """Return the scaled Jacobians (k, n_closure, nv) of a piece."""
-        with acquired(self.equations.mechanism, Kernel) as kernel:
-            rows = kernel.jacobians_and_columns(piece.q, piece.angles)[0]
-        return rows[:, : self.equations.n_closure]
-
     def _bear(
         self, piece: SampleBlock, at_joints: Array, a: Array, closures: Array,
         multipliers: Array | None,
-    ) -> Poses:
-        """Find the reactions of a piece, and the shortest multipliers if there are none."""
+    ) -> tuple[Poses, Array, Array | None]:
+        """Find the reactions of a piece, and the shortest multipliers if there are none.
+
+        Returns:
+            Poses, `LoopEquations.joint_rows` (k, of_joints, nv), and self-stresses (k, s, n): None
+            where there are more at some samples than at others.
+        """
         equations, at = self.equations, piece.at
         with acquired(equations.mechanism, _centred_tree) as tree:
             placements, columns, transmitted = tree.at_many(piece.q, piece.v, a)
+        stresses: Array | None = np.zeros((len(a), 0, equations.n_closure))
         if multipliers is None:
-            multipliers = minimum_norms_transposed(
-                self._jacobians(piece), equations.scale * closures)
-        poses = Poses(placements, columns, row_wrenches(
-            equations.constraints, placements, piece.q, piece.angles))
+            with acquired(equations.mechanism, Kernel) as kernel:
+                jacobians = kernel.jacobians_and_columns(piece.q, piece.angles)[0]
+            multipliers, stresses = solved_transposed(
+                jacobians[:, : equations.n_closure], equations.scale * closures)
+        c, total = equations.constraints, at_joints + piece.turning - equations.model.armature * a
+        rows = joint_rows(c, placements, piece.q, piece.angles)
+        total += (multipliers[:, None, c.of_joints] @ rows)[:, 0]
+        poses = Poses(placements, columns, row_wrenches(c, placements, piece.q, piece.angles))
         reactions, self.on_ground[at] = equations.pairs.reactions(
-            poses, transmitted, multipliers, piece.wrenches,
-            at_joints + piece.turning - equations.model.armature * a)
+            poses, transmitted, multipliers, piece.wrenches, total)
         self.a[at], self.multipliers[at] = a, multipliers
         for pair, wrench in enumerate(reactions.values()):
             self.reactions[at, pair] = wrench
-        return poses
+        return poses, rows, stresses
 
     def end(self) -> None:
         """Drop the samples that are not solved."""
-        for name in ("efforts", "a", "multipliers", "reactions", "on_ground", "unique"):
+        for name in ("efforts", "a", "multipliers", "error", "reactions", "on_ground", "unique"):
             setattr(self, name, getattr(self, name)[: self.done])
 
 
@@ -257,8 +258,8 @@ def accelerate(samples: LoadedSamples, efforts: Array) -> None:
                 continue
         for k in range(at.start, at.stop):
             samples.set_sample(k)
-            a, closures, _ = equations.solve(efforts[k] + equations.given)
-            samples.take(k, efforts[k], a, closures)
+            a, closures, error = equations.solve(efforts[k] + equations.given)
+            samples.take(k, efforts[k], a, closures, error)
 
 
 def efforts_over(

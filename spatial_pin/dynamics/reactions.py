@@ -24,7 +24,7 @@ from spatial_pin._support.brief import first_names
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.dynamics.coupling_forces import coupling_forces
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.numerics.linalg import Array, decompose
+from spatial_pin.numerics.linalg import Array, complements
 from spatial_pin.numerics.stacked import cross
 
 MANY = ("* one of many (along these axes), the least: loops, or more actuators than freedoms, "
@@ -179,7 +179,7 @@ class Pairs:
         Args:
             poses: where the bodies are; of many configurations with an axis of length 1 behind
                 theirs.
-            joint_rows: (k, nv) efforts at joints of unit multipliers of `of_joints`.
+            joint_rows: (..., k, nv) efforts at joints of unit multipliers of `of_joints`.
             self_stresses: (..., k, n_closure) multipliers, of length 1, that balance among
                 themselves.
             internal_efforts: (k, nv) joint forces of the actuators in each self-stress, if any.
@@ -189,8 +189,9 @@ class Pairs:
             return {name: np.ones(6, dtype=bool) for name in self.names}
         unit = np.array([1.0] * 3 + [1.0 / self.length] * 3)
         pulls = joint_rows * np.where(self.turns, 1.0 / self.length, 1.0)
-        least = max(float(np.abs(pulls).max(initial=0.0)), 1e-300)
-        scale = np.abs(poses.rows * unit).max(axis=(-2, -1), initial=least)
+        scale = np.abs(poses.rows * unit).max(axis=(-2, -1), initial=1e-300)
+        of_joints = np.abs(pulls).max(axis=(-2, -1), initial=0.0)
+        scale = np.maximum(scale, of_joints.reshape(scale.shape))
         efforts = self_stresses[..., self._of_joints] @ joint_rows
         if internal_efforts is not None:
             efforts = efforts + internal_efforts
@@ -212,15 +213,16 @@ class Pairs:
         return {name: size < unmoved for name, size in zip(self.names, largest, strict=True)}
 
     def unaffected_by_couplings(self, poses: Poses) -> dict[str, NDArray[np.bool_]]:
-        """Return, by pair between the joints of a coupling, the components (6,) it never loads."""
+        """Return which components (..., 6) of pairs between joints a coupling never loads."""
         unaffected = {}
         for joint in self.coupled:
-            at = self.model.idx_vs[joint]
-            motions = poses.columns[:, at : at + self.model.nvs[joint]].copy()
-            motions[:3] += cross(motions[3:].T, poses.placements[joint, 3]).T
-            motions[3:] *= self.length
-            bearing = decompose(motions.T).null_space
-            unaffected[self.model.names[joint]] = np.linalg.norm(bearing, axis=0) < UNMOVED
+            at, n = self.model.idx_vs[joint], self.model.nvs[joint]
+            motions = poses.columns[..., at : at + n].copy()
+            point = poses.placements[..., joint, 3, None, :]
+            motions[..., :3, :] += cross(motions[..., 3:, :].mT, point).mT
+            motions[..., 3:, :] *= self.length
+            bearing = np.linalg.norm(complements(motions), axis=-1)
+            unaffected[self.model.names[joint]] = bearing < UNMOVED
         return unaffected
 
 

@@ -31,7 +31,7 @@ class Dynamics:
     Attributes:
         a: (nv,) joint accelerations [rad/s², m/s²].
         error: estimated round-off of `a`, relative to its largest entry: large where a heavy body
-            hangs on links too light to push it; 0 where `a` was given.
+            hangs on links too light to push it.
         undetermined: coordinates that move without inertia, so that nothing determines their
             accelerations: those given are the least, of the links that they move.
 

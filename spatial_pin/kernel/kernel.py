@@ -151,7 +151,7 @@ class FrameInKernel(NamedTuple):
 
     joint: int
     axes: list[float]
-    origin: list[float]
+    origin: list[float] | Array
 
 
 @made_once

@@ -12,11 +12,14 @@ from numpy.typing import NDArray
 
 from spatial_pin.constraints.kernel_tree import KernelTree, TreeProducts
 from spatial_pin.kernel.kernel import Kernel, numbers, packed
-from spatial_pin.kernel.library import INT, POINTER, address, check
+from spatial_pin.kernel.library import INT, POINTER, address, addresses, check
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import EPS, Array
 
 Positions = NDArray[Any]
+# A tree of single joints, relative to the centre; its products, the closure equations; derivatives
+# (n, 2, nv) of joint forces by their own entries of q and of v, resisting ones positive, if any.
+Changes = tuple[KernelTree, TreeProducts, Array | None]
 
 
 class _KktTask(ctypes.Structure):
@@ -25,10 +28,11 @@ class _KktTask(ctypes.Structure):
     _fields_ = [("n", INT), *((name, POINTER) for name in (
         "tree", "q", "v", "reference", "mass", "force", "armature", "rounding"))]
     _fields_ += [("n_actuated", INT), *((name, POINTER) for name in (
-        "actuated", "efforts", "a", "closures", "multipliers", "entry", "chosen", "facts"))]
+        "actuated", "efforts", "a", "closures", "multipliers", "entry", "chosen", "facts", "single",
+        "changes", "slopes", "a_by", "multipliers_by"))]
 
 
-RANK, ERROR, FAILED = 2, 3, 5  # among the facts
+PIVOT, RANK, ERROR, FAILED = 0, 2, 3, 5  # among the facts
 
 
 class Accelerated(NamedTuple):
@@ -39,15 +43,21 @@ class Accelerated(NamedTuple):
         efforts: (n, k) of actuators.
         closures: (n, nv) joint forces of the closures.
         multipliers: (n, n_closure) 0 of equations that are left out.
+        chosen: (n, n_closure) indices of the independent equations, first in each row.
         facts: (n, 6) as in kkt.c: the rank of the closure equations, the estimated error of
-            accelerations, and whether there are no results are among them.
+            accelerations or efforts, and whether there are no results are among them.
+        a_by: (n, 3, nv, nv) derivatives of accelerations, by each entry of q, v and joint forces.
+        multipliers_by: (n, 3, nv, n_closure) likewise.
     """
 
     a: Array
     efforts: Array
     closures: Array
     multipliers: Array
+    chosen: NDArray[np.int64]
     facts: Array
+    a_by: Array
+    multipliers_by: Array
 
 
 class KKT:
@@ -64,8 +74,8 @@ class KKT:
         mass: (n_masses,) the mass matrix, to be filled in.
         pivot: smallest over largest pivot of the last `accelerations`, 0 where there are none.
         error: estimated round-off of them, relative to their size.
-        error_of_tree, is_of_forces: of the last `of_tree`, and whether it is mostly round-off of
-            the joint forces: no solver can be better.
+        error_of_tree, is_of_forces: of the last `of_tree` or `efforts_of`, and whether it is mostly
+            round-off of the joint forces: no solver can be better.
         a: (nv,) the accelerations.
         rank: how many independent equations there are.
         closures: (nv,) joint forces of the closures.
@@ -76,7 +86,7 @@ class KKT:
         self, mechanism: Mechanism, mass_entries: tuple[Positions, Positions, Positions],
         n_masses: int, tree: KernelTree | None = None,
     ) -> None:
-        self._kernel = kernel = Kernel(mechanism, packed(mechanism, False))
+        self._kernel = kernel = Kernel(mechanism, packed(mechanism, True))
         self._library, nv, n_closure = kernel.library, kernel.nv, kernel.n_closure
         labels = groupby(kernel.constraints.labels, lambda label: label.closure)
         groups = np.cumsum([0, *(len(list(group)) for _, group in labels)])  # by closure
@@ -157,8 +167,9 @@ class KKT:
     ) -> Array | None:
         """Return the efforts (k,) of actuators that accelerations need, and find `closures`.
 
-        With the masses and gravity that the tree has now. None where it is not clear that closures
-        and actuators together bear any force in one way, and in one way only.
+        With the masses and gravity that the tree has now. Idle rotations that no actuator holds
+        have the accelerations that forces give them, and `a` has all. None where it is not clear
+        that closures and actuators together bear any other force in one way, and in one way only.
 
         Args:
             q: (nq,) configuration.
@@ -180,7 +191,7 @@ class KKT:
 
     def of_many(
         self, q: Array, v: Array, reference: Array, force: Array, a: Array | None = None,
-        actuated: NDArray[np.int64] | None = None,
+        actuated: NDArray[np.int64] | None = None, changes: Changes | None = None,
     ) -> Accelerated:
         """Return what `of_tree` finds at many configurations, or what `efforts_of` does.
 
@@ -189,21 +200,35 @@ class KKT:
             v: (n, nv) joint velocities.
             reference: (n, n_angles) from which the angles of screws count [rad].
             force: (n, nv) joint forces.
-            a: (n, nv) accelerations, where efforts are wanted.
+            a: (n, nv) accelerations, where efforts are wanted; those of idle rotations follow.
             actuated: (k,) velocity entries that have efforts.
+            changes: what derivatives of the accelerations need, where all joints are the core's.
         """
         assert self._tree
         self._tree.take_masses()
-        n, nv, k = len(q), len(self.a), 0 if actuated is None else len(actuated)
-        given = [numbers(x, x.shape) for x in (q, v, reference, force)]
-        out = Accelerated(np.empty((n, nv)) if a is None else numbers(a, (n, nv)),
-                          np.empty((n, k)), np.empty((n, nv)), np.empty((n, len(self._chosen))),
-                          np.empty((n, len(self._facts))))
-        task = _KktTask.from_buffer_copy(self._task)
+        n, nv, k, nc = len(q), len(self.a), 0 if actuated is None else len(actuated), len(
+            self.multipliers)
+        m, own = n if changes else 0, (self._q, self._v, self._reference, self._force)
+        out = Accelerated(np.empty((n, nv)) if a is None else np.array(a),
+                          np.empty((n, k)), np.empty((n, nv)), np.empty((n, nc)),
+                          np.empty((n, nc), np.int64), np.empty((n, len(self._facts))),
+                          np.empty((m, 3, nv, nv)), np.empty((m, 3, nv, nc)))
+        task, given = _KktTask.from_buffer_copy(self._task), [q, v, reference, force]
+        if n == 1:
+            for room, one in zip(own, given, strict=True):
+                room[:] = one
+        else:
+            given = [numbers(x, (n, len(room))) for x, room in zip(given, own, strict=True)]
+            task.q, task.v, task.reference, task.force = addresses(given)
         task.n, task.n_actuated = n, k
         task.actuated = None if actuated is None else address(actuated)
-        task.q, task.v, task.reference, task.force = map(address, given)
-        task.a, task.efforts, task.closures, task.multipliers, task.facts = map(address, out)
+        (task.a, task.efforts, task.closures, task.multipliers, task.chosen, task.facts, task.a_by,
+         task.multipliers_by) = addresses(out)
+        if changes:
+            tree, products, slopes = changes
+            task.single, task.changes = tree.handle, ctypes.addressof(tree.changes_task(products))
+            slopes = None if slopes is None else numbers(slopes, (n, 2, nv))
+            task.slopes = None if slopes is None else address(slopes)
         check(self._library.kkt_accelerations(self._handle, ctypes.byref(task)))
         return out
 
@@ -217,33 +242,8 @@ class KKT:
         n = len(force)
         force, gamma = numbers(force, (n, len(self._v))), numbers(gamma, (n, len(self._chosen)))
         a, multipliers = np.empty_like(force), np.empty_like(gamma)
-        self._library.kkt_solve(
-            self._handle, n, *map(address, (force, gamma, a, multipliers)), None, None)
+        self._library.kkt_solve(self._handle, n, *map(address, (force, gamma, a, multipliers)))
         return a, multipliers
-
-    def changes(
-        self, tree: KernelTree, motion: tuple[Array, Array, Array], products: TreeProducts,
-        multipliers: Array,
-    ) -> tuple[Array, Array]:
-        """Return derivatives by q, v and efforts: of a (3, nv, nv), multipliers (3, nv, n_closure).
-
-        A row for each entry of q, v or efforts, with the last matrix, where every equation is a
-        product and nothing else acts.
-
-        Args:
-            tree: of single joints, relative to the centre.
-            motion: q (nq,), v and a (nv,).
-            products: of the equations.
-            multipliers: (n_closure,) at which the joint forces are differentiated.
-        """
-        nv, n = len(self.a), len(self._chosen)
-        force, gamma = np.zeros((3, nv, nv)), np.empty((3, nv, n))
-        a_by, multipliers_by = np.empty_like(force), np.empty_like(gamma)
-        task = tree.changes_task(motion, products, multipliers, force)
-        self._library.kkt_solve(
-            self._handle, 3 * nv, *map(address, (force, gamma, a_by, multipliers_by)), tree.handle,
-            ctypes.byref(task))
-        return a_by, multipliers_by
 
     @property
     def entries(self) -> tuple[Positions, Positions, Array]:

@@ -20,7 +20,6 @@ from spatial_pin.constraints.compiled_equations import (
     combined_wrenches,
     constraints_of,
 )
-from spatial_pin.constraints.composed_equations import composed_rows
 from spatial_pin.constraints.kernel_tree import KernelTree
 from spatial_pin.constraints.trees import Tree, tree_of
 from spatial_pin.constraints.vector_products import opposite_axes
@@ -164,15 +163,9 @@ class LoopEquations:
 
         They are the derivatives of these equations by joint coordinates as such.
         """
-        c, values = self.constraints, _products_at(self.constraints, self.placements[None])[0][0]
-        forces, nv = np.zeros((c.n_closure, self.model.nv)), self.model.nv
-        for group in c.composed:
-            if len(group.coordinates[0]):
-                value, _ = group.values(group.seeded([values[:, None]], [self.q[:, None]]),
-                                        self.angles)
-                forces[group.rows] = composed_rows(
-                    group, value.changes[0], np.zeros((len(values), nv)), np.ones(nv))
-        return forces[c.of_joints]
+        rows: Array = joint_rows(
+            self.constraints, self.placements[None], self.q[None], self.angles[None])[0]
+        return rows
 
 
 def twist_derivatives(
@@ -220,6 +213,18 @@ def row_wrenches(c: Constraints, placements: Array, q: Array, angles: Array) -> 
     (rows,) = combined_wrenches(c, [values.T[:, None]], [q.T[:, None]],
                                 [np.moveaxis(wrenches, 0, 2)], angles.T[:, None])
     return np.moveaxis(rows, 2, 0)
+
+
+def joint_rows(c: Constraints, placements: Array, q: Array, angles: Array) -> Array:
+    """Return `LoopEquations.joint_rows` (m, k, nv) at many configurations, see `row_wrenches`."""
+    values, m = _products_at(c, placements)[0].T[:, None], len(q)
+    forces = np.zeros((c.n_closure, c.signs.shape[1], m))
+    for group in c.composed:
+        slopes = group.slopes([values], [q.T[:, None]], angles.T[:, None])[len(group.products) :]
+        for v, slope in zip(group.coordinates[1], slopes, strict=True):
+            forces[group.rows, v] += np.broadcast_to(
+                slope.values[0], (len(group.rows), 1, m))[:, 0]
+    return np.moveaxis(forces[c.of_joints], 2, 0)
 
 
 def loops_at(mechanism: Mechanism, q: Array, angles: Array | float = 0.0) -> LoopEquations:

@@ -55,31 +55,26 @@ class Decomposition(NamedTuple):
         return self.vt[:r].T @ ((self.u[:, :r].T @ b).T / self.s[:r]).T
 
 
-def minimum_norms_transposed(a: Array, b: Array) -> Array:
-    """Return the least-squares solutions x (N, m) of least norm of x a = b, for matrices (N, m, n).
+def solved_transposed(a: Array, b: Array) -> tuple[Array, Array | None]:
+    """Return the least-squares solutions x (N, m) of least norm of x a = b, and y with y a = 0.
 
-    As `Decomposition.minimum_norm_transposed`, b (N, n).
+    As `Decomposition.minimum_norm_transposed` and `left_null_space`, for matrices (N, m, n) and b
+    (N, n). The rows y (N, k, m) are None where the ranks differ.
     """
     if not a.size:
-        return np.zeros(a.shape[:2])
-    u, s, vt = np.linalg.svd(a, full_matrices=False)
+        return np.zeros(a.shape[:2]), None
+    u, s, vt = np.linalg.svd(a)
     held = s > np.maximum(TOLERANCES.rank * s[:, :1], TOLERANCES.zero)
-    parts = np.divide((vt @ b[..., None])[..., 0], s, out=np.zeros_like(s), where=held)
-    x: Array = (u @ parts[..., None])[..., 0]
-    return x
+    ranks, n = np.count_nonzero(held, axis=1), s.shape[1]
+    parts = np.divide((vt[:, :n] @ b[..., None])[..., 0], s, out=np.zeros_like(s), where=held)
+    x: Array = (u[..., :n] @ parts[..., None])[..., 0]
+    return x, u[..., ranks[0] :].mT if np.all(ranks == ranks[0]) else None
 
 
-def left_null_spaces(a: Array) -> Array | None:
-    """Return rows x (N, k, m) of length 1 with x a = 0, of matrices (N, m, n) of one rank.
-
-    As `Decomposition.left_null_space`; None where the ranks differ.
-    """
-    u, s, _ = np.linalg.svd(a)
-    ranks = np.count_nonzero(s > np.maximum(TOLERANCES.rank * s[:, :1], TOLERANCES.zero), axis=1)
-    if ranks.min() < ranks.max():
-        return None
-    rows: Array = u[..., ranks[0] :].mT
-    return rows
+def complements(a: Array) -> Array:
+    """Return orthonormal columns (..., m, m - n) square to n independent ones (..., m, n)."""
+    rest: Array = np.linalg.qr(a, mode="complete")[0][..., a.shape[-1] :]
+    return rest
 
 
 def decompose(a: Array, tolerance: float = TOLERANCES.rank) -> Decomposition:

@@ -10,7 +10,7 @@ from ladders import heavy_four_bar
 import spatial_pin as sp
 
 N = 7
-NAMES = ["delta", "four_bar", "rssr", "screw_press", "stewart"]
+NAMES = ["delta", "four_bar", "geared_five_bar", "rssr", "screw_press", "stewart"]
 
 
 def moving(name, speed=0.6):
@@ -118,3 +118,56 @@ def test_an_array_of_another_length_is_refused():
     with pytest.raises(sp.SpatialPinError, match="a function of the time, and the motion has none"):
         still = sp.sweep(mech, driver, [motion.driver[0]])
         sp.forward_dynamics(mech, still, external=lambda t, state: {})
+
+
+def test_an_uneven_rod_turns_about_its_line_as_forces_make_it_over_a_motion_too():
+    mech, _ = moving("rssr")
+    joint = mech.model.getJointId("ball_a")
+    rod = mech.model.inertias[joint]
+    mech.model.inertias[joint] = pin.Inertia(
+        rod.mass, rod.lever, rod.inertia + np.diag([1e-3, 0.0, 0.0]))
+    motion = sp.sweep(mech, "crank", np.linspace(0.0, 0.6, N), speed=6.0)
+    twist = {"coupler": pin.Force(np.zeros(3), np.array([0.01, 0.02, 0.03]))}
+    for external in (None, twist):
+        loads = sp.inverse_dynamics(mech, motion, external=external)
+        free = sp.forward_dynamics(mech, motion, loads.efforts, external=external)
+        assert np.abs(loads.a - motion.a).max() > 1.0  # it is free
+        np.testing.assert_allclose(loads.a, free.a, atol=1e-11 * np.abs(free.a).max())
+        same(loads, 3, sp.inverse_dynamics(mech, motion.state(3), external=external))
+
+
+def test_a_twist_on_a_rod_that_nothing_holds_is_refused_at_rest():
+    mech, _ = moving("rssr")
+    motion = sp.sweep(mech, "crank", np.linspace(0.0, 0.6, N))
+    twist = {"coupler": pin.Force(np.zeros(3), np.array([0.01, 0.02, 0.03]))}
+    with pytest.raises(sp.SpatialPinError, match="carries load"):
+        sp.inverse_dynamics(mech, motion, external=twist)
+
+
+@pytest.mark.parametrize("away", [1.0, 1e-2, 1e-4, 1e-6])
+def test_the_error_of_efforts_bounds_how_far_they_are_from_the_balance_of_power(away):
+    """Towards a dead centre of the rocker, which drives, its torque loses digits."""
+    mech = sp.load("four_bar")
+    turn = sp.sweep(mech, "crank", np.linspace(0.0, 6.28, 721))
+    rocker = turn.coordinate("rocker_pin").value
+    dead = turn.driver[int(np.argmax(rocker))]
+    motion = sp.sweep(mech, "crank", dead + away * np.linspace(0.5, 1.0, N), speed=3.0)
+    for k in (0, N - 1):
+        state = motion.state(k)
+        found = sp.inverse_dynamics(mech, state, actuated=["rocker_pin"])
+        power = state.v @ pin.rnea(mech.model, mech.model.createData(), state.q, state.v, state.a)
+        speed = state.coordinate("rocker_pin").rate
+        off = abs(found.efforts["rocker_pin"] * speed / power - 1.0)
+        assert off <= found.error + 1e-14 / min(1.0, abs(speed))  # the rates have errors too
+        assert found.error < 1e-11 / min(1.0, abs(speed))
+    loads = sp.inverse_dynamics(mech, motion, actuated=["rocker_pin"])
+    assert loads.error[-1] == pytest.approx(found.error)
+
+
+def test_accelerations_over_a_motion_have_the_error_that_each_state_has():
+    mech, motion = moving("stewart")
+    loads = sp.forward_dynamics(mech, motion)
+    assert loads.error.shape == (N,)
+    for k in (0, N - 1):
+        want = sp.forward_dynamics(mech, motion.state(k)).error
+        assert loads.error[k] == pytest.approx(want) and 0.0 < want < 1e-10

@@ -219,7 +219,7 @@ def statics(large, mech, state, actuated):
     """Efforts, multipliers and uniqueness of inverse dynamics, dense or sparse."""
     equations, actuation = Equations(mech, large), Actuation(mech, actuated)
     equations.update(state)
-    efforts, _, closures = balance(equations, actuation)
+    efforts, _, closures, _ = balance(equations, actuation)
     spare = internal_efforts(equations, actuation)
     unique = equations.unique(actuation.all_generalised(spare, len(state.v)))
     return efforts, equations.multipliers(closures), len(spare), {

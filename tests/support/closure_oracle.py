@@ -18,7 +18,7 @@ from spatial_pin.constraints.compiled_equations import (
     combined_wrenches,
     composed_rates,
 )
-from spatial_pin.constraints.composed_equations import composed_rows
+from spatial_pin.constraints.composed_equations import Composed
 from spatial_pin.constraints.pinocchio_views import TWIST_MATRIX
 from spatial_pin.constraints.trees import tree_of
 from spatial_pin.numerics.linalg import Array
@@ -91,3 +91,23 @@ class Evaluation:
         bias = np.vecdot(a2, b) + 2.0 * np.vecdot(a1, b1) + np.vecdot(a, b2)
         rows = composed_rates(c, [self.values, first, bias], [q, v], self.angles)
         return np.concatenate([rows, c.idle_bias @ tree.accelerations.reshape(-1)])
+
+
+def composed_rows(group: Composed, slopes: Array, products: Array, scale: Array) -> Array:
+    """Return (m, nv, ...) derivatives of composed equations, in scaled velocities.
+
+    Args:
+        group: the equations.
+        slopes: (m, n, ...) derivatives with respect to their products and coordinates.
+        products: (N, nv, ...) derivatives of all products.
+        scale: (nv,) of the velocities.
+    """
+    m, p = len(group.rows), len(group.products)
+    slopes = np.broadcast_to(slopes, (m, *slopes.shape[1:]))
+    out = np.zeros((m, *products.shape[1:]))
+    for k, at in enumerate(group.products):
+        out += slopes[:, k, None] * products[at]
+    for k, v in enumerate(group.coordinates[1], start=p):
+        own = slopes[:, k]
+        out[np.arange(m), v] += own * scale[v].reshape(-1, *[1] * (own.ndim - 1))
+    return out

@@ -10,7 +10,7 @@ from the differences of its own accelerations on trees with composite joints, an
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -18,21 +18,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin._support.checks import checked
+from spatial_pin.assembly.samples import angles_of, at_sample, pieces
 from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.constraints.trees import tree_of_single_joints
 from spatial_pin.dynamics.derivatives.reaction_derivatives import Linear, ReactionChanges
-from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
+from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives, products_of
 from spatial_pin.dynamics.derivatives.spring_derivatives import ExternalWrenches, Slopes, Springs
 from spatial_pin.dynamics.forces import Law, at_state, joint_efforts, warn_of_no_inertia
 from spatial_pin.dynamics.loaded_samples import External, efforts_over, forces_at
+from spatial_pin.dynamics.solvers.accelerations import DOUBTFUL
 from spatial_pin.dynamics.solvers.equations_of_motion import Equations, equations_of
 from spatial_pin.dynamics.state_forces import Dynamics
 from spatial_pin.errors import SingularError, SpatialPinError
+from spatial_pin.kernel.kkt import ERROR, FAILED, PIVOT, RANK, Accelerated
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array, null_space
 from spatial_pin.numerics.tolerances import TOLERANCES
+
+# Forces at frames, laws of springs, their slopes, slip speed.
+Load = tuple[External | None, Mapping[str, Law] | None, Mapping[str, Slopes] | None,
+             SlipSpeed | None]
 
 
 class Derivatives:
@@ -99,14 +106,30 @@ class Derivatives:
 
 
 class _OfSamples(NamedTuple):
-    """The reactions of the samples of a motion and their derivatives."""
+    """The reactions of the samples of a motion and their derivatives, one after the other."""
 
-    samples: list[Derivatives]
+    mechanism: Mechanism
+    motion: Motion
+    efforts: dict[str, Array]
+    load: Load
 
     def all(self) -> tuple[dict[str, Linear], Linear]:
         """Return the reactions by pair and the wrench on the fixed link."""
-        pairs, ground = zip(*((x.reactions, x.on_ground) for x in self.samples), strict=True)
+        pairs, ground = zip(*((x.reactions, x.on_ground) for x in self.at(range(len(self.motion)))),
+                            strict=True)
         return {name: stacked(x[name] for x in pairs) for name in pairs[0]}, stacked(ground)
+
+    def at(self, samples: Iterable[int]) -> Iterator[Derivatives]:
+        """Yield the derivatives at samples, each by itself."""
+        external, laws, slopes, slip_speed = self.load
+        forces = forces_at(self.mechanism, self.motion, external)
+        for k in samples:
+            state = self.motion.state(k)
+            with at_sample(k):
+                yield dynamics_derivatives(
+                    self.mechanism, state, {name: float(x[k]) for name, x in self.efforts.items()},
+                    external=forces(k, state) if forces else None, laws=laws, slopes=slopes,
+                    slip_speed=slip_speed)
 
 
 def stacked(parts: Iterable[Linear]) -> Linear:
@@ -157,49 +180,109 @@ def dynamics_derivatives(
         array([ 105.3, -130.9,   20.4])
     """
     if not isinstance(state, State):
-        return _over(mechanism, state, efforts, external, laws, slopes, slip_speed)
+        return _over(mechanism, state, efforts, (external, laws, slopes, slip_speed))
     state = moving_in_time(mechanism, state)
     mechanism, external = exact_mechanism(state), at_state(external)
-    effort = joint_efforts(mechanism, efforts)
+    effort, undetermined = joint_efforts(mechanism, efforts), tuple[str, ...]()
     with equations_of(mechanism) as equations:
         equations.update(state, external, laws, slip_speed)
-        springs = Springs(equations.springs, laws, slopes)
-        accelerations, closures, error = equations.solve(effort + equations.given)
-        answer = Dynamics(state, (external, laws, slip_speed), accelerations, closures, effort,
-                          error, equations.undetermined)
-        rows = RowDerivatives(mechanism, springs.forces, (state.q, state.v, answer.a), state.angles)
+        springs, outside = (
+            Springs(equations.springs, laws, slopes), ExternalWrenches(mechanism, external))
+        found = None if external else _together(
+            equations, springs, state.q[None], state.v[None], equations.angle_reference[None],
+            effort[None])
+        if found:
+            a, closures, error, rank = (found.a[0], found.closures[0], found.facts.item(ERROR),
+                                        int(found.facts.item(RANK)))
+            equations.check_rank(rank)
+        else:
+            a, closures, error = equations.solve(effort + equations.given)
+            undetermined = equations.undetermined
+        answer = Dynamics(state, (external, laws, slip_speed), a, closures, effort, error,
+                          undetermined)
+        rows = RowDerivatives(
+            mechanism, springs.forces, (state.q, state.v, a), equations.angle_reference)
         springs.move(rows)
         springs.refuse_undirected()
-        outside = ExternalWrenches(mechanism, external)
-        kkt = equations.whole_kkt(closures) if equations.n_closure else equations.limbs.kkt
-        chosen, multipliers = kkt.rows, kkt.multipliers.copy()
-        a_by, multipliers_by = _changes(equations, rows, springs, outside, multipliers)
+        if found:
+            chosen, multipliers = found.chosen[0, :rank], found.multipliers[0]
+            a_by, multipliers_by = found.a_by[0].mT, found.multipliers_by[0].mT
+        else:
+            kkt = equations.whole_kkt(closures) if equations.n_closure else equations.limbs.kkt
+            chosen, multipliers = kkt.rows, kkt.multipliers.copy()
+            a_by, multipliers_by = _changes(equations, rows, springs, outside, multipliers)
+    of_a, lam = Linear(a, *a_by), Linear(multipliers[chosen], *multipliers_by[:, chosen])
     warn_of_no_inertia(mechanism, efforts, external)
-    a, lam = Linear(answer.a, *a_by), Linear(multipliers[chosen], *multipliers_by[:, chosen])
-    return Derivatives(a, chosen, lam, ReactionChanges(
-        answer, rows, springs, outside, effort, a, lam, chosen))
+    return Derivatives(of_a, chosen, lam, ReactionChanges(
+        answer, rows, springs, outside, effort, of_a, lam, chosen))
 
 
 def _over(
-    mechanism: Mechanism, motion: Motion, efforts: Mapping[str, Any] | None,
-    external: External | None, *more: Any,
+    mechanism: Mechanism, motion: Motion, efforts: Mapping[str, Any] | None, load: Load
 ) -> Derivatives:
     """Return the derivatives at all samples of a motion."""
-    if not len(motion):
+    n = len(motion)
+    if not n:
         raise SpatialPinError("the motion has no samples")
-    rows, at = efforts_over(mechanism, motion, efforts), forces_at(mechanism, motion, external)
-    laws, slopes, slip_speed = more
-    samples = []
-    for k in range(len(motion)):
-        state = motion.state(k)
-        samples.append(dynamics_derivatives(
-            mechanism, state, {name: float(x[k]) for name, x in rows.items()},
-            external=at(k, state) if at else None, laws=laws, slopes=slopes,
-            slip_speed=slip_speed))
-    a, multipliers = (stacked(Linear(*(getattr(x, name) for name in (
-        of, f"{of}_by_q", f"{of}_by_v", f"{of}_by_effort"))) for x in samples)
-        for of in ("a", "multipliers"))
-    return Derivatives(a, np.stack([x.rows for x in samples]), multipliers, _OfSamples(samples))
+    one_by_one = _OfSamples(mechanism, motion, efforts_over(mechanism, motion, efforts), load)
+    external, laws, slopes, slip_speed = load
+    moved = exact_mechanism(motion.state(0))
+    effort, v = np.zeros((2, n, moved.model.nv))
+    for name, x in one_by_one.efforts.items():
+        effort[:, moved.driven_coordinate(name).v] += x
+    if motion.per == "s":
+        v = motion.v
+    parts = list[tuple[Any, ...]]()
+    for at in pieces(motion):
+        at = slice(at.start, min(at.stop, n))
+        with equations_of(moved) as equations:
+            equations.update(motion.state(at.start), None, laws, slip_speed)
+            found = None if external else _together(
+                equations, Springs(equations.springs, laws, slopes), motion.q[at], v[at],
+                angles_of(motion)[at], effort[at])
+            if found:
+                ranks = found.facts[:, RANK].astype(np.int64)
+                equations.check_ranks(ranks, motion.q[at], motion[at].state)
+        if found:
+            rows = found.chosen[:, : ranks[0]]
+            by = np.take_along_axis(found.multipliers_by, rows[:, None, None], axis=3)
+            parts.append((Linear(found.a, *found.a_by.mT.swapaxes(0, 1)), rows, Linear(
+                np.take_along_axis(found.multipliers, rows, axis=1), *by.mT.swapaxes(0, 1))))
+            continue
+        each = [*one_by_one.at(range(at.start, at.stop))]
+        a, multipliers = (stacked(Linear(*(getattr(x, name) for name in (
+            of, f"{of}_by_q", f"{of}_by_v", f"{of}_by_effort"))) for x in each)
+            for of in ("a", "multipliers"))
+        parts.append((a, np.stack([x.rows for x in each]), multipliers))
+    a, multipliers = (Linear(*map(np.concatenate, zip(*(part[k] for part in parts), strict=True)))
+                      for k in (0, 2))
+    return Derivatives(a, np.concatenate([part[1] for part in parts]), multipliers, one_by_one)
+
+
+def _together(
+    equations: Equations, springs: Springs, q: Array, v: Array, angles: Array, effort: Array
+) -> Accelerated | None:
+    """Return accelerations at configurations (n, nq) with derivatives, all in the kernel.
+
+    None where that is not possible: forces at bodies act, rows are composed, joints are outside of
+    loops, the loops have several ranks, or accelerations are doubtful.
+    """
+    c, forces, limbs = equations.constraints, springs.forces, equations.limbs
+    if c.composed or forces.lines or forces.bushings or not (
+            equations.n_closure and limbs.is_all):
+        return None
+    slopes = None
+    if forces.exist:
+        turning = np.array([springs.turned(*x) for x in zip(q, v, strict=True)])
+        effort, slopes = effort - turning[:, 0], turning[:, 1:]
+    with tree_of_single_joints(equations.mechanism) as tree:
+        found = limbs.kkt.of_many(
+            q, v, angles, effort, changes=(tree, products_of(equations.mechanism), slopes))
+    facts = found.facts.T.tolist()
+    is_sure = (min(facts[PIVOT]) >= TOLERANCES.rank if equations.is_large else
+               max(facts[ERROR]) <= DOUBTFUL and min(facts[PIVOT]) >= TOLERANCES.zero)
+    has_one_rank = min(facts[RANK]) == max(facts[RANK])
+    return found if is_sure and has_one_rank and not max(facts[FAILED]) else None
 
 
 def exact_mechanism(state: State) -> Mechanism:
@@ -250,11 +333,6 @@ def _changes(
         SingularError: a motion has no inertia.
     """
     nv, n, state, limbs = rows.nv, equations.n_closure, equations.state, equations.limbs
-    kkt = equations.whole_kkt(equations.rest) if n else None
-    if kkt and kkt.pivot >= TOLERANCES.zero and rows.is_plain and not outside.given:
-        with tree_of_single_joints(rows.mechanism) as tree:
-            a_by, multipliers_by = kkt.changes(tree, rows.motion, rows.of_products, multipliers)
-        return a_by.swapaxes(1, 2), multipliers_by.swapaxes(1, 2)
     work = np.zeros((3, nv, nv))
     changes_of_forces(rows, springs, outside, multipliers, work[:2])
     np.negative(work[:2], out=work[:2])

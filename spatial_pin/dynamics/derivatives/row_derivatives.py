@@ -39,7 +39,6 @@ class RowDerivatives:
 
     Attributes:
         of_products: the products.
-        is_plain: whether every row is a product, and there is nothing else.
     """
 
     def __init__(
@@ -50,8 +49,7 @@ class RowDerivatives:
         self.motion, self.nv, self.forces = motion, mechanism.model.nv, forces
         self.angles = angles
         self.closed = self.constraints.passive_at
-        self.is_plain = not (self.constraints.composed or forces.exist)
-        self.of_products = _products_of(mechanism)
+        self.of_products = products_of(mechanism)
 
     @property
     def values(self) -> Array:
@@ -169,7 +167,7 @@ class RowDerivatives:
 
 
 @made_once
-def _products_of(mechanism: Mechanism) -> TreeProducts:
+def products_of(mechanism: Mechanism) -> TreeProducts:
     """Return the products of closure rows, of springs between frames, and of bushings."""
     c, forces = constraints_of(mechanism), Forces(mechanism)
     a, b = ([_coefficients(terms) for terms in vectors[: c.passive_at]]

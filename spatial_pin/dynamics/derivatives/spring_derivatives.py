@@ -110,10 +110,8 @@ class Springs:
         Raises:
             SpatialPinError: a spring has no length, and its force no direction.
         """
-        self.lines, self.bushings, self.turning = [], [], np.zeros((3, rows.nv))
-        self.undirected, (q, v, _) = "", rows.motion
-        if not self.forces.exist:
-            return
+        self.lines, self.bushings, self.undirected = [], [], ""
+        self.turning = self.turned(*rows.motion[:2])
         for at, line in enumerate(self.forces.lines, start=rows.closed):
             length, along = self.forces.line_between(*(
                 x @ rows.placements[i] for i, x in zip(line.bodies, line.points, strict=True)))
@@ -131,12 +129,17 @@ class Springs:
             (rows.by_q[0, at : at + 12], *bushing.force_derivatives(
                 rows.values[:2, at : at + 12], rows.by_q[:2, at : at + 12], self._slopes))
             for at, bushing in zip(count(first, 12), self.forces.bushings, strict=False)]
+
+    def turned(self, q: Array, v: Array) -> Array:
+        """Return `turning` at q (nq,) and v (nv,)."""
+        turning, resistance = np.zeros((3, len(v))), self.forces.resistance
         for turn in self.forces.turns:
             x, rate = float(q[turn.q]), float(v[turn.v])
-            self.turning[:, turn.v] += turn.law(x, rate), *self._slopes(turn.name, x, rate)
-        resistance = self.forces.resistance
-        self.turning[0] -= resistance.forces(v)
-        self.turning[2] += resistance.slopes(v)
+            turning[:, turn.v] += turn.law(x, rate), *self._slopes(turn.name, x, rate)
+        if resistance:
+            turning[0] -= resistance.forces(v)
+            turning[2] += resistance.slopes(v)
+        return turning
 
     def _at_a_point(
         self, line: LineSpring, rows: RowDerivatives, at: int, motions: Array | None

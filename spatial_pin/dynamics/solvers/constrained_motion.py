@@ -6,9 +6,11 @@ Jacobian is formed only on use.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spatial_pin.assembly.state import State, all_angles
 from spatial_pin.assembly.undetermined import Regular, has_constant_rank, lost_rank_words, rank_loss
@@ -51,6 +53,7 @@ class Loops:
         self.is_large = is_large(self.model) if large is None else large
         self.bodies = bodies_of(self.model)
         self.rest, self._no_freedoms = np.zeros(self.model.nv), np.zeros((0, self.model.nv))
+        self._no_angles = np.zeros(self.constraints.n_angles)  # of a State that was made without
         self._regular: Regular | None = None
         self._last_rank_at: State | None = None  # where the rank was computed last
         self._last_rank = 0
@@ -69,7 +72,8 @@ class Loops:
         self.state, self._spaces, self._tied_freedoms = state, None, None
         is_rounded = state.mechanism.whole is self.mechanism
         self.angle_reference = (
-            all_angles(state.mechanism, state.angles) if is_rounded else state.angles)
+            all_angles(state.mechanism, state.angles) if is_rounded else
+            state.angles if state.angles.size else self._no_angles)
         self._rank = constraints_of(state.mechanism).n_closure if is_rounded else None
         self._placed = self._derived = None
 
@@ -191,11 +195,23 @@ class Loops:
 
     # ------------------------------------------------------------ rank
 
-    def keeps_rank(self, rank: int, q: Array) -> bool:
-        """Whether the equations surely keep this rank near q (nq,), by known bounds."""
-        known = self._regular
-        return has_constant_rank(self.mechanism, self.n_closure, rank) or (
-            known is not None and known.holds(self.mechanism, q, rank))
+    def keep_ranks(self, ranks: NDArray[np.int64], q: Array) -> NDArray[np.bool_]:
+        """Whether the equations surely keep each rank near q (n, nq), by known bounds."""
+        kept = np.asarray(has_constant_rank(self.mechanism, self.n_closure, ranks))
+        if self._regular is not None and not kept.all():
+            kept |= self._regular.holds(self.mechanism, q, ranks)
+        return kept
+
+    def check_ranks(
+        self, ranks: NDArray[np.int64], q: Array, state: Callable[[int], State]
+    ) -> None:
+        """Do `check_rank` at each q (n, nq), whose State is made where it is needed."""
+        k = 0
+        while not (kept := self.keep_ranks(ranks[k:], q[k:])).all():
+            k += int(kept.argmin())
+            self.move_to(state(k))
+            self.check_rank(int(ranks[k]))
+            k += 1
 
     def check_rank(self, rank: int) -> None:
         """Refuse configurations in which the loops have lost rank.
@@ -205,7 +221,8 @@ class Loops:
         """
         if self._last_rank_at is self.state and self._last_rank == rank:
             return
-        if self.keeps_rank(rank, self.state.q):
+        if has_constant_rank(self.mechanism, self.n_closure, rank) or (
+                self.keep_ranks(np.array([rank]), self.state.q[None])[0]):
             self._last_rank_at, self._last_rank = self.state, rank
             return
         if self.is_large and self.model.nv > PROBED:

@@ -14,6 +14,7 @@
 #include <string.h>
 
 #include "choosing.h"
+#include "dense.h"
 #include "factors.h"
 #include "memory.h"
 #include "tree_bodies.h"
@@ -45,6 +46,11 @@ typedef struct {
     Int n_given;
     Real *mass, *core; /* (n_given) entries of M; (nv) joint forces of the core */
     Real *scratch;     /* (5 nv) */
+    Factors *rates;    /* with idle rotations: equations, actuators and idle rotations, by rows */
+    Real *spin, *weight; /* (n_idle, nv) motions of idle rotations, and joint forces per unit of each */
+    Real *gram, *pace;   /* (n_idle, n_idle) their inertia; (n_idle) accelerations */
+    Real *moved;         /* (n_joints, 6) accelerations of the bodies */
+    Real *changed;       /* (3 nv, nv + n_closure) changes of joint forces and equations; NULL at first */
 } Kkt;
 
 static Int most_in_a_group(const Kkt *s)
@@ -71,7 +77,13 @@ static int make_room(Kkt *s)
     s->core = kernel_reals(k, nv);
     s->scratch = kernel_reals(k, 5 * nv);
     s->matrix = factors_new(k);
-    if (!kernel_had_memory(k) || !s->matrix)
+    s->rates = factors_new(k);
+    s->spin = kernel_reals(k, k->n_idle * nv);
+    s->weight = kernel_reals(k, k->n_idle * nv);
+    s->gram = kernel_reals(k, k->n_idle * k->n_idle);
+    s->pace = kernel_reals(k, k->n_idle);
+    s->moved = kernel_reals(k, 6 * k->n_joints);
+    if (!kernel_had_memory(k) || !s->matrix || !s->rates)
         return NO_MEMORY;
     for (Int v = 0; v < nv; v++)
         s->column[v] = -1;
@@ -378,12 +390,19 @@ typedef struct {
     Real *a, *closures;    /* (n, nv) accelerations; joint forces of the closures */
     Real *multipliers;     /* (n, n_closure), 0 of equations that are not chosen */
     Real *entry;           /* of the last: entries of J of all equations, for v / scale, row by row */
-    Int *chosen;           /* (n_chosen) of the last; room for n_closure */
+    Int *chosen;           /* (n, n_closure) the chosen ones, first in each row */
     Real *facts;           /* (n, 6) smallest over largest pivot; estimated error of the KKT system's
-                              accelerations, how many equations are chosen; estimated error of all;
+                              accelerations, how many equations are chosen; estimated error of all, or
+                              of efforts;
                               whether round-off of the joint forces is most of that; whether there are
                               no results: a freedom of the limbs has no inertia, or it is not clear
                               that closures and actuators together bear any force in one way */
+    Tree *single;          /* where derivatives are wanted, every equation being a product: of single
+                              joints, relative to the centre, */
+    const TreeTask *changes; /* its products, and room for what they give at one configuration */
+    const Real *slopes;    /* (n, 2, nv) derivatives of joint forces by their own q and v; NULL: none */
+    Real *a_by, *multipliers_by; /* (n, 3 nv, nv), (n, 3 nv, n_closure) a row for each entry of q, of v,
+                              and of the efforts */
 } KktTask;
 enum { PIVOT, OF_CORE, RANK, OF_ALL, OF_FORCES, FAILED, FACTS };
 
@@ -466,25 +485,136 @@ static int solve_tree(Kkt *s, const KktTask *task, Int i)
 
 /* ---------------------------------------------------------------- efforts of a motion */
 
-/* Factor the forces of the chosen equations and of the actuators, of the size of one. */
-static int factor_bearing(Kkt *s, const KktTask *task)
+/* Factor the forces of the chosen equations, actuators and idle rotations, of the size of one; or, by
+   rows, the rates that these are. */
+static int factor_bearing(Kkt *s, const KktTask *task, Int n_idle, Factors *matrix, int by_rows)
 {
     const Kernel *k = s->k;
-    Entries *to = &s->matrix->entries;
-    if (!entries_begin(to, k->entry_start[k->n_closure] + task->n_actuated))
+    const Int n = s->n_chosen + task->n_actuated;
+    Entries *to = &matrix->entries;
+    if (!entries_begin(to, k->entry_start[k->n_equations] + task->n_actuated))
         return NO_MEMORY;
-    for (Int i = 0; i < s->n_chosen; i++) {
-        const Int from = k->entry_start[s->chosen[i]], end = k->entry_start[s->chosen[i] + 1];
+    s->shortest = 1.0;
+    for (Int i = 0; i < s->n_chosen + n_idle; i++) {
+        const Int equation = i < s->n_chosen ? s->chosen[i] : k->n_closure + i - s->n_chosen;
+        const Int at = i < s->n_chosen ? i : i + task->n_actuated;
         Real most = 0.0;
-        for (Int e = from; e < end; e++)
+        for (Int e = k->entry_start[equation]; e < k->entry_start[equation + 1]; e++)
             most = fmax(most, fabs(k->entry[e]));
-        s->size[i] = most;
-        for (Int e = from; e < end; e++)
-            entries_put(to, k->entry_v[e], i, k->entry[e] / most);
+        most = most > 0.0 ? most : 1.0;
+        if (i < s->n_chosen)
+            s->size[i] = most, s->shortest = fmin(s->shortest, most);
+        for (Int e = k->entry_start[equation]; e < k->entry_start[equation + 1]; e++)
+            entries_put(to, by_rows ? at : k->entry_v[e], by_rows ? k->entry_v[e] : at,
+                        k->entry[e] / most);
     }
-    for (Int c = 0; c < task->n_actuated; c++)
-        entries_put(to, task->actuated[c], s->n_chosen + c, 1.0);
-    return factors_make(s->matrix, k->nv);
+    for (Int c = s->n_chosen; c < n; c++) {
+        const Int v = task->actuated[c - s->n_chosen];
+        entries_put(to, by_rows ? c : v, by_rows ? v : c, 1.0);
+    }
+    return factors_make(matrix, k->nv);
+}
+
+/* Choose equations that, with actuators and n_idle idle rotations, bear any force in one way: their
+   matrix has a pivot that is sure then, else 0. */
+static int choose_bearing(Kkt *s, const KktTask *task, Int *n_idle)
+{
+    const Int nv = s->k->nv, n = task->n_actuated;
+    int (*const ways[])(Kkt *) = {choose_all, choose_in_closures, choose_among_all};
+    for (int way = 0; way < 3; way++) {
+        int code = ways[way](s);
+        s->matrix->pivot = 0.0;
+        *n_idle = s->n_chosen + n == nv ? 0 : s->k->n_idle;
+        if (code == DONE && s->n_chosen + n + *n_idle == nv)
+            code = factor_bearing(s, task, *n_idle, s->matrix, 0);
+        if (code != DONE || s->matrix->pivot > SURE)
+            return code;
+    }
+    return DONE;
+}
+
+/* Whether the bodies' accelerations s->moved move a centre of mass; `heaviest` is their inertia. */
+static int moves_a_centre(const Kkt *s, const Kernel *bodies, Real *heaviest)
+{
+    int moves = 0;
+    *heaviest = 0.0;
+    for (Int j = 1; j < bodies->n_joints; j++) {
+        const Real mass = bodies->bodies.mass[j], *I = bodies->bodies.inertia + 9 * j;
+        const Real *linear = s->moved + 6 * j;
+        Real arm[3], shift[3];
+        *heaviest = fmax(*heaviest, mass * s->length * s->length + I[0] + I[4] + I[8]);
+        rotate3(bodies->R + 9 * j, bodies->bodies.com + 3 * j, arm);
+        cross3(linear + 3, arm, shift);
+        add3(1.0, linear, shift);
+        moves |= mass > 0.0 && !(largest(shift, 3) <= TOLERANCE_HALF_PRECISION * s->length);
+    }
+    return moves;
+}
+
+/* Give idle rotations the accelerations that forces give them: to `a`, and to the joint forces
+   `needed` that the motion needs beside the given ones. Returns UNSAFE where they move a centre of
+   mass or have no inertia, and at rest under a load that would turn them. */
+static int free_idle(Kkt *s, const KktTask *task, Int i, Real *needed)
+{
+    const Kernel *k = s->k;
+    Kernel *bodies = task->tree->k;
+    const Int nv = k->nv, n = k->n_idle;
+    const Real none[3] = {0.0}, *gravity = bodies->bodies.gravity;
+    Real *a = task->a + i * nv, *still = s->scratch, load = 0.0, heaviest = 0.0, most = 0.0;
+    int code = factor_bearing(s, task, n, s->rates, 1);
+    if (code != DONE)
+        return code;
+    memset(still, 0, (size_t)nv * sizeof(Real));
+    for (Int v = 0; v < nv; v++)
+        most = fmax(most, fabs(k->scale[v] * needed[v]));
+    for (Int m = 0; m < n && code == DONE; m++) {
+        Real *spin = s->spin + m * nv;
+        memset(s->x, 0, (size_t)nv * sizeof(Real));
+        s->x[nv - n + m] = 1.0;
+        factors_solve(s->rates, 1, s->x);
+        const Real length = norm(s->x, nv);
+        for (Int v = 0; v < nv; v++)
+            spin[v] = k->scale[v] * s->x[v] / (length > 0.0 ? length : 1.0);
+        bodies->bodies.gravity = none;
+        tree_evaluate(task->tree, &(TreeTask){.n = 1, .q = task->q + i * k->nq, .v = still, .a = spin,
+                                              .armature = task->armature, .tau = s->weight + m * nv,
+                                              .acceleration = s->moved});
+        bodies->bodies.gravity = gravity;
+        if (moves_a_centre(s, bodies, &heaviest))
+            code = UNSAFE;
+        s->pace[m] = -dot(spin, needed, nv);
+        load = fmax(load, fabs(dot(spin, task->force + i * nv, nv)));
+    }
+    if (load > TOLERANCE_NOTHING * most && largest(a, nv) == 0.0 &&
+        largest(task->v + i * nv, nv) == 0.0)
+        code = UNSAFE;
+    Real least = TOLERANCE_ZERO * heaviest;
+    for (Int m = 0; m < n; m++)
+        for (Int l = 0; l < n; l++) {
+            s->gram[m * n + l] = dot(s->spin + m * nv, s->weight + l * nv, nv);
+            least = m == l ? fmax(least, TOLERANCE_RANK * s->gram[m * n + l]) : least;
+        }
+    if (code != DONE || dense_cholesky_solve(n, s->gram, s->pace, least))
+        return UNSAFE;
+    for (Int m = 0; m < n; m++)
+        for (Int v = 0; v < nv; v++) {
+            a[v] += s->pace[m] * s->spin[m * nv + v];
+            needed[v] += s->pace[m] * s->weight[m * nv + v];
+        }
+    return DONE;
+}
+
+/* Estimated round-off of efforts, by the largest of n (times its scale), 1 at most: from pivots and the
+   condition, and by `size` of what cancels, the solution in x and forces. Overwrites x. */
+static Real efforts_error(Kkt *s, const Real *efforts, Int n, Real size)
+{
+    const Factors *matrix = s->matrix;
+    const Real most = largest(efforts, n);
+    Real error = fmax(ROUNDING / fmax(matrix->pivot, DBL_EPSILON), entry_error(s));
+    size = fmax(size, largest(s->x, matrix->n));
+    const Real condition = matrix_norm(s) * factors_inverse_norm(matrix);
+    error = fmax(error, (Real)matrix->n * DBL_EPSILON * condition);
+    return size > 0.0 && n ? fmin(error * size / fmax(most, DBL_MIN), 1.0) : 0.0;
 }
 
 /* Efforts and multipliers that together are what the motion needs. */
@@ -494,93 +624,111 @@ static int solve_efforts(Kkt *s, const KktTask *task, Int i)
     const Int nv = k->nv, n = task->n_actuated;
     Real *needed = task->closures + i * nv, *facts = task->facts + FACTS * i;
     Real *efforts = task->efforts + i * n, *multipliers = task->multipliers + i * k->n_closure;
-    int (*const ways[])(Kkt *) = {choose_all, choose_in_closures, choose_among_all};
+    Int n_idle = 0;
+    Real size = 0.0;
     memset(facts, 0, FACTS * sizeof *facts);
     tree_evaluate(task->tree, &(TreeTask){.n = 1, .q = task->q + i * k->nq, .v = task->v + i * nv,
                                           .a = task->a + i * nv, .armature = task->armature,
                                           .tau = needed});
     equations_values_near(k, task->q + i * k->nq, task->reference + i * k->n_angles);
     equations_jacobian(k, &k->equations.all);
-    for (int way = 0; way < 3; way++) {
-        int code = ways[way](s);
-        s->matrix->pivot = 0.0;
-        if (code == DONE && s->n_chosen + n == nv)
-            code = factor_bearing(s, task);
-        if (code != DONE)
-            return code;
-        if (s->matrix->pivot > SURE)
-            break;
-    }
+    int code = choose_bearing(s, task, &n_idle);
+    if (code != DONE)
+        return code;
     facts[PIVOT] = s->matrix->pivot;
     facts[RANK] = (Real)s->n_chosen;
     facts[FAILED] = !(s->matrix->pivot > SURE);
     for (Int v = 0; v < nv; v++) {
+        size = fmax(size, k->scale[v] * (fabs(needed[v]) + fabs(task->force[i * nv + v])));
         needed[v] -= task->force[i * nv + v];
-        s->x[v] = k->scale[v] * needed[v];
     }
-    if (facts[FAILED] != 0.0)
-        return DONE;
+    if (n_idle && facts[FAILED] == 0.0) {
+        code = free_idle(s, task, i, needed);
+        facts[FAILED] = code == UNSAFE;
+    }
+    if (code == NO_MEMORY || facts[FAILED] != 0.0)
+        return code == NO_MEMORY ? code : DONE;
+    for (Int v = 0; v < nv; v++)
+        s->x[v] = k->scale[v] * needed[v];
     factors_solve(s->matrix, 1, s->x);
     memset(multipliers, 0, (size_t)k->n_closure * sizeof(Real));
     for (Int e = 0; e < s->n_chosen; e++)
         multipliers[s->chosen[e]] = s->x[e] / s->size[e];
+    memcpy(efforts, s->x + s->n_chosen, (size_t)n * sizeof(Real));
+    facts[OF_ALL] = efforts_error(s, efforts, n, size);
     for (Int c = 0; c < n; c++) {
-        efforts[c] = s->x[s->n_chosen + c] / k->scale[task->actuated[c]];
+        efforts[c] /= k->scale[task->actuated[c]];
         needed[task->actuated[c]] -= efforts[c];
     }
     return DONE;
 }
 
-/* Accelerations under joint forces, or efforts of accelerations, at all configurations of the task. */
+/* Solve with the last factors: forces f - b (n, nv), gamma (n, n_closure) -> a and multipliers, alike. */
+EXPORT void kkt_solve(Kkt *s, Int n, const Real *force, const Real *gamma, Real *a, Real *multipliers)
+{
+    const Int nv = s->k->nv, nc = s->k->n_closure;
+    for (Int i = 0; i < n; i += BLOCK)
+        solve(s, n - i < BLOCK ? n - i : BLOCK, force + i * nv, gamma + i * nc, a + i * nv,
+              multipliers + i * nc);
+}
+
+/* Derivatives of accelerations and multipliers at a configuration that was solved: joint forces and
+   second derivatives of the equations change, at constant ones, and the same factors do the rest. */
+static void put_changes(Kkt *s, const KktTask *task, Int i)
+{
+    const Int nv = s->k->nv, nc = s->k->n_closure, n = 3 * nv, last = 2 * nc * nv;
+    const Real *slopes = task->slopes ? task->slopes + 2 * i * nv : NULL;
+    Real *force = s->changed, *gamma = force + n * nv;
+    TreeTask of = *task->changes;
+    of.n = 1, of.q = task->q + i * s->k->nq, of.v = task->v + i * nv, of.a = task->a + i * nv;
+    of.by_q = force, of.by_v = force + nv * nv, of.weights = task->multipliers + i * nc;
+    memset(force, 0, (size_t)(n * (nv + nc)) * sizeof(Real));
+    memset(of.bent, 0, (size_t)(nv * nv) * sizeof(Real));
+    memset(of.product_by_q, 0, (size_t)(3 * nc * nv) * sizeof(Real));
+    memset(of.product_by_v, 0, (size_t)(3 * nc * nv) * sizeof(Real));
+    tree_evaluate(task->single, &of);
+    for (Int j = 0; j < nv; j++) {
+        for (Int v = 0; v < nv; v++) {
+            Real *by_q = force + j * nv + v, *by_v = by_q + nv * nv;
+            *by_q = of.bent[v * nv + j] - *by_q;
+            *by_v = -*by_v;
+            by_v[nv * nv] = j == v ? 1.0 : 0.0;
+        }
+        force[j * nv + j] -= slopes ? slopes[j] : 0.0;
+        force[(nv + j) * nv + j] -= slopes ? slopes[nv + j] : 0.0;
+        for (Int e = 0; e < nc; e++) {
+            gamma[j * nc + e] = of.product_by_q[last + e * nv + j];
+            gamma[(nv + j) * nc + e] = of.product_by_v[last + e * nv + j];
+        }
+    }
+    kkt_solve(s, n, force, gamma, task->a_by + i * n * nv, task->multipliers_by + i * n * nc);
+}
+
+/* Accelerations under joint forces, and their derivatives if wanted, or efforts of accelerations, at all
+   configurations of the task. */
 EXPORT int kkt_accelerations(Kkt *s, const KktTask *task)
 {
     const Kernel *k = s->k;
     for (Int c = 0; task->actuated && c < task->n_actuated; c++)
         if (!within(task->actuated[c], k->nv))
             return BAD_ARRAYS;
+    if (task->single && task->changes->n_products != k->n_closure)
+        return BAD_ARRAYS;
+    if (task->single && !s->changed) {
+        s->changed = kernel_reals(s->k, 3 * k->nv * (k->nv + k->n_closure));
+        if (!kernel_had_memory(s->k))
+            return NO_MEMORY;
+    }
     for (Int i = 0; i < task->n; i++) {
         const int code = task->actuated ? solve_efforts(s, task, i)
                          : task->tree   ? solve_tree(s, task, i)
                                         : solve_core(s, task, i, task->mass, task->force);
         if (code != DONE)
             return code;
+        memcpy(task->chosen + i * k->n_closure, s->chosen, (size_t)s->n_chosen * sizeof(Int));
+        if (task->single && task->facts[FACTS * i + FAILED] == 0.0)
+            put_changes(s, task, i);
     }
     memcpy(task->entry, k->entry, (size_t)k->entry_start[k->n_closure] * sizeof(Real));
-    memcpy(task->chosen, s->chosen, (size_t)s->n_chosen * sizeof(Int));
     return DONE;
-}
-
-/* How joint forces (3 nv, nv) and second derivatives of the equations (3 nv, n_closure), each a product
-   of the task, change at constant multipliers: a row for each entry of q, of v, and of the efforts. */
-static void put_changes(const Kkt *s, Tree *tree, const TreeTask *task, Real *force, Real *gamma)
-{
-    const Int nv = s->k->nv, nc = s->k->n_closure, last = 2 * nc * nv;
-    tree_evaluate(tree, task); /* by_q and by_v are the beginning of force */
-    for (Int j = 0; j < nv; j++)
-        for (Int v = 0; v < nv; v++) {
-            Real *by_q = force + j * nv + v, *by_v = by_q + nv * nv;
-            *by_q = task->bent[v * nv + j] - *by_q;
-            *by_v = -*by_v;
-            by_v[nv * nv] = j == v ? 1.0 : 0.0;
-        }
-    for (Int j = 0; j < nv; j++)
-        for (Int i = 0; i < nc; i++) {
-            gamma[j * nc + i] = task->product_by_q[last + i * nv + j];
-            gamma[(nv + j) * nc + i] = task->product_by_v[last + i * nv + j];
-        }
-    memset(gamma + 2 * nv * nc, 0, (size_t)(nv * nc) * sizeof(Real));
-}
-
-/* Solve with the last factors: forces f - b (n, nv), gamma (n, n_closure) -> a and multipliers,
- * alike. Where a task is given, n is 3 nv: of the derivatives by q, v and efforts; `force`, zeros
- * before, and gamma are made of it. */
-EXPORT void kkt_solve(Kkt *s, Int n, Real *force, Real *gamma, Real *a, Real *multipliers, Tree *tree,
-                      const TreeTask *task)
-{
-    const Int nv = s->k->nv, nc = s->k->n_closure;
-    if (task)
-        put_changes(s, tree, task, force, gamma);
-    for (Int i = 0; i < n; i += BLOCK)
-        solve(s, n - i < BLOCK ? n - i : BLOCK, force + i * nv, gamma + i * nc, a + i * nv,
-              multipliers + i * nc);
 }
