@@ -172,7 +172,7 @@ def test_closure_errors_of_interpolated_samples_are_bounds():
 def test_errors_of_1e_9_are_met_by_interpolation():
     motion = swept("rssr", 2000, sp.Accuracy.for_error(1e-9))
     true = true_errors(motion, swept("rssr", 2000, REFERENCE))
-    assert motion.closure_error.max() > 1e-14  # it is no motion closed sample by sample
+    assert max(true) > 1e-12  # motions closed sample by sample are more exact
     assert all(x <= one <= 1e-9 for one, x in zip(motion.error[:3], true, strict=True))
 
 
