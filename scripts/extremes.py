@@ -371,6 +371,7 @@ def long_links(names: tuple[str, ...]) -> float:
             worst = max(worst, honest(error, motion.error.positions))
             honest(far(got.rate[row], want.rate.coordinates["rocker_pin"], fastest),
                    motion.error.rates)
+        assert motion.error.largest < 1e-7  # bounds of use, a thousand times the errors at most
     return worst
 
 

@@ -97,8 +97,14 @@ class ExactRows:
         Args:
             q: configurations about closed.
             turns: (N, n) relative angles of screw closures to within half a turn [rad].
+
+        Raises:
+            SpatialPinError: no sample is determined.
         """
         closed, inverses, rows, null, good = self._systems(q, turns)
+        if not good.any():
+            raise SpatialPinError(f"mechanism {self.mechanism.name!r}: no sample of the sweep is "
+                                  "determined: it moves along a singular configuration")
         n, nv, x = len(q), self.mechanism.model.nv, closed.astype(Long)
         v, a = np.zeros((n, nv), dtype=Long), np.zeros((n, nv), dtype=Long)
         last = np.full(3, np.inf)
@@ -238,9 +244,6 @@ class SweepReference:
             change = float(np.abs(self._steps(motion.q, finer.q)).max())
             motion, self.spin_error = finer, max(change, TOLERANCES.closed)
         self.exact = self.solver.near(motion.q[self.rows], _angles(motion)[self.rows])
-        if not self.exact.good.any():
-            raise SpatialPinError(f"mechanism {mechanism.name!r}: no sample of the sweep is "
-                                  "determined: it moves along a singular configuration")
         self.sizes = self.exact.sizes(self.scale)
         self.error = float(max(self.exact.remainder.max(), EPS))
 

@@ -12,6 +12,8 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import Workspaces, made_once
 from spatial_pin.assembly.assembly_problem import AssemblyProblem
@@ -35,13 +37,13 @@ from spatial_pin.mechanism.coordinates import coordinate_value, driver_coordinat
 from spatial_pin.mechanism.extent import unlike_links
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
-from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.linalg import Array, Decomposition, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.rates import check_not_held, prescribed_at, usual_prescription
 from spatial_pin.settings import Accuracy
 
 ROUND_OFF = 4.0 * float(np.finfo(float).eps)  # of a closure equation, and of its derivatives
-CURVED_TIMES = 2.0  # second derivatives of equations by the square of the rates, about
+THIRD_STEP = 1e-4  # of a difference of second derivatives [rad]
 FARTHEST = 640e3  # rad, characteristic lengths: longest path to one value, 100,000 turns
 # Rad, characteristic lengths: longest path by pseudo-arclength before the kernel continues, ten
 # turns.
@@ -214,8 +216,8 @@ class Branch:
         c = system.acceleration(q, t, self.leading.bends(s))
         evaluation = system.evaluation
         error = float(np.abs(evaluation.residual).max(initial=0.0))
-        gain = float(np.linalg.norm(np.linalg.inv(system.matrix), 2)) if system.pivot else np.inf
-        estimate = error_estimate(gain, t / system.scale, c / system.scale, error)
+        estimate = error_estimate(evaluation, decompose(system.matrix), system.equations,
+                                  t / system.scale, c / system.scale)
         return PathPoint(s, q, t, c, error, estimate, evaluation.angles.copy())
 
     def pace(self, point: PathPoint) -> float:
@@ -523,21 +525,42 @@ class PathTracker(Branch):
         self.move_to(self._solved(system, arrival.q, value))
 
 
-def error_estimate(gain: float, t: Array, c: Array, error: float) -> Array:
-    """Return error estimates (3,) of q, t and c at a point, by norms: the kernel's have directions.
+def error_estimate(
+    evaluation: LoopEquations, rows: Decomposition, chosen: NDArray[np.intp], t: Array, c: Array
+) -> Array:
+    """Return error estimates (3,) of q, t and c where the equations are evaluated.
+
+    q is off along u, where the equations are weakest; t then by what solves J dt = -f''(u, t), and
+    c by J dc = -(f'''(u, t, t) + 2 f''(t, dt) + f''(u, c)), as in the kernel.
 
     Args:
-        gain: what the equations magnify residuals by into corrections.
+        evaluation: the loop equations.
+        rows: of J: closure equations, those of passive freedoms, and others that hold exactly.
+        chosen: the closure equations.
         t: (nv,) first derivative there, by the sizes of coordinates.
         c: (nv,) second derivative, likewise.
-        error: closure residual.
     """
+    if not rows.s[-1] > 0.0:
+        return np.full(3, np.inf)
+    q, scale = evaluation.q, evaluation.mechanism.velocity_scale
+    n = evaluation.constraints.n_closure
+
+    def bias(at: Array, v: Array) -> Array:
+        every = evaluation.bias(at, scale * v)
+        right = np.concatenate([every[:n][chosen], every[n:]])
+        return rows.vt[: len(rows.s)].T @ (rows.u[: len(right)].T @ right / rows.s)
+
+    def second(a: Array, b: Array) -> Array:
+        return 0.25 * (bias(q, a + b) - bias(q, a - b))
+
+    u, gain = rows.vt[len(rows.s) - 1], 1.0 / float(rows.s[-1])
+    dt = -second(u, t)
+    moved = pin.integrate(evaluation.model, q, THIRD_STEP * scale * u)
+    dc = (bias(moved, t) - bias(q, t)) / THIRD_STEP + 2.0 * second(t, dt) + second(u, c)
     pace, bend = float(np.linalg.norm(t)), float(np.linalg.norm(c))
-    q = gain * (error + ROUND_OFF)
-    first = gain * pace * (CURVED_TIMES * q + ROUND_OFF)
-    second = gain * (CURVED_TIMES * ((pace * pace + bend) * q + 2.0 * pace * first)
-                     + ROUND_OFF * (bend + pace * pace))
-    return np.array([q, first, second])
+    off, solved = gain * (evaluation.closure_error + ROUND_OFF), gain * ROUND_OFF
+    return np.array([off, float(np.linalg.norm(dt)) * off + pace * solved,
+                     float(np.linalg.norm(dc)) * off + (pace * pace + bend) * solved])
 
 
 @made_once

@@ -147,8 +147,7 @@ class _TracedSamples:
         rhs[len(chosen) : len(chosen) + len(bias) - n] = -bias[n:]
         svd = decompose(np.vstack([rows, point.t]))
         bends = svd.minimum_norm(rhs)
-        self.estimates.append(error_estimate(
-            1.0 / float(svd.s[-1]), point.t, bends, evaluation.closure_error))
+        self.estimates.append(error_estimate(evaluation, svd, chosen, point.t, bends))
         self.points.append(point)
         self.accelerations.append(scale * bends)
         self.errors.append(evaluation.closure_error)

@@ -92,6 +92,7 @@ Int follow_values(Path *path, const Real *values, Int n, const PathRows *rows);
 #define WITHOUT_THIRD 1e-8 /* error allowed up to which polynomials of fifth degree miss too much */
 #define SOONEST 0.06   /* way between points for which one before them is far enough, as far as it stays
                           (stepping.c) */
+#define WITH_THIRD 0.1  /* first way of polynomials that a third point is needed for, put ahead */
 #define IDLE_FIRST 0.05  /* first way with idle rotations, whose error is not known yet: of 4e-12
                             rad at a way of 0.3, as measured, (1/6)^6 is round-off */
 #define BETWEEN_FIRST 0.5 /* first way between points that samples are interpolated between, by the

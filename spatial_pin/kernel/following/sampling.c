@@ -1,4 +1,5 @@
 /* Many values of a path: steps to each of them, or few steps and samples between their ends. */
+#include <float.h>
 #include <string.h>
 
 #include "path.h"
@@ -11,6 +12,8 @@
                              is to be gone as far as it goes */
 #define MOST_FAILED 10000 /* steps on the way to one value: every path ends */
 #define REGROWTH 1.03  /* of the way between points from sample to sample, while there is none between */
+#define FIRST_FAILURES 8     /* steps in vain that are worth it to learn where samples can be interpolated; */
+#define FAILURES_APART 40    /* samples to one more: all of them take little of the time */
 #define SHORTENINGS 3        /* of steps to interpolate in, each as long as the last one has shown */
 #define BETWEEN_NEARER 0.0625 /* part of the way to where the determinant vanishes that a step which
                             samples are interpolated in may go. At a limit the determinant falls
@@ -83,30 +86,44 @@ static int lies_ahead(const Real *values, Int i, Int n, Real sense)
     return i + 1 < n && (values[i + 1] - values[i]) * sense > 0.0;
 }
 
-/* The longest step for whose polynomial the point before is of use, where one without it is not. */
-static Real third_reaches(const Path *path)
+/* Put a point ahead, which polynomials of the first step go through as well, and come back. */
+static int look_beyond(Path *path, Real h)
 {
-    if (path->accuracy.between > WITHOUT_THIRD)
-        return INFINITY;
-    return path->has_before ? fabs(path->here->s - path->before->s) / BETWEEN_NEAREST : 0.0;
+    Point *const from = path->here;
+    if (step(path, from->s + h) != DONE)
+        return 0;
+    path->before = path->here;
+    path->here = from;
+    path->stale = 1;
+    return 1;
 }
 
-/* The last of the values from i on, one after the other in one sense, that one step may reach. */
-static Int last_within(Path *path, const Real *values, Int i, Int n)
+/* The last of the values from i on, one after the other in one sense to number `end`, that one step may
+   reach. */
+static Int last_within(Path *path, const Real *values, Int i, Int end)
 {
     const Real s = path->here->s, sense = values[i] - s;
-    if (!lies_ahead(values, i, n, sense) || turn_into(path, sense) != DONE)
+    const Real left = fabs(values[end] - s), wanted = step_of(path, path->between_way);
+    if (i == end || sense == 0.0 || fabs(values[i + 1] - s) > wanted || turn_into(path, sense) != DONE)
         return i;
-    const Real end = piece_end(&path->prescribed, s, copysign(INFINITY, sense));
-    const Real wanted = step_of(path, path->between_way), third = third_reaches(path);
-    const Real longest = fmin(longest_step(path), fmin(wanted, third));
-    if (third < fmin(wanted, step_of(path, SOONEST)))
-        return i;
+    const Real ends = piece_end(&path->prescribed, s, copysign(INFINITY, sense));
+    const Real longest = fmin(longest_step(path), wanted);
     if (look_ahead(path, copysign(longest, sense)) != DONE)
         return i;
-    const Real most = fmin(fmin(longest, BETWEEN_NEARER * distance_ahead(path, sense)), fabs(end - s));
+    Real most = fmin(fmin(longest, BETWEEN_NEARER * distance_ahead(path, sense)), fabs(ends - s));
+    if (path->accuracy.between <= WITHOUT_THIRD) {
+        const Real beyond = fmin(most * (1.0 + BETWEEN_NEAREST), left);
+        const int is_worth = path->has_before || fabs(values[i + 1] - s) < beyond;
+        if (!is_worth || (!path->has_before && !look_beyond(path, copysign(beyond, sense))))
+            return i;
+        const Real third = third_reaches(path->before, path->here, sense);
+        if (third < 0.7 * fmin(fmin(most, left), step_of(path, SOONEST)))
+            return i;
+        most = fmin(most, third);
+    }
+    most = (1.0 + DBL_EPSILON) * left / ceil(left / most); /* in steps of one length */
     Int last = i;
-    while (lies_ahead(values, last, n, sense) && fabs(values[last + 1] - s) <= most)
+    while (last < end && fabs(values[last + 1] - s) <= most)
         last++;
     return last;
 }
@@ -172,12 +189,19 @@ static Int follow_between(Path *path, const Real *values, Int i, Int last, const
 Int follow_values(Path *path, const Real *values, Int n, const PathRows *rows)
 {
     int tried = 0; /* steps that samples could not be interpolated in, one after the other */
+    Int end = -1;  /* of the values that go on in one sense */
+    Int failed = 0; /* of those steps */
     for (Int i = 0; i < n;) {
-        const Int last = path->accuracy.between > 0.0 ? last_within(path, values, i, n) : i;
+        if (i > end)
+            for (end = i; lies_ahead(values, end, n, values[i] - path->here->s);)
+                end++;
+        const int is_tried = path->accuracy.between > 0.0 && failed <= FIRST_FAILURES + i / FAILURES_APART;
+        const Int last = is_tried ? last_within(path, values, i, end) : i;
         const Real way = path->between_way;
         const Int done = last > i ? follow_between(path, values, i, last, rows) : 0;
         i += done;
         tried = done ? 0 : tried + 1;
+        failed += last > i && !done;
         if (done || (last > i && tried < SHORTENINGS && path->between_way < way))
             continue;
         const int is_alone = path->accuracy.between > 0.0 &&

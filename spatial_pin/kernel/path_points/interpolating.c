@@ -1,6 +1,7 @@
 /* A path between two of its points, by Hermite's polynomials: of fifth degree through the two, or of
  * eighth through a third one too. */
 #include <string.h>
+#include <math.h>
 
 #include "interpolating.h"
 
@@ -36,8 +37,9 @@ static void polynomial(const Real *c, Int degree, Real u, Real *out)
 }
 
 /* Let the polynomial go through a third point at u = -r too: what it misses there is that of
- * (u (1 - u))^3 times one of second degree, which is zero three times at either end. */
-static void through_third(const Point *third, Real h, Real r, Int i, Real *c)
+ * (u (1 - u))^3 times one of second degree, which is zero three times at either end. Returns the
+ * largest of what that adds at the ends and in the middle, where (u (1 - u))^3 is 1/64. */
+static Real through_third(const Point *third, Real h, Real r, Int i, Real *c)
 {
     const Real g = -r * (1.0 + r), slope = 1.0 + 2.0 * r; /* u (1 - u) and its derivative there */
     const Real w = g * g * g, first = 3.0 * g * g * slope;
@@ -52,19 +54,36 @@ static void through_third(const Point *third, Real h, Real r, Int i, Real *c)
     for (int x = 0; x < 3; x++)
         for (int y = 0; y < 4; y++)
             c[3 + x + y] += by[x] * cube[y];
+    const Real ends = fmax(fabs(by[0]), fabs(by[0] + by[1] + by[2]));
+    return fmax(ends, fabs(by[0] + 0.5 * by[1] + 0.25 * by[2])) / 64.0;
+}
+
+Real third_reaches(const Point *third, const Point *from, Real sense)
+{
+    const Real behind = copysign(1.0, sense) * (from->s - third->s);
+    return behind > 0.0 ? behind / BETWEEN_NEAREST : -behind / (1.0 + BETWEEN_NEAREST);
 }
 
 Int between_make(const Kernel *k, const Point *third, const Point *a, const Point *b, Between *p)
 {
     const Real h = b->s - a->s, r = third ? (a->s - third->s) / h : 0.0;
-    p->s = a->s, p->h = h, p->degree = r > BETWEEN_NEAREST && r < FARTHEST_NODE ? 8 : 5;
-    for (Int i = 0; i < k->nq; i++) {
-        Real *c = p->coefficient + i * (BETWEEN_DEGREE + 1);
-        memset(c + 6, 0, 3 * sizeof *c);
-        quintic(a, b, h, i, c);
-        if (p->degree == 8)
-            through_third(third, h, r, i, c);
-    }
+    const int is_near = third && fabs(r) < FARTHEST_NODE && fabs(h) < third_reaches(third, a, h);
+    Real square = 0.0;
+    p->s = a->s, p->h = h, p->degree = is_near ? BETWEEN_DEGREE : 5;
+    for (Int j = 1; j < k->n_joints; j++)
+        for (Int x = 0; x < joint_nq(k->kind[j]); x++) {
+            const Int i = k->iq[j] + x, turning = k->kind[j] == FREE ? 3 : 0;
+            const int is_entry = joint_nv(k->kind[j]) > 1 && x >= turning; /* of a quaternion */
+            Real *c = p->coefficient + i * (BETWEEN_DEGREE + 1);
+            memset(c + 6, 0, 3 * sizeof *c);
+            quintic(a, b, h, i, c);
+            if (!is_near)
+                continue;
+            const Real by = is_entry ? 2.0 : 1.0 / k->scale[k->iv[j] + x];
+            const Real added = by * through_third(third, h, r, i, c);
+            square += added * added;
+        }
+    p->third = sqrt(square);
     return p->degree;
 }
 

@@ -12,10 +12,15 @@
 typedef struct {
     Real s, h; /* where they begin, and how long they are */
     Int degree;
+    Real third; /* what a third point changes in the middle, scaled */
     Real *coefficient; /* (nq, BETWEEN_DEGREE + 1) of (s' - s) / h, from the constant one on */
 } Between;
 
-/* Put them through two points, and through a third one before them, unless it is NULL or at no good
+/* The longest step from a point for whose polynomials a third one is far enough from both ends, behind
+ * them or ahead in the sense of a number. */
+Real third_reaches(const Point *third, const Point *from, Real sense);
+
+/* Put them through two points, and through a third one outside, unless it is NULL or at no good
  * distance. Returns their degree. */
 Int between_make(const Kernel *k, const Point *third, const Point *a, const Point *b, Between *p);
 

@@ -1,0 +1,192 @@
+"""Errors and times of settings on sweeps of random mechanisms: a table of docs/accuracy.md.
+
+    python scripts/random_sweeps.py --seeds 0 4000 --rows rows.jsonl           # adds to the file
+    python scripts/random_sweeps.py --rows rows.jsonl --page docs/accuracy.md  # the table
+
+About every fourth seed of `fuzzing/generate.py` has a driver whose sweep is determined. One sweep
+of each, short or long, of few or many values, tells at every setting whether `motion.error` is a
+bound of the true error. The same sweep with 361 and with 1801 values tells times; `--bounds` leaves
+them out. A thousand mechanisms take two hours, and half an hour without times. True errors are
+those of samples that are refined in extended precision, which needs an x86 machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small matrices: threads only wait
+sys.path.insert(0, str(Path(__file__).parent))
+
+import numpy as np
+from benchmark.pages import cells, power, put
+from fuzzing.case import Case
+from fuzzing.generate import make
+
+import spatial_pin as sp
+from spatial_pin.accuracy.reference import Astray, SweepReference
+from spatial_pin.accuracy.tasks import SweepTask, task_of
+
+ERRORS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-12)
+LEVELS = ("engineering", "reference")
+SETTINGS = {**{power(e): sp.Accuracy.for_error(e) for e in ERRORS},
+            **{name: sp.Accuracy.named(name) for name in LEVELS}}
+SIZES = (11, 37, 121, 361, 1801)  # numbers of values of a sweep whose bounds are judged
+TIMED = (361, 1801)
+RUNS = 9  # of which the least time counts
+BETTER = 1.15  # ratio of times, and of errors, by which a setting beats another one
+CURVED = 1e-6  # acceleration by the square of the velocity, below which a motion is uniform
+NOTHING = 2.0**-52  # errors below it are round-off of one number
+
+Row = dict[str, Any]
+
+
+def sweep_of(seed: int, folder: Path) -> SweepTask | None:
+    """Return a sweep of a random mechanism that stops short of its limits; None if it has none."""
+    rng, spec = np.random.default_rng(seed + 10**7), make(seed)
+    case = Case(spec, folder)
+    if not spec["closures"] or not case.is_driven:
+        return None
+    mechanism = sp.load(str(case.path))
+    state = sp.assemble(mechanism)
+
+    def swept(driver: str, values: Any) -> sp.Motion:
+        return sp.sweep(mechanism, driver, values, guess=state, on_limit="stop", on_crossing="stop")
+
+    for driver in mechanism.drivers:
+        start, is_angle = state.coordinate(driver).value, mechanism.coordinate(driver).unit == "rad"
+        unit = 1.0 if is_angle else mechanism.characteristic_length
+        few = swept(driver, start + np.linspace(0.0, 0.01, 3) * unit)
+        v, a = (np.abs(x / mechanism.velocity_scale).max() for x in (few.v, few.a))
+        if a * unit > CURVED * v * v * unit**2:
+            break
+    else:
+        return None
+    n, sense = int(rng.choice(SIZES)), rng.choice([1.0, 1.0, -1.0])
+    values = start + np.linspace(0.0, sense * unit * 10 ** rng.uniform(-1.5, 0.8), n)
+    reached = swept(driver, values)
+    if len(reached) < 2:
+        return None
+    if len(reached) < n:
+        part = rng.choice([0.5, 0.9, 0.99])
+        values = np.linspace(start, start + part * (reached.driver[-1] - start), n)
+    task = task_of(mechanism, {"driver": driver, "values": values,
+                               "speed": float(10 ** rng.uniform(-1.0, 1.5))})
+    assert isinstance(task, SweepTask)
+    return task
+
+
+def judged(task: SweepTask, runs: int) -> Row | None:
+    """Return true errors, estimates and least times of a sweep at every setting."""
+    reference = SweepReference(task)
+    seconds = dict.fromkeys(SETTINGS, np.inf)
+    row: Row = {"n": reference.n, "settings": {}}
+    for _ in range(runs):
+        for name in np.random.default_rng(0).permutation([*SETTINGS]).tolist():
+            began = time.process_time()
+            motion = task.run(SETTINGS[name])
+            seconds[name] = min(seconds[name], time.process_time() - began)
+            if name not in row["settings"]:
+                scale = task.mechanism.velocity_scale
+                v, a = (float(np.abs(x / scale).max()) for x in (motion.v, motion.a))
+                errors = reference.judge(motion)
+                sizes = 1.0, v or 1.0, max(a, 0.01 * v * v) or 1.0  # as those of `motion.error`
+                true = [x / size for x, size in zip(errors[1:4], sizes, strict=True)]
+                row["settings"][name] = {"true": true, "estimate": list(motion.error[:3])}
+    for name, one in row["settings"].items():
+        one["seconds"] = seconds[name]
+    return row
+
+
+def rows_of(seed: int, has_times: bool) -> Iterable[Row]:
+    """Yield what is measured of a seed: one row, and with times one of each number of values."""
+    with tempfile.TemporaryDirectory() as folder:
+        task = sweep_of(seed, Path(folder))
+        if task is None:
+            return
+        values = task.arguments["values"]
+        yield {"seed": seed, "is_timed": False, **judged(task, 1)}
+        for n in TIMED if has_times else ():
+            again = np.linspace(values[0], values[-1], n)
+            longer = replace(task, arguments={**task.arguments, "values": again})
+            yield {"seed": seed, "is_timed": True, **judged(longer, RUNS)}
+
+
+def is_bound(one: Row) -> bool:
+    return all(x <= y for x, y in zip(one["true"], one["estimate"], strict=True))
+
+
+def times(rows: Sequence[Row], name: str) -> list[str]:
+    """Return cells of sweeps of one length, for a setting.
+
+    They are the time by that of "engineering", and how often a setting beats it in time and error.
+    """
+    if not rows:
+        return ["", ""]
+    relative, beaten = [], 0
+    for row in rows:
+        own, base = row["settings"][name], row["settings"]["engineering"]
+        relative.append(own["seconds"] / base["seconds"])
+        beaten += any(BETTER * x["seconds"] < own["seconds"]
+                      and BETTER * max(*x["true"], NOTHING) < max(own["true"])
+                      for x in row["settings"].values())
+    return [f"{np.median(relative):.2f}", f"{100 * beaten / len(rows):.0f} %"]
+
+
+def table(rows: Sequence[Row]) -> list[str]:
+    """Return the table of the page: a line for each setting."""
+    bounds = [row for row in rows if not row["is_timed"]]
+    by_size = [[row for row in rows if row["is_timed"] and row["n"] == n] for n in TIMED]
+    lines = [cells("allowed error", *(x for n in TIMED for x in (f"time, {n} values", "beaten")),
+                   "allowed by true error", "kept", "estimate is a bound", "by true error",
+                   "least"),
+             cells(*["---"] * 10)]
+    for name in SETTINGS:
+        ones = [row["settings"][name] for row in bounds]
+        true = np.array([max(*one["true"], NOTHING) for one in ones])
+        by = np.array([max(one["estimate"]) for one in ones]) / true
+        allowed = np.nan if name in LEVELS else float(name)
+        over, kept = f"{np.median(allowed / true):.0f}", f"{100 * np.mean(true <= allowed):.1f} %"
+        least = min(y / max(x, NOTHING) for one in ones
+                    for x, y in zip(one["true"], one["estimate"], strict=True))
+        lines.append(cells(
+            name, *(x for part in by_size for x in times(part, name)),
+            *(("-", "-") if np.isnan(allowed) else (over, kept)),
+            f"{100 * np.mean([is_bound(one) for one in ones]):.1f} %", f"{np.median(by):.0f}",
+            f"{least:.2g}"))
+    return [*lines, cells(f"{len(bounds)} sweeps", *[""] * 9)]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seeds", nargs=2, type=int, metavar=("FIRST", "END"), help="to measure")
+    parser.add_argument("--rows", type=Path, required=True, metavar="F",
+                        help="where rows are added, and the table is made from")
+    parser.add_argument("--bounds", action="store_true", help="no times, which take most of it")
+    parser.add_argument("--page", type=Path, metavar="F", help="write the table there")
+    options = parser.parse_args()
+    for seed in range(*options.seeds) if options.seeds else ():
+        try:
+            lines = [json.dumps(row) + "\n" for row in rows_of(seed, not options.bounds)]
+        except (sp.SpatialPinError, Astray, ValueError) as error:
+            print(f"{seed} left out: {type(error).__name__}: {error}"[:120], flush=True)
+            continue
+        with options.rows.open("a", encoding="utf-8") as file:
+            file.writelines(lines)
+    known = options.rows.read_text(encoding="utf-8").splitlines()
+    lines = table([json.loads(line) for line in known])
+    print("\n".join(lines))
+    if options.page:
+        put(options.page, "random", lines)
+
+
+if __name__ == "__main__":
+    main()
