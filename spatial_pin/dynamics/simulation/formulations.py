@@ -202,7 +202,7 @@ class IndependentFormulation:
         rows = problem.freedoms.equations(state)
         self._is_whole = len(rows) == constraints_of(mechanism).n_closure
         # where others lie between, what a residual leaves open in those left out is magnified
-        wanted = problem.tolerance if self._is_whole else TOLERANCES.round_off
+        wanted = problem.closure_of_steps if self._is_whole else TOLERANCES.round_off
         if problem.between and self.n == 1 and not (problem.drives or len(self.spins)):
             wanted = min(wanted, ANCHOR_RESIDUAL)
         if self.projects:

@@ -411,12 +411,12 @@ def _followed(
     """
     mechanism, (efforts, drives, external, laws) = state.mechanism, forces
     problem = Problem(
-        mechanism, efforts, drives, laws, accuracy.tolerance, slip_speed, external)
+        mechanism, efforts, drives, laws, accuracy, slip_speed, external)
     _check_start(problem, state)
     fall = FreeFall(state, accuracy.tolerance) if is_in_free_fall(problem) else None
     if fall is not None:
         state, stop_when = fall.state, fall.with_world_states(stop_when)
-        problem = Problem(fall.mechanism, efforts, drives, laws, accuracy.tolerance, slip_speed)
+        problem = Problem(fall.mechanism, efforts, drives, laws, accuracy, slip_speed)
     detector = EventDetector(problem, state, stop_when, on_joint_limit)
     run = Run(problem, accuracy, state, times, detector)
 

@@ -164,7 +164,7 @@ static int drive_efforts(Dynamics *d)
     return DONE;
 }
 
-static void whole_accelerations(Dynamics *d)
+void dynamics_accelerations(Dynamics *d)
 {
     Kernel *k = d->k;
     for (Int v = 0; v < k->nv; v++) {
@@ -197,12 +197,12 @@ int dynamics_rates(void *from, Real t, const Real *y, Real *rates)
     if (code != DONE)
         return code;
     if (d->n_drives) {
-        whole_accelerations(d);
+        dynamics_accelerations(d);
         if (drive_efforts(d) != DONE)
             return CALLBACK_FAILED;
     }
     if (d->projects) {
-        whole_accelerations(d);
+        dynamics_accelerations(d);
         projected_rates(d, rates);
     } else {
         independent_rates(d, d->v, rates);
@@ -251,7 +251,7 @@ int dynamics_sample(Dynamics *d, Real t, const Real *y, const Real *z, const Sam
         memcpy(d->z, z, (size_t)d->n_free * sizeof *z);
         tree_rates(k, d->v);
     }
-    whole_accelerations(d);
+    dynamics_accelerations(d);
     put_numbers(d, y, row.numbers);
     if (d->n_drives && drive_efforts(d) != DONE)
         return CALLBACK_FAILED;
@@ -265,24 +265,24 @@ int dynamics_sample(Dynamics *d, Real t, const Real *y, const Real *z, const Sam
 }
 
 /* The place that the way goes on from, and its factors, stay what they are. */
-int dynamics_sample_between(Dynamics *d, const Point *from, const Point *to, const Real *y, Real z,
-                            const SampleRows *rows, Int i)
+int dynamics_sample_between(Dynamics *d, const Point *from, const Point *to, Real s, Real rate,
+                            Real acceleration, const Real *y, const SampleRows *rows, Int i)
 {
     Kernel *k = d->k;
     const SampleRows row = row_of(d, rows, i);
     const size_t angles = (size_t)k->n_angles * sizeof(Real);
-    const Real x = y[0], rate = y[1], part = (x - from->s) / (to->s - from->s);
+    const Real part = (s - from->s) / (to->s - from->s);
     Real *const here = d->q, *const velocity = d->v;
     if (!(part >= 0.0 && part <= 1.0))
         return LOST;
-    point_between(k, from, to, x, row.q, row.v, row.a);
+    point_between(k, from, to, s, row.q, row.v, row.a);
     for (Int n = 0; n < k->n_angles; n++)
         k->angle_reference[n] = from->angle[n] + part * (to->angle[n] - from->angle[n]);
     equations_values(k, row.q);
     memcpy(row.angles, k->angle, angles);
     memcpy(k->angle_reference, d->turns, angles);
     for (Int v = 0; v < k->nv; v++) {
-        row.a[v] = row.a[v] * rate * rate + row.v[v] * z;
+        row.a[v] = row.a[v] * rate * rate + row.v[v] * acceleration;
         row.v[v] *= rate;
     }
     tree_rates(k, row.v);
