@@ -141,6 +141,7 @@ class Problem:
         slip_speed: SlipSpeed | None = None, external: ExternalForces | None = None,
     ) -> None:
         refuse_negative_inertias(mechanism)
+        self._arguments = efforts, drives, laws, accuracy, slip_speed, external
         self.mechanism, self.model = mechanism, mechanism.model
         self.scale, self.accuracy = mechanism.velocity_scale, accuracy
         self.freedoms = Freedoms(mechanism)
@@ -161,6 +162,10 @@ class Problem:
                               or any(np.any(spring.damping) for spring in mechanism.springs))
         self.works = bool(self.law or external or self.constant.any() or self.forces.exist
                           or self.drives)
+
+    def of(self, mechanism: Mechanism) -> Problem:
+        """Return the same problem of a mechanism with other equations."""
+        return Problem(mechanism, *self._arguments)
 
     @property
     def between(self) -> float:
