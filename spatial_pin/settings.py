@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
 from spatial_pin._support.checks import number_from_zero, positive_number, whole_number
@@ -202,14 +203,33 @@ class Accuracy:
                              "spatial_pin.tradeoff(mechanism, task) returns")
         if task == "sweep" and error >= INTERPOLATED:
             return cls(tolerance=min(error, LOOSEST))
+        before: tuple[float, Accuracy] | None = None
         for reached, accuracy in MEASURED[task]:
             if reached <= error:
-                return accuracy
+                return _between(before, (reached, accuracy), error) if before else accuracy
+            before = reached, accuracy
         best = min(reached for reached, _ in MEASURED[task])
         raise SpatialPinError(
             f"no setting is known to reach an error of {error:.3g} on every mechanism of the "
             f"library; the most exact one reaches {best:.0e} ({task}). Measure your own with "
             "spatial_pin.tradeoff(mechanism, task) and pass it as `measured`")
+
+
+def _between(
+    loose: tuple[float, Accuracy], tight: tuple[float, Accuracy], error: float
+) -> Accuracy:
+    """Return the setting for an error between those that two settings keep.
+
+    Errors go with a power of the tolerances in between.
+    """
+    part = math.log(error / loose[0]) / math.log(tight[0] / loose[0])
+
+    def power(first: float, last: float) -> float:
+        return float(f"{first * (last / first) ** part:.1e}")
+
+    first, last = loose[1], tight[1]
+    return replace(last, tolerance=power(first.tolerance, last.tolerance),
+                   time_tolerance=power(first.time_tolerance, last.time_tolerance))
 
 
 def accuracy_of(given: Accuracy | None) -> Accuracy:

@@ -21,6 +21,7 @@ it and a remedy.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator
 from contextlib import suppress
@@ -69,12 +70,13 @@ from spatial_pin.settings import INTEGRATORS, Accuracy
 
 ROUTINE = (AT_END, MANY, NEW_COORDINATES, AT_FAILURE)  # pauses at which all samples are made
 LITTLE = 1e-3  # part of the largest residual of a step below which the next step may be longer
+ROUNDING_OF_ENERGY = 1e-2  # part of the kinetic energy that rounded numbers change, at most
 SHORTEST = 1e-13  # shortest step relative to the time: it is not halved any more
 FALLEN = 1e-3  # a singular value that fell to this part of its first value goes to zero
 
 
-# Independence of a rounded file's equations, relative to that of all of them, below which others are
-# tried; and again where it has fallen by half. Rates lose less than a digit until then.
+# Independence of a rounded file's equations, relative to that of all of them, below which others
+# are tried; and again where it has fallen by half. Rates lose less than a digit until then.
 NEARLY_DEPENDENT = 0.2
 
 
@@ -161,7 +163,8 @@ class Run:
         Returns:
             The action given; END where the other equations open beyond the gap, with a last sample.
         """
-        if self._problem.mechanism.whole is None or action is NextAction.END or self._solver is None:
+        if (self._problem.mechanism.whole is None or action is NextAction.END
+                or self._solver is None):
             return action
         state = self._system.state(self.t, self.y)
         independence, error = independence_at(state.mechanism, state.q, state.angles)
@@ -370,10 +373,21 @@ class EquationsInUse:
     def go_on(
         self, problem: Problem, t: float, y: Array, state: State
     ) -> tuple[IndependentFormulation, Array]:
-        """Return equations and unknowns of a problem with other equations, at a state of it."""
+        """Return equations and unknowns of a problem with other equations, at a state of it.
+
+        Its loops differ from those before by the gap, velocities by more. The energy stays: it
+        determines how fast the motion goes on.
+        """
+        assert self._system is not None
+        before = self._system.energies(t, y)
         self._problem = self._record.problem = problem
         system = self.begin(t, state)
-        return system, system.unknowns(state.v, float(y[-1]) if problem.works else 0.0)
+        unknowns = system.unknowns(state.v, before.work)
+        after, n = system.energies(t, unknowns), len(system.free)
+        kinetic = before.total - (after.total - after.kinetic)
+        if after.kinetic > 0.0 and abs(kinetic / after.kinetic - 1.0) < ROUNDING_OF_ENERGY:
+            unknowns[n : 2 * n] *= math.sqrt(kinetic / after.kinetic)
+        return system, unknowns
 
     def change(self, t: float, y: Array, failed: bool) -> tuple[IndependentFormulation, Array]:
         """Choose other independent coordinates, or restart; return equations and unknowns.
