@@ -203,11 +203,11 @@ class Accuracy:
                              "spatial_pin.tradeoff(mechanism, task) returns")
         if task == "sweep" and error >= INTERPOLATED:
             return cls(tolerance=min(error, LOOSEST))
-        before: tuple[float, Accuracy] | None = None
-        for reached, accuracy in MEASURED[task]:
-            if reached <= error:
-                return _between(before, (reached, accuracy), error) if before else accuracy
-            before = reached, accuracy
+        looser = MEASURED[task][0]
+        for row in MEASURED[task]:
+            if row[0] <= error:
+                return row[1] if task == "sweep" else _of_simulation(looser, row, error)
+            looser = row
         best = min(reached for reached, _ in MEASURED[task])
         raise SpatialPinError(
             f"no setting is known to reach an error of {error:.3g} on every mechanism of the "
@@ -215,21 +215,21 @@ class Accuracy:
             "spatial_pin.tradeoff(mechanism, task) and pass it as `measured`")
 
 
-def _between(
-    loose: tuple[float, Accuracy], tight: tuple[float, Accuracy], error: float
+def _of_simulation(
+    looser: tuple[float, Accuracy], tighter: tuple[float, Accuracy], error: float
 ) -> Accuracy:
-    """Return the setting for an error between those that two settings keep.
+    """Return the setting of a simulation for an error between those that two settings keep.
 
-    Errors go with a power of the tolerances in between.
+    Errors go with a power of the time_tolerance in between. Samples have a part of the error.
     """
-    part = math.log(error / loose[0]) / math.log(tight[0] / loose[0])
-
-    def power(first: float, last: float) -> float:
-        return float(f"{first * (last / first) ** part:.1e}")
-
-    first, last = loose[1], tight[1]
-    return replace(last, tolerance=power(first.tolerance, last.tolerance),
-                   time_tolerance=power(first.time_tolerance, last.time_tolerance))
+    (most, first), (least, last) = looser, tighter
+    error = min(error, most)
+    part = math.log(error / most) / math.log(least / most) if least < most else 0.0
+    steps = first.time_tolerance * (last.time_tolerance / first.time_tolerance) ** part
+    samples = PART_OF_SAMPLES * error
+    return replace(
+        last, time_tolerance=float(f"{steps:.1e}"),
+        tolerance=float(f"{samples:.1e}") if samples >= BETWEEN_ANCHORS else last.tolerance)
 
 
 def accuracy_of(given: Accuracy | None) -> Accuracy:
@@ -260,6 +260,12 @@ LEVELS = {
 
 INTERPOLATED = 1e-9  # tolerance from which on samples of a sweep are interpolated, to that error
 LOOSEST = 1e-2  # of these: farther apart, points would not be predicted
+# Closure tolerance of a simulation from which on most samples are interpolated. Below it hardly one
+# is closed well enough.
+BETWEEN_ANCHORS = 1e-11
+# Part of the error of a simulation that is the tolerance of its samples: accelerations of those that
+# are interpolated are off by a few hundred times as much.
+PART_OF_SAMPLES = 5e-4
 # error that each setting keeps, the cheapest first, as printed by scripts/accuracy_table.py
 MEASURED: dict[str, tuple[tuple[float, Accuracy], ...]] = {
     "sweep": (

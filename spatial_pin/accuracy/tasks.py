@@ -263,11 +263,9 @@ STEPS = {  # fixed steps relative to the mean step of the reference
     ("independent", "Gauss"): (4.0, 1.0),
     ("projected", "RK4"): (2.0,),
 }
-# Tolerance of samples relative to that of steps in time, of loose ones; others have the same.
-# Interpolated samples are off by less than the integration then. Where steps leave as little as
-# LEAST_BETWEEN, all samples are closed like these.
-OF_LOOSE_STEPS, LOOSE_STEPS = 10.0, 3e-8
-LEAST_BETWEEN = 1e-11
+# Closure tolerance relative to the tolerance in time, between 1e-13 and 1e-8: after a hundred
+# steps the closure adds less error than the integrator.
+SAFETY = 1e-2
 
 
 def sweep_settings() -> list[Accuracy]:
@@ -283,20 +281,13 @@ def sweep_settings() -> list[Accuracy]:
 def simulation_settings(step: float) -> list[Accuracy]:
     """Return integrators with tolerances, or with steps by a mean step [s]."""
     adaptive = [
-        Accuracy(tolerance=_of_samples(x), formulation=formulation, integrator=integrator,
-                 time_tolerance=x)
+        Accuracy(tolerance=float(f"{min(1e-8, max(1e-13, SAFETY * x)):.1e}"),
+                 formulation=formulation, integrator=integrator, time_tolerance=x)
         for (formulation, integrator), tolerances in TIME_TOLERANCES.items() for x in tolerances]
     fixed = [
         Accuracy(formulation=formulation, integrator=integrator, step=float(f"{step * x:.2g}"))
         for (formulation, integrator), factors in STEPS.items() for x in factors]
     return list(dict.fromkeys([*LEVELS.values(), *adaptive, *fixed]))
-
-
-def _of_samples(x: float) -> float:
-    """Return the closure tolerance that goes with a tolerance of steps in time."""
-    if x <= LEAST_BETWEEN:
-        return Accuracy.tolerance
-    return float(f"{x * (OF_LOOSE_STEPS if x >= LOOSE_STEPS else 1.0):.1e}")
 
 
 def power(x: float) -> str:

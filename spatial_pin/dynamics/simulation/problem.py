@@ -30,11 +30,8 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.mechanism_checks import refuse_negative_inertias
 from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.settings import INTEGRATORS, Accuracy
+from spatial_pin.settings import BETWEEN_ANCHORS, INTEGRATORS, Accuracy
 
-# Closure tolerance from which on the integrator gives accelerations of samples, and most samples
-# of one freedom are interpolated. Below it hardly one is closed well enough.
-BETWEEN_ANCHORS = 1e-11
 # Closure residual of steps relative to their time_tolerance: a hundred of them add less error than
 # one step.
 PART_OF_STEP = 1e-2
