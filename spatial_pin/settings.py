@@ -98,9 +98,10 @@ class Accuracy:
     between points of the path that are closed more tightly. One correction in the middle of each
     interval tells its error, and the intervals grow until that meets the tolerance: the error of
     positions, and of rates and accelerations by their size. `Motion.error` tells it. From 1e-11 on,
-    DOP853 and RK45 also give the accelerations of a simulation's samples, and most samples of one
-    freedom are interpolated in the same way. This is not done if functions of yours act, because
-    these may jump.
+    most samples of a simulation are interpolated in time, with positions off by less than that, and
+    accelerations by a few hundred times as much; steps of adaptive integrators close the loops to a
+    hundredth of their own tolerance. This is not done if functions of yours act, because these may
+    jump.
 
     Example:
         >>> mech = sp.load("four_bar")
@@ -168,7 +169,7 @@ class Accuracy:
         The error is the largest of positions [rad, characteristic lengths], and of velocities and
         accelerations by the largest one. A sweep to 1e-9 or more meets it by itself. Tighter ones,
         and simulations, have the setting that kept it with a margin over the mechanisms of the
-        library with loops, as `scripts/accuracy_table.py` measured: each did its usual sweep, or
+        library with loops (simulations one between two of these), as `scripts/accuracy_table.py` measured: each did its usual sweep, or
         swung a few seconds under gravity. That is a measurement, not a proof: near singular
         configurations, and in long or unstable simulations, errors grow (`delta` and `sarrus`
         through their change points, `crank_collar` and `excavator` let fall, are left out for
@@ -263,8 +264,8 @@ LOOSEST = 1e-2  # of these: farther apart, points would not be predicted
 # Closure tolerance of a simulation from which on most samples are interpolated. Below it hardly one
 # is closed well enough.
 BETWEEN_ANCHORS = 1e-11
-# Part of the error of a simulation that is the tolerance of its samples: accelerations of those that
-# are interpolated are off by a few hundred times as much.
+# Part of the error of a simulation that is the tolerance of its samples: accelerations of those
+# that are interpolated are off by a few hundred times as much.
 PART_OF_SAMPLES = 5e-4
 # error that each setting keeps, the cheapest first, as printed by scripts/accuracy_table.py
 MEASURED: dict[str, tuple[tuple[float, Accuracy], ...]] = {
