@@ -169,10 +169,10 @@ class Accuracy:
         The error is the largest of positions [rad, characteristic lengths], and of velocities and
         accelerations by the largest one. A sweep to 1e-9 or more meets it by itself. Tighter ones,
         and simulations, have the setting that kept it with a margin over the mechanisms of the
-        library with loops (simulations one between two of these), as `scripts/accuracy_table.py` measured: each did its usual sweep, or
-        swung a few seconds under gravity. That is a measurement, not a proof: near singular
-        configurations, and in long or unstable simulations, errors grow (`delta` and `sarrus`
-        through their change points, `crank_collar` and `excavator` let fall, are left out for
+        library with loops (simulations one between two of these), as `scripts/accuracy_table.py`
+        measured: each did its usual sweep, or swung a few seconds under gravity. That is a measurement, not a proof: near singular
+        configurations, and in long or unstable simulations, errors grow (`peaucellier` and
+        `sarrus` through their change points, `crank_collar` and `excavator` let fall, are left out for
         that), and `Motion.error` says so. Or measure your own mechanism and task before:
         `for_error(1e-6, measured=spatial_pin.tradeoff(mechanism, task))`.
 
@@ -277,8 +277,8 @@ MEASURED: dict[str, tuple[tuple[float, Accuracy], ...]] = {
     "simulate": (
         (0.006, Accuracy(tolerance=1e-08, time_tolerance=1e-06)),
         (0.0003, Accuracy(tolerance=1e-09, time_tolerance=1e-07)),
-        (4e-05, Accuracy(tolerance=1e-10, time_tolerance=1e-08)),
-        (7e-06, Accuracy(tolerance=1e-11, time_tolerance=1e-09)),
+        (9e-06, Accuracy(tolerance=1e-10, time_tolerance=1e-08)),
+        (7e-07, Accuracy(tolerance=1e-11, time_tolerance=1e-09)),
         (9e-08, Accuracy(tolerance=1e-12, time_tolerance=1e-10)),
         (3e-09, Accuracy(time_tolerance=1e-11)),
         (1e-09, Accuracy(time_tolerance=1e-12)),
