@@ -99,8 +99,8 @@ class Accuracy:
     interval tells its error, and the intervals grow until that meets the tolerance: the error of
     positions, and of rates and accelerations by their size. `Motion.error` tells it. From 1e-11 on,
     most samples of a simulation are interpolated in time, with positions off by less than that, and
-    accelerations by a few hundred times as much; steps of adaptive integrators close the loops to a
-    hundredth of their own tolerance. This is not done if functions of yours act, because these may
+    accelerations by a few hundred times as much; steps of adaptive integrators close the loops to
+    1e-4 of their own tolerance. This is not done if functions of yours act, because these may
     jump.
 
     Example:
@@ -170,10 +170,11 @@ class Accuracy:
         accelerations by the largest one. A sweep to 1e-9 or more meets it by itself. Tighter ones,
         and simulations, have the setting that kept it with a margin over the mechanisms of the
         library with loops (simulations one between two of these), as `scripts/accuracy_table.py`
-        measured: each did its usual sweep, or swung a few seconds under gravity. That is a measurement, not a proof: near singular
-        configurations, and in long or unstable simulations, errors grow (`peaucellier` and
-        `sarrus` through their change points, `crank_collar` and `excavator` let fall, are left out for
-        that), and `Motion.error` says so. Or measure your own mechanism and task before:
+        measured: each did its usual sweep, or swung a few seconds under gravity. That is a
+        measurement, not a proof: near singular configurations, and in long or unstable simulations,
+        errors grow (`peaucellier` and `sarrus` through their change points, `crank_collar` and
+        `excavator` let fall, are left out for that), and `Motion.error` says so. Or measure your
+        own mechanism and task before:
         `for_error(1e-6, measured=spatial_pin.tradeoff(mechanism, task))`.
 
         Args:

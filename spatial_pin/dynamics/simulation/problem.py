@@ -32,9 +32,9 @@ from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import BETWEEN_ANCHORS, INTEGRATORS, Accuracy
 
-# Closure residual of steps relative to their time_tolerance: a hundred of them add less error than
+# Closure residual of steps relative to their time_tolerance: thousands of them add less error than
 # one step.
-PART_OF_STEP = 1e-2
+PART_OF_STEP = 1e-4
 
 EffortLaw = Callable[[float, State], Mapping[str, float]]
 WrenchLaw = Callable[[float, State], Mapping[str, pin.Force]]
