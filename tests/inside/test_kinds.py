@@ -22,7 +22,7 @@ from spatial_pin.accuracy.extended import Extended
 from spatial_pin.cli import main
 from spatial_pin.constraints.compiled_equations import Constraints, composed_rates
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
-from spatial_pin.kernel import packing
+from spatial_pin.kernel import kernel
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_at
 from spatial_pin.mechanism.equations import (
     Angle,
@@ -236,10 +236,10 @@ def test_an_equation_may_multiply_quantities(tmp_path, joint):
 
 def test_the_kinds_of_quantities_are_numbered_as_in_the_kernel():
     text = (ROOT / "spatial_pin" / "kernel" / "core" / "kernel.h").read_text()
-    for name, code in (("PRODUCT", packing.PRODUCT), ("SUM", packing.SUM), ("IDLE", packing.IDLE),
+    for name, code in (("PRODUCT", kernel.PRODUCT), ("SUM", kernel.SUM), ("IDLE", kernel.IDLE),
                        *zip(("OF_PRODUCT", "COORDINATE", "ANGLE"), range(3), strict=True)):
         assert f" {name} = {code}" in text
-    assert packing.QUANTITIES == ("product", "coordinate", "angle")
+    assert kernel.QUANTITIES == ("product", "coordinate", "angle")
 
 
 def among_others(folder) -> sp.Mechanism:
