@@ -35,6 +35,7 @@ from spatial_pin.numerics.linalg import (
     Array,
     decompose,
     independent_rows,
+    null_space,
     weighty_rows,
 )
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -197,9 +198,9 @@ def free_spins(mechanism: Mechanism, state: State, forces: Forces) -> Spins:
         if pair == "spherical" and joint not in carriers:
             first = model.idx_vs[joint]
             own = evaluation.jacobian[: evaluation.constraints.n_closure, first : first + 3]
-            _, sizes, axes = np.linalg.svd(np.vstack([own, np.zeros((3, 3))]))
-            if sizes[2] <= FREE_SPIN < sizes[1]:  # its rotations about one line move no closure
-                lines[joint] = axes[2]
+            axes = null_space(own, FREE_SPIN)
+            if len(axes) == 1:  # its rotations about one line move no closure
+                lines[joint] = axes[0]
     lines = {joint: axis for joint, axis in lines.items()
              if _is_symmetric(mechanism, joint, axis, forces)}
     spins = Spins(model, lines)
