@@ -267,7 +267,7 @@ LOOSEST = 1e-2  # of these: farther apart, points would not be predicted
 BETWEEN_ANCHORS = 1e-11
 # Part of the error of a simulation that is the tolerance of its samples: accelerations of those
 # that are interpolated are off by a few hundred times as much.
-PART_OF_SAMPLES = 5e-4
+PART_OF_SAMPLES = 2e-4
 # error that each setting keeps, the cheapest first, as printed by scripts/accuracy_table.py
 MEASURED: dict[str, tuple[tuple[float, Accuracy], ...]] = {
     "sweep": (
