@@ -6,7 +6,8 @@
 Every mechanism with loops does its usual move (`sp.tradeoff(mech, "sweep")`: one turn of the first
 driver, 361 values) and swings a few seconds under gravity (`"simulate"`). Only settings that watch
 their error themselves are tried, and none that creeps where a motion is stiff: corrections to a
-tolerance, integrators that choose their step. Of each, the largest error over all mechanisms is
+tolerance, and the integrator that takes another one there; implicit ones alone take ten times as
+long. Of each, the largest error over all mechanisms is
 taken, times `MARGIN` (`MARGIN_LEAST` where only round-off of a sweep is left), and the shortest
 time that it has taken, by that of "engineering", in geometric mean. Settings that fail on a
 mechanism are left out, and so are those that another one beats in both. What is left is printed as
@@ -67,10 +68,9 @@ def candidates(task: str) -> list[sp.Accuracy]:
     """Return the settings that watch their own error; none that creeps where a motion is stiff."""
     if task == "sweep":
         return [a for a in sweep_settings() if a.corrections is None and a.order]
-    settings = [a for a in simulation_settings(1.0) if a.step is None]
     return list(dict.fromkeys(
-        replace(a, integrator="automatic") if a.integrator == "DOP853" else a
-        for a in settings if a.integrator != "RK45" and a.formulation == "independent"))
+        replace(a, integrator="automatic") for a in simulation_settings(1.0)
+        if a.integrator in ("automatic", "DOP853") and a.formulation == "independent"))
 
 
 def measured(task: str, names: Iterable[str], budget: float) -> list[Table]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
 from spatial_pin._support.checks import number_from_zero, positive_number, whole_number
@@ -97,9 +98,10 @@ class Accuracy:
     between points of the path that are closed more tightly. One correction in the middle of each
     interval tells its error, and the intervals grow until that meets the tolerance: the error of
     positions, and of rates and accelerations by their size. `Motion.error` tells it. From 1e-11 on,
-    DOP853 and RK45 also give the accelerations of a simulation's samples, and most samples of one
-    freedom are interpolated in the same way. This is not done if functions of yours act, because
-    these may jump.
+    most samples of a simulation are interpolated in time, with positions off by less than that, and
+    accelerations by a few hundred times as much; steps of adaptive integrators close the loops to
+    1e-4 of their own tolerance. This is not done if functions of yours act, because these may
+    jump.
 
     Example:
         >>> mech = sp.load("four_bar")
@@ -167,11 +169,12 @@ class Accuracy:
         The error is the largest of positions [rad, characteristic lengths], and of velocities and
         accelerations by the largest one. A sweep to 1e-10 or more meets it by itself. Tighter ones,
         and simulations, have the setting that kept it with a margin over the mechanisms of the
-        library with loops, as `scripts/accuracy_table.py` measured: each did its usual sweep, or
-        swung a few seconds under gravity. That is a measurement, not a proof: near singular
-        configurations, and in long or unstable simulations, errors grow (`delta` and `sarrus`
-        through their change points, `crank_collar` and `excavator` let fall, are left out for
-        that), and `Motion.error` says so. Or measure your own mechanism and task before:
+        library with loops (simulations one between two of these), as `scripts/accuracy_table.py`
+        measured: each did its usual sweep, or swung a few seconds under gravity. That is a
+        measurement, not a proof: near singular configurations, and in long or unstable simulations,
+        errors grow (`peaucellier` and `sarrus` through their change points, `crank_collar` and
+        `excavator` let fall, are left out for that), and `Motion.error` says so. Or measure your
+        own mechanism and task before:
         `for_error(1e-6, measured=spatial_pin.tradeoff(mechanism, task))`.
 
         Args:
@@ -202,14 +205,33 @@ class Accuracy:
                              "spatial_pin.tradeoff(mechanism, task) returns")
         if task == "sweep" and error >= INTERPOLATED:
             return cls(tolerance=min(error, LOOSEST))
-        for reached, accuracy in MEASURED[task]:
-            if reached <= error:
-                return accuracy
+        looser = MEASURED[task][0]
+        for row in MEASURED[task]:
+            if row[0] <= error:
+                return row[1] if task == "sweep" else _of_simulation(looser, row, error)
+            looser = row
         best = min(reached for reached, _ in MEASURED[task])
         raise SpatialPinError(
             f"no setting is known to reach an error of {error:.3g} on every mechanism of the "
             f"library; the most exact one reaches {best:.0e} ({task}). Measure your own with "
             "spatial_pin.tradeoff(mechanism, task) and pass it as `measured`")
+
+
+def _of_simulation(
+    looser: tuple[float, Accuracy], tighter: tuple[float, Accuracy], error: float
+) -> Accuracy:
+    """Return the setting of a simulation for an error between those that two settings keep.
+
+    Errors go with a power of the time_tolerance in between. Samples have a part of the error.
+    """
+    (most, first), (least, last) = looser, tighter
+    error = min(error, most)
+    part = math.log(error / most) / math.log(least / most) if least < most else 0.0
+    steps = first.time_tolerance * (last.time_tolerance / first.time_tolerance) ** part
+    samples = PART_OF_SAMPLES * error
+    return replace(
+        last, time_tolerance=float(f"{steps:.1e}"),
+        tolerance=float(f"{samples:.1e}") if samples >= BETWEEN_ANCHORS else last.tolerance)
 
 
 def accuracy_of(given: Accuracy | None) -> Accuracy:
@@ -240,6 +262,12 @@ LEVELS = {
 
 INTERPOLATED = 1e-10  # tolerance from which on samples of a sweep are interpolated, to that error
 LOOSEST = 1e-2  # of these: farther apart, points would not be predicted
+# Closure tolerance of a simulation from which on most samples are interpolated. Below it hardly one
+# is closed well enough.
+BETWEEN_ANCHORS = 1e-11
+# Part of the error of a simulation that is the tolerance of its samples: accelerations of those
+# that are interpolated are off by a few hundred times as much.
+PART_OF_SAMPLES = 2e-4
 # error that each setting keeps, the cheapest first, as printed by scripts/accuracy_table.py
 MEASURED: dict[str, tuple[tuple[float, Accuracy], ...]] = {
     "sweep": (
@@ -249,8 +277,8 @@ MEASURED: dict[str, tuple[tuple[float, Accuracy], ...]] = {
     "simulate": (
         (0.006, Accuracy(tolerance=1e-08, time_tolerance=1e-06)),
         (0.0003, Accuracy(tolerance=1e-09, time_tolerance=1e-07)),
-        (4e-05, Accuracy(tolerance=1e-10, time_tolerance=1e-08)),
-        (7e-06, Accuracy(tolerance=1e-11, time_tolerance=1e-09)),
+        (9e-06, Accuracy(tolerance=1e-10, time_tolerance=1e-08)),
+        (7e-07, Accuracy(tolerance=1e-11, time_tolerance=1e-09)),
         (9e-08, Accuracy(tolerance=1e-12, time_tolerance=1e-10)),
         (3e-09, Accuracy(time_tolerance=1e-11)),
         (1e-09, Accuracy(time_tolerance=1e-12)),

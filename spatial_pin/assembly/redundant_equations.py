@@ -467,6 +467,34 @@ def independent_along(
         best[1]._replace(cut=selection.cut, opened=selection.opened)), n
 
 
+def independence_at(mechanism: Mechanism, q: Array, angles: Array) -> tuple[float, float]:
+    """Return how independent the equations of the mechanism of a rounded file are.
+
+    Args:
+        mechanism: one that has a `whole`.
+        q: (nq,) a configuration.
+        angles: (n_angles,) of its screw closures.
+
+    Returns:
+        Their least singular value on the row space of all equations, relative to that of these; and
+        the closure error of all equations [-].
+    """
+    whole, selection = mechanism.whole, mechanism.selection
+    assert whole is not None and selection is not None
+    rank = sum(selection.counts())
+    with loops_of(whole, carried_angles(mechanism, angles, whole)) as every, loops_of(
+            mechanism, angles) as evaluation:
+        every.update(q)
+        jacobian, error = every.jacobian[: every.constraints.n_closure], every.closure_error
+        svd = decompose(jacobian)
+        if not rank or not svd.s[rank - 1] > 0.0:
+            return float(not rank), error
+        sample = Sample(q, jacobian, svd.s, error, svd.vt[:rank])
+        evaluation.update(q)
+        own = evaluation.jacobian[: evaluation.constraints.n_closure]
+        return float(abs(_independence([own], [sample])[0])), error
+
+
 def _walk(
     mechanism: Mechanism, q: Array, ahead: Array, parts: int,
     closed: Callable[[Array], Sample | None],

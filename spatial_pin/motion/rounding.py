@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 
+from spatial_pin.assembly.close import close
 from spatial_pin.assembly.redundant_equations import (
+    CLOSED,
     allowed_from,
     clearly_above,
     gap_allowed,
     independent_along,
 )
-from spatial_pin.assembly.state import NO_ANGLES, State
+from spatial_pin.assembly.state import NO_ANGLES, State, carried_angles
 from spatial_pin.errors import LimitError, SingularError
+from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import AnyMotion, Event, first_samples
 from spatial_pin.numerics.linalg import Array
@@ -21,27 +25,8 @@ from spatial_pin.settings import Accuracy
 # its height, much less than the report shows.
 MOST_SAMPLES = 1000
 GAP = "gap"  # kind of event
-BRIEF = 0.01  # part of a motion on which equations that were left out open beyond the gap at most
 # Choices of independent equations that are made along a path: each reaches half a radian further.
 CHOICES = 8
-
-
-def first_opened(
-    motion: AnyMotion, accuracy: Accuracy, end: int | None = None
-) -> tuple[int, int | None]:
-    """Return at how many of the first `end` samples equations hold to the gap, and where not.
-
-    At most a thousand are checked.
-    """
-    end = len(motion) if end is None else end
-    if motion.mechanism.whole is None or not end:
-        return end, None
-    gap, before = allowed_from(motion.state(0), gap_allowed(motion.mechanism, accuracy)), 0
-    for row in np.unique(np.linspace(0, end - 1, min(end, MOST_SAMPLES)).astype(int)).tolist():
-        if motion.state(row).gap > gap:
-            return before, row
-        before = row + 1
-    return end, None
 
 
 def within_gap(
@@ -65,20 +50,24 @@ def within_gap(
     if motion.mechanism.whole is None or not len(motion):
         return motion
     gap = allowed_from(motion.state(0), gap_allowed(motion.mechanism, accuracy))
-    end, row = first_opened(motion, accuracy, independent)
-    at = motion.state(max(0, end - 1) if row is None else row)
+    end = len(motion) if independent is None else independent
+    rows = np.unique(np.linspace(0, max(end - 1, 0), MOST_SAMPLES).astype(int)).tolist()
+    at = next((k for k, row in enumerate(rows) if end and motion.state(row).gap > gap), None)
+    if at is not None:
+        end = rows[at - 1] + 1 if at else 0
+    last = motion.state(max(0, end - 1) if at is None else rows[at])
     if independent is not None:
-        return _ended(motion, end, at, on_limit, (
+        return _ended(motion, end, last, on_limit, (
             "the file's numbers are rounded, and no choice of its redundant equations is "
-            f"independent from the first sample to beyond {at}; begin another motion there: its "
+            f"independent from the first sample to beyond {last}; begin another motion there: its "
             "last State is guess=, of simulate the state"))
-    if row is None:
+    if at is None:
         return motion
-    worst = max(at.gap.closures.items(), key=lambda x: x[1])[0]
-    return _ended(motion, end, at, on_limit, (
+    worst = max(last.gap.closures.items(), key=lambda x: x[1])[0]
+    return _ended(motion, end, last, on_limit, (
         f"the file's numbers are rounded, and redundant equations of closure {worst!r} open by "
-        f"{float(at.gap):.1e} at {at}, beyond the gap of {gap:.0e} (load(..., gap="
-        f"{clearly_above(float(at.gap)):.0e}) allows it)"))
+        f"{float(last.gap):.1e} at {last}, beyond the gap of {gap:.0e} (load(..., gap="
+        f"{clearly_above(float(last.gap)):.0e}) allows it)"))
 
 
 def _ended(
@@ -102,23 +91,31 @@ def _ended(
     return motion
 
 
-def is_closed_again(motion: AnyMotion, row: int, accuracy: Accuracy) -> bool:
-    """Whether equations that open at a sample hold to the gap again soon after, to the end."""
-    gap = allowed_from(motion.state(0), gap_allowed(motion.mechanism, accuracy))
-    is_open = [k for k in range(row, len(motion)) if motion.state(k).gap > gap]
-    return len(is_open) <= BRIEF * len(motion) and is_open[-1] + 1 < len(motion)
+def independent_from(state: State, gap: float) -> State:
+    """Return a moving state of a rounded file with equations that are independent ahead of it.
 
+    The loops are closed by these equations. It is the state itself where no others do better.
 
-def ended_by(motion: AnyMotion, event: Event | None) -> AnyMotion:
-    """Return a motion with an event at its end that was found on a motion of more samples."""
-    if event is not None:
-        motion.events.append(event._replace(row=len(motion)))
-    return motion
+    Args:
+        state: closed, with velocities.
+        gap: the largest closure error that other equations may keep [-].
+    """
+    mechanism, scale = state.mechanism, state.mechanism.velocity_scale
+    chosen, _ = independent_along(
+        mechanism, state.q[None], state.angles, state.v / scale, gap, opens=True)
+    if chosen is mechanism:
+        return state
+    angles = carried_angles(mechanism, state.angles, chosen)
+    with loops_of(chosen, angles) as evaluation:
+        q, error = close(evaluation, state.q, np.ones(len(scale), dtype=bool), CLOSED)
+        away = np.abs(pin.difference(mechanism.model, state.q, q) / scale).max()
+        if len(evaluation.angles) != len(state.angles) or error > CLOSED or away > gap:
+            return state
+        return State(chosen, q, state.v, closure_error=error, angles=evaluation.angles)
 
 
 def independent_on(
     motion: AnyMotion, accuracy: Accuracy, ahead: Array, end: Array | None = None,
-    opens_after: int | None = None,
 ) -> tuple[Mechanism, int | None]:
     """Return a mechanism whose equations are independent on a motion and some distance ahead.
 
@@ -127,7 +124,6 @@ def independent_on(
         accuracy: its settings.
         ahead: (nv,) the direction in which it goes on.
         end: (nq,) where it ends beyond its last sample.
-        opens_after: how many samples come before one at which redundant equations open too far.
 
     Returns:
         The motion's own mechanism where that is one, or of a rounded file no choice of equations
@@ -138,6 +134,6 @@ def independent_on(
     if mechanism.whole is None or not len(motion):
         return mechanism, None
     gap = allowed_from(motion.state(0), gap_allowed(mechanism, accuracy))
-    q = motion.q[:opens_after] if end is None else np.vstack([motion.q, end])
+    q = motion.q if end is None else np.vstack([motion.q, end])
     return independent_along(mechanism, q, motion.angles[0] if motion.angles.size else NO_ANGLES,
-                             ahead / mechanism.velocity_scale, gap, opens_after is not None)
+                             ahead / mechanism.velocity_scale, gap)

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import FrozenInstanceError, asdict
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -76,6 +77,13 @@ def test_a_looser_error_never_takes_a_tighter_setting(task):
     found = [sp.Accuracy.for_error(error, task) for error in (1e-7, 1e-5, 1e-3)]
     tight = [x.tolerance if task == "sweep" else x.time_tolerance for x in found]
     assert tight == sorted(tight)
+
+
+def test_between_two_settings_that_were_measured_lies_one_for_each_error():
+    errors = np.geomspace(3e-3, 1e-9, 30)
+    steps = [sp.Accuracy.for_error(error, "simulate").time_tolerance for error in errors]
+    assert all(x > y for x, y in pairwise(steps))  # none is much more exact than it is to be
+    assert max(x / y for x, y in pairwise(steps)) < 10.0
 
 
 def test_arguments_of_a_trade_off_are_checked():

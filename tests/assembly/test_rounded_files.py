@@ -382,38 +382,32 @@ def test_what_rounded_numbers_cannot_have_is_refused_in_words():
         sp.dynamics_derivatives(mechanism, state)
 
 
-@pytest.mark.parametrize(("seed", "rate"), [(1, 1.0), (6, 1.0), (23, -1.0)])
-def test_a_simulation_ends_where_equations_become_dependent_and_goes_on_from_there(seed, rate):
-    """A wider gap would be wrong advice: no number of the file contradicts another so far."""
-    exact, loop = (rounded.line_symmetric(seed, r)
-                   for r in (rounded.exactly, rounded.to_digits(7)))
-    times, state = np.linspace(0.0, 3.0, 61), sp.solve_rates(loop, assembled(loop), {"h0": rate})
-    meant = sp.simulate(exact, sp.solve_rates(exact, sp.assemble(exact), {"h0": rate}), 3.0,
-                        times=times)
-    first = sp.simulate(loop, state, 3.0, times=times)
-    n = len(first)
-    if n < len(times):
-        assert first.events[-1].kind == "gap" and "gap=" not in first.events[-1].text
-        rest = sp.simulate(loop, first.state(-1), times[-1] - times[n - 1],
-                           times=times[n - 1 :] - times[n - 1])
-        assert len(rest) > 10
-        assert np.abs(rest.q - meant.q[n - 1 : n - 1 + len(rest)]).max() < 1e-4
-    assert np.abs(first.q - meant.q[:n]).max() < 1e-4
-
-
-@pytest.mark.parametrize(("seed", "digits"), [(109, 8), (110, 9)])
-def test_a_simulation_does_not_take_dependent_equations_for_a_singular_configuration(seed, digits):
-    """As many samples as there are, few or many: how far it goes does not depend on them."""
+@pytest.mark.parametrize(("seed", "rate", "digits"), [
+    (1, 1.0, 7), pytest.param(109, 1.0, 8, marks=pytest.mark.slow),
+    pytest.param(6, 1.0, 7, marks=pytest.mark.slow),
+    pytest.param(23, -1.0, 7, marks=pytest.mark.slow),
+    pytest.param(110, 1.0, 9, marks=pytest.mark.slow)])
+def test_a_simulation_goes_on_where_its_equations_become_dependent(seed, rate, digits):
+    """With others: no choice is independent on all of the motion. Few samples or many."""
     exact, loop = (rounded.line_symmetric(seed, r)
                    for r in (rounded.exactly, rounded.to_digits(digits)))
-    start = sp.solve_rates(loop, assembled(loop), {"h0": 1.0})
-    ends = []
-    for n in (31, 121):
+    start = sp.solve_rates(loop, assembled(loop), {"h0": rate})
+    for n in (7, 121):
         times = np.linspace(0.0, 3.0, n)
-        meant = sp.simulate(exact, sp.solve_rates(exact, sp.assemble(exact), {"h0": 1.0}), 3.0,
+        meant = sp.simulate(exact, sp.solve_rates(exact, sp.assemble(exact), {"h0": rate}), 3.0,
                             times=times)
         found = sp.simulate(loop, start, 3.0, times=times)
-        assert np.abs(found.q - meant.q[: len(found)]).max() < 1e-5
-        assert len(found) == len(times) or found.events[-1].kind == "gap"
-        ends.append(found.time[-1])
-    assert ends == pytest.approx([ends[0]] * 2, abs=0.1)
+        assert len(found) == n and not found.events
+        assert np.abs(found.q - meant.q).max() < 1e-4
+        assert found.energy_drift < 1e-8  # energy stays where equations are chosen
+        assert found.closure_error.max() < 1e-12
+        assert max(float(found.state(k).gap) for k in range(n)) < 100.0 * 10.0**-digits
+
+
+def test_a_simulation_ends_where_a_rounded_file_contradicts_itself():
+    """Four digits: equations open beyond the gap on the way, whichever of them are chosen."""
+    loop = rounded.line_symmetric(678015, rounded.to_digits(4))
+    start = sp.solve_rates(loop, assembled(loop), {"h0": 1.0})
+    motion = sp.simulate(loop, start, 3.0, times=np.linspace(0.0, 3.0, 121))
+    assert 5 < len(motion) < 121
+    assert [e.kind for e in motion.events] == ["gap"] and "gap=" in motion.events[0].text

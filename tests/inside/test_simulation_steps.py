@@ -123,7 +123,7 @@ SPRING = '[[springs]]\nname = "s"\nstiffness = 10.0\nfree_length = 0.1\n'
 
 def test_what_is_held_or_pulled_is_seen_from_the_world(tmp_path):
     def problem(toml="", efforts=None):
-        return Problem(four_bar(tmp_path, toml)[0], efforts, None, None, 1e-13)
+        return Problem(four_bar(tmp_path, toml)[0], efforts, None, None, sp.Accuracy())
 
     assert is_in_free_fall(problem())
     assert is_in_free_fall(problem(SPRING + 'frames = ["end", "frame"]\n'))
@@ -132,7 +132,7 @@ def test_what_is_held_or_pulled_is_seen_from_the_world(tmp_path):
     tie = known.closure("tie", "distance", "nail", "frame", length=1.0)
     assert not is_in_free_fall(problem(tie))
     assert not is_in_free_fall(problem(efforts=lambda t, state: {"a": 1.0}))
-    assert not is_in_free_fall(Problem(sp.load("four_bar"), None, None, None, 1e-13))
+    assert not is_in_free_fall(Problem(sp.load("four_bar"), None, None, None, sp.Accuracy()))
 
 
 TIMES = np.linspace(0.0, 1.0, 201)
@@ -179,7 +179,7 @@ def test_differences_stay_finite_where_the_function_ends():
 def test_nothing_that_was_given_up_is_tried_again(tmp_path):
     """From joint to joint, the fastest first; where there is no other, the best of all."""
     state = arm_on_a_slider(tmp_path, 21)
-    problem, given_up, found = Problem(state.mechanism, None, None, None, 1e-13), set(), []
+    problem, given_up, found = Problem(state.mechanism, None, None, None, sp.Accuracy()), set(), []
     for _ in range(3):
         system = independent(problem, state, given_up)
         found.append(tuple(system.free))
@@ -193,7 +193,7 @@ def test_a_motion_goes_to_the_limit_itself(tmp_path, gap):
     """Here the rod leans back."""
     state = rod_end_on_a_line(tmp_path, 0.0)
     assert state.placement("end").translation[0] < state.placement("rod").translation[0]
-    system = independent(Problem(state.mechanism, None, None, None, 1e-13), state)
+    system = independent(Problem(state.mechanism, None, None, None, sp.Accuracy()), state)
     angle = np.arcsin((0.9 - 0.8) / 0.5) + gap
     lean = np.pi - np.arcsin((0.9 - 0.5 * np.sin(angle)) / 0.8)
     rate = -0.5 * np.cos(angle) / (0.8 * np.cos(lean))  # how fast it turns, for the crank

@@ -34,7 +34,7 @@ def test_accelerations_are_those_of_forward_dynamics(name):
     """Which has Pinocchio's mass matrix and forces, and solves for all joints together."""
     mech, state = moving(name, 3)
     efforts = dict.fromkeys(list(mech.drivers)[:1], 0.7)
-    system = independent(Problem(mech, efforts, None, None, 1e-13), state)
+    system = independent(Problem(mech, efforts, None, None, sp.Accuracy()), state)
     sample = system.samples(np.zeros(1), system.unknowns(state.v, 0.0)[None])
     expected = sp.forward_dynamics(mech, state, efforts).a
     assert np.abs(sample.q[0] - state.q).max() < 1e-12
@@ -45,7 +45,7 @@ def test_accelerations_are_those_of_forward_dynamics(name):
 @pytest.mark.parametrize("name", each(ONE_LOOP))
 def test_energies_are_pinocchios(name):
     mech, state = moving(name, 5)
-    problem = Problem(mech, None, None, None, 1e-13)
+    problem = Problem(mech, None, None, None, sp.Accuracy())
     system = independent(problem, state)
     found = system.energies(0.0, system.unknowns(state.v, 0.0))
     model, data = mech.model, mech.model.createData()
@@ -77,7 +77,7 @@ def test_trees_accelerate_as_by_the_articulated_body_algorithm(tmp_path, seed):
     model = mech.model
     q = pin.integrate(model, pin.neutral(model), rng.uniform(-1.0, 1.0, model.nv))
     state = sp.State(mech, q, rng.uniform(-2.0, 2.0, model.nv), closure_error=0.0)
-    system = independent(Problem(mech, {"elbow": 0.4}, None, None, 1e-13), state)
+    system = independent(Problem(mech, {"elbow": 0.4}, None, None, sp.Accuracy()), state)
     sample = system.samples(np.zeros(1), system.unknowns(state.v, 0.0)[None])
     tau = np.zeros(model.nv)
     tau[mech.coordinate("elbow").v] = 0.4

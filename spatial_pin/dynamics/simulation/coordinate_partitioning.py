@@ -21,7 +21,6 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.assembly.close import close
-from spatial_pin.assembly.passive_freedoms import passive_freedoms, rigid_groups
 from spatial_pin.assembly.state import State
 from spatial_pin.assembly.undetermined import lost_rank_words, rank_loss
 from spatial_pin.constraints.trees import is_large
@@ -191,24 +190,17 @@ def free_spins(mechanism: Mechanism, state: State, forces: Forces) -> Spins:
     Each is carried by a ball joint that does not resist, carries none itself, and no spring holds
     it beside its line. A bushing holds its bodies about every line.
     """
-    model, scale = mechanism.model, mechanism.velocity_scale
-    lines: dict[int, Array] = {}
+    model, lines = mechanism.model, dict[int, Array]()
     if "spherical" not in mechanism.pairs:
         return Spins(model, lines)
-    evaluation = loops_at(mechanism, state.q, state.angles)
-    freedoms = null_space(evaluation.jacobian[: evaluation.constraints.n_closure])
-    if len(freedoms) < 2:
-        return Spins(model, lines)
-    groups = rigid_groups(mechanism)
-    for name, velocities in passive_freedoms(evaluation, freedoms * scale):
-        joint = mechanism.joint_id(name)
-        is_one_body = groups.count(groups[joint]) == 1
-        if len(velocities) == 1 and mechanism.pair_of(name) == "spherical" and is_one_body:
-            own = velocities[0, model.idx_vs[joint]:][:3]
-            size = float(np.linalg.norm(own))
-            fastest = float(np.abs(velocities[0] / scale).max())
-            if size > FREE_SPIN * fastest:  # else others turn
-                lines[joint] = own / size
+    evaluation, carriers = loops_at(mechanism, state.q, state.angles), set(model.parents)
+    for joint, pair in enumerate(mechanism.pairs, start=1):
+        if pair == "spherical" and joint not in carriers:
+            first = model.idx_vs[joint]
+            own = evaluation.jacobian[: evaluation.constraints.n_closure, first : first + 3]
+            axes = null_space(own, FREE_SPIN)
+            if len(axes) == 1:  # its rotations about one line move no closure
+                lines[joint] = axes[0]
     lines = {joint: axis for joint, axis in lines.items()
              if _is_symmetric(mechanism, joint, axis, forces)}
     spins = Spins(model, lines)
@@ -225,7 +217,7 @@ def _is_symmetric(mechanism: Mechanism, joint: int, axis: Array, forces: Forces)
     near = tolerance * mechanism.characteristic_length
     if resists(mechanism, joint) or any(joint in x.bodies for x in forces.bushings):
         return False
-    if joint in list(mechanism.model.parents) or off_line(inertia.lever) > near:
+    if off_line(inertia.lever) > near:
         return False
     moments = inertia.inertia
     along = float(axis @ moments @ axis)

@@ -46,9 +46,6 @@ GivenUp = Set[tuple[type, tuple[int, ...]]]  # formulations, and their independe
 # A joint this much faster than the independent coordinates replaces one of them: it costs half a
 # digit of the joint.
 FASTER_THAN_CHOSEN = 4.0
-# Closure residual of points between which samples are interpolated. Second derivatives divide it
-# by the square of their distance.
-ANCHOR_RESIDUAL = 1e-12
 # Closure residual of projected points. Two points are one if they agree to 1e-6 (SAME_PLACE in
 # projected.c).
 PROJECTED_RESIDUAL = 1e-8
@@ -202,9 +199,7 @@ class IndependentFormulation:
         rows = problem.freedoms.equations(state)
         self._is_whole = len(rows) == constraints_of(mechanism).n_closure
         # where others lie between, what a residual leaves open in those left out is magnified
-        wanted = problem.tolerance if self._is_whole else TOLERANCES.round_off
-        if problem.between and self.n == 1 and not (problem.drives or len(self.spins)):
-            wanted = min(wanted, ANCHOR_RESIDUAL)
+        wanted = problem.closure_of_steps if self._is_whole else TOLERANCES.round_off
         if self.projects:
             wanted = min(wanted, PROJECTED_RESIDUAL)
         self._functions = ForceFunctions(problem, self.spins, lambda: self.kernel.free)

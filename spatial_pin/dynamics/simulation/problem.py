@@ -30,10 +30,11 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.mechanism_checks import refuse_negative_inertias
 from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.settings import BETWEEN_ANCHORS, INTEGRATORS, Accuracy
 
-# Closure tolerance from which on the integrator gives accelerations of samples, and most samples
-# of one freedom are interpolated. Below it hardly one is closed well enough.
-BETWEEN_ANCHORS = 1e-11
+# Closure residual of steps relative to their time_tolerance: thousands of them add less error than
+# one step.
+PART_OF_STEP = 1e-4
 
 EffortLaw = Callable[[float, State], Mapping[str, float]]
 WrenchLaw = Callable[[float, State], Mapping[str, pin.Force]]
@@ -124,6 +125,7 @@ class Problem:
         external: forces from outside.
         constant: (nv,) efforts otherwise.
         drives: prescribed coordinates with their laws.
+        accuracy: tolerances of loops and steps.
         by_drivers: whether efforts act at drivers only, springs and friction as the file says.
         works: whether forces other than gravity do work.
         is_damped: whether a joint or spring takes energy away.
@@ -132,12 +134,13 @@ class Problem:
 
     def __init__(
         self, mechanism: Mechanism, efforts: Mapping[str, float] | EffortLaw | None,
-        drives: Mapping[str, DriverLaw] | None, laws: Mapping[str, Law] | None, tolerance: float,
+        drives: Mapping[str, DriverLaw] | None, laws: Mapping[str, Law] | None, accuracy: Accuracy,
         slip_speed: SlipSpeed | None = None, external: ExternalForces | None = None,
     ) -> None:
         refuse_negative_inertias(mechanism)
+        self._arguments = efforts, drives, laws, accuracy, slip_speed, external
         self.mechanism, self.model = mechanism, mechanism.model
-        self.scale, self.tolerance = mechanism.velocity_scale, tolerance
+        self.scale, self.accuracy = mechanism.velocity_scale, accuracy
         self.freedoms = Freedoms(mechanism)
         self.forces = Forces(mechanism, laws, slip_speed)
         self.law: EffortLaw | None = efforts if callable(efforts) else None
@@ -157,13 +160,26 @@ class Problem:
         self.works = bool(self.law or external or self.constant.any() or self.forces.exist
                           or self.drives)
 
+    def of(self, mechanism: Mechanism) -> Problem:
+        """Return the same problem of a mechanism with other equations."""
+        return Problem(mechanism, *self._arguments)
+
     @property
     def between(self) -> float:
         """Closure residual allowed at interpolated samples; 0 if none is interpolated.
 
         With functions of the user, which may jump, samples are not interpolated.
         """
-        return self.tolerance if self.is_steady and self.tolerance >= BETWEEN_ANCHORS else 0.0
+        tolerance = self.accuracy.tolerance
+        return tolerance if self.is_steady and tolerance >= BETWEEN_ANCHORS else 0.0
+
+    @property
+    def closure_of_steps(self) -> float:
+        """Closure residual to reach in steps: it adds up, as errors of adaptive steps do."""
+        tolerance, steps = self.accuracy.tolerance, self.accuracy.time_tolerance
+        if INTEGRATORS[self.accuracy.integrator].is_fixed:
+            return tolerance
+        return min(tolerance, max(PART_OF_STEP * steps, Accuracy.tolerance))
 
     @cached_property
     def packed(self) -> Packed:

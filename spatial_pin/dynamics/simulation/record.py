@@ -41,6 +41,7 @@ class Record:
         detector: detects the events.
 
     Attributes:
+        problem: as given; another one where equations of a rounded file are chosen anew.
         filled: how many samples there are.
         room: storage of all samples.
         events: in the order of their times.
@@ -53,7 +54,7 @@ class Record:
     _time_tolerance = 0.0
 
     def __init__(self, problem: Problem, times: Array, detector: EventDetector) -> None:
-        self._problem, self._detector, self.filled = problem, detector, 0
+        self.problem, self._detector, self.filled = problem, detector, 0
         self.times = np.ascontiguousarray(times)
         n, nq, nv = len(times) + 1, problem.model.nq, problem.model.nv  # one more where it stops
         n_angles = constraints_of(problem.mechanism).n_angles
@@ -68,7 +69,7 @@ class Record:
 
     def set_start(self, start: Energies, accuracy: Accuracy) -> None:
         """Set the energies at the start."""
-        self.start, self.balance = start, EnergyBalance(self._problem, accuracy, start)
+        self.start, self.balance = start, EnergyBalance(self.problem, accuracy, start)
         self._time_tolerance = (
             0.0 if INTEGRATORS[accuracy.integrator].is_fixed else accuracy.time_tolerance)
 
@@ -125,7 +126,7 @@ class Record:
 
     def note_coordinates(self, free: list[int]) -> None:
         """Record the names of new independent coordinates, from their velocity entries."""
-        names = self._problem.mechanism.coordinates
+        names = self.problem.mechanism.coordinates
         self._coordinates += [names[v] for v in free]
 
     def note_crossing(self, value: float, sample: int) -> None:
@@ -148,7 +149,7 @@ class Record:
             projection: what projecting took.
             integrators: names of those that have taken the steps.
         """
-        problem, names = self._problem, [c.name for c, _ in self._problem.drives]
+        problem, names = self.problem, [c.name for c, _ in self.problem.drives]
         times, (q, v, a, numbers, efforts, angles) = self.recorded()
         error, kinetic, energy, work = numbers.T.copy()
         lifted = lift_offs(problem.mechanism, _multipliers(problem, *self.recorded()), times,

@@ -7,7 +7,12 @@
              -> choosing    the coordinates end, or the integrator has failed: the equations of
                             motion in others, or in the same ones counted from there
              -> ended       at the last sample, or at an event: a joint limit, a zero of
-                            `stop_when`, a dead centre of links without inertia
+                            `stop_when`, a dead centre of links without inertia, a gap of a rounded
+                            file beyond the one allowed
+
+The independent equations of a rounded file are checked after each step, and chosen anew where they
+come near to depending on each other: the loops are closed by the new ones, and the equations of
+motion begin there.
 
 An error ends it from any state: SingularError where no equations of motion are left to choose,
 StepLimitError, EnergyError. `why_it_ends` says of the first one cause, with the number that shows
@@ -16,6 +21,7 @@ it and a remedy.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator
 from contextlib import suppress
@@ -24,6 +30,11 @@ from typing import Any
 
 import numpy as np
 
+from spatial_pin.assembly.redundant_equations import (
+    allowed_from,
+    gap_allowed,
+    independence_at,
+)
 from spatial_pin.assembly.state import State
 from spatial_pin.dynamics.simulation.events import SINGULAR, EventDetector, IntegrationStep
 from spatial_pin.dynamics.simulation.formulations import (
@@ -52,14 +63,21 @@ from spatial_pin.kernel.integrating import (
 from spatial_pin.kernel.library import address
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_at
 from spatial_pin.motion.motion import Event
+from spatial_pin.motion.rounding import independent_from
 from spatial_pin.numerics.linalg import Array, decompose, independent_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import INTEGRATORS, Accuracy
 
 ROUTINE = (AT_END, MANY, NEW_COORDINATES, AT_FAILURE)  # pauses at which all samples are made
 LITTLE = 1e-3  # part of the largest residual of a step below which the next step may be longer
+ROUNDING_OF_ENERGY = 1e-2  # part of the kinetic energy that rounded numbers change, at most
 SHORTEST = 1e-13  # shortest step relative to the time: it is not halved any more
 FALLEN = 1e-3  # a singular value that fell to this part of its first value goes to zero
+
+
+# Independence of a rounded file's equations, relative to that of all of them, below which others
+# are tried; and again where it has fallen by half. Rates lose less than a digit until then.
+NEARLY_DEPENDENT = 0.2
 
 
 class NextAction(Enum):
@@ -102,6 +120,8 @@ class Run:
         self._in_use = EquationsInUse(problem, accuracy, state, record, self._stepping)
         self._solver: Any = None
         self._is_short = False
+        self._gap = allowed_from(state, gap_allowed(problem.mechanism, accuracy))
+        self._tried_at = 2.0 * NEARLY_DEPENDENT  # independence at which no others did better, twice
         self._kernel_run = RunStruct(
             address(record.times), len(record.times), 0, SampleStruct(*map(address, record.room)),
             allowed=float(accuracy.most_steps), looks=detector.always,
@@ -111,7 +131,7 @@ class Run:
     def follow(self) -> Iterator[float]:
         """Take steps until the end; yields the time after each accepted step."""
         self._begin()
-        action = NextAction.STEP
+        action = self._check_equations(NextAction.STEP)
         while self.t < self._end and action is not NextAction.END:
             if action in (NextAction.CHOOSE, NextAction.GIVE_UP):
                 self._system, self.y = self._in_use.change(
@@ -119,6 +139,7 @@ class Run:
                 self._solver = self._stepping.begin(self._system, self.t, self.y)
             action = self._step()
             if action not in (NextAction.REPEAT, NextAction.GIVE_UP):
+                action = self._check_equations(action)
                 yield self.t
 
     def _begin(self) -> None:
@@ -135,6 +156,31 @@ class Run:
             self.t = self._end
         elif self.t < self._end:
             self._solver = self._stepping.begin(system, self.t, self.y)
+
+    def _check_equations(self, action: NextAction) -> NextAction:
+        """Choose equations of a rounded file anew where they hardly are independent.
+
+        Returns:
+            The action given; END where the other equations open beyond the gap, with a last sample.
+        """
+        if (self._problem.mechanism.whole is None or action is NextAction.END
+                or self._solver is None):
+            return action
+        state = self._system.state(self.t, self.y)
+        independence, error = independence_at(state.mechanism, state.q, state.angles)
+        if independence < min(NEARLY_DEPENDENT, 0.5 * self._tried_at):
+            state, self._tried_at = independent_from(state, self._gap), independence
+            if state.mechanism is not self._problem.mechanism:
+                self._problem = self._problem.of(state.mechanism)
+                self._system, self.y = self._in_use.go_on(self._problem, self.t, self.y, state)
+                self._solver = self._stepping.begin(self._system, self.t, self.y)
+                independence, error = independence_at(state.mechanism, state.q, state.angles)
+                self._tried_at, action = 2.0 * NEARLY_DEPENDENT, NextAction.STEP
+        if error <= self._gap:
+            return action
+        if self.record.recorded()[0][-1:] < self.t:
+            self.record.add_samples(self._system, np.array([self.t]), self.y[None])
+        return NextAction.END
 
     def _step(self) -> NextAction:
         """Take one step, or many in the kernel; return the next action."""
@@ -168,7 +214,8 @@ class Run:
             return None
         before, run.row, run.n_crossed, run.patience = (
             solver.steps, record.filled, 0, system.patience)
-        run.most = self._stepping.steps_at_once(record.steps)
+        run.most = (1 if self._problem.mechanism.whole is not None
+                    else self._stepping.steps_at_once(record.steps))
         run.largest_pivot, run.largest_step = self._stepping.largest
         try:
             why = solver.run(run)
@@ -322,6 +369,25 @@ class EquationsInUse:
             raise self.singular(t, state)
         self._note_start(system, t)
         return system
+
+    def go_on(
+        self, problem: Problem, t: float, y: Array, state: State
+    ) -> tuple[IndependentFormulation, Array]:
+        """Return equations and unknowns of a problem with other equations, at a state of it.
+
+        Its loops differ from those before by the gap, velocities by more. The energy stays: it
+        determines how fast the motion goes on.
+        """
+        assert self._system is not None
+        before = self._system.energies(t, y)
+        self._problem = self._record.problem = problem
+        system = self.begin(t, state)
+        unknowns = system.unknowns(state.v, before.work)
+        after, n = system.energies(t, unknowns), len(system.free)
+        kinetic = before.total - (after.total - after.kinetic)
+        if after.kinetic > 0.0 and abs(kinetic / after.kinetic - 1.0) < ROUNDING_OF_ENERGY:
+            unknowns[n : 2 * n] *= math.sqrt(kinetic / after.kinetic)
+        return system, unknowns
 
     def change(self, t: float, y: Array, failed: bool) -> tuple[IndependentFormulation, Array]:
         """Choose other independent coordinates, or restart; return equations and unknowns.

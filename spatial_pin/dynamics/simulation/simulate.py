@@ -21,8 +21,8 @@ from numpy.typing import ArrayLike
 from spatial_pin._support.checks import as_array, checked, positive_number
 from spatial_pin._support.progress import progress_bar
 from spatial_pin.assembly.close import close
-from spatial_pin.assembly.redundant_equations import PART
-from spatial_pin.assembly.state import State, carried_angles, moving_in_time
+from spatial_pin.assembly.redundant_equations import independence_at
+from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
 from spatial_pin.dynamics.simulation.events import AT_LIMITS, EventDetector
 from spatial_pin.dynamics.simulation.formulations import OpenLoopsError
@@ -42,7 +42,7 @@ from spatial_pin.dynamics.simulation.result import (
     driver_names,
     energy_drift,
 )
-from spatial_pin.dynamics.simulation.run import Run
+from spatial_pin.dynamics.simulation.run import NEARLY_DEPENDENT, Run
 from spatial_pin.errors import (
     EnergyError,
     Interrupted,
@@ -56,16 +56,7 @@ from spatial_pin.mechanism.inertia import KineticEnergy
 from spatial_pin.mechanism.laws import DriverLaw
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
-from spatial_pin.motion.rounding import (
-    CHOICES,
-    GAP,
-    MOST_SAMPLES,
-    ended_by,
-    first_opened,
-    independent_on,
-    is_closed_again,
-    within_gap,
-)
+from spatial_pin.motion.rounding import independent_on, within_gap
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import INTEGRATORS, Accuracy, accuracy_of
 
@@ -330,73 +321,44 @@ def simulate(
         simulate, mechanism, state, duration, efforts, times, drives=drives, external=external,
         laws=laws, slip_speed=slip_speed, stop_when=stop_when, on_joint_limit=on_joint_limit)
 
-    def follow(start: State, marks: Array) -> Simulation:
+    def follow(start: State) -> Simulation:
         forces = efforts, drives, external_forces(start.mechanism, external, times), laws
-        return _followed(start, marks, accuracy, forces, slip_speed, stop_when, on_joint_limit,
+        return _followed(start, times, accuracy, forces, slip_speed, stop_when, on_joint_limit,
                          progress, other)
 
     if state.mechanism.whole is None:
-        return follow(state, times)
-    return _of_rounded_file(state, times, accuracy, follow)
+        return follow(state)
+    return _of_rounded_file(state, accuracy, follow)
 
 
 def _of_rounded_file(
-    state: State, times: Array, accuracy: Accuracy, follow: Callable[[State, Array], Simulation]
+    state: State, accuracy: Accuracy, follow: Callable[[State], Simulation]
 ) -> Simulation:
-    """Return the motion of a mechanism with rounded numbers, by equations that stay independent.
+    """Return the motion of a mechanism with rounded numbers, as far as these allow.
+
+    Its equations are chosen anew along the motion, see `Run`. The returned motion has the choice
+    that is best for all of it.
 
     Args:
         state: at time 0.
-        times: (N,) of its samples.
         accuracy: its settings.
-        follow: returns the motion from a state with samples at given times.
+        follow: returns the motion from a state.
 
     Raises:
         SingularError: the loops lose rank there with all equations.
     """
-    marks = times if len(times) >= MOST_SAMPLES else np.union1d(
-        times, np.linspace(0.0, times[-1], MOST_SAMPLES))
-    good = lost = None
-    for _ in range(CHOICES):
-        try:
-            seen, lost = follow(state, marks), None
-        except SingularError as error:
-            if not isinstance(error.motion, Simulation):
-                raise
-            seen, lost = error.motion, error
-        n, opened = first_opened(seen, accuracy)
-        if not n or (opened is None and lost is None):
-            good = None
-            break
-        chosen, good = independent_on(seen, accuracy, seen.v[n - 1], opens_after=n)
-        if chosen is seen.mechanism:
-            break
-        state = State(chosen, state.q, state.v,
-                      angles=carried_angles(state.mechanism, state.angles, chosen))
-    if lost is not None and opened is None and good is None:
-        raise lost
-    if lost is None and opened is not None and is_closed_again(seen, opened, accuracy):
-        moved = follow(state, times)  # only the choice of equations was poor for a moment
-        if first_opened(moved, accuracy)[1] is None:
-            return moved
-    seen = within_gap(seen, accuracy, "stop", good)
-    return seen if marks is times else _at_times(state, times, seen, good is not None, follow)
-
-
-def _at_times(
-    state: State, times: Array, seen: Simulation, depend: bool,
-    follow: Callable[[State, Array], Simulation],
-) -> Simulation:
-    """Return a motion with samples at the times (N,) up to the end of one of more samples.
-
-    There the rounding of a file ends it, and equations may `depend` on each other.
-    """
-    end = seen.events[-1] if seen.events and seen.events[-1].kind == GAP else None
-    last = float(times[-1])
-    if end is not None:  # digits are lost just before equations depend on each other
-        pace = float(np.abs(seen.v[-1] / seen.mechanism.velocity_scale).max())
-        last = end.value - (PART / max(pace, PART / last) if depend else 0.0)
-    return ended_by(follow(state, times[times <= max(last, 0.0)]), end)
+    try:
+        seen, depend = follow(state), None
+    except SingularError as error:
+        if not (isinstance(error.motion, Simulation) and len(error.motion)):
+            raise
+        seen, depend = error.motion, len(error.motion)
+        last = seen.state(-1)
+        if independence_at(seen.mechanism, last.q, last.angles)[0] > NEARLY_DEPENDENT:
+            raise
+    if seen.mechanism is not state.mechanism and len(seen):
+        seen.mechanism = independent_on(seen, accuracy, seen.v[-1])[0]
+    return within_gap(within_gap(seen, accuracy, "stop"), accuracy, "stop", depend)
 
 
 def _followed(
@@ -411,12 +373,12 @@ def _followed(
     """
     mechanism, (efforts, drives, external, laws) = state.mechanism, forces
     problem = Problem(
-        mechanism, efforts, drives, laws, accuracy.tolerance, slip_speed, external)
+        mechanism, efforts, drives, laws, accuracy, slip_speed, external)
     _check_start(problem, state)
     fall = FreeFall(state, accuracy.tolerance) if is_in_free_fall(problem) else None
     if fall is not None:
         state, stop_when = fall.state, fall.with_world_states(stop_when)
-        problem = Problem(fall.mechanism, efforts, drives, laws, accuracy.tolerance, slip_speed)
+        problem = Problem(fall.mechanism, efforts, drives, laws, accuracy, slip_speed)
     detector = EventDetector(problem, state, stop_when, on_joint_limit)
     run = Run(problem, accuracy, state, times, detector)
 

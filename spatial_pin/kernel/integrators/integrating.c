@@ -25,7 +25,6 @@ typedef struct {
     Real (*error)(const Integrator *, Real h);
     int (*prepare)(Integrator *); /* of dense output; NULL: nothing */
     void (*between)(const Integrator *, Real part, Real *y);
-    void (*slopes)(const Integrator *, Real part, Real *out); /* of that, by time; NULL: not known */
     Int first, second; /* two stages at one time, and the weights of their difference */
     Real stable;    /* longest stable step, by the fastest decay; 0: any is stable */
     Int patience;   /* steps beyond that before the motion is called stiff */
@@ -126,31 +125,6 @@ static void between_45(const Integrator *g, Real part, Real *y)
     combine(g, g->y_old, weights, 7, h, y);
 }
 
-static void slopes_45(const Integrator *g, Real part, Real *out)
-{
-    Real weights[7];
-    for (int s = 0; s < 7; s++)
-        weights[s] = RK45_P[s][0] + part * (2.0 * RK45_P[s][1] + part * (3.0 * RK45_P[s][2] +
-                                                                        part * 4.0 * RK45_P[s][3]));
-    memset(out, 0, (size_t)g->n * sizeof *out);
-    combine(g, out, weights, 7, 1.0, out);
-}
-
-/* Of between_853, by the product rule. */
-static void slopes_853(const Integrator *g, Real part, Real *out)
-{
-    for (Int i = 0; i < g->n; i++) {
-        Real sum = 0.0, slope = 0.0;
-        for (int row = 6; row >= 0; row--) {
-            const int rises = row % 2 == 0;
-            sum += g->dense[row * g->n + i];
-            slope = slope * (rises ? part : 1.0 - part) + (rises ? sum : -sum);
-            sum *= rises ? part : 1.0 - part;
-        }
-        out[i] = slope / (g->t - g->t_old);
-    }
-}
-
 /* Cubic Hermite. */
 static void between_4(const Integrator *g, Real part, Real *y)
 {
@@ -212,10 +186,10 @@ static int try_gauss(Integrator *g, Real t_new, Real h)
 
 static const Method METHODS[] = {
     {.stages = 12, .a = DOP853_A, .b = DOP853_B, .c = DOP853_C, .order = 7.0,
-     .error = error_of_853, .prepare = prepare_853, .between = between_853, .slopes = slopes_853,
+     .error = error_of_853, .prepare = prepare_853, .between = between_853,
      .first = 11, .second = 12, .stable = 6.1, .patience = LONG_STEPS},
     {.stages = 6, .a = RK45_A, .b = RK45_B, .c = RK45_C, .order = 4.0,
-     .error = error_of_45, .between = between_45, .slopes = slopes_45,
+     .error = error_of_45, .between = between_45,
      .first = 5, .second = 6, .stable = 3.25, .patience = LONG_STEPS},
     {.stages = 4, .a = RK4_A, .b = RK4_B, .c = RK4_C, .between = between_4,
      .first = 1, .second = 2, .stable = 2.78, .patience = 2},
@@ -354,13 +328,6 @@ EXPORT int integrator_between(Integrator *g, const Real *times, Int count, Real 
     for (Int i = 0; i < count; i++)
         m->between(g, (times[i] - g->t_old) / h, y + i * g->n);
     return DONE;
-}
-
-int integrator_has_slopes(const Integrator *g) { return method_of(g)->slopes != NULL; }
-
-void integrator_slopes(const Integrator *g, Real t, Real *slopes)
-{
-    method_of(g)->slopes(g, (t - g->t_old) / (g->t - g->t_old), slopes);
 }
 
 /* ---- beginning ---- */

@@ -33,8 +33,4 @@ int integrator_step(Integrator *g);
 /* The last step at times (count,): unknowns (count, n). */
 EXPORT int integrator_between(Integrator *g, const Real *times, Int count, Real *y);
 
-/* Whether it tells derivatives of the unknowns as well; these (n), after a call of `between`. */
-int integrator_has_slopes(const Integrator *g);
-void integrator_slopes(const Integrator *g, Real t, Real *slopes);
-
 #endif

@@ -15,9 +15,11 @@ enum Pause { AT_END = 0, AT_FAILURE = 1, NEW_COORDINATES = 2, FULL = 3, STIFF = 
 #define COORDINATES_END 1.0 /* rotation vector at which coordinates are begun anew [rad] */
 
 /* Whether a limit may have been passed in the last step, at whose end the mechanism stands: the
- * joint is beyond it, or has turned back, or is nearly as fast as allowed. */
-static int meets_limit(const Dynamics *d, const Run *run)
+ * joint is beyond it, or has turned back near it, or is nearly as fast as allowed. A joint that swings
+ * as a sine turns back by less than the step times both rates unless the step is nearly a period. */
+static int meets_limit(const Integrator *g, const Dynamics *d, const Run *run)
 {
+    const Real h = g->t - g->t_old;
     int meets = run->looks != 0;
     for (Int i = 0; i < run->n_limits; i++) {
         const Real value = run->limit_value[i], rate = d->v[run->limit_v[i]];
@@ -27,8 +29,9 @@ static int meets_limit(const Dynamics *d, const Run *run)
             meets = meets || (before[0] >= 0.0 && fmin(before[0], room) < NEAR_LIMIT * value);
         else {
             room = side * (value - d->q[run->limit_q[i]]);
-            meets = meets || (before[0] >= 0.0 &&
-                              (room < 0.0 || (before[1] > 0.0 && side * rate < 0.0)));
+            const int turns = before[1] > 0.0 && side * rate < 0.0 &&
+                              fmin(before[0], room) < h * (before[1] - side * rate);
+            meets = meets || (before[0] >= 0.0 && (room < 0.0 || turns));
         }
         before[0] = room;
         before[1] = side * rate;
@@ -87,7 +90,7 @@ EXPORT int integrator_run(Integrator *g, Dynamics *d, Run *run)
             continue;
         if (creeps(g, d, run))
             return CREEPING;
-        if (meets_limit(d, run))
+        if (meets_limit(g, d, run))
             return LIMIT;
         if (g->is_stiff)
             return STIFF;

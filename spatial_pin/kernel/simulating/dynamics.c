@@ -237,20 +237,15 @@ static SampleRows row_of(const Dynamics *d, const SampleRows *rows, Int i)
                         rows->angles + i * k->n_angles, NULL};
 }
 
-int dynamics_sample(Dynamics *d, Real t, const Real *y, const Real *z, const SampleRows *rows,
-                    Int i)
+int dynamics_sample(Dynamics *d, Real t, const Real *y, const SampleRows *rows, Int i)
 {
     Kernel *k = d->k;
     const SampleRows row = row_of(d, rows, i);
     int code = place(d, t, y);
-    if (code == DONE && !z)
+    if (code == DONE)
         code = accelerate(d, t, y);
     if (code != DONE)
         return code;
-    if (z) {
-        memcpy(d->z, z, (size_t)d->n_free * sizeof *z);
-        tree_rates(k, d->v);
-    }
     whole_accelerations(d);
     put_numbers(d, y, row.numbers);
     if (d->n_drives && drive_efforts(d) != DONE)
@@ -264,27 +259,36 @@ int dynamics_sample(Dynamics *d, Real t, const Real *y, const Real *z, const Sam
     return DONE;
 }
 
+void dynamics_point(Dynamics *d, Real t, const Real *y, Point *point)
+{
+    const Kernel *k = d->k;
+    whole_accelerations(d);
+    point->s = t;
+    memcpy(point->q, d->q, (size_t)k->nq * sizeof *d->q);
+    memcpy(point->t, d->v, (size_t)k->nv * sizeof *d->v);
+    memcpy(point->c, d->a, (size_t)k->nv * sizeof *d->a);
+    memcpy(point->angle, d->turns, (size_t)k->n_angles * sizeof *d->turns);
+    show_spins(d, y, point->q, point->t, point->c);
+    tree_entry_rates(k, point->q, point->t, point->c, point->first, point->second);
+}
+
 /* The place that the way goes on from, and its factors, stay what they are. */
-int dynamics_sample_between(Dynamics *d, const Point *from, const Point *to, const Real *y, Real z,
+int dynamics_sample_between(Dynamics *d, const Point *from, const Point *to, Real t, const Real *y,
                             const SampleRows *rows, Int i)
 {
     Kernel *k = d->k;
     const SampleRows row = row_of(d, rows, i);
     const size_t angles = (size_t)k->n_angles * sizeof(Real);
-    const Real x = y[0], rate = y[1], part = (x - from->s) / (to->s - from->s);
+    const Real part = (t - from->s) / (to->s - from->s);
     Real *const here = d->q, *const velocity = d->v;
     if (!(part >= 0.0 && part <= 1.0))
         return LOST;
-    point_between(k, from, to, x, row.q, row.v, row.a);
+    point_between(k, from, to, t, row.q, row.v, row.a);
     for (Int n = 0; n < k->n_angles; n++)
         k->angle_reference[n] = from->angle[n] + part * (to->angle[n] - from->angle[n]);
     equations_values(k, row.q);
     memcpy(row.angles, k->angle, angles);
     memcpy(k->angle_reference, d->turns, angles);
-    for (Int v = 0; v < k->nv; v++) {
-        row.a[v] = row.a[v] * rate * rate + row.v[v] * z;
-        row.v[v] *= rate;
-    }
     tree_rates(k, row.v);
     d->q = row.q, d->v = row.v;
     put_numbers(d, y, row.numbers);
@@ -316,7 +320,7 @@ EXPORT int dynamics_samples(Dynamics *d, Int n, const Real *t, const Real *y,
     if (!rows->a)
         return n == 1 ? sample_motion(d, *t, y, rows) : BAD_ARRAYS;
     for (Int i = 0; i < n && code == DONE; i++)
-        code = dynamics_sample(d, t[i], y + i * d->n_unknowns, NULL, rows, i);
+        code = dynamics_sample(d, t[i], y + i * d->n_unknowns, rows, i);
     return code;
 }
 

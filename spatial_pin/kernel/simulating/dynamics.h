@@ -103,8 +103,8 @@ typedef struct {
 typedef struct {
     Int is_curve, n_points;          /* whether it moves along one; points known of it */
     Point points[2], *point, *before; /* the last here, and the one before */
-    Point anchor[3]; /* the two that samples lie between, and where the last step ended */
-    Real stride;     /* of x, how far apart they may be */
+    Point anchor[3]; /* in time: the two that samples lie between, and where the last step ended */
+    Real stride;     /* how far apart they may be */
 } Curve;
 
 /* Room to work in. */
@@ -222,12 +222,12 @@ Int crossing_points(const Dynamics *d, Real from, Real to, Real *x, Int room);
 /* ---- dynamics.c ---- */
 /* dy/dt of a Dynamics. LOST where the loops cannot be closed at y. */
 EXPORT int dynamics_rates(void *d, Real t, const Real *y, Real *rates);
-/* Write sample i. Accelerations of the free coordinates are z, or NULL: they follow from forces. */
-int dynamics_sample(Dynamics *d, Real t, const Real *y, const Real *z, const SampleRows *rows,
-                    Int i);
-/* The same where one freedom, accelerated by z, lies between two points of its curve; LOST where it
- * does not. */
-int dynamics_sample_between(Dynamics *d, const Point *from, const Point *to, const Real *y, Real z,
+/* Write sample i. */
+int dynamics_sample(Dynamics *d, Real t, const Real *y, const SampleRows *rows, Int i);
+/* Make a point of the motion in time where the last rates, or sample, were evaluated. */
+void dynamics_point(Dynamics *d, Real t, const Real *y, Point *point);
+/* Write sample i between two points of the motion; LOST where it does not lie between them. */
+int dynamics_sample_between(Dynamics *d, const Point *from, const Point *to, Real t, const Real *y,
                             const SampleRows *rows, Int i);
 /* Take the present place for one to begin anew from where the way from another is lost; returns how
  * many times faster than the coordinates another moves. */

@@ -1,10 +1,9 @@
 /* Samples of a simulation within its steps.
  *
- * The loops of each are closed, its forces evaluated. Where the closure tolerance is loose, the
- * integrator tells the accelerations as well. Where then one freedom moves along a curve, most
- * samples lie on polynomials between a few others, the anchors, and the ends of steps. One whose
- * loops are not closed to the tolerance is closed like an anchor, and the next anchors are taken
- * nearer. */
+ * The loops of each are closed, its forces evaluated. Where the closure tolerance is loose, most
+ * samples lie on polynomials of the time between a few others, the anchors, and the ends of steps.
+ * One whose loops are not closed to the tolerance, or that misses the unknowns of the integrator, is
+ * an anchor itself, and the next anchors are taken nearer. */
 #include <string.h>
 
 #include "correcting.h"
@@ -19,23 +18,11 @@
 #define EASILY 4e-3
 #define RETRIED 1.1 /* growth of the distance of anchors from one to the next with none between */
 
-/* Whether the integrator tells the accelerations of samples. */
-static int tells(const Integrator *g, const Dynamics *d, const Run *run)
-{
-    return run->between > 0.0 && !d->n_drives && !d->projects && integrator_has_slopes(g);
-}
-
 static int close(Integrator *g, Dynamics *d, const Run *run, Int i)
 {
-    const Real t = run->times[i], *z = NULL;
+    const Real t = run->times[i];
     const int code = integrator_between(g, &t, 1, g->trial);
-    if (code != DONE)
-        return code;
-    if (tells(g, d, run)) {
-        integrator_slopes(g, t, g->ended);
-        z = g->ended + d->n_free;
-    }
-    return dynamics_sample(d, t, g->trial, z, &run->rows, i);
+    return code == DONE ? dynamics_sample(d, t, g->trial, &run->rows, i) : code;
 }
 
 /* ---- samples between anchors ---- */
@@ -47,39 +34,55 @@ static void swap(Point *a, Point *b)
     *b = first;
 }
 
-/* Take the present point of the curve for an anchor; none on a bridge. */
-static void note_anchor(const Dynamics *d, Point *anchor)
-{
-    const Kernel *k = d->k;
-    anchor->s = NAN;
-    if (d->bridge >= 0 || !d->curve.n_points || d->curve.point->s != d->x[0])
-        return;
-    anchor->s = d->curve.point->s;
-    memcpy(anchor->q, d->curve.point->q, (size_t)(3 * k->nq + 2 * k->nv) * sizeof *anchor->q);
-    memcpy(anchor->angle, d->turns, (size_t)k->n_angles * sizeof *d->turns);
-}
-
 static int anchor_at(Integrator *g, Dynamics *d, const Run *run, Int i, Point *anchor)
 {
     const int code = close(g, d, run, i);
     if (code == DONE)
-        note_anchor(d, anchor);
+        dynamics_point(d, run->times[i], g->trial, anchor);
     return code;
 }
 
+/* Natural rate of an integrator's motion, in radians: 2 pi by the unit of its rates. */
+static Real natural_rate(const Integrator *g, const Dynamics *d)
+{
+    return 2.0 * PI * g->atol[d->n_free] / g->rtol;
+}
+
+/* How far a sample is from the unknowns y: its independent coordinates, their rates, and bodies that
+ * spin freely. */
+static Real misses(const Integrator *g, const Dynamics *d, const Real *q, const Real *v, const Real *y)
+{
+    const Kernel *k = d->k;
+    Real most = 0.0;
+    for (Int i = 0; i < d->n_free; i++) {
+        const Real x = relative_coordinate(k, d->held_joint[i], d->held_component[i], d->start, q);
+        most = fmax(most, fabs(x - y[i]));
+        if (d->held_q[i] >= 0)
+            most = fmax(most, fabs(v[d->held[i]] / k->scale[d->held[i]] - y[d->n_free + i]) /
+                                  natural_rate(g, d));
+    }
+    for (Int s = 0; s < d->spins.n; s++) {
+        const Real *own = q + k->iq[d->spins.joint[s]], *x = y + 2 * d->n_free + 4 * s;
+        const Real part = dot3(own, x) + own[3] * x[3], size = dot3(x, x) + x[3] * x[3];
+        most = fmax(most, sqrt(fmax(0.0, 1.0 - part * part / size)));
+    }
+    return most;
+}
+
 /* Write sample i between two anchors; returns what it misses, relative to what it may: as its loops
- * are open, and as far as it is from where they would close by an anchor's factors. It is infinite
- * where the sample does not lie between them, or one is none. */
+ * are open, as far as it is from where they would close by an anchor's factors, and as it misses the
+ * integrator's unknowns. It is infinite where one is no anchor. */
 static Real write_between(Integrator *g, Dynamics *d, const Run *run, const Point *from,
                           const Point *to, Int i)
 {
-    const Real way = to->s - from->s, part = fmin(MAY_LEAVE, MAY_BEND * way * way);
+    const Kernel *k = d->k;
+    const Real way = (to->s - from->s) * natural_rate(g, d), *y = g->trial;
+    const Real part = fmin(MAY_LEAVE, MAY_BEND * way * way);
     integrator_between(g, run->times + i, 1, g->trial);
-    integrator_slopes(g, run->times[i], g->ended);
-    if (dynamics_sample_between(d, from, to, g->trial, g->ended[1], &run->rows, i) != DONE)
+    if (dynamics_sample_between(d, from, to, run->times[i], y, &run->rows, i) != DONE)
         return INFINITY;
-    const Real open = run->rows.numbers[4 * i];
-    return fmax(open, solve_correction(d->k, NULL)) / (part * run->between);
+    const Real open = fmax(run->rows.numbers[4 * i], solve_correction(d->k, NULL)) / part;
+    return fmax(open, misses(g, d, run->rows.q + i * k->nq, run->rows.v + i * k->nv, y)) / run->between;
 }
 
 /* Write the samples from the next one to before `end`, between two anchors. One that leaves too much
@@ -95,20 +98,14 @@ static int between(Integrator *g, Dynamics *d, Run *run, Point *from, const Poin
         if (open <= 1.0)
             continue;
         if (isfinite(open))
-            d->curve.stride = 0.5 * fabs(to->s - from->s);
+            d->curve.stride = 0.5 * (to->s - from->s);
         const int code = anchor_at(g, d, run, run->row, from);
         if (code != DONE)
             return code;
     }
     if (most < EASILY)
-        d->curve.stride = fmax(d->curve.stride, 2.0 * fabs(to->s - from->s));
+        d->curve.stride = fmax(d->curve.stride, 2.0 * (to->s - from->s));
     return DONE;
-}
-
-static Real coordinate_at(Integrator *g, Real t)
-{
-    integrator_between(g, &t, 1, g->trial);
-    return g->trial[0];
 }
 
 /* The samples before `end`, with anchors a stride apart; the last one is where the step ends. */
@@ -117,16 +114,15 @@ static int between_anchors(Integrator *g, Dynamics *d, Run *run, Int end)
     Point *const from = d->curve.anchor, *const to = d->curve.anchor + 1,
                  *const ended = d->curve.anchor + 2;
     int code = DONE;
-    if (from->s != g->y_old[0]) { /* or there is none */
+    if (from->s != g->t_old) { /* or there is none */
         code = anchor_at(g, d, run, run->row, from);
         run->row += code == DONE;
     }
     while (code == DONE && run->row < end) {
-        if (fabs(ended->s - from->s) <= d->curve.stride)
+        if (ended->s - from->s <= d->curve.stride)
             return between(g, d, run, from, ended, end);
         Int next = run->row;
-        while (next + 1 < end &&
-               fabs(coordinate_at(g, run->times[next + 1]) - from->s) <= d->curve.stride)
+        while (next + 1 < end && run->times[next + 1] - from->s <= d->curve.stride)
             next++;
         code = anchor_at(g, d, run, next, to);
         if (code == DONE)
@@ -154,11 +150,10 @@ int samples_of_step(Integrator *g, Dynamics *d, Run *run)
         end++;
     if (end == run->row)
         return DONE;
-    /* the curve of bodies that spin freely depends on its steps, which turn them */
-    const int interpolates = tells(g, d, run) && d->curve.is_curve && !d->spins.n;
+    const int interpolates = run->between > 0.0 && !d->n_drives && !d->projects;
     if (interpolates) {
         swap(d->curve.anchor, d->curve.anchor + 2);
-        note_anchor(d, d->curve.anchor + 2);
+        dynamics_point(d, g->t, g->y, d->curve.anchor + 2);
     }
     independent_save(d, &d->work.ended);
     const int is_dense = g->is_dense;
