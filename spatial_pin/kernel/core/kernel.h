@@ -59,7 +59,8 @@ typedef struct Pin Pin;
 /* A square matrix and its factors, see factors.h. */
 typedef struct Factors Factors;
 
-/* A path of closed configurations, see following.h. */
+/* Several evaluations side by side, and a path of closed configurations: see lanes.h, following.h. */
+struct Abreast;
 struct Path;
 
 /* Some of the equations, and what they are made of: products, and vectors that move. */
@@ -214,6 +215,7 @@ typedef struct Kernel {
 
     SquareSystem system;
     Real *right;                    /* (nv) right sides, then solutions */
+    struct Abreast *lanes;            /* evaluations side by side, see lanes.h; NULL: none ever were */
     struct Path *path;              /* the one that is followed; NULL: none ever was */
     Memory memory;
 } Kernel;
