@@ -614,7 +614,7 @@ static int make_room(LaneFactors *f, Int room)
 }
 
 /* Largest and smallest sizes of each lane. */
-static inline void take_sizes(const Lane *x, Real *least, Real *most)
+WITHIN void take_sizes(const Lane *x, Real *least, Real *most)
 {
     for (int l = 0; l < LANES; l++) {
         const Real size = fabs((*x)[l]);
@@ -623,7 +623,7 @@ static inline void take_sizes(const Lane *x, Real *least, Real *most)
     }
 }
 
-int lu_factor_lanes(const SparseLU *lu, const Lane *entry, LaneFactors *f)
+FOR_WIDE int lu_factor_lanes(const SparseLU *lu, const Lane *entry, LaneFactors *f)
 {
     Real least[LANES], most[LANES] = {0.0}, none[LANES] = {0.0}, grown[LANES] = {0.0}, sign[LANES];
     const Int *target = lu->target;
@@ -658,7 +658,7 @@ int lu_factor_lanes(const SparseLU *lu, const Lane *entry, LaneFactors *f)
     return 1;
 }
 
-void lu_solve_lanes(const SparseLU *lu, const LaneFactors *f, Lane *x)
+FOR_WIDE void lu_solve_lanes(const SparseLU *lu, const LaneFactors *f, Lane *x)
 {
     Lane *y = f->work;
     memcpy(y, x, (size_t)lu->n * sizeof *y);

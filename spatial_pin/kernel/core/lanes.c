@@ -13,7 +13,7 @@
 
 /* Both of an angle, by its nearest multiple of pi / 2 in two parts, the first of which has 33 bits, and the
    polynomials of least error of fdlibm [Ng1992]. */
-static inline void sine_and_cosine(const Lane *angle, Lane *sine, Lane *cosine)
+WITHIN void sine_and_cosine(const Lane *angle, Lane *sine, Lane *cosine)
 {
     static const Real whole = 6755399441055744.0; /* 1.5 * 2^52: what is added to it is rounded */
     const Lane n = (*angle * 6.36619772367581382433e-01 + whole) - whole;
@@ -26,39 +26,38 @@ static inline void sine_and_cosine(const Lane *angle, Lane *sine, Lane *cosine)
         (-1.38888888888741095749e-03 + z * (2.48015872894767294178e-05 + z *
         (-2.75573143513906633035e-07 + z * (2.08757232129817482790e-09 + z *
         -1.13596475577881948265e-11))))));
-    for (int l = 0; l < LANES; l++) {
-        if (!(fabs((*angle)[l]) < MOST_TURNED)) {
+    /* cosine and sine of these quarters of a turn, which are whole numbers: no branch, and no rounding */
+    const Lane part = 0.25 * n - ((0.25 * n + whole) - whole), square = 16.0 * part * part;
+    const Lane is_odd = square * (4.0 - square) / 3.0, is_half = square * (square - 1.0) / 12.0;
+    const Lane cosine_of = 1.0 - is_odd - 2.0 * is_half, sine_of = 4.0 * part * is_odd;
+    *sine = cosine_of * s + sine_of * c;
+    *cosine = cosine_of * c - sine_of * s;
+    for (int l = 0; l < LANES; l++)
+        if (!(fabs((*angle)[l]) < MOST_TURNED))
             (*sine)[l] = sin((*angle)[l]), (*cosine)[l] = cos((*angle)[l]);
-            continue;
-        }
-        const int quarter = (int)n[l], odd = quarter & 1;
-        const Real first = odd ? c[l] : s[l], second = odd ? s[l] : c[l];
-        (*sine)[l] = quarter & 2 ? -first : first;
-        (*cosine)[l] = (quarter + 1) & 2 ? -second : second;
-    }
 }
 
 /* ---- vectors of three ---- */
 
-static inline void put3(const Real *x, Lane *out)
+WITHIN void put3(const Real *x, Lane *out)
 {
     for (int i = 0; i < 3; i++)
         out[i] = (Lane){0} + x[i];
 }
 
-static inline void sum3(const Lane *x, Lane *out)
+WITHIN void sum3(const Lane *x, Lane *out)
 {
     for (int i = 0; i < 3; i++)
         out[i] += x[i];
 }
 
-static inline void multiple3(const Lane *factor, const Lane *x, Lane *out)
+WITHIN void multiple3(const Lane *factor, const Lane *x, Lane *out)
 {
     for (int i = 0; i < 3; i++)
         out[i] = *factor * x[i];
 }
 
-static inline void cross(const Lane *a, const Lane *b, Lane *out)
+WITHIN void cross(const Lane *a, const Lane *b, Lane *out)
 {
     const Lane x = a[1] * b[2] - a[2] * b[1], y = a[2] * b[0] - a[0] * b[2];
     out[2] = a[0] * b[1] - a[1] * b[0];
@@ -66,7 +65,7 @@ static inline void cross(const Lane *a, const Lane *b, Lane *out)
 }
 
 /* out += a x b */
-static inline void add_cross(const Lane *a, const Lane *b, Lane *out)
+WITHIN void add_cross(const Lane *a, const Lane *b, Lane *out)
 {
     Lane x[3];
     cross(a, b, x);
@@ -74,13 +73,13 @@ static inline void add_cross(const Lane *a, const Lane *b, Lane *out)
 }
 
 /* out = R v, of a vector of numbers, and of one of lanes */
-static inline void turned_numbers(const Lane *R, const Real *v, Lane *out)
+WITHIN void turned_numbers(const Lane *R, const Real *v, Lane *out)
 {
     for (int i = 0; i < 3; i++)
         out[i] = R[i] * v[0] + R[3 + i] * v[1] + R[6 + i] * v[2];
 }
 
-static inline void turned(const Lane *R, const Lane *v, Lane *out)
+WITHIN void turned(const Lane *R, const Lane *v, Lane *out)
 {
     for (int i = 0; i < 3; i++)
         out[i] = R[i] * v[0] + R[3 + i] * v[1] + R[6 + i] * v[2];
@@ -88,7 +87,7 @@ static inline void turned(const Lane *R, const Lane *v, Lane *out)
 
 /* ---- the tree ---- */
 
-static void rotation_of(const Lane *quaternion, Lane *R)
+WITHIN void rotation_of(const Lane *quaternion, Lane *R)
 {
     const Lane x = quaternion[0], y = quaternion[1], z = quaternion[2], w = quaternion[3];
     const Lane xx = 2.0 * x * x, yy = 2.0 * y * y, zz = 2.0 * z * z;
@@ -99,7 +98,7 @@ static void rotation_of(const Lane *quaternion, Lane *R)
     R[6] = xz + wy, R[7] = yz - wx, R[8] = 1.0 - xx - yy;
 }
 
-static const Lane *fixed_placement(const Kernel *k, const Abreast *s, Int j, Lane *p, Lane *own)
+WITHIN const Lane *fixed_placement(const Kernel *k, const Abreast *s, Int j, Lane *p, Lane *own)
 {
     const Int up = k->parent[j];
     const Lane *parent = s->R + 9 * up;
@@ -119,7 +118,7 @@ static const Lane *fixed_placement(const Kernel *k, const Abreast *s, Int j, Lan
     return own;
 }
 
-static void place_joint(const Kernel *k, Abreast *s, Int j)
+WITHIN void place_joint(const Kernel *k, Abreast *s, Int j)
 {
     const Lane *x = s->q + k->iq[j];
     Lane *R = s->R + 9 * j, *p = s->p + 3 * j, own[9], free[9], sine, cosine, slide;
@@ -154,7 +153,7 @@ static void place_joint(const Kernel *k, Abreast *s, Int j)
     }
 }
 
-static void place_columns(const Kernel *k, Abreast *s)
+WITHIN void place_columns(const Kernel *k, Abreast *s)
 {
     for (Int j = 1; j < k->n_joints; j++) {
         const Lane *R = s->R + 9 * j, *p = s->p + 3 * j;
@@ -173,7 +172,7 @@ static void place_columns(const Kernel *k, Abreast *s)
     }
 }
 
-static inline void joint_rate(const Kernel *k, const Abreast *s, Int j, Lane *slide, Lane *turn)
+WITHIN void joint_rate(const Kernel *k, const Abreast *s, Int j, Lane *slide, Lane *turn)
 {
     const Lane *R = s->R + 9 * j, *x = s->t + k->iv[j];
     const Int kind = k->kind[j];
@@ -190,7 +189,7 @@ static inline void joint_rate(const Kernel *k, const Abreast *s, Int j, Lane *sl
     turned(R, x + (kind == FREE ? 3 : 0), turn);
 }
 
-static void tree_rates_of(const Kernel *k, Abreast *s)
+WITHIN void tree_rates_of(const Kernel *k, Abreast *s)
 {
     for (Int j = 1; j < k->n_joints; j++) {
         const Int up = 3 * k->parent[j], at = 3 * j;
@@ -223,7 +222,7 @@ static void tree_rates_of(const Kernel *k, Abreast *s)
     }
 }
 
-void lanes_normalize(const Kernel *k, Abreast *s)
+FOR_WIDE void lanes_normalize(const Kernel *k, Abreast *s)
 {
     for (Int j = 1; j < k->n_joints; j++) {
         Lane *x = s->q + k->iq[j] + (k->kind[j] == FREE ? 3 : 0), size;
@@ -237,7 +236,7 @@ void lanes_normalize(const Kernel *k, Abreast *s)
     }
 }
 
-void lanes_move(const Kernel *k, Abreast *s)
+FOR_WIDE void lanes_move(const Kernel *k, Abreast *s)
 {
     for (Int j = 1; j < k->n_joints; j++) {
         Lane *x = s->q + k->iq[j], *w = s->right + k->iv[j], R[9], slide[3], change[4];
@@ -263,7 +262,7 @@ void lanes_move(const Kernel *k, Abreast *s)
 
 /* ---- equations ---- */
 
-static inline void sum_of_terms(const Lane *vectors, const Int *term, const Real *factor, Lane *out)
+WITHIN void sum_of_terms(const Lane *vectors, const Int *term, const Real *factor, Lane *out)
 {
     for (int i = 0; i < 3; i++)
         out[i] = term[0] >= 0 ? factor[0] * vectors[3 * term[0] + i] : (Lane){0};
@@ -271,7 +270,7 @@ static inline void sum_of_terms(const Lane *vectors, const Int *term, const Real
         out[i] += factor[1] * vectors[3 * term[1] + i];
 }
 
-void lanes_residuals(const Kernel *k, Abreast *s, const Parts *of, int all)
+FOR_WIDE void lanes_residuals(const Kernel *k, Abreast *s, const Parts *of, int all)
 {
     const Products *products = &k->products;
     for (Int j = 1; j < k->n_joints && of != &k->equations.rest; j++)
@@ -296,7 +295,7 @@ void lanes_residuals(const Kernel *k, Abreast *s, const Parts *of, int all)
     }
 }
 
-static Lane *product_row(const Kernel *k, const Abreast *s, Int i, Lane *to)
+WITHIN Lane *product_row(const Kernel *k, const Abreast *s, Int i, Lane *to)
 {
     const Lane *B = s->B + 3 * i;
     const Int x = k->products.x_term[i];
@@ -316,7 +315,7 @@ static Lane *product_row(const Kernel *k, const Abreast *s, Int i, Lane *to)
     return to;
 }
 
-void lanes_bias(const Kernel *k, Abreast *s)
+FOR_WIDE void lanes_bias(const Kernel *k, Abreast *s)
 {
     const Parts *of = &k->equations.system;
     const Products *products = &k->products;
@@ -353,7 +352,7 @@ void lanes_bias(const Kernel *k, Abreast *s)
 
 /* ---- the square system ---- */
 
-int lanes_factor(const Kernel *k, Abreast *s)
+FOR_WIDE int lanes_factor(const Kernel *k, Abreast *s)
 {
     const Entries *matrix = &k->system.matrix;
     Lane *to = s->entry;

@@ -21,7 +21,7 @@ int goes_abreast(Path *path)
 
 /* ---- prescribed values ---- */
 
-static void prescribe_lanes(Path *path, const Real *values)
+WITHIN void prescribe_lanes(Path *path, const Real *values)
 {
     Prescribed *p = &path->prescribed;
     Lane *to = path->k->lanes->prescribed;
@@ -35,7 +35,7 @@ static void prescribe_lanes(Path *path, const Real *values)
     }
 }
 
-static void put_prescribed(const Path *path)
+WITHIN void put_prescribed(const Path *path)
 {
     const Prescribed *p = &path->prescribed;
     Abreast *s = path->k->lanes;
@@ -45,7 +45,7 @@ static void put_prescribed(const Path *path)
 }
 
 /* Rates (which = 1), or accelerations (2), are those prescribed, to the last digit. */
-static void put_rates(const Path *path, int which, Lane *rates)
+WITHIN void put_rates(const Path *path, int which, Lane *rates)
 {
     const Kernel *k = path->k;
     for (Int v = 0; v < k->nv; v++)
@@ -56,7 +56,7 @@ static void put_rates(const Path *path, int which, Lane *rates)
 
 /* ---- closing them ---- */
 
-static void predict_lanes(Path *path, const Real *values)
+WITHIN void predict_lanes(Path *path, const Real *values)
 {
     const Between *p = &path->between;
     Kernel *k = path->k;
@@ -77,7 +77,7 @@ static void predict_lanes(Path *path, const Real *values)
 }
 
 /* The largest size of some entries, of any lane; NaN where one is. */
-static Real largest_of(const Lane *x, const Int *index, Int n)
+WITHIN Real largest_of(const Lane *x, const Int *index, Int n)
 {
     Real most = 0.0;
     for (Int i = 0; i < n; i++)
@@ -90,7 +90,7 @@ static Real largest_of(const Lane *x, const Int *index, Int n)
 }
 
 /* A correction; returns its largest scaled size. */
-static Real correct_lanes(Path *path)
+WITHIN Real correct_lanes(Path *path)
 {
     Kernel *k = path->k;
     Abreast *s = k->lanes;
@@ -112,7 +112,7 @@ static Real correct_lanes(Path *path)
 }
 
 /* Newton's method of all lanes, from predictions: as `correct`, but that all have as many corrections. */
-static int close_lanes(Path *path, Real *predicted)
+WITHIN int close_lanes(Path *path, Real *predicted)
 {
     Kernel *k = path->k;
     const PathAccuracy *wanted = &path->accuracy;
@@ -127,13 +127,13 @@ static int close_lanes(Path *path, Real *predicted)
             *predicted = larger_of(*predicted, residual);
         if (residual <= (count ? tolerance : enough) || (size <= TOLERANCE_ROUND_OFF && residual <= left))
             return 1;
-        if (count == MOST_CORRECTIONS || !(residual < TOLERANCE_SINGULAR))
+        if (count == MOST_CORRECTIONS || !(residual < TOLERANCE_HALF_PRECISION))
             return 0;
         if (!(first * residual <= 0.1 * tolerance) && !lanes_factor(k, k->lanes))
             return 0;
         const Real last = size;
         size = correct_lanes(path);
-        if (!(size <= TOLERANCE_HALF_PRECISION) || (count && size > TOLERANCE_CONTRACTION * last + TOLERANCE_ROUND_OFF))
+        if (!(size <= TOLERANCE_REGULAR) || (count && size > TOLERANCE_CONTRACTION * last + TOLERANCE_ROUND_OFF))
             return 0;
         first = count ? first : size;
     }
@@ -141,7 +141,7 @@ static int close_lanes(Path *path, Real *predicted)
 
 /* ---- their rates, and their rows ---- */
 
-static int find_rates(Path *path)
+WITHIN int find_rates(Path *path)
 {
     Kernel *k = path->k;
     Abreast *s = k->lanes;
@@ -161,7 +161,7 @@ static int find_rates(Path *path)
     return 1;
 }
 
-static void write_lane(Path *path, int l, const PathRows *rows, Int i)
+WITHIN void write_lane(Path *path, int l, const PathRows *rows, Int i)
 {
     const Kernel *k = path->k;
     const Abreast *s = k->lanes;
@@ -181,7 +181,7 @@ static void write_lane(Path *path, int l, const PathRows *rows, Int i)
         estimate_at(path, sqrt(first), sqrt(second), error, rows->estimate + 3 * i);
 }
 
-int close_abreast(Path *path, const Real *values, Int n, const PathRows *rows, Int i, Real *predicted)
+FOR_WIDE int close_abreast(Path *path, const Real *values, Int n, const PathRows *rows, Int i, Real *predicted)
 {
     Kernel *k = path->k;
     const Real most = larger_of(path->accuracy.tolerance, path->open);
