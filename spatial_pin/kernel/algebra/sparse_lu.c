@@ -613,19 +613,10 @@ static int make_room(LaneFactors *f, Int room)
     return 1;
 }
 
-/* Largest and smallest sizes of each lane. */
-WITHIN void take_sizes(const Lane *x, Real *least, Real *most)
-{
-    for (int l = 0; l < LANES; l++) {
-        const Real size = fabs((*x)[l]);
-        least[l] = smaller_of(least[l], size);
-        most[l] = larger_of(most[l], size);
-    }
-}
-
 FOR_WIDE int lu_factor_lanes(const SparseLU *lu, const Lane *entry, LaneFactors *f)
 {
-    Real least[LANES], most[LANES] = {0.0}, none[LANES] = {0.0}, grown[LANES] = {0.0}, sign[LANES];
+    Real least[LANES], most[LANES] = {0.0}, sign[LANES];
+    Lane grown = {0};
     const Int *target = lu->target;
     if (!make_room(f, lu->n_values > lu->n ? lu->n_values : lu->n))
         return 0;
@@ -638,12 +629,14 @@ FOR_WIDE int lu_factor_lanes(const SparseLU *lu, const Lane *entry, LaneFactors 
     for (Int step = 0; step < lu->n; step++) {
         const Lane pivot = value[lu->pivot_at[step]], inverse = f->inverse[step] = 1.0 / pivot;
         const Int first = lu->upper_start[step], end = lu->upper_start[step + 1];
-        take_sizes(&pivot, least, most);
-        for (int l = 0; l < LANES; l++)
+        for (int l = 0; l < LANES; l++) {
+            least[l] = smaller_of(least[l], fabs(pivot[l]));
+            most[l] = larger_of(most[l], fabs(pivot[l]));
             sign[l] = pivot[l] < 0.0 ? -sign[l] : sign[l];
+        }
         for (Int u = first; u < end; u++) {
             const Lane part = value[lu->upper_at[u]] * inverse;
-            take_sizes(&part, none, grown);
+            grown += part * part; /* no less than the largest square */
         }
         for (Int l = lu->lower_start[step]; l < lu->lower_start[step + 1]; l++) {
             const Lane factor = value[lu->lower_at[l]] *= inverse;
@@ -652,7 +645,7 @@ FOR_WIDE int lu_factor_lanes(const SparseLU *lu, const Lane *entry, LaneFactors 
         }
     }
     for (int l = 0; l < LANES; l++)
-        if (!(least[l] > SHRUNK * lu->first_ratio * most[l]) || !(grown[l] < GROWN) ||
+        if (!(least[l] > SHRUNK * lu->first_ratio * most[l]) || !(grown[l] < GROWN * GROWN) ||
             !(sign[l] == lu->sign))
             return 0;
     return 1;

@@ -28,7 +28,7 @@ WITHIN void sine_and_cosine(const Lane *angle, Lane *sine, Lane *cosine)
         -1.13596475577881948265e-11))))));
     /* cosine and sine of these quarters of a turn, which are whole numbers: no branch, and no rounding */
     const Lane part = 0.25 * n - ((0.25 * n + whole) - whole), square = 16.0 * part * part;
-    const Lane is_odd = square * (4.0 - square) / 3.0, is_half = square * (square - 1.0) / 12.0;
+    const Lane is_odd = square * (4.0 - square) * (1.0 / 3.0), is_half = square * (square - 1.0) * (1.0 / 12.0);
     const Lane cosine_of = 1.0 - is_odd - 2.0 * is_half, sine_of = 4.0 * part * is_odd;
     *sine = cosine_of * s + sine_of * c;
     *cosine = cosine_of * c - sine_of * s;

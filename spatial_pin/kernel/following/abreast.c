@@ -44,12 +44,16 @@ WITHIN void put_prescribed(const Path *path)
             s->q[p->q_index[i]] = s->prescribed[3 * i];
 }
 
-/* Rates (which = 1), or accelerations (2), are those prescribed, to the last digit. */
-WITHIN void put_rates(const Path *path, int which, Lane *rates)
+/* Rates (which = 1), or accelerations (2), are those prescribed, to the last digit; and their scaled sizes'
+   square. */
+WITHIN void put_rates(const Path *path, int which, Lane *rates, Lane *square)
 {
     const Kernel *k = path->k;
-    for (Int v = 0; v < k->nv; v++)
+    *square = (Lane){0};
+    for (Int v = 0; v < k->nv; v++) {
+        *square += k->lanes->right[v] * k->lanes->right[v];
         rates[v] = k->scale[v] * k->lanes->right[v];
+    }
     for (Int i = 0; i < k->system.n_driven; i++)
         rates[k->system.driven[i]] = k->lanes->prescribed[3 * i + which];
 }
@@ -141,7 +145,7 @@ WITHIN int close_lanes(Path *path, Real *predicted)
 
 /* ---- their rates, and their rows ---- */
 
-WITHIN int find_rates(Path *path)
+WITHIN int find_rates(Path *path, Lane *squares)
 {
     Kernel *k = path->k;
     Abreast *s = k->lanes;
@@ -156,29 +160,26 @@ WITHIN int find_rates(Path *path)
         for (Int i = 0; i < k->system.n_driven; i++)
             s->right[n + i] = s->prescribed[3 * i + which] / k->scale[k->system.driven[i]];
         lanes_solve(k, s);
-        put_rates(path, which, which == 1 ? s->t : s->c);
+        put_rates(path, which, which == 1 ? s->t : s->c, squares + which - 1);
     }
     return 1;
 }
 
-WITHIN void write_lane(Path *path, int l, const PathRows *rows, Int i)
+WITHIN void write_lane(Path *path, int l, const Lane *squares, const PathRows *rows, Int i)
 {
     const Kernel *k = path->k;
     const Abreast *s = k->lanes;
     Real *q = rows->q + i * k->nq, *t = rows->t + i * k->nv, *c = rows->c + i * k->nv;
-    Real first = 0.0, second = 0.0, error = 0.0;
+    Real error = 0.0;
     for (Int x = 0; x < k->nq; x++)
         q[x] = s->q[x][l];
-    for (Int v = 0; v < k->nv; v++) {
+    for (Int v = 0; v < k->nv; v++)
         t[v] = s->t[v][l], c[v] = s->c[v][l];
-        first += t[v] / k->scale[v] * (t[v] / k->scale[v]);
-        second += c[v] / k->scale[v] * (c[v] / k->scale[v]);
-    }
     for (Int e = 0; e < k->n_closure; e++)
         error = larger_of(error, fabs(s->residual[e][l]));
     rows->error[i] = error;
     if (rows->estimate)
-        estimate_at(path, sqrt(first), sqrt(second), error, rows->estimate + 3 * i);
+        estimate_at(path, sqrt(squares[0][l]), sqrt(squares[1][l]), error, rows->estimate + 3 * i);
 }
 
 FOR_WIDE int close_abreast(Path *path, const Real *values, Int n, const PathRows *rows, Int i, Real *predicted)
@@ -189,10 +190,11 @@ FOR_WIDE int close_abreast(Path *path, const Real *values, Int n, const PathRows
         look_again(path);
     for (Int done = 0; done < n; done += LANES) {
         Real few[LANES];
+        Lane squares[2];
         for (int l = 0; l < LANES; l++)
             few[l] = values[done + l < n ? done + l : n - 1];
         predict_lanes(path, few);
-        if (!close_lanes(path, predicted) || !find_rates(path))
+        if (!close_lanes(path, predicted) || !find_rates(path, squares))
             return 0;
         lanes_residuals(k, k->lanes, &k->equations.rest, 0);
         const Parts *rest = &k->equations.rest;
@@ -200,7 +202,7 @@ FOR_WIDE int close_abreast(Path *path, const Real *values, Int n, const PathRows
             !(largest_of(k->lanes->residual, rest->equation, rest->n_equations) <= most))
             return 0;
         for (int l = 0; l < LANES && done + l < n; l++)
-            write_lane(path, l, rows, i + done + l);
+            write_lane(path, l, squares, rows, i + done + l);
     }
     return 1;
 }

@@ -107,7 +107,7 @@ Int follow_values(Path *path, const Real *values, Int n, const PathRows *rows);
                           (stepping.c) */
 #define IDLE_FIRST 0.05  /* first way with idle rotations, whose error is not known yet: of 4e-12
                             rad at a way of 0.3, as measured, (1/6)^6 is round-off */
-#define ABREAST_FIRST 0.15 /* first way between points that samples are closed between */
+#define ABREAST_FIRST 0.3 /* first way between points that samples are closed between */
 #define BETWEEN_FIRST 0.5 /* first way between points that samples are interpolated between, by the
                             seventh root of the error allowed, which grows with its seventh power */
 

@@ -12,9 +12,9 @@
 #define MOST_FAILED 10000 /* steps on the way to one value: every path ends */
 #define REGROWTH 1.03  /* of the way between points from sample to sample, while there is none between */
 #define SHORTENINGS 3        /* of steps to interpolate in, each as long as the last one has shown */
-#define MOST_ABREAST (4 * LANES) /* samples closed between two points: the steps are few then */
+#define MOST_ABREAST (8 * LANES) /* samples closed between two points: the steps are few then */
 #define ABREAST_AIM 1e-9    /* residual of predictions there: one correction squares it */
-#define ABREAST_MOST 0.5    /* way between them */
+#define ABREAST_MOST 1.0    /* way between them */
 #define BETWEEN_NEARER 0.0625 /* part of the way to where the determinant vanishes that a step which
                             samples are interpolated in may go. At a limit the determinant falls
                             like a root, and that way is four times the true one: a quarter of
@@ -212,7 +212,7 @@ static Int follow_abreast(Path *path, const Real *values, Int i, Int last, const
         return 0;
     }
     const Real part = pow(ABREAST_AIM / larger_of(predicted, 1e-30), 1.0 / 9.0);
-    path->abreast_way = smaller_of(path->abreast_way * larger_of(smaller_of(part, 1.5), 0.5), ABREAST_MOST);
+    path->abreast_way = smaller_of(path->abreast_way * larger_of(smaller_of(part, 2.0), 0.5), ABREAST_MOST);
     return last - i + (put_row(path, rows, last) == DONE);
 }
 
