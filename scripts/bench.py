@@ -32,7 +32,8 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small matrices: threads only get in the way
 sys.path.insert(0, str(Path(__file__).parent))
 
-from benchmark import bars, measure, pages, pauses, report, tools, workers
+import control_loop
+from benchmark import bars, measure, pages, report, tools, workers
 from benchmark.case import TASKS
 
 import spatial_pin as sp
@@ -152,7 +153,7 @@ def tell(options: argparse.Namespace, results: dict[str, Any]) -> None:
             print(line)
         for line in bars.growing() if "ladder" in options.tasks else ():
             print(line, flush=True)
-        for line in pauses.lines() if "control" in options.tasks else ():
+        for line in control_loop.pauses() if "control" in options.tasks else ():
             print(line, flush=True)
         return
     print("\n".join(report.table(results)))

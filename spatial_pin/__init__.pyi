@@ -83,9 +83,8 @@ from .mechanism.parts import (
 from .mobility.assembly_modes import assembly_modes as assembly_modes
 from .mobility.grashof import Grashof as Grashof, grashof as grashof
 from .mobility.idle_freedoms import PassiveFreedom as PassiveFreedom
-from .mobility.independent_loops import Loop as Loop
-from .mobility.mobility import Mobility as Mobility, mobility as mobility
-from .mobility.mode_list import AssemblyModes as AssemblyModes, Continuum as Continuum
+from .mobility.mobility import Loop as Loop, Mobility as Mobility, mobility as mobility
+from .mobility.mode_check import AssemblyModes as AssemblyModes, Continuum as Continuum
 from .motion.dead_centres import dead_centres as dead_centres
 from .motion.follow import follow as follow
 from .motion.joint_limit_events import JointLimit as JointLimit, Passing as Passing

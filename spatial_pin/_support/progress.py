@@ -1,8 +1,11 @@
-"""Progress bars on stderr, after a second, where that is a terminal."""
+"""Long work: progress bars on stderr, after a second, where that is a terminal; and executors."""
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable, Generator, Iterable
+from concurrent.futures import Executor, Future
+from itertools import starmap
 from typing import Any
 
 
@@ -43,3 +46,27 @@ def progress_bar(total: float, name: str, shown: bool) -> Any:
     from tqdm import tqdm  # on use: it takes 5 ms to import
 
     return tqdm(total=total, desc=name, delay=1.0, leave=False)
+
+
+def in_order(
+    executor: Executor | None, work: Callable[..., Any], jobs: Iterable[tuple[Any, ...]]
+) -> Generator[Any]:
+    """Yield the result of each job in order; jobs that are not needed any more are cancelled.
+
+    Args:
+        executor: where it is done; None: here, one after the other.
+        work: the function.
+        jobs: arguments of each call.
+    """
+    if executor is None:
+        yield from starmap(work, jobs)
+        return
+    futures: list[Future[Any]] = []
+    try:
+        for job in jobs:  # one by one, so that Ctrl-C finds all that were submitted
+            futures.append(executor.submit(work, *job))
+        for future in futures:
+            yield future.result()
+    finally:
+        for future in futures:
+            future.cancel()

@@ -11,8 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from spatial_pin._support.brief import counted
-from spatial_pin.assembly.assemble import assembled
-from spatial_pin.assembly.held_start import held_coordinates
+from spatial_pin.assembly.assemble import assembled, held_coordinates
 from spatial_pin.assembly.redundant_equations import with_independent_equations
 from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.dynamics.simulation.simulate import Simulation, simulate

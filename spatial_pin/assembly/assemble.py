@@ -1,4 +1,4 @@
-"""Assembly: from a rough guess to a closed configuration."""
+"""Assembly: from a rough guess to a closed configuration; start states of verbs."""
 
 from __future__ import annotations
 
@@ -10,21 +10,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin._support.checks import checked, mapping
-from spatial_pin.assembly.close import closed
-from spatial_pin.assembly.holding import fixed_base_entries, free_velocities
+from spatial_pin.assembly.assembly_problem import ACCEPTED, AssemblyProblem, deviations
+from spatial_pin.assembly.close import beyond_words, closed
+from spatial_pin.assembly.holding import BASE, Hold, fixed_base_entries, free_velocities, held_by
 from spatial_pin.assembly.redundant_equations import (
     allowed_from,
     gap_allowed,
     without_rounded_equations,
 )
-from spatial_pin.assembly.search.assembly_problem import ACCEPTED, AssemblyProblem, deviations
-from spatial_pin.assembly.search.counted_turns import turns_of_others, with_followed_turns
-from spatial_pin.assembly.search.guesses import Guess, read_guess
-from spatial_pin.assembly.search.refusals import failure
-from spatial_pin.assembly.search.release import beyond_words
-from spatial_pin.assembly.search.search import Search
-from spatial_pin.assembly.search.whole_turns import turn_free_difference
-from spatial_pin.assembly.state import NO_ANGLES, State, made
+from spatial_pin.assembly.search import Search, failure
+from spatial_pin.assembly.start_values import (
+    Guess,
+    read_guess,
+    turn_free_difference,
+    turns_of_others,
+    with_followed_turns,
+)
+from spatial_pin.assembly.state import NO_ANGLES, State, made, of_mechanism
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import AssemblyError, SingularError, warn
 from spatial_pin.kernel.closer import Examined
@@ -38,6 +40,7 @@ from spatial_pin.mechanism.coordinates import (
     with_values,
 )
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy, accuracy_of
@@ -418,3 +421,83 @@ def _straight_motion(
         else:
             step *= 0.5
     return q, done
+
+
+StartGuess = Mapping[str, Any] | State | Array | None
+
+
+def starting_state(mechanism: Mechanism, guess: StartGuess, state: StartGuess = None) -> State:
+    """Return the state of a guess, closed if it is not a State.
+
+    Args:
+        mechanism: the mechanism.
+        guess: as for `assemble`; a State is used as it is.
+        state: another name of `guess`.
+
+    Raises:
+        AssemblyError: the guess does not close.
+        TypeError: both are given.
+    """
+    if guess is not None and state is not None:
+        raise TypeError("guess and state are two words for where to start: give one of them")
+    start = state if guess is None else guess
+    if isinstance(start, State):
+        return of_mechanism(mechanism, start)
+    return assembled(mechanism, {}, start)
+
+
+def held_start(
+    mechanism: Mechanism, values: Mapping[str, float],
+    guess: Mapping[str, Any] | State | Array | None, hold: Hold, accuracy: Accuracy,
+) -> tuple[State, list[str]]:
+    """Assemble a State at driver values, with `hold` at the values of the guess.
+
+    These values are exact if the guess is a State and the loops close so; otherwise the coordinates
+    are released, after the drivers without a value. With another guess, they keep their assembled
+    values.
+
+    Args:
+        mechanism: the mechanism.
+        values: of drivers or coordinates by name [rad or m].
+        guess: start of the assembly.
+        hold: names of fixed coordinates, see `holding.held_by`.
+        accuracy: of assembly.
+
+    Returns:
+        The State, and a sentence for each joint that is not at the value of the guess.
+
+    Raises:
+        AssemblyError: the values cannot be assembled.
+    """
+    if not isinstance(guess, State):
+        return assembled(mechanism, values, guess, accuracy=accuracy), []
+    held = {c.name: guess.coordinate(c.name).value
+            for c in held_coordinates(mechanism, values, hold)
+            if c.name in guess.mechanism.coordinate_table}
+    if held:
+        try:
+            return assembled(mechanism, {**values, **held}, guess, accuracy=accuracy), []
+        except AssemblyError:
+            pass  # they are released, and the result says how far they went
+    state = assembled(mechanism, values, guess, accuracy=accuracy)
+    drivers = driver_coordinates(mechanism)
+    texts, released = [], {drivers[name].name for name in state.released}
+    for name in [name for name in held if name not in released]:
+        coordinate = state.mechanism.coordinate(name)
+        by = state.coordinate(name).value - held[name]
+        if abs(by) > TOLERANCES.half_precision * state.mechanism.velocity_scale[coordinate.v]:
+            texts.append(f"{name} is held {by:+.9g} {coordinate.unit} from where the guess has it, "
+                         "as the loops would not close otherwise")
+    return state, texts
+
+
+def held_coordinates(
+    mechanism: Mechanism, values: Iterable[str], hold: Hold
+) -> list[Coordinate]:
+    """Return the coordinates of `hold`, except free bases and coordinates with a value."""
+    given = [mechanism.prescribed_coordinate(name) for name in values]
+    held = held_by(mechanism, hold, given)
+    base = held_by(mechanism, BASE, given).entries
+    return [c for c in mechanism.coordinate_table.values()
+            if ((c.q >= 0 and c.v in held.entries and c.v not in base) or c in held.coordinates)
+            and c not in given]

@@ -6,10 +6,9 @@ import argparse
 import re
 import shlex
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import NamedTuple
 
 import spatial_pin as sp
 from spatial_pin.assembly.holding import BASE, SPRINGS
@@ -33,49 +32,23 @@ NAMED = {
 }
 
 
-class _Option(NamedTuple):
-    """An option: as it is typed, its help, whether a word follows, and what may begin that one."""
-
-    flag: str
-    text: str
-    takes_value: bool
-    choices: tuple[str, ...]
-    kind: str  # of names of the mechanism, "" for none
+Parsers = Mapping[str, argparse.ArgumentParser]  # of the commands, by their names
 
 
-class _CommandWords(NamedTuple):
-    """A command: its help, whether a mechanism comes next, and kinds of the words behind that."""
-
-    name: str
-    text: str
-    takes_mechanism: bool
-    options: tuple[_Option, ...]
-    first: str
-    rest: str
-
-    @property
-    def flags(self) -> str:
-        return " ".join(option.flag for option in self.options)
+def _options(parser: argparse.ArgumentParser) -> Iterator[tuple[str, argparse.Action]]:
+    """Yield the options of a command, as they are typed."""
+    for action in parser._actions:
+        yield from ((flag, action) for flag in action.option_strings if flag.startswith("--"))
 
 
-def script(shell: str, parsers: Mapping[str, argparse.ArgumentParser]) -> str:
-    """Return the script of a shell, one of `SHELLS`."""
-    commands = []
-    for name, parser in parsers.items():
-        options = []
-        for action in parser._actions:
-            takes_value, text = action.nargs != 0, " ".join((action.help or "").split())
-            choices = tuple(map(str, action.choices or ()))
-            options += [_Option(flag, text, takes_value, choices, kind_of(action) * takes_value)
-                        for flag in action.option_strings if flag.startswith("--")]
-        words = [action for action in parser._actions if not action.option_strings]
-        takes_mechanism = bool(words) and words[0].dest == "mechanism"
-        behind = words[1:] if takes_mechanism else []
-        kinds = [kind_of(action) for action in behind] or [""]
-        rest = kinds[-1] if behind and behind[-1].nargs in ("*", "+") else ""
-        commands.append(_CommandWords(name, parser.description or "", takes_mechanism,
-                                      tuple(options), kinds[0], rest))
-    return SHELLS[shell](commands, list_mechanisms())
+def _positional(parser: argparse.ArgumentParser) -> tuple[bool, str, str]:
+    """Return whether a mechanism comes first, and the kinds of the next word and of all others."""
+    words = [action for action in parser._actions if not action.option_strings]
+    takes_mechanism = bool(words) and words[0].dest == "mechanism"
+    behind = words[1:] if takes_mechanism else []
+    kinds = [kind_of(action) for action in behind] or [""]
+    goes_on = bool(behind) and behind[-1].nargs in ("*", "+")
+    return takes_mechanism, kinds[0], kinds[-1] * goes_on
 
 
 def kind_of(action: argparse.Action) -> str:
@@ -83,70 +56,83 @@ def kind_of(action: argparse.Action) -> str:
     return CALLED.get(action.metavar or "") or NAMED.get(action.dest, "")
 
 
-def _values(words: list[_CommandWords], line: Callable[[str, _Option], str]) -> str:
+def _values(parsers: Parsers, line: Callable[[str, argparse.Action], str]) -> str:
     """Return a line for each option of each command that a value follows."""
-    return "\n".join(line(f'"{word.name} {option.flag}")', option)
-                     for word in words for option in word.options if option.takes_value)
+    return "\n".join(line(f'"{name} {flag}")', action) for name, parser in parsers.items()
+                     for flag, action in _options(parser) if action.nargs != 0)
 
 
-def _positions(words: list[_CommandWords], first: int, line: Callable[[str, str], str]) -> str:
+def _positions(parsers: Parsers, first: int, line: Callable[[str, str], str]) -> str:
     """Return a line for each word after the mechanism; `first` is the number of the first."""
-    patterns = {f'"{first} {word.name}")': word.first for word in words} | {
-        f'*" {word.name}")': word.rest for word in words}
+    kinds = {name: _positional(parser)[1:] for name, parser in parsers.items()}
+    patterns = {f'"{first} {name}")': kind for name, (kind, _) in kinds.items()} | {
+        f'*" {name}")': kind for name, (_, kind) in kinds.items()}
     return "\n".join(line(pattern, kind) for pattern, kind in patterns.items() if kind)
 
 
-def _filled(shell: str, mechanisms: list[str], **parts: str) -> str:
+def _flags(parsers: Parsers, line: str) -> str:
+    """Return a line for each command, with its options."""
+    return "\n".join(line.format(name, " ".join(flag for flag, _ in _options(parser)))
+                     for name, parser in parsers.items())
+
+
+def _taking(parsers: Parsers) -> list[str]:
+    return [name for name, parser in parsers.items() if _positional(parser)[0]]
+
+
+def _choices(action: argparse.Action) -> str:
+    return " ".join(map(str, action.choices or ()))
+
+
+def _filled(shell: str, **parts: str) -> str:
     """Return the template of a script with its marks replaced."""
     template = files("spatial_pin.cli").joinpath(f"templates/completion.{shell}").read_text("utf-8")
-    parts |= {"NAMES": NAMES, "SHELLS": " ".join(SHELLS), "MECHANISMS": " ".join(mechanisms)}
+    parts |= {"NAMES": NAMES, "SHELLS": " ".join(SHELLS), "MECHANISMS": " ".join(list_mechanisms())}
     return re.sub("@([A-Z]+)@", lambda mark: parts[mark[1]], template)
 
 
-def _bash(words: list[_CommandWords], mechanisms: list[str]) -> str:
-    taking = [word.name for word in words if word.takes_mechanism]
-    values = _values(words, lambda at, option: f'        {at} kind="{option.kind}"; '
-                     f'words="{" ".join(option.choices)}"; value=yes ;;')
-    flags = "\n".join(f'        {word.name}) words="{word.flags}" ;;' for word in words)
-    positions = _positions(words, 3, lambda at, kind: f'        {at} kind="{kind}" ;;')
-    return _filled("bash", mechanisms, VALUES=values, FLAGS=flags, PLACES=positions,
-                   WORDS=" ".join(word.name for word in words),
-                   TAKING="|".join(f'"2 {name}"' for name in taking))
+def _bash(parsers: Parsers) -> str:
+    values = _values(parsers, lambda at, action: f'        {at} kind="{kind_of(action)}"; '
+                     f'words="{_choices(action)}"; value=yes ;;')
+    positions = _positions(parsers, 3, lambda at, kind: f'        {at} kind="{kind}" ;;')
+    return _filled("bash", VALUES=values, FLAGS=_flags(parsers, '        {}) words="{}" ;;'),
+                   PLACES=positions, WORDS=" ".join(parsers),
+                   TAKING="|".join(f'"2 {name}"' for name in _taking(parsers)))
 
 
-def _zsh(words: list[_CommandWords], mechanisms: list[str]) -> str:
-    taking = [word.name for word in words if word.takes_mechanism]
-    texts = {word.name: word.text.replace(":", "\\:") for word in words}
+def _zsh(parsers: Parsers) -> str:
+    texts = {name: (parser.description or "").replace(":", "\\:")
+             for name, parser in parsers.items()}
     described = "\n".join(f"        {_quoted(f'{name}:{text}')}" for name, text in texts.items())
-    values = _values(words, lambda at, option: f"        {at} " + (
-        f"kind={option.kind}" if option.kind else
-        f"compadd -- {' '.join(option.choices)}; return" if option.choices else
-        "_files; return") + " ;;")
-    flags = "\n".join(f"            {word.name}) compadd -- {word.flags} ;;" for word in words)
-    positions = _positions(words, 4, lambda at, kind: f"        {at} kind={kind} ;;")
-    return _filled("zsh", mechanisms, VALUES=values, FLAGS=flags, PLACES=positions,
-                   COMMANDS=described, TAKING="|".join(f'"3 {name}"' for name in taking))
+    values = _values(parsers, lambda at, action: f"        {at} " + (
+        f"kind={kind_of(action)}" if kind_of(action) else
+        f"compadd -- {_choices(action)}; return" if action.choices else "_files; return") + " ;;")
+    positions = _positions(parsers, 4, lambda at, kind: f"        {at} kind={kind} ;;")
+    return _filled("zsh", VALUES=values, FLAGS=_flags(parsers, "            {}) compadd -- {} ;;"),
+                   PLACES=positions, COMMANDS=described,
+                   TAKING="|".join(f'"3 {name}"' for name in _taking(parsers)))
 
 
-def _fish(words: list[_CommandWords], mechanisms: list[str]) -> str:
-    taking = [word.name for word in words if word.takes_mechanism]
+def _fish(parsers: Parsers) -> str:
     start = "complete -c spatial-pin"
     lines = ["# Completion of spatial-pin; in ~/.config/fish/config.fish:",
              "# spatial-pin completion fish | source"]
-    for word in words:
-        lines.append(f"{start} -n __fish_use_subcommand -f -a {word.name} -d {_quoted(word.text)}")
-        seen = f"__fish_seen_subcommand_from {word.name}"
-        for option in word.options:
-            offered = _fish_names(option.kind) if option.kind else " ".join(option.choices)
-            takes = f" -x -a '{offered}'" if offered else " -r"
-            lines.append(f"{start} -n '{seen}' -l {option.flag[2:]}{takes * option.takes_value} "
-                         f"-d {_quoted(option.text)}")
-        for count, kind in (("-eq 3", word.first), ("-gt 3", word.rest)):
+    for name, parser in parsers.items():
+        text = _quoted(parser.description or "")
+        lines.append(f"{start} -n __fish_use_subcommand -f -a {name} -d {text}")
+        seen = f"__fish_seen_subcommand_from {name}"
+        for flag, action in _options(parser):
+            kind = kind_of(action)
+            offered = _fish_names(kind) if kind else _choices(action)
+            takes = "" if action.nargs == 0 else f" -x -a '{offered}'" if offered else " -r"
+            text = _quoted(" ".join((action.help or "").split()))
+            lines.append(f"{start} -n '{seen}' -l {flag[2:]}{takes} -d {text}")
+        for count, kind in zip(("-eq 3", "-gt 3"), _positional(parser)[1:], strict=True):
             if kind:
                 lines.append(f"{start} -n '{seen}; and test (count (commandline -opc)) {count}' "
                              f"-a '{_fish_names(kind)}'")
-    lines.append(f"{start} -n '__fish_seen_subcommand_from {' '.join(taking)}; "
-                 f"and test (count (commandline -opc)) -eq 2' -a '{' '.join(mechanisms)}'")
+    lines.append(f"{start} -n '__fish_seen_subcommand_from {' '.join(_taking(parsers))}; and test "
+                 f"(count (commandline -opc)) -eq 2' -a '{' '.join(list_mechanisms())}'")
     lines.append(f"{start} -n '__fish_seen_subcommand_from completion' -f -a '{' '.join(SHELLS)}'")
     return "\n".join(lines) + "\n"
 
@@ -160,10 +146,8 @@ def _quoted(text: str) -> str:
     return "'" + text.replace("'", "’") + "'"
 
 
-# To add a shell: a function of the commands and the mechanisms' names that returns its script.
-SHELLS: dict[str, Callable[[list[_CommandWords], list[str]], str]] = {
-    "bash": _bash, "zsh": _zsh, "fish": _fish,
-}
+# To add a shell: a function of the commands that returns its script.
+SHELLS: dict[str, Callable[[Parsers], str]] = {"bash": _bash, "zsh": _zsh, "fish": _fish}
 
 
 # ---------------------------------------------------------------- names of a mechanism
@@ -172,9 +156,7 @@ SHELLS: dict[str, Callable[[list[_CommandWords], list[str]], str]] = {
 def offer(words: Sequence[str]) -> int:
     """Print the names of a kind, one a line; nothing where there are none, for whatever reason.
 
-    Args:
-        words: the kind, one of `KINDS`, with `=` where a value comes after the name; and the
-            mechanism as it is typed.
+    The words are one of `KINDS`, with `=` where a value comes after the name, and the mechanism.
     """
     try:
         kind, typed = words

@@ -17,23 +17,16 @@ MECHANISM_HELP = ("library name (see `spatial-pin list`), or path of a mechanism
 AT_HELP = "values of drivers or coordinates, as crank=60deg; the others keep those of the guess"
 
 
-Option = tuple[tuple[str, ...], dict[str, Any]]  # flags and settings, as `add_argument` takes them
+Option = tuple[str, dict[str, Any]]  # flag and settings, as `add_argument` takes them
 
 
 class Command(NamedTuple):
-    """A command of `spatial-pin`.
+    """A command of `spatial-pin`."""
 
-    Attributes:
-        run: its function, whose docstring is the help.
-        options: of its parser.
-        takes_mechanism: whether its first word names a mechanism.
-        one_of: options that exclude each other; one must be given.
-    """
-
-    run: Callable[[argparse.Namespace], None]
-    options: tuple[Option, ...]
-    takes_mechanism: bool = True
-    one_of: tuple[Option, ...] = ()
+    run: Callable[[Any], None]  # its function, whose docstring is the help
+    options: tuple[Option, ...]  # of its parser
+    takes_mechanism: bool = True  # whether its first word names a mechanism
+    one_of: tuple[Option, ...] = ()  # options that exclude each other; one must be given
 
     @property
     def text(self) -> str:
@@ -45,42 +38,54 @@ class Command(NamedTuple):
 # ---------------------------------------------------------------- options
 
 
-def option(*flags: str, **settings: Any) -> Option:
+def option(flag: str, help: str, **settings: Any) -> Option:
     """Return an option, or a word that a command takes."""
-    return flags, settings
+    return flag, {"help": help, **settings}
+
+
+def many(
+    flag: str, help: str, metavar: str | tuple[str, ...] = "NAME", **settings: Any
+) -> Option:
+    """Return an option that may be given again and again."""
+    return option(flag, help, metavar=metavar, action="append", default=[], **settings)
+
+
+def switch(flag: str, help: str) -> Option:
+    """Return an option without a value."""
+    return option(flag, help, action="store_true")
+
+
+def file_option(flag: str, help: str, **settings: Any) -> Option:
+    """Return an option that names a file."""
+    return option(flag, help, metavar="F", **settings)
 
 
 def data_options(json: str, csv: str = "") -> tuple[Option, ...]:
-    """Return `--json` and, where there is a table, `--csv`.
-
-    Args:
-        json: content of the JSON file.
-        csv: content of the table; "" for none.
-    """
-    return tuple(option(flag, metavar="F", nargs="?", const=SCREEN,
-                        help=f"write {what} as {form} (to the screen without F)")
+    """Return `--json` and, where there is a table, `--csv`, with the words for their contents."""
+    return tuple(file_option(flag, f"write {what} as {form} (to the screen without F)", nargs="?",
+                             const=SCREEN)
                  for flag, what, form in (("--json", json, "JSON"), ("--csv", csv, "a table"))
                  if what)
 
 
-def hold_option(more: str = "") -> tuple[Option, ...]:
+def hold_option(more: str = "") -> Option:
     """Return the option of held coordinates."""
-    return (option("--hold", action="append", default=[], metavar="NAME",
-                   help=f"a joint or coordinate that is held, besides a free base{more}"),)
+    return many("--hold", f"a joint or coordinate that is held, besides a free base{more}")
 
 
 def sweep_arguments(needed: bool = True) -> tuple[Option, ...]:
     """Return the options of a sweep: driver, first and last value, steps, speed."""
     times = None if needed else "?"
     return (
-        option("driver", nargs=times, help="driver or coordinate"),
-        option("first", nargs=times, type=value, help="value, as -60deg"),
-        option("last", nargs=times, type=value, help="value, as 0.3m"),
-        option("--steps", type=count, default=361, help="number of values (361)"),
-        option("--speed", type=value, help="of the driver, as 240rpm; without one the motion has "
-               "no time, and its forces are those at rest"),
-        option("--acceleration", type=value, default=0.0, help="of the driver"),
-        option("--stop", action="store_true", help="end at a limit position instead of failing"),
+        option("driver", "driver or coordinate", nargs=times),
+        option("first", "value, as -60deg", nargs=times, type=value),
+        option("last", "value, as 0.3m", nargs=times, type=value),
+        option("--steps", "number of values (361)", type=count, default=361),
+        option("--speed",
+               "of the driver, as 240rpm; without one the motion has no time, and its forces are "
+               "those at rest", type=value),
+        option("--acceleration", "of the driver", type=value, default=0.0),
+        switch("--stop", "end at a limit position instead of failing"),
         *GUESS,
     )
 
@@ -88,22 +93,21 @@ def sweep_arguments(needed: bool = True) -> tuple[Option, ...]:
 def over_options(held: str = f"{SPRINGS_HELP} (--over)") -> tuple[Option, ...]:
     """Return the options of a sweep without speed, for a row at each value."""
     return (
-        option("--over", type=span, metavar="DRIVER=LO..HI",
-               help="do it all along a sweep of this driver or coordinate"),
-        option("--steps", type=count, default=361, help="number of values of --over (361)"),
-        *hold_option(held),
+        option("--over", "do it all along a sweep of this driver or coordinate", type=span,
+               metavar="DRIVER=LO..HI"),
+        option("--steps", "number of values of --over (361)", type=count, default=361),
+        hold_option(held),
     )
 
 
 def start_options(speed: str) -> tuple[Option, ...]:
     """Return the options of the start of a simulation."""
     return (
-        option("--at", action="append", default=[], type=setting, metavar="DRIVER=VALUE",
-               help="configuration at the start of the simulation"),
-        option(speed, action="append", default=[], type=setting, metavar="DRIVER=VALUE",
-               help="speed at the start, as crank=240rpm"),
-        option("--effort", action="append", default=[], type=setting, metavar="JOINT=VALUE",
-               help="a constant torque [N·m] or force [N] in it"),
+        many("--at", "configuration at the start of the simulation", type=setting,
+             metavar="DRIVER=VALUE"),
+        many(speed, "speed at the start, as crank=240rpm", type=setting, metavar="DRIVER=VALUE"),
+        many("--effort", "a constant torque [N·m] or force [N] in it", type=setting,
+             metavar="JOINT=VALUE"),
     )
 
 
@@ -227,55 +231,49 @@ def package(text: str) -> tuple[str, str]:
 # ---------------------------------------------------------------- options of several commands
 
 MECHANISM = (
-    option("mechanism", metavar="M", help=MECHANISM_HELP),
-    option("--set", dest="parameters", action="append", default=[], type=setting,
-           metavar="NAME=VALUE", help="a dimension of the mechanism, as d=315mm"),
-    option("--trusted", action="store_true",
-           help="its xacro files may read files outside their folder"),
-    option("--free-flyer", action="store_true", help="a floating joint carries its root link"),
-    option("--package", dest="packages", action="append", default=[], type=package,
-           metavar="NAME=FOLDER", help="where package://NAME lies, as its files name meshes"),
-    option("--model", metavar="NAME", help="which model of an SDFormat file with several"),
-    option("--without", action="append", default=[], metavar="NAME",
-           help="an element or joint of its tree's file that is left out"),
+    option("mechanism", MECHANISM_HELP, metavar="M"),
+    many("--set", "a dimension of the mechanism, as d=315mm", dest="parameters", type=setting,
+         metavar="NAME=VALUE"),
+    switch("--trusted", "its xacro files may read files outside their folder"),
+    switch("--free-flyer", "a floating joint carries its root link"),
+    many("--package", "where package://NAME lies, as its files name meshes", dest="packages",
+         type=package, metavar="NAME=FOLDER"),
+    option("--model", "which model of an SDFormat file with several", metavar="NAME"),
+    many("--without", "an element or joint of its tree's file that is left out"),
 )
 GUESS = (
-    option("--guess", action="append", default=[], type=setting, metavar="JOINT=VALUE",
-           help="start from here instead of the file's guess"),
+    many("--guess", "start from here instead of the file's guess", type=setting,
+         metavar="JOINT=VALUE"),
 )
 CONFIGURATION = (
-    option("values", nargs="*", default=[], type=setting, metavar="DRIVER=VALUE", help=AT_HELP),
+    option("values", AT_HELP, nargs="*", default=[], type=setting, metavar="DRIVER=VALUE"),
     *GUESS,
 )
 RATE_OPTIONS = (
-    option("--speed", action="append", default=[], type=setting, metavar="DRIVER=VALUE",
-           help="how fast a driver goes, as crank=240rpm (0)"),
-    option("--acceleration", action="append", default=[], type=setting,
-           metavar="DRIVER=VALUE", help="acceleration of a driver (0)"),
+    many("--speed", "how fast a driver goes, as crank=240rpm (0)", type=setting,
+         metavar="DRIVER=VALUE"),
+    many("--acceleration", "acceleration of a driver (0)", type=setting, metavar="DRIVER=VALUE"),
 )
 WORKERS = (
-    option("--workers", type=count, default=1,
-           help="processes that work on it; the answer is the same (1)"),
+    option("--workers", "processes that work on it; the answer is the same (1)", type=count,
+           default=1),
 )
 LOOK = (
-    option("--trace", action="append", default=[], metavar="NAME",
-           help="draw the path of a link, frame or joint, or of LINK.com"),
-    option("--arrow", action="append", default=[], metavar="NAME.velocity",
-           help="draw a velocity or acceleration as an arrow"),
-    option("--axes", action="store_true", help="draw the axes of the joints"),
-    option("--pairs", action="store_true", help="draw a sign for every pair"),
-    option("--centres", action="store_true", help="mark the centres of mass"),
+    many("--trace", "draw the path of a link, frame or joint, or of LINK.com"),
+    many("--arrow", "draw a velocity or acceleration as an arrow", metavar="NAME.velocity"),
+    switch("--axes", "draw the axes of the joints"),
+    switch("--pairs", "draw a sign for every pair"),
+    switch("--centres", "mark the centres of mass"),
 )
 RESULT = (
     *data_options("the motion and its events", "coordinates, rates and accelerations"),
-    option("--npz", metavar="F", help="write all arrays"),
-    option("--plot", metavar="F", help="write a figure (.png, .svg, .pdf)"),
-    option("--output", action="append", default=[], metavar="NAME",
-           help="what --plot shows, as rocker_pin.ratio, coupler.com.acceleration or "
-           "crank.effort"),
-    option("--html", metavar="F", help="write a self-contained page with the animation"),
-    option("--clearance", action="store_true",
-           help="say how near links come to each other, and where they touch; the page shows it"),
+    file_option("--npz", "write all arrays"),
+    file_option("--plot", "write a figure (.png, .svg, .pdf)"),
+    many("--output",
+         "what --plot shows, as rocker_pin.ratio, coupler.com.acceleration or crank.effort"),
+    file_option("--html", "write a self-contained page with the animation"),
+    switch("--clearance",
+           "say how near links come to each other, and where they touch; the page shows it"),
     *LOOK,
 )
 

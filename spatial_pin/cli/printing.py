@@ -63,10 +63,20 @@ def print_result(
     if not on_screen(options):
         say(text)
     written = list(files)
-    if table is not None and getattr(options, "csv", None):
-        written += write_table(table, options.csv)
+    if table is not None and (path := getattr(options, "csv", None)):
+        columns = {name: np.array(column, dtype=object) for name, column in table.items()}
+        if path == SCREEN:
+            write_csv(sys.stdout, columns, "\n")
+        else:
+            write_columns(Path(path), columns)
+            written.append(path)
     if content is not None and options.json:
-        written += write_json(content, options.json)
+        plain = json.dumps(finite(content), indent=1, allow_nan=False)
+        if options.json == SCREEN:
+            print(plain)
+        else:
+            write_text(Path(options.json), plain + "\n")
+            written.append(options.json)
     if not on_screen(options):
         wrote(written)
     if not is_whole:
@@ -119,26 +129,6 @@ def grid(rows: Sequence[Sequence[str]], heads: Sequence[str] = ()) -> str:
     return "\n".join(lines)
 
 
-def write_json(content: Any, path: str) -> list[str]:
-    """Write plain data; returns the files written."""
-    text = json.dumps(finite(content), indent=1, allow_nan=False)
-    if path == SCREEN:
-        print(text)
-        return []
-    write_text(Path(path), text + "\n")
-    return [path]
-
-
-def write_table(table: Table, path: str) -> list[str]:
-    """Write columns of equal length with all digits; returns the files written."""
-    columns = {name: np.array(column, dtype=object) for name, column in table.items()}
-    if path != SCREEN:
-        write_columns(Path(path), columns)
-        return [path]
-    write_csv(sys.stdout, columns, "\n")
-    return []
-
-
 def finite(x: Any) -> Any:
     """Return plain data as JSON has it: lists for arrays, None for numbers that are not finite."""
     if isinstance(x, Mapping):
@@ -156,26 +146,16 @@ def finite(x: Any) -> Any:
 
 
 class Remedy(NamedTuple):
-    """How advice to callers from Python reads for who types commands.
+    """How advice to callers from Python reads for who types commands."""
 
-    Attributes:
-        python: pattern in a message of the library.
-        words: its replacement.
-        flag: the option that a command needs for it; "" for none. Others leave it to the next.
-    """
-
-    python: str
-    words: str | Callable[[re.Match[str]], str]
+    python: str  # pattern in a message of the library
+    words: str | Callable[[re.Match[str]], str]  # its replacement
+    # the option that a command needs for it; "" for none. Others leave it to the next
     flag: str = ""
 
 
 def in_options(text: str, flags: Collection[str]) -> str:
-    """Return a message of the library with a command's options in place of arguments.
-
-    Args:
-        text: the message of an error or warning.
-        flags: the command's options, as `--hold`.
-    """
+    """Return a message of the library with flags, as `--hold`, in place of arguments."""
     for remedy in REMEDIES:
         if not remedy.flag or remedy.flag in flags:
             text = re.sub(remedy.python, remedy.words, text)

@@ -22,6 +22,7 @@ from typing import Any
 import spatial_pin as sp
 from spatial_pin._support.output_files import figure_suffix
 from spatial_pin.cli.commands import COMMANDS, GROUPS
+from spatial_pin.cli.mechanism_arguments import Options
 from spatial_pin.cli.options import MECHANISM, as_taken
 from spatial_pin.cli.printing import SCREEN, WIDTH, CutShort, unheard, worded
 from spatial_pin.errors import suggestion
@@ -76,23 +77,19 @@ def parser() -> argparse.ArgumentParser:
         sub = parsers[name] = commands.add_parser(name, description=command.text)
         sub.set_defaults(run=command.run, usage_error=sub.error, hints=[], cut_short="",
                          parsers=parsers)
-        for flags, settings in MECHANISM if command.takes_mechanism else ():
-            sub.add_argument(*flags, **settings)
+        for flag, settings in MECHANISM if command.takes_mechanism else ():
+            sub.add_argument(flag, **settings)
         exclusive = sub.add_mutually_exclusive_group(required=True) if command.one_of else sub
-        for flags, settings in command.one_of:
-            exclusive.add_argument(*flags, **settings)
-        for flags, settings in command.options:
-            sub.add_argument(*flags, **settings)
+        for flag, settings in command.one_of:
+            exclusive.add_argument(flag, **settings)
+        for flag, settings in command.options:
+            sub.add_argument(flag, **settings)
     whole.set_defaults(parsers=parsers)
     return whole
 
 
-def options_of(words: Sequence[str]) -> argparse.Namespace:
-    """Return the options that words ask for; their `run` is the command's.
-
-    Raises:
-        SystemExit: the words are none of a command, or ask for help.
-    """
+def options_of(words: Sequence[str]) -> Options:
+    """Return the options that words ask for; their `run` is the command's."""
     whole = parser()
     if words and words[0] not in COMMANDS and not words[0].startswith("-"):
         whole.error(f"no command {words[0]!r}; {_near(words[0], COMMANDS)}")
@@ -100,7 +97,7 @@ def options_of(words: Sequence[str]) -> argparse.Namespace:
         words = as_taken(words, whole.get_default("parsers")[words[0]])
     # argparse takes -90deg for an option, but nothing that begins with a space
     options, rest = whole.parse_known_args(
-        [f" {w}" if re.match(r"-\.?\d", w) else w for w in words])
+        [f" {w}" if re.match(r"-\.?\d", w) else w for w in words], Options())
     for word in rest:
         sub = options.parsers[options.command]
         known = [flag for action in sub._actions for flag in action.option_strings]
@@ -162,7 +159,7 @@ def _run(words: Sequence[str]) -> int:
     return 130 if options.cut_short else 0
 
 
-def _refused(options: argparse.Namespace, error: Exception) -> int:
+def _refused(options: Options, error: Exception) -> int:
     """Print an error of the library; errors of other packages are raised on."""
     frames = traceback.extract_tb(error.__traceback__)
     if not isinstance(error, sp.SpatialPinError) and frames and (
@@ -184,12 +181,12 @@ def _plain(error: UnicodeError) -> tuple[str, int]:
 codecs.register_error(PLAIN, _plain)
 
 
-def _hints(options: argparse.Namespace) -> list[str]:
+def _hints(options: Options) -> list[str]:
     """Return hints at words with another possible meaning, each once."""
     return list(dict.fromkeys(options.hints))
 
 
-def _check_files(options: argparse.Namespace) -> None:
+def _check_files(options: Options) -> None:
     """Refuse files that cannot be written before any work is done for them."""
     both = [name for name in DATA if getattr(options, name, None) == SCREEN]
     if len(both) > 1:

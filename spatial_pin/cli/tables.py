@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import math
 import re
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -28,9 +28,15 @@ NOT_READ = (" rate", " acceleration", " effort", " power", "closure error")  # w
 POSITION = re.compile(r" position ([xyz])$")  # of a frame, as tables are written
 NO_POSITION = re.compile(r" (velocity|acceleration|jerk|force|moment) [xyz]$")  # not read either
 ENERGY = "J"  # unit of other columns that `--csv` writes
-KINDS = {  # of targets: what units their numbers have, " " for none
-    "position": ("m", "m", "m"), "pose": ("m", "m", "m", "rad", "rad", "rad"),
-    "orientation": ("rad", "rad", "rad"), "direction": (" ", " ", " "),
+# of targets: the units of their numbers, " " for none, and what makes one of these and a weight
+KINDS: dict[str, tuple[tuple[str, ...], Callable[[Array, float | None], targets.Target]]] = {
+    "position": (("m", "m", "m"), targets.position),
+    "pose": (("m", "m", "m", "rad", "rad", "rad"), lambda x, weight: targets.pose(
+        pin.SE3(pin.exp3(x[3:]), x[:3]), weight)),
+    "orientation": (("rad", "rad", "rad"), lambda x, weight: targets.orientation(
+        pin.exp3(x), weight)),
+    "direction": ((" ", " ", " "), lambda x, weight: targets.direction(
+        np.array([0.0, 0.0, 1.0]), x / (np.linalg.norm(x) or 1.0), weight)),
 }
 CENTRE = "com"  # name of the target of the centre of mass
 
@@ -44,16 +50,7 @@ def read_table(
     `time [s]`; `tip position x [m]` is `tip.x`. Numbers may have units of their own, `20deg`.
     Between them are commas, or semicolons or tabs where the first line has no comma; numbers
     between semicolons may have decimal commas. Columns of rates, accelerations, efforts and
-    energies, as `--csv` writes them, are left out.
-
-    Args:
-        path: of the file.
-        mechanism: with whose coordinates and frames the units must go.
-        with_blanks: whether fields may be empty, which are NaN then.
-
-    Raises:
-        OSError: it cannot be read.
-        SpatialPinError: it is no such table; names file, row and column.
+    energies, as `--csv` writes them, are left out. `with_blanks`: empty fields are NaN.
     """
     lines = _lines(path)
     if len(lines) < 2:
@@ -133,10 +130,6 @@ def targets_of(
     `NAME.x`, `NAME.y` and `NAME.z` are points of a frame [m]; with `NAME.rx`, `NAME.ry` and
     `NAME.rz`, rotation vectors [rad], placements. Other columns are coordinates, drivers or outputs
     of one number, as `NAME.position.z` [m] and `LINK.angle` [rad].
-
-    Raises:
-        SpatialPinError: columns of a frame are missing, or there is no such frame, coordinate or
-            driver.
     """
     targets: dict[str, Any] = {}
     frames: dict[str, dict[str, Array]] = {}
@@ -157,10 +150,7 @@ def targets_of(
 def frame_targets(where: str, frame: str, parts: Mapping[str, Any]) -> Any:
     """Return points (N, 3) of a frame, or its placements, from columns (N,) by x, y, z, rx, ry, rz.
 
-    Args:
-        where: text before the names of missing columns.
-        frame: its name.
-        parts: the columns.
+    `where` is the text before the names of missing columns.
     """
     wanted = (*POINT, *TURNED) if set(parts) & set(TURNED) else POINT
     missing = [f"{frame}.{part}" for part in wanted if part not in parts]
@@ -215,20 +205,10 @@ def read_measurements(
 ) -> list[tuple[dict[str, float], dict[str, Any]]]:
     """Return measurements as `calibrate` takes them: readings of encoders, and measured outputs.
 
-    Columns of drivers are what encoders read. Measured are `NAME.x`, `NAME.y`, `NAME.z` of a point
-    [m], with `NAME.rx`, `NAME.ry`, `NAME.rz` (rotation vector, rad) of a placement, other
-    coordinates by their names, and `NAME-OTHER` the distance of two frames [m]. A field that is
-    empty was not measured at that pose.
-
-    Args:
-        path: of the file.
-        mechanism: whose names these are.
-        read: coordinates besides the drivers that are read.
-
-    Raises:
-        OSError: it cannot be read.
-        SpatialPinError: it is no such table; names file, row and column.
-        UnknownNameError: there is no such frame, coordinate or driver.
+    Columns of drivers, and of the coordinates in `read`, are what encoders read. Measured are
+    `NAME.x`, `NAME.y`, `NAME.z` of a point [m], with `NAME.rx`, `NAME.ry`, `NAME.rz` (rotation
+    vector, rad) of a placement, other coordinates by their names, and `NAME-OTHER` the distance of
+    two frames [m]. A field that is empty was not measured at that pose.
     """
     columns, _ = read_table(path, mechanism, with_blanks=True)
     own = {name for d in mechanism.drivers.values()
@@ -312,7 +292,7 @@ def read_target(text: str) -> tuple[str, Any]:
         if weight is None:
             return name.strip(), number
         return name.strip(), targets.CoordinateValue(weight=weight, value=number)
-    units = KINDS[kind]
+    units, make = KINDS[kind]
     of_kind = f"{'an' if kind == 'orientation' else 'a'} {kind}"
     if len(words) != len(units):
         raise ValueError(f"{text!r}: {of_kind} has {len(units)} numbers, not {len(words)}")
@@ -322,20 +302,7 @@ def read_target(text: str) -> tuple[str, Any]:
         raise ValueError(f"{text!r}: {of_kind} has numbers in {', '.join(units)}")
     if kind == "position" and f".{frame}".endswith(f".{CENTRE}"):  # of a link, or of the whole
         frame = name.strip()
-    return frame, _of_frame(kind, np.array(numbers, dtype=float), weight)
-
-
-def _of_frame(kind: str, x: Array, weight: float | None) -> targets.Target:
-    """Return the target of a frame that numbers say."""
-    if kind == "position":
-        return targets.position(x, weight)
-    if kind == "direction":
-        along = x / (np.linalg.norm(x) or 1.0)
-        return targets.direction(np.array([0.0, 0.0, 1.0]), along, weight)
-    turned = pin.exp3(x[-3:])
-    if kind == "orientation":
-        return targets.orientation(turned, weight)
-    return targets.pose(pin.SE3(turned, x[:3]), weight)
+    return frame, make(np.array(numbers, dtype=float), weight)
 
 
 def _weight(text: str, given: str) -> float:

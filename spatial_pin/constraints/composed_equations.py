@@ -83,10 +83,7 @@ class Equation(NamedTuple):
 
     @property
     def sines_and_cosines(self) -> list[tuple[int, int]]:
-        """Numbers of the products that are sine and cosine of each of its angles.
-
-        Of those that sums define it is any product.
-        """
+        """Products, by number, that are sine and cosine of its angles; of implicit ones any."""
         return [(self.products[k], self.products[k + 1]) if k >= 0 else (self.products[0],) * 2
                 for _, k in self.angles]
 

@@ -25,12 +25,7 @@ AXIAL = {"R": TURN, "P": SLIDE, "H": SCREW}  # by the first letter of Pinocchio'
 
 
 class SplitModel(NamedTuple):
-    """A model with single joints.
-
-    Attributes:
-        model: with the same nq and nv, entries in the same order.
-        joint: (njoints,) for each joint of the original, the one that carries its body.
-    """
+    """A model with single joints, and which (njoints,) of them carry the bodies of the original."""
 
     model: pin.Model
     joint: NDArray[np.intp]

@@ -48,15 +48,11 @@ class _TreeTask(ctypes.Structure):
 
 
 class TreeProducts:
-    """Products A . B of vectors that two bodies carry.
+    """Products A . B of vectors that two bodies carry; `addresses` tell the kernel where they are.
 
     Args:
         bodies: (n, 2) joints of the kernel that carry them.
-        a_parts, b_parts: (n, 2, 4) what each carries of A and of B, in the axes of the kernel's
-            joints, and 1 for a point.
-
-    Attributes:
-        addresses: how many there are, and where these are.
+        a_parts, b_parts: (n, 2, 4) what each carries of A and of B, in its axes, and 1 for a point.
     """
 
     def __init__(self, bodies: NDArray[np.int64], a_parts: Array, b_parts: Array) -> None:
@@ -89,8 +85,26 @@ class KernelTree:
         self._library, self._tree = library(), TreeArrays(self._split)
         self._inertias, self._masses = inertias(model), b""  # views: they see later changes
         self._gravity, self.armature = model.gravity.linear, model.armature
-        self._create(np.ones(model.nv) if scale is None else scale,
-                     np.zeros(model.njoints, bool) if is_core is None else is_core)
+        t, n = self._tree, self._split.njoints
+        head = [n, model.nq, model.nv, *[0] * 13]  # no equations:
+        starts = [0] * 5  # of supports, terms, factors, patterns and turns
+        ints = np.concatenate([head, t.kind, t.parent, t.iq, t.iv, starts]).astype(np.int64)
+        parts = (t.rotation, t.translation, t.pitch, t.mass, t.com, t.inertia, self._gravity,
+                 np.ones(model.nv) if scale is None else scale)
+        self._reals = np.concatenate([np.asarray(x, float).ravel() for x in parts])
+        self._kernel, self.handle = ctypes.c_void_p(), ctypes.c_void_p()
+        check(self._library.kernel_create(
+            address(ints), len(ints), address(self._reals), len(self._reals), None, 0,
+            ctypes.byref(self._kernel)))
+        weakref.finalize(self, self._library.kernel_destroy, self._kernel)
+        core = np.zeros(n, np.int64)
+        core[self._carriers] = False if is_core is None else is_core
+        for joint in range(n - 1, 0, -1):  # those in front in a joint that is split
+            core[t.parent[joint]] |= core[joint]
+        check(self._library.tree_create(self._kernel, address(core), ctypes.byref(self.handle)))
+        self.is_core = np.zeros(model.nv, bool)
+        for joint in (np.flatnonzero(core[1:]) + 1).tolist():
+            self.is_core[t.iv[joint] : t.iv[joint] + self._split.nvs[joint]] = True
         n = model.njoints
         self.placements, self.columns = np.zeros((n, 4, 3)), np.zeros((6, model.nv))
         self.placements[0, :3] = np.eye(3)
@@ -98,34 +112,11 @@ class KernelTree:
         self.data = SimpleNamespace(J=self.columns, oMi=TreePlacements(self.placements))
         n, nv = self._split.njoints, model.nv
         self._q, self._v, self._a = np.empty(model.nq), np.empty(nv), np.empty(nv)
-        self._tau, self._scratch, self._facts = np.empty(nv), np.zeros((4, nv)), np.empty(4)
+        self._tau = np.empty(nv)
         self._R, self._p = np.empty((n, 3, 3)), np.empty((n, 3))
         self._moving = np.empty((2, n, 6))
         self._task = _TreeTask(1, *map(address, (
             self._q, self._v, self._a, self.armature, self._R, self._p)))
-
-    def _create(self, scale: Array, is_core: NDArray[np.bool_]) -> None:
-        t, n = self._tree, self._split.njoints
-        head = [n, self.model.nq, self.model.nv, *[0] * 13]  # no equations:
-        starts = [0] * 5  # of supports, terms, factors, patterns and turns
-        ints = np.concatenate([head, t.kind, t.parent, t.iq, t.iv, starts]).astype(np.int64)
-        parts = (t.rotation, t.translation, t.pitch, t.mass, t.com, t.inertia,
-                 self.model.gravity.linear, scale)
-        self._reals = np.concatenate([np.asarray(x, float).ravel() for x in parts])
-        handle, tree = ctypes.c_void_p(), ctypes.c_void_p()
-        check(self._library.kernel_create(
-            address(ints), len(ints), address(self._reals), len(self._reals), None, 0,
-            ctypes.byref(handle)))
-        weakref.finalize(self, self._library.kernel_destroy, handle)
-        self._kernel = handle
-        own = np.zeros(n, np.int64)
-        own[self._carriers] = is_core
-        for joint in range(n - 1, 0, -1):  # those in front in a joint that is split
-            own[t.parent[joint]] |= own[joint]
-        check(self._library.tree_create(handle, address(own), ctypes.byref(tree)))
-        self.handle, self.is_core = tree, np.zeros(self.model.nv, bool)
-        for joint in (np.flatnonzero(own[1:]) + 1).tolist():
-            self.is_core[t.iv[joint] : t.iv[joint] + self._split.nvs[joint]] = True
 
     def take_masses(self) -> None:
         """Take the masses and the gravity that the model has now; armatures are always those."""
@@ -207,23 +198,13 @@ class KernelTree:
     # ------------------------------------------------------------ forces
 
     def forces(self, q: Array, v: Array, a: Array | None = None) -> Array:
-        """Return the joint forces (nv,) that a motion needs, `pin.rnea`; a None: no acceleration.
-
-        The next call overwrites them.
-        """
+        """Return the joint forces (nv,) of a motion, `pin.rnea`; the next call overwrites them."""
         self.take_masses()
         self._evaluate(q, v, a, tau=self._tau)
         return self._tau
 
     def prepared(self, q: Array, v: Array, a: Array, tau: Array) -> Callable[[], None]:
-        """Return what writes `forces` of m motions into tau (m, nv) when it is called.
-
-        Args:
-            q: (m, nq) configurations; these arrays are contiguous.
-            v: (m, nv) joint velocities.
-            a: (m, nv) joint accelerations.
-            tau: (m, nv), to be filled.
-        """
+        """Return what writes `forces` of m motions, contiguous arrays, into tau (m, nv)."""
         m, n = len(q), self._split.njoints
         room = np.empty((m, n, 3, 3)), np.empty((m, n, 3))
         task = _TreeTask(m, *map(address, (q, v, a, self.armature, *room)), tau=address(tau))
@@ -250,13 +231,9 @@ class KernelTree:
         self, motion: tuple[Array, Array, Array], products: TreeProducts, weights: Array,
         out: Array,
     ) -> _TreeTask:
-        """Return the task of `derivatives`, and of `products`, with nothing from outside.
+        """Return the task of `derivatives` and `products`, with weights (n,), none from outside.
 
-        Args:
-            motion: q (nq,), v and a (nv,).
-            products: n products.
-            weights: (n,) of these.
-            out: (2 or more, nv, nv) zeros.
+        The motion is q (nq,), v and a (nv,); `out` (2 or more, nv, nv) has zeros.
         """
         self.take_masses()
         n, nv, task = products.addresses[0], self.model.nv, _TreeTask.from_buffer_copy(self._task)
@@ -271,16 +248,9 @@ class KernelTree:
         return task
 
     def at_many(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
-        """Return placements, Jacobians and forces through the joints of many motions.
+        """Return placements (m, njoints, 4, 3), Jacobians (m, 6, nv) and forces (m, njoints, 6).
 
-        Args:
-            q: (m, nq) configurations.
-            v: (m, nv) joint velocities.
-            a: (m, nv) joint accelerations.
-
-        Returns:
-            (m, njoints, 4, 3) as `placements`, (m, 6, nv) as `columns`, and (m, njoints, 6) as
-            `transmitted`.
+        They are as `placements`, `columns` and `transmitted`, of m motions.
         """
         self.take_masses()
         m, n, nv = len(q), self._split.njoints, self.model.nv
@@ -306,7 +276,7 @@ class KernelTree:
         """Find how `forces` change with q and v, as `pin.computeRNEADerivatives` does.
 
         They are right for joints whose motion subspace is constant. And second derivatives by q of
-        a weighted sum of products.
+        a sum of n products with weights (n,).
 
         Args:
             q: configuration.
@@ -315,10 +285,10 @@ class KernelTree:
             outside: (njoints, 6) wrenches on the bodies, world axes, about the joints' origins,
                 that turn with their bodies.
             out: (2, nv, nv) zeros, to be filled with the transposed derivatives by q and by v.
-            products: n products.
-            weights: (n,) of these.
-            bent: (nv, nv) zeros, to be filled: how a row's derivative changes with a column's q;
-                None: without products.
+            products: the products.
+            weights: of these.
+            bent: (nv, nv) zeros, to be filled: how a row's derivative changes with a column's q; or
+                None.
         """
         self.take_masses()
         self._evaluate(q, v, a, products, outside=outside, by_q=out[0], by_v=out[1],
@@ -330,12 +300,9 @@ class KernelTree:
         self, joints: NDArray[np.intp], a: Sequence[Mapping[int, Array]],
         b: Sequence[Mapping[int, Array]],
     ) -> TreeProducts:
-        """Return products of vectors, each given by its parts (4,) by joint, two at most.
+        """Return products of vectors a and b, each given by its parts (4,) by joint, two at most.
 
-        Args:
-            joints: joints of the tree that those in the parts stand for.
-            a: the first vector of each.
-            b: the second one.
+        The joints in these stand for `joints` of the tree.
         """
         n, t = len(a), self._tree
         bodies, both = np.zeros((n, 2), np.int64), np.zeros((2, n, 2, 4))
@@ -355,16 +322,7 @@ class KernelTree:
     def products(
         self, q: Array, v: Array, a: Array, products: TreeProducts
     ) -> tuple[Array, Array, Array]:
-        """Return products and their first and second rates (3, n), and derivatives (3, n, nv).
-
-        Those by q, then by v.
-
-        Args:
-            q: configuration.
-            v: joint velocities.
-            a: joint accelerations.
-            products: n products.
-        """
+        """Return products and rates (3, n), and derivatives (3, n, nv) by q, then by v."""
         n = products.addresses[0]
         values, by_q, by_v = np.empty((3, n)), *np.zeros((2, 3, n, self.model.nv))
         self._evaluate(q, v, a, products, values=values, product_by_q=by_q, product_by_v=by_v)
@@ -400,13 +358,8 @@ class KernelTree:
     def eliminate(self, q: Array, v: Array, force: Array, masses: Array, needed: Array) -> bool:
         """Eliminate the joints that are not the core's, under joint forces (nv,).
 
-        Args:
-            q: configuration.
-            v: joint velocities.
-            force: joint forces, contiguous.
-            masses: to be filled with the core's, by `mass_entries`.
-            needed: (nv,) to be filled with the joint forces that the core's motion needs without
-                accelerations of its own.
+        The core's `masses`, by `mass_entries`, and the forces (nv,) `needed` for its motion without
+        accelerations of its own are filled in.
 
         Returns:
             Whether every freedom that is eliminated has inertia.
@@ -421,10 +374,7 @@ class KernelTree:
         return not code
 
     def respond(self, forces: Array) -> None:
-        """Make joint forces (n, nv) the accelerations under them alone, after `eliminate`.
-
-        Those of the core are zero.
-        """
+        """Make joint forces (n, nv) accelerations, zero of the core, after `eliminate`."""
         if forces.size:  # or there are no joints
             at = address(forces)
             self._library.tree_accelerations(self.handle, len(forces), at, None, at, None, None)

@@ -6,7 +6,6 @@ The arrays are valid as long as the data lives; keep it.
 from __future__ import annotations
 
 import ctypes
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -23,7 +22,11 @@ for _i in range(3):
 
 def placements(data: pin.Data) -> Array:
     """Return a view (njoints, 4, 3) on the joint placements: three columns of R, then p."""
-    return as_strided(data.oMi[0].rotation.T, (len(data.oMi), 4, 3), (_stride(data.oMi), 24, 8))
+    n, stride = len(data.oMi), 96
+    if n > 1:
+        first, second = (data.oMi[i].translation.__array_interface__["data"][0] for i in (0, 1))
+        stride = int(second - first)
+    return as_strided(data.oMi[0].rotation.T, (n, 4, 3), (stride, 24, 8))
 
 
 def twists(data: pin.Data) -> Array:
@@ -56,13 +59,6 @@ def inertias(model: pin.Model) -> Array:
 def joint_jacobian(data: pin.Data, nv: int) -> Array:
     """Return a view (6, nv) on the world joint Jacobian, which is one-dimensional for nv = 1."""
     return data.J.reshape(6, nv)
-
-
-def _stride(items: Any) -> int:
-    if len(items) < 2:
-        return 96
-    first, second = (items[i].translation.__array_interface__["data"][0] for i in (0, 1))
-    return int(second - first)
 
 
 # Pinocchio gives matrices of one column as vectors, and ends the interpreter over some without any.

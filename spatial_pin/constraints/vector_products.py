@@ -12,12 +12,14 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin._support.lazy import made_once
 from spatial_pin.mechanism.coordinates import joint_values, with_values
 from spatial_pin.mechanism.equations import Cosine, Displacement, PointDistance, ScalarProduct
 from spatial_pin.mechanism.mechanism import Mechanism, point_on_body
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
 
+TANGENT = "tangent"  # `Pair.aligned` of a direction along that of a curve
 DENSE_LIMIT = 60_000  # entries of C above which a sparse matrix is faster
 SHORT = 1e-3  # distance relative to the characteristic length below which it is no unit
 
@@ -94,10 +96,7 @@ class Products:
     def add(
         self, product: ScalarProduct | PointDistance, closure: Closure, constant: float = 0.0
     ) -> int:
-        """Add the product of two frames of a closure, less a constant; return its number.
-
-        That of a distance is its square.
-        """
+        """Add the product of two frames of a closure, less a constant; return its number."""
         names = (*closure.frames, *closure.between)
         one, two = (FrameOnBody.of(self.mechanism, names[k]) for k in product.frames)
         sign = self.supports[two.joint] - self.supports[one.joint]
@@ -166,10 +165,10 @@ def matrix_of(blocks: Sequence[list[tuple[Term, ...]]], n_joints: int) -> Any:
 
 
 def unit_length(mechanism: Mechanism, closure: Closure) -> float:
-    """Return the unit [m] of a distance between other frames.
+    """Return the unit [m] of a distance between other frames: theirs in the guess.
 
-    It is theirs in the guess, so that the equation is the difference of the lengths near there, or
-    the characteristic length where that is next to nothing.
+    So the equation is the difference of the lengths near there. Where that is next to nothing it is
+    the characteristic length.
     """
     model, size = mechanism.centred_model, mechanism.characteristic_length
     q = with_values(mechanism, mechanism.neutral, joint_values(mechanism, mechanism.guess))
@@ -182,3 +181,41 @@ def unit_length(mechanism: Mechanism, closure: Closure) -> float:
         ends.append(placement.translation)
     length = float(np.linalg.norm(ends[1] - ends[0]))
     return length if length > SHORT * size else size
+
+
+def opposite_axes(mechanism: Mechanism, data: pin.Data) -> dict[str, bool]:
+    """Return closures whose axes do not point the same way, and whether half a turn helps.
+
+    Closed equations leave them parallel, opposite, or (three equations of rotation) interchanged:
+    then half a turn of one of the frames is not what makes them one.
+    """
+    opposite = {}
+    for name, ends in axis_pairs(mechanism):
+        one, two = (data.oMi[joint].rotation @ axes for joint, axes in ends)
+        cosines = np.vecdot(one.T, two.T)
+        if np.any(cosines < 0.5):
+            opposite[name] = bool(np.all(np.abs(cosines) > 0.5))
+    for closure in mechanism.closures:
+        if closure.pair.aligned == TANGENT:
+            frames = (FrameOnBody.of(mechanism, name) for name in closure.frames)
+            first, second = (data.oMi[frame.joint] * frame.placement for frame in frames)
+            seen = first.actInv(second)
+            if closure.numbers["curve"].tangent(seen.translation) @ seen.rotation[:, 2] < 0.0:
+                opposite[closure.name] = True
+    return opposite
+
+
+@made_once
+def axis_pairs(mechanism: Mechanism) -> list[tuple[str, list[tuple[int, Array]]]]:
+    """Return closures with axes: name, and of each end its joint and axes (3, n) fixed to it."""
+    pairs = []
+    for closure in mechanism.closures:
+        if not closure.pair.aligned or closure.pair.aligned == TANGENT:
+            continue
+        geometry, first = closure.geometry, 2 if closure.pair.aligned == "z" else 0
+        ends = [
+            (frame.joint, (frame.placement.rotation @ axes)[:, first:])
+            for frame, axes in zip((FrameOnBody.of(mechanism, name) for name in closure.frames),
+                                   (geometry.axes1, geometry.axes2), strict=True)]
+        pairs.append((closure.name, ends))
+    return pairs

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from spatial_pin._support.lazy import made_once
+from spatial_pin.assembly.assembly_problem import AssemblyProblem
 from spatial_pin.assembly.holding import FixedHold, Hold, divided, fixed_base_entries
-from spatial_pin.assembly.search.assembly_problem import AssemblyProblem
 from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.workspaces import Workspaces
@@ -348,7 +348,7 @@ class PathTracker(Branch):
             if done > 0:
                 return tracker, samples, done
             if done == -1:
-                problem.known = closer.reached()
+                problem.known = closer.results()
         workspaces.release_last()
         return None
 

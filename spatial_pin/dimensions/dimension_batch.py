@@ -27,8 +27,7 @@ from spatial_pin.dimensions.variants import (
 )
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.dimensions import DimensionEvaluator, EvaluatedSamples, Numbers
-from spatial_pin.kernel.kernel import kernel_of
-from spatial_pin.kernel.packing import packed
+from spatial_pin.kernel.kernel import kernel_of, packed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 

@@ -11,9 +11,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from spatial_pin.assembly.assembly_problem import ACCEPTED
 from spatial_pin.assembly.close import close
-from spatial_pin.assembly.search.assembly_problem import ACCEPTED
-from spatial_pin.assembly.search.whole_turns import nearest_turn
+from spatial_pin.assembly.start_values import nearest_turn
 from spatial_pin.assembly.state import State
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.formats.files import load

@@ -29,8 +29,7 @@ from spatial_pin.errors import Interrupted, SingularError, SpatialPinError, Unkn
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Motion, first_samples
-from spatial_pin.numerics.angles import whole_turns
-from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.linalg import Array, whole_turns
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.prescribed import Prescription, driven_coordinates, factored_rates
 

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.checks import checked, generator, names_of, number_from_zero
 from spatial_pin._support.columns import Quantity, Tabular, chosen
-from spatial_pin._support.executors import in_order
-from spatial_pin._support.progress import progress_bar
-from spatial_pin.assembly.held_start import starting_state
+from spatial_pin._support.progress import in_order, progress_bar
+from spatial_pin.assembly.assemble import starting_state
 from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.dimensions.sensitivity import sensitivities, with_spread, within_half_turn
 from spatial_pin.dimensions.variants import Variants, tell_idle

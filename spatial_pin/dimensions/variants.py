@@ -26,11 +26,10 @@ from numpy.typing import NDArray
 from spatial_pin._support.lazy import made_once
 from spatial_pin.dimensions.homotopy import varied
 from spatial_pin.errors import SpatialPinError, warn
-from spatial_pin.formats.file_access import shown
+from spatial_pin.formats.file_access import parse_urdf, shown
 from spatial_pin.formats.files import load_expanded
-from spatial_pin.formats.importers import Faults
-from spatial_pin.formats.parsing import parse_urdf
-from spatial_pin.formats.urdf.validation import check_links
+from spatial_pin.formats.importers import Faults, Request
+from spatial_pin.formats.urdf.urdf_model import check_links
 from spatial_pin.formats.xacro.expansion import expand, traced
 from spatial_pin.formats.xacro.tracing import depends
 from spatial_pin.formats.xacro.xacro_arguments import worked_out, written_dimensions
@@ -106,8 +105,7 @@ def idle_dimensions(
     changes = dict(texts or {})
     for name in selected if texts is None else ():
         try:
-            changes[name] = len({expand(mechanism.tree, {**mechanism.parameters, name: value},
-                                        mechanism.trusted, mechanism.packages)
+            changes[name] = len({expand(Request.of(mechanism, mechanism.tree, {name: value}))
                                  for value in _near(mechanism.dimensions[name])}) > 1
         except SpatialPinError:  # a value that it cannot have is a change
             changes[name] = True
@@ -227,7 +225,7 @@ class TracedText:
         if file is None or file.suffix != ".xacro" or not self.dimensions or written_dimensions(
                 m.content, self.dimensions):
             raise _Untraced
-        text, self._tape = traced(file, m.parameters, self.dimensions, m.trusted, m.packages)
+        text, self._tape = traced(Request.of(m, file), self.dimensions)
         self._mechanism, self._tape_rows = mechanism, [0]
         self._origins: dict[str, tuple[_Words, _Words]] = {}
         self._axes: dict[int, _Words] = {}
@@ -447,8 +445,8 @@ class TracedTree(TracedText):
         other.__dict__["dimensions"] = {**m.dimensions, **dimensions}
         written = m.content.get("guess", {})
         if m.path and m.tree and written and written.keys() == m.guess.keys():
-            other.__dict__["guess"] = partial(worked_out, written, m.path, "guess", m.tree,
-                                              other.parameters, m.trusted, m.packages)
+            other.__dict__["guess"] = partial(worked_out, written, m.path, "guess",
+                                              Request.of(other, m.tree))
         return other
 
     def _placed(

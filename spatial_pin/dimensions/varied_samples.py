@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from spatial_pin.assembly.close import DAMPED_STEPS
 from spatial_pin.assembly.holding import fixed_base_entries
-from spatial_pin.assembly.search.whole_turns import periodic
+from spatial_pin.assembly.start_values import periodic
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.dimensions.dimension_batch import DimensionNumbers

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from spatial_pin._support.brief import first_names
 from spatial_pin._support.checks import checked, names_of, whole_number
 from spatial_pin._support.columns import Quantity, Tabular, chosen
-from spatial_pin._support.executors import in_order
+from spatial_pin._support.progress import in_order
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.close import closed, scaled_row
 from spatial_pin.assembly.holding import free_bases, untied
-from spatial_pin.assembly.search.whole_turns import turn_free_difference
+from spatial_pin.assembly.start_values import turn_free_difference
 from spatial_pin.assembly.state import State
 from spatial_pin.dynamics.derivatives.derivatives import exact_mechanism
 from spatial_pin.dynamics.derivatives.small_motions import AppliedLoads, SmallMotions
@@ -34,8 +34,8 @@ from spatial_pin.mechanism.coordinates import (
 )
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
+from spatial_pin.mobility.assembly_modes import missing_by
 from spatial_pin.mobility.idle_freedoms import PassiveFreedom
-from spatial_pin.mobility.mode_list import missing_by
 from spatial_pin.numerics.linalg import Array, decompose, pivoted_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy, accuracy_of

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from spatial_pin._support.checks import as_array, checked, finite_array, names_of, whole_number
 from spatial_pin._support.columns import Quantity
 from spatial_pin.assembly.assemble import assembled
-from spatial_pin.assembly.search.whole_turns import turn_free_difference
+from spatial_pin.assembly.start_values import turn_free_difference
 from spatial_pin.assembly.state import State
 from spatial_pin.dynamics.derivatives.derivatives import exact_mechanism
 from spatial_pin.dynamics.derivatives.small_motions import AppliedLoads, SmallMotions

@@ -267,11 +267,7 @@ class TomlTable(CheckedValues):
         return TomlTable(self.content[key][i], f"{self.where}: {key}[{i}]", f"in [[{key}]]")
 
     def with_replacements(self) -> TomlTable | None:
-        """Return the table with a stand-in for the last wrong value, to continue reading.
-
-        Returns:
-            None if reading cannot continue.
-        """
+        """Return the table with a stand-in for its last wrong value, or None to read no more."""
         key = self._reported[-1] if self._reported and not self._ended else "type"
         if key == "type" or key in self._mended:
             return None

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from spatial_pin.errors import SpatialPinError, suggestion
 from spatial_pin.formats.drawn_file import GROUND, is_dimension_name
-from spatial_pin.formats.file_access import HeldFile
+from spatial_pin.formats.file_access import HeldFile, toml_text
 from spatial_pin.formats.files import load
-from spatial_pin.formats.parsing import toml_text
 from spatial_pin.mechanism.mechanism import Mechanism
 
 

@@ -11,6 +11,7 @@ import keyword
 import math
 import re
 from collections.abc import Callable, Collection, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,22 +33,6 @@ RESERVED = ("source", "trusted", "free_flyer", "packages", "gap", "model", "with
 ROUNDED = 1e-6  # cosine, and part of an inertia, that numbers of a drawing are rounded to
 Number = float | str  # a constant, or an expression of dimensions
 Vector = Sequence[Number]
-
-
-class DrawnBody(NamedTuple):
-    """A body; without numbers it has no mass.
-
-    Attributes:
-        mass: [kg].
-        com: (3,) its centre [m].
-        inertia: (3, 3) about that, in the world's axes [kg·m²].
-        density: of its bars [kg/m³].
-    """
-
-    mass: Number | None
-    com: Vector | None
-    inertia: Sequence[Vector] | None
-    density: Number | None
 
 
 class DrawnJoint(NamedTuple):
@@ -81,11 +66,7 @@ def is_dimension_name(name: str) -> bool:
 
 
 class DrawnNumbers:
-    """The numbers of a drawing; some are expressions of its dimensions.
-
-    Attributes:
-        dimensions: by name [m, rad].
-    """
+    """The numbers of a drawing; some are expressions of its dimensions [m, rad]."""
 
     def __init__(self) -> None:
         self.dimensions: dict[str, float] = {}
@@ -146,27 +127,24 @@ class DrawnNumbers:
             table.fail(key, "is zero; a direction is needed")
         return axis if is_varied(axis) else [float(x) for x in unit(numbers)]
 
-    def inertia(self, table: TomlTable) -> Sequence[Vector]:
+    def inertia(self, table: TomlTable, key: str) -> Sequence[Vector]:
         """Return the matrix (3, 3) that one number, three, or three lists of three are."""
-        given = table.get("inertia")
+        given = table.get(key)
         rows = given if isinstance(given, list) else [given] * 3
         if len(rows) == 3 and all(isinstance(row, list) and len(row) == 3 for row in rows):
-            matrix = [[self.checked(table, "inertia", x) for x in row] for row in rows]
+            matrix = [[self.checked(table, key, x) for x in row] for row in rows]
             numbers = np.array([self.values(row) for row in matrix])
             if np.abs(numbers - numbers.T).max() > ROUNDED * np.abs(numbers).max():
-                table.fail("inertia", "is not symmetric")
+                table.fail(key, "is not symmetric")
             return matrix
         if len(rows) != 3:
-            table.fail("inertia", "is one number, three, or three lists of three [kg·m²]")
-        return [[self.checked(table, "inertia", x) if i == j else 0.0 for j in range(3)]
+            table.fail(key, "is one number, three, or three lists of three [kg·m²]")
+        return [[self.checked(table, key, x) if i == j else 0.0 for j in range(3)]
                 for i, x in enumerate(rows)]
 
 
 class DrawnFile:
-    """The tables of a drawing, read key by key; mistakes are collected.
-
-    Tables are sorted by name, for their order means nothing.
-    """
+    """The tables of a drawing, sorted by name, read key by key; mistakes are collected."""
 
     def __init__(self, top: TomlTable) -> None:
         self.top, self.mistakes, self.numbers = top, Mistakes(top.where), DrawnNumbers()
@@ -181,7 +159,7 @@ class DrawnFile:
                         table.fail(name, "cannot be a dimension's name: letters, digits and _ make "
                                          "one that is no function and no argument of load")
                     self.numbers.dimensions[name] = table.number(name)
-        self.bodies: dict[str, DrawnBody] = self._tables("bodies", self._body)
+        self.bodies: dict[str, dict[str, Any]] = self._tables("bodies", self._body)
         self.joints: dict[str, DrawnJoint] = self._tables("joints", self._joint)
         self.points: dict[str, tuple[str, Vector]] = self._tables("points", lambda table: (
             self._known_body(table, "body", table.text("body")), self.numbers.vector(table, "at")))
@@ -236,19 +214,21 @@ class DrawnFile:
                             f"{suggestion(name, known)}")
         return name
 
-    def _body(self, table: TomlTable) -> DrawnBody:
-        numbers = self.numbers
-        mass = numbers.number(table, "mass") if "mass" in table else None
-        density = numbers.number(table, "density", above=0.0) if "density" in table else None
-        com = numbers.vector(table, "com") if "com" in table else None
-        inertia = numbers.inertia(table) if "inertia" in table else None
-        if mass is None and (com is not None or inertia is not None):
+    def _body(self, table: TomlTable) -> dict[str, Any]:
+        """Return mass [kg], com (3,) [m], inertia (3, 3), density [kg/m³]; None without them."""
+        numbers, above = self.numbers, partial(self.numbers.number, above=0.0)
+        readers: dict[str, Callable[[TomlTable, str], Any]] = {
+            "mass": numbers.number, "density": above, "com": numbers.vector,
+            "inertia": numbers.inertia}
+        body = {key: read(table, key) if key in table else None for key, read in readers.items()}
+        mass = body["mass"]
+        if mass is None and (body["com"] is not None or body["inertia"] is not None):
             table.fail("mass", "is missing: com and inertia are those of a mass")
-        if mass is not None and density is not None:
+        if mass is not None and body["density"] is not None:
             table.fail("density", "or mass: a body has one of the two")
         if mass is not None and numbers.values([mass])[0] < 0.0:
             table.fail("mass", "is below zero, which no body has")
-        return DrawnBody(mass, com, inertia, density)
+        return body
 
     def _joint(self, table: TomlTable) -> DrawnJoint:
         kind, numbers = table.choice("type", JOINT_TYPES, hint_at_type), self.numbers
@@ -285,9 +265,6 @@ class DrawnFile:
             table.fail("between", "has two points at the same place: a rod has a length; for none "
                                   'use a joint of type = "spherical"')
         return ends
-
-
-# ---------------------------------------------------------------- gears
 
 
 def read_gear(file: DrawnFile, table: TomlTable) -> dict[str, Any]:
@@ -360,8 +337,8 @@ def _same_line(file: DrawnFile, one: str, two: str) -> bool:
 def _turns(file: DrawnFile, carrier: str, axle: str, without: str) -> list[tuple[str, float]]:
     """Return the hinges whose turns add up to that of the gear on an axle to its carrier.
 
-    They are about one line, from the carrier to the gear, the axle the last, and each with the
-    sign of its turn about the axle's axis; none where there is no such way.
+    They are about one line, the axle the last, each with the sign of its turn about the axle's
+    axis.
     """
     waiting: list[tuple[str, list[tuple[str, float]]]] = [(carrier, [])]
     for body, turns in waiting:  # it grows: the shortest way is the first

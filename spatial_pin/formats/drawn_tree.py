@@ -27,8 +27,7 @@ from spatial_pin.formats.drawn_file import (
     is_varied,
 )
 from spatial_pin.formats.graph.joint_graph import WORLD, GraphJoint, JointGraph, Link, SpanningTree
-from spatial_pin.formats.graph.open_tree import cut_notice
-from spatial_pin.formats.graph.urdf import named_coordinates
+from spatial_pin.formats.graph.open_tree import cut_notice, named_coordinates
 from spatial_pin.formats.urdf.elements import UNBOUNDED, fresh, joint_element
 from spatial_pin.formats.urdf.urdf_model import RESISTANCES
 from spatial_pin.mechanism.pairs import PAIRS
@@ -75,15 +74,7 @@ MACROS = """
 def drawn_tree(
     content: Mapping[str, Any], where: str
 ) -> tuple[str, dict[str, Any], tuple[str, ...]]:
-    """Return the tree of a drawing.
-
-    Args:
-        content: of the mechanism file, as `tomllib` reads it; it has `bodies`.
-        where: the file, for errors.
-
-    Returns:
-        Its xacro text; the content of a mechanism file for it, `tree` the name of its file; and
-        a sentence for everything that was cut.
+    """Return a drawing's xacro text, a mechanism file's content for it, and notices of cut joints.
 
     Raises:
         MechanismFileError: a body, joint, point or number cannot be; says all of them.
@@ -100,9 +91,6 @@ def drawn_tree(
     mechanism_file = {"name": "", **rest, "tree": f"{stem}.urdf.xacro",
               **{key: x for key, x in added.items() if x}}
     return text.xacro(), mechanism_file, tuple(text.notices())
-
-
-# ---------------------------------------------------------------- which joints are cut
 
 
 def spanning_tree(drawing: DrawnFile, rest: Mapping[str, Any], where: str) -> SpanningTree:
@@ -158,9 +146,6 @@ def _world(body: str) -> str:
     return WORLD if body == GROUND else body
 
 
-# ---------------------------------------------------------------- expressions
-
-
 def _texts(vector: Sequence[Number]) -> str:
     """Return numbers as xacro has them."""
     return " ".join(f"${{{x}}}" if isinstance(x, str) else repr(x + 0.0) for x in vector)
@@ -177,10 +162,7 @@ def _mean(vectors: Sequence[Vector]) -> Vector:
 
 
 def _along(axis: Vector) -> tuple[Vector, Vector]:
-    """Return the rpy of axes whose z is along a direction, and that of their inverse.
-
-    The rotation is Rz(yaw) Ry(pitch); angles of its inverse are read off its transpose.
-    """
+    """Return the rpy Rz(yaw) Ry(pitch) of axes with z along a direction, and of their inverse."""
     x, y, z = (f"({c})" for c in axis)
     length = f"hypot({x}, {y}, {z})"
     return ([0.0, f"atan2(hypot({x}, {y}), {z})", f"atan2({y}, {x})"],
@@ -189,10 +171,7 @@ def _along(axis: Vector) -> tuple[Vector, Vector]:
 
 
 def _facing(x: Sequence[str], y: Sequence[str]) -> Vector:
-    """Return the rpy of axes whose x and y are along two directions.
-
-    The roll turns y about x, from where yaw and pitch alone have it: x may point up or down.
-    """
+    """Return the rpy of axes whose x and y are along two directions; x may point up or down."""
     (a, b, c), (d, e, f) = x, y
     yaw, pitch = f"atan2({b}, {a})", f"atan2(-{c}, hypot({a}, {b}))"
     return [f"atan2(({d} * cos({yaw}) + {e} * sin({yaw})) * sin({pitch}) + {f} * cos({pitch}), "
@@ -209,16 +188,8 @@ def _across(axis: Vector, axis2: Vector) -> tuple[Vector, Vector]:
         [f"({b} * {two})", f"({e} * {one})", f"({c} * {d} - {a} * {f})"])
 
 
-# ---------------------------------------------------------------- the text
-
-
 class TreeText:
-    """The xacro text of a drawing's spanning tree, and what goes beside it.
-
-    Attributes:
-        joints: what a mechanism file says of joints, by name.
-        closures: what it says of the joints and rods that are cut.
-    """
+    """The xacro text of a drawing's spanning tree, and tables of joints and closures beside it."""
 
     def __init__(self, drawing: DrawnFile, name: str) -> None:
         self.drawing = drawing
@@ -367,9 +338,6 @@ def _oriented(
     return axis, axis2, None
 
 
-# ---------------------------------------------------------------- shapes and masses
-
-
 class DrawnShapes:
     """The links of bodies: bars between their joints and points, and masses."""
 
@@ -432,10 +400,10 @@ class DrawnShapes:
                           radius=f"${{2 * {BAR_RADIUS}}}")
             material = ET.SubElement(visual, "material", name=colour)
             ET.SubElement(material, "color", rgba=colour)
-        density = self._drawing.density if body.density is None else body.density
-        if body.mass is not None:
+        mass, density = body["mass"], body["density"] or self._drawing.density
+        if mass is not None:
             centre = _mean(self._joints[name] or self._points[name] or [[0.0] * 3])
-            _put_inertial(link, body.mass, body.com or centre, body.inertia or [[0.0] * 3] * 3)
+            _put_inertial(link, mass, body["com"] or centre, body["inertia"] or [[0.0] * 3] * 3)
         elif density is not None and bars:
             listed = ", ".join(f"[{_plain(p)}, {_plain(q)}, math.dist({_plain(p)}, {_plain(q)})]"
                                for p, q in bars)

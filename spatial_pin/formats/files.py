@@ -23,13 +23,14 @@ from spatial_pin.formats.file_access import (
     check_file,
     is_file,
     library_folder,
+    parse_toml,
+    parse_urdf,
     read_text,
     shown,
 )
 from spatial_pin.formats.importers import IMPORTERS, Faults, Importer, Request, endings, importer_of
 from spatial_pin.formats.mechanism_file import MechanismSpec, mechanism_of
-from spatial_pin.formats.parsing import parse_toml, parse_urdf
-from spatial_pin.formats.urdf.validation import end_of
+from spatial_pin.formats.urdf.elements import end_of
 from spatial_pin.formats.xacro.expansion import expand
 from spatial_pin.formats.xacro.xacro_arguments import arguments
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -42,16 +43,11 @@ GROUNDS = ("world", "ground")  # names of the fixed link, the first that is free
 
 
 def merged(own: Mapping[str, Any], stated: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
-    """Return the content of both files, and notices of entries that were replaced.
+    """Return the content of a mechanism file and its tree's file, and notices of what was replaced.
 
-    Args:
-        own: content of the mechanism file, as `tomllib` reads it.
-        stated: content of the file of its tree.
-
-    Returns:
-        The mechanism file's keys; a loop of the tree's file too, unless the mechanism file has a
-        closure of that name or between the same frames; its drivers, unless the mechanism file
-        names any.
+    The mechanism file's keys go first. A loop of the tree's file stays, unless the mechanism file
+    has a closure of that name or between the same frames; its drivers stay, unless there are
+    others.
     """
     both, notices = {**stated, **own}, []
     for key in LISTS:
@@ -96,7 +92,7 @@ def add_free_flyer(robot: ET.Element, path: Path, refined: Container[str] = ()) 
     """Let a floating joint carry the root link of a URDF.
 
     A new link, `world`, becomes the root (`ground` where a link has that name): closures to what
-    stands still name it. Links that a file fixes to its root link go with it.
+    stands still name it.
     """
     joints, links = robot.findall("joint"), robot.findall("link")
     children = {end_of(joint, "child") for joint in joints}
@@ -228,17 +224,11 @@ def load(
 
 
 def load_expanded(mechanism: Mechanism, parameters: Mapping[str, float], urdf: str) -> Mechanism:
-    """Return a mechanism as `load` does with other parameters, when its xacro file is expanded.
-
-    Args:
-        mechanism: it was loaded from the file.
-        parameters: values of xacro arguments that change [SI, rad].
-        urdf: expanded text of the xacro file with them.
-    """
+    """Return a mechanism of other parameters, for which its xacro file is expanded to `urdf`."""
     m = mechanism
     assert m.path is not None
-    made = _loaded(Request(m.path, {**m.parameters, **parameters}, m.trusted, dict(m.packages),
-                           without=m.without, free_flyer=m.free_flyer, expanded=urdf))
+    made = _loaded(replace(Request.of(m, m.path, parameters), without=m.without,
+                           free_flyer=m.free_flyer, expanded=urdf))
     return made.with_fields(gap=m.gap)
 
 
@@ -291,8 +281,7 @@ def _load_toml(request: Request) -> Mechanism:
     if "bodies" in top:  # cuts of a drawing are no faults, so no warning
         xacro, content, notices = drawn_tree(top.content, top.where)
         held = HeldFile.of(path.parent / content["tree"], xacro)
-        text = request.expanded or expand(held, request.parameters, request.trusted,
-                                          request.packages)
+        text = request.expanded or expand(replace(request, path=held))
         made = made_of(content, held, parse_urdf(text, held), request, ())
         return made.with_fields(notices=(*notices, *made.notices))
     mistakes = Mistakes(str(path))
@@ -337,7 +326,7 @@ def _empty_arguments(request: Request) -> list[str]:
             file = _tree_of(top, request)
         if file.suffix != ".xacro":
             return []
-        texts = arguments(file, request.parameters, request.trusted, request.packages)
+        texts = arguments(replace(request, path=file))
     except (MechanismFileError, TypeError, ValueError):
         return []
     return [name for name, text in texts.items() if not text.strip()]

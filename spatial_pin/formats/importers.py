@@ -8,13 +8,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from spatial_pin.errors import MechanismFileError
-from spatial_pin.formats.file_access import Trust, check_file, shown
-from spatial_pin.formats.parsing import parse_urdf
+from spatial_pin.formats.file_access import Trust, check_file, parse_urdf, shown
+from spatial_pin.mechanism.mechanism import Mechanism
 
 FOLDER = "/"  # the ending of a folder's name
+NONE: Mapping[str, float] = MappingProxyType({})
 NAMED_FAULTS = 3  # of one kind in a warning: enough to see what they have in common
 
 
@@ -45,6 +47,12 @@ class Request:
     alone: bool = True
     complete: bool = False
     expanded: str | None = None
+
+    @staticmethod
+    def of(mechanism: Mechanism, path: Path, parameters: Mapping[str, float] = NONE) -> Request:
+        """Return the request for a file of a mechanism, with other values of some parameters."""
+        return Request(path, {**mechanism.parameters, **parameters}, mechanism.trusted,
+                       dict(mechanism.packages))
 
     @property
     def trust(self) -> Trust:
@@ -79,12 +87,7 @@ class Faults:
         self._named: dict[str, list[str]] = {}
 
     def note(self, kind: str, what: str = "") -> None:
-        """Note a fault.
-
-        Args:
-            kind: the fault and its treatment.
-            what: the link, joint or file that has it; "" where `kind` says it.
-        """
+        """Note a fault and its treatment; `what` is the link, joint or file that has it, if any."""
         named = self._named.setdefault(kind, [])
         if what and what not in named:
             named.append(what)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -16,7 +16,7 @@ import pinocchio as pin
 from spatial_pin.errors import MechanismFileError, Mistakes, suggestion
 from spatial_pin.formats.checked_tables import BELONGS, BETWEEN, TOP, TomlTable, key_hint
 from spatial_pin.formats.file_access import Trust, read_text
-from spatial_pin.formats.graph.urdf import without_loops
+from spatial_pin.formats.graph.open_tree import without_loops
 from spatial_pin.formats.importers import Faults, Request
 from spatial_pin.formats.urdf.elements import inertial
 from spatial_pin.formats.urdf.urdf_model import (
@@ -26,17 +26,15 @@ from spatial_pin.formats.urdf.urdf_model import (
     tree_of,
 )
 from spatial_pin.formats.xacro.xacro_arguments import dimensions, with_numbers, worked_out
-from spatial_pin.mechanism.contact_sides import sided
 from spatial_pin.mechanism.coordinates import check_guess
 from spatial_pin.mechanism.curves import CurveShape, curve_of
 from spatial_pin.mechanism.inertia import inertia_as_given
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mechanism.mechanism_checks import check_mechanism, impossible_inertias
+from spatial_pin.mechanism.mechanism_checks import check_mechanism, impossible_inertias, sided
 from spatial_pin.mechanism.pairs import (
     JOINT_TYPES,
     PAIRS,
     Pair,
-    PairGeometry,
     closure_geometry,
     closure_types,
     hint_at_type,
@@ -50,6 +48,7 @@ from spatial_pin.mechanism.parts import (
     add_frames,
     drivers_of_tree,
 )
+from spatial_pin.numerics.linalg import Array
 
 SYMMETRY = 1e-9  # of the largest moment of inertia: what rounded matrices differ by
 BUSHING = ("stiffness", "damping", "preload")  # keys of six numbers, or of 6 x 6
@@ -59,47 +58,55 @@ class MechanismSpec:
     """The content of a mechanism file, read key by key; mistakes are collected.
 
     Attributes:
+        curves: by name; closures are read with them, and with the `rows` of files.
         refinements: of the tree's joints.
         parts: of the mechanism: closures, drivers, springs and so on that could be read.
         is_whole: by key, whether all under it could be read.
     """
 
     def __init__(self, top: TomlTable, mistakes: Mistakes, trust: Trust) -> None:
-        self._mistakes = mistakes
+        self._mistakes, self._trust = mistakes, trust
         self.is_whole: dict[str, bool] = {}
         for key in ("name", "tree"):
             with mistakes.each():
                 top.text(key)
         self.refinements: dict[str, JointRefinement] = self._tables(
             top, "joints", lambda _, table: _refinement(table))
-        self.gravity: Any = None
-        with mistakes.each():
-            self.gravity = top.vector("gravity") if "gravity" in top else None
-        self.parts: dict[str, Any] = {
-            "frames": self._frames(top), "title": "", "source": "", "guess": {},
-            "closures": self._array(top, "closures", partial(_closure, Context(
-                lambda name: rows_of(trust.checked(trust.home / name)),
-                self._tables(top, "curves", partial(_curve, trust))))),
+        self.gravity = self._value(top, "gravity", top.vector, None)
+        self.parts: dict[str, Any] = {"frames": self._frames(top)}
+        self.curves: dict[str, CurveShape] = self._tables(top, "curves", partial(_curve, self))
+        self.parts |= {
+            "closures": self._array(top, "closures", partial(_closure, self)),
             "drivers": self._tables(top, "drivers",
                                     lambda key, table: Driver(key, table.text("joint"))),
-            "springs": self._array(top, "springs", partial(_spring, trust)),
+            "springs": self._array(top, "springs", partial(_spring, self)),
             "passives": tuple(self._tables(
                 top, "passive", lambda key, table: Passive(
                     key, table.text("body"), table.two_names("axis"))).values()),
         }
         self.masses: dict[str, pin.Inertia] = self._tables(top, "masses", _mass)
-        for key in ("title", "source"):
-            with mistakes.each():
-                self.parts[key] = top.text(key, "")
-        self.parts["gap"] = None
-        with mistakes.each():
-            self.parts["gap"] = top.number("gap", least=0.0) if "gap" in top else None
-        with mistakes.each():
-            self.parts["guess"] = dict(top.table("guess").content)
-        self.order: tuple[str, ...] = ()
-        with mistakes.each():
-            self.order = top.names("order")
+        optional = partial(top.text, default="")
+        self.parts |= {
+            "title": self._value(top, "title", optional, ""),
+            "source": self._value(top, "source", optional, ""),
+            "gap": self._value(top, "gap", partial(top.number, least=0.0), None),
+            "guess": self._value(top, "guess", lambda key: dict(top.table(key).content), {})}
+        self.order: tuple[str, ...] = self._value(top, "order", top.names, ())
         top.note_unknown_keys(mistakes)
+
+    def _value(self, top: TomlTable, key: str, read: Callable[[str], Any], default: Any) -> Any:
+        """Return the value of a key; the default where there is none, or a mistake."""
+        with self._mistakes.each():
+            return read(key) if key in top else default
+        return default
+
+    def rows(self, name: str) -> list[list[float | None]]:
+        """Return the numbers of a table's file, row by row, without its heading; None for text."""
+        text = read_text(self._trust.checked(self._trust.home / name))
+        rows = [line.replace(";", ",").split(",") for line in text.splitlines()
+                if line.strip() and not line.lstrip().startswith("#")]
+        values = [[_as_number(x) for x in row] for row in rows]
+        return values[1:] if values and None in values[0] else values
 
     def _frames(self, top: TomlTable) -> dict[str, Frame]:
         with self._mistakes.each():
@@ -128,10 +135,7 @@ class MechanismSpec:
         return tables
 
     def _read(self, table: TomlTable, read: Callable[[TomlTable], Any]) -> list[Any]:
-        """Return [content] of a table, also with stand-ins for wrong numbers; else [].
-
-        Behind a mistake it is read again with a stand-in, for the next one.
-        """
+        """Return [content] of a table, also with stand-ins for wrong numbers; else []."""
         again: TomlTable | None = table
         while again is not None:
             table = again
@@ -173,10 +177,10 @@ def mechanism_of(
 ) -> Mechanism:
     """Return the mechanism of the expanded URDF of `file` and the table of the mechanism file."""
     mistakes, written = Mistakes(top.where), top.content
-    trust = Trust.of(file, request.packages, request.trusted)
+    of_tree = replace(request, path=file, parameters=dict(request.parameters))
+    trust = of_tree.trust
     with mistakes.each():
-        top = TomlTable(with_numbers(written, request.path, file, request.parameters,
-                                     request.trusted, request.packages), top.where)
+        top = TomlTable(with_numbers(written, request.path, of_tree), top.where)
     spec = MechanismSpec(top, mistakes, trust)
     if not spec.is_whole["joints"]:
         mistakes.raise_all()  # what the tree is, is not known
@@ -194,13 +198,13 @@ def mechanism_of(
             tree["model"].gravity.linear = spec.gravity
         spec.parts["closures"] += mimics
         spec.parts["content"] = written
-        return _build(top, tree, spec, file, request, faults, mistakes)
+        return _build(top, tree, spec, request, of_tree, faults, mistakes)
     mistakes.raise_all()
     raise AssertionError  # a mistake was kept
 
 
 def _build(
-    top: TomlTable, tree: dict[str, Any], spec: MechanismSpec, file: Path, request: Request,
+    top: TomlTable, tree: dict[str, Any], spec: MechanismSpec, request: Request, of_tree: Request,
     faults: Faults, mistakes: Mistakes,
 ) -> Mechanism:
     where, parts = str(request.path), spec.parts
@@ -209,14 +213,13 @@ def _build(
     if "drivers" not in top:
         joints = dict(zip(list(tree["model"].names)[1:], tree["pairs"], strict=True))
         parts["drivers"] = drivers_of_tree(joints, parts["closures"])
-    with_dimensions = file, dict(request.parameters), request.trusted, request.packages
-    parts["dimensions"] = partial(dimensions, *with_dimensions)  # read at first use
+    parts["dimensions"] = partial(dimensions, of_tree)  # read at first use
     guess = parts.pop("guess")
     with mistakes.each():
-        parts["guess"] = worked_out(guess, request.path, "guess", *with_dimensions)
+        parts["guess"] = worked_out(guess, request.path, "guess", of_tree)
     mechanism = Mechanism(
-        name=top.content.get("name", ""), tree=file, path=request.path,
-        parameters=dict(request.parameters), trusted=request.trusted, packages=request.packages,
+        name=top.content.get("name", ""), tree=of_tree.path, path=request.path,
+        parameters=of_tree.parameters, trusted=request.trusted, packages=request.packages,
         free_flyer=request.free_flyer, model_of_file=request.model, without=request.without,
         **tree, **parts,
     )
@@ -259,47 +262,30 @@ def _refinement(table: TomlTable) -> JointRefinement:
     if not needs_type:
         return JointRefinement(resistances=resistances, limits=limits, where=table.where)
     kind = table.choice("type", JOINT_TYPES, hint_at_type)
-    pair = PAIRS[kind]
-    return JointRefinement(
-        kind,
-        axis=table.axis("axis") if pair.uses_axis and "axis" in table else None,
-        axis2=table.axis("axis2") if pair.uses_axis2 and "axis2" in table else None,
-        lead=_lead(table) if pair.uses_lead else 0.0,
-        resistances=resistances, limits=limits, where=table.where,
-    )
+    return JointRefinement(kind, *_axes(table, PAIRS[kind]), resistances=resistances,
+                           limits=limits, where=table.where)
 
 
-def _lead(table: TomlTable) -> float:
-    """Return the lead of a screw, which is not zero."""
-    lead = table.number("lead")
-    if lead == 0.0:
+def _axes(table: TomlTable, pair: Pair) -> tuple[Array | None, Array | None, float]:
+    """Return the axes (3,) of a pair, None for the default, and the lead of a screw."""
+    axis = table.axis("axis") if pair.uses_axis and "axis" in table else None
+    axis2 = table.axis("axis2") if pair.uses_axis2 and "axis2" in table else None
+    lead = table.number("lead") if pair.uses_lead else 0.0
+    if pair.uses_lead and lead == 0.0:
         table.fail("lead", 'is 0; a screw advances as it turns (one that does not is of type = '
                    '"revolute")')
-    return lead
+    return axis, axis2, lead
 
 
-class Context(NamedTuple):
-    """What functions and curves of closures are read with.
-
-    Attributes:
-        rows: from the name of a file to its rows.
-        curves: by name.
-    """
-
-    rows: Callable[[str], Any]
-    curves: dict[str, CurveShape]
-
-
-def _curve(trust: Trust, name: str, table: TomlTable) -> CurveShape:
+def _curve(spec: MechanismSpec, name: str, table: TomlTable) -> CurveShape:
     table.known += table.content
     try:
-        return curve_of(name, table.content,
-                        lambda file: rows_of(trust.checked(trust.home / file)))
+        return curve_of(name, table.content, spec.rows)
     except ValueError as error:
         raise MechanismFileError(f"{table.where}: {error}") from error
 
 
-def _closure(context: Context, table: TomlTable) -> Closure:
+def _closure(spec: MechanismSpec, table: TomlTable) -> Closure:
     name = table.text("name")
     table.where += f" ({name!r})"
     kind = table.choice("type", closure_types(), hint_at_type)
@@ -310,9 +296,17 @@ def _closure(context: Context, table: TomlTable) -> Closure:
     if pair.n_joints:
         more = pair.has_more and not pair.n_frames
         parts["joints"] = table.some_names("joints", pair.n_joints, more)
-    closure = Closure(name, kind, numbers=_numbers(table, pair, context),
-                      geometry=_geometry(table, pair),
-                      between=_between(table) if pair.uses_length else (), **parts)
+    numbers, (axis, axis2, lead) = _numbers(table, pair, spec), _axes(table, pair)
+    length = table.number("length") if pair.uses_length and BETWEEN not in table else 0.0
+    if pair.uses_length and BETWEEN in table:
+        if "length" in table:
+            table.fail("length", f"or {BETWEEN}: a distance has one of the two")
+        parts["between"] = table.two_names(BETWEEN)
+    elif pair.uses_length and length <= 0.0:
+        table.fail("length",
+                   f"is {length} m; it must be positive (for 0 use type = \"spherical\")")
+    closure = Closure(name, kind, numbers=numbers, **parts, geometry=closure_geometry(
+        pair, axis, axis2, length=length, lead=lead))
     fault = pair.fault(closure)
     if fault:
         table.fail(*fault)
@@ -321,7 +315,7 @@ def _closure(context: Context, table: TomlTable) -> Closure:
     return closure
 
 
-def _numbers(table: TomlTable, pair: Pair, context: Context) -> dict[str, Any]:
+def _numbers(table: TomlTable, pair: Pair, spec: MechanismSpec) -> dict[str, Any]:
     """Return the numbers of a closure, lists of numbers (n,) and functions, by their keys."""
     numbers: dict[str, Any] = {}
     taken: dict[str, str] = {}  # keys that another one is in the place of
@@ -336,7 +330,7 @@ def _numbers(table: TomlTable, pair: Pair, context: Context) -> dict[str, Any]:
         taken.update(dict.fromkeys(key.instead_of, key.name))
         if key.read is not None:
             try:
-                numbers[key.name] = key.read(table.get(key.name), context)
+                numbers[key.name] = key.read(table.get(key.name), spec)
             except ValueError as error:
                 table.end(key.name, str(error))
         elif key.is_list:
@@ -350,37 +344,7 @@ def _numbers(table: TomlTable, pair: Pair, context: Context) -> dict[str, Any]:
     return numbers
 
 
-def rows_of(file: Path) -> list[list[float | None]]:
-    """Return the numbers of a table, row by row, without its heading; None for another text."""
-    rows = [line.replace(";", ",").split(",") for line in read_text(file).splitlines()
-            if line.strip() and not line.lstrip().startswith("#")]
-    values = [[_as_number(x) for x in row] for row in rows]
-    return values[1:] if values and None in values[0] else values
-
-
-def _between(table: TomlTable) -> tuple[str, ...]:
-    """The two frames whose distance is the length of a distance, if it has no other."""
-    if BETWEEN not in table:
-        return ()
-    if "length" in table:
-        table.fail("length", f"or {BETWEEN}: a distance has one of the two")
-    return table.two_names(BETWEEN)
-
-
-def _geometry(table: TomlTable, pair: Pair) -> PairGeometry:
-    axis = table.axis("axis") if pair.uses_axis and "axis" in table else None
-    axis2 = table.axis("axis2") if pair.uses_axis2 and "axis2" in table else None
-    length = 0.0
-    if pair.uses_length and BETWEEN not in table:
-        length = table.number("length")
-        if length <= 0.0:
-            table.fail("length",
-                       f"is {length} m; it must be positive (for 0 use type = \"spherical\")")
-    lead = _lead(table) if pair.uses_lead else 0.0
-    return closure_geometry(pair, axis, axis2, length=length, lead=lead)
-
-
-def _law(table: TomlTable, trust: Trust) -> tuple[tuple[float, float], ...]:
+def _law(table: TomlTable, spec: MechanismSpec) -> tuple[tuple[float, float], ...]:
     """Return the points of a spring's characteristic: written out, or of a file of two columns."""
     if "law" not in table:
         return ()
@@ -391,7 +355,7 @@ def _law(table: TomlTable, trust: Trust) -> tuple[tuple[float, float], ...]:
         table.fail("law", 'is {points = [[0.0, 0.0], [0.01, 40.0]]} or {table = "gas.csv"}')
     inner = table.table("law")
     if "table" in inner:
-        values: Any = rows_of(trust.checked(trust.home / inner.text("table")))
+        values: Any = spec.rows(inner.text("table"))
     else:
         values = inner.get("points")
     try:
@@ -433,7 +397,7 @@ def _bushing(name: str, table: TomlTable) -> Spring:
         table.fail("stiffness", f"of a bushing: {error}")
 
 
-def _spring(trust: Trust, table: TomlTable) -> Spring:
+def _spring(spec: MechanismSpec, table: TomlTable) -> Spring:
     name = table.text("name")
     if ("joint" in table) == ("frames" in table):
         table.end("frames", "or joint: a spring needs exactly one of the two")
@@ -442,7 +406,7 @@ def _spring(trust: Trust, table: TomlTable) -> Spring:
         table.fail("free_length", "or free_angle: a spring has one of the two")
     if any(isinstance(table.content.get(key), list) for key in BUSHING):
         return _bushing(name, table)
-    law = _law(table, trust)
+    law = _law(table, spec)
     pulls, pushes = (table.flag(key) for key in ("tension_only", "compression_only"))
     if pulls and pushes:
         table.fail("tension_only", "or compression_only: a spring has one of the two")

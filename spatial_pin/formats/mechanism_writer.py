@@ -18,12 +18,18 @@ from numpy.typing import ArrayLike
 from spatial_pin._support.checks import finite_array, finite_number
 from spatial_pin._support.output_files import named_folder, named_path, replacing, write_text
 from spatial_pin.errors import MechanismFileError, SpatialPinError, UnknownNameError, warn
-from spatial_pin.formats.dialects.registry import read_dialects
 from spatial_pin.formats.dialects.robot import RobotReading
-from spatial_pin.formats.file_access import HeldFile, Trust, is_file, is_held, read_text
+from spatial_pin.formats.file_access import (
+    HeldFile,
+    Trust,
+    is_file,
+    is_held,
+    parse_toml,
+    read_text,
+    toml_text,
+)
 from spatial_pin.formats.files import load, made_of
 from spatial_pin.formats.importers import Request
-from spatial_pin.formats.parsing import parse_toml, toml_text
 from spatial_pin.formats.pinocchio_model.pair_tree import joint_axis
 from spatial_pin.formats.urdf.elements import fresh
 from spatial_pin.formats.urdf.urdf_model import (
@@ -34,6 +40,7 @@ from spatial_pin.formats.urdf.urdf_model import (
     stated_limits,
     urdf_order,
 )
+from spatial_pin.formats.urdf_importer import read_dialects
 from spatial_pin.formats.xacro.expansion import with_defaults
 from spatial_pin.mechanism.curves import CurveShape, curves_in
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -47,16 +54,7 @@ MESHES = "meshes"
 
 
 def save(mechanism: Mechanism, folder: str | Path, tabulate: Any = None) -> Path:
-    """Write a mechanism as a folder that can be moved: a mechanism file, a URDF and its meshes.
-
-    Args:
-        mechanism: the mechanism.
-        folder: made where there is none; files are called as the mechanism is.
-        tabulate: of functions in code, see `Mechanism.save`.
-
-    Returns:
-        The mechanism file, for `load`.
-    """
+    """Write a mechanism as a folder of mechanism file, URDF and meshes, see `Mechanism.save`."""
     folder = named_folder(folder)
     stem = re.sub(r"[^\w.+-]+", "_", mechanism.name).strip("._") or "mechanism"
     urdf, toml = folder / f"{stem}.urdf", folder / f"{stem}.toml"
@@ -163,14 +161,10 @@ def _mechanism_content(mechanism: Mechanism, tree: str) -> dict[str, Any]:
         if key != "closures" or closures}}
 
 
-# ---------------------------------------------------------------- meshes
-
-
 def _gathered(mechanism: Mechanism, trust: Trust | None = None) -> tuple[str, dict[Path, Path]]:
     """Return the URDF with meshes named below its own folder, and which file each is a copy of.
 
-    Meshes that were not there when the mechanism was loaded stay as they are named; so do those
-    that are trusted.
+    Meshes that were not found stay as they are named; so do those that are trusted.
     """
     robot = robot_of(mechanism)
     meshes = robot.findall("link/*/geometry/mesh")
@@ -211,9 +205,6 @@ def _parts(mesh: Path) -> list[Path]:
     named = [mesh.parent / name.strip() for name in re.findall(r"^mtllib[ \t]+(.+)$", text, re.M)]
     trust = Trust.of(mesh)
     return [file for file in named if file.parent == mesh.parent and trust.allows(file)]
-
-
-# ---------------------------------------------------------------- what a mechanism file says
 
 
 def robot_of(mechanism: Mechanism) -> ET.Element:
@@ -276,41 +267,27 @@ def _with_named_curves(closures: tuple[Closure, ...]) -> list[Closure]:
 
 def _joint(mechanism: Mechanism, element: ET.Element) -> dict[str, Any]:
     """Return the table of a joint in a mechanism file: data that its URDF element lacks."""
-    name, kind = element.get("name", ""), element.get("type", "")
-    if not mechanism.model.existJointName(name):
+    name, kind, model = element.get("name", ""), element.get("type", ""), mechanism.model
+    if not model.existJointName(name):
         return {} if kind == "fixed" else {"type": "fixed"}
-    i = int(mechanism.model.getJointId(name))
-    stated = PAIR_OF_URDF_TYPE.get(kind, kind)
-    refined = mechanism.pairs[i - 1] != stated or _turned(mechanism, i, element)
-    pair = mechanism.pairs[i - 1]
-    table = {"type": pair, **PAIRS[pair].file_entries(*tree_axes(mechanism, i))} if refined else {}
-    return {**table, **_limits(mechanism, i, element),
-            **_resistances(mechanism, i, element.find("dynamics"))}
-
-
-def _turned(mechanism: Mechanism, i: int, element: ET.Element) -> bool:
-    """Whether the axis of tree joint i is not that of its URDF element."""
-    pair = PAIRS[mechanism.pairs[i - 1]]
-    stated, _ = joint_axes(pair, element, None, mechanism.name)
-    return pair.uses_axis and not np.allclose(
-        tree_axes(mechanism, i)[0], stated, rtol=0.0, atol=4.0 * EPS)
-
-
-def _limits(mechanism: Mechanism, i: int, element: ET.Element) -> dict[str, Any]:
-    """Return the limits of tree joint i that its URDF element does not state."""
-    model, table = mechanism.model, {}
+    i, table = int(model.getJointId(name)), dict[str, Any]()
+    pair, axes = mechanism.pairs[i - 1], tree_axes(mechanism, i)
+    axis, _ = joint_axes(PAIRS[pair], element, None, mechanism.name)
+    is_turned = PAIRS[pair].uses_axis and not np.allclose(axes[0], axis, rtol=0.0, atol=4.0 * EPS)
+    if is_turned or pair != PAIR_OF_URDF_TYPE.get(kind, kind):
+        table = {"type": pair, **PAIRS[pair].file_entries(*axes)}
     stated = dict(zip(("lowerEffortLimit", "upperEffortLimit", "lowerVelocityLimit",
                        "upperVelocityLimit", "lowerPositionLimit", "upperPositionLimit"),
                       stated_limits(element, model.nqs[i], model.nvs[i]), strict=False))
     for key, arrays in LIMITS.items():
         own = own_entries(model, i, next(iter(arrays)))
-        values = getattr(model, next(iter(arrays)))[own]
+        limits = getattr(model, next(iter(arrays)))[own]
         for array, factor in arrays.items():
             if not np.array_equal(getattr(model, array)[own], stated[array]):
-                is_one = np.all(values == values[0])
-                table[key] = float(values[0]) if is_one else values.tolist()
-            stated[array] = factor * values if key in table else stated[array]
-    return table
+                is_one = np.all(limits == limits[0])
+                table[key] = float(limits[0]) if is_one else limits.tolist()
+            stated[array] = factor * limits if key in table else stated[array]
+    return {**table, **_resistances(mechanism, i, element.find("dynamics"))}
 
 
 def _resistances(
@@ -412,8 +389,7 @@ def with_mass(
 def _edited(mechanism: Mechanism, table: str, name: str, entry: dict[str, Any]) -> Mechanism:
     """Return a mechanism as its file makes it with one table `[TABLE.NAME]` more.
 
-    The file is where the old one is, over the same tree, so that dimensions go on. Of a mechanism
-    without file one says all that there is.
+    The tree and its dimensions stay. Of a mechanism without file one says all that there is.
     """
     m, path = mechanism, mechanism.path
     if path is None or os.path.isdir(path):

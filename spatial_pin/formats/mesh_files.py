@@ -36,10 +36,7 @@ OF_PARTS = (".gltf", ".glb")  # which name other files
 
 
 def mesh_colours(file: str) -> Colours:
-    """Return how many triangles of a mesh file have one colour, and which, in their order.
-
-    A colour is red, green, blue and opacity, 0 to 1 each; None where the file gives none.
-    """
+    """Return numbers of triangles of one colour, in order, with red, green, blue, opacity."""
     try:
         seen = _seen(file)
     except OSError:
@@ -86,7 +83,10 @@ def _outcome(folder: Path, k: int, name: str) -> tuple[Array, Array] | str:
     target, report = folder / f"{k}.npz", folder / f"{k}.txt"
     try:
         if report.is_file():
-            return _reason(report.read_text(encoding="utf-8"))
+            text = report.read_text(encoding="utf-8").split("message:")[-1]
+            lines = text.strip().splitlines() or ["no reason given"]
+            printed = [x for x in lines if not x.startswith(("Could not load resource", "Hint:"))]
+            return " ".join((printed or lines)[0].split())[:200]
         with np.load(target) as arrays:
             points, corners, colours = arrays["points"], arrays["corners"], arrays["colours"]
     except (OSError, ValueError, zipfile.BadZipFile):
@@ -104,26 +104,8 @@ def _outcome(folder: Path, k: int, name: str) -> tuple[Array, Array] | str:
     return points, corners
 
 
-def _reason(text: str) -> str:
-    """Return the message of the reader without its place in the reader's sources."""
-    lines = text.split("message:")[-1].strip().splitlines() or ["no reason given"]
-    printed = [line for line in lines if not line.startswith(("Could not load resource", "Hint:"))]
-    return " ".join((printed or lines)[0].split())[:200]
-
-
-# ---------------------------------------------------------------- where they lie
-
-
 def mesh_file(name: str, folder: Path, trust: Trust) -> Path | str:
-    """Return where a mesh lies, or why it may not be read, "" if it is not there.
-
-    It is not opened.
-
-    Args:
-        name: as a URDF gives it: a path, `file://...`, or `package://NAME/...`.
-        folder: of the URDF.
-        trust: which files may be read.
-    """
+    """Return where a mesh of a URDF lies, or why it may not be read, "" if it is not there."""
     package = package_of(name)
     if package is None:
         candidates = [folder / name.removeprefix("file://")]
@@ -151,9 +133,6 @@ def package_of(name: str) -> tuple[str, str] | None:
             package, _, rest = name.removeprefix(scheme).lstrip("/").partition("/")
             return package, rest
     return None
-
-
-# ---------------------------------------------------------------- how formats begin
 
 
 def fault(file: Path) -> str:

@@ -54,10 +54,7 @@ def coloured(file):
 
 
 def plain(file, folder):
-    """Return points and corners of a mesh, and no colours.
-
-    Of a mesh with materials a copy is read that names none: the reader would open their files.
-    """
+    """Return points and corners of a mesh; files of materials that it names are not opened."""
     import coal
 
     if file.lower().endswith(".obj"):
@@ -83,8 +80,6 @@ def limit_memory(files: list[str]) -> None:
     most = MEMORY + GROWTH * max(os.path.getsize(file) for file in files)
     resource.setrlimit(resource.RLIMIT_AS, (most, most))
 
-
-# ---------------------------------------------------------------- COLLADA
 
 Part = tuple[Any, Any, Any]  # points (N, 3), triangles (M, 3), colour (4,)
 
@@ -206,22 +201,14 @@ def _transform(node: ET.Element) -> Any:
         elif element.tag == "scale":
             part[:3, :3] = np.diag(_floats(element.text))
         elif element.tag == "rotate":
-            part[:3, :3] = _turn(_floats(element.text))
+            x, y, z, degrees = _floats(element.text)
+            axis = np.array([x, y, z]) / (np.linalg.norm([x, y, z]) or 1.0)
+            cross, angle = np.cross(np.eye(3), axis), np.radians(degrees)  # Rodrigues' formula
+            part[:3, :3] += np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
         elif element.tag in ("lookat", "skew"):
             raise ValueError(f"it has a node with <{element.tag}>")
         whole = whole @ part
     return whole
-
-
-def _turn(axis_angle: Any) -> Any:
-    """Return the rotation (3, 3) about an axis by an angle [degrees], by Rodrigues' formula."""
-    length = np.linalg.norm(axis_angle[:3])
-    if length == 0.0:
-        return np.eye(3)
-    x, y, z = axis_angle[:3] / length
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    angle = np.radians(axis_angle[3])
-    return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
 
 
 def _corners(primitive: ET.Element) -> Any:
@@ -246,9 +233,6 @@ def _corners(primitive: ET.Element) -> Any:
             triangles = np.stack([first, face[1:-1], face[2:]], axis=1)
         blocks.append(triangles)
     return np.concatenate(blocks)
-
-
-# ---------------------------------------------------------------- Wavefront
 
 
 def read_wavefront(file: str) -> tuple[Any, Any, Any]:

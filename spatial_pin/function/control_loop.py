@@ -9,18 +9,17 @@ from typing import Any
 import numpy as np
 
 from spatial_pin._support.checks import checked, names_of
+from spatial_pin.assembly.assemble import starting_state
 from spatial_pin.assembly.close import DAMPED_STEPS
-from spatial_pin.assembly.held_start import starting_state
 from spatial_pin.assembly.holding import BASE
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.kernel_tree import KernelTree
 from spatial_pin.dynamics.forces import Forces, generalised
 from spatial_pin.errors import SingularError, SpatialPinError, UnknownNameError
 from spatial_pin.kernel.closer import Closer
-from spatial_pin.kernel.kernel import Kernel
+from spatial_pin.kernel.kernel import FrameInKernel, Kernel, frame_in_kernel
 from spatial_pin.kernel.library import DONE, address
 from spatial_pin.kernel.loop_equations import LoopEquations
-from spatial_pin.kernel.packing import FrameInKernel, frame_in_kernel
 from spatial_pin.kernel.rate_solver import Chosen, RateRows
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.follow import follow

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin._support.checks import as_array, checked, finite_array, names_of
-from spatial_pin.assembly.held_start import starting_state
+from spatial_pin.assembly.assemble import starting_state
 from spatial_pin.assembly.holding import fixed_base_entries
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.composite_joints import AXIAL, joint_kind
-from spatial_pin.constraints.tree_motion import Motion
+from spatial_pin.constraints.trees import Motion
 from spatial_pin.dimensions.sensitivity import AROUND, SHORTER, SLOPE, difference_steps
 from spatial_pin.dimensions.variants import PlacementBatch, TracedTree, Variants, copied
 from spatial_pin.errors import SpatialPinError

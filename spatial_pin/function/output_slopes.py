@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from spatial_pin.assembly.link_angle import LinkAngle, link_angle
 from spatial_pin.assembly.state import center_of_mass, mass_shares
-from spatial_pin.constraints.tree_motion import skewed
+from spatial_pin.constraints.trees import skewed
 from spatial_pin.errors import UnknownNameError
 from spatial_pin.function.closed_derivatives import Changes, ClosedDerivatives
 from spatial_pin.mechanism.coordinates import (

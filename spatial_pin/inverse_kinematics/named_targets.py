@@ -23,8 +23,8 @@ from spatial_pin.inverse_kinematics.targets import (
     pose,
 )
 from spatial_pin.kernel.closer import LINK_ANGLE, POINT, KernelTarget
+from spatial_pin.kernel.kernel import frame_in_kernel
 from spatial_pin.kernel.loop_equations import LoopEquations
-from spatial_pin.kernel.packing import frame_in_kernel
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import FRAME_UNITS
 from spatial_pin.motion.outputs import (
@@ -35,8 +35,7 @@ from spatial_pin.motion.outputs import (
     is_force,
     is_of_whole,
 )
-from spatial_pin.numerics.angles import whole_turns
-from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.linalg import Array, whole_turns
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from spatial_pin._support.brief import counted
 from spatial_pin._support.checks import checked
 from spatial_pin._support.lazy import made_once
-from spatial_pin.assembly.held_start import starting_state
+from spatial_pin.assembly.assemble import starting_state
 from spatial_pin.assembly.holding import BASE, Held, Hold, free_velocities, held_by
-from spatial_pin.assembly.search.whole_turns import periodic
+from spatial_pin.assembly.start_values import periodic
 from spatial_pin.assembly.state import State
 from spatial_pin.errors import ReachError
 from spatial_pin.inverse_kinematics.named_targets import read_targets
@@ -26,9 +26,8 @@ from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.mechanism.coordinates import coordinate_value, require_mechanism
 from spatial_pin.mechanism.joint_limits import JointLimit, is_within_limits, joint_limits
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.numerics.angles import whole_turns
 from spatial_pin.numerics.least_squares import passed
-from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.linalg import Array, whole_turns
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 EXACT = 1e-12  # residual of exact targets: about 100 times the round-off

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from spatial_pin._support.brief import counted
 from spatial_pin._support.checks import checked, names_of
 from spatial_pin._support.progress import progress_bar
-from spatial_pin.assembly.held_start import starting_state
+from spatial_pin.assembly.assemble import starting_state
 from spatial_pin.assembly.holding import BASE, Hold, divided, free_bases, held_by, is_base
 from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
@@ -25,11 +25,14 @@ from spatial_pin.inverse_kinematics.reach import exact_for, reach
 from spatial_pin.inverse_kinematics.solving import Solver
 from spatial_pin.inverse_kinematics.target_coordinates import (
     Chain,
+    TargetTable,
     chain_of,
     copy_at,
+    law_of,
     stretches_of,
+    tables_of,
+    targets_at,
 )
-from spatial_pin.inverse_kinematics.target_tables import TargetTable, law_of, tables_of, targets_at
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.kernel.paths import PathSamples

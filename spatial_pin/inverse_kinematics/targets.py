@@ -40,8 +40,8 @@ from spatial_pin.kernel.closer import (
     VALUE,
     KernelTarget,
 )
+from spatial_pin.kernel.kernel import frame_in_kernel
 from spatial_pin.kernel.loop_equations import LoopEquations
-from spatial_pin.kernel.packing import frame_in_kernel
 from spatial_pin.mechanism.coordinates import coordinate_gradient, coordinate_value
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import axes_from_z

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.constraints.opposite_axes import TANGENT, axis_pairs
+from spatial_pin.constraints.vector_products import TANGENT, axis_pairs
 from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import Kernel
@@ -66,7 +66,7 @@ class Examined(NamedTuple):
     dependent: float
 
 
-class Reached(NamedTuple):
+class ClosureResult(NamedTuple):
     """The result of closing loops with named coordinates.
 
     Attributes:
@@ -74,7 +74,7 @@ class Reached(NamedTuple):
         error, may_be_mirrored: as of `Closed`.
         distance: from the named values, but of components of balls and floating joints [rad,
             characteristic lengths].
-        examined: what it is like, where one start alone has led to a closed configuration.
+        examined: its properties, where one start alone has led to a closed configuration.
         is_unique: whether it is certain that no other closed configuration is as near to its start.
     """
 
@@ -150,9 +150,12 @@ class ClosureSettings(NamedTuple):
     """Settings of closing loops, without the values of fixed coordinates; compared by identity.
 
     Attributes:
-        free, first: (nv,) velocities that may move, and may move before that, see `Closer.close`.
-        tolerance, iterations, cut: see `Closer.close`.
-        kinds, lower, upper: see `NamedCoordinates`.
+        free, first: (nv,) velocities that may move, and may move before that, to a residual of
+            `LOOSE`.
+        tolerance: length of the residual from which steps are undamped.
+        iterations: damped steps at most.
+        cut: size of the equations, by the largest, below which they move nothing.
+        kinds, limits: see `NamedCoordinates`; None: nothing is named.
         perturbed: perturbed starts; None: there are none.
         are_all_named: whether the start names all that may move.
     """
@@ -162,10 +165,9 @@ class ClosureSettings(NamedTuple):
     tolerance: float
     iterations: int
     cut: float
-    kinds: NDArray[np.int64]
-    lower: Array
-    upper: Array
-    perturbed: PerturbedStarts | None
+    kinds: NDArray[np.int64] | None = None
+    limits: tuple[Array, ...] = ()
+    perturbed: PerturbedStarts | None = None
     are_all_named: bool = False
 
 
@@ -185,26 +187,15 @@ class Closer:
 
     def __init__(self, mechanism: Mechanism, pinned: Iterable[str] = ()) -> None:
         self.kernel = kernel = Kernel(mechanism)
-        self._library = kernel.library
-        turning = dict(_rotations(mechanism))
+        self.handle, self._order = _created(kernel, pinned)
+        self._library, self.paths = kernel.library, dict[tuple[int, ...], Any]()
         self._has_tangents = any(c.pair.aligned == TANGENT for c in mechanism.closures)
-        rotations = np.array([*turning.values()], np.int64).reshape(-1, 2).T.copy()
-        pins = np.array([_pin(mechanism, name) for name in pinned], np.int64).reshape(-1, 4)
-        self._order = np.lexsort(pins.T[::-1])  # those of one joint side by side
-        pins = pins[self._order]
-        body, axis = self._axes([
-            ends for name, ends in axis_pairs(mechanism) if name not in turning])
-        handle = ctypes.c_void_p()
-        check(self._library.closer_create(
-            kernel.handle, address(rotations), rotations.shape[1], address(pins), len(pins),
-            address(body), address(axis), len(body) // 2, ctypes.byref(handle)))
-        self.handle, self.paths = handle, dict[tuple[int, ...], Any]()
         rows = 1 + MOST_GROUPS * AT_ONCE
         self._q, self._value = np.empty((rows, kernel.nq)), np.empty(kernel.nq)
         self._kinds, self._mirrored = np.empty(kernel.nq, np.int64), np.empty(rows, np.int64)
         self._first, self._free = np.empty((2, kernel.nv), np.int64)
         self._reference, self._angles = np.empty((2, kernel.n_angles))
-        self._pinned, self._facts = np.empty(len(pins)), np.empty(4)
+        self._pinned, self._facts = np.empty(len(self._order)), np.empty(4)
         self._errors, self._distances = np.empty((2, rows))
         self._of = np.zeros((kernel.nv + MORE_TARGETS, TARGET_INTS), np.int64)
         self._number = np.zeros((len(self._of), TARGET_REALS))
@@ -219,6 +210,71 @@ class Closer:
         self.at_task = ctypes.byref(self._task)
         self._settings: ClosureSettings | None = None  # what the task is set to
 
+    def set_task(
+        self, q: Sequence[Array], settings: ClosureSettings, value: Array | None = None,
+        reference: Array | float = 0.0, pinned: Iterable[float] = (), perturbed: bool = False,
+    ) -> None:
+        """Set the task of the kernel.
+
+        Args:
+            q: where to start (nq,), from each by itself; `AT_ONCE` at most.
+            settings: how.
+            value: (nq,) of named or fixed entries, see `NamedCoordinates`.
+            reference: (n_angles,) from which the angles of screws count [rad].
+            pinned: values of the pinned coordinates, in the order of their names.
+            perturbed: close from the perturbed starts too where a single one closes, nothing is at
+                fault, and it is not near: closed results that are no nearer are omitted.
+        """
+        task, starts = self._task, settings.perturbed
+        if settings is not self._settings:  # else only values have changed
+            self._settings, self._free[:] = settings, settings.free
+            task.tolerance, task.loose = settings.tolerance, max(settings.tolerance, LOOSE)
+            task.iterations, task.cut = settings.iterations, settings.cut
+            task.first = task.facts = task.named.value = None
+            task.near = np.inf
+            if settings.first is not None:
+                self._first[:], task.first = settings.first, self._at_first
+            if starts is not None:
+                task.near, (task.steps, task.moved, task.group) = starts.near, starts.addresses
+            if settings.kinds is not None:
+                self._kinds[:], task.facts = settings.kinds, self._at_facts
+                task.named = NamedStruct(
+                    self._at_value, self._at_kinds, *map(address, settings.limits))
+        if value is not None:
+            self._value[:] = value
+        if len(self._reference):
+            self._reference[:] = reference
+        if len(self._order):
+            self._pinned[:] = np.array(list(pinned))[self._order]
+        for row, start in enumerate(q):
+            self._q[row] = start
+        task.m, task.n_steps = len(q), len(starts.steps) if perturbed and starts else 0
+        task.unique = settings.are_all_named  # C writes it
+
+    def results(self) -> list[ClosureResult]:
+        """Return where C has closed the loops to.
+
+        Raises:
+            SingularError: positions have grown beyond all numbers.
+        """
+        errors = self._errors[: self._task.m].tolist()
+        if not all(map(math.isfinite, errors)):
+            raise SingularError(NOT_FINITE)
+        examined = self._examined() if self._facts.item(0) < np.inf else None
+        is_unique = bool(self._task.unique)
+        return [ClosureResult(self._q[k].copy(), error, self._may_be_mirrored(k),
+                              self._distances.item(k), None if k else examined, not k and is_unique)
+                for k, error in enumerate(errors)]
+
+    def solve(
+        self, q: Sequence[Array], settings: ClosureSettings, value: Array,
+        reference: Array | float = 0.0, pinned: Iterable[float] = (), perturbed: bool = False,
+    ) -> list[ClosureResult]:
+        """Close the loops; arguments as of `set_task`, raises as `results`."""
+        self.set_task(q, settings, value, reference, pinned, perturbed)
+        check(self._library.closer_close(self.handle, self.at_task))
+        return self.results()
+
     def close(
         self, q: Array, free: NDArray[np.bool_], reference: Array | float, tolerance: float,
         iterations: int, pinned: Iterable[float], cut: float,
@@ -226,29 +282,18 @@ class Closer:
     ) -> Closed:
         """Close the loops from q (nq,), to the least residual that is reached.
 
-        Args:
-            q: where to start.
-            free: (nv,) velocities that may move.
-            reference: (n_angles,) from which the angles of screws count [rad].
-            tolerance: length of the residual from which steps are undamped.
-            iterations: damped steps at most.
-            pinned: values of the pinned coordinates, in the order of their names.
-            cut: size of the equations, by the largest, below which they move nothing.
-            first: (nv,) velocities that may move before that, to a residual of `LOOSE`.
+        The other arguments are those of `ClosureSettings` and `set_task`.
 
         Raises:
             SingularError: positions have grown beyond all numbers.
         """
-        task, self._settings = self._task, None
-        self._set_method(free, first, tolerance, iterations, cut)
-        self._set_values(reference, pinned)
-        self._q[0], task.m, task.n_steps, task.facts = q, 1, 0, None
-        task.named.value = None
+        self.set_task([q], ClosureSettings(free, first, tolerance, iterations, cut), None,
+                      reference, pinned)
         check(self._library.closer_close(self.handle, self.at_task))
         error = self._errors.item(0)
         if not math.isfinite(error):
             raise SingularError(NOT_FINITE)
-        return Closed(self._q[0].copy(), error, self._may_be_mirrored)
+        return Closed(self._q[0].copy(), error, self._may_be_mirrored())
 
     def prepared(
         self, q: Array, reference: Array, free: NDArray[np.bool_], tolerance: float,
@@ -297,143 +342,40 @@ class Closer:
         """
         if len(targets) > len(self._of):
             return None
-        task, self._settings = self._task, None
         for row, (of, number) in enumerate(targets):
             self._of[row], self._number[row, : len(number)] = of, number
-        self._set_method(free, None, TOLERANCES.round_off, iterations, TOLERANCES.rank)
-        self._set_values(reference, ())
-        self._q[0], task.m, task.n_steps, task.facts = q, 1, 0, None
-        task.named.value, task.targets.n = None, len(targets)
+        self.set_task([q], ClosureSettings(
+            free, None, TOLERANCES.round_off, iterations, TOLERANCES.rank), reference=reference)
+        self._task.targets.n = len(targets)
         code = self._library.closer_close(self.handle, self.at_task)
-        task.targets.n = 0
+        self._task.targets.n = 0
         return None if code else (
-            Closed(self._q[0], self._errors.item(0), self._may_be_mirrored),
+            Closed(self._q[0], self._errors.item(0), self._may_be_mirrored()),
             self._distances.item(0), self._angles)
 
-    def _axes(
-        self, pairs: Sequence[Sequence[tuple[int, Array]]]
-    ) -> tuple[NDArray[np.int64], Array]:
-        """Return the joints and axes of pairs of parallel axes, for C."""
-        known, body, axis = self.kernel.packed, list[int](), list[Array]()
-        for ends in pairs:
-            carriers = [int(known.carriers[joint]) for joint, _ in ends]
-            one, two = (known.frames[i].T @ axes
-                        for i, (_, axes) in zip(carriers, ends, strict=True))
-            for column in range(one.shape[1]):
-                body += carriers
-                axis += [one[:, column], two[:, column]]
-        return np.array(body, np.int64), np.array(axis)
-
-    def reach(
-        self, q: Sequence[Array], settings: ClosureSettings, value: Array,
-        reference: Array | float = 0.0, pinned: Iterable[float] = (), perturbed: bool = False,
-    ) -> list[Reached]:
-        """Close from each of some q (nq,), `AT_ONCE` at most, by itself, as `close` does.
-
-        Args:
-            q: where to start.
-            settings: how.
-            value: (nq,) of named or fixed entries, see `NamedCoordinates`.
-            reference: see `close`.
-            pinned: see `close`.
-            perturbed: close from the perturbed starts too where a single one closes, nothing is at
-                fault, and it is not near: closed results that are no nearer are omitted.
-
-        Raises:
-            SingularError: positions have grown beyond all numbers.
-        """
-        self.set_task(q, settings, value, reference, pinned, perturbed)
-        check(self._library.closer_close(self.handle, self.at_task))
-        return self.reached()
-
-    def reached(self) -> list[Reached]:
-        """Return where C has closed the loops to; raises as `reach`."""
-        mirrored = [x or self._has_tangents for x in self._mirrored.tolist()]
-        examined = self._examined(mirrored[0] != 0) if self._facts.item(0) < np.inf else None
-        errors = self._errors[: self._task.m].tolist()
-        if not all(map(math.isfinite, errors)):
-            raise SingularError(NOT_FINITE)
-        return [Reached(self._q[k].copy(), error, mirrored[k] != 0, self._distances.item(k),
-                        None if k else examined, not k and bool(self._task.unique))
-                for k, error in enumerate(errors)]
-
-    def set_task(
-        self, q: Sequence[Array], settings: ClosureSettings, value: Array,
-        reference: Array | float = 0.0, pinned: Iterable[float] = (), perturbed: bool = False,
-    ) -> None:
-        """Set the task of the kernel, see `reach`."""
-        task, starts = self._task, settings.perturbed
-        if settings is not self._settings:  # else only values have changed
-            self._set_method(settings.free, settings.first, settings.tolerance,
-                             settings.iterations, settings.cut)
-            self._name(value, settings.kinds, settings.lower, settings.upper)
-            task.facts, task.near = self._at_facts, np.inf
-            if starts is not None:
-                task.near, (task.steps, task.moved, task.group) = starts.near, starts.addresses
-            self._settings = settings
-        self._set_values(reference, pinned)
-        for row, start in enumerate(q):
-            self._q[row] = start
-        self._value[:] = value
-        task.m = len(q)
-        task.n_steps = len(starts.steps) if perturbed and starts else 0
-        task.unique = settings.are_all_named
-
-    def _set_method(
-        self, free: NDArray[np.bool_], first: NDArray[np.bool_] | None, tolerance: float,
-        iterations: int, cut: float,
-    ) -> None:
-        task = self._task
-        self._free[:] = free
-        if first is not None:
-            self._first[:] = first
-        task.first = None if first is None else self._at_first
-        task.tolerance, task.loose = tolerance, max(tolerance, LOOSE)
-        task.iterations, task.cut = iterations, cut
-
-    def _set_values(self, reference: Array | float, pinned: Iterable[float]) -> None:
-        if len(self._reference):
-            self._reference[:] = reference
-        if len(self._order):
-            self._pinned[:] = np.array(list(pinned))[self._order]
-
-    def _name(
-        self, value: Array, kinds: NDArray[np.int64], lower: Array, upper: Array
-    ) -> None:
-        self._value[:], self._kinds[:] = value, kinds
-        self._limits = lower, upper  # as long as C reads them
-        named = self._task.named
-        named.value, named.kinds = self._at_value, self._at_kinds
-        named.lower, named.upper = map(address, self._limits)
-
-    def judge(self, q: Array, reference: Array | float, named: NamedCoordinates) -> Reached:
+    def judge(self, q: Array, reference: Array | float, named: NamedCoordinates) -> ClosureResult:
         """Return q (nq,), whole turns taken off its angles, and its properties."""
-        self._settings = None
-        self._name(*named)
-        self._examine(q, reference, None)
-        return Reached(self._q[0].copy(), self._facts.item(0), self._may_be_mirrored,
-                       self._facts.item(1))
+        self._q[0], self._reference[:], task = q, reference, self._task
+        check(self._library.closer_examine(
+            self.handle, task.q, task.reference, ctypes.byref(NamedStruct(*map(address, named))),
+            self._at_facts, None, task.mirrored))
+        return ClosureResult(self._q[0].copy(), self._facts.item(0), self._may_be_mirrored(),
+                             self._facts.item(1))
 
     def examine(self, q: Array, reference: Array | float) -> Examined:
         """Return the properties of q (nq,); angles are nearest to `reference` (n_angles,) [rad]."""
-        self._settings = self._task.named.value = None
-        self._examine(q, reference, self._at_angles)
-        return self._examined(self._may_be_mirrored)
-
-    def _examine(self, q: Array, reference: Array | float, angles: int | None) -> None:
         self._q[0], self._reference[:], task = q, reference, self._task
-        named = ctypes.addressof(task) + ClosureTask.named.offset
         check(self._library.closer_examine(
-            self.handle, task.q, task.reference, named, self._at_facts, angles, task.mirrored))
+            self.handle, task.q, task.reference, ctypes.byref(NamedStruct()), self._at_facts,
+            self._at_angles, task.mirrored))
+        return self._examined()
 
-    @property
-    def _may_be_mirrored(self) -> bool:
-        return self._mirrored.item(0) != 0 or self._has_tangents
-
-    def _examined(self, mirrored: bool) -> Examined:
+    def _examined(self) -> Examined:
         error, _, least, dependent = self._facts.tolist()
-        angles = self._angles.copy() if self.kernel.n_angles else self._angles
-        return Examined(error, angles, mirrored, least, dependent)
+        return Examined(error, self._angles.copy(), self._may_be_mirrored(), least, dependent)
+
+    def _may_be_mirrored(self, k: int = 0) -> bool:
+        return self._mirrored.item(k) != 0 or self._has_tangents
 
     def descend(
         self, q: Array, free: NDArray[np.bool_], tolerance: float, iterations: int
@@ -455,25 +397,43 @@ def closer_of(mechanism: Mechanism, pinned: Iterable[str] = ()) -> acquired[Clos
     return acquired(mechanism, Closer, tuple(pinned))
 
 
-def _rotations(mechanism: Mechanism) -> Iterator[tuple[str, tuple[int, int]]]:
-    """Yield closures with all equations of directions: the first, and how many axes they align."""
-    at = 0
-    for closure in mechanism.closures:
+def _created(
+    kernel: Kernel, pinned: Iterable[str]
+) -> tuple[ctypes.c_void_p, NDArray[np.intp]]:
+    """Return the structure in C, and the order of pinned coordinates in it."""
+    mechanism, packed = kernel.mechanism, kernel.packed
+    turning, rotations, at = set[str](), list[tuple[int, int]](), 0
+    for closure in mechanism.closures:  # those with all equations of directions
         if not closure.frames:
             continue
         rows = at + np.flatnonzero([isinstance(row.first, Cosine) for row in closure.rows])
         at += closure.n_rows
         axes = AGREEING.get(closure.pair.aligned, 0)
         if axes and len(rows) == EQUATIONS[axes] and not closure.sums:
-            yield closure.name, (int(rows[0]), axes)
-
-
-def _pin(mechanism: Mechanism, name: str) -> tuple[int, int, int, int]:
-    """Return first place in q and v, component, and whether it turns, of a pinned coordinate."""
-    c = mechanism.coordinate_table[name]
-    i = mechanism.joint_id(c.joint)
-    q, v = int(mechanism.model.idx_qs[i]), int(mechanism.model.idx_vs[i])
-    is_free = mechanism.model.nqs[i] == 7
-    if is_free and c.component < 3:
-        return q, v, c.component, 0
-    return q + 3 * is_free, v + 3 * is_free, c.component % 3, 1
+            turning.add(closure.name)
+            rotations.append((int(rows[0]), axes))
+    body, axis = list[int](), list[Array]()
+    for name, ends in axis_pairs(mechanism):
+        if name not in turning:
+            carriers = [int(packed.carriers[joint]) for joint, _ in ends]
+            turned = [packed.frames[i].T @ axes
+                      for i, (_, axes) in zip(carriers, ends, strict=True)]
+            for one, two in zip(turned[0].T, turned[1].T, strict=True):
+                body += carriers
+                axis += [one, two]
+    pins, model = [], mechanism.model  # first entries in q and v, component, whether it turns
+    for name in pinned:
+        c = mechanism.coordinate_table[name]
+        i = mechanism.joint_id(c.joint)
+        skipped = 3 if model.nqs[i] == 7 and c.component >= 3 else 0  # the position
+        turns = model.nqs[i] != 7 or c.component >= 3
+        pins.append((model.idx_qs[i] + skipped, model.idx_vs[i] + skipped, c.component % 3, turns))
+    table = np.array(pins, np.int64).reshape(-1, 4)
+    order = np.lexsort(table.T[::-1])  # those of one joint side by side
+    table, handle = table[order], ctypes.c_void_p()
+    columns = np.array(rotations, np.int64).reshape(-1, 2).T.copy()
+    bodies, directions = np.array(body, np.int64), np.array(axis)
+    check(kernel.library.closer_create(
+        kernel.handle, address(columns), columns.shape[1], address(table), len(table),
+        address(bodies), address(directions), len(bodies) // 2, ctypes.byref(handle)))
+    return handle, order

@@ -18,9 +18,8 @@ from spatial_pin.kernel.integrating import (
     SimulationSamples,
     view,
 )
-from spatial_pin.kernel.kernel import Kernel
+from spatial_pin.kernel.kernel import Ints, Kernel, Packed
 from spatial_pin.kernel.library import INT, POINTER, REAL, SINGULAR, address, check, library
-from spatial_pin.kernel.packing import Ints, Packed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 

@@ -21,8 +21,8 @@ from spatial_pin.constraints.compiled_equations import (
 )
 from spatial_pin.constraints.composed_equations import composed_rows
 from spatial_pin.constraints.kernel_tree import KernelTree
-from spatial_pin.constraints.opposite_axes import opposite_axes
 from spatial_pin.constraints.trees import Tree, tree_of
+from spatial_pin.constraints.vector_products import opposite_axes
 from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.kernel.kernel import EvaluationStruct, Kernel, numbers
 from spatial_pin.kernel.library import address

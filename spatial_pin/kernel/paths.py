@@ -217,7 +217,7 @@ class Path:
 
         Returns:
             How many samples were reached; less than 0 where closing leaves something to choose, or
-            where loops are not regular: if it is -1, `Closer.reached` returns the result.
+            where loops are not regular: if it is -1, `Closer.results` returns the result.
         """
         values, rows = numbers(values, (len(samples.q),)), _RowsStruct(*addresses(samples))
         self._task.open, self.kernel.path = widest_gap, self._token

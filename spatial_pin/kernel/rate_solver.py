@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.kernel.kernel import Kernel, numbers
+from spatial_pin.kernel.kernel import FrameInKernel, Kernel, numbers
 from spatial_pin.kernel.library import (
     DONE,
     INT,
@@ -18,7 +18,6 @@ from spatial_pin.kernel.library import (
     address,
     check,
 )
-from spatial_pin.kernel.packing import FrameInKernel
 from spatial_pin.numerics.linalg import Array
 
 

@@ -667,9 +667,6 @@ def _curve(curve: Any) -> CurveShape:
     return curve
 
 
-# ---------------------------------------------------------------- of Pinocchio
-
-
 def of_native(constraint: Any, bodies: Sequence[str]) -> Closure:
     """Return the closure of a constraint of Pinocchio that holds two bodies together.
 

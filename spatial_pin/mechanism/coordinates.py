@@ -23,8 +23,7 @@ from spatial_pin.errors import MechanismFileError, SpatialPinError, UnknownNameE
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mechanism.parts import Coordinate
-from spatial_pin.numerics.angles import whole_turns
-from spatial_pin.numerics.linalg import EPS, Array, pseudo_inverses
+from spatial_pin.numerics.linalg import EPS, Array, pseudo_inverses, whole_turns
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 Numbers = TypeVar("Numbers", float, Array)
@@ -33,11 +32,7 @@ FACTORIALS = np.array([  # of 2, 4, ..., 16
 
 
 def require_mechanism(mechanism: object) -> None:
-    """Raise an error if an argument is no Mechanism.
-
-    Raises:
-        TypeError: says how to get one.
-    """
+    """Refuse an argument that is no Mechanism with a TypeError that says how to get one."""
     if not isinstance(mechanism, Mechanism):
         raise TypeError(f"a Mechanism is needed, not {str(mechanism)[:40]!r} of type "
                         f"{type(mechanism).__name__}: sp.load(...) makes one")
@@ -71,10 +66,7 @@ class CoordinateRates(NamedTuple, Generic[Numbers]):
 
 
 def coordinate_round_off(mechanism: Mechanism, q: Array) -> float:
-    """Return the closure error that round-off of the coordinates themselves may leave [-].
-
-    An angle that counts a million turns is known to 1e-9 rad.
-    """
+    """Return the closure error that round-off of coordinates, as of many turns, may leave [-]."""
     entries, each = _round_off(mechanism)
     return float(np.abs(q[entries] * each).max(initial=0.0))
 
@@ -145,11 +137,7 @@ def joint_values(mechanism: Mechanism, guess: Mapping[str, Any]) -> dict[str, fl
 
 
 def check_guess(mechanism: Mechanism, where: str, guess: Mapping[str, Any] | None = None) -> None:
-    """Refuse a guess, by default the mechanism's, with unknown names or values that are no numbers.
-
-    Raises:
-        MechanismFileError: with `where`, the file.
-    """
+    """Refuse a guess, by default the mechanism's; `where` is the file for the error."""
     try:
         joint_values(mechanism, mechanism.guess if guess is None else guess)
     except (SpatialPinError, ValueError) as error:
@@ -294,18 +282,14 @@ def rotation_vectors(quaternions: Array) -> Array:
     return Rotation.from_quat(quaternions.copy()).as_rotvec()
 
 
-def _first(chosen: NDArray[np.bool_]) -> int:
-    """Return the index of the first True, or the length if there is none."""
-    return int(np.argmax(chosen)) if chosen.any() else len(chosen)
-
-
 def continued_rotation_vectors(quaternions: Array) -> Array:
     """Return rotation vectors (N, 3) of quaternions (N, 4), each the one nearest to the last."""
     phi = rotation_vectors(quaternions)
     angles = np.linalg.norm(phi[1:], axis=1)
     along = np.vecdot(phi[1:], phi[:-1]) / np.maximum(angles, TOLERANCES.tight)
     turns = whole_turns(along - angles)
-    for i in range(1 + _first((angles <= TOLERANCES.tight) | (turns != 0.0)), len(phi)):
+    odd = np.flatnonzero((angles <= TOLERANCES.tight) | (turns != 0.0))
+    for i in range(1 + int(odd[0]) if odd.size else len(phi), len(phi)):
         angle = float(np.linalg.norm(phi[i]))
         before = phi[i - 1]
         if angle > TOLERANCES.tight:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from spatial_pin.mechanism.curves import CurveShape, Follower, circle
+from spatial_pin.mechanism.curves import CurveShape, Follower, TouchingCurves, circle
 from spatial_pin.mechanism.equations import (
     Angle,
     Bearing,
@@ -49,12 +49,7 @@ def _of(functions: Sequence[Piecewise], u: Parameter) -> list[FunctionOf]:
 
 
 def nearest(curve: CurveShape, d: Sequence[Quantity]) -> Parameter:
-    """Return the parameter of the point of a curve that is nearest to a given point.
-
-    Args:
-        curve: a curve with a parameter.
-        d: components of the other point, see `_from`.
-    """
+    """Return the parameter of the point of a curve nearest to another one, see `_from`."""
     path = curve.by_parameter
 
     def sums(u: Parameter) -> tuple[ConstraintEquation, ...]:
@@ -79,10 +74,7 @@ def around(curve: CurveShape, offset: float = 0.0) -> ConstraintEquation:
 
 
 def offset_point(curve: CurveShape, offset: float) -> ConstraintEquation:
-    """Return origin 2 at a distance from a curve in a plane that goes by a parameter [m].
-
-    Positive to its right, which is outside.
-    """
+    """Return origin 2 at a distance from a curve in a plane [m], positive outside, to its right."""
     x, y, _ = d = _from(curve)
     u, path = nearest(curve, d), curve.by_parameter
     (cx, cy, _), (tx, ty, _) = _of(path.coordinates, u), _of(path.slopes, u)
@@ -111,12 +103,7 @@ def on_curve(curve: CurveShape) -> Rows:
 
 
 def along_curve(curve: CurveShape, z: Array) -> Rows:
-    """Return equations for a direction of frame 2 along the tangent of a curve, at origin 2.
-
-    Args:
-        curve: the curve.
-        z: (3,) in frame 2.
-    """
+    """Return equations for direction z (3,) of frame 2 along the tangent of a curve at origin 2."""
     zx, zy, zz = (Cosine(u, z) for u in curve.axes.T)
     if curve.numbers:
         radius, lead = curve.numbers
@@ -158,14 +145,9 @@ def follows(curve: CurveShape, follower: Follower, z: Array) -> Rows:
     return (_length(*terms),)
 
 
-def touching(one: CurveShape, two: CurveShape, side: int) -> Rows:
-    """Return equations for two closed profiles that touch in their plane.
-
-    Args:
-        one: the profile on frame 1.
-        two: the profile on frame 2.
-        side: 1 outside each other, -1 where one is inside the other.
-    """
+def touching(curves: TouchingCurves) -> Rows:
+    """Return equations for two closed profiles that touch."""
+    one, two, side = curves.one, curves.two, curves.side
     paths = one.by_parameter, two.by_parameter
     x, y = (Displacement(u) for u in one.axes.T[:2])
     turned = [[Cosine(u, w) for w in two.axes.T[:2]] for u in one.axes.T[:2]]

@@ -183,6 +183,16 @@ class CurveShape:
         far = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
         return bool(np.any(meet & (far > 1) & (far < n - 1)))
 
+    def part_inside(self, points: Array) -> float:
+        """Return the fraction of points (n, 3) that it surrounds, seen along its last axis."""
+        x, y, _ = ((points - self.centre) @ self.axes).T[:, :, None]
+        own = ((self.points() - self.centre) @ self.axes)[:, :2]
+        (x1, y1), (x2, y2) = own[:-1].T, own[1:].T
+        crosses = (y1 > y) != (y2 > y)
+        with np.errstate(all="ignore"):
+            at = x1 + (y - y1) / (y2 - y1) * (x2 - x1)
+        return float(np.mean(np.sum(crosses & (x < at), axis=1) % 2))
+
     def radial(self, offset: float = 0.0) -> tuple[Piecewise, Piecewise]:
         """Return the squared distance [m^2] and the arc length [m] by direction from the centre.
 
@@ -245,10 +255,8 @@ class CurveShape:
     ) -> tuple[Piecewise, Piecewise]:
         """Return a quantity and the arc length as functions of the direction of a vector.
 
-        Each cell is the polynomial that has their derivatives at its ends.
-
-        Args:
-            of: from a point and its derivative to the vector and the quantity.
+        The function gives vector and quantity of a point and its derivative. Each cell is the
+        polynomial that has their derivatives at its ends.
         """
         middles = 0.5 * (self.breaks[:-1] + self.breaks[1:])
         ends, angle = [], np.zeros(0)
@@ -332,10 +340,7 @@ class CurvePath:
 
 
 def _speed(slopes: Sequence[Piecewise], u: Array, within: Array | None = None) -> list[Array]:
-    """Return the Taylor series of the derivative of the arc length at u (n,).
-
-    Where u is an end of cells, it is that of the cells that other u are within.
-    """
+    """Return Taylor series of the derivative of the arc length at u (n,), `within` cells."""
     square: Any = 0.0
     for f in slopes:
         rates = f(Taylor([u, 1.0 + 0.0 * u, *[0.0 * u] * (ORDER - 1)]), within)
@@ -619,11 +624,7 @@ def _profile(p: Array, chords: Array) -> CurveShape:
 
 
 def curve_of(name: str, given: Any, read: Callable[[str], Any] | None = None) -> CurveShape:
-    """Return a curve from its table in a mechanism file.
-
-    Raises:
-        ValueError: it is none; says why.
-    """
+    """Return a curve from its table in a mechanism file; a ValueError says why it is none."""
     keys = [key for key in FORMS if isinstance(given, Mapping) and key in given]
     if len(keys) != 1:
         raise ValueError(f"a curve is one of {', '.join(FORMS)}")
@@ -710,9 +711,9 @@ class Follower:
     """The follower of a cam.
 
     Attributes:
-        radius: of a roller whose centre is the origin of frame 2 [m]; 0 of a knife edge.
+        radius: of a roller about the origin of frame 2 [m]; 0 of a knife edge.
         flat: (3,) normal, in frame 2, of a face through its origin; None of a roller.
-        side: 1 outside the cam, -1 inside; of a face, 1 where its normal leads away from the cam.
+        side: 1 outside the cam, -1 inside; of a face, 1 where its normal leads away from it.
     """
 
     radius: float = 0.0
@@ -728,11 +729,7 @@ class Follower:
 
 
 def follower_of(given: Any, _: Any = None) -> Follower:
-    """Return a follower from its table in a mechanism file.
-
-    Raises:
-        ValueError: it is none.
-    """
+    """Return a follower from its table in a mechanism file, or refuse it with a ValueError."""
     if isinstance(given, Follower):
         return given
     if not isinstance(given, Mapping) or len(given) != 1 or not given.keys() <= {
@@ -754,11 +751,7 @@ def curves_in(numbers: Mapping[str, Any]) -> tuple[CurveShape, ...]:
 
 
 def named_curve(given: Any, context: Any = None) -> CurveShape:
-    """Return a curve by its name in a mechanism file, or as it is.
-
-    Raises:
-        ValueError: there is none of the name.
-    """
+    """Return a curve by its name in a mechanism file, or as it is; or refuse it (ValueError)."""
     if isinstance(given, CurveShape):
         return given
     curves = getattr(context, "curves", {})
@@ -770,11 +763,7 @@ def named_curve(given: Any, context: Any = None) -> CurveShape:
 
 
 def two_curves(given: Any, context: Any = None) -> TouchingCurves:
-    """Return two curves by their names in a mechanism file, or as they are.
-
-    Raises:
-        ValueError: they are no two, or there is none of a name.
-    """
+    """Return two curves by names in a mechanism file, or as they are; or raise a ValueError."""
     if isinstance(given, TouchingCurves):
         return given
     if isinstance(given, str) or not isinstance(given, Sequence) or len(given) != 2:

@@ -55,12 +55,7 @@ class Cosine(NamedTuple):
 
 
 class Square(NamedTuple):
-    """Squared distance of two origins over 2 `length` [m].
-
-    Attributes:
-        length: [m]; None: how far apart the closure's last two frames are in the guess.
-        frames: which.
-    """
+    """Squared distance of two origins over 2 `length` [m]; None: of the last two in the guess."""
 
     length: float | None
     frames: tuple[int, int] = FIRST_TWO
@@ -185,10 +180,7 @@ def dot(u: Array, w: Array, cosine: float = 0.0) -> ConstraintEquation:
 
 
 def distance(length: float) -> ConstraintEquation:
-    """Return the equation |d| = length [m]; zero: the distance of the closure's other two frames.
-
-    It is (d . d - L^2) / 2L = 0.
-    """
+    """Return the equation (d . d - L^2) / 2L = 0; L = 0: the distance of the other two frames."""
     if length:
         terms: tuple[Term, ...] = (1.0, (Square(length),)), (-0.5 * length, ())
     else:

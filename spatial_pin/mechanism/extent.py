@@ -46,15 +46,10 @@ class Extent(NamedTuple):
 
 
 def extent_of(model: pin.Model, joined: Collection[int], where: str) -> Extent:
-    """Return the extent of a machine.
+    """Return the extent of a machine; closures join the frames `joined`.
 
-    Frames of the ground that nothing is joined to, the world's own among them, count where they
-    are near the moving and joined parts.
-
-    Args:
-        model: its tree.
-        joined: frames that closures join.
-        where: mechanism and file, for the error.
+    Frames of the ground that nothing is joined to, the world's own among them, count where they are
+    near the moving and joined parts.
 
     Raises:
         MechanismFileError: it is so small or large that squares leave the range of numbers.
@@ -97,10 +92,6 @@ def unlike_links(model: pin.Model, extent: Extent) -> str:
 
     A closure is accurate to round-off of the longest link. The shortest link moves it by its own
     length; near dead centres by the square of the ratio of the two lengths.
-
-    Args:
-        model: the tree of a mechanism.
-        extent: of it.
     """
     lengths = []
     for joint in range(model.njoints):

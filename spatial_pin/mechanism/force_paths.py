@@ -82,11 +82,7 @@ class Strands:
 
 
 def teeth_of(given: Any, _: Any = None) -> Teeth:
-    """Return teeth from their table in a mechanism file.
-
-    Raises:
-        ValueError: a value is none; names its key.
-    """
+    """Return teeth from their table in a mechanism file; a ValueError names a wrong key."""
     if isinstance(given, Teeth):
         return given
     table = _table(given, ("frame", "point", "pitch_line", "pressure_angle", "helix_angle"))
@@ -106,11 +102,7 @@ def teeth_of(given: Any, _: Any = None) -> Teeth:
 
 
 def strands_of(given: Any, _: Any = None) -> Strands:
-    """Return strands from their table in a mechanism file.
-
-    Raises:
-        ValueError: a value is none; names its key.
-    """
+    """Return strands from their table in a mechanism file; a ValueError names a wrong key."""
     if isinstance(given, Strands):
         return given
     table = _table(given, ("frame", "points", "pretension"))

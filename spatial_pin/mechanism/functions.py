@@ -63,22 +63,16 @@ class CoordinateFunction:
 
 
 def polynomial(coefficients: Any) -> CoordinateFunction:
-    """Return the polynomial of coefficients, ascending.
-
-    Raises:
-        ValueError: they are no finite numbers.
-    """
+    """Return the polynomial of ascending coefficients; refuse others than finite numbers."""
     c = _numbers(coefficients, "polynomial", 1)
     return CoordinateFunction(Piecewise(np.array([0.0, 1.0]), c[None].copy()),
                               {"polynomial": c.tolist()})
 
 
 def through(points: Any, periodic: bool = False) -> CoordinateFunction:
-    """Return the quintic spline through points (n, 2).
+    """Return the quintic spline through points (n, 2), rows a, b with rising a.
 
-    Args:
-        points: rows a, b with rising a.
-        periodic: whether it repeats: the last b is the first.
+    A periodic one repeats: the last b is the first.
 
     Raises:
         ValueError: they are no such points.
@@ -104,11 +98,7 @@ def through(points: Any, periodic: bool = False) -> CoordinateFunction:
 
 
 def called(function: Callable[[float], Any]) -> CoordinateFunction:
-    """Return a function in code: a -> (f, f', f'', f''').
-
-    Raises:
-        ValueError: at 0 it gives no four finite numbers.
-    """
+    """Return a function in code, a -> (f, f', f'', f'''); refuse one without finite values at 0."""
     derivatives = np.array(function(0.0), float).ravel()
     if derivatives.shape != (4,) or not np.isfinite(derivatives).all():
         raise ValueError("a function of a coupling gives four finite numbers for a: its value and "
@@ -117,11 +107,9 @@ def called(function: Callable[[float], Any]) -> CoordinateFunction:
 
 
 def function_of(given: Any, context: Any = None) -> CoordinateFunction:
-    """Return a function from its table in a mechanism file, or from code.
+    """Return a function from its table in a mechanism file, see the module, or from code.
 
-    Args:
-        given: see the module; or a callable.
-        context: has `rows`, from the name of a file to its rows (n, 2).
+    The context has `rows`, from the name of a file to its rows (n, 2).
 
     Raises:
         ValueError: it is none; says why.

@@ -48,11 +48,7 @@ def moving_mass(model: pin.Model) -> float:
 
 
 def remainder(total: pin.Inertia, parts: Iterable[pin.Inertia]) -> pin.Inertia | None:
-    """Return an inertia minus its parts, zero where the difference is round-off.
-
-    Returns:
-        None where the difference is no possible inertia.
-    """
+    """Return an inertia minus its parts, zero for round-off; None where it is no inertia."""
     given = [total, *parts]
     if len(given) == 1:
         return total
@@ -89,12 +85,9 @@ def _times(inertia: pin.Inertia, factor: float) -> pin.Inertia:
 
 
 def inertia_as_given(mass: float, lever: Array, matrix: Array) -> pin.Inertia:
-    """Return an inertia of any numbers; Pinocchio's constructor refuses negative ones.
+    """Return an inertia of any mass [kg], lever (3,) [m] and matrix (3, 3) about it [kg·m²].
 
-    Args:
-        mass: [kg].
-        lever: (3,) centre of mass [m].
-        matrix: (3, 3) about it [kg·m²].
+    Pinocchio's constructor refuses negative ones.
     """
     made = pin.Inertia(mass, lever, np.zeros((3, 3)))
     made.inertia = 0.5 * (matrix + matrix.T)
@@ -119,12 +112,7 @@ def depth_first(model: pin.Model) -> list[int]:
 def part_of(
     whole: pin.Model, joints: list[int]
 ) -> tuple[pin.Model, NDArray[np.intp], NDArray[np.intp]]:
-    """Return a tree of some joints in an order, with their indices in q and v of the whole tree.
-
-    Args:
-        whole: the tree.
-        joints: with all before them, in this order.
-    """
+    """Return a tree of joints, with all before them, in an order; and its indices in q and v."""
     model, own = pin.Model(), {0: 0}
     model.gravity = whole.gravity
     for i in joints:
@@ -180,11 +168,7 @@ class MassMatrix:
 
 
 class KineticEnergy:
-    """`pin.computeKineticEnergy` with armatures: Pinocchio 4.1 leaves out those of single joints.
-
-    Args:
-        model: the tree.
-    """
+    """`pin.computeKineticEnergy` of a tree with armatures, which Pinocchio 4.1 leaves out."""
 
     def __init__(self, model: pin.Model) -> None:
         self._armature = model.armature.copy()

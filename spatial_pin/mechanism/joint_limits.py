@@ -82,24 +82,12 @@ def position_limits(mechanism: Mechanism) -> tuple[Array, Array]:
 
 
 def joint_limits(mechanism: Mechanism) -> list[JointLimit]:
-    """Return the joint limits that the URDF states, in the order of the coordinates.
-
-    Joints whose lower limit is not below the upper one have none: both are 0 where the URDF states
-    neither.
-    """
+    """Return the joint limits that the URDF states, lower below upper, as coordinates go."""
     return _stated(mechanism)[0]
 
 
 def beyond_limits(mechanism: Mechanism, q: Array) -> dict[str, float]:
-    """Return the excesses of coordinates over their joint limits [rad or m].
-
-    Args:
-        mechanism: the mechanism.
-        q: (nq,) the configuration.
-
-    Returns:
-        The signed amounts by coordinate: positive beyond upper limits, negative beyond lower ones.
-    """
+    """Return signed excesses of coordinates at q (nq,) over their limits [rad or m], by name."""
     limits, entries, values, sides, slack = _stated(mechanism)
     if not limits:
         return {}

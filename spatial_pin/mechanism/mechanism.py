@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from copy import copy
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -35,6 +34,8 @@ from spatial_pin.mechanism.parts import (
 )
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import EPS
+
+WORKED_OUT = RESULTS, "neutral", "centred_model"  # results, which copies work out again on use
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,8 +188,7 @@ class Mechanism:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the fields to copy or pickle: all but results that are worked out again on use."""
-        again = RESULTS, "neutral", "centred_model"
-        fields = {k: x for k, x in self.__dict__.items() if k not in again}
+        fields = {k: x for k, x in self.__dict__.items() if k not in WORKED_OUT}
         parts = {name: (x.mass, x.lever, x.inertia) for name, x in self.inertias.items()}
         return {**fields, "inertias": parts}
 
@@ -199,8 +199,9 @@ class Mechanism:
 
     def with_fields(self, **fields: Any) -> Mechanism:
         """Return a copy with other values of some fields; unlike `replace` it reads no mesh."""
-        other = copy(self)
-        other.__dict__.update(fields)
+        other = object.__new__(type(self))
+        own = {key: x for key, x in self.__dict__.items() if key not in WORKED_OUT}
+        other.__dict__.update({**own, **fields})
         return other
 
     @property

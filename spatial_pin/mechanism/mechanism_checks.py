@@ -1,8 +1,9 @@
-"""Checks of a mechanism: names must exist, closures and inertias must be possible."""
+"""Checks of a mechanism: names must exist, closures and inertias be possible; and its guess."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from itertools import combinations, pairwise
 from typing import Any
 
@@ -11,6 +12,7 @@ import pinocchio as pin
 
 from spatial_pin._support.lazy import made_once
 from spatial_pin.errors import MechanismFileError, Mistakes, SpatialPinError
+from spatial_pin.mechanism.coordinates import joint_values, with_values
 from spatial_pin.mechanism.mechanism import Mechanism, looked_up, point_on_body, rigid_distance
 from spatial_pin.mechanism.parts import Closure, Driver, Passive, Spring
 from spatial_pin.numerics.linalg import EPS, Array
@@ -21,15 +23,9 @@ ROUNDED = 1e-6
 
 
 def check_mechanism(mechanism: Mechanism, where: str, mistakes: Mistakes | None = None) -> None:
-    """Refuse names that do not exist and closures that cannot be.
+    """Refuse names that do not exist and closures that cannot be; `where` is the file.
 
-    Args:
-        mechanism: the mechanism.
-        where: the file.
-        mistakes: collects the mistakes, to be raised later; else they are raised here.
-
-    Raises:
-        MechanismFileError: with `where` and the keys at fault.
+    Mistakes are collected, to be raised later, or raised here.
     """
     collected = Mistakes(where) if mistakes is None else mistakes
     for kind in ("closures", "springs"):
@@ -53,6 +49,23 @@ def check_mechanism(mechanism: Mechanism, where: str, mistakes: Mistakes | None 
             _check_passive(mechanism, passive, f"{where}: passive.{passive.name}")
     if mistakes is None:
         collected.raise_all()
+
+
+def sided(mechanism: Mechanism) -> Mechanism:
+    """Return a mechanism with the sides of contacts that its guess shows, see `Pair.at_guess`."""
+    if not any(c.pair.at_guess for c in mechanism.closures):
+        return mechanism
+    q = with_values(mechanism, mechanism.neutral, joint_values(mechanism, mechanism.guess))
+    data, closures = mechanism.model.createData(), []
+    pin.forwardKinematics(mechanism.model, data, q)
+    for c in mechanism.closures:
+        if c.pair.at_guess:
+            one, two = (data.oMi[joint] * at for joint, at in map(
+                mechanism.frame_on_joint, c.frames))
+            numbers = c.pair.at_guess(c, one.actInv(two), bool(mechanism.guess))
+            c = replace(c, numbers={**c.numbers, **numbers})
+        closures.append(c)
+    return mechanism.with_fields(closures=tuple(closures))
 
 
 def _check_spring(mechanism: Mechanism, spring: Spring, where: str) -> None:
@@ -138,11 +151,7 @@ def _bodies(mechanism: Mechanism, frames: tuple[str, ...], where: str) -> list[i
 
 
 def _all_looked_up(lookup: Any, names: Iterable[str], where: str) -> list[Any]:
-    """Return the results of a look-up by names.
-
-    Raises:
-        MechanismFileError: it finds nothing of some; has a mistake for each.
-    """
+    """Return the results of a look-up by names; the error has a mistake for each that fails."""
     named_ones, mistakes = [], Mistakes(where)
     for name in names:
         with mistakes.each():
@@ -179,16 +188,14 @@ def impossible_inertias(mechanism: Mechanism) -> tuple[dict[str, str], dict[str,
             own = [x for x in links if x in mechanism.inertias]
             at_fault = [x for x in own if np.any(_kinds([mechanism.inertias[x]], length))]
             for name in at_fault or own[:1] or [model.names[joint]]:
-                kind[name] = _words(mechanism.inertias.get(name, model.inertias[joint]))
+                body = mechanism.inertias.get(name, model.inertias[joint])
+                moments = ", ".join(f"{x:.4g}" for x in np.linalg.eigvalsh(body.inertia))
+                kind[name] = f"mass {body.mass:.4g} kg, principal moments {moments} kg·m²"
     return faults
 
 
 def refuse_negative_inertias(mechanism: Mechanism) -> None:
-    """Refuse to work with a body whose mass, or a moment of inertia, is below zero.
-
-    Raises:
-        SpatialPinError: there is one; names the link.
-    """
+    """Refuse a body whose mass, or a moment of inertia, is below zero (SpatialPinError)."""
     for link, words in impossible_inertias(mechanism)[0].items():
         raise SpatialPinError(
             f"mechanism {mechanism.name!r}: link {link!r} has {words}: below zero, which no body "
@@ -202,11 +209,6 @@ def _kinds(bodies: list[pin.Inertia], length: float) -> Array:
     slack = ROUNDED * np.maximum(np.maximum(abs(a), abs(c)), abs(mass) * length**2)
     negative = (mass < 0.0) | (a < -slack)
     return np.array([negative, ~negative & (a + b < c - slack)])
-
-
-def _words(body: pin.Inertia) -> str:
-    moments = ", ".join(f"{x:.4g}" for x in np.linalg.eigvalsh(body.inertia))
-    return f"mass {body.mass:.4g} kg, principal moments {moments} kg·m²"
 
 
 @made_once

@@ -13,6 +13,8 @@ To add a pair, add one entry to `PAIRS`:
    the coordinates; at least, if it `has_more` of them.
 6. `keys`: its own numbers in a mechanism file, which a `Closure` has in `numbers`, and `fault`: a
    function of a `Closure` that returns a key and its fault, or None.
+7. `at_guess`: a function of a `Closure`, the placement of frame 2 on frame 1 in the guess, and
+   whether there is a guess; returns numbers that this decides, as on which side a cam touches.
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -43,6 +45,7 @@ from spatial_pin.mechanism.equations import (
 from spatial_pin.mechanism.force_paths import strands_of, teeth_of
 from spatial_pin.mechanism.functions import function_of
 from spatial_pin.numerics.linalg import EPS, Array
+from spatial_pin.numerics.taylor import Taylor
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 X, Y, Z = np.eye(3)
@@ -128,6 +131,7 @@ class Pair:
     has_more: bool = False  # frames, or joints where it has no frames
     keys: tuple[Key, ...] = ()  # besides axes, length and lead
     fault: Callable[[ClosureData], tuple[str, str] | None] = lambda _: None
+    at_guess: Callable[[ClosureData, pin.SE3, bool], dict[str, Any]] | None = None
 
     @cached_property
     def is_linear(self) -> bool:
@@ -166,12 +170,8 @@ def closure_geometry(
 ) -> PairGeometry:
     """Return the geometry of a closure; axes that are not given are the pair's own.
 
-    Args:
-        pair: what it closes as.
-        axis: unit vector (3,), in frame 1, and in frame 2 unless there is another.
-        axis2: unit vector (3,) in frame 2, of pairs with two.
-        length: [m].
-        lead: [m per turn].
+    The axis, a unit vector (3,), is that in frame 1, and in frame 2 unless there is another. The
+    length is in [m], the lead in [m per turn].
     """
     if not pair.uses_axis:
         return PairGeometry(np.eye(3), np.eye(3), length, lead)
@@ -273,10 +273,6 @@ def _fault_of_coupling(c: ClosureData) -> tuple[str, str] | None:
     return None
 
 
-def _on_curve(c: ClosureData) -> Rows:
-    return on_curve(c.numbers["curve"])
-
-
 def _frame_on_curve(c: ClosureData) -> Rows:
     curve = c.numbers["curve"]
     return *on_curve(curve), *along_curve(curve, Z)
@@ -286,11 +282,6 @@ def _cam(c: ClosureData) -> Rows:
     follower = c.numbers["follower"]
     across = Z if follower.flat is None else axes_from_z(follower.flat)[:, 0]
     return follows(c.numbers["curve"], follower, across)
-
-
-def _touching(c: ClosureData) -> Rows:
-    curves = c.numbers["curves"]
-    return touching(curves.one, curves.two, curves.side)
 
 
 def _fault_of_cam(c: ClosureData) -> tuple[str, str] | None:
@@ -316,6 +307,31 @@ def _fault_of_profile(curve: CurveShape) -> str:
     if not (curve.is_closed and curve.is_plane):
         return "of a cam is closed and in a plane: a circle, an ellipse or points"
     return "of a cam crosses itself" if curve.path is not None and curve.crosses_itself() else ""
+
+
+def _sided_follower(c: ClosureData, placed: pin.SE3, has_guess: bool) -> dict[str, Any]:
+    """Return the follower on the side of its cam that the guess shows, a roller without outside."""
+    curve, follower = c.numbers["curve"], c.numbers["follower"]
+    apart, side = placed.translation - curve.centre, 1
+    x, y, _ = curve.axes.T @ apart
+    if follower.flat is not None:
+        side = -1 if float(apart @ (placed.rotation @ follower.flat)) < 0.0 else 1
+    elif has_guess and (x or y):
+        if curve.at is None:
+            side = -1 if curve.part_inside(placed.translation[None]) else 1
+        else:
+            square = curve.radial()[0](Taylor([np.array([np.arctan2(y, x)])])).values[0][0]
+            side = 1 if x * x + y * y >= square else -1
+    return {"follower": replace(follower, side=side)}
+
+
+def _sided_profiles(c: ClosureData, placed: pin.SE3, has_guess: bool) -> dict[str, Any]:
+    """Return two profiles, one inside the other where the guess shows most of it there."""
+    both, back = c.numbers["curves"], placed.inverse()
+    nested = has_guess and max(
+        curve.part_inside(other.points() @ seen.rotation.T + seen.translation)
+        for curve, other, seen in ((both.one, both.two, placed), (both.two, both.one, back))) > 0.5
+    return {"curves": replace(both, side=-1 if nested else 1)} if has_guess else {}
 
 
 def _rope(c: ClosureData) -> Rows:
@@ -365,13 +381,16 @@ PAIRS: dict[str, Pair] = {
     "point_on_plane": Pair(5, _on_plane),
     "parallel": Pair(4, _parallel, aligned="z"),
     "perpendicular": Pair(5, _perpendicular, uses_axis2=True),
-    "point_on_curve": Pair(4, _on_curve, uses_axis=False, keys=(Key("curve", read=named_curve),)),
+    "point_on_curve": Pair(4, lambda c: on_curve(c.numbers["curve"]), uses_axis=False,
+                           keys=(Key("curve", read=named_curve),)),
     "frame_on_curve": Pair(2, _frame_on_curve, uses_axis=False, aligned="tangent",
                            keys=(Key("curve", read=named_curve),)),
-    "curve_on_curve": Pair(5, _touching, uses_axis=False,
-                           keys=(Key("curves", read=two_curves),), fault=_fault_of_profiles),
+    "curve_on_curve": Pair(5, lambda c: touching(c.numbers["curves"]), uses_axis=False,
+                           keys=(Key("curves", read=two_curves),), fault=_fault_of_profiles,
+                           at_guess=_sided_profiles),
     "cam": Pair(5, _cam, uses_axis=False, keys=(
-        Key("curve", read=named_curve), Key("follower", read=follower_of)), fault=_fault_of_cam),
+        Key("curve", read=named_curve), Key("follower", read=follower_of)), fault=_fault_of_cam,
+        at_guess=_sided_follower),
     "rope": Pair(5, _rope, uses_axis=False, has_more=True, keys=(Key("length"),),
                  fault=_fault_of_rope),
     "coupling": Pair(
@@ -425,12 +444,7 @@ OTHER_WORDS: dict[str, str] = {
 
 
 def hint_at_type(word: str, valid: Collection[str]) -> str:
-    """Return a hint for an unknown type; "" if there is none.
-
-    Args:
-        word: the unknown type.
-        valid: the types that are possible.
-    """
+    """Return a hint for an unknown type among the valid ones; "" if there is none."""
     plain = re.sub(r"[\s_-]+", "_", word.strip().lower()).removesuffix("joint").rstrip("_")
     pair = OTHER_WORDS.get(plain, plain if plain in PAIRS else "")
     if pair in valid:

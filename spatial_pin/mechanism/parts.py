@@ -161,11 +161,10 @@ class Closure:
         return len(self.rows)
 
     def with_equations(self, weights: Weights, length: float) -> Closure:
-        """Return it with sums of its equations only, each times its weight.
+        """Return it with sums of its equations only, by weights (n, n_rows).
 
-        Args:
-            weights: (n, n_rows). Where all rows have one entry each, 1, these equations stay.
-            length: what equations that are lengths are divided by [m].
+        Equations that are lengths are divided by a length [m]. Rows with one entry each, 1, leave
+        these equations as they are.
         """
         matrix = np.array(weights).reshape(-1, self.n_rows)
         if np.all(np.count_nonzero(matrix, axis=1) == 1):
@@ -454,12 +453,8 @@ class Passive:
 def drivers_of_tree(joints: Mapping[str, str], closures: Iterable[Closure]) -> dict[str, Driver]:
     """Return the drivers of an open tree that names none: every coordinate, by its own name.
 
-    Coordinates that couplings give are omitted. So are the components of balls and floating
-    joints, which are no entries of the configuration. A mechanism with loops gets none.
-
-    Args:
-        joints: pair by joint, in the order of the tree.
-        closures: the closures and couplings.
+    Coordinates that couplings give and components of balls and floating joints are omitted. A
+    mechanism with loops gets none. The pairs are by joint, in the order of the tree.
     """
     closures = list(closures)
     if any(c.frames for c in closures):
@@ -510,11 +505,7 @@ def frames_by_name(model: pin.Model) -> dict[str, int]:
 
 
 def add_frames(model: pin.Model, frames: Mapping[str, Frame], where: str) -> None:
-    """Put frames into a model, each after the one that it is fixed to.
-
-    Raises:
-        MechanismFileError: a name is taken, or is not there, or frames are fixed to each other.
-    """
+    """Put frames into a model, each after the one that it is fixed to; or refuse their names."""
     known = frames_by_name(model)
     for name in frames:
         if name in known or not name or not name.isprintable():

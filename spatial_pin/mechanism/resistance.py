@@ -32,15 +32,11 @@ class Resistance:
     Args:
         mechanism: the mechanism.
         slip_speed: instead of the file's: of all coordinates [rad/s, characteristic lengths per
-            second], or by driver, joint or coordinate [rad/s, m/s].
+            second], or by driver, joint or coordinate [rad/s, m/s], positive.
 
     Attributes:
         damping, friction, slip_speed: (nv,).
         at: indices of the coordinates that have any.
-
-    Raises:
-        UnknownNameError: a name does not exist.
-        ValueError: a slip speed is not positive and finite.
     """
 
     def __init__(self, mechanism: Mechanism, slip_speed: SlipSpeed | None = None) -> None:

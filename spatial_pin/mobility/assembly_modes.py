@@ -11,16 +11,16 @@ import numpy as np
 from spatial_pin._support.checks import checked, generator, mapping, positive_number
 from spatial_pin._support.progress import progress_bar
 from spatial_pin.assembly.assemble import assembled, default_driver_values, warn_of_rounding
-from spatial_pin.assembly.holding import free_bases
-from spatial_pin.assembly.redundant_equations import with_independent_equations
-from spatial_pin.assembly.search.guesses import read_guess
-from spatial_pin.assembly.search.loop_groups import (
+from spatial_pin.assembly.close import violated_limit
+from spatial_pin.assembly.holding import (
     LoopGroup,
     configuration_indices,
+    free_bases,
     loop_groups,
     part_of,
 )
-from spatial_pin.assembly.search.release import violated_limit
+from spatial_pin.assembly.redundant_equations import with_independent_equations
+from spatial_pin.assembly.start_values import read_guess
 from spatial_pin.errors import AssemblyError, ContinuumError, unless_cut
 from spatial_pin.mechanism.coordinates import (
     coordinate_value,
@@ -30,8 +30,18 @@ from spatial_pin.mechanism.coordinates import (
 )
 from spatial_pin.mechanism.joint_limits import beyond_limits
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mobility.mode_check import SAME_MODE, BodyMark, ModeCheck, ModeKind, signs_of
-from spatial_pin.mobility.mode_list import AssemblyModes, Continuum, labels, missing_by, order
+from spatial_pin.mobility.mode_check import (
+    SAME_MODE,
+    AssemblyModes,
+    BodyMark,
+    Continuum,
+    ModeCheck,
+    ModeKind,
+    labels,
+    missing_by,
+    order,
+    signs_of,
+)
 from spatial_pin.mobility.mode_search import MOST_MODES, Mode, ModeSearch, moving
 from spatial_pin.mobility.rods import core_of, rods_of
 from spatial_pin.numerics.linalg import Array

@@ -19,10 +19,12 @@ from spatial_pin.assembly.passive_freedoms import (
 )
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.kernel.loop_equations import LoopEquations
-from spatial_pin.mobility.independent_loops import ALGEBRA_TOLERANCE
 from spatial_pin.numerics.linalg import Array, common_rows, decompose, null_space
 from spatial_pin.numerics.tolerances import TOLERANCES
 
+# Singular value of twists that counts as zero: axes from files with nine or more digits coincide;
+# six digits need `gap`.
+ALGEBRA_TOLERANCE = 1e-8
 # Motion of a body without an opened loop [rad, characteristic lengths]: a first-order freedom opens
 # it by the square, 0.1.
 IDLE_MOTION = 0.3

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.assembly.search.guesses import read_guess
+from spatial_pin.assembly.start_values import read_guess
 from spatial_pin.errors import ContinuumError
 from spatial_pin.kernel.closer import Closer
 from spatial_pin.mechanism.coordinates import with_values
@@ -18,13 +18,13 @@ from spatial_pin.mobility.finite_motions import PATH_LENGTH, SETTING_OUT
 from spatial_pin.mobility.mode_check import (
     SAME_MODE,
     BodyMark,
+    Continuum,
     ModeCheck,
     ModeKind,
     are_joined,
     continuum_at,
     rows_of,
 )
-from spatial_pin.mobility.mode_list import Continuum
 from spatial_pin.mobility.rods import Core, Rod
 from spatial_pin.numerics.linalg import Array, null_space, null_vectors
 from spatial_pin.numerics.tolerances import TOLERANCES

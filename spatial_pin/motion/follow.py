@@ -10,7 +10,7 @@ import numpy as np
 
 from spatial_pin._support.checks import as_array, checked, finite_array, mapping, names_of
 from spatial_pin._support.progress import progress_bar
-from spatial_pin.assembly.held_start import held_start
+from spatial_pin.assembly.assemble import held_start
 from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.workspaces import Workspaces

@@ -16,8 +16,8 @@ from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.joint_limits import SLACK, JointLimit, joint_limits
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Event, Motion
-from spatial_pin.numerics.hermite import quintic
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.piecewise import quintic
 from spatial_pin.numerics.roots import sign_change
 from spatial_pin.settings import Accuracy
 

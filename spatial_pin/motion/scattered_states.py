@@ -18,13 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin._support.checks import checked, names_of
-from spatial_pin._support.executors import in_order
-from spatial_pin._support.progress import progress_bar
-from spatial_pin.assembly.held_start import held_start, starting_state
+from spatial_pin._support.progress import in_order, progress_bar
+from spatial_pin.assembly.assemble import held_start, starting_state
 from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.redundant_equations import allowed_from, gap_allowed
 from spatial_pin.assembly.samples import PIECE
-from spatial_pin.assembly.search.guesses import read_guess
+from spatial_pin.assembly.start_values import read_guess
 from spatial_pin.assembly.state import State, all_angles
 from spatial_pin.constraints.workspaces import Workspaces
 from spatial_pin.continuation.path_tracker import PathTracker

@@ -21,9 +21,8 @@ from spatial_pin._support.checks import (
 from spatial_pin._support.columns import read_only
 from spatial_pin._support.lazy import made_once
 from spatial_pin._support.progress import progress_bar
-from spatial_pin.assembly.assemble import assembly_problem, held_values, solved
+from spatial_pin.assembly.assemble import assembly_problem, held_start, held_values, solved
 from spatial_pin.assembly.close import NOTHING
-from spatial_pin.assembly.held_start import held_start
 from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.redundant_equations import gap_allowed
 from spatial_pin.assembly.state import State

@@ -378,3 +378,8 @@ def determinant_sign_of(a: Array) -> int:
     """Return the sign (-1, 0, 1) of the determinant of `a` (n, n)."""
     lu, order, _ = dense.lu(a)
     return pivots_of(lu, order)[0]
+
+
+def whole_turns(angle: Any) -> Any:
+    """Return the whole turns nearest to an angle, or to each of several [rad]."""
+    return 2.0 * np.pi * np.round(angle / (2.0 * np.pi))

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from spatial_pin.numerics.angles import whole_turns
+from spatial_pin.numerics.linalg import whole_turns
 
 Coefficient = Any  # an array, or a number for all of its entries
 

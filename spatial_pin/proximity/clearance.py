@@ -177,17 +177,18 @@ class Clearance:
         lines = [f"{motion.mechanism.name}: {len(self.pairs)} pairs of links over {over}, "
                  f"{len(self.touching)} of them touch; {len(self.joined)} are joined"
                  f"{'' if self.is_whole else f'; cut short at {len(motion)} samples'}"]
-        width = max(len(_names(p)) for p in self.pairs[:SHOWN])
+        width = max(len(in_words(p)) for p in self.pairs[:SHOWN])
         for pair in self.pairs[:SHOWN]:
             touch = "".join(f", touch from {c.begin:.9g} to {c.end:.9g}" for c in pair.contacts)
-            lines.append(f"  {_names(pair):{width}}  {pair.distance: .6e} m at "
+            lines.append(f"  {in_words(pair):{width}}  {pair.distance: .6e} m at "
                          f"{pair.value:.9g}{touch}")
         if len(self.pairs) > SHOWN:
             lines.append(f"  {len(self.pairs) - SHOWN} more are farther apart")
         return "\n".join(lines)
 
 
-def _names(pair: PairClearance) -> str:
+def in_words(pair: PairClearance) -> str:
+    """Return the names of two links."""
     return " and ".join(pair.links)
 
 

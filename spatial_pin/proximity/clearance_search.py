@@ -15,8 +15,8 @@ import pinocchio as pin
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.motion.motion import Motion, first_samples
-from spatial_pin.numerics.hermite import quintic
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.piecewise import quintic
 from spatial_pin.numerics.roots import sign_change
 from spatial_pin.proximity.distances import Distances, Nearest
 
@@ -143,17 +143,11 @@ class MotionPoint(NamedTuple):
 
 
 class PairResult(NamedTuple):
-    """The result for a pair of links.
+    """The result for a pair of links."""
 
-    Attributes:
-        at: point of the least distance.
-        nearest: the distance there.
-        contacts: first and last point of each contact.
-    """
-
-    at: MotionPoint
-    nearest: Nearest
-    contacts: tuple[tuple[MotionPoint, MotionPoint], ...]
+    at: MotionPoint  # point of the least distance
+    nearest: Nearest  # the distance there
+    contacts: tuple[tuple[MotionPoint, MotionPoint], ...]  # first and last point of each contact
 
 
 class SampledClearance:
@@ -190,7 +184,16 @@ class SampledClearance:
                         self.between.at(row - 1, 0.5), self.between.closed(row - 1, 0.5))))
                     if strayed.max(initial=0.0) > STRAY * self.certain:
                         self._rough.add(row - 1)
-                self._travelled.append(self._approach(row, before, here))
+                # the approach of links at even parts of the step, (parts + 1, pairs)
+                turns = self.between.turned(row - 1) / WHOLE_TURN
+                parts = EVEN_PARTS * max(1, int(np.ceil(turns)))
+                steps = [np.zeros(self.sampled.shape[1])]
+                for k in range(1, parts + 1):
+                    there = here if k == parts else self.distances.middles(
+                        self._configuration(row - 1, k / parts))
+                    steps.append(self.distances.approach(before, there))
+                    before = there
+                self._travelled.append(np.cumsum(steps, axis=0))
             before = here
             yield row
 
@@ -201,21 +204,6 @@ class SampledClearance:
             go = self.between.closed if row in self._rough else self.between.at
             self._known_configurations[point] = go(row, part)
         return self._known_configurations[point]
-
-    def _approach(self, row: int, before: tuple[Array, Array], here: tuple[Array, Array]) -> Array:
-        """Return the approach of links at even parts of the step to a sample.
-
-        Returns:
-            (parts + 1, pairs).
-        """
-        parts = EVEN_PARTS * max(1, int(np.ceil(self.between.turned(row - 1) / WHOLE_TURN)))
-        steps: list[Array] = []
-        for k in range(1, parts + 1):
-            there = here if k == parts else self.distances.middles(
-                self._configuration(row - 1, k / parts))
-            steps.append(self.distances.approach(before, there))
-            before = there
-        return np.cumsum([np.zeros(self.sampled.shape[1]), *steps], axis=0)
 
     def cut(self, n: int) -> Self:
         """Return a search of the first samples alone, which are computed."""

@@ -43,15 +43,10 @@ WIDE_GAP = 0.2  # angle between such directions [rad]
 
 
 class Nearest(NamedTuple):
-    """The distance of two links.
+    """The distance of two links."""
 
-    Attributes:
-        distance: below zero the depth of overlap [m].
-        points: (2, 3) nearest points of both, in the world [m].
-    """
-
-    distance: float
-    points: Array
+    distance: float  # below zero the depth of overlap [m]
+    points: Array  # (2, 3) nearest points of both, in the world [m]
 
 
 NOWHERE = Nearest(np.inf, np.full((2, 3), np.nan))
@@ -239,13 +234,9 @@ def _half_sine(before: Array, after: Array) -> Array:
 def segments_apart(between: Array, first: Array, second: Array) -> Array:
     """Return the distances (n,) of pairs of segments.
 
-    The point of the first that is nearest to the second's line, then that of the second, then that
-    of the first again, each within its segment.
-
-    Args:
-        between: (n, 3) from the middles of the second to those of the first.
-        first: (n, 3) from the middles to an end of each.
-        second: (n, 3) for the second segments.
+    `between` (n, 3) are from the middles of the second to those of the first; `first` and `second`
+    (n, 3) from the middles to an end. The point of the first that is nearest to the second's line
+    is taken, then that of the second, then that of the first again, each within its segment.
     """
     a, b, c, d, e = (np.einsum("ki,ki->k", x, y) for x, y in (
         (first, first), (first, second), (second, second), (first, between), (second, between)))
@@ -264,9 +255,8 @@ def nearest(
 ) -> Nearest:
     """Return the distance of two solids.
 
-    The distance of convex solids is the largest of their distances along all directions, also for
-    overlapping ones; the direction of the nearest points attains it. A wrong answer of coal is
-    detected by that, and by other tolerances.
+    It is the largest of their distances along all directions, also for overlapping ones; the
+    direction of the nearest points attains it. That, and other tolerances, detect wrong answers.
     """
     normals = []
     for request in _requests():

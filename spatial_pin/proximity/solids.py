@@ -15,25 +15,17 @@ from spatial_pin.numerics.linalg import Array
 
 
 class ConvexSolid(NamedTuple):
-    """A convex solid of a link.
+    """A convex solid of a link."""
 
-    Attributes:
-        link: name of the link.
-        joint: joint of its frame.
-        rotation, position: (3, 3), (3,) in that frame.
-        shape: for coal.
-        centre, radius: (3,) in that frame, of a sphere around it [m].
-        half, thickness: (3,) in that frame, from the centre to an end of a segment, and the radius
-            about it that contains the solid [m].
-    """
-
-    link: str
-    joint: int
-    rotation: Array
+    link: str  # name of the link
+    joint: int  # joint of its frame
+    rotation: Array  # rotation, position: (3, 3), (3,) in that frame
     position: Array
-    shape: coal.ShapeBase
-    centre: Array
+    shape: coal.ShapeBase  # for coal
+    centre: Array  # centre, radius: (3,) in that frame, of a sphere around it [m]
     radius: float
+    # half, thickness: (3,) in that frame, from the centre to an end of a segment, and the radius
+    # about it that contains the solid [m]
     half: Array
     thickness: float
 
@@ -83,12 +75,7 @@ def _solid(
 
 
 def hulls(points: Array, corners: Array) -> Iterator[coal.ShapeBase]:
-    """Yield the convex hull of each connected part of a mesh.
-
-    Args:
-        points: (n, 3) [m]; points at one place are one.
-        corners: (m, 3) of triangles.
-    """
+    """Yield the convex hull of each connected part of a mesh of triangles (m, 3)."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import ConvexHull, QhullError

@@ -16,13 +16,19 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.checks import names_of
 from spatial_pin._support.lazy import made_once
-from spatial_pin.assembly.holding import Hold, free_bases, velocity_entries
-from spatial_pin.assembly.search.loop_groups import LoopGroup, loop_groups, part_of
+from spatial_pin.assembly.holding import (
+    Hold,
+    LoopGroup,
+    free_bases,
+    loop_groups,
+    part_of,
+    velocity_entries,
+)
 from spatial_pin.assembly.state import State, made
 from spatial_pin.assembly.undetermined import rank_loss
 from spatial_pin.errors import SingularError
+from spatial_pin.kernel.kernel import frame_in_kernel
 from spatial_pin.kernel.loop_equations import loops_of
-from spatial_pin.kernel.packing import frame_in_kernel
 from spatial_pin.kernel.paths import PathSamples
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry

@@ -13,9 +13,8 @@ from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.holding import BASE, FixedHold, Hold, free_bases, hashable_hold, is_base
 from spatial_pin.assembly.samples import angles_of, is_motion, pieces, samples_of
 from spatial_pin.assembly.state import State
-from spatial_pin.kernel.kernel import kernel_of
+from spatial_pin.kernel.kernel import frame_in_kernel, kernel_of
 from spatial_pin.kernel.loop_equations import loops_of
-from spatial_pin.kernel.packing import frame_in_kernel
 from spatial_pin.mechanism.coordinates import finite_array, require_mechanism
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS

@@ -18,7 +18,7 @@ from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State, center_of_mass, mass_shares, of_mechanism
 from spatial_pin.constraints.compiled_equations import composed_rates
 from spatial_pin.constraints.pinocchio_views import TWIST_MATRIX
-from spatial_pin.constraints.tree_motion import TreeMotion
+from spatial_pin.constraints.trees import TreeMotion
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of

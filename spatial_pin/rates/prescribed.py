@@ -23,9 +23,8 @@ from spatial_pin.assembly.samples import angles_of, at_sample, pieces
 from spatial_pin.assembly.square_system import SINGULAR_PIVOT, SquareSystem
 from spatial_pin.assembly.state import State
 from spatial_pin.errors import SingularError, SpatialPinError
-from spatial_pin.kernel.kernel import Kernel, kernel_of
+from spatial_pin.kernel.kernel import FrameInKernel, Kernel, kernel_of
 from spatial_pin.kernel.loop_equations import loops_of
-from spatial_pin.kernel.packing import FrameInKernel
 from spatial_pin.kernel.paths import prescribed_indices
 from spatial_pin.kernel.rate_solver import Chosen, RateRows, RateSolver, rates_of
 from spatial_pin.mechanism.coordinates import coordinates_of, driver_coordinates

@@ -23,7 +23,7 @@ from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Closure
-from spatial_pin.mobility.independent_loops import joints_between
+from spatial_pin.mobility.mobility import joints_between
 from spatial_pin.motion.motion import FRAME_UNITS
 from spatial_pin.motion.outputs import COORDINATE_OUTPUTS, component, is_force, is_of_whole
 from spatial_pin.numerics.linalg import Array, null_space, rank

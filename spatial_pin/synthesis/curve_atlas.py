@@ -237,14 +237,8 @@ def _homotopy(
 ) -> AtlasStart | None:
     """Return a curve moved to the path; None if the bounds do not allow it.
 
-    The curve moves as a whole in small steps, by dimensions from Newton's method. A path with free
-    placement or scale is moved to the curve instead.
-
-    Args:
-        atlas: of the path.
-        alike: a curve with a part similar to the path.
-        size: factor by which the curve must grow.
-        rotation: (3, 3) by which it must turn.
+    The curve grows by a factor and turns by a rotation (3, 3), as a whole in small steps, by
+    dimensions from Newton's method. A path with free placement or scale is moved instead.
     """
     p, goal, x = atlas.p, atlas.goal, alike.x.copy()
     size, turn = max(size, LEAST_SIZE), pin.log3(rotation)

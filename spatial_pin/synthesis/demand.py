@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.assembly.assemble import assembled
-from spatial_pin.assembly.search.whole_turns import nearest_turn
+from spatial_pin.assembly.start_values import nearest_turn
 from spatial_pin.assembly.state import State
 from spatial_pin.dimensions.dimension_batch import DimensionFamily
 from spatial_pin.dimensions.homotopy import followed
@@ -194,19 +194,21 @@ class AtMost(Demand):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MotionDemand(Demand):
-    """A demand over a motion.
+    """A demand over a motion."""
 
-    Attributes:
-        driver: name of the driver; None: the only one.
-        at: (k,) driver values; None: a turn, or from limit to limit.
-    """
+    driver: str | None = None  # name of the driver; None: the only one
+    at: Array | None = None  # (k,) driver values; None: a turn, or from limit to limit
 
-    driver: str | None = None
-    at: Array | None = None
+    @property
+    def mover(self) -> str:
+        """The driver in words."""
+        return self.driver or "the driver"
 
     def check(self, mechanism: Mechanism) -> None:
         """See `Goal`."""
         mechanism.driven_coordinate(self.moved_by(mechanism))
+        if output := getattr(self, "output", ""):
+            mechanism.coordinate(output)
 
     def moved_by(self, mechanism: Mechanism) -> str:
         """Return the driver."""
@@ -243,7 +245,6 @@ def _peak(
     motion: Motion, measured: Array, rows: NDArray[np.intp], measure: Callable[[Motion], Array]
 ) -> float:
     """Return the largest value of a measure at samples, refined between them if it counts."""
-    assert motion.driver_name is not None
     driver, best = motion.driver_name, int(rows[np.argmax(measured[rows])])
     highest = float(measured[best])
     inside = 0 < best < len(measured) - 1 and highest >= max(measured[best - 1], measured[best + 1])
@@ -267,15 +268,9 @@ def _peak(
 
 
 def smooth_peak(x: Array, y: Array, at: Callable[[Array], Array]) -> float | None:
-    """Return the height of a smooth peak, by parabolas closer and closer to the top.
+    """Return the height of a smooth peak of a function, by parabolas closer and closer to the top.
 
-    Args:
-        x: (3,) in order, around the peak.
-        y: (3,) values there.
-        at: the function, of (3,).
-
-    Returns:
-        None if the function is not smooth there.
+    Values y (3,) at x (3,) are around it. None if the function is not smooth there.
     """
     wide, top, before = float(x[2] - x[0]), 0.0, 0.0
     for closer in CLOSER:

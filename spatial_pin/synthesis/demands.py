@@ -48,11 +48,6 @@ class Swing(MotionDemand):
         """See `Goal`."""
         return str(mechanism.coordinate(self.output).unit)
 
-    def check(self, mechanism: Mechanism) -> None:
-        """See `Goal`."""
-        super().check(mechanism)
-        mechanism.coordinate(self.output)
-
     def values(self, candidate: Candidate) -> Array:
         """See `Demand`: relative to the size of the coordinate."""
         motion, is_turn = self.motion(candidate)
@@ -73,7 +68,6 @@ def _ends(motion: Motion, output: str, is_turn: bool) -> tuple[float, float]:
     d beyond the last sample, x = x0 + c sqrt(d) + e d.
     """
     value, rate, acceleration = motion.coordinate(output)
-    assert motion.driver_name is not None
     ends, at = [value.min(), value.max()], motion.swept
     for k in np.flatnonzero(rate[:-1] * rate[1:] < 0.0):
         span = at[k + 1] - at[k]
@@ -133,12 +127,7 @@ REGULAR = 1e-4
 class FullTurn(MotionDemand):
     """A driver that turns fully."""
 
-    _unit = "rad"
-
-    @property
-    def name(self) -> str:
-        """See `Goal`."""
-        return f"full turn of {self.driver or 'the driver'}"
+    _words, _unit = "full turn of {0.mover}", "rad"
 
     def check(self, mechanism: Mechanism) -> None:
         """See `Goal`."""
@@ -157,7 +146,6 @@ class FullTurn(MotionDemand):
             gap = max(0.0, TURN - float(np.ptp(motion.swept)))
             return (REGULAR + 1.0 - np.cos(0.5 * gap)) * np.eye(PARTS)[0]
         mechanism = motion.mechanism
-        assert motion.driver_name is not None
         names = {motion.driver_name, *(d.joint for d in mechanism.drivers.values())}
         driven = [mechanism.driven_coordinate(name).v for name in names]
 
@@ -195,12 +183,8 @@ class LeastTransmission(MotionDemand):
         moved = MovedOutput.of(motion.mechanism, self.output,
                                self.moved_by(candidate.mechanism), self.pair)
 
-        def missing(motion: Motion) -> Array:
-            return self.at_least - np.array([
-                moved.angle(motion.mechanism, q, angles)
-                for q, angles in zip(motion.q, motion.angles, strict=True)])
-
-        return self.worst(motion, missing)
+        return self.worst(motion, lambda some: self.at_least - moved.angles(
+            some.mechanism, some.q, some.angles))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -314,11 +298,7 @@ class MostEffort(AtMost, MotionDemand):
     """The effort of a driver that holds loads at rest."""
 
     loads: Mapping[str, Array] = field(default_factory=dict)
-
-    @property
-    def name(self) -> str:
-        """See `Goal`."""
-        return f"effort of {self.driver or 'the driver'}"
+    _words = "effort of {0.mover}"
 
     def unit_of(self, mechanism: Mechanism) -> str:
         """See `Goal`."""

@@ -86,13 +86,7 @@ class DesignProblem(DesignSpace):
     def solve_from(
         self, x: Array, near: list[GoalStates], weights: Sequence[float]
     ) -> LocalSolution:
-        """Return the local solution from configurations.
-
-        Args:
-            x: (n,) unknowns.
-            near: configurations of each goal of precision.
-            weights: penalties of open loops in their order; none if the loops are closed.
-        """
+        """Return the local solution near configurations, with penalties of open loops."""
         fit = LocalFit(self)
         try:
             return fit.solved(x, near, weights)
@@ -100,14 +94,10 @@ class DesignProblem(DesignSpace):
             return LocalSolution(x, np.inf, np.inf, (), fit.evaluations, str(error))
 
     def solve(self, x: Array, rng: np.random.Generator | None = None) -> LocalSolution:
-        """Return the local solution from a start.
+        """Return the local solution from a start: random configurations, or those of the guess.
 
         If all goals are exact and missed, a batch of random starts is fitted together. The result
         is then the first of their distinct solutions, with the others.
-
-        Args:
-            x: (n,) unknowns.
-            rng: for random configurations; None: from the closed state of the guess.
         """
         try:
             near = self.start_states(x, rng)

@@ -19,9 +19,8 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin._support.checks import whole_number
-from spatial_pin._support.executors import in_order
 from spatial_pin._support.output_files import named_path, write_text
-from spatial_pin._support.progress import progress_bar
+from spatial_pin._support.progress import in_order, progress_bar
 from spatial_pin.assembly.state import State
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism

@@ -200,16 +200,8 @@ class InnerProblem(GoalEquations):
     ) -> tuple[GoalStates, GoalRows]:
         """Return the end of Levenberg's method, with the equations there.
 
-        Args:
-            members: mechanisms, one for all or one for each configuration.
-            samples: start configurations.
-            own: the goal's own numbers.
-            known: makes an object with `steps` from the equations.
-            judged: compares new objects with old ones: which steps help, which samples have
-                converged.
-            first: first damping.
-            least: least damping after a step that did not help.
-            most: most steps.
+        `known` makes an object with `steps` from the equations; `judged` compares new ones with old
+        ones: which steps help, which samples have converged. `first` and `least` are dampings.
         """
         each = self._each(members, len(samples.q))
         rows, angles = self.rows(each, samples, own)

@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 from spatial_pin.dimensions.dimension_batch import EvaluatedBatch
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.numerics.angles import whole_turns
-from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.linalg import Array, whole_turns
 
 FAR = 10.0  # ratio to the mechanism's size: beyond, a drawing is in pixels or another unit
 Slopes = tuple[Array, Array, Array]  # residual (m, r), derivatives (m, r, nv) and (m, r, n_own)
@@ -68,17 +67,12 @@ class Goal(ABC):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Precision(Goal):
-    """A goal at k configurations.
+    """A goal at k configurations."""
 
-    Attributes:
-        drivers: values (k,) of coordinates at the samples; empty: the timing is free.
-        input_offset: whether the drivers have free zeros.
-        width: residuals of a sample.
-    """
-
+    # values (k,) of coordinates at the samples; empty: the timing is free
     drivers: Mapping[str, Array] = field(default_factory=dict)
-    input_offset: bool = False
-    width: ClassVar[int]
+    input_offset: bool = False  # whether the drivers have free zeros
+    width: ClassVar[int]  # residuals of a sample
 
     def __len__(self) -> int:
         """Return the number of configurations."""

@@ -105,15 +105,7 @@ def screenshot(
 def write_gif(
     path: Path, seconds: Sequence[float], camera: Shoot, fps: float, colours: int = COLOURS
 ) -> None:
-    """Write an endless GIF with one palette for all frames.
-
-    Args:
-        path: file to write.
-        seconds: times of the frames, each is shown for 1/fps [s].
-        camera: from a time [s] to a picture.
-        fps: frames a second, at most 50.
-        colours: number of colours, at most 256.
-    """
+    """Write an endless GIF with one palette, `fps` frames a second at most 50, at times [s]."""
     from PIL import Image
 
     if fps > FASTEST_GIF:
@@ -136,14 +128,7 @@ def write_gif(
 
 
 def write_mp4(path: Path, seconds: Sequence[float], camera: Shoot, fps: float) -> None:
-    """Write an MP4 (H.264) that every player shows; needs imageio-ffmpeg.
-
-    Args:
-        path: file to write.
-        seconds: times of the frames [s].
-        camera: from a time [s] to a picture.
-        fps: frames a second.
-    """
+    """Write an MP4 (H.264) that every player shows; needs imageio-ffmpeg."""
     try:
         from imageio_ffmpeg import write_frames
     except ImportError as error:

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from spatial_pin.numerics.linalg import Array, row_space, singular_values
 from spatial_pin.numerics.roots import sign_change
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.workspace.filled_grid import Border, FilledGrid, Index, signs
+from spatial_pin.workspace.filled_grid import FilledGrid, Index, signs
 from spatial_pin.workspace.grid_lines import (
+    Border,
     GridConfig,
     GridLine,
     motion_along,
@@ -44,12 +45,9 @@ class FrameTask(NamedTuple):
 
 
 def task_of(jacobians: Array, wanted: str | None) -> FrameTask:
-    """Return the wanted task, or the one with a direction for each driver.
+    """Return the wanted task, "position" or "pose", for Jacobians (m, 6, c) in natural units.
 
-    Args:
-        jacobians: (m, 6, c) in natural units.
-        wanted: "position" or "pose"; None: position, unless only poses have as many directions as
-            there are drivers.
+    None: position, unless only poses have as many directions as there are drivers.
     """
     n = jacobians.shape[-1]
     known = jacobians[~np.isnan(jacobians).any(axis=(1, 2))]
@@ -143,7 +141,7 @@ def _zero(task: FrameTask, config: GridConfig, run: GridLine, sign: int) -> Bord
 
     def determinant(value: float) -> float:
         motion, n, _ = motion_along(config, run, np.array([value]))
-        if motion is None or n < 2:
+        if n < 2:
             return np.nan
         jacobians = natural_jacobians(config, [motion.state(1)])
         if np.isnan(jacobians).any():  # drivers do not determine the pose: there it is infinite
@@ -160,7 +158,7 @@ def _zero(task: FrameTask, config: GridConfig, run: GridLine, sign: int) -> Bord
         value = sign_change(determinant, ends[0], ends[1], first, last,
                             xtol=LOCATED * abs(to - begin), rtol=1e-15)
     motion, n, _ = motion_along(config, run, np.array([value]))
-    if motion is None or n < 2:
+    if n < 2:
         return None
     zero = restarted(run, float(value), motion, 1)
     return Border(zero.at, motion.frame(config.frame).position[1], SINGULAR, zero.q, zero.angles)

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from itertools import product
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin._support.executors import in_order
+from spatial_pin._support.progress import in_order
 from spatial_pin.assembly.holding import held_by, is_base
 from spatial_pin.assembly.state import State
 from spatial_pin.errors import SpatialPinError
@@ -20,8 +20,8 @@ from spatial_pin.mechanism.joint_limits import beyond_limits
 from spatial_pin.mobility.assembly_modes import assembly_modes
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.proximity.distances import Distances
 from spatial_pin.workspace.grid_lines import (
+    Border,
     GridConfig,
     GridLine,
     LinePoints,
@@ -34,16 +34,6 @@ LINES_TOGETHER = 16  # lines that a worker gets at a time: the mechanism is sent
 NOT_CONNECTED = "no way along the grid"
 NOT_LOOKED_AT = "not looked at"
 Index = tuple[int, ...]
-
-
-class Border(NamedTuple):
-    """The end of the branch on a line of the grid, or a zero of a determinant."""
-
-    drivers: Array  # (k,) values of the grid's coordinates
-    point: Array  # (3,) of the frame
-    why: str  # the reason
-    q: Array | None = None  # a configuration there, or just before; None if unknown
-    angles: Array | None = None
 
 
 class FilledGrid:
@@ -138,9 +128,7 @@ class FilledGrid:
                 new += 1
         if (end := rows.end) is not None:
             self._ended |= {(axis, step, line[0]), (axis, step, line[m])}
-            drivers = self.at(line[m])
-            drivers[axis] = end.value
-            self.borders.append(Border(drivers, end.point, end.why, end.q, end.angles))
+            self.borders.append(end)
             for index in line[m + 1 :]:
                 if not self.reached[index]:
                     self.why.setdefault(index, end.why)
@@ -188,7 +176,7 @@ def other_starts(filling: FilledGrid) -> Iterator[tuple[Index, LinePoints]]:
     begin = filling.data["q"][first]
     fixed = [coordinate_value(mechanism, mechanism.prescribed_coordinate(n), begin)
              for n in names[len(config.names):]]
-    distances = None if config.apart is None else Distances(config.body)
+    distances = config.distances()
     each = [sorted({round(x) for x in np.linspace(0, n - 1, SEEDS_A_COORDINATE + 2)[1:-1]})
             for n in filling.shape]
     seeds: list[Index] = list(product(*each))
@@ -201,7 +189,7 @@ def other_starts(filling: FilledGrid) -> Iterator[tuple[Index, LinePoints]]:
             continue
         for state in modes:
             is_beyond = config.limits and beyond_limits(mechanism, state.q)
-            if not is_beyond and not (distances and touching(config, distances, state.q)):
+            if not is_beyond and not touching(config, distances, state.q):
                 yield index, one_of(config, state)
 
 

@@ -16,8 +16,14 @@ from spatial_pin.assembly.close import scaled_row
 from spatial_pin.assembly.holding import Hold, held_by
 from spatial_pin.assembly.state import State
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.inverse_kinematics.target_coordinates import ALL, Chain, ChainSegment, copy_at
-from spatial_pin.inverse_kinematics.target_tables import TargetCourse, TargetTable
+from spatial_pin.inverse_kinematics.target_coordinates import (
+    ALL,
+    Chain,
+    ChainSegment,
+    TargetCourse,
+    TargetTable,
+    copy_at,
+)
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array, decompose, rank
@@ -51,7 +57,7 @@ def posed(
 
     Returns:
         A state of the copy, absolute positions [m], angles zero; its names of the parts of the
-        pose; fixed parts outside the grid; "position" or "pose".
+        pose; fixed parts outside the grid; the task.
 
     Args:
         start: closed state.

@@ -15,6 +15,7 @@ from spatial_pin.motion.joint_limit_events import KIND as JOINT_LIMIT
 from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.proximity.clearance import standing
 from spatial_pin.proximity.clearance_search import DISTANCE_ERROR
 from spatial_pin.proximity.distances import Distances
 from spatial_pin.rates.jacobians import jacobian, moving_coordinates
@@ -54,12 +55,27 @@ class GridConfig(NamedTuple):
             self.body, self.columns, self.hold), self.hold)
         return given.driven[: given.n_moving]
 
+    def distances(self) -> Distances | None:
+        """Return the distances of links; None if they need not keep one."""
+        return None if self.apart is None else Distances(self.body)
+
     def own(self, state: State) -> State:
         """Return a configuration as a state of the mechanism itself."""
         if not self.is_posed:
             return state
         return State(self.body, state.q[: self.body.model.nq], closure_error=state.closure_error,
                      angles=state.angles)
+
+
+class Border(NamedTuple):
+    """The end of the branch on a line of the grid, or a zero of a determinant."""
+
+    drivers: Array  # (k,) values of the grid's coordinates
+    point: Array  # (3,) of the frame; NaN if it could not be followed so far, or is infinite
+    # the reason: "limit", "branch point", "singular", "lost", "joint limit: " and its name, ...
+    why: str
+    q: Array | None = None  # a configuration there, or just before; None if unknown
+    angles: Array | None = None
 
 
 class GridLine(NamedTuple):
@@ -72,15 +88,11 @@ class GridLine(NamedTuple):
     angles: Array
     error: float  # its closure error
 
-
-class Termination(NamedTuple):
-    """The end of the branch on a line."""
-
-    why: str  # "limit", "branch point", "singular", "lost", or "joint limit: " and its name
-    value: float  # of the coordinate that changes
-    point: Array  # (3,) of the frame there; NaN if it could not be followed so far, or is infinite
-    q: Array | None = None  # the last known configuration before it; None if unknown
-    angles: Array | None = None
+    def to(self, value: float) -> Array:
+        """Return the coordinates (k,) where the one that changes has a value."""
+        at = self.at.copy()
+        at[self.axis] = value
+        return at
 
 
 class LinePoints(NamedTuple):
@@ -92,23 +104,21 @@ class LinePoints(NamedTuple):
     points: Array  # (m, 3), (m, 3, 3) of the frame
     rotations: Array
     jacobians: Array  # (m, 6, c) of the frame in natural units
-    end: Termination | None  # reason of the end; None if all values were reached
+    end: Border | None  # reason of the end; None if all values were reached
 
 
 def followed(config: GridConfig, runs: Sequence[GridLine]) -> list[LinePoints]:
     """Return the points of some lines."""
-    distances = None if config.apart is None else Distances(config.body)
+    distances = config.distances()
     return [_along(config, run, distances) for run in runs]
 
 
 def motion_along(
     config: GridConfig, run: GridLine, values: Array
-) -> tuple[Motion | None, int, Termination | None]:
+) -> tuple[Motion, int, Border | None]:
     """Follow the branch from the start of a line to values of its coordinate.
 
-    Returns:
-        The motion, whose first row is the start; the number of its valid rows; and why there are no
-        more.
+    Return the motion from the start on, the number of its valid rows, and why there are no more.
     """
     others = [name for k, name in enumerate(config.names) if k != run.axis]
     start = State(config.mechanism, run.q, closure_error=run.error, angles=run.angles)
@@ -118,23 +128,24 @@ def motion_along(
                        hold=[*config.hold, *others, *config.standing],
                        on_limit="stop", on_crossing=config.on_crossing)
     except SpatialPinError as error:
-        partial: Motion | None = getattr(error, "motion", None)
-        n = 0 if partial is None else len(partial)
-        return partial, n, Termination(LOST, float(values[max(n - 1, 0)]), NOWHERE)
+        partial: Motion = getattr(error, "motion", None) or standing(start)
+        n = len(partial)
+        return partial, n, Border(run.to(float(values[n - 1])), NOWHERE, LOST)
     n, end = len(motion), None
     if n < len(values):
         last = motion.events[-1]  # what ended it
-        end = Termination(last.kind, last.value, NOWHERE)
+        end = Border(run.to(last.value), NOWHERE, last.kind)
     passed = [e for e in motion.events if e.kind == JOINT_LIMIT] if config.limits else []
     if passed:
         n, words = passed[0].row, passed[0].text.partition(" passed ")[0]
-        end = Termination(f"{JOINT_LIMIT}: {words}", passed[0].value, NOWHERE)
+        end = Border(run.to(passed[0].value), NOWHERE, f"{JOINT_LIMIT}: {words}")
     return motion, n, end
 
 
-def touching(config: GridConfig, distances: Distances, q: Array) -> str:
+def touching(config: GridConfig, distances: Distances | None, q: Array) -> str:
     """Return the links that are too near to each other, in words; empty if none."""
-    assert config.apart is not None
+    if distances is None or config.apart is None:
+        return ""
     distances.update(q[: config.body.model.nq])
     links = distances.touching(config.apart + DISTANCE_ERROR * config.body.characteristic_length)
     if links is None:
@@ -145,8 +156,8 @@ def touching(config: GridConfig, distances: Distances, q: Array) -> str:
 
 def _apart(
     config: GridConfig, run: GridLine, distances: Distances, motion: Motion, n: int,
-    end: Termination | None,
-) -> tuple[int, Termination | None]:
+    end: Border | None,
+) -> tuple[int, Border | None]:
     """Return the number of valid rows of a motion, and why no more, if links must keep a distance.
 
     Distances are checked at points of the grid; the end before a point with too near links is found
@@ -163,7 +174,7 @@ def _apart(
         while abs(bad - good) > CONTACT_ACCURACY * cell:
             middle = 0.5 * (good + bad)
             there, count, _ = motion_along(config, last, np.array([middle]))
-            if there is None or count < 2:
+            if count < 2:
                 break
             links = touching(config, distances, there.q[1])
             if links:
@@ -171,58 +182,48 @@ def _apart(
             else:
                 good, q, angles = middle, there.q[1], there.angles[1]
                 point = there.frame(config.frame).position[1]
-        return row, Termination(words, good, point, q, angles)
+        return row, Border(run.to(good), point, words, q, angles)
     return n, end
 
 
 def _along(config: GridConfig, run: GridLine, distances: Distances | None) -> LinePoints:
     motion, n, end = motion_along(config, run, run.values)
-    is_near = False
-    if motion is not None and distances is not None:
-        whole = n
+    followed = n
+    if distances is not None:
         n, end = _apart(config, run, distances, motion, n, end)
-        is_near = n < whole
-    if motion is None or n < 2:
-        n_angles, none = len(run.angles), np.empty((0, 3))
-        rows = LinePoints(np.empty((0, len(run.q))), np.empty((0, n_angles)), np.empty(0), none,
-                        np.empty((0, 3, 3)), natural_jacobians(config, []), end)
-        last = run
-    else:
-        frame = motion.frame(config.frame)
-        states = [motion.state(row) for row in range(1, n)]
-        q, angles, errors, points, turns = (x[1:n].copy() for x in (
-            motion.q, motion.angles, motion.closure_error, frame.position, frame.rotation))
-        rows = LinePoints(q, angles, errors, points, turns, natural_jacobians(config, states), end)
-        last = restarted(run, float(motion.swept[n - 1]), motion, n - 1)
-    if end is None or is_near:
-        return rows._replace(end=end)
-    return rows._replace(end=_seen(config, last, end))
+    if end is not None and n == followed:
+        last = run if n < 2 else restarted(run, float(motion.swept[n - 1]), motion, n - 1)
+        end = _seen(config, last, end)
+    frame = motion.frame(config.frame)
+    q, angles, errors, points, turns = (x[1:n].copy() for x in (
+        motion.q, motion.angles, motion.closure_error, frame.position, frame.rotation))
+    jacobians = natural_jacobians(config, [motion.state(row) for row in range(1, n)])
+    return LinePoints(q, angles, errors, points, turns, jacobians, end)
 
 
 def restarted(run: GridLine, value: float, motion: Motion, row: int) -> GridLine:
     """Return a line that begins at a row of a motion along another one."""
-    at = run.at.copy()
-    at[run.axis] = value
-    return run._replace(at=at, q=motion.q[row], angles=motion.angles[row],
+    return run._replace(at=run.to(value), q=motion.q[row], angles=motion.angles[row],
                         error=float(motion.closure_error[row]))
 
 
-def _seen(config: GridConfig, last: GridLine, end: Termination) -> Termination:
+def _seen(config: GridConfig, last: GridLine, end: Border) -> Border:
     """Return an end with the frame's point there, extrapolated from the configuration before it.
 
     Near a limit position points change as the square root of the driver's distance: they are taken
     as a parabola of it through three points. A joint limit may come before it.
     """
-    distance = end.value - last.at[last.axis]
+    value = end.drivers[last.axis]
+    distance = value - last.at[last.axis]
     if end.why == LOST or not distance:
         return end
-    near = end.value - BEFORE * NEAR_END * distance
+    near = value - BEFORE * NEAR_END * distance
     motion, n, other = motion_along(config, last, near)
     if other is not None and other.why.startswith(JOINT_LIMIT) and n < 4:
-        distance = other.value - last.at[last.axis]
-        near, end = other.value - BEFORE * NEAR_END * distance, other
+        value, end = other.drivers[last.axis], other
+        near = value - BEFORE * NEAR_END * (value - last.at[last.axis])
         motion, n, _ = motion_along(config, last, near)
-    if motion is None or n < 4:
+    if n < 4:
         return end
     positions = motion.frame(config.frame).position
     if np.ptp(positions[1:4], axis=0).max() > config.body.characteristic_length:

@@ -339,8 +339,7 @@ def _ahead(locus: Locus, spot: LocusPoint, length: float) -> tuple[LocusPoint | 
 def _bend(spot: LocusPoint, there: LocusPoint) -> float:
     """Return the largest distance of a curve from its chord, nearly.
 
-    An arc whose tangents make an angle a with its chord has a height of a/4 times the chord's
-    length.
+    The height of an arc whose tangents make an angle a with its chord is a/4 of its length.
     """
     chord = there.y - spot.y
     length = float(np.linalg.norm(chord))

@@ -8,21 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from spatial_pin._support.checks import finite_number, mapping, positive_number
-from spatial_pin.assembly.search.whole_turns import turn_free_difference
+from spatial_pin.assembly.start_values import turn_free_difference
 from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.workspace.dexterity import SINGULAR, FrameTask
-from spatial_pin.workspace.filled_grid import Border
-from spatial_pin.workspace.grid_lines import GridConfig
-from spatial_pin.workspace.locus import (
-    AT_CORNER,
-    LIMIT,
-    RANGE,
-    Locus,
-    Section,
-    walk,
-)
+from spatial_pin.workspace.grid_lines import Border, GridConfig
+from spatial_pin.workspace.locus import AT_CORNER, LIMIT, RANGE, Locus, Section, walk
 from spatial_pin.workspace.workspace_result import Curve, Workspace, unit_of
 
 MEETS = 1e3 * AT_CORNER  # distance of two ends of curves at one corner
@@ -42,13 +34,8 @@ def curves_of(
 ) -> list[Curve]:
     """Return the curves in a section of a grid, pieces of the boundary joined at corners.
 
-    Args:
-        config: the grid.
-        task: the task of the frame.
-        borders: points on lines of the grid in the section, where curves begin.
-        free: numbers of the two coordinates that span the section.
-        spans: (k, 2) ranges of all coordinates.
-        tolerance: largest distance between curve and polyline [rad, characteristic lengths].
+    They begin at `borders`. Two coordinates, by their numbers, are `free`; `spans` (k, 2) are the
+    ranges of all; `tolerance` is that of the polylines [rad, characteristic lengths].
     """
     kinds = {LIMIT} | ({SINGULAR} if task.is_square else set())
     with loops_of(config.mechanism) as evaluation:

@@ -25,7 +25,6 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.follow import follow
 from spatial_pin.motion.sweep import check_choice
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.proximity.distances import Distances
 from spatial_pin.rates.jacobians import jacobian
 from spatial_pin.rates.rates import check_not_held
 from spatial_pin.workspace.dexterity import (
@@ -37,9 +36,9 @@ from spatial_pin.workspace.dexterity import (
     measures,
     task_of,
 )
-from spatial_pin.workspace.filled_grid import Border, FilledGrid, one_of, other_starts, spread
+from spatial_pin.workspace.filled_grid import FilledGrid, one_of, other_starts, spread
 from spatial_pin.workspace.grid_axes import posed, read_ranges
-from spatial_pin.workspace.grid_lines import GridConfig, touching
+from spatial_pin.workspace.grid_lines import Border, GridConfig, touching
 from spatial_pin.workspace.workspace_result import Borders, Workspace
 
 STARTS_TRIED = 64  # points of the grid tried as first ones, the nearest to the assembled state
@@ -208,7 +207,7 @@ def _begin(filling: FilledGrid, start: State) -> None:
     grid = grid_of(filling.ticks)
     far = np.linalg.norm((grid - here) / steps, axis=1)
     error: object = "joint limits are passed"
-    distances = None if config.apart is None else Distances(config.body)
+    distances = config.distances()
     for row in np.argsort(far, kind="stable")[:STARTS_TRIED].tolist():
         ways = {name: np.array([a, b]) for name, a, b in zip(
             config.names, here.tolist(), grid[row].tolist(), strict=True)}
@@ -222,8 +221,7 @@ def _begin(filling: FilledGrid, start: State) -> None:
         if beyond:
             error = f"{next(iter(beyond))} is beyond its joint limit"
             continue
-        near = "" if distances is None else touching(config, distances, motion.q[1])
-        if near:
+        if near := touching(config, distances, motion.q[1]):
             error = near
             continue
         index = np.unravel_index(row, shape)

@@ -27,7 +27,6 @@ LAYERS = {
          "cli", "__main__"],
     "formats": ["xacro", "urdf", "graph", "sdf", "dialects", "usd", "mjcf",
                 "pinocchio_model"],
-    "assembly": ["search"],
     "dynamics": ["solvers", "derivatives", "simulation"],
     "view": ["scene", "page"],
     "cli": ["commands"],

@@ -1,6 +1,7 @@
 """Joint graphs: which joint of a loop is cut, and joints that the tree walks against the file."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -80,7 +81,7 @@ def ring(kinds, **changes) -> JointGraph:
     joints = []
     for k, kind in enumerate(kinds):
         joint = GraphJoint(f"j{k}", kind, names[k], names[k + 1], axis=X, axis2=Y)
-        joints.append(joint.with_changes(**changes.get(joint.name, {})))
+        joints.append(replace(joint, **changes.get(joint.name, {})))
     return JointGraph(tuple(Link(name, massless=False) for name in names[1:-1]), tuple(joints))
 
 

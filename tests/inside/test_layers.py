@@ -45,13 +45,12 @@ from spatial_pin.view.scene.film import film, length_words, nice
 from spatial_pin.view.scene.framing import ASPECT, FIELD_OF_VIEW, Framing, frame, occupied, rotate
 from spatial_pin.view.scene.layers import arrows
 from spatial_pin.view.scene.layers.arrows import TRACE_COLOURS
-from spatial_pin.view.scene.layers.contacts import contacts
-from spatial_pin.view.scene.layers.glyphs import GLYPHS, glyphs
-from spatial_pin.view.scene.layers.pair_axes import pairs_of
+from spatial_pin.view.scene.layers.glyphs import GLYPHS, glyphs, pairs_of
 from spatial_pin.view.scene.layers.visuals import (
     BODY_COLOURS,
     GROUND_COLOUR,
     colour,
+    contacts,
     link_of,
     skeleton,
 )

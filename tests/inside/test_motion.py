@@ -14,7 +14,7 @@ from spatial_pin.motion.joint_limit_events import (
     joint_limits,
     joint_limits_passed,
 )
-from spatial_pin.numerics.hermite import quintic
+from spatial_pin.numerics.piecewise import quintic
 
 
 def test_a_joint_without_room_between_its_limits_has_none(tmp_path):

@@ -113,7 +113,7 @@ def test_killed_movie_leaves_neither_browser_nor_half_a_file(tmp_path, how):
 def test_browser_that_dies_is_a_clear_error(is_noticed):
     with Browser(SIZE) as browser:
         os.killpg(browser._process.pid, 9)
-        while is_noticed and not browser._line._socket.protocol.stream.closed():
+        while is_noticed and browser._process.poll() is None:
             time.sleep(0.01)
         with pytest.raises(sp.SpatialPinError, match=r"went away|closed"):
             browser.evaluate("1")

@@ -13,8 +13,8 @@ from sameness import same_mechanisms
 from variety import each
 
 import spatial_pin as sp
-from spatial_pin.formats.dialects.registry import BESIDE, ELEMENTS, LEFT
 from spatial_pin.formats.importers import IMPORTERS
+from spatial_pin.formats.urdf_importer import BESIDE, ELEMENTS, LEFT
 
 pytestmark = pytest.mark.filterwarnings("ignore::spatial_pin.SpatialPinWarning")
 MASS = ('<inertial><origin xyz="{x} 0 0"/><mass value="{m}"/><inertia ixx="1e-4" iyy="1e-3" '

@@ -15,8 +15,7 @@ from spatial_pin.dimensions.dimension_batch import DimensionNumbers
 from spatial_pin.dimensions.homotopy import varied
 from spatial_pin.dimensions.variants import Variants
 from spatial_pin.formats.xacro.tracing import NUMPY, Tape, Traced, depends
-from spatial_pin.kernel.kernel import Kernel, address
-from spatial_pin.kernel.packing import packed
+from spatial_pin.kernel.kernel import Kernel, address, packed
 
 EPS = np.finfo(float).eps
 AXES = ("rspc",)  # the directions of its joints follow from a dimension

@@ -11,6 +11,7 @@ from variety import each
 from xacro_arms import HEAD, arm
 
 import spatial_pin as sp
+from spatial_pin.formats.importers import Request
 from spatial_pin.formats.xacro import expressions
 from spatial_pin.formats.xacro.expansion import expand
 
@@ -63,14 +64,14 @@ def test_it_is_what_xacro_makes(source, tmp_path):
         path = tmp_path / "r.urdf.xacro"
         path.write_text(source)
     wanted = xacro.process_file(str(path)).toxml()
-    assert_same(plain(expand(path, {})), plain(wanted))
+    assert_same(plain(expand(Request(path))), plain(wanted))
 
 
 def test_the_copies_leave_xacro_as_it_was(tmp_path):
     import xacro
 
     before = dict(vars(xacro))
-    expand(LIBRARY / "rssr.urdf.xacro", {})
+    expand(Request(LIBRARY / "rssr.urdf.xacro"))
     assert vars(xacro) == before and sys.modules["xacro"] is xacro
 
 
@@ -81,7 +82,7 @@ def test_the_parts_of_the_library_are_at_hand_wherever_a_file_lies(tmp_path):
       <xacro:body name="ball"><solids>
         <xacro:ball centre="0 0 0" radius="0.1" colour="red"/>
       </solids></xacro:body></robot>""")
-    (inertial,) = ET.fromstring(expand(path, {})).iter("inertial")
+    (inertial,) = ET.fromstring(expand(Request(path))).iter("inertial")
     assert float(inertial.find("mass").get("value")) == pytest.approx(7850 * 4 / 3 * np.pi * 1e-3)
 
 

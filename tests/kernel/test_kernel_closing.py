@@ -15,7 +15,7 @@ from variety import each
 import spatial_pin as sp
 from spatial_pin.assembly.close import close, pinned_rows
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.constraints.opposite_axes import opposite_axes
+from spatial_pin.constraints.vector_products import opposite_axes
 from spatial_pin.kernel.closer import (
     NAMED,
     TURNS,
@@ -135,8 +135,8 @@ def test_configurations_closed_in_one_go_are_those_closed_one_by_one(name: str) 
     free[mechanism.coordinate(next(iter(mechanism.drivers))).v] = False
     rest = free, turns, 1e-13, 60, (), 1e-9
     asked = ClosureSettings(free, None, 1e-13, 60, 1e-9, np.zeros(mechanism.model.nq, np.int64),
-                            q[0], q[0], None)
-    together, alone = Closer(mechanism).reach(q, asked, q[0]), Closer(mechanism)
+                            (q[0], q[0]), None)
+    together, alone = Closer(mechanism).solve(q, asked, q[0]), Closer(mechanism)
     for start, found in zip(q, together, strict=True):
         known = alone.close(start, *rest)
         assert np.array_equal(found.q, known.q)
@@ -161,12 +161,13 @@ def test_further_starts_tried_in_one_go_are_those_tried_one_by_one(
     kinds[[c.q for c in mechanism.coordinate_table.values() if c.q >= 0]] = NAMED
     steps = np.random.default_rng(7).uniform(-2.0, 2.0, (8, model.nv)) * mechanism.velocity_scale
     further = PerturbedStarts(steps[None], near, np.zeros(model.nv, np.int64))  # one group
-    asked = ClosureSettings(free, first if stays else None, 1e-13, 60, 1e-9, kinds, q, q, further)
-    start = Closer(mechanism).reach([_near(mechanism, 3, 0.5)], asked, q)[0].q
-    told = Closer(mechanism).reach([start], asked, start + 0.1, perturbed=True)
+    asked = ClosureSettings(free, first if stays else None, 1e-13, 60, 1e-9, kinds, (q, q),
+                            further)
+    start = Closer(mechanism).solve([_near(mechanism, 3, 0.5)], asked, q)[0].q
+    told = Closer(mechanism).solve([start], asked, start + 0.1, perturbed=True)
     alone, wanted, nearest = Closer(mechanism), [], np.inf
     for step in (np.zeros(model.nv), *steps):
-        (found,) = alone.reach([pin.integrate(model, start, step)], asked, start + 0.1)
+        (found,) = alone.solve([pin.integrate(model, start, step)], asked, start + 0.1)
         is_sound = found.error <= TOLERANCES.closed and not found.may_be_mirrored
         if not is_sound or found.distance < nearest:
             wanted.append(found)

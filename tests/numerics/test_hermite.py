@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from spatial_pin.numerics.hermite import quintic
+from spatial_pin.numerics.piecewise import quintic
 
 
 def test_a_quintic_is_found_from_values_and_derivatives_at_both_ends():

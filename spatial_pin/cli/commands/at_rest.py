@@ -2,34 +2,14 @@
 
 from __future__ import annotations
 
-import argparse
 from typing import Any
 
 import numpy as np
 
 import spatial_pin as sp
+from spatial_pin.cli import options as opt
 from spatial_pin.cli.commands.rates_and_forces import ROWS, UNITS, balance, external_forces
-from spatial_pin.cli.mechanism_arguments import (
-    check_held,
-    fitting,
-    in_units,
-    loaded,
-    or_partial_result,
-    state_at,
-    unique,
-    workers,
-)
-from spatial_pin.cli.options import (
-    CONFIGURATION,
-    WORKERS,
-    Command,
-    count,
-    data_options,
-    from_zero,
-    numbers,
-    option,
-    setting,
-)
+from spatial_pin.cli.mechanism_arguments import Options, in_units, or_partial_result, workers
 from spatial_pin.cli.printing import grid, print_result
 from spatial_pin.motion.summary import EFFORTS
 from spatial_pin.units import KINDS
@@ -37,26 +17,25 @@ from spatial_pin.units import KINDS
 FORCES = {"m": "N", "rad": "N·m"}  # unit of a coordinate: that of its force
 
 
-def _acting(options: argparse.Namespace, mechanism: sp.Mechanism) -> dict[str, Any]:
+def _acting(options: Options) -> dict[str, Any]:
     """Return the arguments for held coordinates, constant speeds and loads."""
-    check_held(options, mechanism)
-    efforts = unique(options, options.efforts)
+    options.check_held()
+    efforts = options.unique(options.efforts)
     for name, x in efforts.items():
-        unit = EFFORTS[mechanism.driven_coordinate(name).unit]
+        unit = EFFORTS[options.loaded.driven_coordinate(name).unit]
         in_units({f"the effort of {name}": x}, *KINDS[unit])
     given: dict[str, Any] = {"hold": options.hold or None, "efforts": efforts or None,
-                             "external": external_forces(options, mechanism) or None}
+                             "external": external_forces(options) or None}
     if "constant" in options:
-        given["speeds"] = fitting(
-            options, mechanism, unique(options, options.constant), "speed") or None
+        given["speeds"] = options.fitting(options.unique(options.constant), "speed") or None
     return given
 
 
-def equilibrium(options: argparse.Namespace) -> None:
+def equilibrium(options: Options) -> None:
     """Where it comes to rest under weights, springs and loads, and whether it stays."""
-    mechanism = loaded(options)
-    acting = _acting(options, mechanism)
-    guess = state_at(options, mechanism)
+    mechanism = options.loaded
+    acting = _acting(options)
+    guess = options.state()
     if not options.all:
         result = sp.equilibrium(mechanism, guess, **acting,
                                stable=None if options.nearest else True)
@@ -126,11 +105,11 @@ def _content(result: sp.Equilibrium) -> dict[str, Any]:
         **balance(result), "closure_error": result.state.closure_error}
 
 
-def linearize(options: argparse.Namespace) -> None:
+def linearize(options: Options) -> None:
     """How it rings about the pose at rest: frequencies, damping, shapes."""
-    mechanism = loaded(options)
-    acting = _acting(options, mechanism)
-    state = sp.equilibrium(mechanism, state_at(options, mechanism), **acting,
+    mechanism = options.loaded
+    acting = _acting(options)
+    state = sp.equilibrium(mechanism, options.state(), **acting,
                            stable=None if options.nearest else True).state
     system = sp.linearize(mechanism, state, **acting, inputs=options.inputs or None,
                          outputs=options.outputs or None)
@@ -156,12 +135,12 @@ def linearize(options: argparse.Namespace) -> None:
                  {name: x.tolist() for name, x in system.columns().items()}, files)
 
 
-def compliance(options: argparse.Namespace) -> None:
+def compliance(options: Options) -> None:
     """How much a frame at rest gives way to a small force and moment."""
-    mechanism = loaded(options)
+    mechanism = options.loaded
     mechanism.frame_id(options.frame)
-    acting = _acting(options, mechanism)
-    state = sp.equilibrium(mechanism, state_at(options, mechanism), **acting).state
+    acting = _acting(options)
+    state = sp.equilibrium(mechanism, options.state(), **acting).state
     result = sp.compliance(mechanism, state, options.frame, **acting)
     heads = [f"{'f' if row[0] == 'v' else 'm'}{row[1]}" for row in ROWS]
     names = [f"{'d' if row[0] == 'v' else 'r'}{row[1]}" for row in ROWS]
@@ -183,44 +162,42 @@ def compliance(options: argparse.Namespace) -> None:
 
 
 LOADS = (
-    option("--hold", action="append", default=[], metavar="NAME",
-           help='a joint, coordinate or driver that is held; "base": a free base (nothing)'),
-    option("--effort", dest="efforts", action="append", default=[], type=setting,
-           metavar="JOINT=VALUE", help="a constant torque [N·m] or force [N] in it"),
-    option("--load", dest="loads", action="append", default=[], type=numbers,
-           metavar="NAME=FX,FY,FZ[,MX,MY,MZ]",
-           help="a force [N], and moment [N·m], on a link or frame at its origin, world axes"),
+    opt.many("--hold", 'a joint, coordinate or driver that is held; "base": a free base (nothing)'),
+    opt.many("--effort", "a constant torque [N·m] or force [N] in it", dest="efforts",
+             type=opt.setting, metavar="JOINT=VALUE"),
+    opt.many("--load",
+             "a force [N], and moment [N·m], on a link or frame at its origin, world axes",
+             dest="loads", type=opt.numbers, metavar="NAME=FX,FY,FZ[,MX,MY,MZ]"),
 )
 TURNING = (
-    option("--speed", dest="constant", action="append", default=[], type=setting,
-           metavar="NAME=VALUE",
-           help="what turns at a constant speed, as shaft=240rpm: rest is relative to it"),
-    option("--nearest", action="store_true",
-           help="the pose at rest nearest to the guess, be it stable or not"),
+    opt.many("--speed", "what turns at a constant speed, as shaft=240rpm: rest is relative to it",
+             dest="constant", type=opt.setting, metavar="NAME=VALUE"),
+    opt.switch("--nearest", "the pose at rest nearest to the guess, be it stable or not"),
 )
 COMMANDS = {
-    "equilibrium": Command(equilibrium, (
-        *CONFIGURATION, *LOADS, *TURNING,
-        option("--all", action="store_true", help="all poses at rest, stable and unstable ones"),
-        option("--starts", type=count, default=60, help="number of starts of --all (60)"),
-        option("--seed", type=from_zero, default=0, help="of the random starts (0)"),
-        *WORKERS,
-        *data_options("the pose, stiffness and reactions", "the pose and its stiffness"),
+    "equilibrium": opt.Command(equilibrium, (
+        *opt.CONFIGURATION, *LOADS, *TURNING,
+        opt.switch("--all", "all poses at rest, stable and unstable ones"),
+        opt.option("--starts", "number of starts of --all (60)", type=opt.count, default=60),
+        opt.option("--seed", "of the random starts (0)", type=opt.from_zero, default=0),
+        *opt.WORKERS,
+        *opt.data_options("the pose, stiffness and reactions", "the pose and its stiffness"),
     )),
-    "linearize": Command(linearize, (
-        *CONFIGURATION, *LOADS, *TURNING,
-        option("--input", dest="inputs", action="append", default=[], metavar="NAME",
-               help="whose effort is an input of the state space (the drivers)"),
-        option("--output", dest="outputs", action="append", default=[], metavar="NAME",
-               help="an output of it, as rocker_pin, rocker_pin.rate or FRAME.position.x"),
-        option("--shape", type=from_zero, default=0, metavar="K",
-               help="the vibration that --html plays, by its number (0)"),
-        option("--html", metavar="F", help="write a page that plays a vibration"),
-        *data_options("frequencies, matrices and state space", "frequencies and damping ratios"),
+    "linearize": opt.Command(linearize, (
+        *opt.CONFIGURATION, *LOADS, *TURNING,
+        opt.many("--input", "whose effort is an input of the state space (the drivers)",
+                 dest="inputs"),
+        opt.many("--output", "an output of it, as rocker_pin, rocker_pin.rate or FRAME.position.x",
+                 dest="outputs"),
+        opt.option("--shape", "the vibration that --html plays, by its number (0)",
+                   type=opt.from_zero, default=0, metavar="K"),
+        opt.file_option("--html", "write a page that plays a vibration"),
+        *opt.data_options("frequencies, matrices and state space",
+                          "frequencies and damping ratios"),
     )),
-    "compliance": Command(compliance, (
-        option("frame", metavar="FRAME", help="link, frame or joint that gives way"),
-        *CONFIGURATION, *LOADS,
-        *data_options("the matrix", "the matrix"),
+    "compliance": opt.Command(compliance, (
+        opt.option("frame", "link, frame or joint that gives way", metavar="FRAME"),
+        *opt.CONFIGURATION, *LOADS,
+        *opt.data_options("the matrix", "the matrix"),
     )),
 }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import os
 import re
@@ -18,15 +17,15 @@ import numpy as np
 import spatial_pin as sp
 from spatial_pin._support.brief import counted
 from spatial_pin._support.output_files import write_text
-from spatial_pin.cli.completion import SHELLS, script
-from spatial_pin.cli.mechanism_arguments import loaded
-from spatial_pin.cli.options import Command, data_options, option, package
+from spatial_pin.cli import options as opt
+from spatial_pin.cli.completion import SHELLS
+from spatial_pin.cli.mechanism_arguments import Options
 from spatial_pin.cli.printing import WIDTH, on_screen, print_result, say
 from spatial_pin.dynamics.coupling_forces import coupling_forces
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.formats.file_access import toml_text
 from spatial_pin.formats.files import library_titles
 from spatial_pin.formats.mechanism_writer import export_urdf, robot_of
-from spatial_pin.formats.parsing import toml_text
 from spatial_pin.mechanism.coordinates import coordinates_of
 from spatial_pin.mechanism.joint_limits import joint_limits
 from spatial_pin.mechanism.pairs import COUPLING
@@ -74,21 +73,7 @@ WORD = 20  # letters of a column of names, at least
 
 
 def write_from(name: str, tree: Path, folder: Path, mechanism: sp.Mechanism) -> list[Path]:
-    """Write a mechanism file for a tree that there is.
-
-    Args:
-        name: of the mechanism and its file.
-        tree: the file that it is loaded from.
-        folder: where to write.
-        mechanism: loaded from the tree.
-
-    Returns:
-        The files written.
-
-    Raises:
-        SpatialPinError: the file is there already.
-        OSError: it cannot be written.
-    """
+    """Write a mechanism file for the tree that the mechanism was loaded from."""
     if tree.suffix == ".toml" or tree.is_dir():
         kind = "a folder" if tree.is_dir() else "a mechanism file"
         raise SpatialPinError(f"{tree} is {kind}, which is loaded as it is; `spatial-pin export "
@@ -105,15 +90,7 @@ def write_from(name: str, tree: Path, folder: Path, mechanism: sp.Mechanism) -> 
 
 
 def write_new(name: str, folder: Path, drawing: bool = False) -> list[Path]:
-    """Write a four-bar to start from: a mechanism file and its tree, or a drawing.
-
-    Returns:
-        The files written.
-
-    Raises:
-        SpatialPinError: a file is there already.
-        OSError: one cannot be written.
-    """
+    """Write a four-bar to start from: a mechanism file and its tree, or a drawing."""
     start = files("spatial_pin.cli").joinpath("templates")
     templates = {".toml": "DRAWING.toml"} if drawing else {
         suffix: f"NAME{suffix}" for suffix in (".toml", ".urdf.xacro")}
@@ -230,7 +207,7 @@ MORE = """\
 """
 
 
-def list_library(options: argparse.Namespace) -> None:
+def list_library(options: Options) -> None:
     """Mechanisms and operators of the library, with their sources."""
     heads = ("name", "title", "source")
     rows = [(name, *words) for name, words in library_titles().items()]
@@ -248,9 +225,9 @@ def _line(width: int, name: str, title: str, source: str) -> str:
     return f"{name:{width}}  {textwrap.shorten(text, WIDTH - width - 2, placeholder=' ...')}"
 
 
-def info(options: argparse.Namespace) -> None:
+def info(options: Options) -> None:
     """Links, joints, closures, coordinates and freedoms."""
-    report = info_of(loaded(options))
+    report = info_of(options.loaded)
     rows: list[tuple[str, str, str]] = [("link", name, "") for name in report.links]
     for kind, parts in (
         ("dimension", report.dimensions), ("joint", report.joints), ("closure", report.closures),
@@ -264,10 +241,10 @@ def info(options: argparse.Namespace) -> None:
                  dict(zip(("part", "name", "what"), columns, strict=True)))
 
 
-def check(options: argparse.Namespace) -> None:
+def check(options: Options) -> None:
     """Read a mechanism file and print its mistakes."""
     try:
-        mechanism = loaded(options)
+        mechanism = options.loaded
         notes = list(mechanism.notices)
         state = sp.assemble(mechanism)
         coupling_forces(mechanism)  # refused here where teeth do not mesh
@@ -300,9 +277,9 @@ def _faults(content: dict[str, Any]) -> dict[str, list[str]]:
     return {"kind": [kind for kind, _ in rows], "text": [text for _, text in rows]}
 
 
-def export(options: argparse.Namespace) -> None:
+def export(options: Options) -> None:
     """Write the mechanism as plain files."""
-    mechanism = loaded(options)
+    mechanism = options.loaded
     if options.folder is not None:
         written = [mechanism.save(options.folder)]
     elif options.mjcf is not None:
@@ -313,7 +290,7 @@ def export(options: argparse.Namespace) -> None:
     print_result(options, "", {"mechanism": mechanism.name, "wrote": wrote}, files=written)
 
 
-def new(options: argparse.Namespace) -> None:
+def new(options: Options) -> None:
     """Write a mechanism file to start from."""
     folder = Path(options.folder)
     if not re.fullmatch(r"\w[\w.+-]*", options.name) or options.name.endswith(".toml"):
@@ -334,44 +311,42 @@ def new(options: argparse.Namespace) -> None:
         say(f"edit {written[0]}, then: spatial-pin check {written[0]}")
 
 
-def completion(options: argparse.Namespace) -> None:
+def completion(options: Options) -> None:
     """Write a script with which a shell completes these words."""
-    print(script(options.shell, options.parsers), end="")
+    print(SHELLS[options.shell](options.parsers), end="")
 
 
 COMMANDS = {
-    "new": Command(new, (
-        option("name", metavar="NAME", help="of the mechanism, and of its file NAME.toml"),
-        option("--from", dest="tree", metavar="FILE",
-               help="a tree that there is: .urdf, .xacro or another format that is read; "
-                    "without one, a four-bar is written"),
-        option("--drawing", action="store_true",
-               help="a four-bar as bodies, and joints at places of the world, without a tree"),
-        option("--folder", metavar="F", default=".", help="where to write (here)"),
-        option("--trusted", action="store_true",
-               help="the tree's xacro files may read files outside their folder"),
-        option("--package", dest="packages", action="append", default=[],
-               type=package, metavar="NAME=FOLDER", help="where package://NAME lies"),
-        *data_options("the names of the files"),
+    "new": opt.Command(new, (
+        opt.option("name", "of the mechanism, and of its file NAME.toml", metavar="NAME"),
+        opt.option("--from",
+                   "a tree that there is: .urdf, .xacro or another format that is read; without "
+                   "one, a four-bar is written", dest="tree", metavar="FILE"),
+        opt.switch("--drawing",
+                   "a four-bar as bodies, and joints at places of the world, without a tree"),
+        opt.file_option("--folder", "where to write (here)", default="."),
+        opt.switch("--trusted", "the tree's xacro files may read files outside their folder"),
+        opt.many("--package", "where package://NAME lies", dest="packages", type=opt.package,
+                 metavar="NAME=FOLDER"),
+        *opt.data_options("the names of the files"),
     ), takes_mechanism=False),
-    "list": Command(list_library, (
-        *data_options("the list", "names, titles and sources"),
+    "list": opt.Command(list_library, (
+        *opt.data_options("the list", "names, titles and sources"),
     ), takes_mechanism=False),
-    "info": Command(info, (
-        *data_options("it", "links, dimensions, joints and so on, one a line,"),
+    "info": opt.Command(info, (
+        *opt.data_options("it", "links, dimensions, joints and so on, one a line,"),
     )),
-    "check": Command(check, (
-        *data_options("the result, with mistakes,", "mistakes and notes, one a line,"),
+    "check": opt.Command(check, (
+        *opt.data_options("the result, with mistakes,", "mistakes and notes, one a line,"),
     )),
-    "export": Command(export, (
-        *data_options("the names of the files"),
+    "export": opt.Command(export, (
+        *opt.data_options("the names of the files"),
     ), one_of=(
-        option("--folder", metavar="F",
-               help="a folder that can be moved: mechanism file, URDF and meshes"),
-        option("--urdf", metavar="F", help="expanded URDF; closures go beside it as .toml"),
-        option("--mjcf", metavar="F", help="MuJoCo's format (.xml); closures become equalities"),
+        opt.file_option("--folder", "a folder that can be moved: mechanism file, URDF and meshes"),
+        opt.file_option("--urdf", "expanded URDF; closures go beside it as .toml"),
+        opt.file_option("--mjcf", "MuJoCo's format (.xml); closures become equalities"),
     )),
-    "completion": Command(completion, (
-        option("shell", choices=tuple(SHELLS), help="the shell that is to complete"),
+    "completion": opt.Command(completion, (
+        opt.option("shell", "the shell that is to complete", choices=tuple(SHELLS)),
     ), takes_mechanism=False),
 }

@@ -11,33 +11,8 @@ from typing import Any
 import numpy as np
 
 import spatial_pin as sp
-from spatial_pin.cli.mechanism_arguments import (
-    RATES,
-    check_names,
-    fitting,
-    guess_of,
-    held,
-    in_units,
-    loaded,
-    or_partial_result,
-    unique,
-)
-from spatial_pin.cli.options import (
-    GUESS,
-    LOOK,
-    RESULT,
-    SPRINGS_HELP,
-    Command,
-    above_zero,
-    count,
-    data_options,
-    hold_option,
-    option,
-    setting,
-    start_options,
-    sweep_arguments,
-    value,
-)
+from spatial_pin.cli import options as opt
+from spatial_pin.cli.mechanism_arguments import RATES, Options, in_units, or_partial_result
 from spatial_pin.cli.printing import CutShort, on_screen, print_result, say, wrote
 from spatial_pin.cli.tables import name_of_column, read_table
 from spatial_pin.dynamics.force_outputs import with_force_values
@@ -52,14 +27,14 @@ from spatial_pin.view.page.plots import default_outputs
 # ---------------------------------------------------------------- how motions are written
 
 
-def look_of(options: argparse.Namespace, clearance: sp.Clearance | None = None) -> sp.Look:
+def look_of(options: Options, clearance: sp.Clearance | None = None) -> sp.Look:
     """Return the extras of a picture."""
     return sp.Look(pairs=options.pairs or None, axes=options.axes, traces=tuple(options.trace),
                    arrows=tuple(options.arrow), centres=options.centres, clearance=clearance)
 
 
 def write_followed(
-    options: argparse.Namespace, follow: Callable[[], sp.Motion],
+    options: Options, follow: Callable[[], sp.Motion],
     last: Callable[[Any], str] = lambda motion: "",
 ) -> None:
     """Follow a motion and write it, `last` below; after Ctrl-C the samples until then."""
@@ -74,7 +49,7 @@ def write_followed(
 
 
 def write_motion(
-    options: argparse.Namespace, motion: sp.Motion, last: str = "", is_whole: bool = True
+    options: Options, motion: sp.Motion, last: str = "", is_whole: bool = True
 ) -> None:
     """Print a summary of a motion and write its files; `last` goes below."""
     clearance = (or_partial_result(lambda: sp.clearance(motion, progress=True)) if options.clearance
@@ -115,23 +90,23 @@ def write_motion(
 # ---------------------------------------------------------------- sweep
 
 
-def sweep_task(options: argparse.Namespace, mechanism: sp.Mechanism) -> dict[str, Any]:
+def sweep_task(options: Options) -> dict[str, Any]:
     """Return the arguments of the sweep of the options."""
     for end in (options.first, options.last):
-        fitting(options, mechanism, {options.driver: end})
+        options.fitting({options.driver: end})
     for rate in RATES:
-        fitting(options, mechanism, {options.driver: getattr(options, rate)}, rate)
+        options.fitting({options.driver: getattr(options, rate)}, rate)
     values = np.linspace(options.first, options.last, options.steps)
     if options.acceleration and options.speed is None:
         options.usage_error("--acceleration needs a --speed")
     return {"driver": options.driver, "values": values, "speed": options.speed,
-            "acceleration": options.acceleration, "guess": guess_of(options, mechanism),
+            "acceleration": options.acceleration, "guess": options.start_guess,
             "on_limit": "stop" if options.stop else "raise"}
 
 
-def run_sweep(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motion:
+def run_sweep(options: Options) -> sp.Motion:
     """Return the sweep of the options, up to the first joint limit if limits are kept."""
-    task = sweep_task(options, mechanism)
+    mechanism, task = options.loaded, sweep_task(options)
     if getattr(options, "only", None):
         state = sp.assemble(mechanism, {options.driver: options.first}, task["guess"])
         driven = mechanism.driven_coordinate(options.driver).name
@@ -144,7 +119,7 @@ def run_sweep(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motion
             say(reduced)
         mechanism, task["guess"] = reduced, reduced.state(state)
     if getattr(options, "hold", None):
-        task["hold"] = held(options)
+        task["hold"] = options.held
     motion = sp.sweep(mechanism, progress=True, **task)
     passed = next((event for event in motion.events if event.kind == JOINT_LIMIT), None)
     if passed is None or not getattr(options, "limits", False):
@@ -157,60 +132,58 @@ def run_sweep(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motion
     return replace(part, events=[*part.events, passed])
 
 
-def sweep(options: argparse.Namespace) -> None:
+def sweep(options: Options) -> None:
     """Follow one branch from one driver value to another."""
-    mechanism = loaded(options)
+    mechanism = options.loaded
     mechanism.coordinate(options.driver)
-    check_names(options, mechanism)
-    write_followed(options, lambda: run_sweep(options, mechanism))
+    options.check_names()
+    write_followed(options, lambda: run_sweep(options))
 
 
-def shown(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motion | sp.State:
+def shown(options: Options) -> sp.Motion | sp.State:
     """Return the sweep of the options; without one, the usual motion of the mechanism."""
     if options.driver is not None:
-        mechanism.coordinate(options.driver)
-    check_names(options, mechanism)
+        options.loaded.coordinate(options.driver)
+    options.check_names()
     if options.last is not None:
-        return run_sweep(options, mechanism)
+        return run_sweep(options)
     given = (options.first, options.speed, options.acceleration or None,
             options.guess or None, options.hold or None)
     if any(x is not None for x in given):
         options.usage_error("a sweep needs a driver, a first and a last value")
-    return default_motion(mechanism, options.driver, options.steps)
+    return default_motion(options.loaded, options.driver, options.steps)
 
 
 # ---------------------------------------------------------------- follow, states
 
 
-def columns_of(
-    options: argparse.Namespace, mechanism: sp.Mechanism
-) -> tuple[dict[str, Any], Any]:
+def columns_of(options: Options) -> tuple[dict[str, Any], Any]:
     """Return the values of drivers in the table of the options, and times, if it has some."""
-    check_names(options, mechanism)
-    values, times = read_table(options.table, mechanism)
+    options.check_names()
+    values, times = read_table(options.table, options.loaded)
     for name in values:
         with name_of_column(options.table, name):
-            mechanism.prescribed_coordinate(name)
+            options.loaded.prescribed_coordinate(name)
     if not values:
         raise sp.SpatialPinError(f"{options.table}: there is no column of a driver")
     return values, times
 
 
-def states(options: argparse.Namespace) -> None:
+def states(options: Options) -> None:
     """Solve configurations at scattered driver values of a table, on one branch."""
-    mechanism = loaded(options)
-    values, _ = columns_of(options, mechanism)
+    mechanism = options.loaded
+    values, _ = columns_of(options)
     write_followed(options, lambda: sp.states(
-        mechanism, values, guess_of(options, mechanism), options.threads, hold=held(options),
+        mechanism, values, options.start_guess, options.threads, hold=options.held,
         progress=True))
 
 
-def follow(options: argparse.Namespace) -> None:
+def follow(options: Options) -> None:
     """Follow one branch as several drivers go along a table."""
-    mechanism = loaded(options)
-    values, times = columns_of(options, mechanism)
+    mechanism = options.loaded
+    values, times = columns_of(options)
     write_followed(options, lambda: sp.follow(
-        mechanism, values, times, guess=guess_of(options, mechanism), hold=held(options),
+        mechanism, values, times, guess=options.start_guess, hold=options.held,
         on_limit="stop" if options.stop else "raise",
         on_crossing="stop" if options.stop else "straight", progress=True))
 
@@ -219,28 +192,28 @@ def follow(options: argparse.Namespace) -> None:
 
 
 def beginning(
-    options: argparse.Namespace, mechanism: sp.Mechanism, speeds: list[tuple[str, float]],
+    options: Options, speeds: list[tuple[str, float]],
     duration: float,
 ) -> tuple[sp.State, dict[str, float]]:
     """Return the state that a simulation starts from, and the efforts."""
-    start = fitting(options, mechanism, unique(options, options.at))
-    rates = fitting(options, mechanism, unique(options, speeds), "speed")
+    mechanism, start = options.loaded, options.fitting(options.unique(options.at))
+    rates = options.fitting(options.unique(speeds), "speed")
     in_units({"duration": duration}, "s", "ms")
-    efforts = unique(options, options.effort)
+    efforts = options.unique(options.effort)
     for name, x in efforts.items():
         unit = EFFORTS[mechanism.coordinate(name).unit]
         in_units({f"the effort of {name}": x}, *KINDS[unit])
-    state = sp.assemble(mechanism, start, guess_of(options, mechanism))
+    state = sp.assemble(mechanism, start, options.start_guess)
     if rates:  # without, it starts from rest, drivers or none
         state = sp.solve_rates(mechanism, state, rates)
     return state, efforts
 
 
-def simulate(options: argparse.Namespace) -> None:
+def simulate(options: Options) -> None:
     """Let it move under gravity, springs and efforts."""
-    mechanism = loaded(options)
-    check_names(options, mechanism)
-    state, efforts = beginning(options, mechanism, options.speed, options.duration)
+    mechanism = options.loaded
+    options.check_names()
+    state, efforts = beginning(options, options.speed, options.duration)
     times = np.linspace(0.0, options.duration, options.rows)
     write_followed(options, lambda: sp.simulate(
         mechanism, state, options.duration, efforts, times, sp.Accuracy.named(options.accuracy),
@@ -253,19 +226,19 @@ def simulate(options: argparse.Namespace) -> None:
 # ---------------------------------------------------------------- clearance
 
 
-def clearance(options: argparse.Namespace) -> None:
+def clearance(options: Options) -> None:
     """How near links come to each other, and where they touch."""
-    mechanism = loaded(options)
+    mechanism = options.loaded
     in_units({"tolerance": options.tolerance}, "m", "cm", "mm", "um", "in")
     for link in (link for pair in options.between for link in pair):
         mechanism.frame_id(link)
     if options.at and options.driver is not None:
         options.usage_error("--at is one configuration: it takes no driver to sweep")
     if options.at:
-        values = fitting(options, mechanism, unique(options, options.at))
-        subject: sp.Motion | sp.State = sp.assemble(mechanism, values, guess_of(options, mechanism))
+        values = options.fitting(options.unique(options.at))
+        subject: sp.Motion | sp.State = sp.assemble(mechanism, values, options.start_guess)
     else:
-        subject = shown(options, mechanism)
+        subject = shown(options)
     result = or_partial_result(lambda: sp.clearance(
         subject, [(a, b) for a, b in options.between] or None, tolerance=float(options.tolerance),
         progress=True))
@@ -285,18 +258,18 @@ def clearance(options: argparse.Namespace) -> None:
 # ---------------------------------------------------------------- show, report
 
 
-def show(options: argparse.Namespace) -> None:
+def show(options: Options) -> None:
     """Animate a motion in the browser."""
-    mechanism = loaded(options)
+    mechanism = options.loaded
     if options.live:
         if options.movie or options.last is not None or options.hold:
             options.usage_error("--live takes no values to sweep, holds nothing and makes no film")
-        check_names(options, mechanism)
-        state = sp.assemble(mechanism, {}, guess_of(options, mechanism))
+        options.check_names()
+        state = sp.assemble(mechanism, {}, options.start_guess)
         viewer = sp.live(mechanism, state, drivers=[options.driver] if options.driver else None,
                          outputs=options.output, limits=options.limits is not False)
     else:
-        subject, look = shown(options, mechanism), look_of(options)
+        subject, look = shown(options), look_of(options)
         if options.movie:
             wrote([sp.movie(subject, options.movie, look=look, progress=True)])
             return
@@ -306,88 +279,86 @@ def show(options: argparse.Namespace) -> None:
         viewer.wait()
 
 
-def report(options: argparse.Namespace) -> None:
+def report(options: Options) -> None:
     """Write a page to send and to print: 3-D, curves, numbers."""
-    mechanism = loaded(options)
-    path = sp.report(shown(options, mechanism), options.html, outputs=options.output or None,
+    mechanism = options.loaded
+    path = sp.report(shown(options), options.html, outputs=options.output or None,
                      title=options.title)
     print_result(options, "", {"mechanism": mechanism.name, "wrote": [str(path)]}, files=[path])
 
 
 COMMANDS = {
-    "sweep": Command(sweep, (
-        *sweep_arguments(),
-        option("--limits", action="store_true",
-               help="a joint limit of the URDF, of any joint, is a limit position too"),
-        *hold_option(SPRINGS_HELP),
-        option("--only", action="append", default=[], metavar="NAME",
-               help="sweep the smallest model that yields this coordinate, link or frame, "
-                    "and name the parts that it leaves out"),
-        *RESULT,
+    "sweep": opt.Command(sweep, (
+        *opt.sweep_arguments(),
+        opt.switch("--limits", "a joint limit of the URDF, of any joint, is a limit position too"),
+        opt.hold_option(opt.SPRINGS_HELP),
+        opt.many("--only",
+                 "sweep the smallest model that yields this coordinate, link or frame, and name "
+                 "the parts that it leaves out"),
+        *opt.RESULT,
     )),
-    "follow": Command(follow, (
-        option("table", metavar="TABLE", help="a .csv file: a line of names, as time [s], "
-               "boom [deg], arm; then a line of numbers for every sample"),
-        *hold_option(),
-        option("--stop", action="store_true",
-               help="end before an unreachable sample instead of failing"),
-        *GUESS,
-        *RESULT,
+    "follow": opt.Command(follow, (
+        opt.option("table",
+                   "a .csv file: a line of names, as time [s], boom [deg], arm; then a line of "
+                   "numbers for every sample", metavar="TABLE"),
+        opt.hold_option(),
+        opt.switch("--stop", "end before an unreachable sample instead of failing"),
+        *opt.GUESS,
+        *opt.RESULT,
     )),
-    "states": Command(states, (
-        option("table", metavar="TABLE", help="a .csv file: a line of names, as arm_1 [deg], "
-               "arm_2, arm_3; then a line of numbers for every configuration, in any order"),
-        *hold_option(),
-        option("--threads", type=count, metavar="N",
-               help="how many are solved at a time (as many as there are cores)"),
-        *GUESS,
-        *RESULT,
+    "states": opt.Command(states, (
+        opt.option("table",
+                   "a .csv file: a line of names, as arm_1 [deg], arm_2, arm_3; then a line of "
+                   "numbers for every configuration, in any order", metavar="TABLE"),
+        opt.hold_option(),
+        opt.option("--threads", "how many are solved at a time (as many as there are cores)",
+                   type=opt.count, metavar="N"),
+        *opt.GUESS,
+        *opt.RESULT,
     )),
-    "simulate": Command(simulate, (
-        option("--duration", type=above_zero, required=True, help="how long, as 10 or 500ms"),
-        option("--rows", type=count, default=1001, help="number of rows (1001)"),
-        *start_options("--speed"),
-        option("--on-joint-limit", choices=("report", "stop", "ignore"), default="report",
-               help="action where a joint passes a limit of the URDF (report)"),
-        option("--accuracy", choices=("draft", "engineering", "reference"),
-               default="engineering", help="of the integrator (engineering)"),
-        *GUESS,
-        *RESULT,
+    "simulate": opt.Command(simulate, (
+        opt.option("--duration", "how long, as 10 or 500ms", type=opt.above_zero, required=True),
+        opt.option("--rows", "number of rows (1001)", type=opt.count, default=1001),
+        *opt.start_options("--speed"),
+        opt.option("--on-joint-limit", "action where a joint passes a limit of the URDF (report)",
+                   choices=("report", "stop", "ignore"), default="report"),
+        opt.option("--accuracy", "of the integrator (engineering)",
+                   choices=("draft", "engineering", "reference"), default="engineering"),
+        *opt.GUESS,
+        *opt.RESULT,
     )),
-    "clearance": Command(clearance, (
-        *sweep_arguments(needed=False),
-        *hold_option(SPRINGS_HELP),
-        option("--at", action="append", default=[], type=setting, metavar="DRIVER=VALUE",
-               help="at this configuration instead of along a sweep"),
-        option("--between", nargs=2, action="append", default=[], metavar=("LINK", "LINK"),
-               help="only these two links, joined ones too"),
-        option("--tolerance", type=value, default=0.0, metavar="DISTANCE",
-               help="distance at which links count as touching, as 2mm (0)"),
-        *data_options("the pairs of links", "the pairs of links"),
+    "clearance": opt.Command(clearance, (
+        *opt.sweep_arguments(needed=False),
+        opt.hold_option(opt.SPRINGS_HELP),
+        opt.many("--at", "at this configuration instead of along a sweep", type=opt.setting,
+                 metavar="DRIVER=VALUE"),
+        opt.many("--between", "only these two links, joined ones too", nargs=2,
+                 metavar=("LINK", "LINK")),
+        opt.option("--tolerance", "distance at which links count as touching, as 2mm (0)",
+                   type=opt.value, default=0.0, metavar="DISTANCE"),
+        *opt.data_options("the pairs of links", "the pairs of links"),
     )),
 }
 PAGES = {
-    "show": Command(show, (
-        *sweep_arguments(needed=False),
-        *hold_option(SPRINGS_HELP),
-        option("--movie", metavar="F", help="write it as a film (.gif, .mp4) instead"),
-        option("--live", action="store_true",
-               help="move it by hand instead: a slider for every driver, or the one named"),
-        option("--limits", action=argparse.BooleanOptionalAction,
-               help="a joint limit of the URDF is a limit position too; --live keeps them "
-                    "at first, unless --no-limits is given"),
-        option("--output", action="append", default=[], metavar="NAME",
-               help="outputs that --live shows besides the drivers, as rocker_pin, "
-                    "coupler.position"),
-        *LOOK,
+    "show": opt.Command(show, (
+        *opt.sweep_arguments(needed=False),
+        opt.hold_option(opt.SPRINGS_HELP),
+        opt.file_option("--movie", "write it as a film (.gif, .mp4) instead"),
+        opt.switch("--live",
+                   "move it by hand instead: a slider for every driver, or the one named"),
+        opt.option("--limits",
+                   "a joint limit of the URDF is a limit position too; --live keeps them at "
+                   "first, unless --no-limits is given", action=argparse.BooleanOptionalAction),
+        opt.many("--output",
+                 "outputs that --live shows besides the drivers, as rocker_pin, coupler.position"),
+        *opt.LOOK,
     )),
-    "report": Command(report, (
-        *sweep_arguments(needed=False),
-        *hold_option(SPRINGS_HELP),
-        option("--html", metavar="F", required=True, help="the file to write"),
-        option("--output", action="append", default=[], metavar="NAME",
-               help="outputs in its figures, as rocker_pin or coupler.com.position"),
-        option("--title", help="heading (the mechanism's title)"),
-        *data_options("the name of the file"),
+    "report": opt.Command(report, (
+        *opt.sweep_arguments(needed=False),
+        opt.hold_option(opt.SPRINGS_HELP),
+        opt.file_option("--html", "the file to write", required=True),
+        opt.many("--output", "outputs in its figures, as rocker_pin or coupler.com.position"),
+        opt.option("--title", "heading (the mechanism's title)"),
+        *opt.data_options("the name of the file"),
     )),
 }

@@ -7,30 +7,9 @@ import contextlib
 from typing import Any
 
 import spatial_pin as sp
+from spatial_pin.cli import options as opt
 from spatial_pin.cli.commands.motions import look_of, write_followed
-from spatial_pin.cli.mechanism_arguments import (
-    check_names,
-    fitting,
-    guess_of,
-    held,
-    loaded,
-    or_partial_result,
-    unique,
-)
-from spatial_pin.cli.options import (
-    AT_HELP,
-    CONFIGURATION,
-    GUESS,
-    RESULT,
-    SPRINGS_HELP,
-    Command,
-    count,
-    data_options,
-    hold_option,
-    option,
-    setting,
-    target,
-)
+from spatial_pin.cli.mechanism_arguments import Options, or_partial_result
 from spatial_pin.cli.printing import SCREEN, print_result
 from spatial_pin.cli.tables import read_table, targets_of
 from spatial_pin.inverse_kinematics.named_targets import read_targets
@@ -38,11 +17,11 @@ from spatial_pin.inverse_kinematics.targets import CoordinateValue
 from spatial_pin.motion.report import assembly_summary, shown_value
 
 
-def assemble(options: argparse.Namespace) -> None:
+def assemble(options: Options) -> None:
     """Close the loops at given driver values."""
-    mechanism = loaded(options)
-    values = fitting(options, mechanism, unique(options, options.values))
-    state = sp.assemble(mechanism, values, guess_of(options, mechanism), limits=options.limits,
+    mechanism = options.loaded
+    values = options.fitting(options.unique(options.values))
+    state = sp.assemble(mechanism, values, options.start_guess, limits=options.limits,
                         release=options.release, free=options.free)
     print_result(options, assembly_summary(state), _content(state), _table(state))
 
@@ -70,12 +49,12 @@ def _table(state: sp.State) -> dict[str, list[Any]]:
 # ---------------------------------------------------------------- limits, modes
 
 
-def limits(options: argparse.Namespace) -> None:
+def limits(options: Options) -> None:
     """How far a driver can go on its branch."""
-    mechanism = loaded(options)
-    check_names(options, mechanism)
-    result = sp.limits(mechanism, options.driver, guess_of(options, mechanism),
-                      joints=options.joints, hold=held(options))
+    mechanism = options.loaded
+    options.check_names()
+    result = sp.limits(mechanism, options.driver, options.start_guess,
+                      joints=options.joints, hold=options.held)
     text, grashof = f"{mechanism.name}, {result}", None
     with contextlib.suppress(sp.SpatialPinError):  # most mechanisms are no plane four-bar
         grashof = sp.grashof(mechanism)
@@ -90,10 +69,10 @@ def limits(options: argparse.Namespace) -> None:
                   "kind": [x.kind for x in ends.values()]})
 
 
-def modes(options: argparse.Namespace) -> None:
+def modes(options: Options) -> None:
     """All closed configurations at given driver values."""
-    mechanism = loaded(options)
-    values = fitting(options, mechanism, unique(options, options.values))
+    mechanism = options.loaded
+    values = options.fitting(options.unique(options.values))
     modes = or_partial_result(lambda: sp.assembly_modes(
         mechanism, values, copies=options.copies, limits=options.limits,
         patience=options.patience, progress=True))
@@ -119,26 +98,26 @@ def modes(options: argparse.Namespace) -> None:
 # ---------------------------------------------------------------- reach
 
 
-def reach(options: argparse.Namespace) -> None:
+def reach(options: Options) -> None:
     """Find the configuration, or the motion, in which frames are where they should be."""
-    mechanism = loaded(options)
+    mechanism = options.loaded
     targets = _targets(options)
     if options.path:
-        _reach_path(options, mechanism, targets)
+        _reach_path(options, targets)
         return
     if not targets:
         options.usage_error("there is no target: name some, or give a table by --path")
     if any((options.npz, options.plot, options.clearance)) or options.csv not in (None, SCREEN):
         options.usage_error("--csv, --npz, --plot and --clearance are for a motion: they need "
                             "--path (but --csv - for the coordinates)")
-    check_names(options, mechanism)
+    options.check_names()
     read_targets(mechanism, targets)
     for name, one in options.targets:  # coordinates, some of them with a weight
         value = one.value if isinstance(one, CoordinateValue) else one
         if not isinstance(value, sp.Target):
-            fitting(options, mechanism, {name: value})
-    state = sp.assemble(mechanism, {}, guess_of(options, mechanism))
-    reached = sp.reach(mechanism, targets, state, hold=held(options),
+            options.fitting({name: value})
+    state = sp.assemble(mechanism, {}, options.start_guess)
+    reached = sp.reach(mechanism, targets, state, hold=options.held,
                      limits=options.limits)
     lines = [assembly_summary(reached)]
     for name in mechanism.drivers:
@@ -150,7 +129,7 @@ def reach(options: argparse.Namespace) -> None:
     print_result(options, "\n".join(lines), _content(reached), _table(reached), files)
 
 
-def _targets(options: argparse.Namespace) -> dict[str, Any]:
+def _targets(options: Options) -> dict[str, Any]:
     """Return values of coordinates, and lists of the targets of frames."""
     frames: dict[str, list[Any]] = {}
     for name, one in options.targets:
@@ -159,74 +138,70 @@ def _targets(options: argparse.Namespace) -> dict[str, Any]:
     values = [(name, x) for name, x in options.targets if not isinstance(x, sp.Target)]
     if both := frames.keys() & dict(values):
         options.usage_error(f"{min(both)!r} is given as a frame and as a coordinate")
-    return {**unique(options, values), **frames}
+    return {**options.unique(values), **frames}
 
 
-def _reach_path(
-    options: argparse.Namespace, mechanism: sp.Mechanism, standing: dict[str, Any]
-) -> None:
+def _reach_path(options: Options, standing: dict[str, Any]) -> None:
     """Go along a table of targets; coordinates named with it are held."""
     if any(isinstance(one, list) for one in standing.values()):
         options.usage_error("beside --path only COORDINATE=value: frames are columns of the table")
     if not options.limits:
         options.usage_error("--no-limits is for single targets: a path reports the limits that it "
                             "passes")
+    mechanism = options.loaded
     columns, times = read_table(options.path, mechanism)
     targets = targets_of(options.path, mechanism, columns)
-    state = sp.assemble(mechanism, {}, guess_of(options, mechanism))
+    state = sp.assemble(mechanism, {}, options.start_guess)
     write_followed(options, lambda: sp.reach_path(
-        mechanism, {**targets, **fitting(options, mechanism, standing)}, times, state,
-        hold=held(options), progress=True))
+        mechanism, {**targets, **options.fitting(standing)}, times, state,
+        hold=options.held, progress=True))
 
 
 COMMANDS = {
-    "assemble": Command(assemble, (
-        *CONFIGURATION,
-        option("--limits", action="store_true", help="keep the joint limits"),
-        option("--release", action=argparse.BooleanOptionalAction, default=True,
-               help="let drivers that are given no value go, as little as possible, where "
-                    "the loops cannot close with them at their guess"),
-        option("--free", action="append", default=[], metavar="DRIVER",
-               help="a driver that goes where the loops take it"),
-        *data_options("the configuration", "its coordinates"),
+    "assemble": opt.Command(assemble, (
+        *opt.CONFIGURATION,
+        opt.switch("--limits", "keep the joint limits"),
+        opt.option("--release",
+                   "let drivers that are given no value go, as little as possible, where the "
+                   "loops cannot close with them at their guess",
+                   action=argparse.BooleanOptionalAction, default=True),
+        opt.many("--free", "a driver that goes where the loops take it", metavar="DRIVER"),
+        *opt.data_options("the configuration", "its coordinates"),
     )),
-    "modes": Command(modes, (
-        option("values", nargs="*", default=[], type=setting, metavar="DRIVER=VALUE",
-               help=AT_HELP),
-        option("--patience", type=count, default=1000,
-               help="number of starts without a new mode that end the search (1000)"),
-        option("--copies", action="store_true",
-               help="every reading of the coordinates, not one for each mode"),
-        option("--limits", action="store_true",
-               help="only modes that keep the joint limits of the URDF"),
-        *data_options("the modes", "the coordinates, a mode in every row,"),
-        option("--html", metavar="F", help="write a page that shows them side by side"),
+    "modes": opt.Command(modes, (
+        opt.option("values", opt.AT_HELP, nargs="*", default=[], type=opt.setting,
+                   metavar="DRIVER=VALUE"),
+        opt.option("--patience", "number of starts without a new mode that end the search (1000)",
+                   type=opt.count, default=1000),
+        opt.switch("--copies", "every reading of the coordinates, not one for each mode"),
+        opt.switch("--limits", "only modes that keep the joint limits of the URDF"),
+        *opt.data_options("the modes", "the coordinates, a mode in every row,"),
+        opt.file_option("--html", "write a page that shows them side by side"),
     )),
-    "limits": Command(limits, (
-        option("driver", help="driver or coordinate"),
-        option("--joints", action="store_true",
-               help="and before a joint reaches a limit of the URDF"),
-        *hold_option(SPRINGS_HELP),
-        *GUESS,
-        *data_options("both ends", "both ends"),
+    "limits": opt.Command(limits, (
+        opt.option("driver", "driver or coordinate"),
+        opt.switch("--joints", "and before a joint reaches a limit of the URDF"),
+        opt.hold_option(opt.SPRINGS_HELP),
+        *opt.GUESS,
+        *opt.data_options("both ends", "both ends"),
     )),
-    "reach": Command(reach, (
-        option("targets", nargs="*", default=[], type=target, metavar="TARGET",
-               help="NAME.position=x,y,z, NAME.pose=x,y,z,rx,ry,rz (rotation vector), "
-                    "NAME.orientation=rx,ry,rz, NAME.direction=x,y,z (of its z axis), "
-                    "NAME.distance=OTHER,d (of two frames), com=x,y,z (centre of mass, _ "
-                    "for any), COORDINATE=value, or another output of one number, as "
-                    "NAME.position.z=value, LINK.angle=value; with @w behind it is met "
-                    "as well as the others let it be, with the weight w"),
-        option("--path", metavar="TABLE",
-               help="a motion along a .csv file instead: a line of names, as time [s], "
-                    "tip.x [mm], tip.y, tip.z and tip.rx, tip.ry, tip.rz (rotation vector), "
-                    "coordinates, or other outputs, as tip.position.z, LINK.angle; then a "
-                    "line of numbers for every sample"),
-        *hold_option(),
-        option("--limits", action=argparse.BooleanOptionalAction, default=True,
-               help="keep the joint limits"),
-        *GUESS,
-        *RESULT,
+    "reach": opt.Command(reach, (
+        opt.option("targets",
+                   "NAME.position=x,y,z, NAME.pose=x,y,z,rx,ry,rz (rotation vector), "
+                   "NAME.orientation=rx,ry,rz, NAME.direction=x,y,z (of its z axis), "
+                   "NAME.distance=OTHER,d (of two frames), com=x,y,z (centre of mass, _ for any), "
+                   "COORDINATE=value, or another output of one number, as NAME.position.z=value, "
+                   "LINK.angle=value; with @w behind it is met as well as the others let it be, "
+                   "with the weight w", nargs="*", default=[], type=opt.target, metavar="TARGET"),
+        opt.option("--path",
+                   "a motion along a .csv file instead: a line of names, as time [s], tip.x [mm], "
+                   "tip.y, tip.z and tip.rx, tip.ry, tip.rz (rotation vector), coordinates, or "
+                   "other outputs, as tip.position.z, LINK.angle; then a line of numbers for "
+                   "every sample", metavar="TABLE"),
+        opt.hold_option(),
+        opt.option("--limits", "keep the joint limits", action=argparse.BooleanOptionalAction,
+                   default=True),
+        *opt.GUESS,
+        *opt.RESULT,
     )),
 }

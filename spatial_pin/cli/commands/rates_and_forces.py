@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from typing import Any
 
 import numpy as np
@@ -11,28 +10,9 @@ import pinocchio as pin
 import spatial_pin as sp
 from spatial_pin._support.columns import Quantity, flat
 from spatial_pin.assembly.holding import held_by
-from spatial_pin.cli.mechanism_arguments import (
-    along,
-    check_names,
-    held,
-    in_units,
-    loaded,
-    motion_over,
-    state_at,
-    unique,
-)
-from spatial_pin.cli.options import (
-    CONFIGURATION,
-    SPRINGS_HELP,
-    Command,
-    data_options,
-    hold_option,
-    numbers,
-    option,
-    over_options,
-)
+from spatial_pin.cli import options as opt
+from spatial_pin.cli.mechanism_arguments import Options, in_units
 from spatial_pin.cli.printing import grid, print_result
-from spatial_pin.motion.motion import first_samples
 from spatial_pin.motion.summary import EFFORTS, tidy
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.rates.rates import check_not_held
@@ -44,16 +24,16 @@ COMPONENTS = [(part, unit, axis) for part, unit in (("force", "N"), ("moment", "
 EFFORTS_OF_MANY = "* is one of many: the drivers can press against each other"
 
 
-def jacobian(options: argparse.Namespace) -> None:
+def jacobian(options: Options) -> None:
     """Twist of a frame per unit speed of every driver, loops closed."""
-    mechanism = loaded(options)
+    mechanism = options.loaded
     mechanism.frame_id(options.frame)
-    check_names(options, mechanism)
-    names = _movers(options, mechanism)
+    options.check_names()
+    names = _movers(options)
     by = [mechanism.driven_coordinate(name) for name in names]
-    state = state_at(options, mechanism)
+    state = options.state()
     matrix = sp.jacobian(mechanism, state, options.frame, options.by or None,
-                        hold=held(options))
+                        hold=options.held)
     units = [[_per(UNITS[row[0]], c.unit) for c in by] for row in ROWS]
     heads = [f"{name} [{c.unit}]" for name, c in zip(names, by, strict=True)]
     lines = [f"{mechanism.name}: twist of {options.frame} at its origin, world axes, per unit "
@@ -68,18 +48,14 @@ def jacobian(options: argparse.Namespace) -> None:
                 "closure_error": state.closure_error}, table)
 
 
-def _movers(options: argparse.Namespace, mechanism: sp.Mechanism) -> list[str]:
-    """Return the names of what moves the frame: those of `--by`, else the drivers not held.
-
-    Raises:
-        SpatialPinError: all drivers are held.
-        ValueError: a moving coordinate is held.
-    """
+def _movers(options: Options) -> list[str]:
+    """Return the names of what moves the frame: those of `--by`, else the drivers not held."""
+    mechanism = options.loaded
     if options.by:
         check_not_held(mechanism, [mechanism.driven_coordinate(x) for x in options.by],
-                       held(options))
+                       options.held)
         return list(options.by)
-    still = held_by(mechanism, held(options)).entries
+    still = held_by(mechanism, options.held).entries
     moving = [x for x in mechanism.drivers if mechanism.driven_coordinate(x).v not in still]
     if mechanism.drivers and not moving:
         raise sp.SpatialPinError(
@@ -101,19 +77,19 @@ def _per(unit: str, by: str) -> str:
 # ---------------------------------------------------------------- transmission
 
 
-def transmission(options: argparse.Namespace) -> None:
+def transmission(options: Options) -> None:
     """Speed ratio, mechanical advantage and transmission angle of an output."""
-    mechanism = loaded(options)
+    mechanism = options.loaded
     output = mechanism.driven_coordinate(options.output)
     for name in filter(None, [options.driver]):
         mechanism.driven_coordinate(name)
-    motion = motion_over(options, mechanism, of_rates=True)
+    motion = options.motion_over(of_rates=True)
     if motion is not None:
         _tell_along(options, motion)
         return
-    state = state_at(options, mechanism)
+    state = options.state()
     result = sp.transmission(mechanism, state, output.name, options.driver, options.pair,
-                            hold=held(options))
+                            hold=options.held)
     driver = mechanism.driven_coordinate(options.driver or next(iter(mechanism.drivers)))
     units = _units(output.unit, driver.unit)
     shown = {"speed ratio": (result.ratio, units["ratio"]),
@@ -129,63 +105,49 @@ def transmission(options: argparse.Namespace) -> None:
                   "unit": list(units.values())})
 
 
-def _tell_along(options: argparse.Namespace, motion: sp.Motion) -> None:
+def _tell_along(options: Options, motion: sp.Motion) -> None:
     """Answer with the transmission along a sweep."""
     mechanism, driver = motion.mechanism, options.driver or motion.driver_name
-    results: list[sp.Transmission] = along(options, lambda: _each(options, motion, driver))
-    values, ratios, angles = (np.asarray(x)[: len(results)] for x in (
-        motion.driver, [x.ratio for x in results], [x.angle for x in results]))
+    result = sp.transmission(mechanism, motion, options.output, driver, options.pair,
+                             hold=options.held)
+    values = np.asarray(motion.driver)
     units = _units(*(mechanism.driven_coordinate(x).unit for x in (options.output, driver)))
     table = flat({
         motion.driver_name: Quantity(values, motion.driver_unit),
-        "ratio": Quantity(ratios, units["ratio"].replace("1", "-")),
-        "mechanical advantage": Quantity(np.array([x.mechanical_advantage for x in results]),
+        "ratio": Quantity(result.ratio, units["ratio"].replace("1", "-")),
+        "mechanical advantage": Quantity(result.mechanical_advantage,
                                          units["mechanical_advantage"].replace("1", "-")),
-        "transmission angle": Quantity(angles, "rad")})
+        "transmission angle": Quantity(result.angle, "rad")})
     unit, rows = motion.driver_unit, []
-    for name, column, mark in (("speed ratio", ratios, ""),
-                               ("transmission angle", np.degrees(angles), "°")):
+    for name, column, mark in (("speed ratio", result.ratio, ""),
+                               ("transmission angle", np.degrees(result.angle), "°")):
         for word, k in (("least", int(column.argmin())), ("most", int(column.argmax()))):
             rows.append([word, name, f"{column[k]:.6g}{mark}",
                          f"at {motion.driver_name} = {values[k]:.6g} {unit}"])
-    head = (f"{mechanism.name}: {driver} moves {options.output} at {results[0].at}, "
-            f"{len(results)} values")
+    head = (f"{mechanism.name}: {driver} moves {options.output} at {result.at}, "
+            f"{len(motion)} values")
     content = {"mechanism": mechanism.name, "output": options.output, "driver": driver,
-               "at": results[0].at, "units": units,
+               "at": result.at, "units": units,
                "columns": {name: x.tolist() for name, x in table.items()}}
     print_result(options, f"{head}\n{grid(rows)}", content, table)
-
-
-def _each(options: argparse.Namespace, motion: sp.Motion, driver: str) -> list[sp.Transmission]:
-    """Return the transmission at every sample."""
-    results: list[sp.Transmission] = []
-    try:
-        for state in map(motion.state, range(len(motion))):
-            results.append(sp.transmission(motion.mechanism, state, options.output, driver,
-                                         options.pair, hold=held(options)))
-    except KeyboardInterrupt:
-        if not results:
-            raise
-        raise sp.Interrupted(first_samples(motion, len(results)), results) from None
-    return results
 
 
 # ---------------------------------------------------------------- statics
 
 
-def statics(options: argparse.Namespace) -> None:
+def statics(options: Options) -> None:
     """Efforts that hold it at rest against gravity, springs and loads."""
-    mechanism = loaded(options)
+    mechanism = options.loaded
     actuated = options.actuated or None
     for name in options.actuated:
         mechanism.driven_coordinate(name)
-    external = external_forces(options, mechanism)
-    motion = motion_over(options, mechanism)
+    external = external_forces(options)
+    motion = options.motion_over()
     if motion is None:
-        _print_efforts(options, mechanism, sp.inverse_dynamics(
-            mechanism, state_at(options, mechanism), actuated, external=external))
+        _print_efforts(options, sp.inverse_dynamics(
+            mechanism, options.state(), actuated, external=external))
         return
-    loads: sp.Kinetostatics = along(options, lambda: sp.kinetostatics(
+    loads: sp.Kinetostatics = options.along(lambda: sp.kinetostatics(
         mechanism, motion, actuated, external=external))
     table = loads.columns()
     content = {"mechanism": mechanism.name,
@@ -195,13 +157,11 @@ def statics(options: argparse.Namespace) -> None:
     print_result(options, loads, content, table)
 
 
-def external_forces(
-    options: argparse.Namespace, mechanism: sp.Mechanism
-) -> dict[str, pin.Force]:
+def external_forces(options: Options) -> dict[str, pin.Force]:
     """Return the loads by link or frame."""
     forces = {}
-    for name, given in unique(options, options.loads, "loads").items():
-        mechanism.frame_id(name)
+    for name, given in options.unique(options.loads, "loads").items():
+        options.loaded.frame_id(name)
         if len(given) not in (3, 6):
             options.usage_error(f"--load {name}: a force has 3 numbers, with a moment 6, not "
                                 f"{len(given)}")
@@ -214,10 +174,9 @@ def external_forces(
     return forces
 
 
-def _print_efforts(
-    options: argparse.Namespace, mechanism: sp.Mechanism, result: sp.Efforts
-) -> None:
+def _print_efforts(options: Options, result: sp.Efforts) -> None:
     """Answer with efforts and reactions of one configuration."""
+    mechanism = options.loaded
     units = {name: EFFORTS[mechanism.coordinate(name).unit] for name in result.efforts}
     alone = result.unique_efforts
     efforts = [[name, f"{x:.9g}{'*' * (not alone[name])}", units[name]]
@@ -267,32 +226,31 @@ def _marked(x: Array, unique: Any, whole: Array) -> list[str]:
 
 
 COMMANDS = {
-    "jacobian": Command(jacobian, (
-        option("frame", metavar="FRAME", help="link, frame or joint whose twist is wanted"),
-        *CONFIGURATION,
-        option("--by", action="append", default=[], metavar="NAME",
-               help="a driver or coordinate that moves it (all drivers)"),
-        *hold_option(SPRINGS_HELP),
-        *data_options("the matrix", "the matrix"),
+    "jacobian": opt.Command(jacobian, (
+        opt.option("frame", "link, frame or joint whose twist is wanted", metavar="FRAME"),
+        *opt.CONFIGURATION,
+        opt.many("--by", "a driver or coordinate that moves it (all drivers)"),
+        opt.hold_option(opt.SPRINGS_HELP),
+        *opt.data_options("the matrix", "the matrix"),
     )),
-    "transmission": Command(transmission, (
-        option("output", metavar="OUTPUT", help="coordinate of a joint of one freedom"),
-        *CONFIGURATION,
-        option("--driver", metavar="NAME", help="what moves it (the only driver)"),
-        option("--pair", metavar="NAME",
-               help="closure or joint at which its link is moved, where there are several"),
-        *over_options(SPRINGS_HELP),
-        *data_options("it", "it, along --over one row a value,"),
+    "transmission": opt.Command(transmission, (
+        opt.option("output", "coordinate of a joint of one freedom", metavar="OUTPUT"),
+        *opt.CONFIGURATION,
+        opt.option("--driver", "what moves it (the only driver)", metavar="NAME"),
+        opt.option("--pair", "closure or joint at which its link is moved, where there are several",
+                   metavar="NAME"),
+        *opt.over_options(opt.SPRINGS_HELP),
+        *opt.data_options("it", "it, along --over one row a value,"),
     )),
-    "statics": Command(statics, (
-        *CONFIGURATION,
-        option("--load", dest="loads", action="append", default=[], type=numbers,
-               metavar="NAME=FX,FY,FZ[,MX,MY,MZ]",
-               help="a force [N], and moment [N·m], on a link or frame at its origin, "
-                    "world axes, as tip=0,0,-50N"),
-        option("--actuated", action="append", default=[], metavar="NAME",
-               help="a driver, joint or coordinate that holds it (all drivers)"),
-        *over_options(),
-        *data_options("efforts and reactions", "efforts and reactions, along --over one a column,"),
+    "statics": opt.Command(statics, (
+        *opt.CONFIGURATION,
+        opt.many("--load",
+                 "a force [N], and moment [N·m], on a link or frame at its origin, world axes, as "
+                 "tip=0,0,-50N", dest="loads", type=opt.numbers,
+                 metavar="NAME=FX,FY,FZ[,MX,MY,MZ]"),
+        opt.many("--actuated", "a driver, joint or coordinate that holds it (all drivers)"),
+        *opt.over_options(),
+        *opt.data_options("efforts and reactions",
+                          "efforts and reactions, along --over one a column,"),
     )),
 }

@@ -19,39 +19,13 @@ import pinocchio as pin
 
 import spatial_pin as sp
 from spatial_pin._support.output_files import write_columns
-from spatial_pin.cli.mechanism_arguments import (
-    check_held,
-    fitting,
-    guess_of,
-    held,
-    in_units,
-    loaded,
-    or_partial_result,
-    unique,
-    workers,
-)
-from spatial_pin.cli.options import (
-    GUESS,
-    SPRINGS_HELP,
-    WORKERS,
-    Command,
-    bounded,
-    count,
-    data_options,
-    from_zero,
-    hold_option,
-    not_negative,
-    option,
-    positive,
-    rising,
-    spread,
-    value,
-)
+from spatial_pin.cli import options as opt
+from spatial_pin.cli.mechanism_arguments import Options, in_units, or_partial_result, workers
 from spatial_pin.cli.printing import print_result
 from spatial_pin.cli.tables import check_sigma, read_measurements, read_table, targets_of
 from spatial_pin.dimensions.bounds import Bounds
 from spatial_pin.errors import SpatialPinError, suggestion
-from spatial_pin.formats.parsing import parse_toml
+from spatial_pin.formats.file_access import parse_toml
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.synthesis import goals
 from spatial_pin.synthesis.precision import Goal
@@ -73,12 +47,7 @@ _NUMBER = re.compile(r"\s*[-+]?\.?\d")
 
 
 def read_goals(path: str | Path, mechanism: Mechanism) -> tuple[list[Goal], dict[str, Bounds]]:
-    """Return the goals of a .toml or .csv file, and by dimension the bounds (least, most) or None.
-
-    Raises:
-        OSError: it cannot be read.
-        SpatialPinError: it is no such file, or a goal is wrong; names file and goal.
-    """
+    """Return the goals of a .toml or .csv file, and the bounds (least, most) by dimension."""
     path = Path(path)
     if path.suffix.lower() != ".toml":
         return _goals_of_table(path, mechanism, {}), {}
@@ -204,12 +173,10 @@ def _in_units(key: str, given: Any, base: str) -> Any:
 def _goals_of_table(
     path: Path, mechanism: Mechanism, more: Mapping[str, Any]
 ) -> list[Goal]:
-    """Return goals for the columns of a .csv file.
+    """Return goals for the columns of a .csv file; `more` are their other arguments.
 
     `NAME.x`, `NAME.y`, `NAME.z` are a path, with `NAME.rx`, `NAME.ry`, `NAME.rz` poses; columns of
-    drivers say where they stand there; those of other coordinates are functions of the drivers.
-
-    `more` are arguments that the goals have besides.
+    drivers are their values there; those of other coordinates are functions of the drivers.
     """
     columns, times = read_table(path, mechanism)
     if times is not None:
@@ -238,15 +205,15 @@ def _goals_of_table(
 # ---------------------------------------------------------------- workspace
 
 
-def workspace(options: argparse.Namespace) -> None:
+def workspace(options: Options) -> None:
     """Where a frame gets to over ranges of drivers or poses."""
-    mechanism = loaded(options)
+    mechanism = options.loaded
     mechanism.frame_id(options.frame)
-    check_held(options, mechanism)
+    options.check_held()
     in_units({"clearance": options.clearance}, *LENGTHS)
-    ranges = unique(options, options.ranges, "ranges")
+    ranges = options.unique(options.ranges, "ranges")
     for k in (0, 1):
-        fitting(options, mechanism, {name: ends[k] for name, ends in ranges.items()})
+        options.fitting({name: ends[k] for name, ends in ranges.items()})
         for name, ends in ranges.items():
             unit = unit_of(mechanism, name) if name in PARTS else ""
             if unit and not ends[k].is_for(unit):
@@ -259,13 +226,13 @@ def workspace(options: argparse.Namespace) -> None:
             result.plot(options.picture, plane=options.plane, at=options.at)
             yield options.picture
         if options.html:
-            state = sp.assemble(result.mechanism, {}, guess_of(options, result.mechanism))
+            state = sp.assemble(result.mechanism, {}, options.start_guess)
             yield sp.export_html(state, options.html, look=sp.Look(workspace=result))
 
     with workers(options.workers) as executor:
         result = or_partial_result(lambda: sp.workspace(
             mechanism, options.frame, ranges, points=options.points,
-            guess=guess_of(options, mechanism), hold=held(options), task=options.task,
+            guess=options.start_guess, hold=options.held, task=options.task,
             limits=options.limits, on_crossing=options.on_crossing, clearance=options.clearance,
             sheets=options.sheets, executor=executor, progress=True))
     table = result.columns()
@@ -278,11 +245,11 @@ def workspace(options: argparse.Namespace) -> None:
 # ---------------------------------------------------------------- design
 
 
-def design(options: argparse.Namespace) -> None:
+def design(options: Options) -> None:
     """Find dimensions that meet the goals."""
-    mechanism = loaded(options)
+    mechanism = options.loaded
     goals, bounds = read_goals(options.goals, mechanism)
-    bounds |= unique(options, options.dimensions, "ranges")
+    bounds |= options.unique(options.dimensions, "ranges")
     if not bounds:
         options.usage_error("nothing may change: name dimensions, as r2=50mm..0.6")
     check_bounds(bounds)
@@ -297,7 +264,7 @@ def design(options: argparse.Namespace) -> None:
 
     with workers(options.workers) as executor:
         designs = or_partial_result(lambda: sp.design(
-            mechanism, goals, bounds, guess=guess_of(options, mechanism), starts=options.starts,
+            mechanism, goals, bounds, guess=options.start_guess, starts=options.starts,
             method=options.method, seed=options.seed, executor=executor, progress=True,
             resume=options.resume, most=options.most))
     names = list(designs[0].dimensions) if designs else []
@@ -311,10 +278,10 @@ def design(options: argparse.Namespace) -> None:
 # ---------------------------------------------------------------- calibrate
 
 
-def calibrate(options: argparse.Namespace) -> None:
+def calibrate(options: Options) -> None:
     """Find dimensions, offsets of encoders and the base from measurements."""
-    mechanism = loaded(options)
-    dimensions, sigma = dict(options.dimension), unique(options, options.sigma)
+    mechanism = options.loaded
+    dimensions, sigma = dict(options.dimension), options.unique(options.sigma)
     if len(dimensions) < len(options.dimension):
         options.usage_error("a dimension is named twice")
     check_sigma(mechanism, sigma)
@@ -322,7 +289,7 @@ def calibrate(options: argparse.Namespace) -> None:
     result = or_partial_result(lambda: sp.calibrate(
         mechanism, measurements, dimensions, offsets=options.offset, base=options.base,
         sigma=sigma or None, loss=options.loss, margin=options.margin,
-        guess=guess_of(options, mechanism)))
+        guess=options.start_guess))
     content: dict[str, Any] = result.as_dict()
     residuals = content["residuals"]
     table = {key: [row[key] for row in residuals] for key in residuals[0]} if residuals else {}
@@ -331,81 +298,81 @@ def calibrate(options: argparse.Namespace) -> None:
 
 
 COMMANDS = {
-    "workspace": Command(workspace, (
-        option("frame", metavar="FRAME", help="link, frame or joint whose points are wanted"),
-        option("ranges", nargs="+", type=rising, metavar="NAME=LO..HI",
-               help="drivers, as crank=0..90deg, or parts of the frame's pose: x, y, z, "
-                    "turn_x, turn_y, turn_z, as x=-0.2..0.2"),
-        option("--points", type=count, help="number of values of each range"),
-        option("--task", choices=("position", "pose"),
-               help="motion that dexterity is computed for; of a grid of poses, whether the "
-                    "orientation is held"),
-        option("--limits", action=argparse.BooleanOptionalAction, default=True,
-               help="keep the joint limits"),
-        option("--on-crossing", choices=("stop", "straight"), default="stop",
-               help="action where branches cross (stop)"),
-        option("--clearance", type=not_negative, metavar="DISTANCE",
-               help="links that are not joined keep this distance; 0: they do not touch"),
-        option("--sheets", action="store_true",
-               help="look for other branches over the same grid"),
-        *WORKERS,
-        *hold_option(SPRINGS_HELP),
-        *GUESS,
-        *data_options("the table", "a row for every point of the grid"),
-        option("--curves", metavar="F",
-               help="write boundary and singular curves of a grid of two (.csv)"),
-        option("--picture", metavar="F", help="write a figure (.png, .svg, .pdf)"),
-        option("--plane", choices=("xy", "xz", "yz"), help="that the figure shows"),
-        option("--at", type=value, metavar="VALUE",
-               help="position of the plane of a cross-section"),
-        option("--html", metavar="F", help="write a page with the mechanism and its points"),
+    "workspace": opt.Command(workspace, (
+        opt.option("frame", "link, frame or joint whose points are wanted", metavar="FRAME"),
+        opt.option("ranges",
+                   "drivers, as crank=0..90deg, or parts of the frame's pose: x, y, z, turn_x, "
+                   "turn_y, turn_z, as x=-0.2..0.2", nargs="+", type=opt.rising,
+                   metavar="NAME=LO..HI"),
+        opt.option("--points", "number of values of each range", type=opt.count),
+        opt.option("--task",
+                   "motion that dexterity is computed for; of a grid of poses, whether the "
+                   "orientation is held", choices=("position", "pose")),
+        opt.option("--limits", "keep the joint limits", action=argparse.BooleanOptionalAction,
+                   default=True),
+        opt.option("--on-crossing", "action where branches cross (stop)",
+                   choices=("stop", "straight"), default="stop"),
+        opt.option("--clearance",
+                   "links that are not joined keep this distance; 0: they do not touch",
+                   type=opt.not_negative, metavar="DISTANCE"),
+        opt.switch("--sheets", "look for other branches over the same grid"),
+        *opt.WORKERS,
+        opt.hold_option(opt.SPRINGS_HELP),
+        *opt.GUESS,
+        *opt.data_options("the table", "a row for every point of the grid"),
+        opt.file_option("--curves", "write boundary and singular curves of a grid of two (.csv)"),
+        opt.file_option("--picture", "write a figure (.png, .svg, .pdf)"),
+        opt.option("--plane", "that the figure shows", choices=("xy", "xz", "yz")),
+        opt.option("--at", "position of the plane of a cross-section", type=opt.value,
+                   metavar="VALUE"),
+        opt.file_option("--html", "write a page with the mechanism and its points"),
     )),
-    "design": Command(design, (
-        option("dimensions", nargs="*", default=[], type=bounded,
-               metavar="NAME=LO..HI", help="a dimension that may change, and its bounds; "
-               "NAME alone has none, NAME=LO.. one; besides those of the file"),
-        option("--goals", metavar="F", required=True,
-               help="goals: a .toml file with [[goal]] tables and [dimensions], "
-                    "or a .csv file with columns as tip.x [mm], tip.y, tip.z (a path), with "
-                    "tip.rx, tip.ry, tip.rz (poses), or coordinates (a function), and "
-                    "drivers"),
-        option("--starts", type=count, default=20, help="local solutions to try (20)"),
-        option("--method", choices=("multistart", "atlas", "evolution", "local"),
-               default="multistart", help="choice of their starts (multistart)"),
-        option("--seed", type=from_zero, default=0, help="of random numbers (0)"),
-        option("--most", type=count, default=10, help="number of designs in the result (10)"),
-        *WORKERS,
-        option("--resume", metavar="F",
-               help="store results in this file, and continue from those in it"),
-        *GUESS,
-        option("--save", metavar="FOLDER", help="write the best as a mechanism"),
-        *data_options("all designs", "error and dimensions, a design in every row,"),
-        option("--html", metavar="F", help="write a page that shows the best with its goals"),
-        option("--report", metavar="F",
-               help="write a page to send and to print: the best with its goals"),
+    "design": opt.Command(design, (
+        opt.option("dimensions",
+                   "a dimension that may change, and its bounds; NAME alone has none, NAME=LO.. "
+                   "one; besides those of the file", nargs="*", default=[], type=opt.bounded,
+                   metavar="NAME=LO..HI"),
+        opt.file_option("--goals",
+                        "goals: a .toml file with [[goal]] tables and [dimensions], or a .csv "
+                        "file with columns as tip.x [mm], tip.y, tip.z (a path), with tip.rx, "
+                        "tip.ry, tip.rz (poses), or coordinates (a function), and drivers",
+                        required=True),
+        opt.option("--starts", "local solutions to try (20)", type=opt.count, default=20),
+        opt.option("--method", "choice of their starts (multistart)",
+                   choices=("multistart", "atlas", "evolution", "local"), default="multistart"),
+        opt.option("--seed", "of random numbers (0)", type=opt.from_zero, default=0),
+        opt.option("--most", "number of designs in the result (10)", type=opt.count, default=10),
+        *opt.WORKERS,
+        opt.file_option("--resume", "store results in this file, and continue from those in it"),
+        *opt.GUESS,
+        opt.option("--save", "write the best as a mechanism", metavar="FOLDER"),
+        *opt.data_options("all designs", "error and dimensions, a design in every row,"),
+        opt.file_option("--html", "write a page that shows the best with its goals"),
+        opt.file_option("--report", "write a page to send and to print: the best with its goals"),
     )),
-    "calibrate": Command(calibrate, (
-        option("table", metavar="TABLE", help="a .csv file: a line of names, then a line of "
-               "numbers for every pose; columns of drivers are readings of encoders, measured "
-               "are tip.x [mm], tip.y, tip.z and tip.rx, tip.ry, tip.rz (rotation vector), "
-               "coordinates, and NAME-OTHER, a distance; an empty field was not measured"),
-        option("--dimension", action="append", default=[], type=bounded,
-               metavar="NAME[=LO..HI]", help="a dimension to find, as b or b=0.3..0.4"),
-        option("--offset", action="append", default=[], metavar="DRIVER",
-               help="a driver whose encoder is off"),
-        option("--base", action="store_true", help="points and placements were measured in "
-               "axes of their own: find the pose of the mechanism in these"),
-        option("--read", action="append", default=[], metavar="NAME",
-               help="a coordinate that is read, besides the drivers"),
-        option("--sigma", action="append", default=[], type=spread, metavar="NAME=VALUE",
-               help="standard deviation of position, rotation, angle, length or encoder, or "
-               "of one quantity, as position=0.02mm, crank.encoder=0.1deg"),
-        option("--loss", choices=("linear", "soft_l1", "huber", "cauchy", "arctan"),
-               default="linear", help="how much outliers count (linear: as the others)"),
-        option("--margin", type=positive, default=1.5,
-               help="distance of an outlier [sigma] (1.5)"),
-        *GUESS,
-        *data_options("the result", "the residuals, one a row,"),
-        option("--folder", metavar="F", help="write the calibrated mechanism into a folder"),
+    "calibrate": opt.Command(calibrate, (
+        opt.option("table",
+                   "a .csv file: a line of names, then a line of numbers for every pose; columns "
+                   "of drivers are readings of encoders, measured are tip.x [mm], tip.y, tip.z "
+                   "and tip.rx, tip.ry, tip.rz (rotation vector), coordinates, and NAME-OTHER, a "
+                   "distance; an empty field was not measured", metavar="TABLE"),
+        opt.many("--dimension", "a dimension to find, as b or b=0.3..0.4", type=opt.bounded,
+                 metavar="NAME[=LO..HI]"),
+        opt.many("--offset", "a driver whose encoder is off", metavar="DRIVER"),
+        opt.switch("--base",
+                   "points and placements were measured in axes of their own: find the pose of "
+                   "the mechanism in these"),
+        opt.many("--read", "a coordinate that is read, besides the drivers"),
+        opt.many("--sigma",
+                 "standard deviation of position, rotation, angle, length or encoder, or of one "
+                 "quantity, as position=0.02mm, crank.encoder=0.1deg", type=opt.spread,
+                 metavar="NAME=VALUE"),
+        opt.option("--loss", "how much outliers count (linear: as the others)",
+                   choices=("linear", "soft_l1", "huber", "cauchy", "arctan"), default="linear"),
+        opt.option("--margin", "distance of an outlier [sigma] (1.5)", type=opt.positive,
+                   default=1.5),
+        *opt.GUESS,
+        *opt.data_options("the result", "the residuals, one a row,"),
+        opt.file_option("--folder", "write the calibrated mechanism into a folder"),
     )),
 }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from typing import Any
 
 import numpy as np
@@ -10,36 +9,9 @@ import numpy as np
 import spatial_pin as sp
 from spatial_pin._support.columns import heading
 from spatial_pin.accuracy.tradeoff_view import table
+from spatial_pin.cli import options as opt
 from spatial_pin.cli.commands.motions import beginning, sweep_task
-from spatial_pin.cli.mechanism_arguments import (
-    along,
-    held,
-    in_units,
-    loaded,
-    motion_over,
-    or_partial_result,
-    state_at,
-    unique,
-    workers,
-)
-from spatial_pin.cli.options import (
-    CONFIGURATION,
-    RATE_OPTIONS,
-    SPRINGS_HELP,
-    WORKERS,
-    Command,
-    above_zero,
-    count,
-    data_options,
-    from_zero,
-    hold_option,
-    option,
-    over_options,
-    positive,
-    spread,
-    start_options,
-    sweep_arguments,
-)
+from spatial_pin.cli.mechanism_arguments import Options, in_units, or_partial_result, workers
 from spatial_pin.cli.printing import print_result
 from spatial_pin.dimensions.sensitivity import unit_of_derivative
 from spatial_pin.errors import UnknownNameError
@@ -75,15 +47,15 @@ def _numbers(name: str, value: Any) -> dict[str, float]:
 # ---------------------------------------------------------------- sensitivity
 
 
-def sensitivity(options: argparse.Namespace) -> None:
+def sensitivity(options: Options) -> None:
     """How an output changes with the dimensions."""
-    mechanism = loaded(options)
+    mechanism = options.loaded
     _check_dimensions(mechanism, options.to)
     if not mechanism.dimensions:
         options.hints.append(f"{mechanism.name} has no dimensions: "
                              '<xacro:arg name="b" default="0.4"/> in a .xacro tree makes one')
-    subject = motion_over(options, mechanism) or state_at(options, mechanism)
-    result = along(options, lambda: sp.sensitivity(
+    subject = options.motion_over() or options.state()
+    result = options.along(lambda: sp.sensitivity(
         mechanism, subject, options.output, options.to or None))
     content = {"mechanism": mechanism.name, "output": result.output, "unit": result.unit,
                "derivative_unit": unit_of_derivative(result.unit),
@@ -138,10 +110,10 @@ def _along(motion: sp.Motion, result: sp.Sensitivity) -> str:
 # ---------------------------------------------------------------- tolerance
 
 
-def tolerance(options: argparse.Namespace) -> None:
+def tolerance(options: Options) -> None:
     """How an output scatters when the dimensions do."""
-    mechanism = loaded(options)
-    spread = unique(options, options.deviation)
+    mechanism = options.loaded
+    spread = options.unique(options.deviation)
     _check_dimensions(mechanism, list(spread))
     in_units(spread, "m", "cm", "mm", "um", "in", "rad", "deg", "°")
     for name, x in spread.items():
@@ -149,7 +121,7 @@ def tolerance(options: argparse.Namespace) -> None:
         if not getattr(x, "unit", "") and nominal > 0.0 and x > WIDE_SPREAD * nominal:
             options.hints.append(f"{name} scatters by {x / nominal:.0%} of its "
                                  f"{mechanism.dimensions[name]:.6g}: {x:g}mm?")
-    state = state_at(options, mechanism)
+    state = options.state()
     with workers(options.workers) as executor:
         result = or_partial_result(lambda: sp.tolerance(
             mechanism, [options.output, *options.also], spread, state, samples=options.samples,
@@ -174,10 +146,10 @@ def tolerance(options: argparse.Namespace) -> None:
 # ---------------------------------------------------------------- tradeoff
 
 
-def tradeoff(options: argparse.Namespace) -> None:
+def tradeoff(options: Options) -> None:
     """Measure what accuracy settings cost and lose on a motion of it."""
-    mechanism = loaded(options)
-    task = _task(options, mechanism)
+    mechanism = options.loaded
+    task = _task(options)
     result = or_partial_result(lambda: sp.tradeoff(
         mechanism, task, repeats=options.repeats, progress=True))
     text, files = f"{table(result, is_narrow=True)}\n{PARTS}", []
@@ -195,7 +167,7 @@ def tradeoff(options: argparse.Namespace) -> None:
                 row[key] for row in content["rows"]] for key in keys}, files, result.is_whole)
 
 
-def _task(options: argparse.Namespace, mechanism: sp.Mechanism) -> str | dict[str, Any]:
+def _task(options: Options) -> str | dict[str, Any]:
     """What a trade-off is measured on."""
     if options.simulate is None:
         if options.at or options.begin or options.effort or options.rows:
@@ -206,8 +178,8 @@ def _task(options: argparse.Namespace, mechanism: sp.Mechanism) -> str | dict[st
             return "sweep"
         if options.last is None:
             options.usage_error("a sweep needs a driver, a first and a last value")
-        still = {"hold": held(options)} if options.hold else {}
-        return sweep_task(options, mechanism) | still
+        still = {"hold": options.held} if options.hold else {}
+        return sweep_task(options) | still
     if options.driver is not None or options.speed is not None or options.acceleration:
         options.usage_error("--simulate takes no driver to sweep: its speeds are given by --begin")
     if options.hold:
@@ -217,48 +189,46 @@ def _task(options: argparse.Namespace, mechanism: sp.Mechanism) -> str | dict[st
         if given:
             options.usage_error("--simulate needs a duration with these options")
         return "simulate"
-    state, efforts = beginning(options, mechanism, options.begin, options.simulate)
+    state, efforts = beginning(options, options.begin, options.simulate)
     return {"state": state, "duration": options.simulate, "efforts": efforts,
             "times": np.linspace(0.0, options.simulate, options.rows or 201)}
 
 
 COMMANDS = {
-    "sensitivity": Command(sensitivity, (
-        option("output", metavar="OUTPUT", help=OUTPUT_HELP),
-        *CONFIGURATION,
-        *RATE_OPTIONS,
-        option("--to", action="append", default=[], metavar="NAME",
-               help="a dimension that changes (all)"),
-        *over_options(),
-        *data_options("the derivatives", "derivatives, along --over one a column,"),
+    "sensitivity": opt.Command(sensitivity, (
+        opt.option("output", OUTPUT_HELP, metavar="OUTPUT"),
+        *opt.CONFIGURATION,
+        *opt.RATE_OPTIONS,
+        opt.many("--to", "a dimension that changes (all)"),
+        *opt.over_options(),
+        *opt.data_options("the derivatives", "derivatives, along --over one a column,"),
     )),
-    "tolerance": Command(tolerance, (
-        option("output", metavar="OUTPUT", help=OUTPUT_HELP),
-        *CONFIGURATION,
-        *RATE_OPTIONS,
-        option("--also", action="append", default=[], metavar="OUTPUT",
-               help="another output, of the same samples"),
-        option("--deviation", action="append", default=[], required=True, type=spread,
-               metavar="NAME=VALUE", help="standard deviation of a dimension, as b=0.1mm"),
-        option("--samples", type=from_zero, default=0,
-               help="number of mechanisms to draw, besides the linear estimate (0)"),
-        option("--seed", type=from_zero, default=0, help="of random numbers (0)"),
-        *WORKERS,
-        *data_options("means and spreads", "means and spreads"),
+    "tolerance": opt.Command(tolerance, (
+        opt.option("output", OUTPUT_HELP, metavar="OUTPUT"),
+        *opt.CONFIGURATION,
+        *opt.RATE_OPTIONS,
+        opt.many("--also", "another output, of the same samples", metavar="OUTPUT"),
+        opt.many("--deviation", "standard deviation of a dimension, as b=0.1mm", required=True,
+                 type=opt.spread, metavar="NAME=VALUE"),
+        opt.option("--samples", "number of mechanisms to draw, besides the linear estimate (0)",
+                   type=opt.from_zero, default=0),
+        opt.option("--seed", "of random numbers (0)", type=opt.from_zero, default=0),
+        *opt.WORKERS,
+        *opt.data_options("means and spreads", "means and spreads"),
     )),
 }
 ACCURACY = {
-    "tradeoff": Command(tradeoff, (
-        *sweep_arguments(needed=False),
-        *hold_option(SPRINGS_HELP),
-        option("--simulate", nargs="?", const=0.0, type=above_zero, metavar="DURATION",
-               help="a simulation instead of a sweep, as 10 or 500ms "
-                    "(a few seconds under gravity)"),
-        *start_options("--begin"),  # --speed is that of a sweep
-        option("--rows", type=count, help="number of its rows (201)"),
-        option("--repeats", type=count, default=5, help="runs of each setting (5)"),
-        option("--error", type=positive, help="name the cheapest setting for this error"),
-        *data_options("the table", "a setting in every row,"),
-        option("--plot", metavar="F", help="write a figure (.png, .svg, .pdf)"),
+    "tradeoff": opt.Command(tradeoff, (
+        *opt.sweep_arguments(needed=False),
+        opt.hold_option(opt.SPRINGS_HELP),
+        opt.option("--simulate",
+                   "a simulation instead of a sweep, as 10 or 500ms (a few seconds under gravity)",
+                   nargs="?", const=0.0, type=opt.above_zero, metavar="DURATION"),
+        *opt.start_options("--begin"),  # --speed is that of a sweep
+        opt.option("--rows", "number of its rows (201)", type=opt.count),
+        opt.option("--repeats", "runs of each setting (5)", type=opt.count, default=5),
+        opt.option("--error", "name the cheapest setting for this error", type=opt.positive),
+        *opt.data_options("the table", "a setting in every row,"),
+        opt.file_option("--plot", "write a figure (.png, .svg, .pdf)"),
     )),
 }

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.checks import checked
 from spatial_pin.assembly.state import State, moving_in_time
-from spatial_pin.constraints.tree_motion import tree_of_single_joints
+from spatial_pin.constraints.trees import tree_of_single_joints
 from spatial_pin.dynamics.derivatives.reaction_derivatives import Linear, ReactionChanges
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
 from spatial_pin.dynamics.derivatives.spring_derivatives import ExternalWrenches, Slopes, Springs

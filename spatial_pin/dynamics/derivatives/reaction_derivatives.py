@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.brief import brief
 from spatial_pin.constraints.compiled_equations import combined_wrenches
-from spatial_pin.constraints.tree_motion import motion_cross, skewed, twist_matrices
+from spatial_pin.constraints.trees import motion_cross, skewed, twist_matrices
 from spatial_pin.dynamics.coupling_forces import CouplingForce
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
 from spatial_pin.dynamics.derivatives.spring_derivatives import ExternalWrenches, Springs

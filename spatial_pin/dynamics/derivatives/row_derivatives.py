@@ -16,7 +16,7 @@ from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.composed_equations import Composed
 from spatial_pin.constraints.composite_joints import split_of
 from spatial_pin.constraints.kernel_tree import TreeProducts
-from spatial_pin.constraints.tree_motion import Motion, TreeMotion, tree_of_single_joints
+from spatial_pin.constraints.trees import Motion, TreeMotion, tree_of_single_joints
 from spatial_pin.constraints.vector_products import Term
 from spatial_pin.dynamics.forces import Forces
 from spatial_pin.mechanism.mechanism import Mechanism

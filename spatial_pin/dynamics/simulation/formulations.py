@@ -36,8 +36,8 @@ from spatial_pin.dynamics.solvers.independent_coordinates import (
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.kernel.dynamics import Callbacks, KernelDynamics, ReferencePoint
 from spatial_pin.kernel.integrating import SimulationSamples
+from spatial_pin.kernel.kernel import Ints
 from spatial_pin.kernel.loop_equations import LoopEquations
-from spatial_pin.kernel.packing import Ints
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 

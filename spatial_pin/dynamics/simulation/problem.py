@@ -23,8 +23,8 @@ from spatial_pin.dynamics.simulation.coordinate_partitioning import Freedoms
 from spatial_pin.dynamics.simulation.result import LeastExchange
 from spatial_pin.dynamics.solvers.bodies import TreeDynamics, bodies_of
 from spatial_pin.dynamics.solvers.least_constraint import LeastConstraint
+from spatial_pin.kernel.kernel import Packed, with_masses
 from spatial_pin.kernel.loop_equations import LoopEquations
-from spatial_pin.kernel.packing import Packed, with_masses
 from spatial_pin.mechanism.laws import DriverLaw
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.mechanism_checks import refuse_negative_inertias

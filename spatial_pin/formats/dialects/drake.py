@@ -20,8 +20,7 @@ import xml.etree.ElementTree as ET
 import pinocchio as pin
 
 from spatial_pin.formats.dialects.robot import RobotReading
-from spatial_pin.formats.urdf.elements import is_prefixed, local, without_it
-from spatial_pin.formats.urdf.validation import numbers
+from spatial_pin.formats.urdf.elements import is_prefixed, local, numbers, without_it
 
 TREE_JOINTS = ("ball", "universal", "screw", "planar")
 

@@ -38,8 +38,7 @@ import pinocchio as pin
 from spatial_pin.formats.dialects.robot import RobotReading, words
 from spatial_pin.formats.sdf.sdf_elements import MODEL, link_elements, pose
 from spatial_pin.formats.sdf.sdf_model import OWN, is_detachable
-from spatial_pin.formats.urdf.elements import joint_element, local, without_it
-from spatial_pin.formats.urdf.validation import end_of
+from spatial_pin.formats.urdf.elements import end_of, joint_element, local, without_it
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.numerics.linalg import Array
 
@@ -80,11 +79,25 @@ def read_gazebo(element: ET.Element, reading: RobotReading) -> None:
 
 def geometry(joint: ET.Element, links: list[str], reading: RobotReading
              ) -> tuple[str, pin.SE3, list[Array], dict[str, Any]]:
-    """Return a joint's pair, the placement of its frame, its two axes there, and its numbers."""
+    """Return a joint's pair, the placement of its frame, its two axes there, and its numbers.
+
+    The axes are unit vectors, z by default.
+    """
     kind, stated = reading.pair(joint), joint.find("pose")
     base = (stated.get("relative_to") if stated is not None else None) or links[1]
     stands = frame(base, joint, reading) * pose(stated, reading.where(joint))
-    axes = _axes(joint, kind, stands, reading)
+    axes = []
+    for tag in ("axis", "axis2"):
+        xyz, axis = joint.find(f"{tag}/xyz"), np.array([0.0, 0.0, 1.0])
+        if xyz is not None:
+            axis = reading.unit(reading.texts(xyz, 3, joint), joint)
+            flag = (joint.findtext(f"{tag}/use_parent_model_frame") or "").strip()
+            other = xyz.get("expressed_in") or (MODEL if flag in ("1", "true") else None)
+            if other:
+                axis = stands.rotation.T @ frame(other, joint, reading).rotation @ axis
+        elif kind == "universal":
+            raise reading.fail(joint, f"a universal joint needs <{tag}><xyz>")
+        axes.append(axis)
     if kind == "universal":
         return kind, stands, axes, {"axis2": axes[1].tolist()}
     if kind != "screw":
@@ -133,25 +146,6 @@ def _read_old_joint(joint: ET.Element, reading: RobotReading) -> None:
                   ends, (axis, axis))
     moved = [name for chain in reading.between(links) for name in chain]
     reading.drop_mimics(moved, f"{words(joint)} closes that loop itself")
-
-
-def _axes(joint: ET.Element, kind: str, stands: pin.SE3, reading: RobotReading) -> list[Array]:
-    """Return the unit vectors of <axis> and <axis2> in the joint's frame, z by default."""
-    axes = []
-    for tag in ("axis", "axis2"):
-        xyz, axis = joint.find(f"{tag}/xyz"), np.array([0.0, 0.0, 1.0])
-        if xyz is not None:
-            axis = reading.unit(reading.texts(xyz, 3, joint), joint)
-            flag = joint.find(f"{tag}/use_parent_model_frame")
-            parent_model = flag is not None and (flag.text or "").strip() in ("1", "true")
-            other = xyz.get("expressed_in") or (MODEL if parent_model else None)
-            if other:
-                turn = frame(other, joint, reading).rotation
-                axis = stands.rotation.T @ turn @ axis
-        elif kind == "universal":
-            raise reading.fail(joint, f"a universal joint needs <{tag}><xyz>")
-        axes.append(axis)
-    return axes
 
 
 def frame(name: str, joint: ET.Element, reading: RobotReading) -> pin.SE3:

@@ -14,8 +14,7 @@ import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError, suggestion
 from spatial_pin.formats.file_access import shown
-from spatial_pin.formats.urdf.elements import URDF_AXIS, local
-from spatial_pin.formats.urdf.validation import end_of, numbers, placement
+from spatial_pin.formats.urdf.elements import URDF_AXIS, end_of, local, numbers, placement
 from spatial_pin.mechanism.pairs import PAIRS, axes_from_z
 from spatial_pin.numerics.linalg import Array
 
@@ -28,12 +27,7 @@ PAIR_OF = {  # what dialects call a joint -> our pair
 
 
 class RobotTree:
-    """A robot element; its errors name the file and the element.
-
-    Attributes:
-        robot: the URDF.
-        path: where it comes from, for errors.
-    """
+    """A <robot> and where it comes from; its errors name the file and the element."""
 
     def __init__(self, robot: ET.Element, path: Path) -> None:
         self.robot, self.path = robot, path
@@ -222,15 +216,10 @@ class RobotReading(RobotTree):
 
     def close(self, name: str, kind: str, source: str, ends: Sequence[tuple[str, pin.SE3]],
               axes: tuple[Array, Array] | None = None, **more: Any) -> None:
-        """State a loop.
+        """State a loop between two frames, each a link and a placement on it.
 
-        Args:
-            name: of the closure.
-            kind: its type.
-            source: where it is stated, for whoever asks.
-            ends: link and placement of the two frames that it joins.
-            axes: the pair's axis in either frame, for pairs that have one.
-            **more: further keys of the closure.
+        The pair's axis is given in either frame, if it has one; `more` are further keys of the
+        closure.
         """
         if axes is not None and PAIRS[kind].uses_axis:
             if np.array_equal(*axes):
@@ -244,10 +233,7 @@ class RobotReading(RobotTree):
                               **more})
 
     def add(self, key: str, entry: dict[str, Any]) -> None:
-        """Add an entry to a list of the content, under a name that no other there has.
-
-        A file for several simulators states one loop several times.
-        """
+        """Add an entry to a list of the content, under a name that no other there has."""
         name = self.names[key].free(entry["name"])
         self.content.setdefault(key, []).append({**entry, "name": name})
 

@@ -54,8 +54,7 @@ import pinocchio as pin
 
 from spatial_pin.formats.dialects.drake import read_armatures
 from spatial_pin.formats.dialects.robot import RobotReading
-from spatial_pin.formats.urdf.elements import local
-from spatial_pin.formats.urdf.validation import placement
+from spatial_pin.formats.urdf.elements import local, placement
 from spatial_pin.numerics.linalg import Array
 
 ENDS = (("predecessor",), ("successor", "sucessor"))  # one exporter writes it so

@@ -90,12 +90,7 @@ def is_robot(path: Path) -> bool:
 
 
 def urdf_of(path: Path, trust: Trust | None = None) -> Path:
-    """Return the URDF that a `robot.yaml` is about: named in it, of its name, or the only one.
-
-    Args:
-        path: the file.
-        trust: which files it may name; None: those of its folder.
-    """
+    """Return the URDF that a `robot.yaml` is about: named in it, of its name, or the only one."""
     table = table_of(path)
     named = next((table[key] for key in URDF if isinstance(table.get(key), str)), None)
     if named is not None:

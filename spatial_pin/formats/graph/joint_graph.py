@@ -112,10 +112,6 @@ class GraphJoint:
         """Return the link at its other end."""
         return self.child if link == self.parent else self.parent
 
-    def with_changes(self, **changes: Any) -> GraphJoint:
-        """Return the same joint with changes."""
-        return replace(self, **changes)
-
     def turned(self) -> GraphJoint:
         """Return the same joint from child to parent; one coordinate keeps its name and sign.
 

@@ -1,4 +1,7 @@
-"""A spanning tree as a URDF, and its cut joints as the closures of a mechanism file."""
+"""A spanning tree as a URDF, and its cut joints as the closures of a mechanism file.
+
+So is a URDF whose links have several parents: a URDF holds a tree.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,8 @@ import copy
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,17 +18,28 @@ import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.graph.joint_graph import WORLD, GraphJoint, JointGraph, Link, SpanningTree
-from spatial_pin.formats.importers import Imported
+from spatial_pin.formats.importers import Faults, Imported
 from spatial_pin.formats.urdf.elements import (
+    end_of,
     finite_text,
     fresh,
     joint_element,
     numbers_text,
+    placement,
     unique,
 )
+from spatial_pin.formats.urdf.urdf_model import (
+    CONTAINED_PAIRS,
+    PAIR_OF_URDF_TYPE,
+    JointRefinement,
+    check_joint,
+    check_structure,
+    joint_axes,
+)
 from spatial_pin.mechanism.pairs import PAIRS, axes_from_z
-from spatial_pin.numerics.angles import whole_turns
+from spatial_pin.numerics.linalg import whole_turns
 
+LIMITED = ("revolute", "prismatic")  # URDF types that have limits of position
 DRAWN = 100.0  # roundings of the file that links may be drawn away from their joints
 BASE = "root_joint"  # the joint that lets a base float, as Pinocchio names it
 GROUND = "world"  # the link for the world
@@ -99,16 +115,8 @@ def open_tree(
 ) -> Imported:
     """Return a joint graph as an open tree and closures.
 
-    Args:
-        graph: links and joints.
-        where: the file, for errors.
-        content: tables of a mechanism file, with its name; more are added.
-        notices: of the reader.
-        robot: the <robot> that it comes from; elements other than links and joints stay.
-
-    Raises:
-        MechanismFileError: two fixed joints hold a link in two places, or something refers to the
-            coordinate of every joint at which a loop could be cut.
+    Tables are added to the `content` of a mechanism file, which has its name. Elements other than
+    links and joints stay from the <robot> that the graph comes from, if any.
     """
     writer = _Writer(SpanningTree(graph), where, content)
     if robot is not None:
@@ -319,3 +327,108 @@ def _pair_table(joint: GraphJoint) -> dict[str, Any]:
     """Return the table of a joint's pair in a mechanism file."""
     return {"type": "weld" if joint.type == "fixed" else joint.type,
             **PAIRS[joint.type].file_entries(joint.axis, joint.axis2, joint.lead, joint.length)}
+
+
+def without_loops(
+    robot: ET.Element, content: Mapping[str, Any], refinements: Mapping[str, JointRefinement],
+    path: Path, faults: Faults,
+) -> Imported | None:
+    """Return a URDF with its loops cut, and their tables; None without loops or for other faults.
+
+    Raises:
+        MechanismFileError: links and joints are no graph, or something refers to the coordinate of
+            every joint at which a loop could be cut.
+    """
+    check_structure(robot, path)
+    elements = robot.findall("joint")
+    links = [x.get("name", "") for x in robot.findall("link")]
+    ends = [(end_of(joint, "parent"), end_of(joint, "child")) for joint in elements]
+    below: dict[str, list[str]] = {}
+    for parent, child in ends:
+        below.setdefault(parent, []).append(child)
+    children = {child for _, child in ends}
+    reached = [link for link in links if link not in children]
+    for link in reached:
+        reached += below.get(link, [])
+        if len(reached) > len(links):
+            break
+    if sorted(reached) == sorted(links):
+        return None  # one path from the ground to every link: a tree
+    joints = []
+    for element in elements:
+        where = f"{path}: joint {element.get('name')!r}"
+        check_joint(element, path, faults)
+        kind = element.get("type", "")
+        refined = refinements.get(element.get("name", ""))
+        pair = (refined.type if refined else None) or PAIR_OF_URDF_TYPE.get(kind, kind)
+        if pair not in CONTAINED_PAIRS.get(kind, ()):
+            return None  # which the reader of URDF refuses by name
+        joints.append(_joint(element, pair, refined, where))
+    needed = frozenset(_named(robot, content)) & {joint.name for joint in joints}
+    bodies = tuple(_link(element, set(_texts(content))) for element in robot.findall("link"))
+    graph = JointGraph(bodies, tuple(joints), loose=False, needed=needed)
+    return open_tree(graph, str(path), content, robot=robot)
+
+
+def _joint(
+    element: ET.Element, pair: str, refined: JointRefinement | None, where: str
+) -> GraphJoint:
+    axis, axis2 = joint_axes(PAIRS[pair], element, refined, where)
+    dynamics, resistance = element.find("dynamics"), dict[str, Any]()
+    if dynamics is not None:
+        resistance = {key: float(dynamics.get(key, 0.0)) for key in ("damping", "friction")}
+    for key, values in refined.resistances.items() if refined else ():
+        if key != "slip_speed":
+            resistance[key] = float(np.max(values))  # the largest of several
+    joint = GraphJoint(
+        element.get("name", ""), pair, end_of(element, "parent"), end_of(element, "child"),
+        placement(element.find("origin"), where), axis=axis, axis2=axis2,
+        lead=refined.lead if refined else 0.0, element=element, **resistance)
+    limit = element.find("limit")
+    if limit is None or element.get("type") not in LIMITED:
+        return joint
+    return replace(joint,
+        lower=float(limit.get("lower", 0.0)), upper=float(limit.get("upper", 0.0)))
+
+
+def _link(element: ET.Element, named: set[str]) -> Link:
+    """Return a link; one that something refers to counts as a body, which stays."""
+    values = [x.get(key, "0") for x in element.iterfind("inertial/*")
+              for key in ("value", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")]
+    try:
+        massless = element.get("name") not in named and not any(map(float, values))
+    except ValueError:  # refused later
+        massless = False
+    return Link(element.get("name", ""), None, tuple(element), massless)
+
+
+def _named(robot: ET.Element, content: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the joints whose coordinates something refers to."""
+    for joint in robot.findall("joint"):
+        mimic = joint.find("mimic")
+        if mimic is not None:
+            yield from (joint.get("name", ""), mimic.get("joint", ""))
+    for transmission in robot.iterfind("transmission/joint"):
+        yield transmission.get("name", "")
+    yield from named_coordinates(content)
+
+
+def named_coordinates(content: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the joints whose coordinates a mechanism file refers to."""
+    tables = [*content.get("closures", ()), *content.get("springs", ()),
+              *content.get("drivers", {}).values()]
+    texts = [text for table in tables for key in ("joint", "joints")
+             for text in _texts(table.get(key) if isinstance(table, dict) else None)]
+    for text in (*texts, *content.get("guess", {})):
+        yield from (text, text.rpartition(".")[0])
+
+
+def _texts(value: Any) -> Iterator[str]:
+    """Yield all texts in tables, lists and texts."""
+    waiting = [value]
+    while waiting:
+        element = waiting.pop()
+        if isinstance(element, str):
+            yield element
+        elif isinstance(element, dict | list | tuple):
+            waiting += element.values() if isinstance(element, dict) else element

@@ -19,9 +19,16 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError
-from spatial_pin.formats.file_access import Trust, check_file, is_file, shown
+from spatial_pin.formats.file_access import (
+    PROLOGUE,
+    Trust,
+    check_file,
+    is_file,
+    parse_xml,
+    shown,
+    without,
+)
 from spatial_pin.formats.mesh_files import OUTSIDE
-from spatial_pin.formats.parsing import PROLOGUE, parse_xml, without
 from spatial_pin.formats.urdf.elements import notice_of
 from spatial_pin.numerics.linalg import Array
 
@@ -44,8 +51,7 @@ def compiled(
     """Let MuJoCo compile an MJCF file.
 
     Returns:
-        `mujoco.MjModel`; the file of every mesh asset by its name; names of bodies whose inertia is
-        not known, for want of meshes; notices of changes and omissions.
+        `mujoco.MjModel`; the file of every mesh asset; bodies whose inertia is not known; notices.
     """
     try:
         import mujoco
@@ -108,9 +114,6 @@ def _collected_warnings(mujoco: Any, heard: list[str]) -> Iterator[None]:
         mujoco.set_mju_user_warning(before)
 
 
-# ---------------------------------------------------------------- before MuJoCo reads it
-
-
 def _copies(path: Path, main: Path, trust: Trust, seen: dict[Path, None]) -> float:
     """Return how many copies of elements a file makes, with those that it includes."""
     seen[path] = None
@@ -146,10 +149,7 @@ def _opened_at_once(element: ET.Element, path: Path, main: Path, trust: Trust) -
 
 
 def _elements(path: Path, trust: Trust) -> list[ET.Element]:
-    """Return the root element of a file; none where only MuJoCo, less strict, may read it.
-
-    Of a file that is not trusted, none that may name others.
-    """
+    """Return the root of a file; none where MuJoCo may read it, and it can name no other files."""
     text = _text(path)
     try:
         return [parse_xml(text, path)]
@@ -176,9 +176,6 @@ def _product(text: str) -> float:
         return float(np.prod([abs(float(word)) for word in text.split()]))
     except ValueError:
         return 1.0  # MuJoCo complains of it
-
-
-# ---------------------------------------------------------------- meshes
 
 
 def _without_meshes(

@@ -24,15 +24,7 @@ GREY = np.array([0.5, 0.5, 0.5, 1.0])  # of a geom that has no colour of its own
 
 
 class PlacedJoint(NamedTuple):
-    """A joint and its placement.
-
-    Attributes:
-        name: of the joint.
-        parent: link that carries it.
-        child: link that it carries, whose frame is the joint's.
-        placement: of the joint's zero in the parent link.
-        axis: (3,) unit vector in the joint's frame.
-    """
+    """A joint: the links that it joins, its zero in the first, and its unit axis (3,) there."""
 
     name: str
     parent: str
@@ -115,9 +107,6 @@ def shift(position: Array) -> pin.SE3:
     return pin.SE3(np.eye(3), np.array(position))
 
 
-# ---------------------------------------------------------------- bodies and joints
-
-
 def _add_body(reading: MjcfReading, body: int, names: list[str]) -> str:
     """Add a body and the joints before it, and return the name of its link."""
     model, urdf, wanted = reading.model, reading.urdf, reading.model.body(body).name
@@ -164,22 +153,17 @@ def _add_joint(
     turns = None if written == "floating" else axis
     name, link = reading.urdf.joint(wanted, written, parent, child, placement, turns, limits)
     reading.joints.append(PlacedJoint(name, parent, link, placement, axis))
-    refinement = {**refinement, **_resistances(reading, joint), **_effort(reading, joint)}
-    if refinement:
-        reading.refined[name] = refinement
-    return link
-
-
-def _resistances(reading: MjcfReading, joint: int) -> dict[str, float]:
-    """Return damping, friction and armature of a joint, as `[joints.X]` has them."""
-    model, dof = reading.model, reading.model.jnt_dofadr[joint]
-    values = {
+    dof = model.jnt_dofadr[joint]
+    resistances = {
         "damping": 0.0 if reading.is_off("DAMPER") else (
             model.dof_damping[dof] + _of_actuators(reading, joint, "actuator_damping")),
         "friction": 0.0 if reading.is_off("FRICTIONLOSS") else model.dof_frictionloss[dof],
-        "armature": model.dof_armature[dof] + _of_actuators(reading, joint, "actuator_armature"),
-    }
-    return {key: float(x) for key, x in values.items() if x != 0.0}
+        "armature": model.dof_armature[dof] + _of_actuators(reading, joint, "actuator_armature")}
+    refinement |= {key: float(x) for key, x in resistances.items() if x != 0.0}
+    refinement |= _effort(reading, joint)
+    if refinement:
+        reading.refined[name] = refinement
+    return link
 
 
 def _of_actuators(reading: MjcfReading, joint: int, key: str) -> float:
@@ -199,30 +183,21 @@ def moves_joint(reading: MjcfReading) -> Array:
 
 
 def _effort(reading: MjcfReading, joint: int) -> dict[str, float]:
-    """Return the limits of what actuators do at a joint, as `[joints.X]` has them."""
-    lower, upper = _forces(reading, joint)
-    if reading.model.jnt_actfrclimited[joint]:
-        low, high = reading.model.jnt_actfrcrange[joint]
+    """Return the limits of what all actuators do at a joint, as `[joints.X]` has them."""
+    model, lower, upper = reading.model, -np.inf, np.inf
+    own = moves_joint(reading) & (model.actuator_trnid[:, 0] == joint)
+    on_tendon = (model.wrap_objid == joint) & (
+        model.wrap_type == int(reading.mujoco.mjtWrap.mjWRAP_JOINT))
+    if reading.is_single(joint) and np.any(own) and not np.any(on_tendon) and np.all(
+            model.actuator_forcelimited[own]):
+        ends = model.actuator_gear[own, :1] * model.actuator_forcerange[own]
+        lower, upper = float(ends.min(axis=1).sum()) + 0.0, float(ends.max(axis=1).sum()) + 0.0
+    if model.jnt_actfrclimited[joint]:
+        low, high = model.jnt_actfrcrange[joint]
         lower, upper = max(lower, float(low)), min(upper, float(high))
     if lower > upper or np.inf in (-lower, upper):
         return {}
     return {"effort": upper} if lower == -upper else {"effort": upper, "lower_effort": lower}
-
-
-def _forces(reading: MjcfReading, joint: int) -> tuple[float, float]:
-    """Return the least and the largest force of all actuators together at a joint."""
-    model = reading.model
-    own = moves_joint(reading) & (model.actuator_trnid[:, 0] == joint)
-    on_tendon = (model.wrap_objid == joint) & (
-        model.wrap_type == int(reading.mujoco.mjtWrap.mjWRAP_JOINT))
-    if not (reading.is_single(joint) and np.any(own) and np.all(model.actuator_forcelimited[own])
-            ) or np.any(on_tendon):
-        return -np.inf, np.inf
-    ends = model.actuator_gear[own, :1] * model.actuator_forcerange[own]
-    return float(ends.min(axis=1).sum()) + 0.0, float(ends.max(axis=1).sum()) + 0.0
-
-
-# ---------------------------------------------------------------- shapes
 
 
 def _add_geom(reading: MjcfReading, geom: int) -> None:
@@ -235,17 +210,12 @@ def _add_geom(reading: MjcfReading, geom: int) -> None:
     placement = pose(model.geom_pos[geom], model.geom_quat[geom]) * inner
     touches = bool(model.geom_contype[geom] or model.geom_conaffinity[geom])
     if not touches or model.geom_group[geom] < DRAWN_GROUPS:
-        reading.urdf.shape(link, "visual", placement, tag, sizes, _colour(model, geom))
+        colour, material = np.array(model.geom_rgba[geom], dtype=float), model.geom_matid[geom]
+        if material >= 0 and np.array_equal(colour, GREY):
+            colour = np.array(model.mat_rgba[material], dtype=float)
+        reading.urdf.shape(link, "visual", placement, tag, sizes, colour)
     if touches:
         reading.urdf.shape(link, "collision", placement, tag, sizes)
-
-
-def _colour(model: Any, geom: int) -> Array:
-    """Return the colour (4,) of a geom: its own, else its material's."""
-    own, material = np.array(model.geom_rgba[geom], dtype=float), model.geom_matid[geom]
-    if material >= 0 and np.array_equal(own, GREY):
-        return np.array(model.mat_rgba[material], dtype=float)
-    return own
 
 
 def _solid(reading: MjcfReading, geom: int) -> tuple[str, dict[str, str], pin.SE3] | None:
@@ -277,9 +247,6 @@ def _mesh(reading: MjcfReading, geom: int) -> tuple[str, dict[str, str], pin.SE3
     centred = pose(model.mesh_pos[mesh], model.mesh_quat[mesh])  # by MuJoCo
     sizes = {"filename": str(file), "scale": numbers_text(scale)}
     return "mesh", sizes, centred.inverse() * placement
-
-
-# ---------------------------------------------------------------- tendons
 
 
 def fixed_lengths(reading: MjcfReading, tendon: int) -> dict[int, float]:

@@ -32,13 +32,13 @@ from spatial_pin.formats.urdf.elements import (
     joint_element,
     numbers_text,
     origin,
+    paint,
 )
 from spatial_pin.mechanism.closures import FrameSpec, of_native
-from spatial_pin.mechanism.contact_sides import sided
 from spatial_pin.mechanism.coordinates import check_guess, joint_vector
 from spatial_pin.mechanism.inertia import remainder
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mechanism.mechanism_checks import check_mechanism
+from spatial_pin.mechanism.mechanism_checks import check_mechanism, sided
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mechanism.parts import (
     Closure,
@@ -111,10 +111,7 @@ class LinkTree:
 
 
 def urdf_of(mechanism: Mechanism, bodies: LinkTree) -> str:
-    """Return the open tree as URDF text.
-
-    Shapes that URDF does not have are left out, with a warning.
-    """
+    """Return the open tree as URDF text; shapes that URDF lacks are left out, with a warning."""
     model = mechanism.model
     robot = ET.Element("robot", name=mechanism.name)
     links = {name: ET.SubElement(robot, "link", name=name) for name in mechanism.links}
@@ -138,9 +135,7 @@ def urdf_of(mechanism: Mechanism, bodies: LinkTree) -> str:
             element.append(origin(mechanism.frame_on_joint(link)[1].actInv(shape.placement)))
             ET.SubElement(element, "geometry").append(solid)
             if kind == "visual":
-                material = ET.SubElement(element, "material", name=f"{shape.name}_colour")
-                rgba = numbers_text(np.clip(shape.meshColor, 0.0, 1.0))
-                ET.SubElement(material, "color", rgba=rgba)
+                paint(element, np.clip(shape.meshColor, 0.0, 1.0), f"{shape.name}_colour")
     for i in range(1, model.njoints):
         _add_joint(mechanism, bodies, robot, i)
     for link, mount in bodies.mounts.items():
@@ -189,9 +184,6 @@ def _solid(shape: Any) -> ET.Element | None:
     return None
 
 
-# ---------------------------------------------------------------- the mechanism
-
-
 def mechanism_of(
     given: pin.Model, closures: Iterable[Any], drivers: Mapping[str, str] | Iterable[str] | None,
     springs: Iterable[Spring], passives: Iterable[Passive], guess: Mapping[str, Any] | ArrayLike,
@@ -201,7 +193,10 @@ def mechanism_of(
     """Return the mechanism of a model; see `Mechanism.from_model`."""
     if not isinstance(given, pin.Model):
         raise TypeError(f"a pin.Model is needed, not {type(given).__name__}")
-    title = _text(given.name if name is None else name) or "mechanism"
+    title = given.name if name is None else name
+    if not isinstance(title, str) or not title.isprintable():
+        raise TypeError(f"name is text that can be read, not {title!r}")
+    title = title or "mechanism"
     where = f"{WHERE} {title!r}"
     model, pairs, mimics = pair_tree(given, where)
     bodies = LinkTree(model)
@@ -243,12 +238,6 @@ def _guess(
     q = own_configuration(given, made.model, finite_array(guess, (given.nq,), "guess"))
     vectors = {name: joint_vector(made, q, name) for name in list(made.model.names)[1:]}
     return {name: float(x[0]) if len(x) == 1 else x.tolist() for name, x in vectors.items()}
-
-
-def _text(name: Any) -> str:
-    if not isinstance(name, str) or not name.isprintable():
-        raise TypeError(f"name is text that can be read, not {name!r}")
-    return name
 
 
 def _several(values: Any, what: str) -> list[Any]:
@@ -313,9 +302,6 @@ def _inertias(model: pin.Model) -> dict[str, pin.Inertia]:
             parts[first.name] = parts[first.name] + mine if first.name in parts else mine
         inertias.update({k: pin.Inertia(x) for k, x in parts.items()})
     return inertias
-
-
-# ---------------------------------------------------------------- frames and closures
 
 
 class _FrameNames:

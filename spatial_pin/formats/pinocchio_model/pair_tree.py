@@ -44,11 +44,7 @@ Recognised = tuple[str, pin.JointModel]
 def pair_tree(
     given: pin.Model, where: str
 ) -> tuple[pin.Model, tuple[str, ...], tuple[Closure, ...]]:
-    """Return a model as a tree of pairs; it is not changed.
-
-    Returns:
-        The Pinocchio model, its joints, frames and inertias as they were given; the pair name of
-        every joint, in the order of `model.joints[1:]`; and the couplings of mimicking joints.
+    """Return a model as one of pairs, the pair of every joint, and couplings of mimicking joints.
 
     Raises:
         SpatialPinError: a joint is no pair, or two have one name, or a number is impossible.
@@ -84,12 +80,7 @@ def pair_tree(
 
 
 def check_placement(placement: pin.SE3, what: str) -> None:
-    """Refuse a placement that is none.
-
-    Raises:
-        SpatialPinError: its rotation is mirrored, scaled or sheared.
-        ValueError: a number of it is NaN or infinite.
-    """
+    """Refuse a placement whose rotation is mirrored, scaled or sheared, or that is not finite."""
     finite_array(placement.homogeneous, (4, 4), what)
     turn = placement.rotation
     off = float(np.abs(turn @ turn.T - np.eye(3)).max())
@@ -125,9 +116,6 @@ def _check_names(model: pin.Model, where: str) -> None:
             if kind == "joint" and name in seen:
                 raise SpatialPinError(f"{where}: two joints are named {name!r}")
             seen.add(name)
-
-
-# ---------------------------------------------------------------- joints
 
 
 def _recognised(model: pin.Model, i: int, where: str) -> Recognised:
@@ -216,18 +204,8 @@ KINDS: dict[str, Callable[[Any], Recognised | None]] = {  # by how names begin, 
 }
 
 
-# ---------------------------------------------------------------- numbers
-
-
 def copy_numbers(given: pin.Model, i: int, new: pin.Model, k: int) -> None:
-    """Copy limits, infinite where there are none, what resists and adds inertia.
-
-    Args:
-        given: the model that joint i is in.
-        i: the joint.
-        new: the model that the same joint is in, as joint k.
-        k: the joint there.
-    """
+    """Copy limits, resistances and armature of joint i of a model to joint k of another."""
     for names, at, counts in ((V_ARRAYS, "idx_vs", "nvs"), (Q_ARRAYS, "idx_qs", "nqs")):
         there, here = int(getattr(given, at)[i]), int(getattr(new, at)[k])
         had, has = int(getattr(given, counts)[i]), int(getattr(new, counts)[k])

@@ -17,6 +17,7 @@ from spatial_pin.formats.urdf.elements import (
     inertial as inertial_element,
     numbers_text,
     origin,
+    paint,
 )
 from spatial_pin.numerics.linalg import Array
 
@@ -163,14 +164,7 @@ PlacementOf = Callable[[ET.Element | None, str], pin.SE3]  # <pose>, where -> pl
 
 def link_elements(link: ET.Element, placement_of: PlacementOf, where: str, omitted: list[str]
                   ) -> tuple[ET.Element, ...]:
-    """Return <inertial>, <visual> and <collision> of a link.
-
-    Args:
-        link: its element.
-        placement_of: gives the placement that a <pose> states, on the link.
-        where: file and link, for errors.
-        omitted: is added to, what URDF has no shape for.
-    """
+    """Return <inertial>, <visual> and <collision> of a link; `omitted` gets what URDF lacks."""
     inertial, inside = link.find("inertial"), f"{where}: <inertial>"
     if inertial is not None and inertial.get("auto", "").lower() in TRUE:
         elements = [inertial_element(_of_shapes(link, inertial, placement_of, where, omitted))]
@@ -196,7 +190,7 @@ def link_elements(link: ET.Element, placement_of: PlacementOf, where: str, omitt
             ET.SubElement(element, "geometry").append(solid)
             colour = _colour(shape, f"{where}: {name}")
             if colour is not None and kind == "visual":
-                element.append(colour)
+                paint(element, colour, override=True)
             elements.append(element)
     return tuple(elements)
 
@@ -254,7 +248,7 @@ def _solid(solid: ET.Element | None, where: str) -> ET.Element | None:
     return None
 
 
-def _colour(shape: ET.Element, where: str) -> ET.Element | None:
+def _colour(shape: ET.Element, where: str) -> Array | None:
     stated = shape.find("material/diffuse")
     if stated is None:
         stated = shape.find("material/ambient")
@@ -263,6 +257,4 @@ def _colour(shape: ET.Element, where: str) -> ET.Element | None:
     words = (stated.text or "").split()
     values = number_list(" ".join([*words, "1"] if len(words) == 3 else words), 4,
                          f"{where}: <{stated.tag}>")
-    element = ET.Element("material", name="", override="true")
-    ET.SubElement(element, "color", rgba=numbers_text(np.clip(values, 0.0, 1.0)))
-    return element
+    return np.clip(values, 0.0, 1.0)

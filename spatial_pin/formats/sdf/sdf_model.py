@@ -26,8 +26,7 @@ from spatial_pin.formats.sdf.sdf_elements import (
     number_list,
     pose,
 )
-from spatial_pin.formats.urdf.elements import is_prefixed, local, without_it
-from spatial_pin.formats.urdf.validation import by_name
+from spatial_pin.formats.urdf.elements import by_name, is_prefixed, local, without_it
 from spatial_pin.numerics.linalg import Array
 
 OF_MODEL = ("static", "self_collide", "allow_auto_disable", "enable_wind", "frame", "pose", "link",
@@ -258,7 +257,7 @@ def _joints_of(
         # a universal joint, or two revolute joints where these have limits or springs
         cross = f"{joint.name}.cross"
         first, second = (
-            _about(model, joint.with_changes(name=f"{joint.name}.{AXES[tag]}", type="revolute"),
+            _about(model, replace(joint, name=f"{joint.name}.{AXES[tag]}", type="revolute"),
                    joint.name, element.find(tag), where, tag) for tag in AXES)
         square = abs(first.axis @ second.axis) < 1e-9
         if kind == "universal" and not square:
@@ -268,16 +267,16 @@ def _joints_of(
         if square and same and not any(
                 x.is_limited or x.stiffness or math.isfinite(min(x.effort, x.velocity))
                 for x in (first, second)):
-            return [], [joint.with_changes(axis=first.axis, axis2=second.axis,
+            return [], [replace(joint, axis=first.axis, axis2=second.axis,
                                            damping=first.damping, friction=first.friction)]
         between = Link(cross, model.frames.in_world(model.frame_of[joint.name], "joint"))
-        return [between], [first.with_changes(child=cross, on_child=pin.SE3.Identity()),
-                           second.with_changes(parent=cross, on_parent=pin.SE3.Identity())]
+        return [between], [replace(first, child=cross, on_child=pin.SE3.Identity()),
+                           replace(second, parent=cross, on_parent=pin.SE3.Identity())]
     joint = _about(model, joint, name, element.find("axis"), where, "axis")
     if joint.type == "screw":
-        joint = joint.with_changes(lead=_lead(element, where))
+        joint = replace(joint, lead=_lead(element, where))
     if kind == "continuous":
-        joint = joint.with_changes(lower=-math.inf, upper=math.inf)
+        joint = replace(joint, lower=-math.inf, upper=math.inf)
     return [], [joint]
 
 
@@ -287,7 +286,7 @@ def _about(
     """Return a joint with the numbers of an <axis> of the file's joint of that name."""
     if joint.type == "spherical":
         dynamics = axis.find("dynamics") if axis is not None else None
-        return joint.with_changes(damping=number(dynamics, "damping", 0.0, where),
+        return replace(joint, damping=number(dynamics, "damping", 0.0, where),
                        friction=number(dynamics, "friction", 0.0, where))
     if axis is None:
         raise MechanismFileError(f"{where} needs <{tag}>")
@@ -307,10 +306,7 @@ def _about(
 
 
 def _lead(element: ET.Element, where: str) -> float:
-    """Return the translation per turn of a screw [m].
-
-    `screw_thread_pitch` is that; the older `thread_pitch` is the negative angle per metre.
-    """
+    """Return the lead of a screw [m/turn]; `thread_pitch` is the negative angle per metre."""
     if element.find("screw_thread_pitch") is not None:
         return number(element, "screw_thread_pitch", 1.0, where)
     if element.find("thread_pitch") is None:

@@ -6,6 +6,7 @@ import math
 import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -67,6 +68,13 @@ def inertial(inertia: pin.Inertia) -> ET.Element:
     return element
 
 
+def paint(visual: ET.Element, rgba: Array, name: str = "", override: bool = False) -> None:
+    """Give a <visual> a colour (4,); one that overrides goes before those of a mesh."""
+    more = {"override": "true"} if override else {}
+    material = ET.SubElement(visual, "material", {"name": name, **more})
+    ET.SubElement(material, "color", rgba=numbers_text(rgba))
+
+
 def joint_element(
     robot: ET.Element, name: str, kind: str, parent: str, child: str,
     placement: pin.SE3 | None = None,
@@ -81,11 +89,7 @@ def joint_element(
 
 
 class UrdfTree:
-    """A URDF that grows link by link and joint by joint; names are made unique.
-
-    Attributes:
-        robot: its root element.
-    """
+    """A URDF, its `robot`, that grows link by link and joint by joint; names are made unique."""
 
     def __init__(self, name: str, root: str, reserved: Iterable[str] = ()) -> None:
         self.robot = ET.Element("robot", name=name)
@@ -103,19 +107,10 @@ class UrdfTree:
         self, wanted: str, kind: str, parent: str, child: str, placement: pin.SE3,
         axis: Array | None = None, limits: Array | None = None,
     ) -> tuple[str, str]:
-        """Add a joint and the link that it carries.
+        """Add a joint of a URDF type and the link that it carries; return the names of both.
 
-        Args:
-            wanted: name of the joint; a number is added where it is taken.
-            kind: its URDF type.
-            parent: name of the link that carries it.
-            child: name of the new link; a number is added where it is taken.
-            placement: of the joint in the parent link.
-            axis: (3,) unit vector in the joint's frame.
-            limits: (2,) lower and upper value [rad or m].
-
-        Returns:
-            The names of the joint and of the new link.
+        A number is added to a name that is taken. The axis is a unit vector in the joint's frame;
+        limits are (2,) [rad or m].
         """
         name, link = unique(wanted, self._joints), self._link(child)
         self._joints.add(name)
@@ -155,9 +150,7 @@ class UrdfTree:
         shape.append(origin(placement))
         ET.SubElement(ET.SubElement(shape, "geometry"), solid, sizes)
         if rgba is not None:
-            material = ET.SubElement(shape, "material", name=f"rgba {numbers_text(rgba)}",
-                                     override="true")
-            ET.SubElement(material, "color", rgba=numbers_text(rgba))
+            paint(shape, rgba, f"rgba {numbers_text(rgba)}", override=True)
 
 def unique(wanted: str, taken: Iterable[str]) -> str:
     """Return a name that is not taken: the wanted one, or that with a number."""
@@ -211,3 +204,46 @@ def notice_of(matches: dict[str, list[str]], known: Iterable[str], where: str) -
                                      f"{suggestion(name, known)}")
     parts = [f"{name!r} ({', '.join(sorted(set(kinds)))})" for name, kinds in matches.items()]
     return [f"left out by load(..., without=...): {', '.join(parts)}"] if parts else []
+
+
+def by_name(elements: list[ET.Element], kind: str, where: Path | str) -> dict[str, ET.Element]:
+    """Return elements by their names."""
+    names: dict[str, ET.Element] = {}
+    for element in elements:
+        name = element.get("name", "")
+        if not name or name in names:
+            what = f"two {kind}s are named {name!r}" if name else f"a <{kind}> has no name"
+            raise MechanismFileError(f"{where}: {what}")
+        names[name] = element
+    return names
+
+
+def end_of(joint: ET.Element, role: str) -> str:
+    """Return the link at one end of a joint, its "parent" or "child"; "" where there is none."""
+    element = joint.find(role)
+    return element.get("link", "") if element is not None else ""
+
+
+def numbers(element: ET.Element, attribute: str, count: int, where: str) -> Array:
+    """Return the `count` numbers of an attribute."""
+    text = element.get(attribute, "")
+    try:
+        return finite_numbers(text, count)
+    except ValueError as wanted:
+        used = next((x for x in ("${...}", "$(...)") if x[:2] in text), "")
+        hint = f"; {used} is xacro's: name the file .urdf.xacro" if used else ""
+        raise MechanismFileError(
+            f"{where}: <{local(element)} {attribute}={text!r}> needs {wanted}{hint}") from None
+
+
+def placement(element: ET.Element | None, where: str) -> pin.SE3:
+    """Return the placement that an <origin> gives; none is the identity."""
+    if element is None:
+        return pin.SE3.Identity()
+    xyz = numbers(element, "xyz", 3, where) if "xyz" in element.attrib else np.zeros(3)
+    rpy = numbers(element, "rpy", 3, where) if "rpy" in element.attrib else np.zeros(3)
+    (sa, ca), (sb, cb), (sc, cc) = ((math.sin(x), math.cos(x)) for x in (0.5 * rpy).tolist())
+    turn = pin.Quaternion(ca * cb * cc + sa * sb * sc, sa * cb * cc - ca * sb * sc,
+                          ca * sb * cc + sa * cb * sc, ca * cb * sc - sa * sb * cc)
+    turn.normalize()  # rounded as URDF readers round it
+    return pin.SE3(turn.matrix(), xyz)

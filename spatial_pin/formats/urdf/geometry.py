@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import xml.etree.ElementTree as ET
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,7 +21,7 @@ from spatial_pin.errors import MechanismFileError, warn
 from spatial_pin.formats.file_access import Trust, shown
 from spatial_pin.formats.importers import Faults
 from spatial_pin.formats.mesh_files import mesh_colours, mesh_file, package_of, read_meshes
-from spatial_pin.formats.urdf.validation import numbers, placement
+from spatial_pin.formats.urdf.elements import numbers, placement
 from spatial_pin.numerics.linalg import Array
 
 KINDS = ("visual", "collision")
@@ -118,18 +119,11 @@ def _solid(
     return solid
 
 
-# ---------------------------------------------------------------- in a URDF
-
-
 def take_shapes(
     robot: ET.Element, path: Path, trust: Trust, faults: Faults
 ) -> tuple[Shape, ...]:
-    """Take the shapes out of a URDF; no mesh is opened.
-
-    Raises:
-        MechanismFileError: a shape has impossible numbers.
-    """
-    materials = _Materials(robot, faults)
+    """Take the shapes out of a URDF; refuse impossible numbers. No mesh is opened."""
+    colours = _colours(robot, faults)
     folder = path if os.path.isdir(path) else path.parent
     taken = []
     for link in robot.findall("link"):
@@ -140,7 +134,7 @@ def take_shapes(
             count = 0
             for element in link.findall(kind):
                 own = placement(element.find("origin"), where)
-                colour = materials.of(element, where) if kind == "visual" else None
+                colour = _colour(element, colours, where) if kind == "visual" else None
                 solid = next((x for x in element.iterfind("geometry/*") if x.tag in SIZES), None)
                 if solid is None:
                     faults.note(f"none of {', '.join(SIZES)}, left out",
@@ -200,32 +194,26 @@ def _sought(
     return replace(shape, file=file, is_barred=bool(path))
 
 
-class _Materials:
-    """Colours by the names of materials; the first that is given for a name counts."""
-
-    def __init__(self, robot: ET.Element, faults: Faults) -> None:
-        self._colours: dict[str, ET.Element] = {}
-        seen: set[str] = set()
-        for material in robot.findall("material"):
-            name = material.get("name", "")
-            if name in seen:
-                faults.note("given more than once, the first counts", f"material {name!r}")
-            seen.add(name)
-            self._add(material)
-        for material in robot.iterfind("link/visual/material"):
-            self._add(material)
-
-    def _add(self, material: ET.Element) -> None:
+def _colours(robot: ET.Element, faults: Faults) -> dict[str, ET.Element]:
+    """Return the <color> of materials by name; the first that is given for a name counts."""
+    own, colours = robot.findall("material"), dict[str, ET.Element]()
+    for name, count in Counter(material.get("name", "") for material in own).items():
+        if count > 1:
+            faults.note("given more than once, the first counts", f"material {name!r}")
+    for material in (*own, *robot.iterfind("link/visual/material")):
         colour = material.find("color")
         if colour is not None and material.get("name"):
-            self._colours.setdefault(material.get("name", ""), colour)
+            colours.setdefault(material.get("name", ""), colour)
+    return colours
 
-    def of(self, element: ET.Element, where: str) -> tuple[float, ...] | None:
-        """Return the colour of a visual; None where it has none."""
-        material = element.find("material")
-        if material is None:
-            return None
-        colour = self._colours.get(material.get("name", ""), material.find("color"))
-        if colour is None:
-            return None
-        return tuple(numbers(colour, "rgba", 4, where).astype(np.float32).tolist())
+
+def _colour(
+    element: ET.Element, colours: Mapping[str, ET.Element], where: str
+) -> tuple[float, ...] | None:
+    """Return the colour of a visual; None where it has none."""
+    material = element.find("material")
+    if material is None:
+        return None
+    colour = colours.get(material.get("name", ""), material.find("color"))
+    return None if colour is None else tuple(
+        numbers(colour, "rgba", 4, where).astype(np.float32).tolist())

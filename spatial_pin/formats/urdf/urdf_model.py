@@ -11,9 +11,10 @@ from __future__ import annotations
 import math
 import sys
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -23,21 +24,33 @@ import pinocchio as pin
 from spatial_pin.errors import MechanismFileError, Mistakes, suggestion
 from spatial_pin.formats.file_access import Trust
 from spatial_pin.formats.importers import Faults
-from spatial_pin.formats.urdf.elements import UNBOUNDED, URDF_AXIS, numbers_text
-from spatial_pin.formats.urdf.geometry import geometry_of, take_shapes
-from spatial_pin.formats.urdf.validation import (
-    INERTIAL,
-    check_joint,
-    check_links,
-    check_structure,
+from spatial_pin.formats.urdf.elements import (
+    UNBOUNDED,
+    URDF_AXIS,
+    by_name,
     end_of,
+    joint_element,
     numbers,
+    numbers_text,
+    placement,
 )
-from spatial_pin.mechanism.inertia import put_inertias
+from spatial_pin.formats.urdf.geometry import geometry_of, take_shapes
+from spatial_pin.mechanism.inertia import inertia_as_given, put_inertias
 from spatial_pin.mechanism.pairs import COUPLING, JOINT_TYPES, PAIRS, Pair, hint_at_type, unit
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
 
+LIGHTEST = 1e-200  # kg
+DEEPEST_LINK = 1500  # joints above it: readers of URDF take 2.5 kB of the stack for each, and a
+                     # stack of 8 MB ends them, and all of Python, before 4000
+ONCE = {  # of a link or joint, or of an element in it, allowed once
+    ".": ("inertial", "origin", "axis", "limit", "dynamics", "mimic"),
+    "inertial": ("origin", "mass", "inertia"),
+    "visual": ("origin", "geometry"), "collision": ("origin", "geometry"),
+}
+UNIVERSE = "universe"  # the joint that all joints of a Pinocchio model hang on
+INERTIAL = (("mass", "value"),
+            *(("inertia", key) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")))
 CONTAINED_PAIRS = {  # URDF type -> pairs that a refinement may make of it
     "floating": JOINT_TYPES,
     "planar": ("planar", "revolute", "prismatic", "fixed"),
@@ -57,6 +70,150 @@ LIMITS = {  # of `[joints.X]`, with the limits of `pin.Model` that they set, and
     "effort": {"upperEffortLimit": 1.0, "lowerEffortLimit": -1.0},
     "lower_effort": {"lowerEffortLimit": 1.0},
 }
+
+
+def check_structure(robot: ET.Element, path: Path) -> None:
+    """Refuse links and joints that do not make a graph."""
+    if robot.tag != "robot":
+        raise MechanismFileError(f"{path}: the root element is <{robot.tag}>, not <robot>")
+    links = by_name(robot.findall("link"), "link", path)
+    if not links:
+        raise MechanismFileError(f"{path}: no <link>")
+    joints = robot.findall("joint")
+    by_name(joints, "joint", path)
+    _check_names(links, joints, path)
+    for joint in joints:
+        for role in ("parent", "child"):
+            link = end_of(joint, role)
+            if link not in links:
+                raise MechanismFileError(
+                    f"{path}: joint {joint.get('name')!r}: {role} link {link!r} does not exist; "
+                    f"{suggestion(link, links)}"
+                )
+        if end_of(joint, "child") == end_of(joint, "parent"):
+            raise MechanismFileError(f"{path}: joint {joint.get('name')!r} joins link "
+                                     f"{end_of(joint, 'child')!r} with itself")
+
+
+def _make_one_tree(robot: ET.Element, path: Path, faults: Faults) -> None:
+    """Note repeated elements, of which readers of URDF take the first; fix all roots to a world."""
+    joints = robot.findall("joint")
+    children = {end_of(joint, "child") for joint in joints}
+    links = [link.get("name", "") for link in robot.findall("link")]
+    roots = [link for link in links if link not in children]
+    _check_depth(roots, joints, path)
+    elements = [(kind, x) for kind in ("link", "joint") for x in robot.findall(kind)]
+    for below, tags in ONCE.items():
+        for kind, element in elements:
+            for part, tag in product(element.iterfind(below), tags):
+                if len(part.findall(tag)) > 1:
+                    faults.note("stated more than once, the first counts",
+                                f"{kind} {element.get('name')!r}: <{tag}>")
+    if len(roots) < 2:
+        return
+    taken = {*links, *(joint.get("name", "") for joint in joints)} - set(roots)
+    world = _free("world", taken)
+    if world not in roots:
+        ET.SubElement(robot, "link", name=world)
+    for root in roots:
+        if root != world:
+            joint_element(robot, _free(f"{world}_to_{root}", taken), "fixed", world, root)
+            faults.note("no parent, fixed to the ground at its origin", f"link {root!r}")
+
+
+def _check_names(links: Iterable[str], joints: Sequence[ET.Element], path: Path) -> None:
+    """Refuse names that nothing can ask for: those of control characters, and Pinocchio's own."""
+    named = [("joint", joint.get("name", "")) for joint in joints] + [("link", x) for x in links]
+    odd = [(len(name), kind, name) for kind, name in named if not name.isprintable()]
+    if odd:  # the shortest: importers call others after it
+        _, kind, name = min(odd)
+        raise MechanismFileError(f"{path}: a {kind} is named {name!r}; a name is text that can be "
+                                 "read")
+    if any(joint.get("name") == UNIVERSE and joint.get("type") != "fixed" for joint in joints):
+        raise MechanismFileError(f"{path}: a joint is named {UNIVERSE!r}, which is Pinocchio's "
+                                 "name of the ground; rename it")
+
+
+def _check_depth(roots: Iterable[str], joints: Iterable[ET.Element], path: Path) -> None:
+    """Refuse chains on which the reader of URDF, who calls itself link by link, would die."""
+    above: dict[str, list[str]] = {}
+    for joint in joints:
+        above.setdefault(end_of(joint, "parent"), []).append(end_of(joint, "child"))
+    level, depth = list(roots), 0
+    while level:
+        level = [child for link in level for child in above.pop(link, ())]
+        depth += 1
+        if depth > DEEPEST_LINK and level:
+            raise MechanismFileError(f"{path}: more than {DEEPEST_LINK} joints one after another "
+                                     f"below the root, as at link {level[0]!r}; readers of URDF "
+                                     "take no longer chains")
+
+
+def _free(name: str, taken: Container[str]) -> str:
+    while name in taken:
+        name += "_"
+    return name
+
+
+def check_links(robot: ET.Element, path: Path, faults: Faults) -> dict[str, pin.Inertia]:
+    """Return the own inertia of the links that have one."""
+    inertias = {}
+    for link in robot.findall("link"):
+        name, inertial = link.get("name", ""), link.find("inertial")
+        if inertial is None:
+            continue
+        where = f"{path}: link {name!r}"
+        centre = placement(inertial.find("origin"), where)
+        given = {key: inertial.find(tag) for tag, key in INERTIAL}
+        values = {key: float(numbers(x, key, 1, where)[0])
+                  for key, x in given.items() if x is not None and key in x.attrib}
+        missing = ["mass" if key == "value" else key for key in given if key not in values]
+        if missing and len(inertial):
+            faults.note("of <inertial> missing, counts as 0", f"link {name!r}: {' '.join(missing)}")
+        mass, xx, xy, xz, yy, yz, zz = (values.get(key, 0.0) for key in given)
+        if mass and not LIGHTEST <= abs(mass) <= 1.0 / LIGHTEST:
+            raise MechanismFileError(
+                f"{where}: a mass of {mass:.3g} kg; only 0 and masses from {LIGHTEST:g} to "
+                f"{1.0 / LIGHTEST:g} kg can be worked with")
+        matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        with np.errstate(over="ignore", invalid="ignore"):
+            turned = centre.rotation @ matrix @ centre.rotation.T
+        if not np.all(np.abs(turned) <= 1.0 / LIGHTEST):
+            raise MechanismFileError(f"{where}: its moments of inertia are above "
+                                     f"{1.0 / LIGHTEST:g} kg·m², more than can be worked with")
+        inertias[name] = inertia_as_given(mass, centre.translation, turned)
+    return inertias
+
+
+def check_joint(joint: ET.Element, path: Path, faults: Faults) -> None:
+    """Refuse numbers that the URDF reader refuses without saying where, or takes as they are."""
+    name = joint.get("name")
+    where = f"{path}: joint {name!r}"
+    placement(joint.find("origin"), where)
+    axis, limit, dynamics = (joint.find(tag) for tag in ("axis", "limit", "dynamics"))
+    kind = joint.get("type", "")
+    if axis is not None and kind != "fixed":
+        numbers(axis, "xyz", 3, where)
+    if kind in ("revolute", "prismatic"):
+        missing = [key for key in ("effort", "velocity")
+                   if limit is None or key not in limit.attrib]
+        if missing:
+            faults.note("no <limit>, counts as unlimited" if limit is None else
+                        f"no {' and no '.join(missing)} in <limit>, counts as unlimited in that",
+                        f"joint {name!r}")
+    if limit is not None:
+        for attribute in ("effort", "velocity"):
+            if attribute in limit.attrib and numbers(limit, attribute, 1, where)[0] < 0.0:
+                raise MechanismFileError(f"{where}: <limit {attribute}> is negative")
+        lower, upper = (float(numbers(limit, key, 1, where)[0]) if key in limit.attrib else 0.0
+                        for key in ("lower", "upper"))
+        if lower > upper and kind in ("revolute", "prismatic"):
+            faults.note("lower limit above the upper one, counts as no limit", f"joint {name!r}")
+            limit.attrib.update(lower=repr(-UNBOUNDED), upper=repr(UNBOUNDED))
+    for attribute in ("damping", "friction"):
+        if dynamics is not None and attribute in dynamics.attrib \
+                and numbers(dynamics, attribute, 1, where)[0] < 0.0:
+            raise MechanismFileError(f"{where}: <dynamics {attribute}> is negative")
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,24 +243,18 @@ def tree_of(
     robot: ET.Element, path: Path, refinements: Mapping[str, JointRefinement], faults: Faults,
     trust: Trust, order: Sequence[str] = (), order_of: str = "",
 ) -> tuple[dict[str, Any], tuple[Closure, ...]]:
-    """Return the fields of a `Mechanism` for the open tree of a URDF, and its mimics.
+    """Return the fields of a `Mechanism` for the open tree of a URDF, which changes, and mimics.
 
-    Args:
-        robot: its root element, which changes.
-        path: where it comes from, for relative paths and errors.
-        refinements: tables of joints in a mechanism file.
-        faults: collects faults that do not stop the reading.
-        trust: which meshes may be read.
-        order: joints in the order of their coordinates; those not named go first. Default that of
-            Pinocchio's reader: joint by joint upwards, alphabetically at each link.
-        order_of: the file of this order, for errors.
+    Coordinates are in the `order` of joints, which the file `order_of` states: joints that it lacks
+    go first, in the order of Pinocchio's reader: joint by joint upwards, alphabetically at each
+    link.
     """
     for parent in list(robot.iter()):  # elements of other namespaces, from xacro
         for key in [key for key in parent.attrib if "}" in key]:
             del parent.attrib[key]
         for child in [child for child in parent if "}" in child.tag]:
             parent.remove(child)
-    check_structure(robot, path, faults)
+    _make_one_tree(robot, path, faults)
     mistakes = Mistakes(str(path))
     with mistakes.each():
         inertias = check_links(robot, path, faults)
@@ -134,10 +285,7 @@ def tree_of(
 
 
 def _plain(element: ET.Element) -> ET.Element:
-    """Return a joint without mimic and limits; a continuous one as a revolute one.
-
-    Then it has one coordinate.
-    """
+    """Return a joint without mimic and limits; a continuous one as a revolute one."""
     kind = element.get("type", "")
     joint = ET.Element("joint", {**element.attrib, "type": PAIR_OF_URDF_TYPE.get(kind, kind)})
     for part in element:
@@ -189,9 +337,6 @@ def _read(robot: ET.Element, path: Path) -> pin.Model:
     except Exception as error:
         reason = " ".join(str(error).split())
         raise MechanismFileError(f"{path}: Pinocchio cannot read it: {reason}") from error
-
-
-# ---------------------------------------------------------------- joints
 
 
 def _joint_pairs(
@@ -339,8 +484,7 @@ def joint_axes(
 def stated_limits(element: ET.Element, nq: int, nv: int) -> tuple[Array, ...]:
     """Return the bounds that a URDF states for a joint, in the order of `pin.Model.addJoint`.
 
-    One scalar of the URDF holds for every coordinate of the pair, except the position limits of
-    a pair with several coordinates and those of a continuous joint, which are none.
+    A number holds for every coordinate; positions of several, or of a continuous joint, have none.
     """
     limit, dynamics, kind = element.find("limit"), element.find("dynamics"), element.get("type")
 
@@ -370,9 +514,7 @@ def own_entries(model: pin.Model, joint: int, array: str) -> slice:
 
 
 def _put_numbers(model: pin.Model, refinements: Mapping[str, JointRefinement]) -> Array:
-    """Put limits, damping, friction and armature of a mechanism file into a model.
-
-    Those of the URDF are in it already. Limits go in the order of `LIMITS`.
+    """Put limits, in the order of `LIMITS`, and resistances of a mechanism file into a model.
 
     Returns:
         (nv,) slip speeds, NaN where there are none.

@@ -64,12 +64,7 @@ class UsdStage:
             Usd.PrimIsActive & Usd.PrimIsDefined & ~Usd.PrimIsAbstract)))
 
     def placement(self, prim: Any, mirrored: bool = False) -> tuple[pin.SE3, Array]:
-        """Return placement in the world [m] of a prim, and its scale (3,).
-
-        Args:
-            prim: the prim.
-            mirrored: whether it may have left-handed axes; one of them is then reversed.
-        """
+        """Return placement in the world [m] and scale (3,) of a prim; axes may be `mirrored`."""
         above = prim  # a turn by no number, which USD takes for none
         while above and above.GetPath() not in self._turning:
             self._turning.add(above.GetPath())
@@ -169,10 +164,7 @@ def brief_names(prims: Iterable[Any]) -> dict[str, str]:
 
 
 def rotation_of(quaternion: Any) -> Array:
-    """Return the rotation (3, 3) of a quaternion of USD, which may be rounded, or zero for none.
-
-    NaN where a number of it is NaN or infinite.
-    """
+    """Return the rotation (3, 3) of a quaternion of USD, rounded or zero; NaN if not finite."""
     x, y, z = map(float, quaternion.GetImaginary())
     values = np.array([x, y, z, float(quaternion.GetReal())])
     if not np.all(np.isfinite(values)):

@@ -30,17 +30,16 @@ import numpy as np
 
 from spatial_pin.errors import MechanismFileError, suggestion, warn
 from spatial_pin.formats.file_access import (
-    NO_PACKAGES,
     REMEDY,
-    Trust,
     check_file,
     is_file,
     library_folder,
     package_folders,
+    parse_xml,
     read_text,
     shown,
 )
-from spatial_pin.formats.parsing import parse_xml
+from spatial_pin.formats.importers import Request
 from spatial_pin.formats.xacro.expressions import (
     GLOBALS,
     SHARE,
@@ -72,10 +71,7 @@ if hasattr(os, "register_at_fork"):  # a child must not be born while an import 
                         after_in_child=_IMPORTING.release)
 
 
-def expand(
-    path: Path, parameters: Mapping[str, float], trusted: bool = False,
-    packages: Mapping[str, Path] = NO_PACKAGES,
-) -> str:
+def expand(request: Request) -> str:
     """Return the URDF text of a `.urdf` or `.xacro` file with its parameters put in.
 
     Raises:
@@ -83,12 +79,13 @@ def expand(
         TypeError: a parameter is neither a number nor a text.
         ValueError: a parameter is NaN or infinite.
     """
+    path = request.path
     check_file(path)
     if path.suffix != ".xacro":
         return read_text(path)
-    mappings = _checked_parameters(path, parameters, trusted, packages) if parameters else {}
+    mappings = _checked_parameters(request) if request.parameters else {}
     if path.parent != library_folder():
-        return Expansion(path, trusted, packages).text(mappings)
+        return Expansion(request).text(mappings)
     changed = max(file.stat().st_mtime_ns for file in path.parent.glob("*.xacro"))
     return _library_text(path, tuple(mappings.items()), changed)
 
@@ -96,40 +93,28 @@ def expand(
 @lru_cache(maxsize=200)
 def _library_text(path: Path, mappings: tuple[tuple[str, str], ...], changed: int) -> str:
     """Return the expanded text of a library file: four fifths of the time of loading it."""
-    return Expansion(path, False, NO_PACKAGES).text(dict(mappings))
+    return Expansion(Request(path)).text(dict(mappings))
 
 
-def traced(
-    path: Path, parameters: Mapping[str, float], arguments: Mapping[str, float],
-    trusted: bool = False, packages: Mapping[str, Path] = NO_PACKAGES,
-) -> tuple[str, Tape]:
-    """Expand a xacro file with some arguments traced.
-
-    Args:
-        path: the file.
-        parameters: what `expand` takes.
-        arguments: those that are traced, and their values.
-        trusted: as for `expand`.
-        packages: likewise.
+def traced(request: Request, arguments: Mapping[str, float]) -> tuple[str, Tape]:
+    """Expand a xacro file with some arguments traced, by their values.
 
     Returns:
         The text that `expand` returns, with references to the tape in the places of numbers that
         depend on the arguments.
     """
     tape = Tape(arguments)
-    mappings = {name: xacro_text(value) for name, value in parameters.items()}
+    mappings = {name: xacro_text(value) for name, value in request.parameters.items()}
     mappings |= {name: tape.text(row) for row, name in enumerate(arguments)}
-    return Expansion(path, trusted, packages, tape).text(mappings), tape
+    return Expansion(request, tape).text(mappings), tape
 
 
-def _checked_parameters(
-    path: Path, parameters: Mapping[str, float], trusted: bool, packages: Mapping[str, Path]
-) -> dict[str, str]:
-    valid = arguments_of(Expansion(path, trusted, packages))
-    for name, value in parameters.items():
+def _checked_parameters(request: Request) -> dict[str, str]:
+    valid = arguments_of(Expansion(request))
+    for name, value in request.parameters.items():
         if name not in valid:
             raise MechanismFileError(
-                f"{path}: no parameter {name!r}; {suggestion(name, valid)}")
+                f"{request.path}: no parameter {name!r}; {suggestion(name, valid)}")
         if isinstance(value, str):
             continue
         try:
@@ -144,7 +129,7 @@ def _checked_parameters(
                             "or a text") from None
         if not math.isfinite(number):
             raise ValueError(f"parameter {name!r} is {number}; a finite number is needed")
-    return {name: xacro_text(value) for name, value in parameters.items()}
+    return {name: xacro_text(value) for name, value in request.parameters.items()}
 
 
 def xacro_text(value: object) -> str:
@@ -185,9 +170,6 @@ def with_defaults(text: str, values: Mapping[str, float]) -> str:
     return re.sub(r'(<xacro:arg name="([^"]*)" default=")[^"]*(")', other, text)
 
 
-# ---------------------------------------------------------------- one expansion
-
-
 @lru_cache(maxsize=4096)
 def _tokens(text: str) -> tuple[tuple[str, str], ...]:
     """Return the parts of a text, each with its kind: "text", "value" or "command"."""
@@ -210,11 +192,8 @@ def _tokens(text: str) -> tuple[tuple[str, str], ...]:
 class XacroFiles:
     """Files and environment variables of one run of xacro."""
 
-    def __init__(
-        self, path: Path, trusted: bool, packages: Mapping[str, Path], tape: Tape | None = None
-    ) -> None:
-        self.path, self.packages = path, packages
-        self.trust = Trust.of(path, packages, trusted)
+    def __init__(self, request: Request, tape: Tape | None = None) -> None:
+        self.path, self.trust = request.path, request.trust
         self.budget, self.tape = Budget(tape), tape
         self.xacro: Any = None
 
@@ -227,7 +206,7 @@ class XacroFiles:
     def package(self, name: str) -> str:
         """Return the folder of a package."""
         folder = Path(self.file).parent.resolve()
-        root = next((p for p in package_folders(name, folder, self.packages)
+        root = next((p for p in package_folders(name, folder, self.trust.packages)
                       if os.path.isdir(p)), None)
         if root is None:
             raise RefusedError(f"no package {name!r}: neither round this file nor below the "
@@ -445,10 +424,7 @@ class Expansion(XacroFiles):
         return self.xacro.resolve_macro_of_xacro(name, macros, symbols)
 
     def replace_node(self, node: Any, by: Any, content_only: bool = False) -> None:
-        """Replace a node by others, or by their children, paid for.
-
-        In one go: minidom looks for the place among all siblings for every node anew.
-        """
+        """Replace a node by others, or by their children, in one go and paid for."""
         parent, several = node.parentNode, by if isinstance(by, list) else [by] if by else []
         new = [child for one in several for child in (one.childNodes if content_only else [one])]
         stack = list(new)
@@ -485,9 +461,6 @@ def _link(siblings: list[Any]) -> None:
             before.nextSibling = after
         if after is not None:
             after.previousSibling = before
-
-
-# ---------------------------------------------------------------- the module
 
 
 @lru_cache(maxsize=1)

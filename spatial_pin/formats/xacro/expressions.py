@@ -34,12 +34,7 @@ class RefusedError(Exception):
 
 
 class Budget:
-    """The steps that remain for the expressions of one file.
-
-    Attributes:
-        remaining: number of steps.
-        tape: where operations on traced numbers are written; None if there are none.
-    """
+    """The steps that remain for the expressions of one file, and a tape of traced numbers."""
 
     def __init__(self, tape: Tape | None = None) -> None:
         self.remaining, self.tape = STEPS, tape
@@ -59,13 +54,7 @@ class Budget:
 
 @dataclass(frozen=True)
 class Offered:
-    """A function that expressions may call.
-
-    Attributes:
-        name: as it is written.
-        run: takes the budget, then the arguments.
-        kind: the type that it stands for in `isinstance` and `type`, if any.
-    """
+    """A function that expressions may call, by its name; `kind` is a type that it stands for."""
 
     name: str
     run: Callable[..., Any] = field(repr=False)
@@ -77,12 +66,7 @@ class Library(dict[str, Any]):
 
 
 def evaluate(text: str, names: Mapping[str, Any], budget: Budget) -> Any:
-    """Return the value of an expression.
-
-    Args:
-        text: the expression.
-        names: value of every name; `GLOBALS` holds those of xacro's that do not touch files.
-        budget: what it may spend.
+    """Return the value of an expression, its names from a mapping and paid for from a budget.
 
     Raises:
         RefusedError: it uses syntax or names that are not offered, or needs too many steps.
@@ -141,9 +125,6 @@ WORDS = {"Lambda": "lambda", "NamedExpr": "an assignment (:=)", "JoinedStr": "an
          "DictComp": "a dictionary comprehension"}
 
 
-# ---------------------------------------------------------------- size
-
-
 def _paid(value: Any, budget: Budget) -> Any:
     """Return a value that was made, paid for."""
     kind = value.__class__
@@ -192,9 +173,6 @@ def _items(values: Any, budget: Budget) -> list[Any]:
     if hasattr(values.__class__, "__len__"):
         budget.spend(len(values) // SHARE)
     return list(values)
-
-
-# ---------------------------------------------------------------- operators
 
 
 def _times(a: Any, b: Any, budget: Budget) -> Any:
@@ -252,17 +230,8 @@ COMPARISONS: dict[type[ast.AST], Callable[[Any, Any], Any]] = {
 }
 
 
-# ---------------------------------------------------------------- syntax
-
-
 class _Evaluation(ast.NodeVisitor):
-    """The evaluation of one syntax tree: a method for each kind of node.
-
-    Attributes:
-        names: the value of every name.
-        budget: pays for values.
-        own: the values of variables of comprehensions, and of traced numbers.
-    """
+    """The evaluation of one syntax tree, a method for a kind of node; `own` are its variables."""
 
     def __init__(self, names: Mapping[str, Any], budget: Budget, own: Mapping[str, Any]) -> None:
         self.names, self.budget, self.own = names, budget, own
@@ -427,9 +396,6 @@ def _runnable(function: Any, written: str) -> Callable[..., Any]:
     if not isinstance(function, Offered):
         raise RefusedError(f"{written} is not a function that is offered here")
     return function.run
-
-
-# ---------------------------------------------------------------- functions
 
 
 METHODS: dict[type, tuple[str, ...]] = {

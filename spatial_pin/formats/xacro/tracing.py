@@ -56,12 +56,7 @@ Operation = tuple[Callable[..., Any], tuple[Any, ...]]  # a function of numbers,
 
 
 class Tape:
-    """The operations on traced numbers, in order.
-
-    Attributes:
-        is_whole: whether all of them could be followed.
-        names: the arguments, which are the first numbers.
-    """
+    """The operations on traced numbers, in order; the arguments, `names`, are the first numbers."""
 
     def __init__(self, arguments: Mapping[str, float]) -> None:
         self.is_whole = all(math.isfinite(x) for x in arguments.values())
@@ -139,12 +134,7 @@ class Tape:
         return _REFERENCE.sub(name, text), names
 
     def pieces(self, text: str) -> tuple[list[str], list[int]] | None:
-        """Take the traced numbers out of the text of a file.
-
-        Returns:
-            (k + 1,) texts between them, and (k,) their rows; None where one is no word of its
-            own.
-        """
+        """Return texts (k + 1,) between traced numbers of a text, and rows (k,), or None."""
         between, rows = list[list[str]]([[]]), list[int]()
         for word in _BETWEEN_WORDS.split(text):
             number = self.read(word) if depends(word) else None
@@ -167,15 +157,7 @@ class Tape:
         return -number if math.copysign(1.0, number) < 0.0 else number
 
     def at(self, arguments: Array, rows: Iterable[int]) -> tuple[Array, NDArray[np.bool_]]:
-        """Return numbers at other arguments, and which of these lead to the same decisions.
-
-        Args:
-            arguments: (len(names), m).
-            rows: of the numbers.
-
-        Returns:
-            (len(rows), m) numbers, and (m,) whether they are those of the file.
-        """
+        """Return numbers (len(rows), m) at arguments (len(names), m), and which are the file's."""
         wanted, m = list(rows), arguments.shape[1]
         values: list[Any] = list(arguments) + [None] * (len(self._operations) - len(arguments))
         needed = self._needed(tuple(wanted))

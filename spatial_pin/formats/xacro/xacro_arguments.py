@@ -5,49 +5,32 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.dom import minidom
 
 from spatial_pin.errors import MechanismFileError
-from spatial_pin.formats.file_access import NO_PACKAGES, shown
+from spatial_pin.formats.file_access import shown
+from spatial_pin.formats.importers import Request
 from spatial_pin.formats.xacro.expansion import Expansion, arguments_of, xacro_text
 
 EMPTY = '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"/>'
 
 
-def dimensions(
-    path: Path, parameters: Mapping[str, float], trusted: bool = False,
-    packages: Mapping[str, Path] = NO_PACKAGES,
-) -> dict[str, float]:
+def dimensions(request: Request) -> dict[str, float]:
     """Return the value of every xacro argument that is a number, given or by default."""
-    texts = arguments(path, parameters, trusted, packages)
-    return {name: float(text) for name, text in texts.items() if _is_number(text)}
+    return {name: float(x) for name, x in arguments(request).items() if _is_number(x)}
 
 
-def arguments(
-    path: Path, parameters: Mapping[str, float], trusted: bool, packages: Mapping[str, Path]
-) -> dict[str, str]:
+def arguments(request: Request) -> dict[str, str]:
     """Return the text of every xacro argument of a file, given or by default."""
-    expansion = Expansion(path, trusted, packages)
-    defaults = arguments_of(expansion) if path.suffix == ".xacro" else {}
-    texts = {name: xacro_text(parameters.get(name, text)) for name, text in defaults.items()}
+    expansion, given = Expansion(request), request.parameters
+    defaults = arguments_of(expansion) if request.path.suffix == ".xacro" else {}
+    texts = {name: xacro_text(given.get(name, text)) for name, text in defaults.items()}
     if all(map(_is_number, texts.values())):
         return texts
-    return _evaluated(defaults, {name: texts[name] for name in parameters}, expansion)
-
-
-def _is_number(value: Any) -> bool:
-    try:
-        return math.isfinite(float(value))
-    except (TypeError, ValueError, OverflowError):
-        return False
-
-
-def _evaluated(
-    defaults: Mapping[str, str], given: Mapping[str, str], expansion: Expansion
-) -> dict[str, str]:
-    """Return the texts of arguments, given or by defaults that are evaluated as in a file."""
+    # given or by defaults that are evaluated as in a file
     document = minidom.parseString(EMPTY)
     root = document.documentElement
     assert root is not None
@@ -61,38 +44,33 @@ def _evaluated(
 
     def process(xacro: Any) -> None:
         xacro.init_stacks(str(expansion.path))
-        xacro.process_doc(document, mappings=dict(given))
+        xacro.process_doc(document, mappings={name: texts[name] for name in given})
 
     expansion.guarded(process)
     elements = document.getElementsByTagName("dimension")
     return {e.getAttribute("name"): e.getAttribute("value") for e in elements}
 
 
-# ---------------------------------------------------------------- numbers written with them
+def _is_number(value: Any) -> bool:
+    try:
+        return math.isfinite(float(value))
+    except (TypeError, ValueError, OverflowError):
+        return False
 
 
 def worked_out(
-    table: Mapping[str, Any], where: Path, name: str, tree: Path, parameters: Mapping[str, float],
-    trusted: bool, packages: Mapping[str, Path],
+    table: Mapping[str, Any], where: Path, name: str, request: Request
 ) -> dict[str, Any]:
-    """Return a table of a mechanism file with numbers in the place of texts with `${...}`.
+    """Return a table with numbers in the place of texts with `${...}`.
 
-    Args:
-        table: as the file has it.
-        where: the file.
-        name: that of the table, for errors.
-        tree: the file of the tree, whose arguments are the names in the texts.
-        parameters: what both were loaded with [SI, rad].
-        trusted: likewise.
-        packages: likewise.
+    The file `where` has it under a name; names in the texts are arguments of the request's file.
 
     Raises:
         MechanismFileError: a text is no expression of the arguments, or its value no number.
     """
     if not any(map(_is_written, table.values())):
         return dict(table)
-    texts = arguments(tree, parameters, trusted, packages)
-    expansion = Expansion(where, trusted, packages)
+    texts, expansion = arguments(request), Expansion(replace(request, path=where))
     known = f"dimensions are: {', '.join(texts)}" if texts else "no dimensions"
     names: dict[str, Any] = {}
 
@@ -151,15 +129,12 @@ def written_dimensions(content: Mapping[str, Any], names: Iterable[str]) -> set[
     return {name for name in names if re.search(rf"\b{re.escape(name)}\b", texts)}
 
 
-def with_numbers(
-    content: Mapping[str, Any], where: Path, tree: Path, parameters: Mapping[str, float],
-    trusted: bool, packages: Mapping[str, Path],
-) -> dict[str, Any]:
-    """Return a mechanism file's content with numbers in the place of `${...}`."""
+def with_numbers(content: Mapping[str, Any], where: Path, request: Request) -> dict[str, Any]:
+    """Return the content of the file `where` with numbers in the place of `${...}`."""
     written = expressions_in(content)
     if not written:
         return dict(content)
-    numbers = worked_out(written, where, "numbers", tree, parameters, trusted, packages)
+    numbers = worked_out(written, where, "numbers", request)
 
     def replaced(key_path: str, value: Any) -> Any:
         if isinstance(value, dict):

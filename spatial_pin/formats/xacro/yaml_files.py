@@ -38,12 +38,7 @@ _PlainLoader.add_constructor("tag:yaml.org,2002:int", _PlainLoader.construct_yam
 
 
 def read_yaml(path: Path, evaluate: Callable[[str], Any]) -> Any:
-    """Return the content of a YAML file.
-
-    Args:
-        path: the file.
-        evaluate: gives the value of an expression behind a unit, as in `!degrees 90/2`.
-    """
+    """Return the content of a YAML file; `evaluate` is for what has a unit: `!degrees 90/2`."""
     loader: Any = type("Loader", (_PlainLoader,), {})  # with the units of this file
     for tag, unit in UNITS.items():
         loader.add_constructor(tag, lambda loader, node, unit=unit: (  # type: ignore[misc]

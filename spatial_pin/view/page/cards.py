@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import html
 import os
-import sys
 from collections.abc import Iterable, Sequence
 from pathlib import PosixPath, WindowsPath
 from typing import TYPE_CHECKING
@@ -134,12 +133,6 @@ def _span(values: Array, among: Array | None = None) -> tuple[str, str]:
 
 
 # ---------------------------------------------------------------- pages
-
-
-def is_in_notebook() -> bool:
-    """Return whether this process is the kernel of a notebook; importing one's parts is not it."""
-    ipython = sys.modules.get("IPython")
-    return ipython is not None and hasattr(ipython.get_ipython(), "kernel")
 
 
 def framed(page: str) -> str:

@@ -142,11 +142,7 @@ def page(
 ) -> str:
     """Return the text of the page that shows a motion or state; see `export_html`.
 
-    Args:
-        motion_or_state: what to show.
-        title: heading.
-        look: extras of the picture besides the bodies.
-        loads: forces of the motion, for the inspector of the page.
+    `loads` are the forces of the motion, for the inspector of the page.
     """
     from spatial_pin.view.scene.anatomy import signals
     from spatial_pin.view.scene.meshcat_commands import scene

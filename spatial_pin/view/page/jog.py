@@ -48,17 +48,11 @@ STOPS = {
 
 
 class JogStop(NamedTuple):
-    """Where a driver cannot go on.
+    """Where a driver cannot go on."""
 
-    Attributes:
-        kind: one of STOPS.
-        value: driver value [rad or m].
-        of: the coordinate whose joint limit it is.
-    """
-
-    kind: str
-    value: float
-    of: str = ""
+    kind: str  # one of STOPS
+    value: float  # driver value [rad or m]
+    of: str = ""  # the coordinate whose joint limit it is
 
 
 class Jog:
@@ -74,11 +68,7 @@ class Jog:
     """
 
     def __init__(self, state: State, names: Iterable[str]) -> None:
-        """Stand at a state.
-
-        Args:
-            state: where to begin.
-            names: drivers, or any coordinates that determine the motion.
+        """Begin at a state, with drivers or any coordinates that determine the motion.
 
         Raises:
             SingularError: they do not determine it there.
@@ -99,11 +89,7 @@ class Jog:
         self.move_to(state)
 
     def move_to(self, state: State) -> None:
-        """Go to another closed configuration, of this branch or any other.
-
-        Raises:
-            SingularError: the drivers do not determine the motion there.
-        """
+        """Go to another closed configuration, of this branch or any other."""
         with self._tracker(state, self.driven):
             self.state = self.regular = state  # moves begin where the motion is determined
         self._home = {name: self.value(name) for name in self.names}
@@ -133,8 +119,7 @@ class Jog:
     def move(self, name: str, value: float) -> JogStop | None:
         """Move a driver to a value [rad or m], or as far as it goes; the others are held.
 
-        Returns:
-            The obstacle at which the mechanism stopped; None without one.
+        Return the obstacle at which the mechanism stopped; None without one.
         """
         value = finite_number(value, f"value of {name!r}")
         coordinate = self._coordinates[name]
@@ -161,11 +146,7 @@ class Jog:
 
     @contextlib.contextmanager
     def _tracker(self, state: State, driven: Sequence[Coordinate]) -> Iterator[PathTracker]:
-        """Acquire a tracker on the branch of a state, the first coordinate driven.
-
-        Raises:
-            SingularError: the drivers do not determine the motion there.
-        """
+        """Acquire a tracker on the branch of a state, the first coordinate driven."""
         with Workspaces() as workspaces:
             yield PathTracker.at(state, driven, None, self._accuracy, workspaces)
 
@@ -256,9 +237,7 @@ def reaches(
 ) -> tuple[tuple[float, float], tuple[JogStop | None, JogStop | None], Array]:
     """Return how far a driver can be moved while the others are held.
 
-    Returns:
-        Least and greatest value [rad or m]; the stop at each, None without one; and the
-        configurations from one end to the other, shape (N, nq).
+    Least and greatest value [rad or m], the stop at each, and (N, nq) configurations in between.
     """
     lower, upper = (_path(jog, name, end, rows) for end in jog.room(name))
     q = np.concatenate([lower[2][::-1], jog.state.q[None], upper[2]])
@@ -287,19 +266,12 @@ def _path(jog: Jog, name: str, end: float, rows: int) -> tuple[float, JogStop | 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Grip(Target):
-    """A point of a body on a line of the world: where the eye sees the pointer.
+    """A point of a body on a line of the world: where the eye sees the pointer."""
 
-    Attributes:
-        joint: number of the joint that the body hangs on.
-        point: in the joint's frame, shape (3,) [m].
-        origin: of the line, shape (3,) [m].
-        direction: unit vector along it, shape (3,).
-    """
-
-    joint: int
-    point: Array
-    origin: Array
-    direction: Array
+    joint: int  # number of the joint that the body hangs on
+    point: Array  # in the joint's frame, shape (3,) [m]
+    origin: Array  # of the line, shape (3,) [m]
+    direction: Array  # unit vector along it, shape (3,)
 
     def residual(self, evaluation: LoopEquations) -> Residual:
         """See `Target`: how far the point is from the line, by the characteristic length."""

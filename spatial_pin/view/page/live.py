@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from spatial_pin._support.checks import checked, finite_array, names_of
-from spatial_pin.assembly.held_start import starting_state
+from spatial_pin.assembly.assemble import starting_state
 from spatial_pin.assembly.state import State
 from spatial_pin.dynamics.force_outputs import NamedOutputs
 from spatial_pin.errors import SingularError, SpatialPinError, UnknownNameError
@@ -51,19 +51,12 @@ Answer = dict[str, Any]
 
 
 class Dial(NamedTuple):
-    """How the values of a driver are written.
+    """How the values of a driver are written."""
 
-    Attributes:
-        name: of the driver.
-        unit: "°", " mm", ..., as it follows the number.
-        size: of the unit [rad or m].
-        digits: decimals shown.
-    """
-
-    name: str
-    unit: str
-    size: float
-    digits: int
+    name: str  # of the driver
+    unit: str  # "°", " mm", ..., as it follows the number
+    size: float  # of the unit [rad or m]
+    digits: int  # decimals shown
 
     def words(self, value: float) -> str:
         """Return a value [rad or m] with name and unit."""
@@ -118,12 +111,7 @@ class Desk:
         self.says()
 
     def answer(self, question: Any) -> Answer:
-        """Return the answer to a question of the page.
-
-        Raises:
-            ValueError: it is no question.
-            SpatialPinError: the mechanism cannot do it.
-        """
+        """Return the answer to a question of the page."""
         kind = question.get("ask") if isinstance(question, dict) else None
         if kind not in ANSWERS:
             raise ValueError(f"a question asks for one of {', '.join(ANSWERS)}, not {kind!r}")
@@ -136,9 +124,8 @@ class Desk:
 
     def poses(self) -> list[tuple[str, list[float]]]:
         """Return the meshcat path and pose of everything that moves: x y z, x y z w, scales."""
-        from spatial_pin.view.scene.layers.contacts import contacts
         from spatial_pin.view.scene.layers.glyphs import glyphs
-        from spatial_pin.view.scene.layers.visuals import springs
+        from spatial_pin.view.scene.layers.visuals import contacts, springs
         from spatial_pin.view.scene.meshcat_commands import item_path, joint_paths
         from spatial_pin.view.scene.stage import Stage, joint_poses, upright
 
@@ -160,12 +147,7 @@ class Desk:
         return {name: self.jog.value(name) / dial.size for name, dial in self.dials.items()}
 
     def says(self) -> list[str]:
-        """Return the readings.
-
-        Raises:
-            UnknownNameError: an output does not exist.
-            SpatialPinError: an output is neither an angle nor a length.
-        """
+        """Return the readings."""
         texts = [dial.words(self.jog.value(name)) for name, dial in self.dials.items()]
         if self.outputs:
             motion = NamedOutputs(_now(self.jog), in_time=False)

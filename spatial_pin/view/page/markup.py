@@ -42,13 +42,9 @@ MOST_COLUMNS = 4  # of a table on a telephone; with more, each row is a card the
 
 def table(heads: Sequence[str], rows: Iterable[Sequence[str]], numbers: int = 0, *,
           as_cards: bool = True) -> str:
-    """Return a table.
+    """Return a table of plain text, whose last columns, `numbers` of them, hold numbers.
 
-    Args:
-        heads: of the columns.
-        rows: plain text of the cells.
-        numbers: how many columns, from the last, hold numbers.
-        as_cards: whether rows of many columns may be cards, as reports have them on a telephone.
+    `as_cards`: rows of many columns may be cards, as reports have them on a telephone.
     """
     first, many = len(heads) - numbers, as_cards and len(heads) > MOST_COLUMNS
     kinds = [' class="number"' if k >= first else "" for k in range(len(heads))]

@@ -156,12 +156,7 @@ def default_outputs(motion: Motion) -> list[str]:
 
 
 def svg(figure: Figure, name: str) -> str:
-    """Return a figure as an SVG element for a page.
-
-    Args:
-        figure: the figure.
-        name: a description for readers who cannot see it; its identifiers follow from it.
-    """
+    """Return a figure as an SVG element for a page, with a name for readers who cannot see it."""
     from matplotlib import rc_context
 
     buffer = io.StringIO()
@@ -287,15 +282,8 @@ def curves_of(
 ) -> dict[str, Any] | None:
     """Return the curves under the picture, for its script; None where nothing moves.
 
-    Args:
-        shown: the film.
-        names: of outputs, as `Motion.output` takes them: the page opens with them. Without any it
-            has those of `default_outputs`, behind a button.
-        others: motions beside it; motions that have an output too have dashed curves.
-
-    Raises:
-        UnknownNameError: there is no such output.
-        SpatialPinError: some are named, and nothing moves.
+    The page opens with the named outputs; without any it has those of `default_outputs`, behind a
+    button. Curves of other motions are dashed.
     """
     if not isinstance(shown.source, Motion) or not shown.seconds[-1] > 0:
         if names:
@@ -308,21 +296,13 @@ def curves_of(
     panels = _curve_panels(motion, drawn)
     for k, other in enumerate((x for x in others if isinstance(x, Motion)), start=1):
         _add_other(panels, shown, film(other), drawn, f"other {k}" if k > 1 else "other")
-    title = f"{name} [{unit}]" if unit else name
-    return {"x": _rounded(x), "name": title, "panels": panels, "open": bool(names)}
+    return {"x": _rounded(x), "name": _label(name, unit), "panels": panels, "open": bool(names)}
 
 
 def growing_curves(now: Motion, names: Sequence[str], over: str) -> dict[str, Any] | None:
     """Return curves without points, for a page that adds them while a mechanism is moved by hand.
 
-    Args:
-        now: its pose, one sample.
-        names: of outputs; None without any.
-        over: the abscissa, with its unit.
-
-    Raises:
-        UnknownNameError: there is no such output.
-        SpatialPinError: an output is a rate.
+    `now` is its pose, one sample; `over` the abscissa, with its unit. None without names.
     """
     if not names:
         return None
@@ -368,15 +348,13 @@ def _curve_panels(motion: Motion, names: Sequence[str]) -> list[dict[str, Any]]:
 
 
 def _curve_panel(output: Output) -> dict[str, Any]:
-    values, unit = np.asarray(output.values, float), "" if output.unit == "1" else output.unit
-    if unit == "rad":
-        values, unit = np.rad2deg(values), "°"
+    values, unit = _in_degrees(np.asarray(output.values, float), output.unit)
+    unit = "" if unit == "1" else unit
     columns = values.reshape(len(values), -1).T
     names = "xyz" if len(columns) == 3 else [""] * len(columns)
     lines = [{"name": name, "values": _rounded(x), "of": k}
              for k, (name, x) in enumerate(zip(names, columns, strict=True))]
-    label = f"{output.label} [{unit}]" if unit else output.label
-    return {"name": output.label, "label": label, "unit": unit,
+    return {"name": output.label, "label": _label(output.label, unit), "unit": unit,
             "lines": lines}
 
 

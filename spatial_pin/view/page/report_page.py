@@ -49,23 +49,14 @@ COUNTED_AT = 0.29  # part of a motion after which its freedoms are counted: no r
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """The subject of a report.
+    """The subject of a report."""
 
-    Attributes:
-        shown: the motion or state.
-        motion: the motion; None for a state.
-        state: the state, or a sample of the motion that is no special position.
-        outputs: names of the drawn outputs, as `Motion.output` takes them.
-        title: heading.
-        look: extras of the picture; None for the usual.
-    """
-
-    shown: Motion | State
-    motion: Motion | None
-    state: State
-    outputs: tuple[str, ...]
-    title: str
-    look: Look | None
+    shown: Motion | State  # the motion or state
+    motion: Motion | None  # the motion; None for a state
+    state: State  # the state, or a sample of the motion that is no special position
+    outputs: tuple[str, ...]  # names of the drawn outputs, as `Motion.output` takes them
+    title: str  # heading
+    look: Look | None  # extras of the picture; None for the usual
 
     @property
     def mechanism(self) -> Mechanism:
@@ -107,24 +98,26 @@ def _drawn(
     return section(title, f"{words}<figure data-panels='{data}'>{drawing}{caption}</figure>")
 
 
-def _derived(subject: Subject, of_coordinate: str = "", of_position: str = "") -> list[str]:
-    """Return ratios, velocities or accelerations of the outputs that have them.
+DERIVED = (  # titles of figures, and what they have of outputs that are coordinates, or positions
+    ("Speed ratios", "ratio", ""), ("Velocities", "", "velocity"),
+    ("Accelerations", "acceleration", "acceleration"))
 
-    Args:
-        subject: of the report.
-        of_coordinate: "ratio" or "acceleration" of outputs that are coordinates; "" for none.
-        of_position: "velocity" or "acceleration" of outputs that are positions; "" for none.
-    """
-    sentences: list[str] = []
-    if subject.motion is None:
-        return sentences
-    for name in subject.outputs:
-        stem = name.removesuffix(".position")
-        suffix = of_coordinate if stem == name else of_position
-        with contextlib.suppress(SpatialPinError):  # there is no such thing of this output
-            subject.motion.output(f"{stem}.{suffix}")
-            sentences.append(f"{stem}.{suffix}")
-    return sentences
+
+def _derivatives(subject: Subject) -> str | None:
+    """Draw speed ratios, velocities and accelerations of the outputs that have them."""
+    motion, figures = subject.motion, list[str]()
+    if motion is None:
+        return None
+    for title, of_coordinate, of_position in DERIVED:
+        names = list[str]()
+        for name in subject.outputs:
+            stem = name.removesuffix(".position")
+            derivative = f"{stem}.{of_coordinate if stem == name else of_position}"
+            with contextlib.suppress(SpatialPinError):  # there is no such thing of this output
+                motion.output(derivative)
+                names.append(derivative)
+        figures += filter(None, [_drawn(subject, title, names)])
+    return "\n".join(figures)
 
 
 def _key(subject: Subject) -> str:
@@ -181,23 +174,6 @@ def _outputs(subject: Subject) -> str | None:
         return None
     return _drawn(subject, "Outputs", with_force_values(
         motion, subject.outputs, lambda: subject.loads or loads(subject.shown, motion)))
-
-
-def _ratios(subject: Subject) -> str | None:
-    """Draw the outputs' rates by the driver's."""
-    if subject.motion is None or subject.motion.driver is None:
-        return None
-    return _drawn(subject, "Speed ratios", _derived(subject, of_coordinate="ratio"))
-
-
-def _velocities(subject: Subject) -> str | None:
-    """Draw the velocities of the outputs that are positions."""
-    return _drawn(subject, "Velocities", _derived(subject, of_position="velocity"))
-
-
-def _accelerations(subject: Subject) -> str | None:
-    """Draw the outputs' accelerations."""
-    return _drawn(subject, "Accelerations", _derived(subject, "acceleration", "acceleration"))
 
 
 def _ranges(subject: Subject) -> str | None:
@@ -358,9 +334,7 @@ SECTIONS: tuple[Callable[[Subject], str | None], ...] = (
     _view,
     _design,
     _outputs,
-    _ratios,
-    _velocities,
-    _accelerations,
+    _derivatives,
     _ranges,
     _coordinates,
     _events,
@@ -371,8 +345,6 @@ SECTIONS: tuple[Callable[[Subject], str | None], ...] = (
     _structure,
     _accuracy,
 )
-
-
 
 
 @checked

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from spatial_pin._support.checks import checked
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.view.page.cards import framed, is_in_notebook, watched
+from spatial_pin.view.page.cards import framed, watched
 from spatial_pin.view.page.html import page
 
 if TYPE_CHECKING:
@@ -248,19 +248,17 @@ class Viewer:
 
 
 def open_in_browser(viewer: Viewer, verb: str) -> None:
-    """Open a page in the user's browser; if none can be, warn with the address.
+    """Open a page in the user's browser; if none can be, stop it or warn with the address.
 
-    In a notebook nothing is opened: there the viewer shows itself.
-
-    Args:
-        viewer: the page; it is stopped if anything goes wrong.
-        verb: the function that the user called.
+    In a notebook nothing is opened: there the viewer shows itself. `verb` is what the user called.
     """
     named = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"))
     # without one only browsers that write text are left, and they would take the terminal
     has_browser = named or not sys.platform.startswith("linux")
+    ipython = sys.modules.get("IPython")  # a kernel: importing parts of notebooks is not it
+    is_in_notebook = ipython is not None and hasattr(ipython.get_ipython(), "kernel")
     try:
-        if is_in_notebook() or (has_browser and webbrowser.open(
+        if is_in_notebook or (has_browser and webbrowser.open(
                 viewer.url) and viewer.wait_until_fetched(FETCHED_IN)):
             return
         message = f"no browser has opened the page: open {viewer.url}"

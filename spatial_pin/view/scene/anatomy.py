@@ -13,27 +13,19 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.view.scene.film import Film
-from spatial_pin.view.scene.layers.pair_axes import AXIAL, pairs_of
+from spatial_pin.view.scene.layers.glyphs import AXIAL, pairs_of
 
 FORCES = (("force", "N", slice(0, 3)), ("moment", "N·m", slice(3, 6)))  # of a reaction
 
 
 class Signal(NamedTuple):
-    """A number of a film that its page can show and draw.
+    """A number of a film that its page can show and draw."""
 
-    Attributes:
-        name: of the quantity, as outputs are named.
-        unit: of the values.
-        pair: joint or closure that it belongs to.
-        what: "value", "rate", "force" or "moment".
-        values: in every sample, shape (N,).
-    """
-
-    name: str
-    unit: str
-    pair: str
-    what: str
-    values: Array
+    name: str  # of the quantity, as outputs are named
+    unit: str  # of the values
+    pair: str  # joint or closure that it belongs to
+    what: str  # "value", "rate", "force" or "moment"
+    values: Array  # in every sample, shape (N,)
 
 
 def anatomy(mechanism: Mechanism) -> dict[str, Any]:
@@ -68,12 +60,7 @@ def _short(values: Array) -> list[float]:
 
 
 def signals(film: Film, loads: Kinetostatics | None = None) -> list[Signal]:
-    """Return the coordinates of a film with their rates, and its reactions.
-
-    Args:
-        film: the film; one of a state has no rates.
-        loads: forces of its whole motion, if they are known.
-    """
+    """Return the coordinates of a film with their rates, and the reactions of its loads."""
     result, source = list[Signal](), film.source
     for name, c in film.mechanism.coordinate_table.items():
         value, rate, _ = (np.atleast_1d(x)[film.rows] for x in source.coordinate(name))

@@ -28,21 +28,13 @@ MAX_ROWS = 1201  # 60 a second for 20 s: more cannot be seen
 
 
 class Readout(NamedTuple):
-    """A number shown beside the picture.
+    """A number shown beside the picture."""
 
-    Attributes:
-        name: of the number.
-        values: its value in every sample, shape (N,), in `unit`.
-        unit: "°", " mm", " m" or " s", as it follows the number.
-        digits: decimals shown.
-        says: text between name and number.
-    """
-
-    name: str
-    values: Array
-    unit: str
-    digits: int
-    says: str = " = "
+    name: str  # of the number
+    values: Array  # its value in every sample, shape (N,), in `unit`
+    unit: str  # "°", " mm", " m" or " s", as it follows the number
+    digits: int  # decimals shown
+    says: str = " = "  # text between name and number
 
     def text(self, row: int) -> str:
         """Return it in words, at one sample."""
@@ -52,29 +44,18 @@ class Readout(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Film:
-    """A motion, or a state (one sample), ready to be shown.
+    """A motion, or a state (one sample), ready to be shown."""
 
-    Attributes:
-        mechanism: what moves.
-        q: configurations, shape (N, nq).
-        seconds: when each is shown, shape (N,), rising from 0 [s].
-        readings: numbers shown with each sample.
-        closure_error: the largest of the whole motion [-].
-        notes: how the film differs from the motion ("shown 20x slower").
-        source: the Motion or State.
-        rows: which of its samples are shown, shape (N,).
-        marks: limits, singular configurations and branch points that are passed: each its moment
-            `seconds`, its `kind`, and a sentence, `text`.
-    """
-
-    mechanism: Mechanism
-    q: Array
-    seconds: Array
-    readings: tuple[Readout, ...]
-    closure_error: float
-    notes: tuple[str, ...]
-    source: Motion | State
-    rows: NDArray[np.intp]
+    mechanism: Mechanism  # what moves
+    q: Array  # configurations, shape (N, nq)
+    seconds: Array  # when each is shown, shape (N,), rising from 0 [s]
+    readings: tuple[Readout, ...]  # numbers shown with each sample
+    closure_error: float  # the largest of the whole motion [-]
+    notes: tuple[str, ...]  # how the film differs from the motion ("shown 20x slower")
+    source: Motion | State  # the Motion or State
+    rows: NDArray[np.intp]  # which of its samples are shown, shape (N,)
+    # limits, singular configurations and branch points that are passed: each its moment `seconds`,
+    # its `kind`, and a sentence, `text`
     marks: tuple[dict[str, Any], ...] = ()
 
     @cached_property
@@ -216,11 +197,7 @@ def moments(shown: Film, other: Film) -> tuple[Array, NDArray[np.intp], str]:
     """Return when samples of another motion are shown with a film.
 
     They are where both have the same time, else the same driver value; else both begin and end
-    together.
-
-    Returns:
-        Seconds of the film, shape (K,), rising; which samples of the other, shape (K,); how they
-        belong together, in words.
+    together. Return seconds (K,), rising, samples of the other (K,), and how in words.
     """
     one, two = shown.motion, other.motion
     x, y, words = _ends(one, two)

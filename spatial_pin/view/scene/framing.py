@@ -19,21 +19,13 @@ ROWS_LOOKED_AT = 121  # samples that must all be in the picture: 3 degrees apart
 
 
 class Framing(NamedTuple):
-    """A view that holds a whole motion.
+    """A view that holds a whole motion."""
 
-    Attributes:
-        centre: of the view, shape (3,) [m].
-        radius: of the sphere about it that holds all [m].
-        floor: height of the lowest point [m].
-        camera: position from the centre relative to the radius, shape (3,) [-].
-        cell: width of a cell of the ground grid [m].
-    """
-
-    centre: Array
-    radius: float
-    floor: float
-    camera: Array
-    cell: float
+    centre: Array  # of the view, shape (3,) [m]
+    radius: float  # of the sphere about it that holds all [m]
+    floor: float  # height of the lowest point [m]
+    camera: Array  # position from the centre relative to the radius, shape (3,) [-]
+    cell: float  # width of a cell of the ground grid [m]
 
     def scaled(self, points: Array) -> Array:
         """Return points (..., 3) [m] in the scene, whose radius is 1."""
@@ -48,12 +40,7 @@ def rotate(quaternion: Array, v: Array) -> Array:
 
 
 def occupied(visuals: list[pin.GeometryObject], poses: Array) -> Array:
-    """Return the corners of all boxes in all samples, shape (K, 3) [m].
-
-    Args:
-        visuals: the geometry objects.
-        poses: of the joints, shape (N, n_joints, 7), x y z and quaternion x y z w.
-    """
+    """Return the corners (K, 3) [m] of all boxes in all samples, at poses (N, n_joints, 7)."""
     rows = np.unique(np.linspace(0, len(poses) - 1, ROWS_LOOKED_AT).astype(int))
     grid = np.array([(i, j, k) for i in (0, 1) for j in (0, 1) for k in (0, 1)])
     points = [np.zeros((1, 0, 3))]
@@ -100,9 +87,7 @@ def _step_back(points: Array, v: Array) -> tuple[float, Array]:
 def frame(points: Array, v: Array | None = None) -> Framing:
     """Return the view that holds the points (K, 3) [m], in the middle of the picture.
 
-    Args:
-        points: that the view must hold.
-        v: unit vector from the centre to the camera, shape (3,); the best one if not given.
+    The camera is in direction v (3,) from the centre, by default the best one.
     """
     columns = np.ascontiguousarray(points.T)  # NumPy is ten times faster along long rows
     if len(points) == 0 or np.ptp(columns, axis=1).max() == 0:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING
 
 from spatial_pin._support.checks import check_kind, names_of
@@ -75,13 +75,9 @@ class Look:
     curves: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        for name in ("axes", "centres", "side_by_side"):
-            check_kind(f"Look: {name}", "bool", getattr(self, name))
-        for name in ("pairs", "skeleton", "shadow"):
-            check_kind(f"Look: {name}", "bool | None", getattr(self, name))
-        check_kind("Look: clearance", "Clearance | None", self.clearance)
-        check_kind("Look: workspace", "Workspace | None", self.workspace)
-        check_kind("Look: design", "Design | None", self.design)
+        for own in fields(self):
+            if not str(own.type).startswith("tuple"):
+                check_kind(f"Look: {own.name}", str(own.type), getattr(self, own.name))
         for name in ("traces", "curves"):
             names = tuple(names_of(getattr(self, name), f"Look: {name}"))
             object.__setattr__(self, name, names)
@@ -104,10 +100,7 @@ def overlaid(
     Of designs the best is shown, and of it the motion through the samples of its first goal.
     Samples that no motion joins are shown beside each other.
     """
-    from spatial_pin.synthesis.ranked_designs import (  # on use: a picture needs no search
-        Design,
-        Designs,
-    )
+    from spatial_pin.synthesis.ranked_designs import Design, Designs  # on use: it takes a while
 
     if isinstance(given, Designs):
         if not given:

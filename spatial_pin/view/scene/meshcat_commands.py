@@ -14,9 +14,8 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.view.scene.film import Film
 from spatial_pin.view.scene.framing import FIELD_OF_VIEW, Framing, direction, frame, occupied
 from spatial_pin.view.scene.layers.arrows import arrows, traces
-from spatial_pin.view.scene.layers.contacts import contacts
 from spatial_pin.view.scene.layers.gaps import gaps
-from spatial_pin.view.scene.layers.glyphs import glyphs
+from spatial_pin.view.scene.layers.glyphs import axes, glyphs
 from spatial_pin.view.scene.layers.overlays import (
     clearances,
     designs,
@@ -24,30 +23,19 @@ from spatial_pin.view.scene.layers.overlays import (
     side_by_side,
     workspaces,
 )
-from spatial_pin.view.scene.layers.pair_axes import axes
-from spatial_pin.view.scene.layers.visuals import bodies, centres, colour, springs, with_skeleton
+from spatial_pin.view.scene.layers.visuals import (
+    bodies,
+    centres,
+    colour,
+    contacts,
+    springs,
+    with_skeleton,
+)
 from spatial_pin.view.scene.look import Look
 from spatial_pin.view.scene.shapes import meshcat, mg
-from spatial_pin.view.scene.stage import (
-    Item,
-    Layer,
-    Stage,
-    Track,
-    grouped,
-    joined,
-    joint_poses,
-    upright,
-)
+from spatial_pin.view.scene.stage import Item, Layer, Stage, Track, joined, joint_poses, upright
 
-__all__ = [
-    "MeshcatScene",
-    "colour",
-    "grid_lines",
-    "item_path",
-    "joint_paths",
-    "scene",
-]
-
+__all__ = ["MeshcatScene", "colour", "grid_lines", "item_path", "joint_paths", "scene"]
 
 GROUP = "/mechanism"
 GRID = f"{GROUP}/ground grid"
@@ -64,45 +52,26 @@ FRONT_SIDE, BOTH_SIDES = 0, 2  # of faces, as three.js numbers them
 
 
 class MeshcatScene(NamedTuple):
-    """A picture.
+    """A picture."""
 
-    Attributes:
-        commands: meshcat's, packed.
-        framing: the camera.
-        layer: legend, alarms and labels; `labels` are in the scaled scene.
-        extras: commands of further layers, hidden at first.
-        parts: that can be pointed at, shown and hidden.
-        extent: points that the picture holds, those farthest out, shape (K, 3) [m].
-        hidden: groups that are hidden at first.
-        shadow: as `Look` has it.
-    """
-
-    commands: list[bytes]
-    framing: Framing
-    layer: Layer
-    extras: list[bytes]
-    parts: list[ScenePart]
-    extent: Array
-    hidden: list[str]
-    shadow: bool | None
+    commands: list[bytes]  # meshcat's, packed
+    framing: Framing  # the camera
+    layer: Layer  # legend, alarms and labels; `labels` are in the scaled scene
+    extras: list[bytes]  # commands of further layers, hidden at first
+    parts: list[ScenePart]  # that can be pointed at, shown and hidden
+    extent: Array  # points that the picture holds, those farthest out, shape (K, 3) [m]
+    hidden: list[str]  # groups that are hidden at first
+    shadow: bool | None  # as `Look` has it
 
 
 class ScenePart(NamedTuple):
-    """Something in a picture that has a name.
+    """Something in a picture that has a name."""
 
-    Attributes:
-        path: meshcat's.
-        group: its layer: "links", "pairs", "axes", ...
-        name: of the link or pair, or of the part itself.
-        at: middle of the sign of a pair in its joint's frame [m].
-        along: axis of the pair there, a unit vector.
-    """
-
-    path: str
-    group: str
-    name: str
-    at: list[float] | None = None
-    along: list[float] | None = None
+    path: str  # meshcat's
+    group: str  # its layer: "links", "pairs", "axes", ...
+    name: str  # of the link or pair, or of the part itself
+    at: list[float] | None = None  # middle of the sign of a pair in its joint's frame [m]
+    along: list[float] | None = None  # axis of the pair there, a unit vector
 
 
 @dataclass(frozen=True)
@@ -117,13 +86,9 @@ class Recorder:
 
 
 def animation(seconds: Array, tracks: dict[str, Track]) -> bytes:
-    """Return the command of an animation that repeats for ever.
+    """Return the command of an animation, by meshcat path, that repeats for ever.
 
     Meshcat's own `Animation` keeps every key apart; arrays make the page five times smaller.
-
-    Args:
-        seconds: when each sample is shown, shape (N,) [s].
-        tracks: of each thing that moves, by meshcat path.
     """
     clips = []
     for path, track in tracks.items():
@@ -243,7 +208,7 @@ def _layers(stage: Stage, look: Look, bare: bool, towards: Array) -> dict[str, l
 
 
 def _in_groups(layers: dict[str, list[Layer]]) -> Layer:
-    return joined([grouped(group, layer) for group, items in layers.items() for layer in items])
+    return joined([joined(some, group) for group, some in layers.items()])
 
 
 def scene(film: Film, look: Look | None = None) -> MeshcatScene:
@@ -251,9 +216,6 @@ def scene(film: Film, look: Look | None = None) -> MeshcatScene:
 
     The scene is centred and scaled to a radius of 1, so that the viewer's lights and clipping
     planes fit a watch and a crane alike. Links without visuals are shown as a skeleton.
-
-    Raises:
-        UnknownNameError: `look` names something that does not exist.
     """
     model, geometry = film.mechanism.model, film.mechanism.visual_model
     bare = geometry is None or geometry.ngeoms == 0

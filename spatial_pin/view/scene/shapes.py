@@ -29,17 +29,11 @@ Y_TO_Z = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 
 
 class Solid(NamedTuple):
-    """A three.js geometry and its placement.
+    """A three.js geometry and its placement."""
 
-    Attributes:
-        geometry: a meshcat geometry.
-        placement: of the geometry in the shape's frame, shape (4, 4), may scale.
-        faceted: whether its faces are to be shaded flat.
-    """
-
-    geometry: Any
-    placement: Array = np.eye(4)
-    faceted: bool = False
+    geometry: Any  # a meshcat geometry
+    placement: Array = np.eye(4)  # of the geometry in the shape's frame, shape (4, 4), may scale
+    faceted: bool = False  # whether its faces are to be shaded flat
 
 
 class Lathe(mg.Geometry):
@@ -78,16 +72,11 @@ def _triangles(points: Array, corners: Callable[[int], Any], n: int) -> Solid | 
     return Solid(mg.TriangularMeshGeometry(points, faces), faceted=True) if faces else None
 
 
-def _height_field(shape: Any, size: float) -> Solid:
-    from pinocchio.visualize.meshcat_visualizer import loadMesh
+def _by_pinocchio(shape: Any, size: float) -> Solid:
+    from pinocchio.visualize.meshcat_visualizer import loadMesh, loadOctree
 
-    return Solid(loadMesh(shape), faceted=True)
-
-
-def _octree(shape: Any, size: float) -> Solid:
-    from pinocchio.visualize.meshcat_visualizer import loadOctree
-
-    return Solid(loadOctree(shape), faceted=True)
+    load = loadOctree if isinstance(shape, coal.OcTree) else loadMesh
+    return Solid(load(shape), faceted=True)
 
 
 SOLIDS: dict[type, Callable[[Any, float], Solid | None]] = {
@@ -107,9 +96,9 @@ SOLIDS: dict[type, Callable[[Any, float], Solid | None]] = {
         shape.points(), shape.polygons, shape.num_polygons),
     coal.BVHModelBase: lambda shape, size: _triangles(
         shape.vertices(), shape.tri_indices, shape.num_tris),
-    coal.HeightFieldAABB: _height_field,
-    coal.HeightFieldOBBRSS: _height_field,
-    coal.OcTree: _octree,
+    coal.HeightFieldAABB: _by_pinocchio,
+    coal.HeightFieldOBBRSS: _by_pinocchio,
+    coal.OcTree: _by_pinocchio,
 }
 
 
@@ -139,11 +128,9 @@ def ball(radius: float) -> Solid:
 
 
 def turned(*corners: tuple[float, float], segments: int = 48) -> Solid:
-    """Return the solid that a polygon of (radius, z) sweeps about z, with sharp edges.
+    """Return the solid that a polygon of (radius, z) [m] sweeps about z, with sharp edges.
 
-    Args:
-        corners: of the profile, outside to the right of the way along them [m].
-        segments: number of facets round the axis; few make a prism.
+    Outside is to the right along the corners; few segments make a prism.
     """
     sides = [corner for k in range(len(corners) - 1) for corner in corners[k : k + 2]]
     return Solid(Lathe(np.array(sides), segments), Y_TO_Z, faceted=segments < 12)
@@ -183,11 +170,7 @@ def _frames_along(tangent: Array) -> tuple[Array, Array]:
 
 
 def coloured(visual: pin.GeometryObject) -> list[tuple[Solid, tuple[float, ...] | None]]:
-    """Return the parts of a mesh that have colours of their own; none where it has none.
-
-    Args:
-        visual: the geometry object, whose colour goes before those of the file.
-    """
+    """Return the parts of a mesh with the colours of its file; none where one colour is for all."""
     shape = visual.geometry
     if visual.overrideMaterial or not isinstance(shape, coal.BVHModelBase):
         return []
@@ -208,12 +191,7 @@ def coloured(visual: pin.GeometryObject) -> list[tuple[Solid, tuple[float, ...] 
 
 
 def solid(visual: pin.GeometryObject, size: float) -> Solid | None:
-    """Return what to draw for a geometry object, or None when nothing can be.
-
-    Args:
-        visual: the geometry object.
-        size: of the scene [m]; unbounded planes are drawn as large as that.
-    """
+    """Return what to draw in a scene of a size [m] for a geometry object, or None."""
     for kind, make in SOLIDS.items():
         if isinstance(visual.geometry, kind):
             return make(visual.geometry, size)

@@ -7,6 +7,7 @@ arrows and markers are fractions of `Stage.size`, so that a watch and a crane lo
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -26,46 +27,30 @@ IDENTITY = np.eye(4)
 
 
 class Track(NamedTuple):
-    """Where something is in every sample.
+    """Where something is in every sample."""
 
-    Attributes:
-        poses: x y z [m] and quaternion x y z w in the view, shape (N, 7).
-        scales: along its own axes, shape (N, 3); None for 1.
-        seconds: when each sample is shown, shape (N,) [s]; None: as those of the film.
-    """
-
-    poses: Array
-    scales: Array | None = None
+    poses: Array  # x y z [m] and quaternion x y z w in the view, shape (N, 7)
+    scales: Array | None = None  # along its own axes, shape (N, 3); None for 1
+    # when each sample is shown, shape (N,) [s]; None: as those of the film
     seconds: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Item:
-    """One solid of a picture.
+    """One solid of a picture."""
 
-    Attributes:
-        name: unique in the picture.
-        solid: its shape.
-        colour: red, green, blue, opacity, 0 to 1 each.
-        joint: it is fixed to; None: it is fixed in the view, or moves along its track.
-        placement: in the joint's frame or the view, shape (4, 4).
-        track: of what moves on its own.
-        through: whether it is seen through other solids.
-        called: its title when it is pointed at; its name if empty.
-        group: of the parts that are shown and hidden together.
-        axial: whether z of its placement is the axis of a pair.
-    """
-
-    name: str
-    solid: Solid
-    colour: Colour
+    name: str  # unique in the picture
+    solid: Solid  # its shape
+    colour: Colour  # red, green, blue, opacity, 0 to 1 each
+    # it is fixed to; None: it is fixed in the view, or moves along its track
     joint: int | None = None
+    # in the joint's frame or the view, shape (4, 4)
     placement: Array = field(default_factory=lambda: IDENTITY)
-    track: Track | None = None
-    through: bool = False
-    called: str = ""
-    group: str = ""
-    axial: bool = False
+    track: Track | None = None  # of what moves on its own
+    through: bool = False  # whether it is seen through other solids
+    called: str = ""  # its title when it is pointed at; its name if empty
+    group: str = ""  # of the parts that are shown and hidden together
+    axial: bool = False  # whether z of its placement is the axis of a pair
 
 
 class Entry(NamedTuple):
@@ -77,45 +62,36 @@ class Entry(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """What a picture has of one kind.
+    """What a picture has of one kind."""
 
-    Attributes:
-        items: the solids.
-        points: that the picture must hold besides the bodies, shape (K, 3) [m].
-        legend: meaning of its colours.
-        alarms: a number for each sample; 0 is no alarm.
-        labels: words in the picture, and their points, shape (3,) [m].
-    """
-
-    items: tuple[Item, ...] = ()
+    items: tuple[Item, ...] = ()  # the solids
+    # that the picture must hold besides the bodies, shape (K, 3) [m]
     points: Array = field(default_factory=lambda: np.zeros((0, 3)))
-    legend: tuple[Entry, ...] = ()
-    alarms: tuple[Readout, ...] = ()
+    legend: tuple[Entry, ...] = ()  # meaning of its colours
+    alarms: tuple[Readout, ...] = ()  # a number for each sample; 0 is no alarm
+    # words in the picture, and their points, shape (3,) [m]
     labels: tuple[tuple[str, Array], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """A film with its bodies in place; the view is the world, turned so that gravity points down.
-
-    Attributes:
-        film: the film.
-        visuals: the geometry of the bodies.
-        poses: of the joints in the view, shape (N, n_joints, 7), x y z and quaternion x y z w.
-        upright: rotation from the world to the view, shape (3, 3).
-        size: radius of the sphere that holds the bodies in all samples [m].
-    """
+    """A film with its bodies in place; the view is the world, with gravity downwards."""
 
     film: Film
-    visuals: tuple[pin.GeometryObject, ...]
-    poses: Array
-    upright: Array
-    size: float
+    visuals: tuple[pin.GeometryObject, ...]  # the geometry of the bodies
+    poses: Array  # of the joints in the view, shape (N, n_joints, 7), x y z and quaternion x y z w
+    upright: Array  # rotation from the world to the view, shape (3, 3)
+    size: float  # radius of the sphere that holds the bodies in all samples [m]
 
     def points(self, joint: int, p: Array) -> Array:
         """Return a point p (3,) of a joint's frame [m] in the view, shape (N, 3)."""
         pose = self.poses[:, joint]
         return pose[:, :3] + rotate(pose[:, 3:], np.broadcast_to(p, (len(pose), 3)))
+
+    def origins(self, frames: Iterable[str]) -> list[Array]:
+        """Return the origins of frames by their names in the view, shape (N, 3) each."""
+        placed = map(self.film.mechanism.frame_on_joint, frames)
+        return [self.points(joint, M.translation) for joint, M in placed]
 
     def rotations(self, joint: int, axes: Array) -> Array:
         """Return axes (3, 3) of a joint's frame, in columns, in the view, shape (N, 3, 3)."""
@@ -177,15 +153,10 @@ def ball_at(points: Array, scale: Array | None = None) -> Track:
     return Track(np.concatenate([points, still], axis=1), scales)
 
 
-def grouped(group: str, layer: Layer) -> Layer:
-    """Return a layer whose solids are shown and hidden together."""
-    return replace(layer, items=tuple(replace(item, group=group) for item in layer.items))
-
-
-def joined(layers: list[Layer]) -> Layer:
-    """Return all layers as one."""
+def joined(layers: list[Layer], group: str = "") -> Layer:
+    """Return all layers as one, whose solids are shown and hidden together if they have a group."""
     return Layer(
-        tuple(item for layer in layers for item in layer.items),
+        tuple(replace(item, group=group or item.group) for layer in layers for item in layer.items),
         np.concatenate([np.zeros((0, 3)), *(layer.points for layer in layers)]),
         tuple(entry for layer in layers for entry in layer.legend),
         tuple(alarm for layer in layers for alarm in layer.alarms),

@@ -85,24 +85,14 @@ class Vectors(NamedTuple):
 
 
 def point_motion(motion: Motion, name: str) -> FrameMotion:
-    """Return the motion of a link, frame or joint, or of a link's centre of mass (`NAME.com`).
-
-    Raises:
-        UnknownNameError: there is none of that name.
-        SpatialPinError: the link has no mass.
-    """
+    """Return the motion of a link, frame or joint, or of a link's centre of mass (`NAME.com`)."""
     if name.endswith(".com"):
         return motion.com(name.removesuffix(".com"))
     return motion.frame(name)
 
 
 def traces(stage: Stage, names: tuple[str, ...]) -> Layer:
-    """Return the paths of named points.
-
-    Raises:
-        UnknownNameError: there is none of that name.
-        SpatialPinError: a link whose centre of mass is wanted has none.
-    """
+    """Return the paths of named points."""
     paths = [stage.seen(point_motion(stage.film.motion, name).position) for name in names]
     colours = [TRACE_COLOURS[k % len(TRACE_COLOURS)] for k in range(len(names))]
     items: list[Item] = []
@@ -122,9 +112,6 @@ def load(loads: Kinetostatics, pair: str, kind: str) -> Vectors:
     """Return the force ("reaction") or moment that a pair exerts, at the pair.
 
     On the child link of a joint, on the link of a closure's second frame.
-
-    Raises:
-        UnknownNameError: there is no such pair.
     """
     motion, reactions = loads.motion, loads.reactions
     mechanism = motion.mechanism
@@ -141,12 +128,7 @@ def load(loads: Kinetostatics, pair: str, kind: str) -> Vectors:
 
 
 def rates(motion: Motion, spec: str) -> Vectors:
-    """Return the vectors that `NAME.velocity` and its kin name; see `Look.arrows`.
-
-    Raises:
-        UnknownNameError: it names no such vector.
-        SpatialPinError: a link whose centre of mass is wanted has none.
-    """
+    """Return the vectors that `NAME.velocity` and its kin name; see `Look.arrows`."""
     name, _, kind = spec.rpartition(".")
     if kind not in KINDS or not name:
         valid = [f"{n}.{k}" for n in motion.mechanism.frame_ids for k in KINDS]
@@ -184,12 +166,7 @@ def _items(stage: Stage, v: Vectors, per_unit: float) -> tuple[tuple[Item, ...],
 
 
 def arrows(stage: Stage, specs: tuple[str | Vectors, ...]) -> list[Layer]:
-    """Return vectors at their points, one layer for each quantity.
-
-    Raises:
-        UnknownNameError: one names no vector of the mechanism.
-        ValueError: one has not as many rows as the motion has samples.
-    """
+    """Return vectors at their points, one layer for each quantity."""
     quantities: dict[str, list[Vectors]] = {}
     film, n = stage.film, len(np.atleast_2d(stage.film.source.q))
     for one in specs:

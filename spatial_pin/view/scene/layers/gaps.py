@@ -23,19 +23,12 @@ GAP_DIGITS = 3  # of a gap: its size matters, not its value
 
 
 class ClosureGap(NamedTuple):
-    """How far a closure is open, sample by sample; 0 where it is closed.
+    """How far a closure is open, sample by sample; 0 where it is closed."""
 
-    Attributes:
-        closure: the closure.
-        lengths: between the two points that should coincide, shape (N,) [m].
-        angles: between the directions that should agree, shape (N,) [rad].
-        offset: from where point 2 should be to where it is, in the view, shape (N, 3) [m].
-    """
-
-    closure: Closure
-    lengths: Array
-    angles: Array
-    offset: Array
+    closure: Closure  # the closure
+    lengths: Array  # between the two points that should coincide, shape (N,) [m]
+    angles: Array  # between the directions that should agree, shape (N,) [rad]
+    offset: Array  # from where point 2 should be to where it is, in the view, shape (N, 3) [m]
 
 
 def _pair_gap(stage: Stage, closure: Closure, residual: Array) -> ClosureGap:
@@ -45,9 +38,10 @@ def _pair_gap(stage: Stage, closure: Closure, residual: Array) -> ClosureGap:
     frame 2 to the nearest pose in which the closure holds.
     """
     mechanism = stage.film.mechanism
-    (i1, m1), (i2, m2) = (mechanism.frame_on_joint(name) for name in closure.frames[:2])
-    turn = stage.rotations(i1, m1.rotation)
-    apart = stage.points(i2, m2.translation) - stage.points(i1, m1.translation)
+    joint, placement = mechanism.frame_on_joint(closure.frames[0])
+    turn = stage.rotations(joint, placement.rotation)
+    start, end = stage.origins(closure.frames[:2])
+    apart = end - start
     lengths = residual * mechanism.characteristic_length
     offset, angular = np.zeros_like(apart), np.zeros(len(apart))
     for row, off in zip(closure.rows, lengths.T, strict=True):
@@ -55,9 +49,7 @@ def _pair_gap(stage: Stage, closure: Closure, residual: Array) -> ClosureGap:
         if isinstance(first, Square):  # along the line between the frames
             far, length = np.linalg.norm(apart, axis=1), closure.geometry.length
             if closure.between:  # the length is that between other frames
-                ends = (stage.points(i, m.translation) for i, m in map(
-                    mechanism.frame_on_joint, closure.between))
-                length = np.linalg.norm(np.subtract(*ends), axis=1)
+                length = np.linalg.norm(np.subtract(*stage.origins(closure.between)), axis=1)
             wrong = np.where(off != 0.0, far - length, 0.0)
             offset += apart * (wrong / np.where(far > 0, far, 1.0))[:, None]
         elif isinstance(first, Displacement):
@@ -96,8 +88,7 @@ def gaps_of(stage: Stage) -> list[ClosureGap]:
 
 def _length_items(stage: Stage, gap: ClosureGap) -> tuple[list[Item], Array]:
     """Return two balls and a rod from where a frame should be to where it is; and both places."""
-    i2, m2 = stage.film.mechanism.frame_on_joint(gap.closure.frames[1])
-    there = stage.points(i2, m2.translation)
+    (there,) = stage.origins(gap.closure.frames[1:2])
     here = there - gap.offset
     is_open = (gap.lengths > 0).astype(float)
     name, size = f"gap {gap.closure.name}", stage.size

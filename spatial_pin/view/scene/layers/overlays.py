@@ -14,7 +14,7 @@ from spatial_pin.assembly.state import State
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.proximity.clearance import Clearance, PairClearance
+from spatial_pin.proximity.clearance import Clearance, PairClearance, in_words
 from spatial_pin.synthesis.goals import PathGoal, PosesGoal
 from spatial_pin.synthesis.ranked_designs import Design
 from spatial_pin.view.scene.film import (
@@ -85,11 +85,7 @@ def others_of(
 
 
 def ghosts(stage: Stage, shown: tuple[State | Motion, ...]) -> Layer:
-    """Return other states and motions in the same place, half transparent.
-
-    Raises:
-        SpatialPinError: one is a state of another mechanism.
-    """
+    """Return other states and motions in the same place, half transparent."""
     others = others_of(stage, shown, "ghost")
     items = [replace(item, colour=(*item.colour[:3], OPACITY * item.colour[3]))
              for solids, _, _ in others for item in solids
@@ -102,13 +98,7 @@ def ghosts(stage: Stage, shown: tuple[State | Motion, ...]) -> Layer:
 def side_by_side(stage: Stage, shown: tuple[State | Motion, ...], direction: Array) -> Layer:
     """Return other states and motions side by side with the first, which is the film itself.
 
-    Args:
-        stage: the film.
-        shown: the other states and motions.
-        direction: unit vector from the middle to the camera, shape (3,).
-
-    Raises:
-        SpatialPinError: one is a state of another mechanism.
+    The direction (3,) is that from the middle to the camera.
     """
     others = others_of(stage, shown, "beside")
     corners = [occupied(list(stage.visuals), stage.poses), *(points for _, points, _ in others)]
@@ -176,19 +166,15 @@ def clearances(stage: Stage, clearance: Clearance) -> Layer:
     for pair in (*touching, *nearest):
         items += _line(stage, pair, TOUCHING if pair.contacts else LINE)
     legend = [Entry(TOUCHING, "links that touch")] * bool(touching)
-    legend += [Entry(LINE, f"least over the motion, {_names(p)}: {length_words(p.distance)}")
+    legend += [Entry(LINE, f"least over the motion, {in_words(p)}: {length_words(p.distance)}")
                for p in nearest]
     alarms = []
     for pair in touching:  # how deep they overlap
         distances = pair.distances[film.rows]
         depth = np.where(distances <= clearance.tolerance, -distances, 0.0)
         size, unit = unit_of_length(float(np.abs(depth).max()) or 1.0)
-        alarms.append(Readout(_names(pair), depth / size, f" {unit}", 2, says=" overlap by "))
+        alarms.append(Readout(in_words(pair), depth / size, f" {unit}", 2, says=" overlap by "))
     return Layer(tuple(items), np.zeros((0, 3)), tuple(legend), tuple(alarms))
-
-
-def _names(pair: PairClearance) -> str:
-    return " and ".join(pair.links)
 
 
 def _red_links(stage: Stage, clearance: Clearance, pairs: list[PairClearance]) -> list[Item]:
@@ -216,7 +202,7 @@ def _red_links(stage: Stage, clearance: Clearance, pairs: list[PairClearance]) -
 def _line(stage: Stage, pair: PairClearance, colour: tuple[float, ...]) -> list[Item]:
     """Return a line between the nearest points of two links, with a ball at either end."""
     a, b = (stage.seen(pair.points[stage.film.rows, k]) for k in (0, 1))
-    name, size = f"clearance {_names(pair)}", stage.size
+    name, size = f"clearance {in_words(pair)}", stage.size
     return [
         Item(name, rod(CLEARANCE_ROD * size), colour, track=rod_between(a, b), through=True),
         *(Item(f"{name} {k}", ball(CLEARANCE_BALL * size), colour, track=ball_at(p), through=True)
@@ -269,10 +255,7 @@ def workspaces(stage: Stage, workspace: Workspace) -> Layer:
 def designs(stage: Stage, design: Design, drawn: tuple[str, ...]) -> Layer:
     """Return balls at target points, triads at target placements, and paths of their frames.
 
-    Args:
-        stage: the scene.
-        design: whose goals are drawn.
-        drawn: frames whose paths are drawn anyway.
+    Paths of the frames in `drawn` are there anyway.
     """
     shown = stage.film.mechanism
     if shown.name != design.mechanism.name or shown.dimensions != design.mechanism.dimensions:

@@ -12,21 +12,28 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import cached_property, made_once
-from spatial_pin.assembly.close import DAMPED_STEPS, NOTHING, close, closed
-from spatial_pin.assembly.holding import fixed_base_entries, free_velocities
+from spatial_pin.assembly.close import DAMPED_STEPS, NOTHING, close, closed, least_motion
+from spatial_pin.assembly.holding import (
+    LoopGroup,
+    fixed_base_entries,
+    free_velocities,
+    loop_groups,
+    loose_entries,
+    part_of,
+)
 from spatial_pin.assembly.redundant_equations import NEARLY_OPEN
-from spatial_pin.assembly.search.guesses import (
+from spatial_pin.assembly.start_values import (
     COORDINATE_ERROR,
     NEAR_GUESS,
     OPEN,
     Guess,
     StartSpread,
+    entry_kinds,
     far_lengths,
+    periodic,
     start_spread,
+    turn_free_difference,
 )
-from spatial_pin.assembly.search.loop_groups import LoopGroup, loop_groups, loose_entries, part_of
-from spatial_pin.assembly.search.release import least_motion
-from spatial_pin.assembly.search.whole_turns import entry_kinds, periodic, turn_free_difference
 from spatial_pin.assembly.state import all_angles
 from spatial_pin.constraints.workspaces import Workspaces
 from spatial_pin.kernel.closer import (
@@ -34,10 +41,10 @@ from spatial_pin.kernel.closer import (
     MOST_GROUPS,
     NAMED,
     Closed,
+    ClosureResult,
     ClosureSettings,
     Examined,
     NamedCoordinates,
-    Reached,
     closer_of,
 )
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
@@ -60,29 +67,23 @@ class FreeSet:
     """Free and fixed coordinates, as far as names decide them.
 
     Attributes:
+        settings: of the kernel: the free velocities, those free at first, while named coordinates
+            are fixed too, and what is named. The same object every time.
         pinned: fixed components of balls and floating joints.
         still: velocity entries of fixed free bases.
-        free: (nv,) the free velocities.
-        first: (nv,) those free at first, while named coordinates are fixed too; None if there are
-            none, or the same.
-        kinds: (nq,) of the entries of q, for `NamedCoordinates`.
         is_whole: whether the guess names all components of a joint or none.
         spread: starts other than the guess; None if all is fixed.
         groups: of loops without common free coordinates.
-        are_all_named: whether the guess names all that may move.
-        places: indices in q of fixed coordinates; -1 for components of balls and floating joints.
+        indices: in q of fixed coordinates; -1 for components of balls and floating joints.
         largest: entry of q with at least one correct digit left.
     """
 
+    settings: ClosureSettings
     pinned: tuple[str, ...]
     still: tuple[int, ...]
-    free: NDArray[np.bool_]
-    first: NDArray[np.bool_] | None
-    kinds: NDArray[np.int64]
     is_whole: bool
     spread: StartSpread | None
     groups: tuple[LoopGroup, ...]
-    are_all_named: bool
     indices: list[int]
     largest: float
 
@@ -90,7 +91,7 @@ class FreeSet:
 @made_once
 def free_set(
     mechanism: Mechanism, held: tuple[str, ...], let_go: tuple[str, ...], named: tuple[str, ...],
-    still: tuple[int, ...] | None,
+    still: tuple[int, ...] | None, tolerance: float,
 ) -> FreeSet:
     """Return free and fixed coordinates.
 
@@ -100,6 +101,7 @@ def free_set(
         let_go: drivers that may move, as little as possible.
         named: coordinates that the guess names.
         still: other fixed velocity entries; None: those of the free bases.
+        tolerance: closure residual to reach.
     """
     table, joints = mechanism.coordinate_table, by_joint(mechanism)
     own = [name for name in named if name not in held]
@@ -121,18 +123,12 @@ def free_set(
         mechanism, held, own, (*still, *loose_entries(mechanism)), groups)
     for array in (free, first, kinds):
         array.flags.writeable = False
-    return FreeSet(pinned, still, free, first if has_first else None, kinds, is_whole, spread,
-                   groups, not first.any(), [table[name].q for name in held],
+    settings = ClosureSettings(
+        free, first if has_first else None, tolerance, DAMPED_STEPS, TOLERANCES.rank, kinds,
+        position_limits(mechanism), spread and spread.first, not first.any())
+    return FreeSet(settings, pinned, still, is_whole, spread, groups,
+                   [table[name].q for name in held],
                    float(mechanism.velocity_scale.min(initial=1.0)) / COORDINATE_ERROR)
-
-
-@made_once
-def closure_settings(mechanism: Mechanism, free: FreeSet, tolerance: float) -> ClosureSettings:
-    """Return settings of the kernel for a free set; the same object every time."""
-    lower, upper = position_limits(mechanism)
-    shakes = None if free.spread is None else free.spread.first
-    return ClosureSettings(free.free, free.first, tolerance, DAMPED_STEPS, TOLERANCES.rank,
-                           free.kinds, lower, upper, shakes, free.are_all_named)
 
 
 class AssemblyProblem:
@@ -160,7 +156,7 @@ class AssemblyProblem:
         known: results of `reached` for the goal and further starts, if known.
     """
 
-    known: list[Reached] | None = None
+    known: list[ClosureResult] | None = None
     lost: tuple[str, ...] = ()
     with_turns: Callable[[Array], tuple[Array, tuple[str, ...]]] | None = None
     driver_values: Mapping[str, float] = NOTHING
@@ -179,10 +175,10 @@ class AssemblyProblem:
         self.tolerance, self.gap = tolerance, gap
         self._cut = mechanism.selection.cut if mechanism.selection else 0.0
         self.free_set = free_set(
-            mechanism, tuple(self.held), tuple(self.let_go), guess.names, still)
+            mechanism, tuple(self.held), tuple(self.let_go), guess.names, still, tolerance)
         self.pinned = ({name: self.held[name] for name in self.free_set.pinned}
                        if self.free_set.pinned else NOTHING)
-        self.spread, self._guess, self._stands = self.free_set.spread, guess, still or ()
+        self.settings, self._guess, self._stands = self.free_set.settings, guess, still or ()
         if self.pinned:
             self.goal = with_values(mechanism, guess.q, self.held)
         else:
@@ -282,38 +278,33 @@ class AssemblyProblem:
         """Whether `reached` can try perturbed starts with the first one, in one call."""
         if self.mechanism.whole is not None or self.let_go or not self.free_set.is_whole:
             return False
-        spread = self.spread
+        spread = self.free_set.spread
         return spread is None or not spread.lengths or not far_lengths(
             self.mechanism, self.named, spread)
 
     def is_for_kernel(self) -> bool:
         """Whether the kernel may judge its results from the guess by itself."""
-        return self._is_plain() and self.can_perturb()
-
-    def _is_plain(self) -> bool:
-        return not self.pinned and self.goal.size > 0 and self.has_digits(self.goal)
+        return (not self.pinned and self.goal.size > 0 and self.has_digits(self.goal)
+                and self.can_perturb())
 
     @property
     def widest_gap(self) -> float:
         """The closure error that no rounding of a file can explain."""
         return max(self.gap, OPEN)
 
-    @property
-    def settings(self) -> ClosureSettings:
-        """Settings of the kernel."""
-        return closure_settings(self.mechanism, self.free_set, self.tolerance)
-
     def closed_at_once(self) -> tuple[Array, Examined] | None:
         """Return the result of the kernel for all loops at once, and its properties.
 
         None if a result needs a judgement: the results are then `known`.
         """
-        is_compared = self.can_perturb()  # else its distance is not that of the kernel
-        if not self._is_plain() or self.mechanism.whole is not None or self.let_go or not (
-                is_compared or self.free_set.are_all_named):
+        is_compared = self.is_for_kernel()  # else its distance is not that of the kernel
+        if not is_compared and (
+                self.pinned or not self.goal.size or self.mechanism.whole is not None
+                or self.let_go or not self.settings.are_all_named
+                or not self.has_digits(self.goal)):
             return None
         with closer_of(self.mechanism) as closer:
-            results = closer.reach(
+            results = closer.solve(
                 [self.goal], self.settings, self.goal, self.reference, perturbed=is_compared)
             best = results[0]
             if best.is_unique:
@@ -330,27 +321,24 @@ class AssemblyProblem:
                 return None  # each group of loops may have a nearer place
             return best.q, best.examined or closer.examine(best.q, self.reference)
 
-    def reached(self, starts: Sequence[Array], shaken: bool = False) -> Iterable[Reached]:
+    def reached(self, starts: Sequence[Array], shaken: bool = False) -> Iterable[ClosureResult]:
         """Return the results from starts (nq,), named coordinates fixed at first.
 
-        There are `AT_ONCE` starts at most; for `shaken` see `Closer.reach`.
+        There are `AT_ONCE` starts at most; for `shaken` see `Closer.set_task`.
         """
-        if self.mechanism.whole is not None:
-            return map(self._reached_by_all, starts)
+        settings = self.settings
+        if self.mechanism.whole is not None:  # all equations first
+            if settings.first is not None:
+                starts = [self.closed(q, settings.first, self.pinned,
+                                      max(self.tolerance, LOOSE)).q for q in starts]
+            return [self.judged_at(self.closed(q, settings.free, self.pinned).q) for q in starts]
         if not starts:
             return ()
         if self.known is not None and shaken and starts[0] is self.goal:
             return self.known
         with closer_of(self.mechanism, self.pinned) as closer:
-            return closer.reach(starts, self.settings, self.goal, self.reference,
-                                self.pinned.values(), shaken)
-
-    def _reached_by_all(self, q: Array) -> Reached:
-        """Return the result from a start (nq,), all equations first."""
-        free = self.free_set
-        if free.first is not None:
-            q = self.closed(q, free.first, self.pinned, max(self.tolerance, LOOSE)).q
-        return self.judged_at(self.closed(q, free.free, self.pinned).q)
+            return closer.solve(
+                starts, settings, self.goal, self.reference, self.pinned.values(), shaken)
 
     def closed(
         self, q: Array, free: NDArray[np.bool_], pinned: Mapping[str, float],
@@ -372,7 +360,7 @@ class AssemblyProblem:
         its limit at first may leave it.
         """
         q = self.closed(q, free, self.pinned).q
-        free = self.free_set.free if limits else free
+        free = self.settings.free if limits else free
         q, error = least_motion(self.evaluation, q, free, self.let_go, self.tolerance,
                                 self.pinned, limits)
         gone = deviations(self.mechanism, q, self.let_go)
@@ -391,23 +379,25 @@ class AssemblyProblem:
 
     # ------------------------------------------------------------ judging
 
-    def judged_at(self, q: Array) -> Reached:
+    def judged_at(self, q: Array) -> ClosureResult:
         """Return the properties of q (nq,), without whole turns."""
+        settings = self.settings
+        assert settings.kinds is not None
+        named = NamedCoordinates(self.goal, settings.kinds, *settings.limits)
         with closer_of(self.mechanism) as closer:
-            return closer.judge(q, self.reference, NamedCoordinates(
-                self.goal, self.free_set.kinds, *position_limits(self.mechanism)))
+            return closer.judge(q, self.reference, named)
 
     def examined(self, q: Array) -> Examined:
         """Return the properties of the mechanism's own equations at q (nq,)."""
         with closer_of(self.mechanism) as closer:
             return closer.examine(q, self.reference)
 
-    def is_sound(self, result: Reached) -> bool:
+    def is_sound(self, result: ClosureResult) -> bool:
         """Whether a result is surely correct, without a comparison with others."""
         return (result.error <= ACCEPTED and not result.may_be_mirrored
                 and self.mechanism.whole is None)
 
-    def judged(self, result: Reached) -> tuple[float, str]:
+    def judged(self, result: ClosureResult) -> tuple[float, str]:
         """Return the closure error of a result, and the closure at fault or ""."""
         if self.is_sound(result):
             return result.error, ""
@@ -433,7 +423,7 @@ class AssemblyProblem:
         self.evaluation.update(q)
         return self.evaluation.closure_error <= self.accepted(q) and not self.evaluation.mirrored()
 
-    def distance(self, result: Reached) -> float:
+    def distance(self, result: ClosureResult) -> float:
         """Return the distance of a result from the named values."""
         if self.free_set.is_whole:
             return result.distance

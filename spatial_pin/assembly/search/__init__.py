@@ -1,1 +1,0 @@
-"""Searching for the closed configuration that a guess means."""
