@@ -176,6 +176,7 @@ typedef struct {
     Int n_blocks, room, was_short; /* was_short: of memory, since the last kernel_had_memory */
     Factors **factors;
     Int n_factors;
+    struct Abreast *lanes; /* evaluations side by side, see lanes.h; NULL: there were none yet */
 } Memory;
 
 typedef struct Kernel {
@@ -215,7 +216,6 @@ typedef struct Kernel {
 
     SquareSystem system;
     Real *right;                    /* (nv) right sides, then solutions */
-    struct Abreast *lanes;            /* evaluations side by side, see lanes.h; NULL: none ever were */
     struct Path *path;              /* the one that is followed; NULL: none ever was */
     Memory memory;
 } Kernel;

@@ -398,7 +398,7 @@ void lanes_begin(const Kernel *k, Abreast *s)
 Abreast *lanes_of(Kernel *k)
 {
     const Int n = k->n_joints, nv = k->nv, np = k->products.n, vectors = 3 * k->vectors.n;
-    Abreast *s = k->lanes;
+    Abreast *s = k->memory.lanes;
     if (s || !(s = kernel_memory(k, 1, sizeof *s)))
         return s;
     struct {
@@ -415,5 +415,5 @@ Abreast *lanes_of(Kernel *k)
     for (size_t i = 0; i < sizeof fields / sizeof *fields; i++)
         *fields[i].to = kernel_memory(k, fields[i].count, sizeof(Lane));
     s->stands = kernel_ints(k, n);
-    return k->lanes = kernel_had_memory(k) ? s : NULL;
+    return k->memory.lanes = kernel_had_memory(k) ? s : NULL;
 }

@@ -280,8 +280,8 @@ EXPORT void kernel_destroy(Kernel *k)
 {
     if (!k)
         return;
-    if (k->lanes)
-        lane_factors_free(&k->lanes->factors);
+    if (k->memory.lanes)
+        lane_factors_free(&k->memory.lanes->factors);
     for (Int i = 0; i < k->memory.n_blocks; i++)
         free(k->memory.blocks[i]);
     for (Int i = 0; i < k->memory.n_factors; i++)

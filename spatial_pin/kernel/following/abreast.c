@@ -15,7 +15,7 @@ int goes_abreast(Path *path)
     if (wanted->order != 3 || wanted->corrections >= 0 || wanted->between > 0.0 || !lanes_know(path->k) ||
         !lanes_of(path->k))
         return 0;
-    lanes_begin(path->k, path->k->lanes);
+    lanes_begin(path->k, path->k->memory.lanes);
     return 1;
 }
 
@@ -24,7 +24,7 @@ int goes_abreast(Path *path)
 WITHIN void prescribe_lanes(Path *path, const Real *values)
 {
     Prescribed *p = &path->prescribed;
-    Lane *to = path->k->lanes->prescribed;
+    Lane *to = path->k->memory.lanes->prescribed;
     for (int l = 0; l < LANES; l++) {
         prescribe(p, values[l]);
         for (Int i = 0; i < p->n; i++) {
@@ -38,7 +38,7 @@ WITHIN void prescribe_lanes(Path *path, const Real *values)
 WITHIN void put_prescribed(const Path *path)
 {
     const Prescribed *p = &path->prescribed;
-    Abreast *s = path->k->lanes;
+    Abreast *s = path->k->memory.lanes;
     for (Int i = 0; i < p->n; i++)
         if (p->q_index[i] >= 0)
             s->q[p->q_index[i]] = s->prescribed[3 * i];
@@ -51,11 +51,11 @@ WITHIN void put_rates(const Path *path, int which, Lane *rates, Lane *square)
     const Kernel *k = path->k;
     *square = (Lane){0};
     for (Int v = 0; v < k->nv; v++) {
-        *square += k->lanes->right[v] * k->lanes->right[v];
-        rates[v] = k->scale[v] * k->lanes->right[v];
+        *square += k->memory.lanes->right[v] * k->memory.lanes->right[v];
+        rates[v] = k->scale[v] * k->memory.lanes->right[v];
     }
     for (Int i = 0; i < k->system.n_driven; i++)
-        rates[k->system.driven[i]] = k->lanes->prescribed[3 * i + which];
+        rates[k->system.driven[i]] = k->memory.lanes->prescribed[3 * i + which];
 }
 
 /* ---- closing them ---- */
@@ -64,7 +64,7 @@ WITHIN void predict_lanes(Path *path, const Real *values)
 {
     const Between *p = &path->between;
     Kernel *k = path->k;
-    Abreast *s = k->lanes;
+    Abreast *s = k->memory.lanes;
     Lane u;
     for (int l = 0; l < LANES; l++)
         u[l] = (values[l] - p->s) / p->h;
@@ -97,7 +97,7 @@ WITHIN Real largest_of(const Lane *x, const Int *index, Int n)
 WITHIN Real correct_lanes(Path *path)
 {
     Kernel *k = path->k;
-    Abreast *s = k->lanes;
+    Abreast *s = k->memory.lanes;
     Lane square = {0};
     Real most = 0.0;
     for (Int i = 0; i < k->nv; i++)
@@ -125,15 +125,15 @@ WITHIN int close_lanes(Path *path, Real *predicted)
     const Real enough = larger_of(part * wanted->enough, 0.1 * least), left = larger_of(wanted->left, least);
     Real size = INFINITY, first = INFINITY;
     for (int count = 0;; count++) {
-        lanes_residuals(k, k->lanes, &k->equations.system, count == 0);
-        const Real residual = largest_of(k->lanes->residual, k->system.chosen, k->system.n_chosen);
+        lanes_residuals(k, k->memory.lanes, &k->equations.system, count == 0);
+        const Real residual = largest_of(k->memory.lanes->residual, k->system.chosen, k->system.n_chosen);
         if (count == 0)
             *predicted = larger_of(*predicted, residual);
         if (residual <= (count ? tolerance : enough) || (size <= TOLERANCE_ROUND_OFF && residual <= left))
             return 1;
         if (count == MOST_CORRECTIONS || !(residual < TOLERANCE_HALF_PRECISION))
             return 0;
-        if (!(first * residual <= 0.1 * tolerance) && !lanes_factor(k, k->lanes))
+        if (!(first * residual <= 0.1 * tolerance) && !lanes_factor(k, k->memory.lanes))
             return 0;
         const Real last = size;
         size = correct_lanes(path);
@@ -148,7 +148,7 @@ WITHIN int close_lanes(Path *path, Real *predicted)
 WITHIN int find_rates(Path *path, Lane *squares)
 {
     Kernel *k = path->k;
-    Abreast *s = k->lanes;
+    Abreast *s = k->memory.lanes;
     const Int n = k->system.n_chosen;
     if (!lanes_factor(k, s))
         return 0;
@@ -168,7 +168,7 @@ WITHIN int find_rates(Path *path, Lane *squares)
 WITHIN void write_lane(Path *path, int l, const Lane *squares, const PathRows *rows, Int i)
 {
     const Kernel *k = path->k;
-    const Abreast *s = k->lanes;
+    const Abreast *s = k->memory.lanes;
     Real *q = rows->q + i * k->nq, *t = rows->t + i * k->nv, *c = rows->c + i * k->nv;
     Real error = 0.0;
     for (Int x = 0; x < k->nq; x++)
@@ -196,10 +196,10 @@ FOR_WIDE int close_abreast(Path *path, const Real *values, Int n, const PathRows
         predict_lanes(path, few);
         if (!close_lanes(path, predicted) || !find_rates(path, squares))
             return 0;
-        lanes_residuals(k, k->lanes, &k->equations.rest, 0);
+        lanes_residuals(k, k->memory.lanes, &k->equations.rest, 0);
         const Parts *rest = &k->equations.rest;
         if (rest->n_equations &&
-            !(largest_of(k->lanes->residual, rest->equation, rest->n_equations) <= most))
+            !(largest_of(k->memory.lanes->residual, rest->equation, rest->n_equations) <= most))
             return 0;
         for (int l = 0; l < LANES && done + l < n; l++)
             write_lane(path, l, squares, rows, i + done + l);
