@@ -591,3 +591,79 @@ void lu_solve(const SparseLU *lu, Real *x)
         x[lu->pivot_column[step]] = sum * lu->inverse[step];
     }
 }
+
+/* ---- several matrices side by side ---- */
+
+void lane_factors_free(LaneFactors *f)
+{
+    free(f->value);
+    free(f->inverse);
+    free(f->work);
+}
+
+static int make_room(LaneFactors *f, Int room)
+{
+    if (room > f->room) {
+        if (!widen((void **)&f->value, room, sizeof *f->value) ||
+            !widen((void **)&f->inverse, room, sizeof *f->inverse) ||
+            !widen((void **)&f->work, room, sizeof *f->work))
+            return 0;
+        f->room = room;
+    }
+    return 1;
+}
+
+FOR_WIDE int lu_factor_lanes(const SparseLU *lu, const Lane *entry, LaneFactors *f)
+{
+    Real least[LANES], most[LANES] = {0.0}, sign[LANES];
+    Lane grown = {0};
+    const Int *target = lu->target;
+    if (!make_room(f, lu->n_values > lu->n ? lu->n_values : lu->n))
+        return 0;
+    Lane *value = f->value;
+    memset(value, 0, (size_t)lu->n_values * sizeof *value);
+    for (Int e = 0; e < lu->n_entries; e++)
+        value[lu->position[e]] = entry[e];
+    for (int l = 0; l < LANES; l++)
+        least[l] = INFINITY, sign[l] = lu->parity;
+    for (Int step = 0; step < lu->n; step++) {
+        const Lane pivot = value[lu->pivot_at[step]], inverse = f->inverse[step] = 1.0 / pivot;
+        const Int first = lu->upper_start[step], end = lu->upper_start[step + 1];
+        for (int l = 0; l < LANES; l++) {
+            least[l] = smaller_of(least[l], fabs(pivot[l]));
+            most[l] = larger_of(most[l], fabs(pivot[l]));
+            sign[l] = pivot[l] < 0.0 ? -sign[l] : sign[l];
+        }
+        for (Int u = first; u < end; u++) {
+            const Lane part = value[lu->upper_at[u]] * inverse;
+            grown += part * part; /* no less than the largest square */
+        }
+        for (Int l = lu->lower_start[step]; l < lu->lower_start[step + 1]; l++) {
+            const Lane factor = value[lu->lower_at[l]] *= inverse;
+            for (Int u = first; u < end; u++)
+                value[*target++] -= factor * value[lu->upper_at[u]];
+        }
+    }
+    for (int l = 0; l < LANES; l++)
+        if (!(least[l] > SHRUNK * lu->first_ratio * most[l]) || !(grown[l] < GROWN * GROWN) ||
+            !(sign[l] == lu->sign))
+            return 0;
+    return 1;
+}
+
+FOR_WIDE void lu_solve_lanes(const SparseLU *lu, const LaneFactors *f, Lane *x)
+{
+    Lane *y = f->work;
+    memcpy(y, x, (size_t)lu->n * sizeof *y);
+    for (Int step = 0; step < lu->n; step++) {
+        const Lane known = y[lu->pivot_row[step]];
+        for (Int l = lu->lower_start[step]; l < lu->lower_start[step + 1]; l++)
+            y[lu->lower_row[l]] -= f->value[lu->lower_at[l]] * known;
+    }
+    for (Int step = lu->n - 1; step >= 0; step--) {
+        Lane sum = y[lu->pivot_row[step]];
+        for (Int u = lu->upper_start[step]; u < lu->upper_start[step + 1]; u++)
+            sum -= f->value[lu->upper_at[u]] * x[lu->upper_column[u]];
+        x[lu->pivot_column[step]] = sum * f->inverse[step];
+    }
+}

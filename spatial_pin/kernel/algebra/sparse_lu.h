@@ -2,7 +2,7 @@
 #ifndef SPATIAL_PIN_SPARSE_LU_H
 #define SPATIAL_PIN_SPARSE_LU_H
 
-#include "vectors.h"
+#include "lane.h"
 
 /* Entries in any order, each place at most once. */
 typedef struct {
@@ -34,5 +34,17 @@ Real lu_even_ratio(const SparseLU *lu, const Real *length);
 int lu_analyse(SparseLU *lu, Int n, const Entries *of);
 int lu_factor(SparseLU *lu, const Real *value);  /* 1 good, 0 singular, -1 wants another order */
 void lu_solve(const SparseLU *lu, Real *x); /* x: right sides, then the solution */
+
+/* Factors of several matrices of the pattern side by side, in the order that was chosen. */
+typedef struct {
+    Lane *value, *inverse, *work;
+    Int room; /* of each */
+} LaneFactors;
+
+void lane_factors_free(LaneFactors *f);
+/* 1, or 0 where the order is no good one for one of them, where a determinant's sign is not that of the last
+   factorisation, or without memory */
+int lu_factor_lanes(const SparseLU *lu, const Lane *entry, LaneFactors *f);
+void lu_solve_lanes(const SparseLU *lu, const LaneFactors *f, Lane *x);
 
 #endif

@@ -59,7 +59,8 @@ typedef struct Pin Pin;
 /* A square matrix and its factors, see factors.h. */
 typedef struct Factors Factors;
 
-/* A path of closed configurations, see following.h. */
+/* Several evaluations side by side, and a path of closed configurations: see lanes.h, following.h. */
+struct Abreast;
 struct Path;
 
 /* Some of the equations, and what they are made of: products, and vectors that move. */
@@ -175,6 +176,7 @@ typedef struct {
     Int n_blocks, room, was_short; /* was_short: of memory, since the last kernel_had_memory */
     Factors **factors;
     Int n_factors;
+    struct Abreast *lanes; /* evaluations side by side, see lanes.h; NULL: there were none yet */
 } Memory;
 
 typedef struct Kernel {

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "factors.h"
+#include "lanes.h"
 #include "memory.h"
 #include "pins.h"
 
@@ -279,6 +280,8 @@ EXPORT void kernel_destroy(Kernel *k)
 {
     if (!k)
         return;
+    if (k->memory.lanes)
+        lane_factors_free(&k->memory.lanes->factors);
     for (Int i = 0; i < k->memory.n_blocks; i++)
         free(k->memory.blocks[i]);
     for (Int i = 0; i < k->memory.n_factors; i++)

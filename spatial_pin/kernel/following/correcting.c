@@ -95,7 +95,8 @@ int correct(Kernel *k, Real *q, Correction *c)
             return NOT_CONVERGED;
         old = serves(c, old, away, residual, before);
         away = old ? away : 0.0;
-        const int code = old ? DONE : factor_here(k, c->held);
+        const int is_near = !old && c->count && c->away == 0.0 && size * residual <= 0.1 * c->tolerance;
+        const int code = old || is_near ? DONE : factor_here(k, c->held);
         if (code != DONE)
             return code;
         size = solve_correction(k, c->held);

@@ -140,21 +140,29 @@ static int has_changed(const Path *path)
            MUCH * path->k->system.pivot_ratio < p->pivot;
 }
 
-/* Returns what of q is not idle rotation. */
-static Real estimate_point(Path *path, Real *estimate)
+void look_again(Path *path)
 {
-    const Point *here = path->here;
-    Probe *p = &path->probe;
     if (!path->stale && has_changed(path))
         probe_errors(path);
+}
+
+Real estimate_at(Path *path, Real t, Real c, Real error, Real *estimate)
+{
+    Probe *p = &path->probe;
     p->rows++;
-    const Real t = here->pace, c = here->bend, turned = SURE_TIMES * path->idle_left;
-    const Real open = OPEN_TIMES * here->error + ROUND_OFF_PART + RESOLVED_PART * path->rounding;
+    const Real turned = SURE_TIMES * path->idle_left;
+    const Real open = OPEN_TIMES * error + ROUND_OFF_PART + RESOLVED_PART * path->rounding;
     const Real q = SURE_TIMES * p->gain * open, solved = turned + (1.0 + p->gain) * ROUND_OFF_PART;
     estimate[0] = q + turned + ROUND_OFF_PART + RESOLVED_PART * path->rounding;
     estimate[1] = p->first * q + t * solved;
     estimate[2] = p->second * q + (t * t + c) * solved;
     return q;
+}
+
+static Real estimate_point(Path *path, Real *estimate)
+{
+    look_again(path);
+    return estimate_at(path, path->here->pace, path->here->bend, path->here->error, estimate);
 }
 
 Real residual_allowed(const Path *path)

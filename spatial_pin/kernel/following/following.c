@@ -84,6 +84,7 @@ static void forget(Path *path)
     path->idle_way = is_fixed ? INFINITY : IDLE_FIRST;
     path->between_way = path->accuracy.between > WITHOUT_THIRD
                             ? BETWEEN_FIRST * pow(path->accuracy.between, 1.0 / 7.0) : WITH_THIRD;
+    path->abreast_way = ABREAST_FIRST;
     path->degree = 0;
     path->open = OPENED * path->here->error;
     path->idle_left = path->missed = path->alone = 0.0;

@@ -32,6 +32,7 @@ typedef struct Path {
     int zero_known, stale; /* `stale`: the factors are of another point than `here` */
     Real idle_way;  /* the joints' longest way in a step that idle rotations allow */
     Real between_way; /* the joints' way between points that samples are interpolated between */
+    Real abreast_way; /* the joints' way between points that samples are closed between */
     Real way;       /* the joints' way in the last step that was tried, by prediction */
     Real rounding;  /* closure error that round-off of q may leave, as of the last step */
     Probe probe;    /* of errors, where that was last worth it */
@@ -76,15 +77,27 @@ void probe_errors(Path *path);
 Real residual_allowed(const Path *path);
 /* Error estimates (3) of q, t and c, scaled, where the path stands. */
 void estimate_here(Path *path, Real *estimate);
+/* See again how errors are magnified where the path stands, if that may have changed. */
+void look_again(Path *path);
+/* The same estimates of a sample near by, where t and c have these scaled sizes, and the closure error is
+   this one. Returns what of q is not idle rotation. */
+Real estimate_at(Path *path, Real t, Real c, Real error, Real *estimate);
 /* The same of samples that are interpolated between a point and the present one, to which one step has
    led, with a third point before them or NULL. Returns their size by the allowed one, and learns from
    it how long the next step may be. */
 Real estimate_between(Path *path, const Point *third, const Point *from, Real *estimate);
 
+/* ---- abreast.c ---- */
+/* Whether samples between points may be closed side by side: there are lanes for the equations. */
+int goes_abreast(Path *path);
+/* Write rows (n) from i on, at values between the present point and the one before its last step, each
+   closed by itself; `between` is their prediction. 0 where one of them does not close at once. The largest
+   residual of predictions is `predicted`. */
+int close_abreast(Path *path, const Real *values, Int n, const PathRows *rows, Int i, Real *predicted);
+
 /* ---- sampling.c ---- */
 /* Go to a value of s by as many steps as the path needs, of equal length where they may be. */
 int reach(Path *path, Real target);
-void write_row(Path *path, const PathRows *rows, Int i); /* of where the path stands */
 void write_row(Path *path, const PathRows *rows, Int i); /* of the current point */
 /* Write samples at values (n) of s; returns how many were reached. */
 Int follow_values(Path *path, const Real *values, Int n, const PathRows *rows);
@@ -95,6 +108,7 @@ Int follow_values(Path *path, const Real *values, Int n, const PathRows *rows);
 #define WITH_THIRD 0.1  /* first way of polynomials that a third point is needed for, put ahead */
 #define IDLE_FIRST 0.05  /* first way with idle rotations, whose error is not known yet: of 4e-12
                             rad at a way of 0.3, as measured, (1/6)^6 is round-off */
+#define ABREAST_FIRST 0.3 /* first way between points that samples are closed between */
 #define BETWEEN_FIRST 0.5 /* first way between points that samples are interpolated between, by the
                             seventh root of the error allowed, which grows with its seventh power */
 

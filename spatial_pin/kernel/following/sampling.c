@@ -15,6 +15,9 @@
 #define FIRST_FAILURES 8     /* steps in vain that are worth it to learn where samples can be interpolated; */
 #define FAILURES_APART 40    /* samples to one more: all of them take little of the time */
 #define SHORTENINGS 3        /* of steps to interpolate in, each as long as the last one has shown */
+#define MOST_ABREAST (8 * LANES) /* samples closed between two points: the steps are few then */
+#define ABREAST_AIM 1e-9    /* residual of predictions there: one correction squares it */
+#define ABREAST_MOST 1.0    /* way between them */
 #define BETWEEN_NEARER 0.0625 /* part of the way to where the determinant vanishes that a step which
                             samples are interpolated in may go. At a limit the determinant falls
                             like a root, and that way is four times the true one: a quarter of
@@ -186,12 +189,62 @@ static Int follow_between(Path *path, const Real *values, Int i, Int last, const
     return last - i + (code == DONE);
 }
 
+/* ---- values between two points, closed a few side by side ---- */
+
+/* The last of the values from i on that a step may reach which those before it are closed in; i where these
+   are too few. */
+static Int last_abreast(Path *path, const Real *values, Int i, Int n)
+{
+    const Real s = path->here->s, sense = values[i] - s;
+    const Real longest = smaller_of(longest_step(path), step_of(path, path->abreast_way));
+    const Int few = i + LANES - 1;
+    if (!(few < n) || !(fabs(values[few] - s) <= longest) || !lies_ahead(values, i, n, sense) ||
+        turn_into(path, sense) != DONE || look_ahead(path, copysign(longest, sense)) != DONE)
+        return i;
+    const Real end = piece_end(&path->prescribed, s, copysign(INFINITY, sense));
+    const Real most = smaller_of(smaller_of(longest, BETWEEN_NEARER * distance_ahead(path, sense)),
+                                 fabs(end - s));
+    Int last = i;
+    while (lies_ahead(values, last, n, sense) && fabs(values[last + 1] - s) <= most &&
+           last - i < MOST_ABREAST)
+        last++;
+    const Int inner = last - i;
+    return inner < LANES - 1 ? i : inner < LANES ? last : i + inner / LANES * LANES;
+}
+
+/* Go to value `last` in one step, and close the samples from i on that lie before it. Returns how many rows
+   are done: none if something does not go at once. */
+static Int follow_abreast(Path *path, const Real *values, Int i, Int last, const PathRows *rows)
+{
+    Point *const from = path->here, *const third = path->has_before ? path->before : NULL;
+    Real predicted = 0.0;
+    if (step(path, values[last]) != DONE) {
+        path->abreast_way *= 0.5;
+        return 0;
+    }
+    between_make(path->k, third, from, path->here, &path->between);
+    if (!close_abreast(path, values + i, last - i, rows, i, &predicted)) {
+        path->abreast_way *= 0.5;
+        go_back(path, third, from);
+        return 0;
+    }
+    const Real part = pow(ABREAST_AIM / larger_of(predicted, 1e-30), 1.0 / 9.0);
+    path->abreast_way = smaller_of(path->abreast_way * larger_of(smaller_of(part, 2.0), 0.5), ABREAST_MOST);
+    return last - i + (put_row(path, rows, last) == DONE);
+}
+
 Int follow_values(Path *path, const Real *values, Int n, const PathRows *rows)
 {
     int tried = 0; /* steps that samples could not be interpolated in, one after the other */
     Int end = -1;  /* of the values that go on in one sense */
     Int failed = 0; /* of those steps */
+    const int is_abreast = n > LANES && goes_abreast(path);
     for (Int i = 0; i < n;) {
+        const Int abreast = is_abreast ? last_abreast(path, values, i, n) : i;
+        const Int closed = abreast > i ? follow_abreast(path, values, i, abreast, rows) : 0;
+        i += closed;
+        if (closed)
+            continue;
         if (i > end)
             for (end = i; lies_ahead(values, end, n, values[i] - path->here->s);)
                 end++;

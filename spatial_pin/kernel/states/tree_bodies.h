@@ -4,7 +4,6 @@
 
 #include "articulated.h"
 
-enum { LANES = 4 }; /* right sides that are solved for at once */
 
 /* Wrenches or motions of a body, one of each right side. */
 typedef struct {
