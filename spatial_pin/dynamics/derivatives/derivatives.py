@@ -18,8 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin._support.checks import checked
-from spatial_pin.assembly.samples import angles_of, at_sample, pieces
-from spatial_pin.assembly.state import State, moving_in_time
+from spatial_pin.assembly.state import State, angles_of, at_sample, moving_in_time, pieces
 from spatial_pin.constraints.trees import tree_of_single_joints
 from spatial_pin.dynamics.derivatives.reaction_derivatives import Linear, ReactionChanges
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives, products_of
