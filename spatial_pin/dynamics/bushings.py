@@ -59,13 +59,7 @@ class Bushing(NamedTuple):
 
     @classmethod
     def of(cls, mechanism: Mechanism, spring: Spring, law: Law | None = None) -> Bushing:
-        """Return a spring with six components, or on a component of a ball or floating joint.
-
-        Args:
-            mechanism: the mechanism.
-            spring: the spring.
-            law: of the user, instead of its own; for a component only.
-        """
+        """Return a spring with six components, or on a component of a ball or floating joint."""
         if spring.joint is None:
             (i1, m1), (i2, m2) = (mechanism.centred_frame(f) for f in spring.frames)
             preload = np.array(spring.preload or np.zeros(6), float)

@@ -217,11 +217,6 @@ def warn_of_no_inertia(
     """Warn where forces work on a mechanism none of whose links has any inertia.
 
     Not with external forces: then the efforts that they need are of interest.
-
-    Args:
-        mechanism: the mechanism.
-        efforts: those given, if any.
-        external: forces from outside given, if any.
     """
     if external or has_inertia(mechanism) or not mechanism.model.nv:
         return

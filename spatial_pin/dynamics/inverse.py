@@ -19,7 +19,7 @@ from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.dynamics.reactions import UNMOVED
 from spatial_pin.dynamics.solvers.equations_of_motion import Equations
-from spatial_pin.dynamics.solvers.independent_coordinates import ROUNDING
+from spatial_pin.dynamics.solvers.least_constraint import ROUNDING
 from spatial_pin.dynamics.state_forces import Dynamics, Load
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.loop_equations import LoopEquations
@@ -45,10 +45,6 @@ class Actuation:
         shared: (k,) which of them may share the work of others: where a coordinate outside of loops
             has one actuator, that works alone.
         others: coordinates outside of loops that have none, or more than one.
-
-    Args:
-        mechanism: the mechanism.
-        actuated: as for `inverse_dynamics`.
     """
 
     def __init__(

@@ -19,8 +19,7 @@ from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.constraints.kernel_tree import KernelTree
 from spatial_pin.dynamics.forces import Law, joint_efforts
 from spatial_pin.dynamics.reactions import Poses
-from spatial_pin.dynamics.solvers.accelerations import DOUBTFUL
-from spatial_pin.dynamics.solvers.equations_of_motion import Equations
+from spatial_pin.dynamics.solvers.equations_of_motion import DOUBTFUL, Equations
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.kkt import ERROR, FAILED, RANK, Accelerated

@@ -21,10 +21,8 @@ from spatial_pin.dynamics.derivatives.spring_derivatives import slope
 from spatial_pin.dynamics.forces import joint_efforts
 from spatial_pin.dynamics.inverse import Actuation, balance, internal_efforts
 from spatial_pin.dynamics.simulation.problem import Problem
-from spatial_pin.dynamics.solvers.accelerations import DOUBTFUL
-from spatial_pin.dynamics.solvers.equations_of_motion import Equations
-from spatial_pin.dynamics.solvers.independent_coordinates import Bounded
-from spatial_pin.dynamics.solvers.least_constraint import LeastConstraint
+from spatial_pin.dynamics.solvers.equations_of_motion import DOUBTFUL, Equations
+from spatial_pin.dynamics.solvers.least_constraint import Bounded, LeastConstraint
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.inertia import MassMatrix
 from spatial_pin.numerics.linalg import decompose, null_space

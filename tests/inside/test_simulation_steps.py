@@ -144,10 +144,10 @@ def test_a_step_without_samples_is_taken_again_shorter(monkeypatch, integrator):
     mechanism, state = thrown("delta", 0)
     whole = sp.simulate(mechanism, state, 1.0, times=TIMES, accuracy=sp.Accuracy(
         integrator=integrator))
-    from spatial_pin.dynamics.simulation import record, run
+    from spatial_pin.dynamics.simulation import run
     from spatial_pin.dynamics.simulation.formulations import OpenLoopsError
 
-    original, refused = record.Record.add_step, []
+    original, refused = run.Record.add_step, []
 
     def refuse_first(self, step, longest, before):
         if len(refused) < 3:
@@ -156,7 +156,7 @@ def test_a_step_without_samples_is_taken_again_shorter(monkeypatch, integrator):
         return original(self, step, longest, before)
 
     monkeypatch.setattr(run.Run, "_kernel_steps", lambda self: None)
-    monkeypatch.setattr(record.Record, "add_step", refuse_first)
+    monkeypatch.setattr(run.Record, "add_step", refuse_first)
     again = sp.simulate(mechanism, state, 1.0, times=TIMES, accuracy=sp.Accuracy(
         integrator=integrator))
     assert len(again.time) == len(TIMES)

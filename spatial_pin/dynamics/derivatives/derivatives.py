@@ -25,8 +25,7 @@ from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives, pro
 from spatial_pin.dynamics.derivatives.spring_derivatives import ExternalWrenches, Slopes, Springs
 from spatial_pin.dynamics.forces import Law, at_state, joint_efforts, warn_of_no_inertia
 from spatial_pin.dynamics.loaded_samples import External, efforts_over, forces_at
-from spatial_pin.dynamics.solvers.accelerations import DOUBTFUL
-from spatial_pin.dynamics.solvers.equations_of_motion import Equations, equations_of
+from spatial_pin.dynamics.solvers.equations_of_motion import DOUBTFUL, Equations, equations_of
 from spatial_pin.dynamics.state_forces import Dynamics
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.kernel.kkt import ERROR, FAILED, PIVOT, RANK, Accelerated

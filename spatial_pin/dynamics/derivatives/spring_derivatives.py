@@ -234,12 +234,7 @@ def extrapolated(difference: Callable[[float], float], step: float, ratio: float
 
 
 class ExternalWrenches:
-    """Wrenches at frames, world axes, as forces on joints.
-
-    Args:
-        mechanism: the mechanism.
-        external: by link, frame or joint.
-    """
+    """Wrenches at frames, world axes, as forces on joints."""
 
     def __init__(self, mechanism: Mechanism, external: Mapping[str, pin.Force] | None) -> None:
         self.given = [(*mechanism.centred_frame(name), force)

@@ -1,4 +1,4 @@
-"""Events of a simulation: joint limits, rated limits, and its early end.
+"""Events of a simulation: joint limits, rated limits, its early end, and why it ends there.
 
 It ends at a zero of `stop_when`, and where the inertia of its motion vanishes: links without
 inertia would have to be infinitely fast there. An example is the dead centre of a crank and a rod
@@ -23,16 +23,19 @@ from spatial_pin.assembly.state import State
 from spatial_pin.dynamics.forces import joint_efforts
 from spatial_pin.dynamics.simulation.formulations import IndependentFormulation
 from spatial_pin.dynamics.simulation.problem import Problem
+from spatial_pin.dynamics.solvers.least_constraint import IndependentCoordinates
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.kernel.loop_equations import LoopEquations, loops_at
 from spatial_pin.mechanism.inertia import KineticEnergy, inertia_as_given
 from spatial_pin.mechanism.joint_limits import SLACK, JointLimit, joint_limits
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.joint_limit_events import NOISE, Passing, first_passing, passed_at_start
 from spatial_pin.motion.motion import Event
 from spatial_pin.motion.rated_limits import RatedLimit, effort_limits, velocity_limits
-from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.linalg import Array, decompose, independent_rows
 from spatial_pin.numerics.roots import sign_change
 from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.settings import Accuracy
 
 StopFunction = Callable[[float, State], float]
 NEAR_LIMIT = 0.5  # from this part of a limit on it is also checked between the ends of a step
@@ -47,14 +50,11 @@ SHORTENED = 1e-4  # the inertia is checked at steps below this part of the longe
 DECREASED = 0.8  # the inertia is checked again after it fell by this factor
 # Distance to the point where the inertia vanishes, in distances between the last two checks.
 CLOSE_BY = 3.0
+FALLEN = 1e-3  # a singular value that fell to this part of its first value goes to zero
 
 
 class IntegrationStep:
     """The last step of an integrator, with the interpolant between its ends.
-
-    Args:
-        system: the equations of motion.
-        solver: the integrator.
 
     Attributes:
         system: as given.
@@ -94,10 +94,6 @@ class RatedLimits:
 
     Efforts are those of prescribed drivers, and those of a function. Constant efforts are checked
     once, at the start.
-
-    Args:
-        problem: the simulated mechanism, with its laws and efforts.
-        state: where it starts.
 
     Attributes:
         at_start: events of limits that it is beyond from the start.
@@ -163,11 +159,7 @@ def _stop_value(stop_when: StopFunction, t: float, state: State) -> float:
 
 
 class VanishingInertia:
-    """Detects configurations at which a motion has no inertia.
-
-    Args:
-        mechanism: what moves.
-    """
+    """Detects configurations at which a motion has no inertia."""
 
     def __init__(self, mechanism: Mechanism) -> None:
         self._mechanism, self._scale = mechanism, mechanism.velocity_scale
@@ -254,12 +246,6 @@ def _falls_to_zero(looks: Sequence[tuple[float, float]]) -> bool:
 
 class EventDetector:
     """Detects the events in the steps of a simulation.
-
-    Args:
-        problem: the simulated mechanism, with its laws and efforts.
-        state: where it starts.
-        stop_when: function whose zeros end it.
-        on_joint_limit: "report", "stop" or "ignore".
 
     Attributes:
         at_start: joint limits beyond which it starts.
@@ -361,3 +347,131 @@ class EventDetector:
     def reset(self) -> None:
         """Let the kernel pause at the next step: the last step is repeated."""
         self.bounds["limit_before"][:] = np.inf
+
+
+def why_it_ends(problem: Problem, accuracy: Accuracy, first: State, t: float, last: State) -> str:
+    """Return why a motion cannot be followed, as text.
+
+    The loops are looked at first, then the forces, then the masses: each makes what comes after
+    it look bad too.
+
+    Args:
+        problem: what acts.
+        accuracy: the wanted one.
+        first: where the simulation began, at time 0.
+        t: when it ends [s].
+        last: the last good state.
+    """
+    lost = _lost_rank(problem, first, last)
+    if lost:
+        return lost
+    with np.errstate(all="ignore"):
+        start, _, _ = _accelerations(problem, 0.0, first)
+        a, error, given = _accelerations(problem, t, last)
+        reason = (_forces(problem, start, last.q, a, given)
+                 or _masses(problem, accuracy, start, a, error))
+    return reason or (
+        f"steps however short miss the time_tolerance of {accuracy.time_tolerance:.1e}, though "
+        "loops, masses and the size of forces are well there: a force law that jumps or is "
+        "not smooth does that; make it smooth, or take Accuracy(integrator='RK4', step=...)")
+
+
+def _accelerations(problem: Problem, t: float, state: State) -> tuple[Array, float, Array]:
+    """Return the accelerations (nv,) of least constraint, which hold for any masses.
+
+    With their round-off, relative to the largest of them, and the joint forces (nv,) given.
+    """
+    evaluation, loops, rows = _rows(problem, state)
+    picked = independent_rows(rows)
+    motions = IndependentCoordinates(rows[picked], problem.scale, evaluation.closure_error)
+    q, v = state.q, state.v
+    bias = np.array([*evaluation.bias(q, v)[: len(loops)],
+                     *(-law(t)[2] / problem.scale[c.v] for c, law in problem.drives)])
+    given = problem.joint_forces(t, q, v, evaluation)
+    least = problem.least_constraint.solve(
+        q, v, motions.carried(bias[picked], v), motions.columns, given)
+    return least.a, 1.0 if least.lost else least.error, given
+
+
+def _rows(problem: Problem, state: State) -> tuple[LoopEquations, Array, Array]:
+    """Return an evaluation at a state, the closure rows, and these with the prescribed rows."""
+    evaluation = loops_at(problem.mechanism, state.q, state.angles)
+    loops = evaluation.jacobian[: evaluation.constraints.n_closure].copy()
+    drives = np.eye(problem.model.nv)[[c.v for c, _ in problem.drives]]
+    return evaluation, loops, np.vstack([loops, drives])
+
+
+def _lost_rank(problem: Problem, first: State, last: State) -> str:
+    before, now = (_rows(problem, state)[1:] for state in (first, last))
+    fallen = []
+    for rows, there, part in zip(before, now, (FALLEN, FALLEN**0.5), strict=True):
+        # at a limit position of a coordinate, a singular value falls as the root of the distance
+        rank = len(independent_rows(rows))
+        least = _least(rows, rank), _least(there, rank)
+        hides = least[1] < TOLERANCES.half_precision < least[0]  # all that is known of rates
+        fallen.append(hides or least[1] < part * least[0])
+        numbers = (f"the smallest singular value has fallen from {least[0]:.1e} to "
+                   f"{least[1]:.1e} of the largest")
+        if fallen == [True]:
+            return (f"just ahead the loops lose rank ({numbers}), and forces do not determine how "
+                    "it goes on there; end before it, or start so that it is not met; "
+                    "sp.mobility tells about it")
+    if not fallen[1] or not problem.drives:
+        return ""
+    names = ", ".join(c.name for c, _ in problem.drives)
+    return (f"just ahead is a limit position of the prescribed {names}: with it held the loops "
+            f"lose rank ({numbers}); end before it, or prescribe another coordinate")
+
+
+def _least(rows: Array, rank: int) -> float:
+    """Return singular value number `rank`, relative to the largest; 1 for rank 0."""
+    s = decompose(rows).s
+    return float(s[rank - 1] / s[0]) if rank else 1.0
+
+
+def _masses(
+    problem: Problem, accuracy: Accuracy, start: Array, a: Array, error: float
+) -> str:
+    if error > accuracy.time_tolerance:
+        grown = f"accelerations are known to {error:.1e} of their size only"
+    elif _have_grown(problem, start, a):  # not by forces
+        at = int(np.abs(a / problem.scale).argmax())
+        c = list(problem.mechanism.coordinate_table.values())[at]
+        grown = (f"{c.name} is accelerated by {a[at]:.3g} {c.unit}/s² (at the start "
+                 f"{start[at]:.3g}), though no effort or spring pulls")
+    else:
+        return ""
+    model = problem.model
+    moved = sorted((body.mass, joint) for joint, body in enumerate(model.inertias)
+                   if joint and body.mass > 0.0)
+    words = [f"{mass:.3g} kg (moved by joint {model.names[joint]!r})" for mass, joint in moved]
+    light, heavy = (words[0], words[-1]) if words else ("no mass", "no mass")
+    if light == heavy:
+        return (f"links have no inertia: {grown}; the only body with a mass has {light}; give the "
+                "links that it moves some")
+    return (f"masses differ too much: {grown}; the lightest body has {light}, the heaviest "
+            f"{heavy}; make the masses more alike, or the light ones zero")
+
+
+def _have_grown(problem: Problem, start: Array, a: Array) -> bool:
+    """Whether accelerations are far beyond those at the start."""
+    before, now = (np.abs(x / problem.scale).max(initial=0.0) for x in (start, a))
+    return bool(FALLEN * now > before)
+
+
+def _forces(problem: Problem, start: Array, q: Array, a: Array, given: Array) -> str:
+    units = problem.scale
+    if not np.isfinite(a).all():
+        return ("the accelerations there are no finite numbers: look at the force laws and at how "
+                "fast it moves")
+    needed = problem.bodies.matrix(q) @ a * units
+    have_part = np.abs(given * units).max(initial=0.0) > FALLEN * np.abs(needed).max(initial=0.0)
+    if not (_have_grown(problem, start, a) and have_part):
+        return ""
+    at, pulled = int(np.abs(a / units).argmax()), int(np.abs(given * units).argmax())
+    table = list(problem.mechanism.coordinate_table.values())
+    moves, pulls = table[at], table[pulled]
+    force = f"a force of {given[pulled]:.3g} {'N' if pulls.unit == 'm' else 'N·m'} at {pulls.name}"
+    return (f"forces grow without bound: {moves.name} is accelerated by {a[at]:.3g} "
+            f"{moves.unit}/s² (at the start {start[at]:.3g}), and efforts, springs and friction "
+            f"make {force}; bound the force law there, or end before with stop_when=")

@@ -24,11 +24,10 @@ from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.dynamics.bushings import Bushing
 from spatial_pin.dynamics.forces import JointSpring, LineSpring
-from spatial_pin.dynamics.simulation.coordinate_partitioning import Spins, free_spins
-from spatial_pin.dynamics.simulation.problem import Problem
+from spatial_pin.dynamics.simulation.problem import Problem, Spins, free_spins
 from spatial_pin.dynamics.simulation.result import Energies, Projection
-from spatial_pin.dynamics.solvers.accelerations import no_inertia_error
-from spatial_pin.dynamics.solvers.independent_coordinates import (
+from spatial_pin.dynamics.solvers.equations_of_motion import no_inertia_error
+from spatial_pin.dynamics.solvers.least_constraint import (
     ROUNDING,
     Bounded,
     IndependentCoordinates,
@@ -103,11 +102,6 @@ def force_arrays(
 
 class ForceFunctions:
     """Force functions for the kernel: efforts, laws, and accelerations for any masses.
-
-    Args:
-        problem: what acts.
-        spins: bodies that spin freely.
-        free: returns the velocity entries that are independent now.
 
     Attributes:
         reference: reference state of the coordinates in use.
@@ -323,11 +317,6 @@ class IndependentFormulation:
 class ProjectedFormulation(IndependentFormulation):
     """The right-hand side for the unknowns y: coordinates x of all joints, rates u, work done.
 
-    Args:
-        problem: what acts; nothing is prescribed.
-        state: reference of the coordinates.
-        held: velocity entries that determine the motion there.
-
     Raises:
         SingularError: the loops have lost rank at the state.
     """
@@ -376,11 +365,6 @@ def independent(
 
     For one freedom, free spins not counted, this is the fastest joint with one coordinate that
     has not failed before.
-
-    Args:
-        problem: what acts.
-        state: where they begin.
-        given_up: formulations and coordinates that have failed there.
 
     Raises:
         SingularError: the motion is not determined there.

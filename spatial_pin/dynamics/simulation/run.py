@@ -36,7 +36,14 @@ from spatial_pin.assembly.redundant_equations import (
     independence_at,
 )
 from spatial_pin.assembly.state import State
-from spatial_pin.dynamics.simulation.events import SINGULAR, EventDetector, IntegrationStep
+from spatial_pin.constraints.compiled_equations import constraints_of
+from spatial_pin.dynamics.lift_off import contacts_of, lift_offs
+from spatial_pin.dynamics.simulation.events import (
+    SINGULAR,
+    EventDetector,
+    IntegrationStep,
+    why_it_ends,
+)
 from spatial_pin.dynamics.simulation.formulations import (
     FORMULATIONS,
     GivenUp,
@@ -46,9 +53,14 @@ from spatial_pin.dynamics.simulation.formulations import (
 )
 from spatial_pin.dynamics.simulation.integrators import Stepping
 from spatial_pin.dynamics.simulation.problem import Problem
-from spatial_pin.dynamics.simulation.record import Record
-from spatial_pin.dynamics.simulation.result import Projection, Simulation
-from spatial_pin.dynamics.solvers.independent_coordinates import IndependentCoordinates
+from spatial_pin.dynamics.simulation.result import (
+    ByDriver,
+    Energies,
+    Projection,
+    Simulation,
+    energy_drift,
+)
+from spatial_pin.dynamics.solvers.equations_of_motion import equations_of
 from spatial_pin.errors import EnergyError, SingularError, SpatialPinError
 from spatial_pin.kernel.integrating import (
     AT_END,
@@ -59,20 +71,236 @@ from spatial_pin.kernel.integrating import (
     RungeKutta,
     RunStruct,
     SampleStruct,
+    SimulationSamples,
 )
 from spatial_pin.kernel.library import address
-from spatial_pin.kernel.loop_equations import LoopEquations, loops_at
+from spatial_pin.motion.curve_ends import curve_end_events
+from spatial_pin.motion.joint_limit_events import Passing
 from spatial_pin.motion.motion import Event
 from spatial_pin.motion.rounding import independent_from
-from spatial_pin.numerics.linalg import Array, decompose, independent_rows
-from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import INTEGRATORS, Accuracy
+
+# Part of the exchanged energy: larger than any error of steps at usual tolerances.
+LOST_SHARE = 1e-2
+WORST = 0.5  # the same for fixed steps and loose tolerances
+MOST_ERRORS = 1e6  # errors of steps, all of one sign, that add up to it
+
+
+class Record:
+    """Samples and events of a simulation up to the present time.
+
+    Args:
+        problem: the simulated mechanism, with its laws and efforts.
+        times: (N,) of the samples.
+        detector: detects the events.
+
+    Attributes:
+        problem: as given; another one where equations of a rounded file are chosen anew.
+        filled: how many samples there are.
+        room: storage of all samples.
+        events: in the order of their times.
+        steps: how many steps have been taken.
+        start: energies at the start.
+        balance: of the energies since then.
+    """
+
+    start = Energies(0.0, 0.0, 0.0)
+    _time_tolerance = 0.0
+
+    def __init__(self, problem: Problem, times: Array, detector: EventDetector) -> None:
+        self.problem, self._detector, self.filled = problem, detector, 0
+        self.times = np.ascontiguousarray(times)
+        n, nq, nv = len(times) + 1, problem.model.nq, problem.model.nv  # one more where it stops
+        n_angles = constraints_of(problem.mechanism).n_angles
+        self._at = np.append(times, np.nan)
+        self.room = SimulationSamples(*(np.empty((n, k)) for k in (
+            nq, nv, nv, 4, len(problem.drives), n_angles)))
+        self._passed: list[Passing] = list(detector.at_start)
+        self.events = [passing.event for passing in detector.at_start]
+        self.events += detector.rated.at_start if detector.rated else []
+        self.steps = 0
+        self._coordinates: list[str] = []
+
+    def set_start(self, start: Energies, accuracy: Accuracy) -> None:
+        """Set the energies at the start."""
+        self.start, self.balance = start, EnergyBalance(self.problem, accuracy, start)
+        self._time_tolerance = (
+            0.0 if INTEGRATORS[accuracy.integrator].is_fixed else accuracy.time_tolerance)
+
+    def times_until(self, end: float) -> Array:
+        """Return the times of missing samples up to `end`."""
+        return self.times[self.filled : np.searchsorted(self.times, end, "right")]
+
+    def add_samples(self, system: IndependentFormulation, times: Array, unknowns: Array) -> None:
+        """Add the samples at times (N,) and unknowns (N, n)."""
+        if not times.size:
+            return
+        self._at[self.filled : self.filled + len(times)] = times
+        for into, part in zip(self.room, system.samples(times, unknowns), strict=True):
+            into[self.filled : self.filled + len(times)] = part
+        self.filled += len(times)
+
+    def add_step(self, step: IntegrationStep, longest: float, before: Array) -> bool:
+        """Add the samples and events of a step; return whether the simulation ends in it.
+
+        Args:
+            step: the step.
+            longest: step so far [s].
+            before: (n,) unknowns where it begins.
+
+        Raises:
+            OpenLoopsError: the loops cannot be closed at a sample; nothing is added.
+        """
+        self.steps += 1
+        system, after, length = step.system, step.end, step.last - step.first
+        times = self.times_until(step.last)
+        passed, rated, stop = self._detector.events_in_step(
+            step, times, length / max(longest, length))
+        if stop is not None:
+            times = self.times_until(stop.value)
+            last = self._at[self.filled - 1] if self.filled else -np.inf
+            if stop.value > max([last, *times]):
+                times = np.union1d(times, [stop.value])
+        unknowns = step.unknowns(times) if times.size else np.empty((0, len(after)))
+        first = self.filled
+        self.add_samples(system, times, unknowns)
+        for value, at in system.crossings(before, after):
+            earlier = (unknowns[:, 0] - at) * after[1] < 0.0
+            self.note_crossing(value, first + int(np.count_nonzero(earlier)))
+        for t, limit in passed:
+            row = first + int(np.count_nonzero(times < t))
+            self._passed.append(Passing(limit, t, row, f"at {t:.12g} s"))
+            self.events.append(self._passed[-1].event)
+        for t, over in rated:
+            row = first + int(np.count_nonzero(times < t))
+            self.events.append(Event(over.kind, t, row, f"{over.words} passed at {t:.12g} s"))
+        if stop is not None:
+            self.events.append(stop._replace(row=self.filled))
+        return stop is not None
+
+    def note_coordinates(self, free: list[int]) -> None:
+        """Record the names of new independent coordinates, from their velocity entries."""
+        names = self.problem.mechanism.coordinates
+        self._coordinates += [names[v] for v in free]
+
+    def note_crossing(self, value: float, sample: int) -> None:
+        """Record a branch point, before a sample, at a value of the present coordinate."""
+        text = (f"branch point at {self._coordinates[-1]} = {value:.9g}: branches cross; followed "
+                "the one that goes straight on")
+        self.events.append(Event("branch point", value, sample, text))
+
+    def recorded(self) -> tuple[Array, SimulationSamples]:
+        """Return the times (N,) of the samples so far, and the samples."""
+        return self._at[: self.filled], SimulationSamples(*(x[: self.filled] for x in self.room))
+
+    def motion(
+        self, evaluations: int, projection: Projection | None, integrators: list[str]
+    ) -> Simulation:
+        """Return the samples so far."""
+        problem, names = self.problem, [c.name for c, _ in self.problem.drives]
+        times, (q, v, a, numbers, efforts, angles) = self.recorded()
+        error, kinetic, energy, work = numbers.T.copy()
+        lifted = lift_offs(problem.mechanism, _multipliers(problem, *self.recorded()), times,
+                           "at {:.9g} s") if contacts_of(problem.mechanism) else []
+        simulation = Simulation(
+            mechanism=problem.mechanism, driver=None, driver_name="", time=times, q=q, v=v, a=a,
+            closure_error=error, driver_speed=np.empty(0), events=[*self.events, *lifted],
+            angles=angles, energy=energy, work=work,
+            energy_drift=energy_drift(problem.least_exchange, kinetic, energy, work, self.start),
+            efforts=ByDriver(problem.mechanism, dict(zip(names, efforts.T.copy(), strict=True))),
+            coordinates=list(dict.fromkeys(self._coordinates)), evaluations=evaluations,
+            steps=self.steps, by_drivers=problem.by_drivers, joint_limits=self._passed,
+            projection=projection, integrators=integrators, time_tolerance=self._time_tolerance,
+        )
+        simulation.events = sorted([*simulation.events, *curve_end_events(simulation)],
+                                   key=lambda x: x.row)
+        return simulation
+
+    def refuse_samples(self) -> None:
+        """Refuse samples whose energy balance is wrong; they are dropped.
+
+        Raises:
+            EnergyError: there are some.
+        """
+        times, samples = self.recorded()
+        for k, (t, row) in enumerate(zip(times.tolist(), samples.numbers.tolist(), strict=True)):
+            try:
+                self.balance.check(t, Energies(*row[1:]))
+            except EnergyError:
+                self.filled = k
+                raise
+
+
+class EnergyBalance:
+    """The energy balance along a motion, and its largest allowed error."""
+
+    def __init__(self, problem: Problem, accuracy: Accuracy, start: Energies) -> None:
+        self._start, self._least, self._most, self._size = start, np.inf, -np.inf, 0.0
+        fixed = INTEGRATORS[accuracy.integrator].is_fixed
+        creeps = fixed and problem.forces.resistance  # which is warned of: losses are not known
+        self._is_checked = problem.is_steady and not creeps
+        self._part = WORST if fixed else min(
+            WORST, max(LOST_SHARE, MOST_ERRORS * accuracy.time_tolerance))
+        self._remedy = ("take a smaller time_tolerance or step, or formulation='independent'"
+                        if accuracy.formulation == "projected"
+                        else "take a smaller time_tolerance or step")
+        jumping = [repr(x.name) for x in problem.forces.bushings if x.jumps]
+        if jumping:
+            self._remedy += (f"; or {', '.join(jumping)} was wound beyond half a turn, where its "
+                             "energy jumps: a spring about a joint counts turns")
+        self._name, self._least_exchange = problem.mechanism.name, problem.least_exchange
+        self._holds(start)
+
+    def check(self, t: float, now: Energies) -> None:
+        """Refuse a step, or a sample, at which the energy balance does not hold.
+
+        Raises:
+            EnergyError: energy was lost or gained.
+        """
+        if self._holds(now):
+            return
+        raise EnergyError(
+            f"mechanism {self._name!r}: at {t:.9g} s there are "
+            f"{now.total - now.work:.6g} J, the work done taken off, where "
+            f"{self._start.total:.6g} J were at the start: energy came from nowhere or was lost; "
+            f"{self._remedy}")
+
+    def _holds(self, now: Energies) -> bool:
+        rest = now.total - now.kinetic
+        self._least, self._most = min(self._least, rest), max(self._most, rest)
+        self._size = max(self._size, now.kinetic, self._most - self._least, abs(now.work))
+        allowed = self._part * max(
+            self._size, self._least_exchange(now.total, self._start.total))
+        gap = abs(now.total - now.work - self._start.total + self._start.work)
+        return not self._is_checked or gap <= allowed
+
+
+def _multipliers(problem: Problem, times: Array, samples: SimulationSamples) -> Array:
+    """Return the multipliers (N, n_closure) of the samples of a simulation.
+
+    Args:
+        problem: the simulated mechanism and its loads.
+        times: (N,) [s].
+        samples: at these.
+    """
+    mechanism, rows = problem.mechanism, []
+    driven = [c.v for c, _ in problem.drives]
+    with equations_of(mechanism.whole or mechanism) as equations:
+        for t, q, v, a, efforts, angles in zip(times.tolist(), samples.q, samples.v, samples.a,
+                                               samples.efforts, samples.angles, strict=True):
+            equations.update(State(mechanism, q, v, a, angles=angles))
+            given = problem.joint_forces(t, q, v, equations.evaluation)
+            closures = equations.motion_forces(a) - given
+            closures[driven] -= efforts
+            rows.append(equations.multipliers(closures))
+    return np.array(rows).reshape(len(times), -1)
+
 
 ROUTINE = (AT_END, MANY, NEW_COORDINATES, AT_FAILURE)  # pauses at which all samples are made
 LITTLE = 1e-3  # part of the largest residual of a step below which the next step may be longer
 ROUNDING_OF_ENERGY = 1e-2  # part of the kinetic energy that rounded numbers change, at most
 SHORTEST = 1e-13  # shortest step relative to the time: it is not halved any more
-FALLEN = 1e-3  # a singular value that fell to this part of its first value goes to zero
 
 
 # Independence of a rounded file's equations, relative to that of all of them, below which others
@@ -326,13 +554,6 @@ class Run:
 class EquationsInUse:
     """The equations of motion in use: a formulation, and its independent coordinates.
 
-    Args:
-        problem: what acts.
-        accuracy: formulation and tolerances.
-        first: where the simulation starts.
-        record: gets the names of the coordinates.
-        stepping: the lengths of the steps.
-
     Attributes:
         first: as given.
     """
@@ -451,131 +672,3 @@ class EquationsInUse:
             sum(part.steps for part in parts), sum(part.corrections for part in parts),
             max(part.opened for part in parts), seconds,
             seconds / (time.perf_counter() - self._clock))
-
-
-def why_it_ends(problem: Problem, accuracy: Accuracy, first: State, t: float, last: State) -> str:
-    """Return why a motion cannot be followed, as text.
-
-    The loops are looked at first, then the forces, then the masses: each makes what comes after
-    it look bad too.
-
-    Args:
-        problem: what acts.
-        accuracy: the wanted one.
-        first: where the simulation began, at time 0.
-        t: when it ends [s].
-        last: the last good state.
-    """
-    lost = _lost_rank(problem, first, last)
-    if lost:
-        return lost
-    with np.errstate(all="ignore"):
-        start, _, _ = _accelerations(problem, 0.0, first)
-        a, error, given = _accelerations(problem, t, last)
-        reason = (_forces(problem, start, last.q, a, given)
-                 or _masses(problem, accuracy, start, a, error))
-    return reason or (
-        f"steps however short miss the time_tolerance of {accuracy.time_tolerance:.1e}, though "
-        "loops, masses and the size of forces are well there: a force law that jumps or is "
-        "not smooth does that; make it smooth, or take Accuracy(integrator='RK4', step=...)")
-
-
-def _accelerations(problem: Problem, t: float, state: State) -> tuple[Array, float, Array]:
-    """Return the accelerations (nv,) of least constraint, which hold for any masses.
-
-    With their round-off, relative to the largest of them, and the joint forces (nv,) given.
-    """
-    evaluation, loops, rows = _rows(problem, state)
-    picked = independent_rows(rows)
-    motions = IndependentCoordinates(rows[picked], problem.scale, evaluation.closure_error)
-    q, v = state.q, state.v
-    bias = np.array([*evaluation.bias(q, v)[: len(loops)],
-                     *(-law(t)[2] / problem.scale[c.v] for c, law in problem.drives)])
-    given = problem.joint_forces(t, q, v, evaluation)
-    least = problem.least_constraint.solve(
-        q, v, motions.carried(bias[picked], v), motions.columns, given)
-    return least.a, 1.0 if least.lost else least.error, given
-
-
-def _rows(problem: Problem, state: State) -> tuple[LoopEquations, Array, Array]:
-    """Return an evaluation at a state, the closure rows, and these with the prescribed rows."""
-    evaluation = loops_at(problem.mechanism, state.q, state.angles)
-    loops = evaluation.jacobian[: evaluation.constraints.n_closure].copy()
-    drives = np.eye(problem.model.nv)[[c.v for c, _ in problem.drives]]
-    return evaluation, loops, np.vstack([loops, drives])
-
-
-def _lost_rank(problem: Problem, first: State, last: State) -> str:
-    before, now = (_rows(problem, state)[1:] for state in (first, last))
-    fallen = []
-    for rows, there, part in zip(before, now, (FALLEN, FALLEN**0.5), strict=True):
-        # at a limit position of a coordinate, a singular value falls as the root of the distance
-        rank = len(independent_rows(rows))
-        least = _least(rows, rank), _least(there, rank)
-        hides = least[1] < TOLERANCES.half_precision < least[0]  # all that is known of rates
-        fallen.append(hides or least[1] < part * least[0])
-        numbers = (f"the smallest singular value has fallen from {least[0]:.1e} to "
-                   f"{least[1]:.1e} of the largest")
-        if fallen == [True]:
-            return (f"just ahead the loops lose rank ({numbers}), and forces do not determine how "
-                    "it goes on there; end before it, or start so that it is not met; "
-                    "sp.mobility tells about it")
-    if not fallen[1] or not problem.drives:
-        return ""
-    names = ", ".join(c.name for c, _ in problem.drives)
-    return (f"just ahead is a limit position of the prescribed {names}: with it held the loops "
-            f"lose rank ({numbers}); end before it, or prescribe another coordinate")
-
-
-def _least(rows: Array, rank: int) -> float:
-    """Return singular value number `rank`, relative to the largest; 1 for rank 0."""
-    s = decompose(rows).s
-    return float(s[rank - 1] / s[0]) if rank else 1.0
-
-
-def _masses(
-    problem: Problem, accuracy: Accuracy, start: Array, a: Array, error: float
-) -> str:
-    if error > accuracy.time_tolerance:
-        grown = f"accelerations are known to {error:.1e} of their size only"
-    elif _have_grown(problem, start, a):  # not by forces
-        at = int(np.abs(a / problem.scale).argmax())
-        c = list(problem.mechanism.coordinate_table.values())[at]
-        grown = (f"{c.name} is accelerated by {a[at]:.3g} {c.unit}/s² (at the start "
-                 f"{start[at]:.3g}), though no effort or spring pulls")
-    else:
-        return ""
-    model = problem.model
-    moved = sorted((body.mass, joint) for joint, body in enumerate(model.inertias)
-                   if joint and body.mass > 0.0)
-    words = [f"{mass:.3g} kg (moved by joint {model.names[joint]!r})" for mass, joint in moved]
-    light, heavy = (words[0], words[-1]) if words else ("no mass", "no mass")
-    if light == heavy:
-        return (f"links have no inertia: {grown}; the only body with a mass has {light}; give the "
-                "links that it moves some")
-    return (f"masses differ too much: {grown}; the lightest body has {light}, the heaviest "
-            f"{heavy}; make the masses more alike, or the light ones zero")
-
-
-def _have_grown(problem: Problem, start: Array, a: Array) -> bool:
-    """Whether accelerations are far beyond those at the start."""
-    before, now = (np.abs(x / problem.scale).max(initial=0.0) for x in (start, a))
-    return bool(FALLEN * now > before)
-
-
-def _forces(problem: Problem, start: Array, q: Array, a: Array, given: Array) -> str:
-    units = problem.scale
-    if not np.isfinite(a).all():
-        return ("the accelerations there are no finite numbers: look at the force laws and at how "
-                "fast it moves")
-    needed = problem.bodies.matrix(q) @ a * units
-    have_part = np.abs(given * units).max(initial=0.0) > FALLEN * np.abs(needed).max(initial=0.0)
-    if not (_have_grown(problem, start, a) and have_part):
-        return ""
-    at, pulled = int(np.abs(a / units).argmax()), int(np.abs(given * units).argmax())
-    table = list(problem.mechanism.coordinate_table.values())
-    moves, pulls = table[at], table[pulled]
-    force = f"a force of {given[pulled]:.3g} {'N' if pulls.unit == 'm' else 'N·m'} at {pulls.name}"
-    return (f"forces grow without bound: {moves.name} is accelerated by {a[at]:.3g} "
-            f"{moves.unit}/s² (at the start {start[at]:.3g}), and efforts, springs and friction "
-            f"make {force}; bound the force law there, or end before with stop_when=")

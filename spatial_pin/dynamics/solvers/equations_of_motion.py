@@ -3,6 +3,17 @@
 All closure equations that depend on others are left out when accelerations are solved for, so that
 nothing is regularised; the multipliers of all of them are then the shortest that bear the same
 loads.
+
+Accelerations under forces come from one ladder of solvers, tried in order until one is accurate:
+
+1. The KKT system, its independent equations and scaling chosen at the state (`kernel.kkt`), joints
+   that no loop is built on eliminated before (`Limbs`): an open tree has no KKT system. Of a tree
+   in the kernel, where the second is slow, doubtful accelerations are corrected once.
+2. Gauss's least constraint in independent coordinates, where round-off of the first may matter:
+   near singular configurations of the loops, and where masses differ much or are zero.
+3. An error that says why, where no digit is left or forces do not determine the motion.
+
+What decides is the estimated round-off of the accelerations, relative to their size.
 """
 
 from __future__ import annotations
@@ -17,14 +28,237 @@ from numpy.typing import NDArray
 from spatial_pin._support.lazy import acquired
 from spatial_pin.assembly.redundant_equations import rounding_of
 from spatial_pin.assembly.state import State
+from spatial_pin.constraints.kernel_tree import KernelTree
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
+from spatial_pin.constraints.trees import is_in_kernel
 from spatial_pin.dynamics.forces import Forces, Law, external_wrenches, generalised
 from spatial_pin.dynamics.reactions import UNMOVED, Pairs, Poses
-from spatial_pin.dynamics.solvers.accelerations import MotionEquations
+from spatial_pin.dynamics.solvers.constrained_motion import PROBED, Loops, both_halves
+from spatial_pin.dynamics.solvers.least_constraint import (
+    IndependentCoordinates,
+    Least,
+    LeastConstraint,
+)
+from spatial_pin.errors import SingularError
+from spatial_pin.kernel.kkt import KKT
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.mechanism_checks import refuse_negative_inertias
 from spatial_pin.mechanism.resistance import SlipSpeed
-from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.linalg import Array, independent_rows
+from spatial_pin.numerics.tolerances import TOLERANCES
+
+# Estimated error from which on the second solver is used, at twenty times the cost: the KKT system
+# has ten digits then, and the error bound of the least constraint is less of an overestimate.
+DOUBTFUL = TOLERANCES.rank
+# Largest correction of a long tree's accelerations after which the rest is negligible.
+CORRECTED = 1e-6
+
+
+class Limbs:
+    """The joints of a mechanism outside its loops, and the remaining core.
+
+    Such joints are eliminated, from the tips inwards, at a cost in proportion to their number: the
+    articulated-body algorithm [Featherstone2008, 7.3]. The core has a KKT system as if its bodies
+    had articulated inertias; an open tree has none, and a mechanism may be all core.
+
+    Args:
+        mechanism: the mechanism.
+        is_core: (njoints,) joints that loops are built on, and those that carry them.
+
+    Attributes:
+        kkt: of the core.
+        has_core, is_all: whether there is a core, and nothing else.
+    """
+
+    def __init__(self, mechanism: Mechanism, is_core: NDArray[np.bool_]) -> None:
+        self.tree = tree = KernelTree(mechanism.model, mechanism.velocity_scale, is_core)
+        nv, others = mechanism.model.nv, np.flatnonzero(~tree.is_core)
+        self.has_core, self.is_all = len(others) < nv, len(others) == 0
+        rows, columns = tree.mass_entries(all_joints=False)
+        n = len(rows)
+        rows, columns, indices = both_halves(rows, columns)
+        units = np.arange(n, n + len(others))  # of the others, which have no part in the KKT system
+        self.kkt = KKT(mechanism, (
+            np.concatenate([rows, others]), np.concatenate([columns, others]),
+            np.concatenate([indices, units])), n + len(others), tree)
+
+    def respond(self, state: State, forces: Array) -> bool:
+        """Make joint forces (n, nv) the accelerations of an open tree under them alone.
+
+        False where a limb has no inertia.
+        """
+        masses, (force, needed) = np.empty(len(self.kkt.mass)), np.zeros((2, len(state.v)))
+        if not self.tree.eliminate(state.q, state.v, force, masses, needed):
+            return False
+        self.tree.respond(forces)
+        return True
+
+
+# Accelerations under forces: (nv,) of the joints, (nv,) joint forces of the closures, J^T
+# multipliers, and the estimated round-off of the former, relative to their size.
+Solution = tuple[Array, Array, float]
+
+
+class MotionEquations(Loops):
+    """The equations of motion of a mechanism, M a + b = f + J^T multipliers, J a + gamma = 0.
+
+    Mass matrix M and centrifugal, Coriolis and gravity forces b are Pinocchio's, J and gamma those
+    of the closure equations.
+
+    Attributes:
+        undetermined: coordinates of motions without inertia, whose last accelerations are the
+            least ones.
+    """
+
+    undetermined: tuple[str, ...] = ()
+    _solved: KKT | None = None  # the system whose factors and multipliers are those of the State
+
+    def solve(self, given: Array) -> Solution:
+        """Return the accelerations under joint forces f (nv,) at the State of the last `place`.
+
+        Raises:
+            SingularError: a freedom has no inertia, or the loops have lost rank.
+        """
+        self.undetermined, self._solved = (), None
+        state, of_core = self.state, self.limbs.kkt
+        if of_core.of_tree(state.q, state.v, self.angle_reference, given) and (
+                self._is_accurate(of_core)):
+            self._solved = of_core
+            return of_core.a.copy(), of_core.closures.copy(), of_core.error_of_tree
+        kkt = self.kkt
+        needed = self.bodies.inverse_dynamics(state.q, state.v)
+        a = self.by_kkt(state.q, state.v, self.angle_reference, given, needed).copy()
+        closures, error = kkt.closures.copy(), kkt.error
+        # the least constraint is dense: of a large tree only where the KKT system is singular
+        is_accurate = kkt.pivot >= TOLERANCES.rank if self.is_large else error <= DOUBTFUL
+        self.check_rank(kkt.rank)
+        if is_accurate:
+            return a, closures, error
+        if is_in_kernel(self.model) and not self.is_large and kkt.pivot >= TOLERANCES.zero:
+            corrected = self._corrected(a, closures, given)
+            if corrected[2] <= CORRECTED:
+                return corrected
+        scaled = self.scaled
+        chosen = independent_rows(scaled)
+        gamma = self.evaluation.bias(state.q, state.v)[chosen]
+        coordinates = IndependentCoordinates(scaled[chosen], self.scale, state.closure_error)
+        least = self.least_constraint.solve(
+            state.q, state.v, coordinates.carried(gamma, state.v), coordinates.columns, given)
+        if not (kkt.pivot < TOLERANCES.zero or least.error < error):
+            return a, closures, error
+        self._refuse(least)
+        self.undetermined = tuple(self.moving(self._still(least)))
+        closures = self.bodies.inverse_dynamics(state.q, state.v, least.a) - given
+        return least.a, closures, least.error
+
+    def whole_kkt(self, closures: Array) -> KKT:
+        """Return the KKT system of all joints, with the multipliers of joint forces of closures.
+
+        Args:
+            closures: (nv,) the joint forces, of the last `solve` at the State if not zero.
+        """
+        if self._solved is self.limbs.kkt and self.limbs.is_all:
+            return self._solved
+        state, kkt = self.state, self.kkt
+        if self._solved is not kkt:
+            self.by_kkt(state.q, state.v, self.angle_reference, closures, closures)
+            _, multipliers = kkt.solve(-closures[None], np.zeros((1, self.n_closure)))
+            kkt.multipliers[:] = multipliers[0]
+            self._solved = kkt
+        return kkt
+
+    def by_kkt(self, q: Array, v: Array, reference: Array, given: Array, needed: Array) -> Array:
+        """Return accelerations (nv,) from the KKT system; overwritten by the next call.
+
+        Args:
+            q: (nq,) configuration.
+            v: (nv,) joint velocities.
+            reference: (n_angles,) from which the angles of screws count [rad].
+            given: (nv,) joint forces.
+            needed: (nv,) joint forces that the motion needs without acceleration.
+        """
+        self.kkt.mass[:] = self.bodies.masses(q)
+        return self.kkt.accelerations(q, v, reference, given, needed)
+
+    def _corrected(self, a: Array, closures: Array, given: Array) -> Solution:
+        """Correct the KKT solution by the residual of forces and closure equations.
+
+        Its estimate, from a condition, is far too large for a long arm that carries loops; by how
+        much accelerations change tells how far off they were.
+        """
+        state = self.state
+        missing = given + closures - self.bodies.inverse_dynamics(state.q, state.v, a)
+        opening = self.scaled @ (a / self.scale) + self.evaluation.bias(state.q, state.v)
+        (change,), (multipliers,) = self.kkt.solve(missing[None], opening[None])
+        closures = closures + (multipliers @ self.scaled) / self.scale
+        sizes = np.abs([change, a]) / self.scale
+        return a + change, closures, float(sizes[0].max() / max(sizes[1].max(), 1e-300))
+
+    @cached_property
+    def limbs(self) -> Limbs:
+        """The joints outside loops, and the core."""
+        model, tied = self.model, self.constraints.tied
+        is_core = np.array([tied[first : first + n].any() for first, n in zip(
+            model.idx_vs, model.nvs, strict=True)])
+        for joint in range(model.njoints - 1, 0, -1):
+            is_core[model.parents[joint]] |= is_core[joint]
+        return Limbs(self.mechanism, is_core)
+
+    def _is_accurate(self, of_core: KKT) -> bool:
+        """Whether the last accelerations that began with `Limbs` are accurate enough.
+
+        Raises:
+            SingularError: the loops have lost rank.
+        """
+        has_core = self.limbs.has_core
+        if has_core:
+            self.check_rank(of_core.rank)
+            if self.is_large and not of_core.pivot >= TOLERANCES.rank:
+                return False
+        if of_core.error_of_tree <= DOUBTFUL or self.is_large:
+            return True
+        if not has_core:
+            return self.model.nv > PROBED or of_core.is_of_forces
+        return of_core.error <= DOUBTFUL and of_core.is_of_forces
+
+    @cached_property
+    def least_constraint(self) -> LeastConstraint:
+        """The solver that is accurate for any ratio of masses."""
+        return LeastConstraint(self.mechanism)
+
+    def _refuse(self, least: Least) -> None:
+        """Refuse accelerations that forces do not determine, or that round-off hides.
+
+        Raises:
+            SingularError: forces act on a motion without inertia, or no digit is left.
+        """
+        if least.pulled:
+            raise self.no_inertia_error(self._still(least))
+        if least.lost:
+            worst = self.mechanism.coordinates[int(np.argmax(least.off / self.scale))]
+            raise SingularError(
+                f"mechanism {self.mechanism.name!r}: the acceleration of {worst} is lost in "
+                "round-off beside bodies so much heavier: make the masses more alike, or the light "
+                "ones zero", state=self.state)
+
+    def _still(self, least: Least) -> Array:
+        """Return the motions (k, nv) without inertia, scaled to a largest motion of one."""
+        still = least.still / self.scale
+        return still / np.abs(still).max(axis=1, keepdims=True, initial=1e-300)
+
+    def no_inertia_error(self, motions: Array) -> SingularError:
+        """Return the error for motions (k, nv) that forces work on but that have no inertia."""
+        return no_inertia_error(self.mechanism, self.moving(motions), self.state)
+
+
+def no_inertia_error(
+    mechanism: Mechanism, names: list[str], state: State | None = None
+) -> SingularError:
+    """Return the error for forces on a motion of these coordinates that has no inertia."""
+    return SingularError(
+        f"mechanism {mechanism.name!r}: a motion of {', '.join(names)} has no inertia but a force "
+        "works on it: give its links a mass or a moment of inertia", state=state)
+
 
 # Laws of springs and slip speed where the mechanism has its own.
 OWN: tuple[dict[str, Law], SlipSpeed | None] = {}, None
@@ -141,11 +375,7 @@ class Equations(MotionEquations):
                                      max(rounding, UNMOVED))
 
     def unique(self, efforts: Array | None = None) -> dict[str, NDArray[np.bool_]]:
-        """Return by pair which components (6,) of its reaction are unique.
-
-        Args:
-            efforts: as for `unique_in_loops`.
-        """
+        """Return by pair which components (6,) of its reaction are unique."""
         result = self.unique_in_loops(efforts)
         return result | {name: result[name] & never for name, never in
                         self.pairs.unaffected_by_couplings(self.poses()).items()}
