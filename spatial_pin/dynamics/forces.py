@@ -107,20 +107,7 @@ class Forces:
 
     def generalised(self, evaluation: LoopEquations, q: Array, v: Array) -> Array:
         """Return the generalised forces (nv,) of all, after `evaluation.update(q)`."""
-        total = self.turning(q, v)
-        for line in self.lines:
-            row, force, _ = self._pull(evaluation, line, v)
-            total -= force * row
-        return total + generalised(evaluation, self._of_bushings(evaluation, v))
-
-    def _of_bushings(self, evaluation: LoopEquations, v: Array) -> list[tuple[int, Array]]:
-        """Return (joint, wrench (6,) on its body about the world's origin) of bushings."""
-        wrenches = []
-        for bushing in self.bushings:
-            twists = np.array([evaluation.body_jacobian(i) @ v for i in bushing.bodies])
-            wrench = bushing.wrench(evaluation.placements, twists)
-            wrenches += [(bushing.bodies[0], -wrench), (bushing.bodies[1], wrench)]
-        return wrenches
+        return self.turning(q, v) + generalised(evaluation, self.wrenches(evaluation, v))
 
     def turning(self, q: Array, v: Array) -> Array:
         """Return the generalised forces (nv,) of joint springs, damping and friction."""
@@ -131,9 +118,13 @@ class Forces:
 
     def wrenches(self, evaluation: LoopEquations, v: Array) -> list[tuple[int, Array]]:
         """Return (joint, wrench (6,) on its body about the world origin) of springs on frames."""
-        on_bodies = self._of_bushings(evaluation, v)
+        on_bodies = []
+        for bushing in self.bushings:
+            twists = np.array([evaluation.body_jacobian(i) @ v for i in bushing.bodies])
+            wrench = bushing.wrench(evaluation.placements, twists)
+            on_bodies += [(bushing.bodies[0], -wrench), (bushing.bodies[1], wrench)]
         for line in self.lines:
-            _, force, wrench = self._pull(evaluation, line, v)
+            force, wrench = self._pull(evaluation, line, v)
             on_bodies += [(line.bodies[0], force * wrench), (line.bodies[1], -force * wrench)]
         return on_bodies
 
@@ -166,27 +157,25 @@ class Forces:
 
     def _pull(
         self, evaluation: LoopEquations, line: LineSpring, v: Array
-    ) -> tuple[Array, float, Array]:
-        """Return d(length)/dv (nv,), the force, and the unit wrench of lengthening (6,).
+    ) -> tuple[float, Array]:
+        """Return the force of a spring, and the unit wrench of lengthening (6,).
 
         Where the frames coincide, they part in the direction of their motion.
         """
         row, length, wrench = self.row(evaluation, line)
         if length:
-            return row, line.law(length, float(row @ v)), wrench
+            return line.law(length, float(row @ v)), wrench
         x, y, z = (line.points[1] @ evaluation.placements[line.bodies[1]]).tolist()
         along = np.array([[1.0, 0.0, 0.0, 0.0, z, -y], [0.0, 1.0, 0.0, -z, 0.0, x],
                           [0.0, 0.0, 1.0, y, -x, 0.0]])  # unit forces at the point
         parting = (along @ joint_jacobian(evaluation.data, evaluation.model.nv)) * line.sign
         if not self.can_part(parting):
-            return row, 0.0, wrench
+            return 0.0, wrench
         if force := line.law(0.0, 0.0):
             raise self.without_direction(line.name, f"force of {force:.6g} N")
         motion = parting @ v
         pace = float(np.sqrt(motion @ motion))
-        if not pace:
-            return row, 0.0, wrench
-        return motion @ parting / pace, line.law(0.0, pace), motion @ along / pace
+        return (line.law(0.0, pace), motion @ along / pace) if pace else (0.0, wrench)
 
     def can_part(self, parting: Array) -> bool:
         """Whether velocities move two points apart, by the derivatives (3, nv) of their offset."""

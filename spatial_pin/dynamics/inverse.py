@@ -333,31 +333,27 @@ def _idle_rotations(equations: Equations, single_link: list[tuple[str, Array]]) 
 
     They turn a link of a loop and move no centre of mass.
     """
+    evaluation, scale = equations.evaluation, equations.scale
+    inertias = equations.model.inertias
+    heavy = [k for k, body in enumerate(inertias) if k and body.mass > 0.0]
+    levers = np.array([[*inertias[k].lever, 1.0] for k in heavy]).reshape(-1, 1, 4)
+    columns = joint_jacobian(evaluation.data, len(scale))
+    columns = columns * evaluation.constraints.supports[heavy][:, None]
+    centres = (levers @ evaluation.placements[heavy])[:, 0]
+
+    def shifts(motions: Array) -> Array:
+        """Return the velocities (3 bodies, k) of centres, in characteristic lengths."""
+        twists = columns @ (motions * scale).T
+        velocities = twists[:, :3] + np.cross(twists[:, 3:], centres[:, :, None], axis=1)
+        return velocities.reshape(-1, len(motions)) / equations.mechanism.characteristic_length
+
     idle = [np.zeros((0, len(equations.scale)))]
     for joint, motions in single_link:
         if is_in_loop(equations.mechanism, joint):
-            svd = decompose(_centre_shifts(equations, motions))
+            svd = decompose(shifts(motions))
             moved = svd.s > TOLERANCES.half_precision * np.abs(motions).max()
             idle.append(svd.vt[np.count_nonzero(moved) :] @ motions)
     return np.vstack(idle)
-
-
-def _centre_shifts(equations: Equations, motions: Array) -> Array:
-    """Return the velocities (3 bodies, k) of centres of mass in motions (k, nv), scaled.
-
-    They are divided by the characteristic length.
-    """
-    evaluation = equations.evaluation
-    heavy, levers = equations.bodies.centres
-    columns = joint_jacobian(evaluation.data, len(equations.scale))
-    twists = ((columns * evaluation.constraints.supports[heavy][:, None])
-              @ (motions * equations.scale).T)
-    centres = (levers[:, None] @ evaluation.placements[heavy]).transpose(2, 0, 1)
-    shifts = twists[:, :3]
-    for k in range(3):  # the velocity at the centre; np.cross takes several times as long
-        i, j = (k + 1) % 3, (k + 2) % 3
-        shifts[:, k] += twists[:, 3 + i] * centres[j] - twists[:, 3 + j] * centres[i]
-    return shifts.reshape(-1, len(motions)) / equations.mechanism.characteristic_length
 
 
 def _loaded(equations: Equations, spare: Array, idle: Array, a: Array) -> list[str]:

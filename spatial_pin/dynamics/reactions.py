@@ -105,10 +105,6 @@ class Pairs:
             np.add.at(total, parents, total[joints])
         return total
 
-    def _carried(self, wrenches: Array) -> Array:
-        """Return the same of wrenches (..., njoints, 6)."""
-        return np.moveaxis(self.carried(np.moveaxis(wrenches, -2, 0)), 0, -2)
-
     def summed(self, wrenches: Iterable[tuple[int, Array]]) -> Array:
         """Return wrenches on bodies, about the world origin, summed by body (njoints, 6)."""
         total = np.zeros((self.model.njoints, 6))
@@ -141,7 +137,7 @@ class Pairs:
         local = transmitted.reshape(*transmitted.shape[:-1], 2, 3)
         forces = (local @ poses.placements[..., :3, :]).reshape(transmitted.shape)
         forces[..., 3:] += cross(poses.placements[..., 3, :], forces[..., :3])
-        forces = forces - self._carried(on_bodies)
+        forces = forces - np.moveaxis(self.carried(np.moveaxis(on_bodies, -2, 0)), 0, -2)
         at_joints = _moved(forces, poses.placements[..., 3, :])
         by_pair = {self.model.names[i]: self._without_effort(i, at_joints[..., i, :], poses.columns,
                                                            effort)
@@ -195,22 +191,10 @@ class Pairs:
         efforts = self_stresses[..., self._of_joints] @ joint_rows
         if internal_efforts is not None:
             efforts = efforts + internal_efforts
-        on_bodies = self.on_bodies(poses.rows, self_stresses)
-        coupled = [c.wrench(poses.placements, self_stresses) for c in self.couplings]
-        for c, wrench in zip(self.couplings, coupled, strict=True):
-            on_bodies[..., c.bodies[0], :] -= wrench
-            on_bodies[..., c.bodies[1], :] += wrench
-            efforts = efforts - self_stresses[..., c.at, None] * c.row
-        at_joints = _moved(-self._carried(on_bodies), poses.placements[..., 3, :])
-        joints = [self._without_effort(i, at_joints[..., i, :], poses.columns, efforts)
-                  for i in range(1, self.model.njoints)]
-        closed = [_moved(_borne(poses.rows, self_stresses, rows),
-                         point @ poses.placements[..., body, :, :])
-                  for _, rows, (_, body), point in self.closed]
-        closed += [_moved(wrench, c.pose_of(poses.placements))
-                   for c, wrench in zip(self.couplings, coupled, strict=True)]
-        largest = [np.abs(w * unit).max(axis=-2, initial=0.0) / scale for w in [*joints, *closed]]
-        return {name: size < unmoved for name, size in zip(self.names, largest, strict=True)}
+        none = np.zeros((*poses.placements.shape[:-2], 6))
+        by_pair, _ = self.reactions(poses, none, self_stresses, none, efforts)
+        return {name: np.abs(wrench * unit).max(axis=-2, initial=0.0) / scale < unmoved
+                for name, wrench in by_pair.items()}
 
     def unaffected_by_couplings(self, poses: Poses) -> dict[str, NDArray[np.bool_]]:
         """Return which components (..., 6) of pairs between joints a coupling never loads."""

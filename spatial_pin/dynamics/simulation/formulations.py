@@ -228,9 +228,10 @@ class IndependentFormulation:
 
     def unknowns(self, v: Array, work: float) -> Array:
         """Return y where the coordinates are 0, at joint velocities v (nv,)."""
+        q, starts = self._functions.reference.q, self.problem.model.idx_qs
         return np.concatenate([
             np.zeros(len(self.free)), v[self.free] / self._scale,
-            *self.spins.quaternions(self._functions.reference.q), [work] * self.problem.works])
+            *(q[starts[joint]:][:4] for joint in self.spins.joints), [work] * self.problem.works])
 
     def renewed(self, t: float, y: Array, state: State) -> Array | None:
         """Change to the best independent coordinates at y, which is a state.

@@ -1,10 +1,8 @@
 """Integrators of ordinary differential equations, made of entries of `settings.INTEGRATORS`.
 
-`integrator` returns an object that steps like those of SciPy: `step()`, `t`, `t_old`, `y`, `status`
-("running", "finished" or "failed") and `dense_output()`, a function of the time, or of times (N,),
-over the last step that returns unknowns (n,) or (n, N). `units` say what counts as one of every
-unknown, `longest` is the longest step [s] and `first` the longest first one; steps of fixed length
-know neither but `longest`.
+`Stepping.begin` returns an object that steps like those of SciPy: `step()`, `t`, `t_old`, `y`,
+`status` ("running", "finished" or "failed") and `dense_output()`, a function of the time, or of
+times (N,), over the last step that returns unknowns (n,) or (n, N).
 """
 
 from __future__ import annotations
@@ -148,41 +146,6 @@ def first_step(
     return min(unit * min(100.0 * trial, step), span)
 
 
-def integrator(
-    name: str, fun: Function, t0: float, y0: Array, t_end: float, accuracy: Accuracy,
-    units: tuple[float, Array], longest: float = math.inf, first: float = math.inf,
-) -> Any:
-    """Return an integrator, see the module's docstring.
-
-    Raises:
-        ValueError: it takes fixed steps, and the accuracy gives none.
-    """
-    own, tolerance = INTEGRATORS[name], max(accuracy.time_tolerance, FINEST)
-    absolute = tolerance * units[1]
-    longest = min(longest, accuracy.step or math.inf)
-    span = t_end - t0
-    if not own.is_fixed and own.order:
-        first = min(first_step(
-            fun, t0, y0, min(span, longest), own.order, tolerance, units), first)
-    if own.solver == KERNEL:
-        if own.is_fixed:
-            if not math.isfinite(longest):
-                raise ValueError(f"integrator {name!r} needs a step: Accuracy(step=...)")
-            first = float(max(1, int(np.ceil(span / longest * (1 - 1e-12)))))  # how many there are
-        return RungeKutta(name, fun, t0, y0, t_end, first, longest, tolerance, absolute)
-    module, _, kind = own.solver.partition(":")
-    made = getattr(import_module(module), kind)  # on use: SciPy's take half a second
-    more: dict[str, Any] = {"max_step": longest, "rtol": tolerance, "atol": absolute}
-    if "jac" in signature(made).parameters:  # of implicit ones
-        more["jac"] = DifferenceJacobian(fun, units[1])
-    if own.order or math.isfinite(first):
-        more["first_step"] = first
-    if own.order:
-        return made(fun, t0, y0, t_end, **more)
-    # LSODA does not see NaN, but shortens its step for HUGE
-    return made(lambda t, y: np.nan_to_num(fun(t, y), nan=HUGE), t0, y0, t_end, **more)
-
-
 class Stepping:
     """The integrator in use: the one given, or by turns an explicit and an implicit one.
 
@@ -282,11 +245,39 @@ class Stepping:
         self, method: str, system: IndependentFormulation, t: float, y: Array, longest: float,
         first: float = np.inf,
     ) -> Any:
+        """Return an integrator, see the module's docstring.
+
+        Raises:
+            ValueError: it takes fixed steps, and the accuracy gives none.
+        """
         self._method, self._easy = method, 0
-        if self._problem.external and not INTEGRATORS[method].is_fixed:
-            longest = min(longest, self._problem.external.longest_step)
-        return integrator(
-            method, system, t, y, self._end, self._accuracy, self._units, longest, first)
+        own, accuracy, external = INTEGRATORS[method], self._accuracy, self._problem.external
+        if external and not own.is_fixed:
+            longest = min(longest, external.longest_step)
+        tolerance = max(accuracy.time_tolerance, FINEST)
+        absolute, span = tolerance * self._units[1], self._end - t
+        longest = min(longest, accuracy.step or math.inf)
+        if not own.is_fixed and own.order:
+            first = min(first, first_step(
+                system, t, y, min(span, longest), own.order, tolerance, self._units))
+        if own.solver == KERNEL:
+            if own.is_fixed:
+                if not math.isfinite(longest):
+                    raise ValueError(f"integrator {method!r} needs a step: Accuracy(step=...)")
+                first = float(max(1, int(np.ceil(span / longest * (1 - 1e-12)))))  # their number
+            return RungeKutta(
+                method, system, t, y, self._end, first, longest, tolerance, absolute)
+        module, _, kind = own.solver.partition(":")
+        made = getattr(import_module(module), kind)  # on use: SciPy's take half a second
+        more: dict[str, Any] = {"max_step": longest, "rtol": tolerance, "atol": absolute}
+        if "jac" in signature(made).parameters:  # of implicit ones
+            more["jac"] = DifferenceJacobian(system, self._units[1])
+        if own.order or math.isfinite(first):
+            more["first_step"] = first
+        if own.order:
+            return made(system, t, y, self._end, **more)
+        # LSODA does not see NaN, but shortens its step for HUGE
+        return made(lambda t, y: np.nan_to_num(system(t, y), nan=HUGE), t, y, self._end, **more)
 
     def note_kernel_steps(self, steps: int, largest: Array) -> None:
         """Record steps in the kernel, which checks their lengths itself."""

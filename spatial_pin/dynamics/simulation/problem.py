@@ -186,10 +186,6 @@ class Spins:
         return [float(axis @ data.v[joint].angular)
                 for joint, axis in zip(self.joints, self.axes, strict=True)]
 
-    def quaternions(self, q: Array) -> list[Array]:
-        """Return the quaternion (4,) of every body, at q (nq,)."""
-        return [q[self._model.idx_qs[joint]:][:4] for joint in self.joints]
-
 
 def free_spins(mechanism: Mechanism, state: State, forces: Forces) -> Spins:
     """Return the bodies that spin freely, symmetric about their lines.
@@ -206,12 +202,18 @@ def free_spins(mechanism: Mechanism, state: State, forces: Forces) -> Spins:
             first = model.idx_vs[joint]
             own = evaluation.jacobian[: evaluation.constraints.n_closure, first : first + 3]
             axes = null_space(own, FREE_SPIN)
-            if len(axes) == 1:  # its rotations about one line move no closure
+            # its rotations about one line move no closure
+            if len(axes) == 1 and _is_symmetric(mechanism, joint, axes[0], forces):
                 lines[joint] = axes[0]
-    lines = {joint: axis for joint, axis in lines.items()
-             if _is_symmetric(mechanism, joint, axis, forces)}
-    spins = Spins(model, lines)
-    return spins if _are_free_nearby(evaluation, state.q, spins) else Spins(model, {})
+    spins, n = Spins(model, lines), evaluation.constraints.n_closure
+    rng, free = np.random.default_rng(7), np.ones(model.nv, dtype=bool)
+    for _ in range(SPIN_TRIALS if lines else 0):  # they are free at other configurations too
+        step = mechanism.velocity_scale * rng.uniform(-0.1, 0.1, model.nv)
+        _, error = close(evaluation, pin.integrate(model, state.q, step), free, 1e-13)
+        held = np.abs(evaluation.jacobian[:n] @ spins.rows.T).max(initial=0.0)
+        if error > 1e-11 or held > FREE_SPIN:
+            return Spins(model, {})
+    return spins
 
 
 def _is_symmetric(mechanism: Mechanism, joint: int, axis: Array, forces: Forces) -> bool:
@@ -234,19 +236,6 @@ def _is_symmetric(mechanism: Mechanism, joint: int, axis: Array, forces: Forces)
         return False
     return all(off_line(point[:3]) <= near for spring in forces.lines
                for body, point in zip(spring.bodies, spring.points, strict=True) if body == joint)
-
-
-def _are_free_nearby(evaluation: LoopEquations, q: Array, spins: Spins) -> bool:
-    """Whether the spins are free at other closed configurations too."""
-    model, n = evaluation.model, evaluation.constraints.n_closure
-    rng, free = np.random.default_rng(7), np.ones(model.nv, dtype=bool)
-    for _ in range(SPIN_TRIALS if len(spins) else 0):
-        step = evaluation.mechanism.velocity_scale * rng.uniform(-0.1, 0.1, model.nv)
-        _, error = close(evaluation, pin.integrate(model, q, step), free, 1e-13)
-        held = np.abs(evaluation.jacobian[:n] @ spins.rows.T).max(initial=0.0)
-        if error > 1e-11 or held > FREE_SPIN:
-            return False
-    return True
 
 
 # Closure residual of steps relative to their time_tolerance: thousands of them add less error than

@@ -47,14 +47,6 @@ class TreeDynamics:
         rows, columns = mass_pattern(self.model)
         return rows, columns, rows * self.model.nv + columns
 
-    @cached_property
-    def centres(self) -> tuple[NDArray[np.intp], Array]:
-        """Joints (k,) whose bodies have a mass, and its centre (k, 4) in their axes, then 1."""
-        inertias = self.model.inertias
-        heavy = [k for k, body in enumerate(inertias) if k and body.mass > 0.0]
-        levers = np.array([[*inertias[k].lever, 1.0] for k in heavy]).reshape(-1, 4)
-        return np.array(heavy, dtype=np.intp), levers
-
     def masses(self, q: Array) -> Array:
         """Return the numbers (n_masses,) of the mass matrix at q (nq,)."""
         return self._matrix(q).reshape(-1)
