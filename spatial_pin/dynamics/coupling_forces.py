@@ -228,12 +228,6 @@ def _crossed_teeth(
 ) -> tuple[Array, Array]:
     """Return the normal of teeth in the plane of both velocities, and the one of that plane.
 
-    Args:
-        where: for errors.
-        teeth: of a worm and its wheel, or of other gears with crossed axes.
-        first: velocity and angular velocity of the first body, (3,) each.
-        v2: (3,) velocity of the second.
-
     Raises:
         MechanismFileError: their helix angle is not that of the ratio.
     """

@@ -509,28 +509,24 @@ def _taken(
     at: SmallMotions, state: State, step: Array, descends: bool, accuracy: Accuracy
 ) -> State:
     """Return the state after a step, halved until loops close and a descent does not overshoot."""
-    scale, part = at.loads.mechanism.velocity_scale, 1.0
+    loads, mechanism, part = at.loads, at.loads.mechanism, 1.0
+    scale = mechanism.velocity_scale
     slope = -float(at.wanted @ (scale * step))
     while part > SHORTEST_DESCENT:
-        there = displaced_state(at.loads, state, part * step, accuracy)
+        there = displaced_state(loads, state, part * step, accuracy)
         if there is not None:
             if not descends or part * np.abs(step).max() < NEAR_REST or slope <= 0.0:
                 return there
-            if _slope(at.loads, there, step) >= -OVERSHOT * slope:
+            with equations_of(mechanism) as equations:  # the power of the forces there
+                equations.update(there, loads.external, loads.laws)
+                along = decompose(loads.rows(equations.evaluation)).null_space
+                force = equations.given + loads.effort - equations.motion_forces(equations.rest)
+            if float(along @ (scale * force) @ (along @ step)) >= -OVERSHOT * slope:
                 return there
         part *= 0.5
     raise SpatialPinError(
-        f"mechanism {at.loads.mechanism.name!r}: the loops cannot follow the search for a pose at "
+        f"mechanism {mechanism.name!r}: the loops cannot follow the search for a pose at "
         f"rest from {state}: start from another guess")
-
-
-def _slope(loads: AppliedLoads, state: State, step: Array) -> float:
-    """Return the power of the forces at a state along a step (nv,), scaled."""
-    with equations_of(loads.mechanism) as equations:
-        equations.update(state, loads.external, loads.laws)
-        along = decompose(loads.rows(equations.evaluation)).null_space
-        force = equations.given + loads.effort - equations.motion_forces(np.zeros(len(step)))
-    return float(along @ (loads.mechanism.velocity_scale * force) @ (along @ step))
 
 
 def displaced_state(
@@ -603,11 +599,6 @@ def independent_motions(
     at: SmallMotions, free: Array, chosen: Sequence[str] | None
 ) -> tuple[list[str], Array, Array]:
     """Return names of independent coordinates, their rates, and the motion per unit of each.
-
-    Args:
-        at: the pose.
-        free: (n, nv) its motions, scaled.
-        chosen: the coordinates, if they are chosen; else drivers where they suffice.
 
     Returns:
         Their names, (n, nv) their rates by the joints' velocities, and (n, nv) joint velocities per

@@ -148,15 +148,7 @@ class LoadPoint(NamedTuple):
 
 
 class LoadPath:
-    """The path of poses at rest of a mechanism whose loads grow.
-
-    Args:
-        mechanism: the mechanism.
-        hold, laws: as for `equilibrium`.
-        efforts, external: the loads that grow, at factor 1.
-        accuracy: of closing.
-        span: of the load factor.
-    """
+    """The path of poses at rest of a mechanism whose loads grow."""
 
     def __init__(
         self, mechanism: Mechanism, hold: Iterable[str], laws: Mapping[str, Law] | None,
@@ -178,12 +170,6 @@ class LoadPath:
             self.mechanism, self.hold, None,
             {name: factor * x for name, x in self._efforts.items()},
             {name: force * factor for name, force in self._external.items()}, self.laws)
-
-    def _growing(self, q: Array) -> Array:
-        """Return the joint forces (nv,) of the loads at factor 1."""
-        loops = loops_at(self.mechanism, q)
-        return self._effort + generalised(
-            loops, external_wrenches(self.mechanism, loops, self._external))
 
     def start(self, state: State, factor: float, along: Array) -> LoadPoint:
         """Return the point at a pose at rest; the tangent has a positive product with `along`."""
@@ -215,10 +201,12 @@ class LoadPath:
     def _bordered(self, at: SmallMotions, row: Array) -> tuple[Array, Array]:
         """Return the matrix of the balance of forces with a last row, and the freedoms (k, nv)."""
         reduced, freedoms, k = at.orthonormal, at.freedoms, len(at.freedoms)
-        size = at.size or 1.0
+        size, loops = at.size or 1.0, loops_at(self.mechanism, at.state.q)
+        growing = self._effort + generalised(
+            loops, external_wrenches(self.mechanism, loops, self._external))
         matrix = np.zeros((k + 1, k + 1))
         matrix[:k, :k] = reduced.stiffness / size
-        matrix[:k, k] = -self.unit * (freedoms @ (self._scale * self._growing(at.state.q))) / size
+        matrix[:k, k] = -self.unit * (freedoms @ (self._scale * growing)) / size
         matrix[k, :k], matrix[k, k] = freedoms @ row[:-1], row[-1]
         return matrix, freedoms
 

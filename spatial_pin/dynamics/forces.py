@@ -146,14 +146,10 @@ class Forces:
         """
         d = second - first
         length = float(np.sqrt(d @ d))
-        if length <= self.round_off_of(second):
+        size = self.mechanism.characteristic_length + float(np.abs(second).max())
+        if length <= TOLERANCES.last_digit * size:
             return 0.0, np.zeros(3)
         return length, d / length
-
-    def round_off_of(self, point: Array) -> float:
-        """Return the round-off of a point's position [m]."""
-        size = self.mechanism.characteristic_length + float(np.abs(point).max())
-        return TOLERANCES.last_digit * size
 
     def _pull(
         self, evaluation: LoopEquations, line: LineSpring, v: Array

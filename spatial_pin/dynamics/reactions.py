@@ -54,7 +54,7 @@ class Pairs:
 
     Attributes:
         closed: closures between bodies: name, rows, bodies, second frame's origin (4,) on its body.
-        elsewhere: forces of closures on other bodies than their first two.
+        other_body_products: forces of closures on other bodies than their first two.
         coupled: the joints that bear the force of a coupling whose point of action is unknown.
         couplings: forces of couplings on bodies, where the point of action is known.
         names: of all pairs, the tree's first, couplings last.

@@ -300,12 +300,7 @@ def changes_of_forces(
 ) -> tuple[Array, Array]:
     """Return q and v derivatives (nv, nv) of M a + b - f - J^T multipliers, multipliers constant.
 
-    Args:
-        rows: the closure equations at a motion.
-        springs: the springs there.
-        outside: wrenches at frames.
-        multipliers: (n_closure,) of the closure equations.
-        out: (2, nv, nv) zeros, to be filled with the transposed derivatives.
+    `out` (2, nv, nv) are zeros, to be filled with the transposed derivatives.
     """
     total = np.zeros((2, rows.nv, rows.nv)) if out is None else out
     by_q, by_v = total[0].T, total[1].T

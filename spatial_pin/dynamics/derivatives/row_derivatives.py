@@ -30,22 +30,12 @@ class RowDerivatives:
 
     Products are those of closure equations, then from `closed` on half the squared spring lengths,
     then those of bushings.
-
-    Args:
-        mechanism: the mechanism.
-        forces: its springs.
-        motion: q (nq,), v and a (nv,).
-        angles: (n_angles,) that counted ones are nearest to [rad].
-
-    Attributes:
-        of_products: the products.
     """
 
     def __init__(
         self, mechanism: Mechanism, forces: Forces, motion: Motion, angles: Array
     ) -> None:
         self.mechanism, self.constraints = mechanism, constraints_of(mechanism)
-        self.angles = angles
         self.motion, self.nv, self.forces = motion, mechanism.model.nv, forces
         self.angles = angles
         self.closed = self.constraints.passive_at

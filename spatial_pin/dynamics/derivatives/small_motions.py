@@ -38,15 +38,7 @@ NO_LOAD = TOLERANCES.nothing  # part of all forces that is none
 
 
 class AppliedLoads:
-    """Loads, fixed coordinates and constant speeds of a mechanism.
-
-    Args:
-        mechanism: the mechanism.
-        hold: names of joints, coordinates or drivers that stand still; "base" for free bases.
-        speeds: by driver or coordinate, a constant speed [rad/s, m/s].
-        efforts: by driver, joint or coordinate [N·m, N].
-        external: by link, frame or joint, the force on it at its origin, world axes.
-        laws: of springs, force as a function of (length, rate).
+    """Loads, fixed coordinates and constant speeds of a mechanism, as `linearize` takes them.
 
     Attributes:
         entries: velocity entries that are held or have a constant speed.
@@ -113,10 +105,6 @@ class ReducedEquations(NamedTuple):
 
 class SmallMotions:
     """The equations of motion about a closed State, ready to be reduced to coordinates.
-
-    Args:
-        loads: the loads and the fixed coordinates.
-        state: the configuration; velocities are those that the loads' speeds make.
 
     Attributes:
         state: the State, moving and accelerated as the speeds say.

@@ -189,13 +189,9 @@ class VanishingInertia:
         return self._energy(q, v) / square
 
     def vanishes_after_step(self, t: float, q: Array, v: Array, shortened: float) -> bool:
-        """Whether the inertia vanishes soon after a step that ends at q (nq,) and v (nv,).
+        """Whether the inertia vanishes soon after a step that ends at t, q (nq,) and v (nv,).
 
-        Args:
-            t: end of the step [s].
-            q: configuration.
-            v: velocity.
-            shortened: the step relative to the longest so far.
+        The step is `shortened` relative to the longest so far.
         """
         inertia = self.inertia(q, v) if shortened < SHORTENED else np.inf
         if not inertia < NEGLIGIBLE or (self._checks and inertia > self._checks[-1][1]):
@@ -291,12 +287,7 @@ class EventDetector:
 
     def events_in_step(self, step: IntegrationStep, times: Array, shortened: float) -> tuple[
             list[tuple[float, JointLimit]], list[tuple[float, RatedLimit]], Event | None]:
-        """Return the events in a step.
-
-        Args:
-            step: the step.
-            times: (N,) of its samples.
-            shortened: its length relative to the longest so far.
+        """Return the events in a step with samples at times (N,), see `vanishes_after_step`.
 
         Returns:
             The joint limits passed, with the times; velocity and effort limits alike; and the event
@@ -350,17 +341,10 @@ class EventDetector:
 
 
 def why_it_ends(problem: Problem, accuracy: Accuracy, first: State, t: float, last: State) -> str:
-    """Return why a motion cannot be followed, as text.
+    """Return why a motion from State `first` cannot be followed beyond t [s], as text.
 
     The loops are looked at first, then the forces, then the masses: each makes what comes after
     it look bad too.
-
-    Args:
-        problem: what acts.
-        accuracy: the wanted one.
-        first: where the simulation began, at time 0.
-        t: when it ends [s].
-        last: the last good state.
     """
     lost = _lost_rank(problem, first, last)
     if lost:

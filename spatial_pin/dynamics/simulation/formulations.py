@@ -64,15 +64,7 @@ class OpenLoopsError(Exception):
 def force_arrays(
     problem: Problem, n_free: int, spins: Spins, projects: bool, tolerance: float
 ) -> tuple[Ints, Array]:
-    """Return all forces as integers and numbers, for `read_arrays` in creating.c.
-
-    Args:
-        problem: what acts.
-        n_free: number of independent coordinates.
-        spins: bodies that spin freely besides.
-        projects: whether all joint coordinates are unknowns.
-        tolerance: closure residual to reach.
-    """
+    """Return all forces as integers and numbers, for `read_arrays` in creating.c."""
     prescribed = [c.v for c, _ in problem.drives]
     resistance, carriers = problem.forces.resistance, problem.packed.carriers
     frames, lines, turns = problem.packed.frames, problem.forces.lines, problem.forces.turns

@@ -48,7 +48,7 @@ STANDING = 200  # such steps in a row that show stagnation: stiff motions soon t
 def natural_units(
     system: IndependentFormulation, t: float, y: Array, duration: float
 ) -> tuple[float, Array]:
-    """Return the natural time T [s] and units (n,) of the unknowns of a motion that is at y.
+    """Return the natural time T [s] and units (n,) of the unknowns of a motion at y (n,).
 
     A mechanism that moves a million times faster moves on the same curve. Its error control should
     see the same numbers, so rates are counted per natural time T, and work by the energy of its
@@ -59,12 +59,6 @@ def natural_units(
     at the start of the integration (all in radians or characteristic lengths), divided by 2 pi: T
     is about the period of a pendulum, or of a turn. Where nothing moves or pulls, T is many
     durations.
-
-    Args:
-        system: its equations.
-        t: when [s].
-        y: (n,) unknowns.
-        duration: time to the end of the simulation [s].
 
     Returns:
         T, and the unit of every unknown: 1 of coordinates and quaternions, 1/T of rates,
@@ -151,11 +145,6 @@ class Stepping:
 
     It also checks the lengths of the steps, and detects stagnation.
 
-    Args:
-        problem: what acts.
-        accuracy: integrator, tolerance or step, and how many steps may be taken.
-        end: time at which they end [s].
-
     Attributes:
         used: names of the integrators that have taken steps.
         largest: (2,) pivot of the equations and step [s], the largest so far.
@@ -175,12 +164,7 @@ class Stepping:
     ) -> Any:
         """Return an integrator that starts at unknowns y, its error norm in natural units.
 
-        Args:
-            system: the equations of motion.
-            t: where it starts [s].
-            y: (n,) unknowns there.
-            longest: its longest step [s].
-            only_first: whether that holds for the first step alone.
+        `longest` bounds its steps [s], or with `only_first` the first one.
         """
         self._units = natural_units(system, t, y, self._end - t)
         method = self._explicit(system) if self._chosen == AUTOMATIC else self._chosen

@@ -113,9 +113,7 @@ class Freedoms:
     def plain(self, state: State, apart: Array) -> list[int]:
         """Return the velocity entries of single joints that can be the coordinate, fastest first.
 
-        Args:
-            state: where.
-            apart: (k, nv) other freedoms; there is one more than these.
+        All other freedoms are `apart` (k, nv).
 
         Raises:
             SingularError: the loops have lost rank.

@@ -283,10 +283,6 @@ class LeastExchange:
     known to round-off of that. The energy of a spring near its free length is a square of
     round-off, and so is the work of efforts that balance: round-off of the energy at a stretch of
     the mechanism's size is well above that.
-
-    Args:
-        mechanism: what moves.
-        efforts: (nv,) that act all the time [N·m, N].
     """
 
     def __init__(self, mechanism: Mechanism, efforts: Array) -> None:
@@ -310,15 +306,7 @@ class LeastExchange:
 def energy_drift(
     least: LeastExchange, kinetic: Array, energy: Array, work: Array, start: Energies
 ) -> float:
-    """Return the largest error of the energy balance, relative to the energy exchanged.
-
-    Args:
-        least: that counts as exchanged.
-        kinetic: (N,) kinetic energy [J].
-        energy: (N,) kinetic, potential and of springs [J].
-        work: (N,) done since the start [J].
-        start: the energies it started with.
-    """
+    """Return the largest error of the energy balance, relative to the energy exchanged."""
     rest, first = energy - kinetic, start.total - start.kinetic
     size = max(float(kinetic.max(initial=start.kinetic)),
                float(rest.max(initial=first) - rest.min(initial=first)),

@@ -90,17 +90,13 @@ MOST_ERRORS = 1e6  # errors of steps, all of one sign, that add up to it
 class Record:
     """Samples and events of a simulation up to the present time.
 
-    Args:
-        problem: the simulated mechanism, with its laws and efforts.
-        times: (N,) of the samples.
-        detector: detects the events.
-
     Attributes:
         problem: as given; another one where equations of a rounded file are chosen anew.
         filled: how many samples there are.
         room: storage of all samples.
         events: in the order of their times.
         steps: how many steps have been taken.
+        coordinates: names of the independent ones so far.
         start: energies at the start.
         balance: of the energies since then.
     """
@@ -120,7 +116,7 @@ class Record:
         self.events = [passing.event for passing in detector.at_start]
         self.events += detector.rated.at_start if detector.rated else []
         self.steps = 0
-        self._coordinates: list[str] = []
+        self.coordinates: list[str] = []
 
     def set_start(self, start: Energies, accuracy: Accuracy) -> None:
         """Set the energies at the start."""
@@ -142,12 +138,9 @@ class Record:
         self.filled += len(times)
 
     def add_step(self, step: IntegrationStep, longest: float, before: Array) -> bool:
-        """Add the samples and events of a step; return whether the simulation ends in it.
+        """Add the samples and events of a step from unknowns `before` (n,).
 
-        Args:
-            step: the step.
-            longest: step so far [s].
-            before: (n,) unknowns where it begins.
+        Returns whether the simulation ends in it. The step is compared with the `longest` so far.
 
         Raises:
             OpenLoopsError: the loops cannot be closed at a sample; nothing is added.
@@ -179,14 +172,9 @@ class Record:
             self.events.append(stop._replace(row=self.filled))
         return stop is not None
 
-    def note_coordinates(self, free: list[int]) -> None:
-        """Record the names of new independent coordinates, from their velocity entries."""
-        names = self.problem.mechanism.coordinates
-        self._coordinates += [names[v] for v in free]
-
     def note_crossing(self, value: float, sample: int) -> None:
         """Record a branch point, before a sample, at a value of the present coordinate."""
-        text = (f"branch point at {self._coordinates[-1]} = {value:.9g}: branches cross; followed "
+        text = (f"branch point at {self.coordinates[-1]} = {value:.9g}: branches cross; followed "
                 "the one that goes straight on")
         self.events.append(Event("branch point", value, sample, text))
 
@@ -209,7 +197,7 @@ class Record:
             angles=angles, energy=energy, work=work,
             energy_drift=energy_drift(problem.least_exchange, kinetic, energy, work, self.start),
             efforts=ByDriver(problem.mechanism, dict(zip(names, efforts.T.copy(), strict=True))),
-            coordinates=list(dict.fromkeys(self._coordinates)), evaluations=evaluations,
+            coordinates=list(dict.fromkeys(self.coordinates)), evaluations=evaluations,
             steps=self.steps, by_drivers=problem.by_drivers, joint_limits=self._passed,
             projection=projection, integrators=integrators, time_tolerance=self._time_tolerance,
         )
@@ -277,13 +265,7 @@ class EnergyBalance:
 
 
 def _multipliers(problem: Problem, times: Array, samples: SimulationSamples) -> Array:
-    """Return the multipliers (N, n_closure) of the samples of a simulation.
-
-    Args:
-        problem: the simulated mechanism and its loads.
-        times: (N,) [s].
-        samples: at these.
-    """
+    """Return the multipliers (N, n_closure) of the samples of a simulation."""
     mechanism, rows = problem.mechanism, []
     driven = [c.v for c, _ in problem.drives]
     with equations_of(mechanism.whole or mechanism) as equations:
@@ -320,13 +302,6 @@ class NextAction(Enum):
 
 class Run:
     """A simulation under way.
-
-    Args:
-        problem: mechanism, forces and prescribed drivers.
-        accuracy: formulation, integrator, its tolerance or step.
-        state: where it starts.
-        times: (N,) of the samples.
-        detector: detects the events.
 
     Attributes:
         t: time reached [s].
@@ -428,7 +403,12 @@ class Run:
         if stops:
             return NextAction.END
         self._stepping.check_step_limit(self.t, self.record.steps, solver)
-        return self._next()
+        system = self._system
+        if solver.status == "running":
+            if system.needs_new_coordinates(self.t, solver.y):
+                return NextAction.CHOOSE
+            self._solver = self._stepping.next_integrator(system, self.t, self.y, solver)
+        return NextAction.STEP
 
     def _kernel_steps(self) -> int | None:
         """Take many steps in the kernel; return why it paused, None if it takes none.
@@ -508,15 +488,6 @@ class Run:
             raise self._in_use.singular(self.t, system.state(self.t, self.y))
         self._solver = self._stepping.begin(
             system, self.t, self.y, 0.5 * step, not system.projects)
-
-    def _next(self) -> NextAction:
-        """Return the next action after an accepted step; may change the integrator."""
-        system, solver = self._system, self._solver
-        if solver.status == "running":
-            if system.needs_new_coordinates(self.t, solver.y):
-                return NextAction.CHOOSE
-            self._solver = self._stepping.next_integrator(system, self.t, self.y, solver)
-        return NextAction.STEP
 
     def end_without_inertia(self) -> bool:
         """End a motion that stops because inertia vanishes; return whether that is the cause.
@@ -638,7 +609,8 @@ class EquationsInUse:
         return fresh, fresh.unknowns(state.v, float(y[-1]) if self._problem.works else 0.0)
 
     def _note_start(self, system: IndependentFormulation, t: float) -> None:
-        self._record.note_coordinates(system.free)
+        names = self._problem.mechanism.coordinates
+        self._record.coordinates += [names[v] for v in system.free]
         self._started_at = t
 
     def singular(self, t: float, state: State) -> SingularError:

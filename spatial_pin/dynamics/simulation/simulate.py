@@ -157,13 +157,7 @@ class FreeFall:
         return lambda t, state: function(t, self.world_state(t, state))
 
     def motion(self, seen: Simulation, start: Energies, efforts: Array) -> Simulation:
-        """Return a motion relative to the centre of mass as a motion in the world.
-
-        Args:
-            seen: the motion.
-            start: the energies that it started with.
-            efforts: (nv,) that act [N·m, N].
-        """
+        """Return a motion relative to the centre of mass as a motion in the world."""
         assert seen.time is not None
         rows = [self._shifted(*row, 1.0) for row in zip(
             seen.time.tolist(), seen.q, seen.v, seen.a, strict=True)]

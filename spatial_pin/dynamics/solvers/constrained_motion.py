@@ -135,9 +135,7 @@ FOLLOWS = 1e-6
 class Loops:
     """Closure equations and bodies of a mechanism, at the State of the last `move_to`.
 
-    Args:
-        mechanism: the mechanism.
-        large: whether it is treated as a large one; its size decides if not given.
+    Its size decides whether it is treated as a large one, if `large` does not say so.
 
     Attributes:
         scale: (nv,) velocity of a unit of each scaled unknown.

@@ -170,12 +170,8 @@ class MotionEquations(Loops):
     def by_kkt(self, q: Array, v: Array, reference: Array, given: Array, needed: Array) -> Array:
         """Return accelerations (nv,) from the KKT system; overwritten by the next call.
 
-        Args:
-            q: (nq,) configuration.
-            v: (nv,) joint velocities.
-            reference: (n_angles,) from which the angles of screws count [rad].
-            given: (nv,) joint forces.
-            needed: (nv,) joint forces that the motion needs without acceleration.
+        `given` are joint forces (nv,), `needed` those of the motion without acceleration; angles of
+        screws count from `reference`.
         """
         self.kkt.mass[:] = self.bodies.masses(q)
         return self.kkt.accelerations(q, v, reference, given, needed)
@@ -283,14 +279,7 @@ class Equations(MotionEquations):
         self, state: State, external: Mapping[str, pin.Force] | None = None,
         laws: Mapping[str, Law] | None = None, slip_speed: SlipSpeed | None = None,
     ) -> None:
-        """Move to a State of this mechanism, under given forces.
-
-        Args:
-            state: configuration and velocity.
-            external: wrenches at links, frames or joints, world axes [N, N·m].
-            laws: of springs, see `Forces`.
-            slip_speed: of dry friction, see `Forces`.
-        """
+        """Move to a State of this mechanism, under given forces."""
         self.move_to(state)
         own = OWN if not laws and slip_speed is None else (
             dict(laws or {}), dict(slip_speed) if isinstance(slip_speed, Mapping) else slip_speed)

@@ -230,11 +230,6 @@ class BodyRows:
         """Return the weighted accelerations (bodies, 6) of centres less gravity, and angular.
 
         The latter in own axes, with the gyroscopic I^(-1/2) (w x I w); 0 of bodies without I.
-
-        Args:
-            motion: (bodies, 6) spatial velocities.
-            change: (bodies, 6) spatial accelerations.
-            gravity: (bodies, 3).
         """
         w, lever = motion[:, 3:], self._levers
         rest = np.empty_like(motion)
@@ -252,17 +247,12 @@ class BodyRows:
     def least(self, q: Array, v: Array, a: Array, twists: Array) -> Array:
         """Return the accelerations (k,) of motions without inertia, on top of a (nv,).
 
+        `twists` (njoints, 6, k) are those of the bodies per unit of each motion, body axes.
         Nothing determines them. Those are taken for which the accelerations of the bodies that they
         move, of their origins and angular, have the least sum of squares: a body that spins goes
         on as if it were a light ball, whatever coordinates count its motion. A component of its
         angular velocity, kept instead, would have it spin without bound where the line turns away
         from that.
-
-        Args:
-            q: configuration.
-            v: joint velocities.
-            a: joint accelerations without those.
-            twists: (njoints, 6, k) of the bodies per unit of each motion, body axes.
         """
         pin.forwardKinematics(self._model, self._data, q, v, a)
         change, motion = (np.array([x.vector for x in part]) for part in (
@@ -422,12 +412,9 @@ class _Fit:
         return z - self.still.T @ (self.still @ z)
 
     def error(self, z: Array, rest_known: Array, load_known: Array) -> Array:
-        """Return bounds (n,) on the error of the last solution, of first order [Higham2002, 20.1].
+        """Return bounds (n,) on the error of the last solution z, see [Higham2002, 20.1].
 
-        Args:
-            z: (n,) the solution.
-            rest_known: (m,) how far `rest` may be off.
-            load_known: (n,) how far the load may be off.
+        Of first order; `rest` and `load` may be off by `rest_known` (m,) and `load_known` (n,).
         """
         r, m, first = self._rank, len(rest_known), self._order[: self._rank]
         wide = np.zeros(len(z))
