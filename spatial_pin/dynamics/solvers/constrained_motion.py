@@ -140,7 +140,6 @@ class Loops:
     Attributes:
         scale: (nv,) velocity of a unit of each scaled unknown.
         is_large: whether it is treated as a large one.
-        bodies: mass matrix and inverse dynamics of the tree.
     """
 
     def __init__(self, mechanism: Mechanism, large: bool | None = None) -> None:
@@ -148,7 +147,6 @@ class Loops:
         self.constraints, self.scale = constraints_of(mechanism), mechanism.velocity_scale
         self.n_closure = self.constraints.n_closure
         self.is_large = is_large(self.model) if large is None else large
-        self.bodies = bodies_of(self.model)
         self.rest, self._no_freedoms = np.zeros(self.model.nv), np.zeros((0, self.model.nv))
         self._no_angles = np.zeros(self.constraints.n_angles)  # of a State that was made without
         self._regular: Regular | None = None
@@ -173,6 +171,11 @@ class Loops:
             state.angles if state.angles.size else self._no_angles)
         self._rank = constraints_of(state.mechanism).n_closure if is_rounded else None
         self._placed = self._derived = None
+
+    @cached_property
+    def bodies(self) -> TreeDynamics:
+        """Mass matrix and inverse dynamics of the tree."""
+        return bodies_of(self.model)
 
     @cached_property
     def kkt(self) -> KKT:
