@@ -24,13 +24,7 @@ from spatial_pin.assembly.start_values import turn_free_difference
 from spatial_pin.assembly.state import State
 from spatial_pin.dynamics.derivatives.derivatives import exact_mechanism
 from spatial_pin.dynamics.derivatives.small_motions import AppliedLoads, SmallMotions
-from spatial_pin.dynamics.equilibrium import (
-    BALANCED,
-    NEUTRAL,
-    Guess,
-    displaced_state,
-    rest_pose,
-)
+from spatial_pin.dynamics.equilibrium import BALANCED, NEUTRAL, Guess, displaced_state, rest_pose
 from spatial_pin.dynamics.forces import Law, external_wrenches, generalised, joint_efforts
 from spatial_pin.errors import LimitError, SingularError, SpatialPinError
 from spatial_pin.kernel.loop_equations import loops_at

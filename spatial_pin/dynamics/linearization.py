@@ -25,12 +25,7 @@ from spatial_pin.dynamics.derivatives.small_motions import (
     ReducedEquations,
     SmallMotions,
 )
-from spatial_pin.dynamics.equilibrium import (
-    NEUTRAL,
-    independent_motions,
-    stability_of,
-    vibrations,
-)
+from spatial_pin.dynamics.equilibrium import NEUTRAL, independent_motions, stability_of, vibrations
 from spatial_pin.dynamics.forces import Law
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.kernel.loop_equations import loops_at

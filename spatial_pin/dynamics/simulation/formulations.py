@@ -27,11 +27,7 @@ from spatial_pin.dynamics.forces import JointSpring, LineSpring
 from spatial_pin.dynamics.simulation.problem import Problem, Spins, free_spins
 from spatial_pin.dynamics.simulation.result import Energies, Projection
 from spatial_pin.dynamics.solvers.equations_of_motion import no_inertia_error
-from spatial_pin.dynamics.solvers.least_constraint import (
-    ROUNDING,
-    Bounded,
-    IndependentCoordinates,
-)
+from spatial_pin.dynamics.solvers.least_constraint import ROUNDING, Bounded, IndependentCoordinates
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.kernel.dynamics import Callbacks, KernelDynamics, ReferencePoint
 from spatial_pin.kernel.integrating import SimulationSamples

@@ -16,13 +16,7 @@ from spatial_pin.assembly.close import close
 from spatial_pin.assembly.state import State
 from spatial_pin.assembly.undetermined import lost_rank_words, rank_loss
 from spatial_pin.constraints.trees import is_large
-from spatial_pin.dynamics.forces import (
-    Forces,
-    Law,
-    external_wrenches,
-    generalised,
-    joint_efforts,
-)
+from spatial_pin.dynamics.forces import Forces, Law, external_wrenches, generalised, joint_efforts
 from spatial_pin.dynamics.simulation.result import LeastExchange
 from spatial_pin.dynamics.solvers.constrained_motion import TreeDynamics, bodies_of
 from spatial_pin.dynamics.solvers.least_constraint import LeastConstraint
@@ -34,13 +28,7 @@ from spatial_pin.mechanism.laws import DriverLaw
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.mechanism_checks import refuse_negative_inertias
 from spatial_pin.mechanism.resistance import SlipSpeed, resists
-from spatial_pin.numerics.linalg import (
-    Array,
-    decompose,
-    independent_rows,
-    null_space,
-    weighty_rows,
-)
+from spatial_pin.numerics.linalg import Array, decompose, independent_rows, null_space, weighty_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import BETWEEN_ANCHORS, INTEGRATORS, Accuracy
 
@@ -48,6 +36,13 @@ NONE = 1e-13  # derivative of an equation that is round-off: others are of order
 PLAIN = 0.1  # a plain coordinate is chosen if its speed is this part of the fastest component's
 FREE_SPIN = 1e-9  # largest change of closure equations per unit of a free spin: round-off
 SPIN_TRIALS = 3  # other configurations at which a spin is checked to be free
+# Closure residual of steps relative to their time_tolerance: thousands of them add less error than
+# one step.
+PART_OF_STEP = 1e-4
+EffortLaw = Callable[[float, State], Mapping[str, float]]
+WrenchLaw = Callable[[float, State], Mapping[str, pin.Force]]
+NO_LAW = ("it must be a function of time that returns (value, rate, acceleration), as those of "
+          "spatial_pin.laws")
 
 
 class Freedoms:
@@ -234,17 +229,6 @@ def _is_symmetric(mechanism: Mechanism, joint: int, axis: Array, forces: Forces)
         return False
     return all(off_line(point[:3]) <= near for spring in forces.lines
                for body, point in zip(spring.bodies, spring.points, strict=True) if body == joint)
-
-
-# Closure residual of steps relative to their time_tolerance: thousands of them add less error than
-# one step.
-PART_OF_STEP = 1e-4
-
-EffortLaw = Callable[[float, State], Mapping[str, float]]
-WrenchLaw = Callable[[float, State], Mapping[str, pin.Force]]
-
-NO_LAW = ("it must be a function of time that returns (value, rate, acceleration), as those of "
-          "spatial_pin.laws")
 
 
 def _law(name: str, law: Any) -> DriverLaw:

@@ -30,11 +30,7 @@ from typing import Any
 
 import numpy as np
 
-from spatial_pin.assembly.redundant_equations import (
-    allowed_from,
-    gap_allowed,
-    independence_at,
-)
+from spatial_pin.assembly.redundant_equations import allowed_from, gap_allowed, independence_at
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.dynamics.lift_off import contacts_of, lift_offs
@@ -85,6 +81,13 @@ from spatial_pin.settings import INTEGRATORS, Accuracy
 LOST_SHARE = 1e-2
 WORST = 0.5  # the same for fixed steps and loose tolerances
 MOST_ERRORS = 1e6  # errors of steps, all of one sign, that add up to it
+ROUTINE = (AT_END, MANY, NEW_COORDINATES, AT_FAILURE)  # pauses at which all samples are made
+LITTLE = 1e-3  # part of the largest residual of a step below which the next step may be longer
+ROUNDING_OF_ENERGY = 1e-2  # part of the kinetic energy that rounded numbers change, at most
+SHORTEST = 1e-13  # shortest step relative to the time: it is not halved any more
+# Independence of a rounded file's equations, relative to that of all of them, below which others
+# are tried; and again where it has fallen by half. Rates lose less than a digit until then.
+NEARLY_DEPENDENT = 0.2
 
 
 class Record:
@@ -277,17 +280,6 @@ def _multipliers(problem: Problem, times: Array, samples: SimulationSamples) -> 
             closures[driven] -= efforts
             rows.append(equations.multipliers(closures))
     return np.array(rows).reshape(len(times), -1)
-
-
-ROUTINE = (AT_END, MANY, NEW_COORDINATES, AT_FAILURE)  # pauses at which all samples are made
-LITTLE = 1e-3  # part of the largest residual of a step below which the next step may be longer
-ROUNDING_OF_ENERGY = 1e-2  # part of the kinetic energy that rounded numbers change, at most
-SHORTEST = 1e-13  # shortest step relative to the time: it is not halved any more
-
-
-# Independence of a rounded file's equations, relative to that of all of them, below which others
-# are tried; and again where it has fallen by half. Rates lose less than a digit until then.
-NEARLY_DEPENDENT = 0.2
 
 
 class NextAction(Enum):

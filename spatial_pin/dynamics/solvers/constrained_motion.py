@@ -28,6 +28,13 @@ from spatial_pin.numerics.linalg import Array, Decomposition, full_decomposition
 from spatial_pin.numerics.sparse_spaces import SparseSpaces
 from spatial_pin.numerics.tolerances import TOLERANCES
 
+# Freedoms of a large tree up to which lost rank is found by closing loops nearby. It uses dense
+# factors, whose cost grows with the third power. Above, the second-order analysis decides.
+PROBED = 128
+# Largest residual of a redundant equation for a motion of unit size, relative to its terms. It is
+# far above round-off, and far below the 1 of a loop that loses rank.
+FOLLOWS = 1e-6
+
 
 class TreeDynamics:
     """Mass matrix and inverse dynamics of a small tree, by Pinocchio."""
@@ -122,14 +129,6 @@ def both_halves(
 def bodies_of(model: pin.Model) -> TreeDynamics:
     """Return mass matrix and inverse dynamics of a tree."""
     return (KernelTreeDynamics if is_in_kernel(model) else TreeDynamics)(model)
-
-
-# Freedoms of a large tree up to which lost rank is found by closing loops nearby. It uses dense
-# factors, whose cost grows with the third power. Above, the second-order analysis decides.
-PROBED = 128
-# Largest residual of a redundant equation for a motion of unit size, relative to its terms. It is
-# far above round-off, and far below the 1 of a loop that loses rank.
-FOLLOWS = 1e-6
 
 
 class Loops:

@@ -52,6 +52,11 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 DOUBTFUL = TOLERANCES.rank
 # Largest correction of a long tree's accelerations after which the rest is negligible.
 CORRECTED = 1e-6
+# Accelerations under forces: (nv,) of the joints, (nv,) joint forces of the closures, J^T
+# multipliers, and the estimated round-off of the former, relative to their size.
+Solution = tuple[Array, Array, float]
+# Laws of springs and slip speed where the mechanism has its own.
+OWN: tuple[dict[str, Law], SlipSpeed | None] = {}, None
 
 
 class Limbs:
@@ -92,11 +97,6 @@ class Limbs:
             return False
         self.tree.respond(forces)
         return True
-
-
-# Accelerations under forces: (nv,) of the joints, (nv,) joint forces of the closures, J^T
-# multipliers, and the estimated round-off of the former, relative to their size.
-Solution = tuple[Array, Array, float]
 
 
 class MotionEquations(Loops):
@@ -254,10 +254,6 @@ def no_inertia_error(
     return SingularError(
         f"mechanism {mechanism.name!r}: a motion of {', '.join(names)} has no inertia but a force "
         "works on it: give its links a mass or a moment of inertia", state=state)
-
-
-# Laws of springs and slip speed where the mechanism has its own.
-OWN: tuple[dict[str, Law], SlipSpeed | None] = {}, None
 
 
 class Equations(MotionEquations):
