@@ -113,10 +113,7 @@ class Bushing(NamedTuple):
     def wrench(self, placements: Array, twists: Array) -> Array:
         """Return the wrench (6,) on its second body about the world's origin.
 
-        Args:
-            placements: (njoints, 4, 3) of the joints.
-            twists: (2, 6) of its bodies: velocity of the point at the world's origin, then angular
-                velocity.
+        Twists (2, 6) of its bodies are: velocity of the point there, then angular velocity.
         """
         x, first, second = self.pose(placements)
         turn = first.rotation
@@ -155,10 +152,8 @@ class Bushing(NamedTuple):
     ) -> tuple[Array, Array, Array]:
         """Return its forces (12,) by the products, and their derivatives (12, nv) by q and v.
 
-        Args:
-            values: (2, 12) its products and their rates.
-            by_q: (2, 12, nv) their derivatives by q.
-            slopes_of: derivatives of its law, given its name, component and rate.
+        `values` (2, 12) are its products and their rates, `by_q` (2, 12, nv) their derivatives;
+        `slopes_of` returns those of its law at its name, component and rate.
         """
         x, slopes, bent = self._functions(values[0])
         rows = slopes @ by_q[0]  # (6, nv)

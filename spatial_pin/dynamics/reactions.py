@@ -81,8 +81,7 @@ class Pairs:
                       *(c.name for c in self.couplings)]
         self._levels = _levels(list(model.parents))
         self.grounded = [int(i) for i in model.children[0]]
-        coordinates = list(mechanism.coordinate_table.values())
-        self.turns = np.array([c.unit == "rad" for c in coordinates], dtype=bool)
+        self.turns = np.array([c.unit == "rad" for c in mechanism.coordinate_table.values()], bool)
 
     def on_bodies(self, rows: Array, multipliers: Array) -> Array:
         """Return the wrenches (..., njoints, 6) of the closures on all bodies, world origin."""
@@ -122,8 +121,7 @@ class Pairs:
 
         Args:
             poses: where the bodies are.
-            transmitted: (..., njoints, 6) what joints would hand on, local axes, were there
-                no forces but the joints' own.
+            transmitted: (..., njoints, 6) what joints hand on, local axes, by their own forces.
             multipliers: (..., n_closure) of the closure equations.
             given: (..., njoints, 6) other wrenches on bodies: springs, forces from outside.
             effort: (..., nv) efforts at joints.
@@ -172,14 +170,10 @@ class Pairs:
     ) -> dict[str, NDArray[np.bool_]]:
         """Return by pair which components (..., 6) of its reaction no self-stress changes.
 
-        Args:
-            poses: where the bodies are; of many configurations with an axis of length 1 behind
-                theirs.
-            joint_rows: (..., k, nv) efforts at joints of unit multipliers of `of_joints`.
-            self_stresses: (..., k, n_closure) multipliers, of length 1, that balance among
-                themselves.
-            internal_efforts: (k, nv) joint forces of the actuators in each self-stress, if any.
-            unmoved: reaction to a unit self-stress that counts as zero.
+        Self-stresses (..., k, n_closure) are multipliers of length 1, `joint_rows` (..., k, nv) the
+        efforts at joints of unit multipliers of `of_joints`, `internal_efforts` (k, nv) those of
+        the actuators in each self-stress. Reactions below `unmoved` count as zero. Poses of many
+        configurations have an axis of length 1 behind theirs.
         """
         if not self_stresses.shape[-2]:
             return {name: np.ones(6, dtype=bool) for name in self.names}

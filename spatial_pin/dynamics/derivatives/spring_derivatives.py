@@ -51,11 +51,7 @@ class SpringForce(NamedTuple):
 class Springs:
     """The springs of a mechanism with the derivatives of their laws.
 
-    Args:
-        forces: the springs, with these laws.
-        laws: by spring, as for `forward_dynamics`.
-        slopes: by spring with a law, its derivatives with respect to length and to rate;
-            differences if not given.
+    Laws and slopes are those of `dynamics_derivatives`; `forces` have the same laws.
 
     Attributes:
         forces: the springs.

@@ -146,7 +146,7 @@ class Loops:
         self.constraints, self.scale = constraints_of(mechanism), mechanism.velocity_scale
         self.n_closure = self.constraints.n_closure
         self.is_large = is_large(self.model) if large is None else large
-        self.rest, self._no_freedoms = np.zeros(self.model.nv), np.zeros((0, self.model.nv))
+        self.rest = np.zeros(self.model.nv)
         self._no_angles = np.zeros(self.constraints.n_angles)  # of a State that was made without
         self._regular: Regular | None = None
         self._last_rank_at: State | None = None  # where the rank was computed last
@@ -254,7 +254,7 @@ class Loops:
     def tied_freedoms(self) -> tuple[Array, int]:
         """Freedoms (k, nv), scaled, of the coordinates in equations, and the equations' rank."""
         if not self.n_closure:
-            return self._no_freedoms, 0
+            return np.zeros((0, self.model.nv)), 0
         if self._tied_freedoms is None:
             tied = self.constraints.tied
             svd = full_decomposition(self.scaled[:, tied])
