@@ -10,9 +10,9 @@ from the differences of its own accelerations on trees with composite joints, an
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from functools import cached_property
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,7 +67,7 @@ class Derivatives:
 
     def __init__(
         self, a: Linear, rows: NDArray[np.intp], multipliers: Linear,
-        reactions: ReactionChanges | _OfSamples,
+        reactions: Callable[[], tuple[dict[str, Linear], Linear]],
     ) -> None:
         self.a, self.a_by_q, self.a_by_v, self.a_by_effort = a
         self.rows = rows
@@ -78,7 +78,7 @@ class Derivatives:
 
     @cached_property
     def _borne(self) -> tuple[dict[str, Linear], Linear]:
-        return self._reactions.all()
+        return self._reactions()
 
     @property
     def reactions(self) -> dict[str, Linear]:
@@ -103,31 +103,28 @@ class Derivatives:
                 f"reactions by {nv} q, v and efforts{of_many})")
 
 
-class _OfSamples(NamedTuple):
-    """The reactions of the samples of a motion and their derivatives, one after the other."""
+def _one_by_one(
+    mechanism: Mechanism, motion: Motion, efforts: Mapping[str, Array], load: Load,
+    samples: Iterable[int],
+) -> Iterator[Derivatives]:
+    """Yield the derivatives at samples of a motion, each by itself."""
+    external, laws, slopes, slip_speed = load
+    forces = forces_at(mechanism, motion, external)
+    for k in samples:
+        state = motion.state(k)
+        with at_sample(k):
+            yield dynamics_derivatives(
+                mechanism, state, {name: float(x[k]) for name, x in efforts.items()},
+                external=forces(k, state) if forces else None, laws=laws, slopes=slopes,
+                slip_speed=slip_speed)
 
-    mechanism: Mechanism
-    motion: Motion
-    efforts: dict[str, Array]
-    load: Load
 
-    def all(self) -> tuple[dict[str, Linear], Linear]:
-        """Return the reactions by pair and the wrench on the fixed link."""
-        pairs, ground = zip(*((x.reactions, x.on_ground) for x in self.at(range(len(self.motion)))),
-                            strict=True)
-        return {name: stacked(x[name] for x in pairs) for name in pairs[0]}, stacked(ground)
-
-    def at(self, samples: Iterable[int]) -> Iterator[Derivatives]:
-        """Yield the derivatives at samples, each by itself."""
-        external, laws, slopes, slip_speed = self.load
-        forces = forces_at(self.mechanism, self.motion, external)
-        for k in samples:
-            state = self.motion.state(k)
-            with at_sample(k):
-                yield dynamics_derivatives(
-                    self.mechanism, state, {name: float(x[k]) for name, x in self.efforts.items()},
-                    external=forces(k, state) if forces else None, laws=laws, slopes=slopes,
-                    slip_speed=slip_speed)
+def _reactions_over(
+    one_by_one: Callable[[Iterable[int]], Iterator[Derivatives]], n: int
+) -> tuple[dict[str, Linear], Linear]:
+    """Return the reactions by pair and the wrench on the fixed link at n samples."""
+    pairs, ground = zip(*((x.reactions, x.on_ground) for x in one_by_one(range(n))), strict=True)
+    return {name: stacked(x[name] for x in pairs) for name in pairs[0]}, stacked(ground)
 
 
 def stacked(parts: Iterable[Linear]) -> Linear:
@@ -212,7 +209,7 @@ def dynamics_derivatives(
     of_a, lam = Linear(a, *a_by), Linear(multipliers[chosen], *multipliers_by[:, chosen])
     warn_of_no_inertia(mechanism, efforts, external)
     return Derivatives(of_a, chosen, lam, ReactionChanges(
-        answer, rows, springs, outside, effort, of_a, lam, chosen))
+        answer, rows, springs, outside, effort, of_a, lam, chosen).all)
 
 
 def _over(
@@ -222,11 +219,12 @@ def _over(
     n = len(motion)
     if not n:
         raise SpatialPinError("the motion has no samples")
-    one_by_one = _OfSamples(mechanism, motion, efforts_over(mechanism, motion, efforts), load)
+    acting = efforts_over(mechanism, motion, efforts)
+    one_by_one = partial(_one_by_one, mechanism, motion, acting, load)
     external, laws, slopes, slip_speed = load
     moved = exact_mechanism(motion.state(0))
     effort, v = np.zeros((2, n, moved.model.nv))
-    for name, x in one_by_one.efforts.items():
+    for name, x in acting.items():
         effort[:, moved.driven_coordinate(name).v] += x
     if motion.per == "s":
         v = motion.v
@@ -247,14 +245,15 @@ def _over(
             parts.append((Linear(found.a, *found.a_by.mT.swapaxes(0, 1)), rows, Linear(
                 np.take_along_axis(found.multipliers, rows, axis=1), *by.mT.swapaxes(0, 1))))
             continue
-        each = [*one_by_one.at(range(at.start, at.stop))]
+        each = [*one_by_one(range(at.start, at.stop))]
         a, multipliers = (stacked(Linear(*(getattr(x, name) for name in (
             of, f"{of}_by_q", f"{of}_by_v", f"{of}_by_effort"))) for x in each)
             for of in ("a", "multipliers"))
         parts.append((a, np.stack([x.rows for x in each]), multipliers))
     a, multipliers = (Linear(*map(np.concatenate, zip(*(part[k] for part in parts), strict=True)))
                       for k in (0, 2))
-    return Derivatives(a, np.concatenate([part[1] for part in parts]), multipliers, one_by_one)
+    return Derivatives(a, np.concatenate([part[1] for part in parts]), multipliers,
+                       partial(_reactions_over, one_by_one, n))
 
 
 def _together(
