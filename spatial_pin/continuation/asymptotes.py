@@ -8,6 +8,7 @@ and is extrapolated from places farther and farther out.
 
 from __future__ import annotations
 
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -151,21 +152,14 @@ def _limit(x: Array, values: Array, known: float) -> float | None:
         values: at these points.
         known: by how much the limit may change if the innermost point is omitted.
     """
-    estimates = [_at_zero(np.abs(x[first:]) ** (-1.0 / root), values[first:])
-            for first in range(len(x) - FEWEST_PLACES + 1) for root in ROOTS]
-    best, change = min(estimates, key=lambda pair: pair[1], default=(np.nan, np.inf))
+    best, change = np.nan, np.inf
+    for first, root in product(range(len(x) - FEWEST_PLACES + 1), ROOTS):
+        y, column = np.abs(x[first:]) ** (-1.0 / root), values[first:]
+        for k in range(1, len(y)):  # Neville's scheme for the polynomial at y = 0
+            last = column[-1]
+            column = (y[:-k] * column[1:] - y[k:] * column[:-1]) / (y[:-k] - y[k:])
+        off = float(abs(column[0] - last))  # by the innermost point
+        best, change = (float(column[0]), off) if off < change else (best, change)
     distance = np.abs(best - values)
     comes_near = bool((distance[1:] < distance[:-1]).all())
     return best if comes_near and change <= known else None
-
-
-def _at_zero(y: Array, values: Array) -> tuple[float, float]:
-    """Return the polynomial through points (n,) at y = 0, and how much the first one changes it.
-
-    Neville's scheme.
-    """
-    n, column = len(y), values
-    for k in range(1, n):
-        last = column[-1]
-        column = (y[:-k] * column[1:] - y[k:] * column[:-1]) / (y[:-k] - y[k:])
-    return float(column[0]), float(abs(column[0] - last))

@@ -77,17 +77,12 @@ def _shifted_state(
         except SingularError:
             continue
         curve = SolutionCurve(system, Accuracy.named("engineering").tolerance)
-        point = curve.settle(state.q, direction_of(system) / system.scale)
+        point = curve.settle(state.q, system.driver_rates()[:, 0] / system.scale)
         q = curve.ahead(point, BESIDE_LIMIT) if point is not None else None
         if q is not None:
             return State(mechanism, q, closure_error=curve.evaluation.closure_error,
                          angles=curve.evaluation.angles)
     return None
-
-
-def direction_of(system: SquareSystem) -> Array:
-    """Return dq/d(driver) (nv,) at the system's configuration."""
-    return system.driver_rates()[:, 0]
 
 
 def non_spinning_bodies(system: SquareSystem) -> list[int]:

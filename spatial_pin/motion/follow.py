@@ -21,10 +21,8 @@ from spatial_pin.errors import Interrupted, LimitError, SingularError, SpatialPi
 from spatial_pin.kernel.paths import PathSamples
 from spatial_pin.mechanism.coordinates import require_mechanism
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.motion.curve_ends import curve_end_events
-from spatial_pin.motion.joint_limit_events import joint_limit_events
+from spatial_pin.motion.limit_events import limit_events
 from spatial_pin.motion.motion import Event, Motion
-from spatial_pin.motion.rated_limits import velocity_limit_events
 from spatial_pin.motion.rounding import CHOICES, independent_on, within_gap
 from spatial_pin.motion.sweep import (
     ENDS,
@@ -200,8 +198,7 @@ def finished(
         Event("singular", value, row, "the drivers alone do not determine the motion at "
               f"{_where(value, times is None)}: efforts grow without bound towards it")
         for value, row in followed.undriven]
-    motion.events += [*joint_limit_events(motion), *velocity_limit_events(motion),
-                      *curve_end_events(motion)]
+    motion.events += limit_events(motion)
     if followed.is_cut:
         raise Interrupted(motion)
     if stop is not None:

@@ -45,10 +45,8 @@ from spatial_pin.mechanism.coordinates import (
 from spatial_pin.mechanism.extent import unlike_links
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
-from spatial_pin.motion.curve_ends import curve_end_events
-from spatial_pin.motion.joint_limit_events import joint_limit_events
+from spatial_pin.motion.limit_events import limit_events
 from spatial_pin.motion.motion import UNRESOLVED, Event, Motion, made, steady_times
-from spatial_pin.motion.rated_limits import velocity_limit_events
 from spatial_pin.motion.rounding import CHOICES, independent_on, within_gap
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -170,8 +168,7 @@ def sweep(
     motion = within_gap(motion, accuracy, on_limit, good)
     if len(motion) < n or good is not None:
         return motion
-    if passed := [*joint_limit_events(motion), *velocity_limit_events(motion),
-                  *curve_end_events(motion)]:
+    if passed := limit_events(motion):
         motion.events += passed
     if result.is_cut:
         raise Interrupted(motion)

@@ -13,7 +13,6 @@ from spatial_pin.assembly.state import State
 from spatial_pin.continuation.branch_points import straight_on
 from spatial_pin.continuation.initial_tangent import (
     body_placements,
-    direction_of,
     non_spinning_bodies,
     system_at,
 )
@@ -79,7 +78,7 @@ def trace(
     positive_number(most_rows, "most_rows")
     system, state, moved = system_at(mechanism, driver, guess, hold)
     curve = SolutionCurve(system, Accuracy.named("engineering").tolerance)
-    first = curve.settle(state.q, direction_of(system) / system.scale)
+    first = curve.settle(state.q, system.driver_rates()[:, 0] / system.scale)
     if first is None:
         raise SingularError(f"mechanism {mechanism.name!r}: branches cross at the start, {state}",
                             state=state)

@@ -18,7 +18,7 @@ import numpy as np
 
 from spatial_pin._support.checks import finite_array, finite_number
 from spatial_pin._support.lazy import made_once
-from spatial_pin.assembly.holding import FixedHold, Hold, divided, hashable_hold, held_by
+from spatial_pin.assembly.holding import FixedHold, Hold, divided, held_by
 from spatial_pin.assembly.square_system import SINGULAR_PIVOT, SquareSystem
 from spatial_pin.assembly.state import State, angles_of, at_sample, pieces
 from spatial_pin.errors import SingularError, SpatialPinError
@@ -246,47 +246,33 @@ def prescription_by(mechanism: Mechanism, driver: str, hold: FixedHold) -> Presc
     return Prescription.of(mechanism, driven_coordinates(mechanism, [driver]), hold)
 
 
+@made_once
 def rates_prescription(
-    mechanism: Mechanism, speeds: Mapping[str, Any], accelerations: Mapping[str, Any], hold: Hold
+    mechanism: Mechanism, speeds: tuple[str, ...], accelerations: tuple[str, ...], hold: FixedHold
 ) -> tuple[Prescription, list[int], list[int]] | None:
     """Return the prescription of rates by name; None if trials are needed.
 
     It has all drivers if all names are drivers, or the named coordinates if no others must be
-    fixed.
-
-    Args:
-        mechanism: the mechanism.
-        speeds: numbers by name.
-        accelerations: numbers by name.
-        hold: names of fixed coordinates, as for `solve_rates`.
-
-    Returns:
-        The prescription, and the indices in it of the names of speeds and of accelerations.
+    fixed. The indices in it of the names of speeds and of accelerations come with it.
     """
+    drivers = driven_coordinates(mechanism, mechanism.drivers)
     try:
-        return _plan(mechanism, (tuple(speeds), tuple(accelerations)), hashable_hold(hold))
+        chosen = [[c for name in some for c in rate_coordinates(mechanism, name)]
+                  for some in (speeds, accelerations)]
+        named = list(dict.fromkeys(c for own in chosen for c in own))
+        wanted = drivers if set(named) <= set(drivers) else named
+        given = Prescription.of(mechanism, wanted, hold)
     except (SpatialPinError, ValueError):
         return None  # the solver refuses it in words
-
-
-@made_once
-def _plan(
-    mechanism: Mechanism, names: tuple[tuple[str, ...], ...], hold: FixedHold
-) -> tuple[Prescription, list[int], list[int]] | None:
-    drivers = driven_coordinates(mechanism, mechanism.drivers)
-    chosen = [[c for name in some for c in rate_coordinates(mechanism, name)] for some in names]
-    if any(len(set(own)) != len(some) for some, own in zip(names, chosen, strict=True)):
+    if any(len(set(own)) != len(some) for some, own in zip((speeds, accelerations), chosen,
+                                                         strict=True)):
         return None
-    named = list(dict.fromkeys(c for own in chosen for c in own))
-    if not set(named) <= set(drivers):
-        if set(drivers) - set(named) or siblings(mechanism, named):
-            return None
-        drivers = named
-    given = Prescription.of(mechanism, drivers, hold)
-    if given.driven[: given.n_moving] != drivers:
+    if wanted is named and (set(drivers) - set(named) or siblings(mechanism, named)):
+        return None
+    if given.driven[: given.n_moving] != wanted:
         return None  # some of them are held
-    speeds, accelerations = ([given.driven.index(c) for c in own] for own in chosen)
-    return given, speeds, accelerations
+    of_speeds, of_accelerations = ([given.driven.index(c) for c in own] for own in chosen)
+    return given, of_speeds, of_accelerations
 
 
 def refuse_components(mechanism: Mechanism, driven: Iterable[Coordinate]) -> None:

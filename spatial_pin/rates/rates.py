@@ -62,7 +62,33 @@ def prescribed_at(state: State, names: Iterable[str], hold: Hold = BASE) -> list
         chosen_at(state, Prescription(usual, len(usual), still))
         return usual
     except SingularError:
-        return _with_fixed_drivers(state, wanted_coordinates(state.mechanism, names), hold) or usual
+        pass
+    mechanism = state.mechanism
+    drivers = driven_coordinates(mechanism, mechanism.drivers)
+    wanted, still = divided(mechanism, wanted_coordinates(mechanism, names), hold)
+    others = [c for c in divided(mechanism, drivers, hold)[0] if c not in wanted]
+    evaluation = loops_at(mechanism, state.q, state.angles)
+    n = evaluation.constraints.n_closure
+    rows = np.vstack([evaluation.jacobian[independent_rows(evaluation.jacobian[:n])],
+                      evaluation.jacobian[n:], np.eye(mechanism.model.nv)[list(still)]])
+    own, more = ([scaled_row(mechanism, c, state.q) for c in some] for some in (wanted, others))
+    held = np.vstack([rows, *own])
+    svd = decompose(held)
+    if svd.rank < len(held):  # they cannot move
+        return usual
+    first = np.zeros(len(held))
+    first[len(rows)] = 1.0
+    moved, spare = np.array(more).reshape(-1, mechanism.model.nv), svd.null_space
+    v = svd.minimum_norm(first)
+    v = v - spare.T @ decompose((spare @ moved.T).T).minimum_norm(moved @ v)
+    paces = np.abs(moved @ v).round(9)  # equal ones in the order of the file
+    chosen = list(wanted)
+    for k in np.argsort(paces, kind="stable"):
+        wider = np.vstack([held, more[k]])
+        if rank(wider) == len(wider):
+            held, chosen = wider, [*chosen, others[k]]
+    whole = set(wanted) <= set(drivers) or len(chosen) == len(wanted) + len(others)
+    return chosen if whole else usual
 
 
 def usual_prescription(
@@ -88,36 +114,6 @@ def wanted_coordinates(mechanism: Mechanism, names: Iterable[str]) -> list[Coord
     return wanted + [c for c in siblings(mechanism, wanted) if c.joint in free_bases(mechanism)]
 
 
-def _with_fixed_drivers(state: State, wanted: list[Coordinate], hold: Hold) -> list[Coordinate]:
-    """Return coordinates with the drivers that can be fixed beside them; [] if they cannot move."""
-    mechanism = state.mechanism
-    drivers = driven_coordinates(mechanism, mechanism.drivers)
-    wanted, still = divided(mechanism, wanted, hold)
-    others = [c for c in divided(mechanism, drivers, hold)[0] if c not in wanted]
-    evaluation = loops_at(mechanism, state.q, state.angles)
-    n = evaluation.constraints.n_closure
-    rows = np.vstack([evaluation.jacobian[independent_rows(evaluation.jacobian[:n])],
-                      evaluation.jacobian[n:], np.eye(mechanism.model.nv)[list(still)]])
-    own, more = ([scaled_row(mechanism, c, state.q) for c in some] for some in (wanted, others))
-    held = np.vstack([rows, *own])
-    svd = decompose(held)
-    if svd.rank < len(held):
-        return []
-    first = np.zeros(len(held))
-    first[len(rows)] = 1.0
-    moved, spare = np.array(more).reshape(-1, mechanism.model.nv), svd.null_space
-    v = svd.minimum_norm(first)
-    v = v - spare.T @ decompose((spare @ moved.T).T).minimum_norm(moved @ v)
-    paces = np.abs(moved @ v).round(9)  # equal ones in the order of the file
-    chosen = list(wanted)
-    for k in np.argsort(paces, kind="stable"):
-        wider = np.vstack([held, more[k]])
-        if rank(wider) == len(wider):
-            held, chosen = wider, [*chosen, others[k]]
-    whole = set(wanted) <= set(drivers) or len(chosen) == len(wanted) + len(others)
-    return chosen if whole else []
-
-
 def _choices(state: State, named: list[Coordinate], hold: Hold) -> Iterator[list[Coordinate]]:
     """Yield possible prescriptions for named coordinates, the best first.
 
@@ -140,7 +136,12 @@ def _choices(state: State, named: list[Coordinate], hold: Hold) -> Iterator[list
     others_of_joints = siblings(mechanism, named)
     still_drivers = [c for c in drivers if c not in named and c not in others_of_joints]
     for more in ([*others_of_joints, *still_drivers], others_of_joints, still_drivers):
-        if more and _are_independent(state, [*named, *more], hold):
+        driven, still = divided(mechanism, [*named, *more], hold)
+        with loops_of(mechanism, state.angles) as evaluation:
+            evaluation.update(state.q)
+            closed = _closed(evaluation, still)
+        rows = [scaled_row(mechanism, c, state.q) for c in driven]
+        if more and rank(np.vstack([closed, *rows])) == rank(closed) + len(driven):
             yield [*named, *more]
     yield named
 
@@ -149,16 +150,6 @@ def _closed(evaluation: LoopEquations, still: tuple[int, ...]) -> Array:
     """Return the closure equations, and one for each fixed velocity entry."""
     rows = evaluation.jacobian[: evaluation.constraints.n_closure]
     return np.vstack([rows, np.eye(rows.shape[1])[list(still)]]) if still else rows
-
-
-def _are_independent(state: State, driven: list[Coordinate], hold: Hold) -> bool:
-    """Whether coordinates can move independently of each other at a state."""
-    driven, still = divided(state.mechanism, driven, hold)
-    with loops_of(state.mechanism, state.angles) as evaluation:
-        evaluation.update(state.q)
-        closed = _closed(evaluation, still)
-        rows = [scaled_row(state.mechanism, c, state.q) for c in driven]
-        return rank(np.vstack([closed, *rows])) == rank(closed) + len(driven)
 
 
 def check_not_held(mechanism: Mechanism, named: Sequence[Coordinate], hold: Hold) -> None:
@@ -267,7 +258,7 @@ def solve_rates(
     if clear is None:
         check_rates(state, solution.v)
     return made(mechanism, state.q, solution.v, solution.a, closure_error=state.closure_error,
-                angles=state.angles, rate_error=_reported_error(mechanism, solution.lost),
+                angles=state.angles, rate_error=min(solution.lost * _more_error(mechanism), 1.0),
                 released=state.released, lost_turns=state.lost_turns)
 
 
@@ -282,7 +273,7 @@ def _motion_solved(
     mechanism, n = motion.mechanism, len(motion)
     v_of, a_of = (rates_by_coordinate(mechanism, rates, what, n) for rates, what in (
         (speeds, "speed"), (accelerations, "acceleration")))
-    plan = rates_prescription(mechanism, speeds, accelerations, hold)
+    plan = rates_prescription(mechanism, tuple(speeds), tuple(accelerations), hold)
     if not n:
         return motion.at_rates(motion.v, motion.a)
     if plan is not None:
@@ -317,7 +308,7 @@ def _solved(
         ValueError: a rate is not a finite number.
     """
     mechanism = state.mechanism
-    plan = rates_prescription(mechanism, speeds, accelerations, hold)
+    plan = rates_prescription(mechanism, tuple(speeds), tuple(accelerations), hold)
     if plan is None:
         return None
     values = [[finite_number(x, f"{what} of {name!r}") for name, x in rates.items()]
@@ -414,13 +405,8 @@ def rate_error(driver: str, solved: bool, state: State, held: Hold = BASE) -> fl
     assert solution is not None
     if not solved:
         return solution.known
-    lost = _reported_error(mechanism, solution.lost)
+    lost = min(solution.lost * _more_error(mechanism), 1.0)
     return max(lost, 2.0 * _apart(state, solution)) if moves else lost
-
-
-def _reported_error(mechanism: Mechanism, lost: float) -> float:
-    """Return the reported error of rates, given the round-off of the solution."""
-    return min(lost * _more_error(mechanism), 1.0)
 
 
 def _more_error(mechanism: Mechanism) -> float:

@@ -20,8 +20,7 @@ from spatial_pin.dynamics.simulation.result import (
 from spatial_pin.dynamics.solvers.equations_of_motion import equations_of
 from spatial_pin.errors import EnergyError
 from spatial_pin.kernel.integrating import SimulationSamples
-from spatial_pin.motion.curve_ends import curve_end_events
-from spatial_pin.motion.joint_limit_events import Passing
+from spatial_pin.motion.limit_events import Passing, curve_end_events
 from spatial_pin.motion.motion import Event
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import INTEGRATORS, Accuracy
