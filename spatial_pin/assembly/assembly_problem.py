@@ -94,13 +94,8 @@ def free_set(
 ) -> FreeSet:
     """Return free and fixed coordinates.
 
-    Args:
-        mechanism: the mechanism.
-        held: fixed coordinates.
-        let_go: drivers that may move, as little as possible.
-        named: coordinates that the guess names.
-        still: other fixed velocity entries; None: those of the free bases.
-        tolerance: closure residual to reach.
+    Drivers in `let_go` may move, as little as possible; `named` are coordinates that the guess
+    names. `still` are other fixed velocity entries, by default those of the free bases.
     """
     table, joints = mechanism.coordinate_table, by_joint(mechanism)
     own = [name for name in named if name not in held]
@@ -413,9 +408,7 @@ class AssemblyProblem:
     def misses_gap(self, q: Array, error: float) -> bool:
         """Whether all that is wrong with q (nq,) is a gap somewhat wider than allowed.
 
-        Args:
-            q: the configuration.
-            error: its closure error, of all equations of the file.
+        `error` is the closure error of all equations of the file.
         """
         if self.whole is None or not self.gap < error <= NEARLY_OPEN * self.gap:
             return False

@@ -209,9 +209,7 @@ class LoopGroup(NamedTuple):
 def loop_groups(mechanism: Mechanism, held: tuple[int, ...]) -> tuple[LoopGroup, ...]:
     """Return the groups of closures of a mechanism, for all configurations.
 
-    Args:
-        mechanism: the mechanism.
-        held: fixed velocity entries: closures with no other common entries are independent.
+    Closures with no common entries but `held`, the fixed velocity entries, are independent.
     """
     known, entries = _entries_of_closures(mechanism)
     moved = entries.copy()

@@ -170,13 +170,8 @@ def start_spread(
 ) -> StartSpread | None:
     """Return the spread of further starts; None if all is fixed.
 
-    Args:
-        mechanism: the mechanism.
-        held: fixed coordinates.
-        named: coordinates fixed in half of the starts. Then they are perturbed too, first by up to
-            a radian, at last by any angle, and lengths in proportion.
-        still: fixed velocity entries, named or not.
-        groups: of loops without common free coordinates.
+    Coordinates in `named` are fixed in half of the starts. Then they are perturbed too, first by up
+    to a radian, at last by any angle, and lengths in proportion.
     """
     table = mechanism.coordinate_table
     is_held = np.array([name in held or c.v in still for name, c in table.items()], dtype=bool)

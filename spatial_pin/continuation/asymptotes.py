@@ -36,11 +36,8 @@ def running_away(curve: SolutionCurve, x: Array, target: float) -> Arrival | Non
     """Return the Arrival at an asymptote that ends a branch before a target; None without one.
 
     A target so near the end that the joint would be farther out than is followed is beyond it too.
-
-    Args:
-        curve: of the branch; its evaluation expects angles as they are at x.
-        x: (n,) unknowns, farther out than links reach if a joint runs away.
-        target: leading value that is to be reached.
+    The unknowns x (n,) are farther out than links reach if a joint runs away; the curve's
+    evaluation expects angles as they are there.
     """
     runner = _outward(curve, x)
     if runner is None:
@@ -145,12 +142,8 @@ def _led(far: _Far, point: CurvePoint, goal: float) -> CurvePoint | None:
 def _limit(x: Array, values: Array, known: float) -> float | None:
     """Return the limit of values (n,) for growing x (n,); None if it is not certain.
 
-    Inner points are omitted where the limit is more certain without them: laws have pieces.
-
-    Args:
-        x: points.
-        values: at these points.
-        known: by how much the limit may change if the innermost point is omitted.
+    Inner points are omitted where the limit is more certain without them: laws have pieces. `known`
+    is by how much the limit may change if the innermost point is omitted.
     """
     best, change = np.nan, np.inf
     for first, root in product(range(len(x) - FEWEST_PLACES + 1), ROOTS):

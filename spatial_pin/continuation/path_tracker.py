@@ -195,11 +195,7 @@ class Branch:
     def point_at(self, q: Array, s: float, angles: Array, system: SquareSystem) -> PathPoint:
         """Return the point at a closed configuration.
 
-        Args:
-            q: (nq,) the configuration.
-            s: the leading value.
-            angles: (n_angles,) of screw closures.
-            system: its equations are chosen again only if they are dependent there.
+        The system's equations are chosen again only if they are dependent there.
 
         Raises:
             SingularError: the prescribed coordinates do not determine the motion there.
@@ -233,11 +229,7 @@ class Branch:
     ) -> Path | None:
         """Return the path that the kernel follows from q; None where it cannot.
 
-        Args:
-            q: (nq,) closed configuration.
-            angles: (n_angles,) of screw closures.
-            s: the parameter there, where a law leads.
-            may_be_passive: whether passive freedoms may remain, which then move least.
+        `may_be_passive`: whether passive freedoms may remain, which then move least.
         """
         k, driven = self.kernel, prescribed_indices(self.kernel.nv, self.driven, self.still)
         polynomials = None if self._law is None else self.leading.polynomials(s, self.still)
@@ -284,14 +276,8 @@ class PathTracker(Branch):
     ) -> PathTracker:
         """Return a tracker at a state, with the first name as the driver and the others held.
 
-        Args:
-            state: closed.
-            names: prescribed coordinates, the driver first.
-            hold: coordinates and bases at rest, see `sweep`.
-            accuracy: of the motion.
-            workspaces: hold the evaluation and the kernel.
-            law: the names as functions of a parameter; default: the first one is the parameter.
-            begin: the parameter at the start.
+        `law` has the names as functions of a parameter that is `begin` at the start; by default the
+        first name is the parameter.
 
         Raises:
             SingularError: the prescribed coordinates do not determine the motion there.
@@ -316,14 +302,7 @@ class PathTracker(Branch):
     ) -> tuple[PathTracker, PathSamples, int] | None:
         """Close the loops and follow the branch from there, in one call of the kernel.
 
-        Args:
-            problem: which leads to the first value.
-            names: see `along`.
-            hold: see `along`.
-            accuracy: of the motion.
-            workspaces: hold the evaluation and the kernel.
-            values: (m,) the first ones of the driver.
-            n: how many there are in all.
+        The values (m,) are the first of n of the driver.
 
         Returns:
             The tracker, room for all samples, and how many of them are done: the tracker is behind
@@ -392,11 +371,8 @@ class PathTracker(Branch):
     ) -> SolutionCurve:
         """Return the curve through the current point, with the parameter as an unknown.
 
-        Args:
-            system: the square system there.
-            tolerance: closure residual to reach.
-            pace: how much of a law's parameter counts as one radian, its inverse; default: how
-                fast joints move here.
+        `pace` is the inverse of what counts as one radian of a law's parameter; default: how fast
+        joints move here.
         """
         leading = self.leading
         if not isinstance(leading, DriversLaw):
@@ -464,11 +440,9 @@ class PathTracker(Branch):
     ) -> Arrival | None:
         """Return the asymptote that ends the branch before a goal, or None.
 
-        Args:
-            goal: the leading value that is to be reached.
-            system: the square system; default: that of the start, if none can be chosen here.
-            arrival: where following the branch ended; default: here. The evaluation expects angles
-                as they are there.
+        `arrival` is where following the branch ended, default here; the evaluation expects angles
+        as they are there. The square system is by default that of the start, if none can be chosen
+        here.
         """
         here = self.here
         if not self.has_arc_length:
@@ -531,14 +505,9 @@ def error_estimate(
     """Return error estimates (3,) of q, t and c where the equations are evaluated.
 
     q is off along u, where the equations are weakest; t then by what solves J dt = -f''(u, t), and
-    c by J dc = -(f'''(u, t, t) + 2 f''(t, dt) + f''(u, c)), as in the kernel.
-
-    Args:
-        evaluation: the loop equations.
-        rows: of J: closure equations, those of passive freedoms, and others that hold exactly.
-        chosen: the closure equations.
-        t: (nv,) first derivative there, by the sizes of coordinates.
-        c: (nv,) second derivative, likewise.
+    c by J dc = -(f'''(u, t, t) + 2 f''(t, dt) + f''(u, c)), as in the kernel. `rows` are those of
+    J: the chosen closure equations, those of passive freedoms, and others that hold exactly. t and
+    c (nv,) are the derivatives there, by the sizes of coordinates.
     """
     if not rows.s[-1] > 0.0:
         return np.full(3, np.inf)

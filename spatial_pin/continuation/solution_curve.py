@@ -129,9 +129,7 @@ class DriversLaw(OneDriver):
     def polynomials(self, s: float, still: Sequence[int]) -> Polynomials | None:
         """Return the law for a path of the kernel that starts at a parameter.
 
-        Args:
-            s: the parameter.
-            still: places in the velocity vector that stand still, where coordinates have values.
+        Coordinates in the entries `still` of the velocity vector have values that do not change.
         """
         coefficients = np.moveaxis(self.law.c[::-1], 0, 2)
         n, _, powers = coefficients.shape

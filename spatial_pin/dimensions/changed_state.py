@@ -43,12 +43,8 @@ def output_changes(
 ) -> list[Array]:
     """Return the derivatives (size, m) of outputs, and of freedoms that nothing determines.
 
-    Args:
-        at: the closed state.
-        given: what the m inputs change.
-        load: the forces there, if an output needs them or they give accelerations.
-        outputs: which need no "motion".
-        driver_speed: of speed ratios; it does not change.
+    `load` has the forces there, if an output needs them or they give accelerations. The driver's
+    speed, of speed ratios, does not change.
 
     Returns:
         By output (size, m + loose), NaN for reactions that are not unique.

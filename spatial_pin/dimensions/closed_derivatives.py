@@ -197,12 +197,9 @@ class ClosedDerivatives:
     ) -> Array:
         """Return joint changes (nv, m) that keep the loops closed.
 
-        Args:
-            system: the equations.
-            moved: derivatives of the closure equations, and changes (nv, m) of what these are by.
-            driven: (drivers, m) changes of the drivers.
-            written: (n_closure, m) changes of the closure equations besides.
-            idle: (k, m) of idle rotations that they cancel.
+        `moved` are derivatives of the closure equations, with the changes (nv, m) of what these are
+        by. `driven` (drivers, m) are changes of the drivers, `written` (n_closure, m) others of the
+        equations, `idle` (k, m) those of idle rotations that they cancel.
 
         Raises:
             OpenedError: they cannot.

@@ -146,15 +146,9 @@ def _driver_singularities(
     The drivers alone do not determine the motion there; a Gough platform can move with its legs
     locked. The equations without the columns of driven and fixed coordinates are a square matrix,
     whose determinant changes its sign there. A zero without a change of sign is not noticed, nor
-    any if the drivers do not determine the motion elsewhere or are components of balls.
-
-    Args:
-        states: some samples of the motion, to choose independent equations in one of them.
-        q: (N, nq) samples.
-        angles: (N, n_angles) of closures there.
-        s: (N,) parameter at the samples.
-        hold: other fixed coordinates.
-        between: returns the configuration and angles at a parameter behind a sample.
+    any if the drivers do not determine the motion elsewhere or are components of balls. Independent
+    equations are chosen in one of the states. s (N,) is the parameter at the samples q (N, nq).
+    `between` returns the configuration and angles at a parameter behind a sample.
     """
     chosen = next((x for state in states if (x := _undriven(state, hold)) is not None), None
                   ) if len(q) > 1 else None

@@ -146,16 +146,8 @@ def along(
 ) -> Followed:
     """Follow a branch as coordinates go by a law.
 
-    Args:
-        state: closed, where the branch begins.
-        names: the coordinates.
-        hold: what stands still besides.
-        law: piecewise polynomial of the parameter: values (k,) of the coordinates.
-        s: (N,) rising values of the parameter, the samples.
-        accuracy: of the motion.
-        title: of the progress bar.
-        progress: whether there is one.
-        passes: whether to go straight on where branches cross.
+    The law is a piecewise polynomial of the parameter, to values (k,) of the names; s (N,) are the
+    rising values of the parameter at the samples. `hold` names what stands still besides.
 
     Raises:
         SingularError: the coordinates do not determine the motion at the start.
@@ -172,15 +164,8 @@ def finished(
 ) -> Motion:
     """Return the Motion of followed samples, with its events; raise if it ended early.
 
-    Args:
-        mechanism: the mechanism.
-        followed: samples of its q, v and a.
-        times: (N,) of all samples; None: the parameter is their number.
-        held: coordinates held by name.
-        names: coordinates with tables, for messages.
-        who: what these are, in one word.
-        on_limit: "raise" or "stop".
-        on_crossing: the same.
+    `who` are the coordinates with tables, in one word. `times` (N,) are those of all samples, None
+    where the parameter is their number.
 
     Raises:
         LimitError: it ended at a limit.

@@ -89,14 +89,9 @@ def first_passing(
     """Return the time at which a limit is first passed outwards in a span, or None.
 
     A joint that turns back is looked at where it stands still; one that does so twice in the span
-    may pass unnoticed in between.
-
-    Args:
-        limit: the limit.
-        at: function of the time to (q, v).
-        span: first and last time.
-        ends: (q, v) at these; `at` may differ from them by round-off.
-        noise: rate of a joint that stands still [rad/s, characteristic lengths per second].
+    may pass unnoticed in between. `at` is a function of the time to (q, v); `ends`, the same at
+    both ends, may differ from it by round-off. `noise` is the rate of a joint at rest [rad/s,
+    characteristic lengths per second].
     """
     slack, still, last = SLACK * limit.size, noise * limit.size, span[1]
     before, after = (float(limit.room(q)) for q, _ in ends)

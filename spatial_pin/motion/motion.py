@@ -792,10 +792,8 @@ def selected(
 ) -> AnyMotion:
     """Return samples of a motion by their numbers (k,).
 
-    Args:
-        motion: the motion.
-        rows: the numbers. Where they rise or fall the events come along.
-        piece: the same as a slice, so that arrays are views.
+    Events come along where the numbers rise or fall. `piece` is the same as a slice, so that arrays
+    are views.
     """
     n, index = len(motion), rows if piece is None else piece
 

@@ -256,15 +256,8 @@ def _events(
     """Return events for drivers that are not at their guess, or move.
 
     A coordinate that moves the only freedoms there are moves the drivers: that is no event. And of
-    branch points that were passed.
-
-    Args:
-        tracker: which has followed the branch.
-        result: the samples of the path.
-        driver: the swept coordinate.
-        values: of it.
-        released: see `State.released`.
-        gone: sentences on held coordinates that do not stand where the guess has them.
+    branch points that were passed. `gone` are sentences on held coordinates that do not stand where
+    the guess has them.
     """
     moving, texts = tracker.moving_drivers, [*gone]
     if not (moving or released or texts or result.crossed):
@@ -359,11 +352,8 @@ def scaled_estimates(
 ) -> Array:
     """Return error estimates (N, 3) of a motion from those of its derivatives by what leads.
 
-    Args:
-        motion: the motion.
-        estimate: (N, 3) of q, dq/ds and d²q/ds².
-        speeds: (N,) of what leads; None: these derivatives are the rates.
-        accels: (N,) its accelerations; None: there are none.
+    `estimate` (N, 3) is of q, dq/ds and d²q/ds². Without speeds (N,) of what leads, these
+    derivatives are the rates.
     """
     scaled = estimate.copy()
     if speeds is not None:

@@ -63,10 +63,7 @@ class Part(NamedTuple):
 def part_for(mechanism: Mechanism, entries: tuple[int, ...], fixed: tuple[int, ...]) -> Part | None:
     """Return the part that velocities depend on; None if it is the whole mechanism.
 
-    Args:
-        mechanism: the mechanism.
-        entries: indices in the velocity vector.
-        fixed: those that are fixed or driven.
+    `entries` and `fixed` are indices in the velocity vector; the latter are fixed or driven.
     """
     own = np.zeros(mechanism.model.nv, dtype=bool)
     own[list(entries)] = True
@@ -121,12 +118,8 @@ def solved_for_entries(
 ) -> list[Array]:
     """Return a result (k, n_moving) of `RateRows` at a closed state, from the part that moves.
 
-    Args:
-        state: the state.
-        given: the prescribed coordinates.
-        entries: indices of the velocities that must be determined.
-        wanted: name of the result.
-        frame: frame that they move, if only its velocity must be determined.
+    `entries` are indices of the velocities that must be determined; with a frame, only its velocity
+    must be.
 
     Raises:
         SingularError: they are not determined.
@@ -178,11 +171,6 @@ def part_moving_with(state: State, names: Sequence[str], hold: Hold) -> PartMoti
 
     None if all is determined, if the part is the whole, if a free base would move, and if loops
     lose equations.
-
-    Args:
-        state: closed.
-        names: the moving coordinates.
-        hold: names of other fixed coordinates.
     """
     mechanism = state.mechanism
     driven, still = usual_prescription(mechanism, names, hold)

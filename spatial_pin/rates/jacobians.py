@@ -137,11 +137,6 @@ def moving_coordinates(
 ) -> list[Coordinate]:
     """Return the coordinates of the columns of a Jacobian, those of free bases last.
 
-    Args:
-        mechanism: the mechanism.
-        drivers: as for `jacobian`.
-        hold: as for `jacobian`.
-
     Raises:
         UnknownNameError: a name does not exist.
         ValueError: a driver is named twice.

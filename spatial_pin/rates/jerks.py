@@ -196,11 +196,8 @@ def solve_jerks(
 def placement_rates(g: Array, twist: Array, accel: Array, jerk: Array) -> list[Array]:
     """Return stacked placements (..., 4, 3) and their first three derivatives.
 
-    Args:
-        g: columns of the rotation, then the position, shape (..., 4, 3).
-        twist: of the body in its own axes, linear first, shape (..., 6).
-        accel: derivative of `twist`, the spatial acceleration.
-        jerk: derivative of `accel`.
+    g (..., 4, 3) has the columns of the rotation, then the position; the twist (..., 6) is that of
+    the body in its own axes, linear first; `accel` and `jerk` are its derivatives.
     """
     h, dh, ddh = ((x @ TWIST_MATRIX).reshape(*x.shape[:-1], 4, 4) for x in (twist, accel, jerk))
     g1 = h @ g

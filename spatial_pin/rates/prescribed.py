@@ -74,11 +74,7 @@ def rates_by_coordinate(
 ) -> dict[Coordinate, Any]:
     """Return rates, by prescribed coordinate.
 
-    Args:
-        mechanism: the mechanism.
-        given: a number by coordinate, driver or joint, or one for each freedom of the joint.
-        what: name of the rates for messages: "speed".
-        n: number of samples, which may each have a value; None: one State.
+    `what` names the rates in messages. Of n samples each may have a value.
 
     Returns:
         Numbers; of samples arrays (n,).
@@ -149,11 +145,6 @@ class Prescription(NamedTuple):
 def factored_rates(kernel: Kernel, state: State, given: Prescription) -> RateSolver:
     """Return the solver for the rates of a closed state, factored there.
 
-    Args:
-        kernel: of the state's mechanism.
-        state: the state.
-        given: the prescribed coordinates.
-
     Raises:
         SingularError: the rates are not determined there.
     """
@@ -185,13 +176,8 @@ def solved_by(
 ) -> list[Array]:
     """Return results of `RateRows` at a State, or at all samples of a Motion.
 
-    Args:
-        samples: the State or the Motion.
-        given: the prescribed coordinates.
-        wanted: names of the results.
-        otherwise: returns the same of a State, and its number, where equations are not clear.
-        frame: of Jacobians.
-        rates: speeds and accelerations (N, k) of the prescribed coordinates of a Motion.
+    `otherwise` returns the same of a State, and its number, where equations are not clear. `rates`
+    are speeds and accelerations (N, k) of the prescribed coordinates of a Motion.
 
     Raises:
         SingularError: they are not determined; of a Motion says at which sample.
@@ -217,10 +203,7 @@ def solved_by(
 def chosen_at(state: State, given: Prescription, frame: int | None = None) -> Chosen:
     """Return the equations that determine the rates of a closed state.
 
-    Args:
-        state: the state.
-        given: the prescribed coordinates.
-        frame: frame whose velocity alone must be determined; default: all.
+    `frame` is one whose velocity alone must be determined; default: all.
 
     Raises:
         SingularError: the rates are not determined there.

@@ -377,13 +377,8 @@ def rate_error(driver: str, solved: bool, state: State, held: Hold = BASE) -> fl
     """Return the round-off of rates from a driver; NaN if it does not determine them.
 
     A path solves rates with its own closure equations. If others are redundant, these may be less
-    accurate than equations chosen here; the difference shows in the rates.
-
-    Args:
-        driver: its name.
-        solved: whether rates were solved there, not continued across a branch point.
-        state: the closed state, with these rates or at rest.
-        held: names of fixed coordinates, as for `solve_rates`.
+    accurate than equations chosen here; the difference shows in the rates. `solved`: whether rates
+    were solved there, not continued across a branch point.
     """
     mechanism = state.mechanism
     given = prescription_by(mechanism, driver, hashable_hold(held))

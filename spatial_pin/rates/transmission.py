@@ -193,10 +193,8 @@ class MovedOutput(NamedTuple):
     def angles(self, mechanism: Mechanism, q: Array, angles: Array) -> Array:
         """Return the transmission angles (N,) [rad].
 
-        Args:
-            mechanism: whose output it is.
-            q: (N, nq) closed configurations.
-            angles: (N, n_angles) of screw closures there [rad].
+        q (N, nq) are closed configurations, `angles` (N, n_angles) those of screw closures there
+        [rad].
         """
         size, n = mechanism.characteristic_length, max(PIECE // mechanism.model.nv**2, 1)
         pieces: list[Array] = [np.empty(0)]
