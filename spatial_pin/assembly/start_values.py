@@ -78,10 +78,7 @@ SAME_CONFIGURATION = 1e-6  # rad, characteristic lengths
 class Guess:
     """A start: a configuration, and its named coordinates.
 
-    Args:
-        mechanism: the mechanism.
-        q: (nq,) the configuration.
-        values: of the named coordinates; default: all, at their values in q.
+    Without values all coordinates are named, at their values in q.
 
     Attributes:
         names: of these coordinates.

@@ -16,7 +16,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import Workspaces, made_once
-from spatial_pin.assembly.assembly_problem import AssemblyProblem
+from spatial_pin.assembly.assembly_problem import OPEN, AssemblyProblem
 from spatial_pin.assembly.holding import FixedHold, Hold, divided, fixed_base_entries
 from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
@@ -103,19 +103,10 @@ class Branch:
 
     Its evaluation and its kernel are acquired at the first use.
 
-    Attributes:
-        driven: the prescribed coordinates, the driver first.
-        still: indices in the velocity vector of coordinates at rest.
-
-    Args:
-        mechanism: the mechanism.
-        driven: the prescribed coordinates, the driver first.
-        still: indices in the velocity vector of coordinates at rest; default: those of free bases.
-        accuracy: of the motion.
-        law: the first prescribed coordinates as functions of a parameter, see `DriversLaw`;
-            default: the driver itself is the parameter.
-        begin: the parameter at the start.
-        workspaces: hold the evaluation and the kernel.
+    Attributes: driven: the prescribed coordinates, the driver first. still: indices in the velocity
+    vector of coordinates at rest. Coordinates at rest are by default those of free bases. `law` has
+    the first prescribed coordinates as functions of a parameter, see `DriversLaw`, which is `begin`
+    at the start; by default the driver itself is the parameter.
     """
 
     def __init__(
@@ -323,7 +314,7 @@ class PathTracker(Branch):
             samples = tracker._samples = PathSamples.empty(n, k.nq, k.nv, k.n_angles)
             closer.set_task([problem.goal], problem.settings, problem.goal, problem.reference,
                             perturbed=True)
-            done = path.from_guess(closer, problem.widest_gap, values,
+            done = path.from_guess(closer, max(problem.gap, OPEN), values,
                                    samples if n == len(values) else samples.between(0, len(values)))
             if done > 0:
                 return tracker, samples, done

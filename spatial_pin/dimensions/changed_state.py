@@ -68,11 +68,7 @@ def output_changes(
 class ChangedState:
     """A state with its derivatives, in place of the samples of a motion.
 
-    Args:
-        at: the state.
-        changes: of its q, v and a.
-        dimensions: (n, m) changes of the dimensions.
-        driver_speed: of speed ratios; it does not change.
+    It is made of the changes of q, v and a, and those (n, m) of the dimensions.
 
     Attributes:
         mechanism, q: of the state.

@@ -63,12 +63,6 @@ class Changes(NamedTuple):
 class ClosedDerivatives:
     """Derivatives of a closed state of a mechanism.
 
-    Args:
-        geometry: the mechanism with the joints that dimensions move.
-        state: the state, with rates.
-        driven: the prescribed coordinates.
-        still: velocity entries that do not move.
-
     Attributes:
         geometry, state, driven: as given.
         rows: the closure equations and their derivatives at the motion.
@@ -223,8 +217,7 @@ class ClosedDerivatives:
 class OpenedError(SpatialPinError):
     """An input alone would open a loop.
 
-    Args:
-        column: number of the input.
+    `column` is the number of the input.
     """
 
     def __init__(self, column: int) -> None:

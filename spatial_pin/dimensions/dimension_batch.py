@@ -40,10 +40,7 @@ Block = tuple[NDArray[np.int64], Array]  # indices of n numbers, and their value
 class DimensionNumbers:
     """The kernel's numbers of a mechanism as functions of some of its dimensions.
 
-    Args:
-        mechanism: at its nominal dimensions.
-        tree: its traced file.
-        points: links, frames or joints, or `LINK.com`, of outputs.
+    Points are links, frames or joints, or `LINK.com`, of outputs.
 
     Attributes:
         base: nominal numbers, those of the points behind the kernel's.

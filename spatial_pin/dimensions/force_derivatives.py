@@ -59,12 +59,6 @@ class Load(NamedTuple):
 class ForceChanges:
     """Derivatives of forces, and of the accelerations that efforts give.
 
-    Args:
-        at: the state.
-        given: the inputs.
-        changes: of q, v and a with them.
-        load: the forces there.
-
     Attributes:
         a: (nv, m) changes of the accelerations.
         multipliers: of the closure equations.

@@ -36,10 +36,7 @@ class FunctionInput(NamedTuple):
 class ClosedRows:
     """Closes the loops for rows of inputs, on the branch of a guess.
 
-    Args:
-        mechanism: the mechanism.
-        inputs: what the columns of a row are.
-        guess: as for `assemble`.
+    Inputs are what the columns of a row are.
 
     Attributes:
         home: the State of the guess.

@@ -158,13 +158,6 @@ def check_not_held(mechanism: Mechanism, named: Sequence[Coordinate], hold: Hold
     Raises:
         ValueError: with its name.
     """
-    _check_not_held(mechanism, tuple(named), hashable_hold(hold))
-
-
-@made_once
-def _check_not_held(
-    mechanism: Mechanism, named: tuple[Coordinate, ...], hold: FixedHold
-) -> None:
     moving, held = divided(mechanism, named, hold)[0], held_by(mechanism, hold, named).coordinates
     for c in named:
         if c not in moving or c in held:
