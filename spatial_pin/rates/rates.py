@@ -256,7 +256,7 @@ def solve_rates(
 
 
 def _motion_solved(
-    motion: sp.Motion, speeds: Mapping[str, Any], accelerations: Mapping[str, Any], hold: Hold
+    motion: sp.Motion, speeds: Mapping[str, Any], accelerations: Mapping[str, Any], hold: FixedHold
 ) -> sp.Motion:
     """Return a motion with the rates that its samples have at prescribed ones.
 
@@ -293,7 +293,7 @@ def _motion_solved(
 
 
 def _solved(
-    state: State, speeds: Mapping[str, Any], accelerations: Mapping[str, Any], hold: Hold
+    state: State, speeds: Mapping[str, Any], accelerations: Mapping[str, Any], hold: FixedHold
 ) -> Solved | None:
     """Return the rates if the equations for them are clear; else None.
 
