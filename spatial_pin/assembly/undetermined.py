@@ -237,7 +237,13 @@ def dependence_words(
                     "hides which equations depend on others; start further from it"
                     + gap_words(mechanism))
         if not freedom:
-            return where + _nothing_moves(mechanism, still, names)
+            base = {v for joint in free_bases(mechanism)
+                    for v in velocity_entries(mechanism, joint)}
+            if set(still) - base:
+                return (f"{where}the held coordinates and the loops leave no freedom, so that "
+                        f"{names} cannot move; hold less")
+            return (f"{where}{names} cannot move: the loops leave no freedom there (see "
+                    f"sp.mobility); {locked_loops_hint(mechanism)}{gap_words(mechanism)}")
         independent = common_rows(moving[None], np.zeros((0, freedom)), freedom)
         more = ", ".join(repr(c.name) for k, c in enumerate(driven) if k not in independent)
         return (f"{where}{len(driven)} coordinates are prescribed ({names}), but the "
@@ -260,16 +266,6 @@ def dependence_words(
             f"there, for the loops let them move together only: {', '.join(follow)} "
             f"go{'es' * (len(follow) == 1)} as the others do; prescribe another coordinate "
             "instead")
-
-
-def _nothing_moves(mechanism: Mechanism, still: Sequence[int], names: str) -> str:
-    """Return why there is no freedom, as text."""
-    base = {v for joint in free_bases(mechanism) for v in velocity_entries(mechanism, joint)}
-    if set(still) - base:
-        return (f"the held coordinates and the loops leave no freedom, so that {names} cannot "
-                "move; hold less")
-    return (f"{names} cannot move: the loops leave no freedom there (see sp.mobility); "
-            f"{locked_loops_hint(mechanism)}{gap_words(mechanism)}")
 
 
 def locked_loops_hint(mechanism: Mechanism) -> str:
