@@ -29,7 +29,7 @@ BESIDE_LIMIT = 0.05
 
 def system_at(
     mechanism: Mechanism, driver: str, guess: Mapping[str, Any] | State | Array | None, hold: Hold
-) -> tuple[SquareSystem, State, PartMotion | None]:
+) -> tuple[SquareSystem, State, PartMotion]:
     """Return square system, State and moving part at the assembled guess, `driver` first.
 
     Where the guess is just a limit of the driver, a point a little further on is taken. Of a
@@ -41,8 +41,7 @@ def system_at(
     check_not_held(mechanism, [mechanism.driven_coordinate(driver)], hold)
     state = assembled(mechanism, {}, guess)
     moved = part_moving_with(state, [driver], hold)
-    if moved is not None:
-        state, hold = moved[:2]
+    state, hold = moved.state, moved.hold
     mechanism = state.mechanism  # of a rounded file one without the equations that it contradicts
     driven = [mechanism.driven_coordinate(c.name) for c in prescribed_at(state, [driver], hold)]
     still = divided(mechanism, driven, hold)[1]

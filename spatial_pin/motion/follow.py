@@ -119,12 +119,10 @@ def follow(
     for _ in range(CHOICES):
         state, gone = held_start(mechanism, first, guess, held, tight)
         moved = part_moving_with(state, names, hold)
-        there, standing = (state, hold) if moved is None else moved[:2]
-        result = along(there, names, standing, law, s, accuracy,
+        result = along(moved.state, names, moved.hold, law, s, accuracy,
                       f"{mechanism.name}: {', '.join(names)}", progress,
-                      passes=on_crossing == "straight")._replace(released=gone)
-        if moved is not None:
-            result = result._replace(samples=moved.of_whole(result.samples))
+                      passes=on_crossing == "straight")
+        result = result._replace(samples=moved.of_whole(result.samples), released=gone)
         if state.mechanism.whole is None:
             break
         chosen, good = independent_on(
@@ -135,7 +133,7 @@ def follow(
             break
         mechanism = chosen
     motion = finished(state.mechanism, result, None if times is None else s,
-                      held if moved is None else moved.held, list(values), "drivers",
+                      moved.held, list(values), "drivers",
                       on_limit if good is None else "stop", on_crossing)
     return within_gap(motion, accuracy, on_limit, good)
 

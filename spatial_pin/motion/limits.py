@@ -129,7 +129,6 @@ def limits(
         (-2.4751, 2.4751, 'rad', False)
     """
     system, state, moved = system_at(mechanism, driver, guess, hold)
-    hold = hold if moved is None else moved.hold
     coordinate = system.driven[0]
     start = float(state.q[coordinate.q])
     span = TURN if coordinate.unit == "rad" else FARTHEST_SLIDE * mechanism.characteristic_length
@@ -145,7 +144,7 @@ def limits(
         raise SpatialPinError(
             f"mechanism {mechanism.name!r}: {state} is beyond the {passed[0].limit.words}; give a "
             "guess within the joint limits (assemble(limits=True) finds one)")
-    lower, upper = (_nearer(mechanism, state, driver, bound, sense * span, hold)
+    lower, upper = (_nearer(mechanism, state, driver, bound, sense * span, moved.hold)
                     for bound, sense in ((limit_range.lower, -1.0), (limit_range.upper, 1.0)))
     free = limit_range.full_turn and lower == limit_range.lower and upper == limit_range.upper
     return limit_range._replace(lower=lower, upper=upper, full_turn=free)

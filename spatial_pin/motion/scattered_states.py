@@ -125,28 +125,26 @@ def states(
     distinct = table[order[is_new]]
     state, gone = _first(mechanism, names, distinct, guess, held, accuracy)
     moved = part_moving_with(state, names, hold)
-    there, standing = (state, hold) if moved is None else moved[:2]
     own_cores = getattr(os, "sched_getaffinity", None)
     threads = threads or (len(own_cores(0)) if own_cores else os.cpu_count() or 1)
     cloud, is_done = None, None
     try:  # around the workspaces: after Ctrl-C a thread may still use a kernel of theirs
         with (progress_bar(len(distinct), f"{mechanism.name}: {', '.join(names)}", progress) as bar,
               Workspaces() as workspaces):
-            cloud = _Cloud(there, names, standing, distinct, accuracy, threads, workspaces)
+            cloud = _Cloud(moved.state, names, moved.hold, distinct, accuracy, threads, workspaces)
             cloud.solve(bar)
     except KeyboardInterrupt:
         if cloud is None or not (cloud.scattered.part[:-1] >= 1.0).any():
             raise
         is_done = cloud.scattered.part[number] >= 1.0
-    samples, unreached = cloud.scattered.samples, cloud.unreached(list(values))
-    samples = samples if moved is None else moved.of_whole(samples)
+    samples, unreached = moved.of_whole(cloud.scattered.samples), cloud.unreached(list(values))
     unreached |= _opened(state, samples, accuracy)
     n = len(table)
     v, a = np.zeros((2, n, state.mechanism.model.nv))
     motion = Motion(
         state.mechanism, None, "", None, samples.q[number], v, a, samples.error[number], np.ones(n),
         [Event("released", 0.0, 0, text) for text in gone], samples.angles[number],
-        held=held if moved is None else moved.held, unreached={
+        held=moved.held, unreached={
             k: unreached[row] for k, row in enumerate(number.tolist()) if row in unreached})
     if is_done is not None:
         raise Interrupted(selected(motion, np.flatnonzero(is_done)))

@@ -237,16 +237,14 @@ def _followed(
         state, gone = (solved(problem), list[str]()) if problem is not None else held_start(
             mechanism, {**given, **first}, guess, held, replace(accuracy, tolerance=tolerance))
         moved = part_moving_with(state, names, held)
-        there, hold = (state, held) if moved is None else moved[:2]
         with progress_bar(n, f"{mechanism.name}: {driver}", progress) as bar:
-            tracker = PathTracker.along(there, names, hold, accuracy, workspaces)
+            tracker = PathTracker.along(moved.state, names, moved.hold, accuracy, workspaces)
             both = None if ways is None else followed_both_ways(tracker, values, ways, bar)
             result = followed(tracker, values, tracker.room_for(n), passes, bar) if (
                 both is None) else both
     events = _events(tracker, result, driver, values, state.released, gone)
-    if moved is not None:
-        result, held = result._replace(samples=moved.of_whole(result.samples)), moved.held
-    return state.mechanism, result, held, events
+    result = result._replace(samples=moved.of_whole(result.samples))
+    return state.mechanism, result, moved.held, events
 
 
 def _events(

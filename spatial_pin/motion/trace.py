@@ -125,7 +125,7 @@ class _TracedSamples:
     """Samples of a traced curve."""
 
     def __init__(
-        self, curve: SolutionCurve, driver: str, mechanism: Mechanism, moved: PartMotion | None
+        self, curve: SolutionCurve, driver: str, mechanism: Mechanism, moved: PartMotion
     ) -> None:
         self.curve, self.driver, self.mechanism, self._moved = curve, driver, mechanism, moved
         self.points: list[CurvePoint] = []
@@ -210,15 +210,11 @@ class _TracedSamples:
         driver, moved = self.curve.system.driven[0], self._moved
         traced = PathSamples(q, v, np.array(self.accelerations), np.array(self.errors),
                         np.array(self.estimates), np.array([p.angles for p in self.points]))
-        mechanism = self.mechanism
-        if moved is not None:
-            traced, mechanism = moved.of_whole(traced), moved.whole.mechanism
+        traced = moved.of_whole(traced)
         motion = Motion(
-            mechanism=mechanism, driver=q[:, driver.q].copy(), driver_name=self.driver,
+            mechanism=moved.whole.mechanism, driver=q[:, driver.q].copy(), driver_name=self.driver,
             time=None, q=q, v=v, a=traced.c, closure_error=traced.error,
             driver_speed=v[:, driver.v].copy(), events=self.events, angles=traced.angles,
-            per="length")
+            per="length", held=moved.held)
         motion.error_estimates = scaled_estimates(motion, traced.estimate)
-        if moved is not None:
-            motion.held = moved.held
         return motion
