@@ -48,27 +48,8 @@ def system_at(
     try:
         return _square(mechanism, driven, state, still), state, moved
     except SingularError as error:
-        shifted = _shifted_state(mechanism, driven, state, still)
-        if shifted is None:
-            raise error
-    return _square(mechanism, driven, shifted, still), shifted, moved
-
-
-def _square(
-    mechanism: Mechanism, driven: Sequence[Coordinate], state: State, still: Sequence[int]
-) -> SquareSystem:
-    evaluation = LoopEquations(mechanism)
-    evaluation.angle_reference[:] = state.angles
-    system = SquareSystem(evaluation, driven, state.q, still)
-    system.check_regular(state.q)
-    return system
-
-
-def _shifted_state(
-    mechanism: Mechanism, driven: Sequence[Coordinate], state: State, still: Sequence[int]
-) -> State | None:
-    """Return a closed state a short distance along the curve, computed with another driver."""
-    for other in mechanism.coordinate_table.values():
+        singular = error
+    for other in mechanism.coordinate_table.values():  # it moves a short distance along the curve
         if other.q < 0 or other in driven or other.v in still:
             continue
         try:
@@ -79,9 +60,20 @@ def _shifted_state(
         point = curve.settle(state.q, system.driver_rates()[:, 0] / system.scale)
         q = curve.ahead(point, BESIDE_LIMIT) if point is not None else None
         if q is not None:
-            return State(mechanism, q, closure_error=curve.evaluation.closure_error,
-                         angles=curve.evaluation.angles)
-    return None
+            state = State(mechanism, q, closure_error=curve.evaluation.closure_error,
+                          angles=curve.evaluation.angles)
+            return _square(mechanism, driven, state, still), state, moved
+    raise singular
+
+
+def _square(
+    mechanism: Mechanism, driven: Sequence[Coordinate], state: State, still: Sequence[int]
+) -> SquareSystem:
+    evaluation = LoopEquations(mechanism)
+    evaluation.angle_reference[:] = state.angles
+    system = SquareSystem(evaluation, driven, state.q, still)
+    system.check_regular(state.q)
+    return system
 
 
 def non_spinning_bodies(system: SquareSystem) -> list[int]:
