@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import Workspaces, made_once
 from spatial_pin.assembly.assembly_problem import OPEN, AssemblyProblem
-from spatial_pin.assembly.holding import FixedHold, Hold, divided, fixed_base_entries
+from spatial_pin.assembly.holding import Hold, divided, fixed_base_entries
 from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
 from spatial_pin.continuation.asymptotes import running_away
@@ -288,8 +288,8 @@ class PathTracker(Branch):
 
     @classmethod
     def from_guess(
-        cls, problem: AssemblyProblem, names: tuple[str, ...], hold: FixedHold, accuracy: Accuracy,
-        workspaces: Workspaces, values: Array, n: int,
+        cls, problem: AssemblyProblem, names: tuple[str, ...], hold: tuple[str, ...],
+        accuracy: Accuracy, workspaces: Workspaces, values: Array, n: int,
     ) -> tuple[PathTracker, PathSamples, int] | None:
         """Close the loops and follow the branch from there, in one call of the kernel.
 
@@ -525,7 +525,7 @@ def error_estimate(
 
 @made_once
 def _prescribed(
-    mechanism: Mechanism, names: tuple[str, ...], hold: FixedHold
+    mechanism: Mechanism, names: tuple[str, ...], hold: tuple[str, ...]
 ) -> tuple[list[Coordinate], tuple[int, ...], tuple[int, ...], set[str]]:
     """Return prescribed and resting coordinates, their indices for C, and drivers that move."""
     check_not_held(mechanism, [mechanism.prescribed_coordinate(names[0])], hold)

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from spatial_pin._support.checks import as_array, checked, finite_array, mapping, names_of
+from spatial_pin._support.checks import as_array, checked, finite_array, mapping
 from spatial_pin._support.lazy import Workspaces
 from spatial_pin._support.progress import progress_bar
 from spatial_pin.assembly.assemble import held_start
-from spatial_pin.assembly.holding import BASE, Hold
+from spatial_pin.assembly.holding import BASE, Hold, hold_names
 from spatial_pin.assembly.state import State
 from spatial_pin.continuation.path_following import Followed, followed
 from spatial_pin.continuation.path_tracker import PathTracker
@@ -110,7 +110,7 @@ def follow(
                      on_crossing=on_crossing, accuracy=accuracy, progress=progress)
     s = np.arange(len(table), dtype=float) if times is None else sample_times(times, len(table))
     law = _law(mechanism, names, s, table, rates, times is None)
-    held = () if hold is None else tuple(names_of(hold, "hold"))
+    held = hold_names(hold)
     coordinates = [mechanism.prescribed_coordinate(name) for name in names]
     check_not_held(mechanism, coordinates, held)
     tight = replace(accuracy, tolerance=min(accuracy.tolerance, TOLERANCES.tight))

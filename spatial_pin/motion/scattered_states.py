@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin._support.checks import checked, names_of
+from spatial_pin._support.checks import checked
 from spatial_pin._support.lazy import Workspaces
 from spatial_pin._support.progress import in_order, progress_bar
 from spatial_pin.assembly.assemble import held_start, starting_state
-from spatial_pin.assembly.holding import BASE, Hold
+from spatial_pin.assembly.holding import BASE, Hold, hold_names
 from spatial_pin.assembly.redundant_equations import allowed_from, gap_allowed
 from spatial_pin.assembly.start_values import read_guess
 from spatial_pin.assembly.state import PIECE, State, all_angles
@@ -115,7 +115,7 @@ def states(
     if threads is not None and threads < 1:
         raise ValueError(f"threads is {threads}: it must be at least 1")
     names, table = table_of(mechanism, values)
-    held = () if hold is None else tuple(names_of(hold, "hold"))
+    held = hold_names(hold)
     check_not_held(mechanism, [mechanism.prescribed_coordinate(name) for name in names], held)
     order = np.lexsort(table.T[::-1])
     is_new = np.ones(len(table), dtype=bool)

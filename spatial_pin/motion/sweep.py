@@ -16,14 +16,13 @@ from spatial_pin._support.checks import (
     finite_array,
     finite_number,
     is_finite,
-    names_of,
 )
 from spatial_pin._support.columns import read_only
 from spatial_pin._support.lazy import Workspaces, made_once
 from spatial_pin._support.progress import progress_bar
 from spatial_pin.assembly.assemble import assembly_problem, held_start, held_values, solved
 from spatial_pin.assembly.close import NOTHING
-from spatial_pin.assembly.holding import BASE, Hold
+from spatial_pin.assembly.holding import BASE, Hold, hold_names
 from spatial_pin.assembly.redundant_equations import gap_allowed
 from spatial_pin.assembly.state import State
 from spatial_pin.continuation.asymptotes import BEYOND_LINKS
@@ -145,8 +144,7 @@ def sweep(
     speeds, accels = _requested_rates(speed, acceleration, values)
     coordinate = mechanism.prescribed_coordinate(driver)
     given: Mapping[str, float] = hold if isinstance(hold, Mapping) else {}
-    held = (BASE,) if isinstance(hold, Mapping) else () if hold is None else tuple(
-        names_of(hold, "hold"))
+    held = (BASE,) if isinstance(hold, Mapping) else hold_names(hold)
     requested, rates, good = values, (speeds, accels), None
     for _ in range(CHOICES):
         mechanism, result, still, events = _followed(

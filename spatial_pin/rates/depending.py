@@ -14,12 +14,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin._support.checks import names_of
 from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.holding import (
     Hold,
     LoopGroup,
     free_bases,
+    hold_names,
     loop_groups,
     part_of,
     velocity_entries,
@@ -175,7 +175,7 @@ def part_moving_with(state: State, names: Sequence[str], hold: Hold) -> PartMoti
     lose equations.
     """
     mechanism = state.mechanism
-    own = () if hold is None else tuple(names_of(hold, "hold"))
+    own = hold_names(hold)
     everything = PartMotion(state, hold, own, state, [])
     driven, still = usual_prescription(mechanism, names, hold)
     n = len(wanted_coordinates(mechanism, names))

@@ -18,7 +18,7 @@ import numpy as np
 
 from spatial_pin._support.checks import finite_array, finite_number
 from spatial_pin._support.lazy import made_once
-from spatial_pin.assembly.holding import FixedHold, Hold, divided, held_by
+from spatial_pin.assembly.holding import Hold, divided, held_by
 from spatial_pin.assembly.square_system import SINGULAR_PIVOT, SquareSystem
 from spatial_pin.assembly.state import State, angles_of, at_sample, pieces
 from spatial_pin.errors import SingularError, SpatialPinError
@@ -224,14 +224,15 @@ def chosen_at(state: State, given: Prescription, frame: int | None = None) -> Ch
 
 
 @made_once
-def prescription_by(mechanism: Mechanism, driver: str, hold: FixedHold) -> Prescription:
+def prescription_by(mechanism: Mechanism, driver: str, hold: tuple[str, ...]) -> Prescription:
     """Return the prescription of a driver, with fixed coordinates."""
     return Prescription.of(mechanism, driven_coordinates(mechanism, [driver]), hold)
 
 
 @made_once
 def rates_prescription(
-    mechanism: Mechanism, speeds: tuple[str, ...], accelerations: tuple[str, ...], hold: FixedHold
+    mechanism: Mechanism, speeds: tuple[str, ...], accelerations: tuple[str, ...],
+    hold: tuple[str, ...],
 ) -> tuple[Prescription, list[int], list[int]] | None:
     """Return the prescription of rates by name; None if trials are needed.
 

@@ -12,12 +12,11 @@ from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.close import scaled_row
 from spatial_pin.assembly.holding import (
     BASE,
-    FixedHold,
     Hold,
     divided,
     free_bases,
-    hashable_hold,
     held_by,
+    hold_names,
 )
 from spatial_pin.assembly.state import State, at_sample, made, samples_of
 from spatial_pin.errors import SingularError
@@ -95,13 +94,13 @@ def usual_prescription(
     mechanism: Mechanism, names: Iterable[str], hold: Hold = BASE
 ) -> tuple[list[Coordinate], tuple[int, ...]]:
     """Return prescribed coordinates, in a regular state, and fixed velocity entries."""
-    driven, still = _prescribed_first(mechanism, tuple(names), hashable_hold(hold))
+    driven, still = _prescribed_first(mechanism, tuple(names), hold_names(hold))
     return [*driven], still
 
 
 @made_once
 def _prescribed_first(
-    mechanism: Mechanism, names: tuple[str, ...], hold: FixedHold
+    mechanism: Mechanism, names: tuple[str, ...], hold: tuple[str, ...]
 ) -> tuple[list[Coordinate], tuple[int, ...]]:
     wanted = wanted_coordinates(mechanism, names)
     usual = driven_coordinates(mechanism, [c.name for c in wanted])
@@ -239,7 +238,7 @@ def solve_rates(
     samples = samples_of(mechanism, state)
     mechanism = samples.mechanism
     speeds = mapping(speeds, "speeds")
-    accelerations, hold = mapping(accelerations, "accelerations"), hashable_hold(hold)
+    accelerations, hold = mapping(accelerations, "accelerations"), hold_names(hold)
     if not isinstance(samples, State):
         return _motion_solved(samples, speeds, accelerations, hold)
     state = samples
@@ -256,7 +255,8 @@ def solve_rates(
 
 
 def _motion_solved(
-    motion: sp.Motion, speeds: Mapping[str, Any], accelerations: Mapping[str, Any], hold: FixedHold
+    motion: sp.Motion, speeds: Mapping[str, Any], accelerations: Mapping[str, Any],
+    hold: tuple[str, ...],
 ) -> sp.Motion:
     """Return a motion with the rates that its samples have at prescribed ones.
 
@@ -293,7 +293,7 @@ def _motion_solved(
 
 
 def _solved(
-    state: State, speeds: Mapping[str, Any], accelerations: Mapping[str, Any], hold: FixedHold
+    state: State, speeds: Mapping[str, Any], accelerations: Mapping[str, Any], hold: tuple[str, ...]
 ) -> Solved | None:
     """Return the rates if the equations for them are clear; else None.
 
@@ -374,7 +374,7 @@ def rate_error(driver: str, solved: bool, state: State, held: Hold = BASE) -> fl
     were solved there, not continued across a branch point.
     """
     mechanism = state.mechanism
-    given = prescription_by(mechanism, driver, hashable_hold(held))
+    given = prescription_by(mechanism, driver, hold_names(held))
     coordinate = mechanism.prescribed_coordinate(driver)
     at = given.driven.index(coordinate)
     moves = coordinate.q >= 0 and state.v[coordinate.v] != 0.0
