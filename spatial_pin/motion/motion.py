@@ -817,7 +817,7 @@ def selected(
     if len(rows) and (rises or (steps < 0).all()):
         first, last = sorted((int(rows[0]), int(rows[-1])))
         inside = [e for e in motion.events if first <= e.row <= last or e.row == n == last + 1]
-        for event in inside if rises else reversed(inside):
+        for event in inside if rises else inside[::-1]:
             row = np.searchsorted(rows, event.row) if rises else (rows >= event.row).sum()
             events.append(event._replace(row=int(row)))
     part = replace(motion, **{**parts, **none, "events": events})
