@@ -87,7 +87,11 @@ from .mobility.mobility import Loop as Loop, Mobility as Mobility, mobility as m
 from .mobility.mode_check import AssemblyModes as AssemblyModes, Continuum as Continuum
 from .motion.dead_centres import dead_centres as dead_centres
 from .motion.follow import follow as follow
-from .motion.joint_limit_events import JointLimit as JointLimit, Passing as Passing
+from .motion.limit_events import (
+    BeyondLimit as BeyondLimit,
+    JointLimit as JointLimit,
+    Passing as Passing,
+)
 from .motion.limits import Bound as Bound, Range as Range, limits as limits
 from .motion.motion import (
     ErrorEstimate as ErrorEstimate,
@@ -95,7 +99,6 @@ from .motion.motion import (
     Motion as Motion,
     Output as Output,
 )
-from .motion.rated_limits import BeyondLimit as BeyondLimit
 from .motion.scattered_states import states as states
 from .motion.sweep import sweep as sweep
 from .motion.trace import trace as trace

@@ -179,14 +179,7 @@ def assembly_problem(
 ) -> AssemblyProblem:
     """Return the assembly problem: equations, fixed coordinates and start.
 
-    Args:
-        mechanism: the mechanism.
-        held: values of fixed coordinates [rad, m].
-        guess: as for `assemble`.
-        tolerance: closure residual to reach.
-        gap: largest closure error of redundant equations.
-        free: drivers that are not fixed.
-        release: whether drivers without a value may move.
+    `free` are drivers that are not fixed. `release`: whether drivers without a value may move.
     """
     whole = mechanism.whole or mechanism
     if gap and isinstance(guess, State) and guess.mechanism.whole is whole:
@@ -223,12 +216,9 @@ def solved(
 ) -> State:
     """Return the closed State of an assembly problem; raises like `assemble`.
 
-    Args:
-        problem: from `assembly_problem`.
-        limits: stay within joint limits.
-        release: let drivers without a value move if the loops cannot close otherwise.
-        together: close all groups of loops in one call, if no result needs a judgement. If drivers
-            are free, each group must move least by itself.
+    `release`: whether drivers without a value may move if the loops cannot close otherwise.
+    `together`: whether all groups of loops are closed in one call, if no result needs a judgement;
+    if drivers are free, each group must move least by itself.
     """
     mechanism, driver_values = problem.mechanism, problem.driver_values
     result = None
@@ -290,11 +280,7 @@ def default_driver_values(
 ) -> dict[str, float]:
     """Return default values of the drivers without a given value, by coordinate [rad, m].
 
-    Args:
-        mechanism: the mechanism.
-        held: coordinates with given values.
-        guess: as for `assemble`: the caller's, else the file's, else neutral.
-        free: drivers that are not fixed.
+    The guess is the caller's, else the file's, else neutral; drivers in `free` are not fixed.
 
     Raises:
         UnknownNameError: a name does not exist.
@@ -360,12 +346,7 @@ def branch_changed(guess: State, reached: State, held: Iterable[str]) -> str:
 
     The fixed coordinates move straight from their values in the guess to the new ones, with loops
     closed in short steps. Loops that end elsewhere are on another branch. Small motions are not
-    checked.
-
-    Args:
-        guess: start of the assembly; of the same mechanism.
-        reached: its result.
-        held: coordinates with values, and fixed drivers.
+    checked. `held` are coordinates with values, and fixed drivers.
     """
     mechanism = reached.mechanism
     if np.abs(turn_free_difference(mechanism, guess.q, reached.q)).max(initial=0.0) <= SAME_BRANCH:
@@ -429,10 +410,7 @@ StartGuess = Mapping[str, Any] | State | Array | None
 def starting_state(mechanism: Mechanism, guess: StartGuess, state: StartGuess = None) -> State:
     """Return the state of a guess, closed if it is not a State.
 
-    Args:
-        mechanism: the mechanism.
-        guess: as for `assemble`; a State is used as it is.
-        state: another name of `guess`.
+    `state` is another name of `guess`.
 
     Raises:
         AssemblyError: the guess does not close.
@@ -454,14 +432,8 @@ def held_start(
 
     These values are exact if the guess is a State and the loops close so; otherwise the coordinates
     are released, after the drivers without a value. With another guess, they keep their assembled
-    values.
-
-    Args:
-        mechanism: the mechanism.
-        values: of drivers or coordinates by name [rad or m].
-        guess: start of the assembly.
-        hold: names of fixed coordinates, see `holding.held_by`.
-        accuracy: of assembly.
+    values. `values` are those of drivers or coordinates [rad or m]; for `hold` see
+    `holding.held_by`.
 
     Returns:
         The State, and a sentence for each joint that is not at the value of the guess.

@@ -94,13 +94,8 @@ def free_set(
 ) -> FreeSet:
     """Return free and fixed coordinates.
 
-    Args:
-        mechanism: the mechanism.
-        held: fixed coordinates.
-        let_go: drivers that may move, as little as possible.
-        named: coordinates that the guess names.
-        still: other fixed velocity entries; None: those of the free bases.
-        tolerance: closure residual to reach.
+    Drivers in `let_go` may move, as little as possible; `named` are coordinates that the guess
+    names. `still` are other fixed velocity entries, by default those of the free bases.
     """
     table, joints = mechanism.coordinate_table, by_joint(mechanism)
     own = [name for name in named if name not in held]
@@ -134,19 +129,11 @@ class AssemblyProblem:
     """The equations to close, fixed coordinates, and the acceptance of results.
 
     For a file with rounded numbers, all equations are solved first in the least-squares sense, with
-    a residual up to `gap`. Workspaces are acquired on first use.
-
-    Args:
-        mechanism: the mechanism.
-        held: coordinates with given values.
-        standing: fixed drivers, by coordinate.
-        guess: start, and named coordinates; fixed coordinates may have other values there.
-        tolerance: closure residual to reach.
-        gap: closure error of redundant equations in rounded files.
-        reference: (n_angles,) unwrapping reference of screws [rad].
-        let_go: drivers that move as little as possible from these values.
-        still: other fixed velocity entries; default those of the free bases.
-        workspaces: of a problem that this one is part of.
+    a residual up to `gap`. Workspaces are acquired on first use. `held` are coordinates with given
+    values, `standing` fixed drivers, and `let_go` drivers that move as little as possible, each
+    with its value by coordinate. The guess has the start, and named coordinates. `still` are other
+    fixed velocity entries, by default those of free bases. `reference` (n_angles,) is what angles
+    of screws are unwrapped from; `workspaces` are those of a problem that this one is part of.
 
     Attributes:
         lost: coordinates with a warning, see `State.lost_turns`.
@@ -286,11 +273,6 @@ class AssemblyProblem:
         return (not self.pinned and self.goal.size > 0 and self.has_digits(self.goal)
                 and self.can_perturb())
 
-    @property
-    def widest_gap(self) -> float:
-        """The closure error that no rounding of a file can explain."""
-        return max(self.gap, OPEN)
-
     def closed_at_once(self) -> tuple[Array, Examined] | None:
         """Return the result of the kernel for all loops at once, and its properties.
 
@@ -314,7 +296,7 @@ class AssemblyProblem:
             for result in results:
                 if result.error <= ACCEPTED and not result.may_be_mirrored:
                     best = result if is_nearer(result.distance, best.distance) else best
-                elif result is best or result.error <= self.widest_gap:
+                elif result is best or result.error <= max(self.gap, OPEN):  # no rounding is more
                     return None
             if len(self.free_set.groups) > MOST_GROUPS and best.distance > NEAR_GUESS:
                 return None  # each group of loops may have a nearer place
@@ -413,9 +395,7 @@ class AssemblyProblem:
     def misses_gap(self, q: Array, error: float) -> bool:
         """Whether all that is wrong with q (nq,) is a gap somewhat wider than allowed.
 
-        Args:
-            q: the configuration.
-            error: its closure error, of all equations of the file.
+        `error` is the closure error of all equations of the file.
         """
         if self.whole is None or not self.gap < error <= NEARLY_OPEN * self.gap:
             return False

@@ -163,11 +163,8 @@ def can_be_fixed(
 ) -> bool:
     """Whether drivers are independent of each other and of the loops at the evaluation.
 
-    Args:
-        evaluation: at a closed configuration.
-        free: (nv,) the other free velocities.
-        standing: the drivers to be fixed, by coordinate.
-        pinned: fixed components of balls and floating joints.
+    It is at a closed configuration, with other free velocities (nv,) and fixed components `pinned`
+    of balls and floating joints.
     """
     jacobian = pinned_rows(evaluation, free, pinned)[0]
     rows = _rows(evaluation, standing)[:, free]
@@ -188,11 +185,7 @@ def can_move(
 ) -> bool:
     """Whether drivers move all freedoms at the evaluation, or each can move by itself.
 
-    Args:
-        evaluation: at a closed configuration.
-        free: (nv,) the free velocities.
-        drivers: by coordinate.
-        pinned: as for `can_be_fixed`.
+    For `pinned` see `can_be_fixed`.
     """
     null_space = decompose(pinned_rows(evaluation, free, pinned)[0]).null_space
     moved = null_space @ _rows(evaluation, drivers)[:, free].T
@@ -261,14 +254,8 @@ def least_motion(
 ) -> tuple[Array, float]:
     """Move a closed configuration until coordinates are as near to wanted values as loops allow.
 
-    Args:
-        evaluation: left at the result.
-        q: (nq,) a closed configuration.
-        free: (nv,) the free velocities.
-        wanted: values by coordinate [rad, m].
-        tolerance: of closed loops.
-        pinned: as for `can_be_fixed`.
-        limits: whether to stay within joint limits.
+    q (nq,) is closed; `limits`: whether to stay within joint limits. The evaluation is left at the
+    result.
 
     Returns:
         The configuration and its closure error.
@@ -305,11 +292,7 @@ def within_limits(
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Close the loops within the joint limits by bounded least squares, approximately.
 
-    Args:
-        evaluation: of the mechanism.
-        q: start.
-        free: (nv,) the free velocities.
-        let_go: drivers that move as little as possible from these values.
+    Drivers in `let_go` move as little as possible from these values.
 
     Returns:
         The configuration, and the velocities without active limits (nv,).

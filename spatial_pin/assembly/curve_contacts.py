@@ -52,12 +52,8 @@ def contact_rates(
 ) -> CoordinateRates[Array]:
     """Return place, rate and acceleration (N,) along the curve [m, m/s, m/s²].
 
-    Args:
-        mechanism: the mechanism.
-        closure: of a curve.
-        frames: motions (N,) of its two frames, as `FrameMotion`.
-        angles: (N, n_angles) that count turns [rad].
-        name: ends in "s2" of the second of two curves.
+    `frames` are motions (N,) of the closure's two frames; `angles` (N, n_angles) count turns [rad].
+    The name ends in "s2" of the second of two curves.
     """
     position, rotation = _relative(*frames)
     near = angles_of(mechanism, closure, angles, len(position[0].values[0]))
@@ -139,11 +135,8 @@ def parameters_of(
 ) -> Series:
     """Return the parameters of a closure's curves where they are touched.
 
-    Args:
-        closure: whose equations have such parameters.
-        position: series of the origin of frame 2 in frame 1 [m].
-        rotation: of the entries of its rotation, row by row.
-        near: (2, N) that they are nearest to; 0 for the best of all.
+    Position [m] and rotation, row by row, are series of frame 2 in frame 1. `near` (2, N) is what
+    the parameters are nearest to; 0 for the best of all.
     """
     root = next(x.argument.of for _, factors in closure.rows[0].terms for x in factors
                 if isinstance(x, FunctionOf) and isinstance(x.argument, Parameter))
@@ -187,10 +180,8 @@ class ContactShape(NamedTuple):
 def contact_shape(closure: Closure, seen: tuple[Array, Array], near: Array) -> ContactShape:
     """Return the curve at its contact, from its distance by direction, or its support function.
 
-    Args:
-        closure: of a curve.
-        seen: origin (N, 3) [m] and rotation (N, 3, 3) of frame 2 in frame 1.
-        near: (k, N) angles of the closure, see `angles_of`.
+    `seen` are origins (N, 3) [m] and rotations (N, 3, 3) of frame 2 in frame 1; for `near` (k, N)
+    see `angles_of`.
     """
     curve: Any = _curve(closure)
     follower: Any = closure.numbers.get("follower")

@@ -36,7 +36,6 @@ class Word(str):
 
 BASE, SPRINGS = Word("base"), "springs"  # keywords of `hold`; the first is its default
 Hold = str | Iterable[str] | None
-FixedHold = str | tuple[str, ...] | None
 # parts of a floating joint's velocity
 PARTS = {"translation": slice(0, 3), "rotation": slice(-3, None)}
 
@@ -53,9 +52,9 @@ class Held(NamedTuple):
     coordinates: tuple[Coordinate, ...] = ()
 
 
-def hashable_hold(hold: Hold) -> FixedHold:
-    """Return the names of `hold` as a hashable tuple."""
-    return hold if hold is None or isinstance(hold, str) else tuple(names_of(hold, "hold"))
+def hold_names(hold: Hold) -> tuple[str, ...]:
+    """Return the names of `hold`; None has none."""
+    return () if hold is None else tuple(names_of(hold, "hold"))
 
 
 def free_bases(mechanism: Mechanism) -> tuple[str, ...]:
@@ -133,8 +132,7 @@ def held_by(mechanism: Mechanism, hold: Hold, driven: Iterable[Coordinate] = ())
     Raises:
         UnknownNameError: a name does not exist.
     """
-    names = () if hold is None else tuple(names_of(hold, "hold"))
-    return _held_by(mechanism, names, tuple(driven))
+    return _held_by(mechanism, hold_names(hold), tuple(driven))
 
 
 @made_once
@@ -209,9 +207,7 @@ class LoopGroup(NamedTuple):
 def loop_groups(mechanism: Mechanism, held: tuple[int, ...]) -> tuple[LoopGroup, ...]:
     """Return the groups of closures of a mechanism, for all configurations.
 
-    Args:
-        mechanism: the mechanism.
-        held: fixed velocity entries: closures with no other common entries are independent.
+    Closures with no common entries but `held`, the fixed velocity entries, are independent.
     """
     known, entries = _entries_of_closures(mechanism)
     moved = entries.copy()

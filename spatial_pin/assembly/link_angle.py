@@ -55,9 +55,7 @@ class LinkAngle(NamedTuple):
     def along(self, rotations: Array, q: Array) -> Array:
         """Return the angle (N,) of samples that follow each other, without jumps [rad].
 
-        Args:
-            rotations: (N, 3, 3) of the frame.
-            q: (N, nq) configurations.
+        Given are rotations (N, 3, 3) of the frame and configurations (N, nq).
         """
         if np.iscomplexobj(rotations):  # with derivatives, each sample by itself
             return self.directed(rotations)

@@ -40,11 +40,7 @@ def rigid_groups(
     """Return for every body (by its joint's index) the first body that is rigidly connected to it.
 
     The halves of a driven telescopic leg are one body while the driver is fixed; so are those of a
-    welded rod.
-
-    Args:
-        mechanism: the mechanism.
-        driven: prescribed coordinates; default the drivers.
+    welded rod. Prescribed coordinates are by default the drivers.
     """
     if driven is None:
         driven = list(driver_coordinates(mechanism).values())
@@ -242,12 +238,9 @@ def passive_freedoms(
 ) -> list[tuple[str, Array]]:
     """Return (joint name, (k, nv) velocities) of motions of a single link.
 
-    A link has the name of the first of its bodies. Inner links of its balls may move with it.
-
-    Args:
-        evaluation: at the configuration.
-        null_space: (k, nv) joint velocities that keep drivers fixed and loops closed.
-        driven: prescribed coordinates; default the drivers.
+    A link has the name of the first of its bodies. Inner links of its balls may move with it. The
+    null space (k, nv) has joint velocities that keep drivers fixed and loops closed. Prescribed
+    coordinates are by default the drivers.
     """
     mechanism = evaluation.mechanism
     twists = _twists(evaluation, null_space)

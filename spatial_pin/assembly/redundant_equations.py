@@ -121,33 +121,21 @@ class Sample(NamedTuple):
 def without_rounded_equations(mechanism: Mechanism, gap: float) -> Mechanism | None:
     """Return a mechanism without the equations that the rounding of its numbers contradicts.
 
-    Args:
-        mechanism: the mechanism.
-        gap: the largest closure error that these may keep [-].
+    `gap` is the largest closure error that these may keep.
 
     Returns:
         None where there are no such equations, or the numbers are further off than that.
     """
     if mechanism.whole is not None or not gap or not mechanism.closures:
         return None
-    if _is_exact(mechanism):
-        return None
-    with loops_of(mechanism) as evaluation:
-        selected = _selected(evaluation, gap)
-    return None if selected is None else mechanism.with_equations(selected)
-
-
-def _is_exact(mechanism: Mechanism) -> bool:
-    """Whether equations are clearly independent, or follow from others, at a pose near the guess.
-
-    Not at the guess itself: loops that fit as drawn fit there however rounded their numbers are.
-    """
     free, scale = np.ones(mechanism.model.nv, dtype=bool), mechanism.velocity_scale
     rng, how = np.random.default_rng(20113), (
         free, 0.0, CLOSED, DAMPED_STEPS, (), TOLERANCES.rank)
     with closer_of(mechanism) as closer:
         if not closer.kernel.n_closure or not len(free):
-            return True
+            return None
+        # are equations clearly independent, or do they follow from others, at a pose near the
+        # guess? not at the guess: loops that fit as drawn fit there however rounded numbers are
         start = closer.close(_guess(mechanism), *how).q
         for _ in range(ALONG_PROBES):
             q, ahead = start, rng.uniform(-1.0, 1.0, len(free))
@@ -160,8 +148,10 @@ def _is_exact(mechanism: Mechanism) -> bool:
             else:
                 seen = closer.examine(q, 0.0)
                 if seen.least > INDEPENDENT and seen.dependent < TOLERANCES.tight:
-                    return True
-    return False
+                    return None
+    with loops_of(mechanism) as evaluation:
+        selected = _selected(evaluation, gap)
+    return None if selected is None else mechanism.with_equations(selected)
 
 
 def gap_allowed(mechanism: Mechanism, accuracy: Accuracy | None = None) -> float:
@@ -408,15 +398,10 @@ def independent_along(
     """Return the mechanism of a rounded file with equations that are independent along a path.
 
     Those that are so near the guess may depend on each other elsewhere, at what seems a limit
-    position then, or a singular one.
-
-    Args:
-        mechanism: one that has a `whole`.
-        q: (n, nq) closed configurations along the path.
-        angles: (n_angles,) of its screw closures at the first one.
-        ahead: (nv,) direction in which it goes on from the last, scaled.
-        gap: the largest closure error that other equations may keep [-].
-        opens: whether other equations open beyond it just ahead of the last.
+    position then, or a singular one. q (n, nq) are closed configurations along the path, `angles`
+    those of screw closures at the first one; `ahead` (nv,) is the scaled direction in which it goes
+    on from the last. Other equations may keep a closure error up to `gap`. `opens`: whether they
+    open beyond it just ahead of the last.
 
     Returns:
         The same one where its equations do, or no others do better; else one with equations that
@@ -469,11 +454,6 @@ def independent_along(
 
 def independence_at(mechanism: Mechanism, q: Array, angles: Array) -> tuple[float, float]:
     """Return how independent the equations of the mechanism of a rounded file are.
-
-    Args:
-        mechanism: one that has a `whole`.
-        q: (nq,) a configuration.
-        angles: (n_angles,) of its screw closures.
 
     Returns:
         Their least singular value on the row space of all equations, relative to that of these; and
@@ -600,13 +580,9 @@ def _sums(
     """Return rows (rank, n); those of blocks are sums that are independent at samples.
 
     Of one closure they span the mean of the spaces of Jacobians' columns, with weights that bring
-    the farthest nearer; closures are gone through one after the other, with the rows of others.
-
-    Args:
-        rows: weights of all equations, where it begins.
-        jacobians: (N, n, nv) of all equations at the samples.
-        samples: the configurations.
-        blocks: equations of each closure.
+    the farthest nearer; closures are gone through one after the other, with the rows of others. It
+    begins with `rows`, weights of all equations; `jacobians` (N, n, nv) are those of all equations
+    at the samples, `blocks` the equations of each closure.
     """
     minors = jacobians @ np.array([x.rows.T for x in samples])
     columns = column_spaces(minors)
@@ -678,12 +654,9 @@ def _choice(
     """Return the equations that are independent at all samples as well as can be; their `_worth`.
 
     All choices are looked at if they are few; else those that are best at one of them, or at all.
-    Equations whose weight is `KEPT` are among them if that is good enough.
-
-    Args:
-        jacobians: (N, n, nv) at all samples of the paths, in this order.
-        paths: those near the guess; last, the motion all through.
-        weights: of the equations.
+    Equations whose weight is `KEPT` are among them if that is good enough. `jacobians` (N, n, nv)
+    are at all samples of the paths, in this order. The last path is the motion all through, the
+    others are near the guess.
     """
     n, rank = len(weights), len(paths[-1][0].rows)
     if comb(n, rank) <= FEW_CHOICES:

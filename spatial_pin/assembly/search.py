@@ -83,10 +83,9 @@ class Search:
     ) -> None:
         """Try starts until one is surely the nearest, or all have failed.
 
-        Args:
-            q: (nq,) the first one, with the fixed values; default: the guess.
-            release: whether to stop early if fixed drivers cannot work.
-            before: the search with fixed drivers before their release: its closed loops stay.
+        q (nq,) is the first one, with the fixed values, default the guess. `release`: whether to
+        stop early if fixed drivers cannot work. Loops that the search `before`, with fixed drivers,
+        has closed stay.
         """
         if before is not None and before.parts:
             q = _start_after(self, before, self.problem.goal if q is None else q)

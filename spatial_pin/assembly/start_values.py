@@ -78,10 +78,7 @@ SAME_CONFIGURATION = 1e-6  # rad, characteristic lengths
 class Guess:
     """A start: a configuration, and its named coordinates.
 
-    Args:
-        mechanism: the mechanism.
-        q: (nq,) the configuration.
-        values: of the named coordinates; default: all, at their values in q.
+    Without values all coordinates are named, at their values in q.
 
     Attributes:
         names: of these coordinates.
@@ -170,13 +167,8 @@ def start_spread(
 ) -> StartSpread | None:
     """Return the spread of further starts; None if all is fixed.
 
-    Args:
-        mechanism: the mechanism.
-        held: fixed coordinates.
-        named: coordinates fixed in half of the starts. Then they are perturbed too, first by up to
-            a radian, at last by any angle, and lengths in proportion.
-        still: fixed velocity entries, named or not.
-        groups: of loops without common free coordinates.
+    Coordinates in `named` are fixed in half of the starts. Then they are perturbed too, first by up
+    to a radian, at last by any angle, and lengths in proportion.
     """
     table = mechanism.coordinate_table
     is_held = np.array([name in held or c.v in still for name, c in table.items()], dtype=bool)
@@ -289,10 +281,7 @@ def turning_with(
     """Return the periodic angles that turn with others whose turns are known.
 
     Hinges about one axis, whose bodies are welded together or slide in each other, turn alike.
-
-    Args:
-        mechanism: the mechanism.
-        fixed: coordinates with known values, besides those whose turns are counted.
+    `fixed` are coordinates with known values, besides those whose turns are counted.
 
     Returns:
         Indices in q (m,); and (m, nq) by how much each turns as the others do.
@@ -391,13 +380,9 @@ def with_followed_turns(
 ) -> tuple[Guess, Array, tuple[str, ...]]:
     """Return the guess, or the configuration followed from it if turns would be lost otherwise.
 
-    Args:
-        mechanism: the mechanism.
-        held: coordinates with given values.
-        start: the guess.
-        angles: (n_angles,) its unwrapping reference of screws [rad]; None: from the joints.
-        standing: coordinates fixed at the guess.
-        named: coordinates with explicit values in the guess, turns included.
+    Coordinates in `held` have given values, those in `standing` are fixed at the guess, those in
+    `named` have explicit values in it, turns included. `angles` (n_angles,) is its unwrapping
+    reference of screws [rad]; None: from the joints.
 
     Returns:
         The start of an assembly; the unwrapping reference (n_angles,) of screws [rad]; and
@@ -470,13 +455,9 @@ def turns_of_others(
 ) -> Callable[[Array], tuple[Array, tuple[str, ...]]] | None:
     """Return a function that gives hinges the turns that no closure counts.
 
-    Args:
-        mechanism: the mechanism.
-        start: (nq,) the guess.
-        goal: (nq,) the same with the fixed coordinates at their values.
-        fixed: fixed coordinates.
-        named: coordinates with explicit values in the guess, turns included.
-        angles: (n_angles,) of screws at the guess [rad]; None: from the joints.
+    `start` (nq,) is the guess, `goal` the same with the fixed coordinates at their values; `named`
+    coordinates have explicit values in the guess, turns included. `angles` (n_angles,) are those of
+    screws at the guess [rad]; None: from the joints.
 
     Returns:
         A function of a closed configuration (nq,): the same with turns, and fixed angles whose

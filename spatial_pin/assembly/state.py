@@ -538,10 +538,8 @@ class State:
 def gap_of(mechanism: Mechanism, q: Array, angles: Array) -> Gap:
     """Return the errors of equations that a mechanism leaves out, at q (nq,).
 
-    Args:
-        mechanism: one with a `whole`, or any other, whose gap is 0.
-        q: configuration.
-        angles: (n_angles,) of its screw closures.
+    It has a `whole`, or is any other, whose gap is 0; `angles` (n_angles,) are those of its screw
+    closures.
     """
     if mechanism.whole is None or mechanism.selection is None:
         return Gap()

@@ -94,12 +94,8 @@ def rank_loss(evaluation: LoopEquations, q: Array, rank: int) -> int:
     As many independent rows as that leave a surface through q of as many dimensions as there are
     freedoms at q. Where no equation is lost, the loops are closed on all of it; where branches
     cross, or a freedom is instantaneous only, the other rows open on it: with the second power of
-    the way, as a rule [ConnellyWhiteley1996], but a step shows any.
-
-    Args:
-        evaluation: the closure equations, their turns at q; it comes back to q.
-        q: (nq,) closed configuration.
-        rank: of the closure equations there.
+    the way, as a rule [ConnellyWhiteley1996], but a step shows any. The evaluation has its turns at
+    q (nq,), and comes back to it; `rank` is that of the closure equations there.
     """
     n = evaluation.constraints.n_closure
     if has_constant_rank(evaluation.mechanism, n, rank):
@@ -195,11 +191,7 @@ def _free_directions(evaluation: LoopEquations, q: Array) -> int:
 def lost_rank_words(evaluation: LoopEquations, q: Array, lost: int, motion: str) -> str:
     """Return why the motion at q is not determined, in words, if the loops lose equations.
 
-    Args:
-        evaluation: the closure equations; reset to q.
-        q: (nq,) closed configuration.
-        lost: number of lost equations.
-        motion: what determines the motion elsewhere, in words.
+    `motion` is what determines the motion elsewhere, in words. The evaluation comes back to q.
     """
     n, ways = evaluation.constraints.n_closure, _free_directions(evaluation, q)
     freedoms = evaluation.model.nv - len(
@@ -220,12 +212,8 @@ def dependence_words(
 ) -> str:
     """Return why drivers are not independent, as text.
 
-    Args:
-        evaluation: the closure equations, at the configuration.
-        driven: the prescribed coordinates.
-        drive: (n, nv) their derivatives, scaled.
-        still: fixed velocity entries.
-        closures: all rows except those of driven coordinates.
+    `drive` (n, nv) are the derivatives of the prescribed coordinates, scaled; `closures` are all
+    rows except theirs; `still` are fixed velocity entries.
     """
     names, mechanism = ", ".join(repr(c.name) for c in driven), evaluation.mechanism
     where = f"mechanism {mechanism.name!r}: "
@@ -249,7 +237,13 @@ def dependence_words(
                     "hides which equations depend on others; start further from it"
                     + gap_words(mechanism))
         if not freedom:
-            return where + _nothing_moves(mechanism, still, names)
+            base = {v for joint in free_bases(mechanism)
+                    for v in velocity_entries(mechanism, joint)}
+            if set(still) - base:
+                return (f"{where}the held coordinates and the loops leave no freedom, so that "
+                        f"{names} cannot move; hold less")
+            return (f"{where}{names} cannot move: the loops leave no freedom there (see "
+                    f"sp.mobility); {locked_loops_hint(mechanism)}{gap_words(mechanism)}")
         independent = common_rows(moving[None], np.zeros((0, freedom)), freedom)
         more = ", ".join(repr(c.name) for k, c in enumerate(driven) if k not in independent)
         return (f"{where}{len(driven)} coordinates are prescribed ({names}), but the "
@@ -272,16 +266,6 @@ def dependence_words(
             f"there, for the loops let them move together only: {', '.join(follow)} "
             f"go{'es' * (len(follow) == 1)} as the others do; prescribe another coordinate "
             "instead")
-
-
-def _nothing_moves(mechanism: Mechanism, still: Sequence[int], names: str) -> str:
-    """Return why there is no freedom, as text."""
-    base = {v for joint in free_bases(mechanism) for v in velocity_entries(mechanism, joint)}
-    if set(still) - base:
-        return (f"the held coordinates and the loops leave no freedom, so that {names} cannot "
-                "move; hold less")
-    return (f"{names} cannot move: the loops leave no freedom there (see sp.mobility); "
-            f"{locked_loops_hint(mechanism)}{gap_words(mechanism)}")
 
 
 def locked_loops_hint(mechanism: Mechanism) -> str:

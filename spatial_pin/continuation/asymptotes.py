@@ -8,6 +8,7 @@ and is extrapolated from places farther and farther out.
 
 from __future__ import annotations
 
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -35,11 +36,8 @@ def running_away(curve: SolutionCurve, x: Array, target: float) -> Arrival | Non
     """Return the Arrival at an asymptote that ends a branch before a target; None without one.
 
     A target so near the end that the joint would be farther out than is followed is beyond it too.
-
-    Args:
-        curve: of the branch; its evaluation expects angles as they are at x.
-        x: (n,) unknowns, farther out than links reach if a joint runs away.
-        target: leading value that is to be reached.
+    The unknowns x (n,) are farther out than links reach if a joint runs away; the curve's
+    evaluation expects angles as they are there.
     """
     runner = _outward(curve, x)
     if runner is None:
@@ -144,28 +142,17 @@ def _led(far: _Far, point: CurvePoint, goal: float) -> CurvePoint | None:
 def _limit(x: Array, values: Array, known: float) -> float | None:
     """Return the limit of values (n,) for growing x (n,); None if it is not certain.
 
-    Inner points are omitted where the limit is more certain without them: laws have pieces.
-
-    Args:
-        x: points.
-        values: at these points.
-        known: by how much the limit may change if the innermost point is omitted.
+    Inner points are omitted where the limit is more certain without them: laws have pieces. `known`
+    is by how much the limit may change if the innermost point is omitted.
     """
-    estimates = [_at_zero(np.abs(x[first:]) ** (-1.0 / root), values[first:])
-            for first in range(len(x) - FEWEST_PLACES + 1) for root in ROOTS]
-    best, change = min(estimates, key=lambda pair: pair[1], default=(np.nan, np.inf))
+    best, change = np.nan, np.inf
+    for first, root in product(range(len(x) - FEWEST_PLACES + 1), ROOTS):
+        y, column = np.abs(x[first:]) ** (-1.0 / root), values[first:]
+        for k in range(1, len(y)):  # Neville's scheme for the polynomial at y = 0
+            last = column[-1]
+            column = (y[:-k] * column[1:] - y[k:] * column[:-1]) / (y[:-k] - y[k:])
+        off = float(abs(column[0] - last))  # by the innermost point
+        best, change = (float(column[0]), off) if off < change else (best, change)
     distance = np.abs(best - values)
     comes_near = bool((distance[1:] < distance[:-1]).all())
     return best if comes_near and change <= known else None
-
-
-def _at_zero(y: Array, values: Array) -> tuple[float, float]:
-    """Return the polynomial through points (n,) at y = 0, and how much the first one changes it.
-
-    Neville's scheme.
-    """
-    n, column = len(y), values
-    for k in range(1, n):
-        last = column[-1]
-        column = (y[:-k] * column[1:] - y[k:] * column[:-1]) / (y[:-k] - y[k:])
-    return float(column[0]), float(abs(column[0] - last))

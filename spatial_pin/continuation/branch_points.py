@@ -208,10 +208,6 @@ def passage(tracker: PathTracker, arrival: Arrival) -> Passage | None:
 
     None where it has stopped for another reason, or none goes straight on; the point then stands
     where it stood.
-
-    Args:
-        tracker: stands before the branch point.
-        arrival: why it stopped, and at which driver value.
     """
     if arrival.kind not in CROSSINGS:
         return None

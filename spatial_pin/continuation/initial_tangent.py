@@ -29,7 +29,7 @@ BESIDE_LIMIT = 0.05
 
 def system_at(
     mechanism: Mechanism, driver: str, guess: Mapping[str, Any] | State | Array | None, hold: Hold
-) -> tuple[SquareSystem, State, PartMotion | None]:
+) -> tuple[SquareSystem, State, PartMotion]:
     """Return square system, State and moving part at the assembled guess, `driver` first.
 
     Where the guess is just a limit of the driver, a point a little further on is taken. Of a
@@ -41,18 +41,29 @@ def system_at(
     check_not_held(mechanism, [mechanism.driven_coordinate(driver)], hold)
     state = assembled(mechanism, {}, guess)
     moved = part_moving_with(state, [driver], hold)
-    if moved is not None:
-        state, hold = moved[:2]
+    state, hold = moved.state, moved.hold
     mechanism = state.mechanism  # of a rounded file one without the equations that it contradicts
     driven = [mechanism.driven_coordinate(c.name) for c in prescribed_at(state, [driver], hold)]
     still = divided(mechanism, driven, hold)[1]
     try:
         return _square(mechanism, driven, state, still), state, moved
     except SingularError as error:
-        shifted = _shifted_state(mechanism, driven, state, still)
-        if shifted is None:
-            raise error
-    return _square(mechanism, driven, shifted, still), shifted, moved
+        singular = error
+    for other in mechanism.coordinate_table.values():  # it moves a short distance along the curve
+        if other.q < 0 or other in driven or other.v in still:
+            continue
+        try:
+            system = _square(mechanism, [other, *driven[1:]], state, still)
+        except SingularError:
+            continue
+        curve = SolutionCurve(system, Accuracy.named("engineering").tolerance)
+        point = curve.settle(state.q, system.driver_rates()[:, 0] / system.scale)
+        q = curve.ahead(point, BESIDE_LIMIT) if point is not None else None
+        if q is not None:
+            state = State(mechanism, q, closure_error=curve.evaluation.closure_error,
+                          angles=curve.evaluation.angles)
+            return _square(mechanism, driven, state, still), state, moved
+    raise singular
 
 
 def _square(
@@ -63,31 +74,6 @@ def _square(
     system = SquareSystem(evaluation, driven, state.q, still)
     system.check_regular(state.q)
     return system
-
-
-def _shifted_state(
-    mechanism: Mechanism, driven: Sequence[Coordinate], state: State, still: Sequence[int]
-) -> State | None:
-    """Return a closed state a short distance along the curve, computed with another driver."""
-    for other in mechanism.coordinate_table.values():
-        if other.q < 0 or other in driven or other.v in still:
-            continue
-        try:
-            system = _square(mechanism, [other, *driven[1:]], state, still)
-        except SingularError:
-            continue
-        curve = SolutionCurve(system, Accuracy.named("engineering").tolerance)
-        point = curve.settle(state.q, direction_of(system) / system.scale)
-        q = curve.ahead(point, BESIDE_LIMIT) if point is not None else None
-        if q is not None:
-            return State(mechanism, q, closure_error=curve.evaluation.closure_error,
-                         angles=curve.evaluation.angles)
-    return None
-
-
-def direction_of(system: SquareSystem) -> Array:
-    """Return dq/d(driver) (nv,) at the system's configuration."""
-    return system.driver_rates()[:, 0]
 
 
 def non_spinning_bodies(system: SquareSystem) -> list[int]:

@@ -50,9 +50,6 @@ def both_ways_order(values: Array) -> list[NDArray[np.intp]] | None:
     """Return the indices of values above the first one, rising, and below it, falling.
 
     None where following the values as given is not much longer.
-
-    Args:
-        values: (N,) driver values.
     """
     if len(values) < 3 or (values[1:] >= values[:-1]).all():
         return None
@@ -75,12 +72,6 @@ def followed_both_ways(
 
     None where the branch ends or crosses another, the tracker at the start again: which samples
     come before that depends on the requested order.
-
-    Args:
-        tracker: at the first value.
-        values: (n,) of the driver.
-        ways: see `both_ways_order`.
-        bar: of the progress.
     """
     samples = tracker.room_for(len(values))
     for k, order in enumerate(ways):
@@ -106,13 +97,8 @@ def followed(
 ) -> Followed:
     """Write the samples of a branch at values of the parameter, as far as it goes.
 
-    Args:
-        tracker: at the first value; or behind the samples that the kernel has computed.
-        values: (n,) of what leads.
-        samples: room for them.
-        passes: whether to go straight on where branches cross.
-        bar: of the progress.
-        n_done: how many samples the kernel has computed already.
+    The tracker is at the first value, or behind the `n_done` samples that the kernel has computed.
+    `passes`: whether to go straight on where branches cross.
 
     Raises:
         SingularError: the driver does not determine the motion at the start.

@@ -16,8 +16,8 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import Workspaces, made_once
-from spatial_pin.assembly.assembly_problem import AssemblyProblem
-from spatial_pin.assembly.holding import FixedHold, Hold, divided, fixed_base_entries
+from spatial_pin.assembly.assembly_problem import OPEN, AssemblyProblem
+from spatial_pin.assembly.holding import Hold, divided, fixed_base_entries
 from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
 from spatial_pin.continuation.asymptotes import running_away
@@ -103,19 +103,10 @@ class Branch:
 
     Its evaluation and its kernel are acquired at the first use.
 
-    Attributes:
-        driven: the prescribed coordinates, the driver first.
-        still: indices in the velocity vector of coordinates at rest.
-
-    Args:
-        mechanism: the mechanism.
-        driven: the prescribed coordinates, the driver first.
-        still: indices in the velocity vector of coordinates at rest; default: those of free bases.
-        accuracy: of the motion.
-        law: the first prescribed coordinates as functions of a parameter, see `DriversLaw`;
-            default: the driver itself is the parameter.
-        begin: the parameter at the start.
-        workspaces: hold the evaluation and the kernel.
+    Attributes: driven: the prescribed coordinates, the driver first. still: indices in the velocity
+    vector of coordinates at rest. Coordinates at rest are by default those of free bases. `law` has
+    the first prescribed coordinates as functions of a parameter, see `DriversLaw`, which is `begin`
+    at the start; by default the driver itself is the parameter.
     """
 
     def __init__(
@@ -195,11 +186,7 @@ class Branch:
     def point_at(self, q: Array, s: float, angles: Array, system: SquareSystem) -> PathPoint:
         """Return the point at a closed configuration.
 
-        Args:
-            q: (nq,) the configuration.
-            s: the leading value.
-            angles: (n_angles,) of screw closures.
-            system: its equations are chosen again only if they are dependent there.
+        The system's equations are chosen again only if they are dependent there.
 
         Raises:
             SingularError: the prescribed coordinates do not determine the motion there.
@@ -233,11 +220,7 @@ class Branch:
     ) -> Path | None:
         """Return the path that the kernel follows from q; None where it cannot.
 
-        Args:
-            q: (nq,) closed configuration.
-            angles: (n_angles,) of screw closures.
-            s: the parameter there, where a law leads.
-            may_be_passive: whether passive freedoms may remain, which then move least.
+        `may_be_passive`: whether passive freedoms may remain, which then move least.
         """
         k, driven = self.kernel, prescribed_indices(self.kernel.nv, self.driven, self.still)
         polynomials = None if self._law is None else self.leading.polynomials(s, self.still)
@@ -284,14 +267,8 @@ class PathTracker(Branch):
     ) -> PathTracker:
         """Return a tracker at a state, with the first name as the driver and the others held.
 
-        Args:
-            state: closed.
-            names: prescribed coordinates, the driver first.
-            hold: coordinates and bases at rest, see `sweep`.
-            accuracy: of the motion.
-            workspaces: hold the evaluation and the kernel.
-            law: the names as functions of a parameter; default: the first one is the parameter.
-            begin: the parameter at the start.
+        `law` has the names as functions of a parameter that is `begin` at the start; by default the
+        first name is the parameter.
 
         Raises:
             SingularError: the prescribed coordinates do not determine the motion there.
@@ -311,19 +288,12 @@ class PathTracker(Branch):
 
     @classmethod
     def from_guess(
-        cls, problem: AssemblyProblem, names: tuple[str, ...], hold: FixedHold, accuracy: Accuracy,
-        workspaces: Workspaces, values: Array, n: int,
+        cls, problem: AssemblyProblem, names: tuple[str, ...], hold: tuple[str, ...],
+        accuracy: Accuracy, workspaces: Workspaces, values: Array, n: int,
     ) -> tuple[PathTracker, PathSamples, int] | None:
         """Close the loops and follow the branch from there, in one call of the kernel.
 
-        Args:
-            problem: which leads to the first value.
-            names: see `along`.
-            hold: see `along`.
-            accuracy: of the motion.
-            workspaces: hold the evaluation and the kernel.
-            values: (m,) the first ones of the driver.
-            n: how many there are in all.
+        The values (m,) are the first of n of the driver.
 
         Returns:
             The tracker, room for all samples, and how many of them are done: the tracker is behind
@@ -344,7 +314,7 @@ class PathTracker(Branch):
             samples = tracker._samples = PathSamples.empty(n, k.nq, k.nv, k.n_angles)
             closer.set_task([problem.goal], problem.settings, problem.goal, problem.reference,
                             perturbed=True)
-            done = path.from_guess(closer, problem.widest_gap, values,
+            done = path.from_guess(closer, max(problem.gap, OPEN), values,
                                    samples if n == len(values) else samples.between(0, len(values)))
             if done > 0:
                 return tracker, samples, done
@@ -392,11 +362,8 @@ class PathTracker(Branch):
     ) -> SolutionCurve:
         """Return the curve through the current point, with the parameter as an unknown.
 
-        Args:
-            system: the square system there.
-            tolerance: closure residual to reach.
-            pace: how much of a law's parameter counts as one radian, its inverse; default: how
-                fast joints move here.
+        `pace` is the inverse of what counts as one radian of a law's parameter; default: how fast
+        joints move here.
         """
         leading = self.leading
         if not isinstance(leading, DriversLaw):
@@ -464,11 +431,9 @@ class PathTracker(Branch):
     ) -> Arrival | None:
         """Return the asymptote that ends the branch before a goal, or None.
 
-        Args:
-            goal: the leading value that is to be reached.
-            system: the square system; default: that of the start, if none can be chosen here.
-            arrival: where following the branch ended; default: here. The evaluation expects angles
-                as they are there.
+        `arrival` is where following the branch ended, default here; the evaluation expects angles
+        as they are there. The square system is by default that of the start, if none can be chosen
+        here.
         """
         here = self.here
         if not self.has_arc_length:
@@ -531,14 +496,9 @@ def error_estimate(
     """Return error estimates (3,) of q, t and c where the equations are evaluated.
 
     q is off along u, where the equations are weakest; t then by what solves J dt = -f''(u, t), and
-    c by J dc = -(f'''(u, t, t) + 2 f''(t, dt) + f''(u, c)), as in the kernel.
-
-    Args:
-        evaluation: the loop equations.
-        rows: of J: closure equations, those of passive freedoms, and others that hold exactly.
-        chosen: the closure equations.
-        t: (nv,) first derivative there, by the sizes of coordinates.
-        c: (nv,) second derivative, likewise.
+    c by J dc = -(f'''(u, t, t) + 2 f''(t, dt) + f''(u, c)), as in the kernel. `rows` are those of
+    J: the chosen closure equations, those of passive freedoms, and others that hold exactly. t and
+    c (nv,) are the derivatives there, by the sizes of coordinates.
     """
     if not rows.s[-1] > 0.0:
         return np.full(3, np.inf)
@@ -565,7 +525,7 @@ def error_estimate(
 
 @made_once
 def _prescribed(
-    mechanism: Mechanism, names: tuple[str, ...], hold: FixedHold
+    mechanism: Mechanism, names: tuple[str, ...], hold: tuple[str, ...]
 ) -> tuple[list[Coordinate], tuple[int, ...], tuple[int, ...], set[str]]:
     """Return prescribed and resting coordinates, their indices for C, and drivers that move."""
     check_not_held(mechanism, [mechanism.prescribed_coordinate(names[0])], hold)

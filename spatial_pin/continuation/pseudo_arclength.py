@@ -143,11 +143,7 @@ class ArcLengthPath:
 def followed_to(curve: SolutionCurve, x: Array, target: float, direction: Array) -> Arrival:
     """Follow a curve from x towards the parameter value `target`.
 
-    Args:
-        curve: what leads along it is set free.
-        x: (n,) closed.
-        target: leading value to reach: of a driver [rad or m], or the parameter.
-        direction: (nv,) derivative of the configuration there with respect to the leading value.
+    `direction` (nv,) is the derivative of the configuration with respect to the leading value.
 
     Returns:
         The configuration at the target, or at the limit or branch point that lies before it.

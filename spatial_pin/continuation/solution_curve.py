@@ -31,11 +31,6 @@ class OneDriver:
     Attributes:
         begin: the leading value at the start [rad or m].
         n_moving: how many prescribed coordinates move, the first ones.
-
-    Args:
-        mechanism: the mechanism.
-        driven: the prescribed coordinates, the driver first.
-        q: (nq,) configuration at the start.
     """
 
     def __init__(self, mechanism: Mechanism, driven: Sequence[Coordinate], q: Array) -> None:
@@ -74,12 +69,7 @@ class OneDriver:
 class DriversLaw(OneDriver):
     """The first prescribed coordinates are functions of a parameter; the others are at rest.
 
-    Args:
-        mechanism: the mechanism.
-        driven: the prescribed coordinates, those that go first.
-        q: (nq,) configuration at the start.
-        law: SciPy's piecewise polynomial of the parameter, to their values.
-        begin: the parameter at the start.
+    The law is SciPy's piecewise polynomial of the parameter, to the values of those that go first.
     """
 
     def __init__(
@@ -129,9 +119,7 @@ class DriversLaw(OneDriver):
     def polynomials(self, s: float, still: Sequence[int]) -> Polynomials | None:
         """Return the law for a path of the kernel that starts at a parameter.
 
-        Args:
-            s: the parameter.
-            still: places in the velocity vector that stand still, where coordinates have values.
+        Coordinates in the entries `still` of the velocity vector have values that do not change.
         """
         coefficients = np.moveaxis(self.law.c[::-1], 0, 2)
         n, _, powers = coefficients.shape
@@ -164,9 +152,6 @@ class Configurations:
         drive: (d, nv) equations of prescribed coordinates, moving or not.
         at: place of the leading value in x.
         rate: place of its rate in tangents.
-
-    Args:
-        system: the square system with its prescribed coordinates.
     """
 
     def __init__(self, system: SquareSystem) -> None:
@@ -217,10 +202,7 @@ class Configurations:
 class WithParameter(Configurations):
     """Unknowns x (nq + 1,): a configuration, and the parameter of the drivers' law.
 
-    Args:
-        system: the square system with its prescribed coordinates.
-        law: how the drivers go.
-        unit: change of the parameter that counts as one radian.
+    `unit` is the change of the parameter that counts as one radian.
     """
 
     def __init__(self, system: SquareSystem, law: DriversLaw, unit: float) -> None:
@@ -298,13 +280,8 @@ class CurvePoint(NamedTuple):
 class SolutionCurve:
     """The curve of closed configurations through a point.
 
-    Attributes:
-        unknowns: of its equations.
-
-    Args:
-        system: the square system of all that is driven, at a configuration of the curve.
-        tolerance: closure residual to reach.
-        unknowns: default configurations, the first driver set free.
+    Attributes: unknowns: of its equations. The square system has all that is driven, at a
+    configuration of the curve. The unknowns are by default configurations, the first driver free.
     """
 
     def __init__(

@@ -19,11 +19,8 @@ def bounds_of(
 ) -> dict[str, tuple[float, float]]:
     """Return the least and the largest value by dimension, infinite without a bound.
 
-    Args:
-        mechanism: a mechanism with these dimensions.
-        dimensions: names, or {name: (least, most) or None}; an end without bound is None, or
-            infinity of its sign.
-        around: whether the bounds must contain the nominal dimension.
+    Dimensions are names, or {name: (least, most) or None}; an end without bound is None, or
+    infinity of its sign. `around`: whether the bounds must contain the nominal dimension.
     """
     names = names_of(dimensions, "dimensions")
     given = dimensions if isinstance(dimensions, Mapping) else {}

@@ -300,12 +300,8 @@ class CalibrationFit(LeastSquares):
     """The least-squares problem of a calibration, with a loss.
 
     Steps are those of least squares with the present weights. A loss that reduces outliers is
-    concave there, and lies below the weighted squares.
-
-    Args:
-        predictions: errors of the model.
-        loss, margin: as for `calibrate`.
-        bounds: of dimensions, which are the first unknowns.
+    concave there, and lies below the weighted squares. Bounds are those of dimensions, which are
+    the first unknowns.
     """
 
     bends, longest, cut, most = False, 1.0, TOLERANCES.zero, 300  # with outliers some dozens

@@ -43,12 +43,8 @@ def output_changes(
 ) -> list[Array]:
     """Return the derivatives (size, m) of outputs, and of freedoms that nothing determines.
 
-    Args:
-        at: the closed state.
-        given: what the m inputs change.
-        load: the forces there, if an output needs them or they give accelerations.
-        outputs: which need no "motion".
-        driver_speed: of speed ratios; it does not change.
+    `load` has the forces there, if an output needs them or they give accelerations. The driver's
+    speed, of speed ratios, does not change.
 
     Returns:
         By output (size, m + loose), NaN for reactions that are not unique.
@@ -72,11 +68,7 @@ def output_changes(
 class ChangedState:
     """A state with its derivatives, in place of the samples of a motion.
 
-    Args:
-        at: the state.
-        changes: of its q, v and a.
-        dimensions: (n, m) changes of the dimensions.
-        driver_speed: of speed ratios; it does not change.
+    It is made of the changes of q, v and a, and those (n, m) of the dimensions.
 
     Attributes:
         mechanism, q: of the state.

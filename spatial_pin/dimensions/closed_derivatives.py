@@ -63,12 +63,6 @@ class Changes(NamedTuple):
 class ClosedDerivatives:
     """Derivatives of a closed state of a mechanism.
 
-    Args:
-        geometry: the mechanism with the joints that dimensions move.
-        state: the state, with rates.
-        driven: the prescribed coordinates.
-        still: velocity entries that do not move.
-
     Attributes:
         geometry, state, driven: as given.
         rows: the closure equations and their derivatives at the motion.
@@ -197,12 +191,9 @@ class ClosedDerivatives:
     ) -> Array:
         """Return joint changes (nv, m) that keep the loops closed.
 
-        Args:
-            system: the equations.
-            moved: derivatives of the closure equations, and changes (nv, m) of what these are by.
-            driven: (drivers, m) changes of the drivers.
-            written: (n_closure, m) changes of the closure equations besides.
-            idle: (k, m) of idle rotations that they cancel.
+        `moved` are derivatives of the closure equations, with the changes (nv, m) of what these are
+        by. `driven` (drivers, m) are changes of the drivers, `written` (n_closure, m) others of the
+        equations, `idle` (k, m) those of idle rotations that they cancel.
 
         Raises:
             OpenedError: they cannot.
@@ -226,8 +217,7 @@ class ClosedDerivatives:
 class OpenedError(SpatialPinError):
     """An input alone would open a loop.
 
-    Args:
-        column: number of the input.
+    `column` is the number of the input.
     """
 
     def __init__(self, column: int) -> None:

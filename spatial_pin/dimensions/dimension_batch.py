@@ -40,10 +40,7 @@ Block = tuple[NDArray[np.int64], Array]  # indices of n numbers, and their value
 class DimensionNumbers:
     """The kernel's numbers of a mechanism as functions of some of its dimensions.
 
-    Args:
-        mechanism: at its nominal dimensions.
-        tree: its traced file.
-        points: links, frames or joints, or `LINK.com`, of outputs.
+    Points are links, frames or joints, or `LINK.com`, of outputs.
 
     Attributes:
         base: nominal numbers, those of the points behind the kernel's.
@@ -70,10 +67,8 @@ class DimensionNumbers:
     def at(self, geometry: TracedGeometry, rescaled: bool = True) -> Numbers:
         """Return the numbers at m sets of dimensions, those of the points behind the kernel's.
 
-        Args:
-            geometry: traced geometry at the dimensions.
-            rescaled: whether lengths are relative to the characteristic length of each set; else to
-                the nominal one.
+        `rescaled`: whether lengths are relative to the characteristic length of each set; else to
+        the nominal one.
         """
         geometry, blocks = self.placed(geometry), list[Block]()
         if rescaled:
@@ -134,27 +129,18 @@ class DimensionNumbers:
                     joints[j] = back @ joints.get(j, PlacementBatch.of(model.jointPlacements[j]))
             for k, frame in enumerate(model.frames):
                 if frame.parentJoint == i:
-                    frames[k] = back @ _frame(model, k, geometry)
+                    frames[k] = back @ geometry.frame(model, k)
         return geometry._replace(joints=joints, frames=frames)
 
     def _vector_blocks(self, geometry: TracedGeometry) -> Iterator[Block]:
         """Yield the vectors of closure equations and the axes of idle rotations."""
         model, local = self._mechanism.model, self._packed.parts().local
         indices, fixed_in = self._packed.indices().local, self._packed.fixed_in.tolist()
-
-        def on_body(joint: int, frame: int) -> Array:  # as `point_on_body`
-            own = model.frames[frame].parentJoint
-            if own == joint:
-                return _frame(model, frame, geometry).translation
-            placement = PlacementBatch.of(model.jointPlacements[own])
-            return geometry.joints.get(own, placement).translation
-
         for k, (frame, is_point) in enumerate(zip(fixed_in, self._packed.is_point, strict=True)):
             if frame < 0:
                 passive = self._mechanism.passives[-1 - frame]
                 joint = self._mechanism.frame_on_joint(passive.body)[0]
-                a, b = (on_body(joint, self._mechanism.frame_id(name)) for name in passive.axis)
-                axis = (b - a) / np.linalg.norm(b - a, axis=1, keepdims=True)
+                axis = geometry.idle_axis(self._mechanism, joint, passive.axis)
                 yield indices[k], axis @ self._turned(joint)
             elif frame in geometry.frames:
                 pose, own = geometry.frames[frame], self._turned(model.frames[frame].parentJoint)
@@ -168,16 +154,12 @@ class DimensionNumbers:
     def _offset(self, name: str, geometry: TracedGeometry) -> Array:
         """Return a point (m or 1, 3) in the axes of the kernel's joint that carries it [m]."""
         link, frame = name.removesuffix(".com"), self._mechanism.frame_id(name.removesuffix(".com"))
-        pose = _frame(self._mechanism.centred_model, frame, geometry)
+        pose = geometry.frame(self._mechanism.centred_model, frame)
         offset = pose.translation
         if link != name:
             lever = center_of_mass(self._mechanism, link)[None]
             offset = pose.act(geometry.levers.get(link, lever))
         return offset @ self._turned(self._mechanism.model.frames[frame].parentJoint)
-
-
-def _frame(model: pin.Model, frame: int, geometry: TracedGeometry) -> PlacementBatch:
-    return geometry.frames.get(frame, PlacementBatch.of(model.frames[frame].placement))
 
 
 class _Span:
@@ -211,9 +193,8 @@ class _Span:
         model = self._model
         joints = [PlacementBatch.of(pin.SE3.Identity())]
         for i in range(1, model.njoints):
-            own = geometry.joints.get(i, PlacementBatch.of(model.jointPlacements[i]))
-            joints.append(joints[model.parents[i]] @ own)
-        return [joints[frame.parentJoint].act(_frame(model, i, geometry).translation)
+            joints.append(joints[model.parents[i]] @ geometry.joint(model, i))
+        return [joints[frame.parentJoint].act(geometry.frame(model, i).translation)
                 for i, frame in enumerate(model.frames) if self._counted[i]]
 
 

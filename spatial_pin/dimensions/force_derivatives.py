@@ -59,12 +59,6 @@ class Load(NamedTuple):
 class ForceChanges:
     """Derivatives of forces, and of the accelerations that efforts give.
 
-    Args:
-        at: the state.
-        given: the inputs.
-        changes: of q, v and a with them.
-        load: the forces there.
-
     Attributes:
         a: (nv, m) changes of the accelerations.
         multipliers: of the closure equations.
@@ -99,10 +93,9 @@ class ForceChanges:
     def _solve(self, system: Decomposition, needed: Array, opened: Array) -> None:
         """Solve for accelerations and for what bears the missing forces `needed` (nv, m).
 
-        Args:
-            system: the closure equations, of prescribed drivers with their rows.
-            needed: of M a + b - f - J^T lambda at constant a and lambda.
-            opened: (n_closure, m) of the equations' second rates.
+        The system has the closure equations, of prescribed drivers with their rows. `needed` is
+        that of M a + b - f - J^T lambda at constant a and lambda, `opened` (n_closure, m) that of
+        the equations' second rates.
         """
         at, load, given, mechanism = self._at, self._load, self._given, self._at.state.mechanism
         sizes = np.array([at.scale[c.v] for c in at.driven]).reshape(-1, 1)

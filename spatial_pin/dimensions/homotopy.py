@@ -43,12 +43,7 @@ def followed(mechanism: Mechanism, drivers: Mapping[str, float], near: State) ->
 
     The dimensions change along a straight line. One step is enough if no coordinate moves by more
     than 0.3 rad or characteristic lengths; else there are more. The determinant of the independent
-    rows of the loops keeps its sign from step to step.
-
-    Args:
-        mechanism: at the new dimensions.
-        drivers: values of fixed coordinates [rad, m].
-        near: a closed state of the mechanism at other dimensions.
+    rows of the loops keeps its sign from step to step. Drivers have the given values [rad, m].
     """
     drivers = {mechanism.driven_coordinate(name).name: x for name, x in drivers.items()}
     if mechanism.coordinates != near.mechanism.coordinates:

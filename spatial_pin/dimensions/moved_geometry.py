@@ -95,11 +95,8 @@ def moved_geometry(
 ) -> MovedGeometry:
     """Return a mechanism with joints that its dimensions move.
 
-    Args:
-        mechanism: the mechanism.
-        variants: makes it at other dimensions; None if there are none to be changed.
-        with_masses: whether inertias and levers are wanted.
-        stencils: weights of differences; with several, all dimensions count once for each.
+    Without variants there are no dimensions. `with_masses`: whether inertias and levers are wanted.
+    With several stencils all dimensions count once for each.
 
     Raises:
         SpatialPinError: there is no such mechanism at dimensions nearby.
@@ -195,7 +192,7 @@ def _traced(
     for name, own in mechanism.inertias.items() if with_masses else ():
         k = mechanism.frame_ids.get(name, 0)
         if model.frames[k].parentJoint and (name in varied or k in at.frames):
-            pose = at.frames.get(k, PlacementBatch.of(model.frames[k].placement))
+            pose = at.frame(model, k)
             numbers = varied.get(name, own.toDynamicParameters()[None])
             moved = np.array([
                 pose.at(j).act(pin.Inertia.FromDynamicParameters(
@@ -203,19 +200,8 @@ def _traced(
                 for j in range(dimensions.shape[1])])
             joint = model.frames[k].parentJoint
             inertias[joint] = inertias.get(joint, 0.0) + moved
-
-    def on_body(joint: int, name: str) -> Array:  # as `vector_products.point_on_body`
-        k = mechanism.frame_id(name)
-        carrier = model.frames[k].parentJoint
-        known, i, still = (at.frames, k, model.frames[k].placement) if carrier == joint else (
-            at.joints, carrier, model.jointPlacements[carrier])
-        return known.get(i, PlacementBatch.of(still)).translation
-
-    axes = []
-    for passive in mechanism.passives:
-        joint = mechanism.frame_on_joint(passive.body)[0]
-        one, two = (on_body(joint, name) for name in passive.axis)
-        axes.append((two - one) / np.linalg.norm(two - one, axis=1, keepdims=True))
+    axes = [at.idle_axis(mechanism, mechanism.frame_on_joint(passive.body)[0], passive.axis)
+            for passive in mechanism.passives]
     return _Sampled(at.joints, at.frames, inertias, at.levers, axes)
 
 

@@ -91,10 +91,7 @@ def idle_dimensions(
 ) -> tuple[str, ...]:
     """Return the dimensions that change nothing in the mechanism's file near their values.
 
-    Args:
-        mechanism: the mechanism.
-        names: the dimensions, as they are traced together.
-        among: a selection of them; default all.
+    `among` is a selection of the names, which are traced together; default all.
     """
     names = list(names)
     selected = [name for name in names if among is None or name in among]
@@ -192,6 +189,24 @@ class TracedGeometry(NamedTuple):
     levers: dict[str, Array]  # (m or 1, 3) by link, its centre of mass [m]
     limits: dict[tuple[str, int], Array]  # (m,) by bound ("lower" or "upper") and index in q
     inertials: Array  # (k, m) numbers of the inertias of links; empty if not requested
+
+    def joint(self, model: pin.Model, i: int) -> PlacementBatch:
+        """Return the placements of a joint in its parent."""
+        return self.joints.get(i, PlacementBatch.of(model.jointPlacements[i]))
+
+    def frame(self, model: pin.Model, k: int) -> PlacementBatch:
+        """Return the placements of a frame in its joint."""
+        return self.frames.get(k, PlacementBatch.of(model.frames[k].placement))
+
+    def idle_axis(self, mechanism: Mechanism, joint: int, ends: Iterable[str]) -> Array:
+        """Return the unit axis (m or 1, 3) of an idle rotation between two points on a joint."""
+        model, points = mechanism.model, []
+        for name in ends:  # as `vector_products.point_on_body`
+            k = mechanism.frame_id(name)
+            own = model.frames[k].parentJoint
+            points.append(self.frame(model, k) if own == joint else self.joint(model, own))
+        axis = points[1].translation - points[0].translation
+        return axis / np.linalg.norm(axis, axis=1, keepdims=True)
 
 
 class _Words(NamedTuple):
@@ -301,11 +316,8 @@ class TracedTree(TracedText):
 
     def __init__(self, mechanism: Mechanism, names: Iterable[str]) -> None:
         super().__init__(mechanism, names)
-        self._check()
-
-    def _check(self) -> None:
-        """Refuse a model that the text alone does not give, such as one with turned joints."""
-        model, own = self._mechanism.model, self.own()
+        # a model that the text alone does not give, such as one with turned joints, is refused
+        model, own = mechanism.model, self.own()
         old = [*model.jointPlacements], [frame.placement for frame in model.frames]
         size = max(float(np.abs(x.translation).max()) for x in (*old[0], *old[1]))
         if not own.holds[0] or any(
@@ -314,7 +326,7 @@ class TracedTree(TracedText):
                 for was, new_ones in zip(old, (own.joints, own.frames), strict=True)
                 for i, new in new_ones.items()):
             raise _Untraced
-        known = self._mechanism.inertias
+        known = mechanism.inertias
         self.has_masses = all(
             name in known and inertia.isApprox(known[name], PLACEMENT_ROUND_OFF)
             for name, inertia in self._inertias_at(own.inertials[:, 0]).items())

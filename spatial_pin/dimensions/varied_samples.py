@@ -105,10 +105,7 @@ class DriverMotion:
     def evaluate(self, mechanism: Mechanism, near: State, outputs: Sequence[str]) -> list[Any]:
         """Return outputs of a mechanism with this motion of its drivers.
 
-        Args:
-            mechanism: the mechanism.
-            near: a closed state of it at these or other dimensions, whose branch is followed.
-            outputs: as for `sensitivity`.
+        `near` is a closed state at these or other dimensions, whose branch is followed.
         """
         table: NamedOutputs | None = None
         values: list[Any] = []
@@ -182,9 +179,23 @@ class VariedSamples:
             return None
 
     def near(self, state: State, drive: DriverMotion) -> Near | None:
-        """Return samples near a closed state; None if that is almost singular."""
-        system = _square_system(state, drive)
-        return Near(self, state, drive, system) if system is not None else None
+        """Return samples near a closed state; None if its equations may be dependent."""
+        mechanism = state.mechanism
+        held = [mechanism.driven_coordinate(name) for name in drive.values]
+        driven = [*(c.v for c in held), *fixed_base_entries(mechanism, held)]
+        free = np.ones(mechanism.model.nv, dtype=bool)
+        free[[c.v for c in held]] = False
+        moving = free.copy()
+        moving[driven] = False
+        with loops_of(mechanism, state.angles) as evaluation:
+            evaluation.update(state.q)
+            jacobian, n = evaluation.jacobian, evaluation.constraints.n_closure
+            chosen = independent_rows(jacobian[:n, moving])
+            rows = np.vstack([jacobian[chosen], jacobian[n:], np.eye(len(free))[driven]])
+        svd = decompose(rows)
+        if len(svd.s) < len(rows) or (len(rows) and svd.s[-1] <= TOLERANCES.regular * svd.s[0]):
+            return None
+        return Near(self, state, drive, ClosingSystem(chosen, driven, svd.null_space, free))
 
     def own_numbers(self) -> Numbers:
         """Return the kernel's numbers of the mechanism itself."""
@@ -242,26 +253,6 @@ class _SamplesOfDimensions:
     def com(self, name: str) -> FrameMotion:
         """See `Motion.com`."""
         return self.frame(f"{name}.com")
-
-
-def _square_system(state: State, drive: DriverMotion) -> ClosingSystem | None:
-    """Return the square system at a closed state; None if its equations may be dependent."""
-    mechanism = state.mechanism
-    held = [mechanism.driven_coordinate(name) for name in drive.values]
-    driven = [*(c.v for c in held), *fixed_base_entries(mechanism, held)]
-    free = np.ones(mechanism.model.nv, dtype=bool)
-    free[[c.v for c in held]] = False
-    moving = free.copy()
-    moving[driven] = False
-    with loops_of(mechanism, state.angles) as evaluation:
-        evaluation.update(state.q)
-        jacobian, n = evaluation.jacobian, evaluation.constraints.n_closure
-        chosen = independent_rows(jacobian[:n, moving])
-        rows = np.vstack([jacobian[chosen], jacobian[n:], np.eye(len(free))[driven]])
-    svd = decompose(rows)
-    if len(svd.s) < len(rows) or (len(rows) and svd.s[-1] <= TOLERANCES.regular * svd.s[0]):
-        return None
-    return ClosingSystem(chosen, driven, svd.null_space, free)
 
 
 class Near:

@@ -29,7 +29,7 @@ from spatial_pin.dynamics.forces import Law, external_wrenches, generalised, joi
 from spatial_pin.errors import LimitError, SingularError, SpatialPinError
 from spatial_pin.kernel.loop_equations import loops_at
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.motion.joint_limit_events import joint_limits_passed
+from spatial_pin.motion.limit_events import joint_limits_passed
 from spatial_pin.motion.motion import Event, Motion, Output
 from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.roots import sign_change

@@ -31,13 +31,13 @@ from spatial_pin.errors import Interrupted, SpatialPinError
 from spatial_pin.kernel.kkt import FAILED
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
-from spatial_pin.motion.motion import Event, Motion, Output, first_samples, require_motion
-from spatial_pin.motion.rated_limits import (
+from spatial_pin.motion.limit_events import (
     BeyondLimit,
     beyond,
     effort_limits,
     velocities_beyond,
 )
+from spatial_pin.motion.motion import Event, Motion, Output, first_samples, require_motion
 from spatial_pin.motion.summary import EFFORTS, effort_lines, first_of, heading, tidy, where
 from spatial_pin.numerics.linalg import Array
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,10 +36,7 @@ class FunctionInput(NamedTuple):
 class ClosedRows:
     """Closes the loops for rows of inputs, on the branch of a guess.
 
-    Args:
-        mechanism: the mechanism.
-        inputs: what the columns of a row are.
-        guess: as for `assemble`.
+    Inputs are what the columns of a row are.
 
     Attributes:
         home: the State of the guess.
@@ -66,14 +64,25 @@ class ClosedRows:
     ) -> Iterator[tuple[NDArray[np.intp], Motion]]:
         """Yield numbers of rows with the same dimensions, and their states with rates.
 
-        Args:
-            rows: (N, m) inputs.
-            with_masses: whether masses must be those at the dimensions.
-
         Raises:
             AssemblyError, SingularError: a row cannot be reached, or has no rates; says which.
         """
-        for at, mechanism, home in self._by_dimensions(rows, with_masses):
+        columns = [k for k, _ in self.columns(DIMENSION)]
+        every, group = np.unique(rows[:, columns], axis=0, return_inverse=True)
+        own = [self.mechanism.dimensions[name] for name in self.dimensions]
+        for k, x in enumerate(every.tolist()):
+            at = np.flatnonzero(group.reshape(-1) == k)
+            mechanism, home = self.home.mechanism, self.home if x == own else None
+            if x != own:
+                assert self.variants is not None
+                try:
+                    mechanism = self.variants.at(
+                        dict(zip(self.dimensions, x, strict=True)),
+                        with_masses and not self.variants.has_masses)
+                except SpatialPinError as error:
+                    raise _unreached(int(at[0]), str(error)) from error
+                with suppress(SpatialPinError):  # drivers may not have the guess's values there
+                    home = followed(mechanism, self._standing, self.home)
             yield at, self._moving(self._closed(mechanism, home, rows, at), rows, at)
 
     def changes(self) -> InputChanges:
@@ -95,33 +104,6 @@ class ClosedRows:
                          ACCELERATION: given.accelerations}[x.kind]
                 table[numbers.index(c.name), k] = 1.0
         return given
-
-    def _by_dimensions(
-        self, rows: Array, with_masses: bool
-    ) -> Iterator[tuple[NDArray[np.intp], Mechanism, State | None]]:
-        """Yield row numbers with the same dimensions, their mechanism and its first State.
-
-        The State is None if the drivers cannot have the values of the guess at these dimensions.
-        """
-        columns = [k for k, _ in self.columns(DIMENSION)]
-        every, group = np.unique(rows[:, columns], axis=0, return_inverse=True)
-        own = [self.mechanism.dimensions[name] for name in self.dimensions]
-        for k, x in enumerate(every.tolist()):
-            at = np.flatnonzero(group.reshape(-1) == k)
-            if x == own:
-                yield at, self.home.mechanism, self.home
-                continue
-            try:
-                assert self.variants is not None
-                mechanism = self.variants.at(
-                    dict(zip(self.dimensions, x, strict=True)),
-                    with_masses and not self.variants.has_masses)
-            except SpatialPinError as error:
-                raise _unreached(int(at[0]), str(error)) from error
-            try:
-                yield at, mechanism, followed(mechanism, self._standing, self.home)
-            except SpatialPinError:
-                yield at, mechanism, None
 
     @property
     def _standing(self) -> dict[str, float]:

@@ -269,7 +269,10 @@ class Function:
         columns = []
         for x in self._outputs:
             samples = loads if x.family == "force" else motion
-            if _is_continued(self.mechanism, x):  # each by itself
+            is_angle, is_coordinate = x.family == "angle", x.family == "coordinate"
+            angle = link_angle(self.mechanism, x.spec) if is_angle else None
+            if (is_coordinate and self.mechanism.coordinate(x.of).q < 0) or (
+                    angle is not None and angle.sums is None):  # each by itself: it is continued
                 parts = [x.values(motion[k : k + 1]) for k in range(len(motion))]
                 columns.append(np.concatenate([np.empty(0), *parts]))
             else:
@@ -352,14 +355,6 @@ def _loaded_names(mechanism: Mechanism, kind: str) -> list[str]:
     if kind in (EFFORT, "power"):
         return [name for n, d in mechanism.drivers.items() for name in (n, d.joint)]
     return ["", *Pairs(mechanism).names, *(c.name for c in coupling_forces(mechanism))]
-
-
-def _is_continued(mechanism: Mechanism, x: NamedOutput) -> bool:
-    """Whether the value of an output in a motion is the one nearest to the sample before."""
-    if x.family == "angle":
-        angle = link_angle(mechanism, x.spec)
-        return angle is not None and angle.sums is None
-    return x.family == "coordinate" and mechanism.coordinate(x.of).q < 0
 
 
 @checked

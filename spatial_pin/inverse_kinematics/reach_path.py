@@ -12,10 +12,18 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin._support.brief import counted
-from spatial_pin._support.checks import checked, names_of
+from spatial_pin._support.checks import checked
 from spatial_pin._support.progress import progress_bar
 from spatial_pin.assembly.assemble import starting_state
-from spatial_pin.assembly.holding import BASE, Hold, divided, free_bases, held_by, is_base
+from spatial_pin.assembly.holding import (
+    BASE,
+    Hold,
+    divided,
+    free_bases,
+    held_by,
+    hold_names,
+    is_base,
+)
 from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
 from spatial_pin.continuation.path_following import Followed
@@ -146,15 +154,9 @@ def _driver_singularities(
     The drivers alone do not determine the motion there; a Gough platform can move with its legs
     locked. The equations without the columns of driven and fixed coordinates are a square matrix,
     whose determinant changes its sign there. A zero without a change of sign is not noticed, nor
-    any if the drivers do not determine the motion elsewhere or are components of balls.
-
-    Args:
-        states: some samples of the motion, to choose independent equations in one of them.
-        q: (N, nq) samples.
-        angles: (N, n_angles) of closures there.
-        s: (N,) parameter at the samples.
-        hold: other fixed coordinates.
-        between: returns the configuration and angles at a parameter behind a sample.
+    any if the drivers do not determine the motion elsewhere or are components of balls. Independent
+    equations are chosen in one of the states. s (N,) is the parameter at the samples q (N, nq).
+    `between` returns the configuration and angles at a parameter behind a sample.
     """
     chosen = next((x for state in states if (x := _undriven(state, hold)) is not None), None
                   ) if len(q) > 1 else None
@@ -296,7 +298,7 @@ def reach_path(
     tables = tables_of(mechanism, targets, 1 if times is None else np.size(times))
     n = len(tables[0])
     s = np.arange(n, dtype=float) if times is None else sample_times(times, n)
-    held = () if hold is None else tuple(names_of(hold, "hold"))
+    held = hold_names(hold)
     check_not_held(mechanism, [mechanism.prescribed_coordinate(t.name) for t in tables
                                if t.is_coordinate], held)
     wanted = targets_at(tables, 0)
@@ -425,7 +427,7 @@ def _standing(copy: State, names: list[str], mechanism: Mechanism, hold: Hold) -
     Coordinates that targets fix already, such as those out of a plane, are left out.
     """
     standing, independent = list[str](), list[str]()
-    for name in () if hold is None else names_of(hold, "hold"):
+    for name in hold_names(hold):
         if is_base(mechanism, name):
             standing += free_bases(mechanism)
         else:

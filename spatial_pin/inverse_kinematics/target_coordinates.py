@@ -81,11 +81,7 @@ class ChainSegment(NamedTuple):
 def chain_of(table: TargetTable, s: Array, rows: Array, mechanism: Mechanism) -> Chain:
     """Return the chain of a target.
 
-    Args:
-        table: the target.
-        s: (N,) parameter.
-        rows: (r, k) velocities of the target, in world axes, for the motions at the start.
-        mechanism: the mechanism of the frame.
+    `rows` (r, k) are velocities of the target, in world axes, for the motions at the start.
     """
     length, known = mechanism.characteristic_length, 2.0 * mechanism.extent.resolution
     if table.points is None:
@@ -177,10 +173,7 @@ def copy_at(
 ) -> tuple[State, list[str]]:
     """Return the closed state of a copy with targets as coordinates, and their names.
 
-    Args:
-        state: at the first sample of the segment.
-        chains: the targets.
-        stretch: the segment.
+    The state is at the first sample of the segment.
     """
     mechanism = state.mechanism
     model, names, pairs, closures = mechanism.model.copy(), list[str](), list[str](), []
@@ -450,10 +443,7 @@ def _shape(given: Any) -> tuple[int, ...] | None:
 def cardan_course(rotations: Array, omega: Array, alpha: Array) -> TargetCourse:
     """Return angles a, b, c (N, 3) of rotations Rx(a) Ry(b) Rz(c) (N, 3, 3), and derivatives.
 
-    Args:
-        rotations: from the zero position of the angles.
-        omega: (N, 3) angular velocity in body axes.
-        alpha: (N, 3) angular acceleration in body axes.
+    Angular velocities and accelerations (N, 3) are in body axes.
     """
     r = rotations
     a = np.unwrap(np.arctan2(-r[:, 1, 2], r[:, 2, 2]))

@@ -76,14 +76,9 @@ def finite_motions(
     """Return orthonormal scaled velocities (d, nv) of the finite motions from q along tangents.
 
     The number of `tangents` is only a bound of d: a part that is shaky in every configuration adds
-    to it.
-
-    Args:
-        evaluation: the closure equations; changed.
-        q: (nq,) closed configuration.
-        tangents: (k, nv) orthonormal scaled velocities that open no loop at q.
-        free: (nv,) velocities that close the loops again; default all.
-        steps: first steps of a path, tried in this order.
+    to it. `tangents` (k, nv) are orthonormal, scaled, and open no loop at q; the velocities `free`
+    (nv,) close the loops again, default all. First steps of a path are tried in the order of
+    `steps`. The evaluation changes.
     """
     free = np.ones(len(evaluation.mechanism.velocity_scale), dtype=bool) if free is None else free
     motions: list[Array] = [np.zeros(len(free))]

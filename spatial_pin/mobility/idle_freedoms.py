@@ -95,10 +95,8 @@ def idle_freedoms(
 ) -> list[tuple[str, Array]]:
     """Return (joint name, (k, nv) velocities) of links that move idly about or along own axes.
 
-    Args:
-        evaluation: the closure equations; left at q.
-        q: (nq,) closed configuration.
-        held: indices in the velocity vector of other fixed coordinates.
+    `held` are indices in the velocity vector of other fixed coordinates. The evaluation is left at
+    q.
     """
     freedoms = []
     for joint, velocities in passive_freedoms_at(evaluation, q, held):

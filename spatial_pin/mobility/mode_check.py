@@ -328,10 +328,7 @@ class ModeCheck:
     ) -> dict[int, BodyMark]:
         """Return the relevant features of every body, for comparing modes.
 
-        Args:
-            q: (nq,) a closed configuration.
-            idle: its passive freedoms.
-            all_copies: whether turned rods, and links inside chains of hinges, are relevant too.
+        `all_copies`: whether turned rods, and links inside chains of hinges, are relevant too.
         """
         marks = dict.fromkeys(range(1, self.mechanism.model.njoints), WHOLE)
         self.evaluation.update(q)

@@ -54,9 +54,7 @@ MOST_REJECTED = 64  # stored mirror images: each is compared with every start
 class Starts:
     """Random configurations of a mechanism, and the results of descents from them.
 
-    Args:
-        mechanism: the core of the searched mechanism.
-        held: its fixed coordinates [rad, m].
+    It is the core of the searched mechanism, with fixed coordinates [rad, m].
 
     Attributes:
         kernel: of the mechanism.
@@ -120,12 +118,8 @@ class Starts:
 class Recognition:
     """Signatures of configurations: equal for one mode.
 
-    Args:
-        check: of the whole mechanism.
-        core: the searched core.
-        base: (nq,) configuration of the whole mechanism outside the core.
-        starts: of the core.
-        all_copies: whether copies of a mode are distinct.
+    `base` (nq,) is the configuration of the whole mechanism outside the core. `all_copies`: whether
+    copies of a mode are distinct.
 
     Attributes:
         marks: relevant features of each body; empty before `learn`.
@@ -208,10 +202,7 @@ class Mode:
 class ModeSearch:
     """Closed configurations of the core, one of each mode.
 
-    Args:
-        check: of the whole mechanism.
-        core: the searched core.
-        all_copies: whether copies of a mode are distinct.
+    `all_copies`: whether copies of a mode are distinct.
 
     Attributes:
         modes: the modes so far.

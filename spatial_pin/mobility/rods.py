@@ -216,10 +216,7 @@ class Core(NamedTuple):
 def core_of(mechanism: Mechanism, held: Mapping[str, float], rods: list[Rod]) -> Core:
     """Return the core of a mechanism with fixed coordinates.
 
-    Args:
-        mechanism: the mechanism.
-        held: values of coordinates [rad, m].
-        rods: the rods to remove if their length is given; from `rods_of`.
+    Rods, from `rods_of`, are removed if their length is given.
     """
     model = mechanism.model
     q = with_values(mechanism, mechanism.neutral, held)

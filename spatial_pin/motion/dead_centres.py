@@ -91,11 +91,7 @@ def grounded_outputs(motion: Motion) -> list[str]:
 def _located(motion: Motion, rows: NDArray[np.intp], rates: Array, name: str) -> Event:
     """Return the dead centre of an output between two samples in which it moves opposite ways.
 
-    Args:
-        motion: the motion.
-        rows: (2,) numbers of the samples.
-        rates: (N,) of the output at all samples.
-        name: the output.
+    Given are the numbers (2,) of the samples and the rates (N,) of the output.
     """
     first, last = rows.tolist()
     mechanism, driver, unit = motion.mechanism, motion.driver_name, motion.driver_unit

@@ -41,12 +41,8 @@ def default_motion(
     A driver turns once, or slides by 15 % of the characteristic length, from the assembled guess.
     If a limit or a singular position is in between, it goes up to it, in the direction with the
     longer range. The other drivers are held, a free base too, and joints with springs where the
-    drivers do not determine the motion. The motion has no speed, nor time.
-
-    Args:
-        mechanism: the mechanism.
-        driver: driver or coordinate that moves; the first driver if not given.
-        rows: number of samples of the whole motion.
+    drivers do not determine the motion. The motion has no speed, nor time. `rows` counts the
+    samples of the whole motion.
 
     Returns:
         The motion; the assembled state of a mechanism without drivers, or that cannot move.

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from spatial_pin._support.checks import as_array, checked, finite_array, mapping, names_of
+from spatial_pin._support.checks import as_array, checked, finite_array, mapping
 from spatial_pin._support.lazy import Workspaces
 from spatial_pin._support.progress import progress_bar
 from spatial_pin.assembly.assemble import held_start
-from spatial_pin.assembly.holding import BASE, Hold
+from spatial_pin.assembly.holding import BASE, Hold, hold_names
 from spatial_pin.assembly.state import State
 from spatial_pin.continuation.path_following import Followed, followed
 from spatial_pin.continuation.path_tracker import PathTracker
@@ -21,10 +21,8 @@ from spatial_pin.errors import Interrupted, LimitError, SingularError, SpatialPi
 from spatial_pin.kernel.paths import PathSamples
 from spatial_pin.mechanism.coordinates import require_mechanism
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.motion.curve_ends import curve_end_events
-from spatial_pin.motion.joint_limit_events import joint_limit_events
+from spatial_pin.motion.limit_events import limit_events
 from spatial_pin.motion.motion import Event, Motion
-from spatial_pin.motion.rated_limits import velocity_limit_events
 from spatial_pin.motion.rounding import CHOICES, independent_on, within_gap
 from spatial_pin.motion.sweep import (
     ENDS,
@@ -112,7 +110,7 @@ def follow(
                      on_crossing=on_crossing, accuracy=accuracy, progress=progress)
     s = np.arange(len(table), dtype=float) if times is None else sample_times(times, len(table))
     law = _law(mechanism, names, s, table, rates, times is None)
-    held = () if hold is None else tuple(names_of(hold, "hold"))
+    held = hold_names(hold)
     coordinates = [mechanism.prescribed_coordinate(name) for name in names]
     check_not_held(mechanism, coordinates, held)
     tight = replace(accuracy, tolerance=min(accuracy.tolerance, TOLERANCES.tight))
@@ -121,12 +119,10 @@ def follow(
     for _ in range(CHOICES):
         state, gone = held_start(mechanism, first, guess, held, tight)
         moved = part_moving_with(state, names, hold)
-        there, standing = (state, hold) if moved is None else moved[:2]
-        result = along(there, names, standing, law, s, accuracy,
+        result = along(moved.state, names, moved.hold, law, s, accuracy,
                       f"{mechanism.name}: {', '.join(names)}", progress,
-                      passes=on_crossing == "straight")._replace(released=gone)
-        if moved is not None:
-            result = result._replace(samples=moved.of_whole(result.samples))
+                      passes=on_crossing == "straight")
+        result = result._replace(samples=moved.of_whole(result.samples), released=gone)
         if state.mechanism.whole is None:
             break
         chosen, good = independent_on(
@@ -137,7 +133,7 @@ def follow(
             break
         mechanism = chosen
     motion = finished(state.mechanism, result, None if times is None else s,
-                      held if moved is None else moved.held, list(values), "drivers",
+                      moved.held, list(values), "drivers",
                       on_limit if good is None else "stop", on_crossing)
     return within_gap(motion, accuracy, on_limit, good)
 
@@ -148,16 +144,8 @@ def along(
 ) -> Followed:
     """Follow a branch as coordinates go by a law.
 
-    Args:
-        state: closed, where the branch begins.
-        names: the coordinates.
-        hold: what stands still besides.
-        law: piecewise polynomial of the parameter: values (k,) of the coordinates.
-        s: (N,) rising values of the parameter, the samples.
-        accuracy: of the motion.
-        title: of the progress bar.
-        progress: whether there is one.
-        passes: whether to go straight on where branches cross.
+    The law is a piecewise polynomial of the parameter, to values (k,) of the names; s (N,) are the
+    rising values of the parameter at the samples. `hold` names what stands still besides.
 
     Raises:
         SingularError: the coordinates do not determine the motion at the start.
@@ -174,15 +162,8 @@ def finished(
 ) -> Motion:
     """Return the Motion of followed samples, with its events; raise if it ended early.
 
-    Args:
-        mechanism: the mechanism.
-        followed: samples of its q, v and a.
-        times: (N,) of all samples; None: the parameter is their number.
-        held: coordinates held by name.
-        names: coordinates with tables, for messages.
-        who: what these are, in one word.
-        on_limit: "raise" or "stop".
-        on_crossing: the same.
+    `who` are the coordinates with tables, in one word. `times` (N,) are those of all samples, None
+    where the parameter is their number.
 
     Raises:
         LimitError: it ended at a limit.
@@ -200,8 +181,7 @@ def finished(
         Event("singular", value, row, "the drivers alone do not determine the motion at "
               f"{_where(value, times is None)}: efforts grow without bound towards it")
         for value, row in followed.undriven]
-    motion.events += [*joint_limit_events(motion), *velocity_limit_events(motion),
-                      *curve_end_events(motion)]
+    motion.events += limit_events(motion)
     if followed.is_cut:
         raise Interrupted(motion)
     if stop is not None:

@@ -14,7 +14,6 @@ from spatial_pin.assembly.state import State
 from spatial_pin.continuation.asymptotes import running_away
 from spatial_pin.continuation.initial_tangent import (
     body_placements,
-    direction_of,
     non_spinning_bodies,
     system_at,
 )
@@ -23,7 +22,7 @@ from spatial_pin.continuation.solution_curve import SolutionCurve
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.joint_limits import joint_limits
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.motion.joint_limit_events import joint_limits_passed, passed_at_start
+from spatial_pin.motion.limit_events import joint_limits_passed, passed_at_start
 from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -130,11 +129,10 @@ def limits(
         (-2.4751, 2.4751, 'rad', False)
     """
     system, state, moved = system_at(mechanism, driver, guess, hold)
-    hold = hold if moved is None else moved.hold
     coordinate = system.driven[0]
     start = float(state.q[coordinate.q])
     span = TURN if coordinate.unit == "rad" else FARTHEST_SLIDE * mechanism.characteristic_length
-    direction = direction_of(system)
+    direction = system.driver_rates()[:, 0]
     ends = [_bound(system, state, start, sense, span, direction) for sense in (-1.0, 1.0)]
     turns = coordinate.unit == "rad" and all(end.kind == "none" for end in ends)
     limit_range = Range(driver, ends[0], ends[1], coordinate.unit, turns)
@@ -146,7 +144,7 @@ def limits(
         raise SpatialPinError(
             f"mechanism {mechanism.name!r}: {state} is beyond the {passed[0].limit.words}; give a "
             "guess within the joint limits (assemble(limits=True) finds one)")
-    lower, upper = (_nearer(mechanism, state, driver, bound, sense * span, hold)
+    lower, upper = (_nearer(mechanism, state, driver, bound, sense * span, moved.hold)
                     for bound, sense in ((limit_range.lower, -1.0), (limit_range.upper, 1.0)))
     free = limit_range.full_turn and lower == limit_range.lower and upper == limit_range.upper
     return limit_range._replace(lower=lower, upper=upper, full_turn=free)
@@ -179,7 +177,7 @@ def _bound(
         q = arrival.q
         evaluation.angle_reference[:] = evaluation.angles
         system.select(q)
-        direction = direction_of(system)
+        direction = system.driver_rates()[:, 0]
     return Bound(start + sense * MOST_TURNS * span, "not followed further")
 
 

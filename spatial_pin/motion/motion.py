@@ -792,10 +792,8 @@ def selected(
 ) -> AnyMotion:
     """Return samples of a motion by their numbers (k,).
 
-    Args:
-        motion: the motion.
-        rows: the numbers. Where they rise or fall the events come along.
-        piece: the same as a slice, so that arrays are views.
+    Events come along where the numbers rise or fall. `piece` is the same as a slice, so that arrays
+    are views.
     """
     n, index = len(motion), rows if piece is None else piece
 
@@ -813,28 +811,20 @@ def selected(
     none = {} if is_known else {"error_estimates": np.empty((0, 3))}
     parts["unreached"] = {k: motion.unreached[row] for k, row in enumerate(rows.tolist())
                           if row in motion.unreached}
-    part = replace(motion, **{**parts, **none, "events": _events_of(motion.events, rows, n)})
+    # an event stands before the sample of its number; those behind the last sample come with it
+    steps, events = np.diff(rows), list[Event]()
+    rises = bool((steps > 0).all())
+    if len(rows) and (rises or (steps < 0).all()):
+        first, last = sorted((int(rows[0]), int(rows[-1])))
+        inside = [e for e in motion.events if first <= e.row <= last or e.row == n == last + 1]
+        for event in inside if rises else inside[::-1]:
+            row = np.searchsorted(rows, event.row) if rises else (rows >= event.row).sum()
+            events.append(event._replace(row=int(row)))
+    part = replace(motion, **{**parts, **none, "events": events})
     if not is_known:  # a simulation makes another one for them
         del part.error_estimates
         part.__dict__[later] = lambda _: motion.error_estimates[index]
     return part
-
-
-def _events_of(events: list[Event], rows: NDArray[np.intp], n: int) -> list[Event]:
-    """Return the events among samples of these numbers, of n; each with its new number.
-
-    An event stands before the sample of its number; those behind the last sample come along with
-    it.
-    """
-    steps = np.diff(rows)
-    rises = bool((steps > 0).all())
-    if not len(rows) or not (rises or (steps < 0).all()):
-        return []
-    first, last = sorted((int(rows[0]), int(rows[-1])))
-    inside = [e for e in events if first <= e.row <= last or e.row == n == last + 1]
-    if rises:
-        return [e._replace(row=int(np.searchsorted(rows, e.row))) for e in inside]
-    return [e._replace(row=int(np.count_nonzero(rows >= e.row))) for e in reversed(inside)]
 
 
 def made(**fields: Any) -> Motion:

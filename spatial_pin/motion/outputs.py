@@ -266,9 +266,7 @@ def com(samples: Any, name: str) -> FrameMotion:
 def whole_com(samples: Any, shares: Iterable[tuple[int, Any, Array]]) -> FrameMotion:
     """Return the motion of the centre of mass of all moving links; it turns with nothing.
 
-    Args:
-        samples: of a mechanism.
-        shares: joint, part of the whole mass and centre of each body, as `mass_shares`.
+    Shares are joint, part of the whole mass and centre of each body, as `mass_shares` has them.
     """
     points = [(np.reshape(share, (-1, 1)), at_point(samples, joint, np.eye(3), lever))
               for joint, share, lever in shares]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -135,18 +134,11 @@ def _closure_text(closure: Any) -> str:
         return f"coupling: {law}{acts_at} (1 equation){stated}"
     length = f", as far as {' - '.join(closure.between)}" if closure.between else ""
     names = " - ".join((*closure.frames, *closure.joints))
-    return (f"{closure.type}: {names}{length}{_curve_text(closure.numbers)} "
-            f"({counted(closure.n_rows, 'equation')}){stated}")
-
-
-def _curve_text(numbers: Mapping[str, Any]) -> str:
-    """Return the curves of a closure and the follower of a cam, in words."""
-    curves = numbers.get("curves")
-    shapes = (curves.one, curves.two) if curves else filter(None, [numbers.get("curve")])
-    text = " and ".join(f"{next(iter(x.form))} {x.name}".rstrip() for x in shapes)
-    follower = numbers.get("follower")
-    return (f", on {text}" if text else "") + (
-        f", {next(iter(follower.form))}" if follower else "")
+    curves, follower = closure.numbers.get("curves"), closure.numbers.get("follower")
+    shapes = (curves.one, curves.two) if curves else filter(None, [closure.numbers.get("curve")])
+    on = " and ".join(f"{next(iter(x.form))} {x.name}".rstrip() for x in shapes)
+    on = f", on {on}" * bool(on) + (f", {next(iter(follower.form))}" if follower else "")
+    return (f"{closure.type}: {names}{length}{on} ({counted(closure.n_rows, 'equation')}){stated}")
 
 
 def _spring_text(mechanism: Mechanism, spring: Spring) -> str:

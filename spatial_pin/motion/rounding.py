@@ -34,14 +34,8 @@ def within_gap(
 ) -> AnyMotion:
     """Return the part of a motion on which all equations hold to the gap, with an event at its end.
 
-    At most a thousand samples are checked.
-
-    Args:
-        motion: of any mechanism; of one that has all its equations all samples stay.
-        accuracy: its settings.
-        on_limit: "stop", or "raise" where equations open further, or are not independent.
-        independent: how many samples come before equations depend on each other; None: they never
-            do.
+    At most a thousand samples are checked. `independent` is how many samples come before equations
+    depend on each other; None: they never do.
 
     Raises:
         LimitError: they do.
@@ -94,11 +88,8 @@ def _ended(
 def independent_from(state: State, gap: float) -> State:
     """Return a moving state of a rounded file with equations that are independent ahead of it.
 
-    The loops are closed by these equations. It is the state itself where no others do better.
-
-    Args:
-        state: closed, with velocities.
-        gap: the largest closure error that other equations may keep [-].
+    The loops are closed by these equations. It is the state itself where no others do better. `gap`
+    is the largest closure error that other equations may keep.
     """
     mechanism, scale = state.mechanism, state.mechanism.velocity_scale
     chosen, _ = independent_along(
@@ -119,11 +110,8 @@ def independent_on(
 ) -> tuple[Mechanism, int | None]:
     """Return a mechanism whose equations are independent on a motion and some distance ahead.
 
-    Args:
-        motion: of any mechanism.
-        accuracy: its settings.
-        ahead: (nv,) the direction in which it goes on.
-        end: (nq,) where it ends beyond its last sample.
+    `ahead` (nv,) is the direction in which it goes on, `end` (nq,) where it ends beyond its last
+    sample.
 
     Returns:
         The motion's own mechanism where that is one, or of a rounded file no choice of equations

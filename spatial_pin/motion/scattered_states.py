@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin._support.checks import checked, names_of
+from spatial_pin._support.checks import checked
 from spatial_pin._support.lazy import Workspaces
 from spatial_pin._support.progress import in_order, progress_bar
 from spatial_pin.assembly.assemble import held_start, starting_state
-from spatial_pin.assembly.holding import BASE, Hold
+from spatial_pin.assembly.holding import BASE, Hold, hold_names
 from spatial_pin.assembly.redundant_equations import allowed_from, gap_allowed
 from spatial_pin.assembly.start_values import read_guess
 from spatial_pin.assembly.state import PIECE, State, all_angles
@@ -115,7 +115,7 @@ def states(
     if threads is not None and threads < 1:
         raise ValueError(f"threads is {threads}: it must be at least 1")
     names, table = table_of(mechanism, values)
-    held = () if hold is None else tuple(names_of(hold, "hold"))
+    held = hold_names(hold)
     check_not_held(mechanism, [mechanism.prescribed_coordinate(name) for name in names], held)
     order = np.lexsort(table.T[::-1])
     is_new = np.ones(len(table), dtype=bool)
@@ -125,28 +125,26 @@ def states(
     distinct = table[order[is_new]]
     state, gone = _first(mechanism, names, distinct, guess, held, accuracy)
     moved = part_moving_with(state, names, hold)
-    there, standing = (state, hold) if moved is None else moved[:2]
     own_cores = getattr(os, "sched_getaffinity", None)
     threads = threads or (len(own_cores(0)) if own_cores else os.cpu_count() or 1)
     cloud, is_done = None, None
     try:  # around the workspaces: after Ctrl-C a thread may still use a kernel of theirs
         with (progress_bar(len(distinct), f"{mechanism.name}: {', '.join(names)}", progress) as bar,
               Workspaces() as workspaces):
-            cloud = _Cloud(there, names, standing, distinct, accuracy, threads, workspaces)
+            cloud = _Cloud(moved.state, names, moved.hold, distinct, accuracy, threads, workspaces)
             cloud.solve(bar)
     except KeyboardInterrupt:
         if cloud is None or not (cloud.scattered.part[:-1] >= 1.0).any():
             raise
         is_done = cloud.scattered.part[number] >= 1.0
-    samples, unreached = cloud.scattered.samples, cloud.unreached(list(values))
-    samples = samples if moved is None else moved.of_whole(samples)
+    samples, unreached = moved.of_whole(cloud.scattered.samples), cloud.unreached(list(values))
     unreached |= _opened(state, samples, accuracy)
     n = len(table)
     v, a = np.zeros((2, n, state.mechanism.model.nv))
     motion = Motion(
         state.mechanism, None, "", None, samples.q[number], v, a, samples.error[number], np.ones(n),
         [Event("released", 0.0, 0, text) for text in gone], samples.angles[number],
-        held=held if moved is None else moved.held, unreached={
+        held=moved.held, unreached={
             k: unreached[row] for k, row in enumerate(number.tolist()) if row in unreached})
     if is_done is not None:
         raise Interrupted(selected(motion, np.flatnonzero(is_done)))

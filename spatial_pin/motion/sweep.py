@@ -16,14 +16,13 @@ from spatial_pin._support.checks import (
     finite_array,
     finite_number,
     is_finite,
-    names_of,
 )
 from spatial_pin._support.columns import read_only
 from spatial_pin._support.lazy import Workspaces, made_once
 from spatial_pin._support.progress import progress_bar
 from spatial_pin.assembly.assemble import assembly_problem, held_start, held_values, solved
 from spatial_pin.assembly.close import NOTHING
-from spatial_pin.assembly.holding import BASE, Hold
+from spatial_pin.assembly.holding import BASE, Hold, hold_names
 from spatial_pin.assembly.redundant_equations import gap_allowed
 from spatial_pin.assembly.state import State
 from spatial_pin.continuation.asymptotes import BEYOND_LINKS
@@ -45,10 +44,8 @@ from spatial_pin.mechanism.coordinates import (
 from spatial_pin.mechanism.extent import unlike_links
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
-from spatial_pin.motion.curve_ends import curve_end_events
-from spatial_pin.motion.joint_limit_events import joint_limit_events
+from spatial_pin.motion.limit_events import limit_events
 from spatial_pin.motion.motion import UNRESOLVED, Event, Motion, made, steady_times
-from spatial_pin.motion.rated_limits import velocity_limit_events
 from spatial_pin.motion.rounding import CHOICES, independent_on, within_gap
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -147,8 +144,7 @@ def sweep(
     speeds, accels = _requested_rates(speed, acceleration, values)
     coordinate = mechanism.prescribed_coordinate(driver)
     given: Mapping[str, float] = hold if isinstance(hold, Mapping) else {}
-    held = (BASE,) if isinstance(hold, Mapping) else () if hold is None else tuple(
-        names_of(hold, "hold"))
+    held = (BASE,) if isinstance(hold, Mapping) else hold_names(hold)
     requested, rates, good = values, (speeds, accels), None
     for _ in range(CHOICES):
         mechanism, result, still, events = _followed(
@@ -170,8 +166,7 @@ def sweep(
     motion = within_gap(motion, accuracy, on_limit, good)
     if len(motion) < n or good is not None:
         return motion
-    if passed := [*joint_limit_events(motion), *velocity_limit_events(motion),
-                  *curve_end_events(motion)]:
+    if passed := limit_events(motion):
         motion.events += passed
     if result.is_cut:
         raise Interrupted(motion)
@@ -240,16 +235,14 @@ def _followed(
         state, gone = (solved(problem), list[str]()) if problem is not None else held_start(
             mechanism, {**given, **first}, guess, held, replace(accuracy, tolerance=tolerance))
         moved = part_moving_with(state, names, held)
-        there, hold = (state, held) if moved is None else moved[:2]
         with progress_bar(n, f"{mechanism.name}: {driver}", progress) as bar:
-            tracker = PathTracker.along(there, names, hold, accuracy, workspaces)
+            tracker = PathTracker.along(moved.state, names, moved.hold, accuracy, workspaces)
             both = None if ways is None else followed_both_ways(tracker, values, ways, bar)
             result = followed(tracker, values, tracker.room_for(n), passes, bar) if (
                 both is None) else both
     events = _events(tracker, result, driver, values, state.released, gone)
-    if moved is not None:
-        result, held = result._replace(samples=moved.of_whole(result.samples)), moved.held
-    return state.mechanism, result, held, events
+    result = result._replace(samples=moved.of_whole(result.samples))
+    return state.mechanism, result, moved.held, events
 
 
 def _events(
@@ -259,15 +252,8 @@ def _events(
     """Return events for drivers that are not at their guess, or move.
 
     A coordinate that moves the only freedoms there are moves the drivers: that is no event. And of
-    branch points that were passed.
-
-    Args:
-        tracker: which has followed the branch.
-        result: the samples of the path.
-        driver: the swept coordinate.
-        values: of it.
-        released: see `State.released`.
-        gone: sentences on held coordinates that do not stand where the guess has them.
+    branch points that were passed. `gone` are sentences on held coordinates that do not stand where
+    the guess has them.
     """
     moving, texts = tracker.moving_drivers, [*gone]
     if not (moving or released or texts or result.crossed):
@@ -362,11 +348,8 @@ def scaled_estimates(
 ) -> Array:
     """Return error estimates (N, 3) of a motion from those of its derivatives by what leads.
 
-    Args:
-        motion: the motion.
-        estimate: (N, 3) of q, dq/ds and d²q/ds².
-        speeds: (N,) of what leads; None: these derivatives are the rates.
-        accels: (N,) its accelerations; None: there are none.
+    `estimate` (N, 3) is of q, dq/ds and d²q/ds². Without speeds (N,) of what leads, these
+    derivatives are the rates.
     """
     scaled = estimate.copy()
     if speeds is not None:

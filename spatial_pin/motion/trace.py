@@ -13,7 +13,6 @@ from spatial_pin.assembly.state import State
 from spatial_pin.continuation.branch_points import straight_on
 from spatial_pin.continuation.initial_tangent import (
     body_placements,
-    direction_of,
     non_spinning_bodies,
     system_at,
 )
@@ -79,7 +78,7 @@ def trace(
     positive_number(most_rows, "most_rows")
     system, state, moved = system_at(mechanism, driver, guess, hold)
     curve = SolutionCurve(system, Accuracy.named("engineering").tolerance)
-    first = curve.settle(state.q, direction_of(system) / system.scale)
+    first = curve.settle(state.q, system.driver_rates()[:, 0] / system.scale)
     if first is None:
         raise SingularError(f"mechanism {mechanism.name!r}: branches cross at the start, {state}",
                             state=state)
@@ -126,7 +125,7 @@ class _TracedSamples:
     """Samples of a traced curve."""
 
     def __init__(
-        self, curve: SolutionCurve, driver: str, mechanism: Mechanism, moved: PartMotion | None
+        self, curve: SolutionCurve, driver: str, mechanism: Mechanism, moved: PartMotion
     ) -> None:
         self.curve, self.driver, self.mechanism, self._moved = curve, driver, mechanism, moved
         self.points: list[CurvePoint] = []
@@ -211,15 +210,11 @@ class _TracedSamples:
         driver, moved = self.curve.system.driven[0], self._moved
         traced = PathSamples(q, v, np.array(self.accelerations), np.array(self.errors),
                         np.array(self.estimates), np.array([p.angles for p in self.points]))
-        mechanism = self.mechanism
-        if moved is not None:
-            traced, mechanism = moved.of_whole(traced), moved.whole.mechanism
+        traced = moved.of_whole(traced)
         motion = Motion(
-            mechanism=mechanism, driver=q[:, driver.q].copy(), driver_name=self.driver,
+            mechanism=moved.whole.mechanism, driver=q[:, driver.q].copy(), driver_name=self.driver,
             time=None, q=q, v=v, a=traced.c, closure_error=traced.error,
             driver_speed=v[:, driver.v].copy(), events=self.events, angles=traced.angles,
-            per="length")
+            per="length", held=moved.held)
         motion.error_estimates = scaled_estimates(motion, traced.estimate)
-        if moved is not None:
-            motion.held = moved.held
         return motion

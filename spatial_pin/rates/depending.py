@@ -14,12 +14,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin._support.checks import names_of
 from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.holding import (
     Hold,
     LoopGroup,
     free_bases,
+    hold_names,
     loop_groups,
     part_of,
     velocity_entries,
@@ -63,10 +63,7 @@ class Part(NamedTuple):
 def part_for(mechanism: Mechanism, entries: tuple[int, ...], fixed: tuple[int, ...]) -> Part | None:
     """Return the part that velocities depend on; None if it is the whole mechanism.
 
-    Args:
-        mechanism: the mechanism.
-        entries: indices in the velocity vector.
-        fixed: those that are fixed or driven.
+    `entries` and `fixed` are indices in the velocity vector; the latter are fixed or driven.
     """
     own = np.zeros(mechanism.model.nv, dtype=bool)
     own[list(entries)] = True
@@ -121,12 +118,8 @@ def solved_for_entries(
 ) -> list[Array]:
     """Return a result (k, n_moving) of `RateRows` at a closed state, from the part that moves.
 
-    Args:
-        state: the state.
-        given: the prescribed coordinates.
-        entries: indices of the velocities that must be determined.
-        wanted: name of the result.
-        frame: frame that they move, if only its velocity must be determined.
+    `entries` are indices of the velocities that must be determined; with a frame, only its velocity
+    must be.
 
     Raises:
         SingularError: they are not determined.
@@ -149,7 +142,7 @@ def solved_for_entries(
 
 
 class PartMotion(NamedTuple):
-    """The part of a mechanism that moves, with the fixed coordinates of its motion.
+    """What moves of a mechanism, all of it or a part, with the fixed coordinates of its motion.
 
     Attributes:
         state: of the part.
@@ -160,51 +153,49 @@ class PartMotion(NamedTuple):
     """
 
     state: State
-    hold: tuple[str, ...]
+    hold: Hold
     held: tuple[str, ...]
     whole: State
     angles: list[int]
 
     def of_whole(self, samples: PathSamples) -> PathSamples:
         """Return samples of the part as samples of the whole mechanism."""
+        if self.state is self.whole:
+            return samples
         angles = np.repeat(self.whole.angles[None], len(samples.q), axis=0)
         angles[:, self.angles] = samples.angles
         return samples._replace(
             angles=angles, error=np.maximum(samples.error, self.whole.closure_error))
 
 
-def part_moving_with(state: State, names: Sequence[str], hold: Hold) -> PartMotion | None:
-    """Return the part that moves with coordinates, if the whole is not determined.
+def part_moving_with(state: State, names: Sequence[str], hold: Hold) -> PartMotion:
+    """Return what moves with coordinates from a closed state.
 
-    None if all is determined, if the part is the whole, if a free base would move, and if loops
+    It is a part if the whole is not determined; the whole too if a free base would move, or loops
     lose equations.
-
-    Args:
-        state: closed.
-        names: the moving coordinates.
-        hold: names of other fixed coordinates.
     """
     mechanism = state.mechanism
+    own = hold_names(hold)
+    everything = PartMotion(state, hold, own, state, [])
     driven, still = usual_prescription(mechanism, names, hold)
     n = len(wanted_coordinates(mechanism, names))
     fixed = (*still, *velocity_indices(driven[n:]))
     part = part_for(mechanism, tuple(c.v for c in driven[:n]), tuple(sorted(fixed)))
     if part is None:
-        return None
+        return everything
     with suppress(SingularError):
         chosen_at(state, Prescription(driven, len(driven), still))
-        return None
+        return everything
     rest = ~part.entries
     rest[list(fixed)] = False
     bases = [v for joint in free_bases(mechanism) for v in velocity_entries(mechanism, joint)]
     if rest[bases].any():
-        return None
+        return everything
     with loops_of(state.mechanism, state.angles) as evaluation:
         evaluation.update(state.q)
         rows = evaluation.jacobian[: evaluation.constraints.n_closure]
         if rank_loss(evaluation, state.q, len(independent_rows(rows))):
-            return None
-    own = () if hold is None else tuple(names_of(hold, "hold"))
+            return everything
     few = _holding_entries(state, part, rest)
     return PartMotion(part.state(state), (*own, *_named(mechanism, rest)),
                      (*own, *_named(mechanism, few)), state, part.angles)

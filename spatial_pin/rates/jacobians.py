@@ -10,7 +10,7 @@ import numpy as np
 from spatial_pin._support.brief import brief
 from spatial_pin._support.checks import checked, names_of
 from spatial_pin._support.lazy import made_once
-from spatial_pin.assembly.holding import BASE, FixedHold, Hold, free_bases, hashable_hold, is_base
+from spatial_pin.assembly.holding import BASE, Hold, free_bases, hold_names, is_base
 from spatial_pin.assembly.state import State, angles_of, is_motion, pieces, samples_of
 from spatial_pin.kernel.kernel import frame_in_kernel, kernel_of
 from spatial_pin.kernel.loop_equations import loops_of
@@ -114,7 +114,7 @@ def jacobian(
     names = None if drivers is None else tuple(names_of(drivers, "drivers"))
     samples = samples_of(mechanism, state)
     own = samples.mechanism
-    given, point = _prescribed(own, names, hashable_hold(hold)), frame_in_kernel(own, frame)
+    given, point = _prescribed(own, names, hold_names(hold)), frame_in_kernel(own, frame)
     if not isinstance(samples, State):
         return solved_by(samples, given, ("jacobian",), lambda at, _: solved_for_frame(
             at, given, frame, "jacobian"), point)[0]
@@ -126,7 +126,7 @@ def jacobian(
 
 @made_once
 def _prescribed(
-    mechanism: Mechanism, drivers: tuple[str, ...] | None, hold: FixedHold
+    mechanism: Mechanism, drivers: tuple[str, ...] | None, hold: tuple[str, ...]
 ) -> Prescription:
     """Return the prescribed coordinates of a Jacobian with these drivers."""
     return Prescription.of(mechanism, moving_coordinates(mechanism, drivers, hold), hold)
@@ -136,11 +136,6 @@ def moving_coordinates(
     mechanism: Mechanism, drivers: Iterable[str] | None, hold: Hold
 ) -> list[Coordinate]:
     """Return the coordinates of the columns of a Jacobian, those of free bases last.
-
-    Args:
-        mechanism: the mechanism.
-        drivers: as for `jacobian`.
-        hold: as for `jacobian`.
 
     Raises:
         UnknownNameError: a name does not exist.
@@ -162,8 +157,7 @@ def moving_coordinates(
         if chosen.count(c) > 1:
             raise ValueError(f"drivers: {c.name!r} is named twice")
     moved = {c.joint for c in chosen}
-    names = () if hold is None else names_of(hold, "hold")
-    if any(is_base(mechanism, name) for name in names):
+    if any(is_base(mechanism, name) for name in hold_names(hold)):
         return chosen
     bases = [joint for joint in free_bases(mechanism) if joint not in moved]
     return [*chosen, *(c for joint in bases for c in rate_coordinates(mechanism, joint))]
@@ -278,6 +272,6 @@ def influence(
     samples = samples_of(mechanism, state)
     own = samples.mechanism
     names = None if drivers is None else tuple(names_of(drivers, "drivers"))
-    given, wanted = _prescribed(own, names, hashable_hold(hold)), ("columns", "second")
+    given, wanted = _prescribed(own, names, hold_names(hold)), ("columns", "second")
     return Influence(*solved_by(samples, given, wanted, lambda at, _: solved_at(
         at, given, wanted, chosen=chosen_at(at, given))))

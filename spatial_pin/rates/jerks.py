@@ -21,7 +21,7 @@ from spatial_pin.constraints.pinocchio_views import TWIST_MATRIX
 from spatial_pin.constraints.trees import TreeMotion
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.kernel import kernel_of
-from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
+from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.rates.prescribed import (
@@ -179,35 +179,27 @@ def solve_jerks(
     with (kernel_of(mechanism) as kernel, loops_of(mechanism, state.angles) as evaluation):
         rates = factored_rates(kernel, state, given)
         evaluation.update(state.q)
-        j = rates.answer(_equation_jerks(evaluation, state, bodies), drive)
+        c = evaluation.constraints
+        twists, accels = evaluation.move(state.q, state.v, state.a)
+        flat = [g.reshape(-1, 3) for g in placement_rates(
+            evaluation.placements, twists, accels, bodies)]
+        n = len(c.constants)
+        a, b = ([c.c_abx[part] @ g for g in flat] for part in (slice(0, n), slice(n, 2 * n)))
+        products = [sum(binomial * np.vecdot(a[order - k], b[k])  # of a . b [Leibniz]
+                        for k, binomial in enumerate(BINOMIALS[order])) for order in range(4)]
+        products[0] = products[0] - c.constants
+        rows = composed_rates(c, products, [state.q, state.v, state.a], state.angles)
+        j = rates.answer(np.concatenate([rows, c.idle_bias @ bodies.reshape(-1)]), drive)
     return Jerks(state, j, bodies + columns @ j)
 
 
 def placement_rates(g: Array, twist: Array, accel: Array, jerk: Array) -> list[Array]:
     """Return stacked placements (..., 4, 3) and their first three derivatives.
 
-    Args:
-        g: columns of the rotation, then the position, shape (..., 4, 3).
-        twist: of the body in its own axes, linear first, shape (..., 6).
-        accel: derivative of `twist`, the spatial acceleration.
-        jerk: derivative of `accel`.
+    g (..., 4, 3) has the columns of the rotation, then the position; the twist (..., 6) is that of
+    the body in its own axes, linear first; `accel` and `jerk` are its derivatives.
     """
     h, dh, ddh = ((x @ TWIST_MATRIX).reshape(*x.shape[:-1], 4, 4) for x in (twist, accel, jerk))
     g1 = h @ g
     g2 = h @ g1 + dh @ g
     return [g, g1, g2, h @ g2 + 2.0 * dh @ g1 + ddh @ g]
-
-
-def _equation_jerks(evaluation: LoopEquations, state: State, bodies: Array) -> Array:
-    """Return the third derivatives (n_closure + n_passive,) of the equations at zero joint jerk."""
-    c = evaluation.constraints
-    twists, accels = evaluation.move(state.q, state.v, state.a)
-    rates = placement_rates(evaluation.placements, twists, accels, bodies)
-    flat = [g.reshape(-1, 3) for g in rates]
-    n = len(c.constants)
-    a, b = ([c.c_abx[part] @ g for g in flat] for part in (slice(0, n), slice(n, 2 * n)))
-    products = [sum(binomial * np.vecdot(a[order - k], b[k])  # of a . b [Leibniz]
-                    for k, binomial in enumerate(BINOMIALS[order])) for order in range(4)]
-    products[0] = products[0] - c.constants
-    rows = composed_rates(c, products, [state.q, state.v, state.a], state.angles)
-    return np.concatenate([rows, c.idle_bias @ bodies.reshape(-1)])

@@ -18,7 +18,7 @@ import numpy as np
 
 from spatial_pin._support.checks import finite_array, finite_number
 from spatial_pin._support.lazy import made_once
-from spatial_pin.assembly.holding import FixedHold, Hold, divided, hashable_hold, held_by
+from spatial_pin.assembly.holding import Hold, divided, held_by
 from spatial_pin.assembly.square_system import SINGULAR_PIVOT, SquareSystem
 from spatial_pin.assembly.state import State, angles_of, at_sample, pieces
 from spatial_pin.errors import SingularError, SpatialPinError
@@ -74,11 +74,7 @@ def rates_by_coordinate(
 ) -> dict[Coordinate, Any]:
     """Return rates, by prescribed coordinate.
 
-    Args:
-        mechanism: the mechanism.
-        given: a number by coordinate, driver or joint, or one for each freedom of the joint.
-        what: name of the rates for messages: "speed".
-        n: number of samples, which may each have a value; None: one State.
+    `what` names the rates in messages. Of n samples each may have a value.
 
     Returns:
         Numbers; of samples arrays (n,).
@@ -149,11 +145,6 @@ class Prescription(NamedTuple):
 def factored_rates(kernel: Kernel, state: State, given: Prescription) -> RateSolver:
     """Return the solver for the rates of a closed state, factored there.
 
-    Args:
-        kernel: of the state's mechanism.
-        state: the state.
-        given: the prescribed coordinates.
-
     Raises:
         SingularError: the rates are not determined there.
     """
@@ -185,13 +176,8 @@ def solved_by(
 ) -> list[Array]:
     """Return results of `RateRows` at a State, or at all samples of a Motion.
 
-    Args:
-        samples: the State or the Motion.
-        given: the prescribed coordinates.
-        wanted: names of the results.
-        otherwise: returns the same of a State, and its number, where equations are not clear.
-        frame: of Jacobians.
-        rates: speeds and accelerations (N, k) of the prescribed coordinates of a Motion.
+    `otherwise` returns the same of a State, and its number, where equations are not clear. `rates`
+    are speeds and accelerations (N, k) of the prescribed coordinates of a Motion.
 
     Raises:
         SingularError: they are not determined; of a Motion says at which sample.
@@ -217,10 +203,7 @@ def solved_by(
 def chosen_at(state: State, given: Prescription, frame: int | None = None) -> Chosen:
     """Return the equations that determine the rates of a closed state.
 
-    Args:
-        state: the state.
-        given: the prescribed coordinates.
-        frame: frame whose velocity alone must be determined; default: all.
+    `frame` is one whose velocity alone must be determined; default: all.
 
     Raises:
         SingularError: the rates are not determined there.
@@ -241,52 +224,39 @@ def chosen_at(state: State, given: Prescription, frame: int | None = None) -> Ch
 
 
 @made_once
-def prescription_by(mechanism: Mechanism, driver: str, hold: FixedHold) -> Prescription:
+def prescription_by(mechanism: Mechanism, driver: str, hold: tuple[str, ...]) -> Prescription:
     """Return the prescription of a driver, with fixed coordinates."""
     return Prescription.of(mechanism, driven_coordinates(mechanism, [driver]), hold)
 
 
+@made_once
 def rates_prescription(
-    mechanism: Mechanism, speeds: Mapping[str, Any], accelerations: Mapping[str, Any], hold: Hold
+    mechanism: Mechanism, speeds: tuple[str, ...], accelerations: tuple[str, ...],
+    hold: tuple[str, ...],
 ) -> tuple[Prescription, list[int], list[int]] | None:
     """Return the prescription of rates by name; None if trials are needed.
 
     It has all drivers if all names are drivers, or the named coordinates if no others must be
-    fixed.
-
-    Args:
-        mechanism: the mechanism.
-        speeds: numbers by name.
-        accelerations: numbers by name.
-        hold: names of fixed coordinates, as for `solve_rates`.
-
-    Returns:
-        The prescription, and the indices in it of the names of speeds and of accelerations.
+    fixed. The indices in it of the names of speeds and of accelerations come with it.
     """
+    drivers = driven_coordinates(mechanism, mechanism.drivers)
     try:
-        return _plan(mechanism, (tuple(speeds), tuple(accelerations)), hashable_hold(hold))
+        chosen = [[c for name in some for c in rate_coordinates(mechanism, name)]
+                  for some in (speeds, accelerations)]
+        named = list(dict.fromkeys(c for own in chosen for c in own))
+        wanted = drivers if set(named) <= set(drivers) else named
+        given = Prescription.of(mechanism, wanted, hold)
     except (SpatialPinError, ValueError):
         return None  # the solver refuses it in words
-
-
-@made_once
-def _plan(
-    mechanism: Mechanism, names: tuple[tuple[str, ...], ...], hold: FixedHold
-) -> tuple[Prescription, list[int], list[int]] | None:
-    drivers = driven_coordinates(mechanism, mechanism.drivers)
-    chosen = [[c for name in some for c in rate_coordinates(mechanism, name)] for some in names]
-    if any(len(set(own)) != len(some) for some, own in zip(names, chosen, strict=True)):
+    if any(len(set(own)) != len(some) for some, own in zip((speeds, accelerations), chosen,
+                                                         strict=True)):
         return None
-    named = list(dict.fromkeys(c for own in chosen for c in own))
-    if not set(named) <= set(drivers):
-        if set(drivers) - set(named) or siblings(mechanism, named):
-            return None
-        drivers = named
-    given = Prescription.of(mechanism, drivers, hold)
-    if given.driven[: given.n_moving] != drivers:
+    if wanted is named and (set(drivers) - set(named) or siblings(mechanism, named)):
+        return None
+    if given.driven[: given.n_moving] != wanted:
         return None  # some of them are held
-    speeds, accelerations = ([given.driven.index(c) for c in own] for own in chosen)
-    return given, speeds, accelerations
+    of_speeds, of_accelerations = ([given.driven.index(c) for c in own] for own in chosen)
+    return given, of_speeds, of_accelerations
 
 
 def refuse_components(mechanism: Mechanism, driven: Iterable[Coordinate]) -> None:

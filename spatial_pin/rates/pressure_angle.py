@@ -23,17 +23,11 @@ def contact_quantity(
 ) -> Array:
     """Return a quantity (N,) of a contact of a curve.
 
-    "curvature" is that of the curve, of two the first, positive where a closed one is convex
-    [1/m]; "undercut" the radius of a roller over that of the hollow that it is in, 0 where there is
-    none: it is undercut from 1 on; "pressure_angle" the angle between the normal and the direction
-    in which the follower can move while the cam stands still [rad] [Norton2009, ch. 7].
-
-    Args:
-        mechanism: the mechanism.
-        closure: of a curve.
-        kind: one of `UNITS`.
-        q: (N, nq) closed configurations.
-        angles: (N, n_angles) that count turns [rad].
+    "curvature" is that of the curve, of two the first, positive where a closed one is convex [1/m];
+    "undercut" the radius of a roller over that of the hollow that it is in, 0 where there is none:
+    it is undercut from 1 on; "pressure_angle" the angle between the normal and the direction in
+    which the follower can move while the cam stands still [rad] [Norton2009, ch. 7]. `angles` (N,
+    n_angles) count turns [rad]; `kind` is one of `UNITS`.
 
     Raises:
         SpatialPinError: the curve is not a closed one, and has no single normal.

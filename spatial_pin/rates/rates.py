@@ -12,12 +12,11 @@ from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.close import scaled_row
 from spatial_pin.assembly.holding import (
     BASE,
-    FixedHold,
     Hold,
     divided,
     free_bases,
-    hashable_hold,
     held_by,
+    hold_names,
 )
 from spatial_pin.assembly.state import State, at_sample, made, samples_of
 from spatial_pin.errors import SingularError
@@ -62,37 +61,10 @@ def prescribed_at(state: State, names: Iterable[str], hold: Hold = BASE) -> list
         chosen_at(state, Prescription(usual, len(usual), still))
         return usual
     except SingularError:
-        return _with_fixed_drivers(state, wanted_coordinates(state.mechanism, names), hold) or usual
-
-
-def usual_prescription(
-    mechanism: Mechanism, names: Iterable[str], hold: Hold = BASE
-) -> tuple[list[Coordinate], tuple[int, ...]]:
-    """Return prescribed coordinates, in a regular state, and fixed velocity entries."""
-    driven, still = _prescribed_first(mechanism, tuple(names), hashable_hold(hold))
-    return [*driven], still
-
-
-@made_once
-def _prescribed_first(
-    mechanism: Mechanism, names: tuple[str, ...], hold: FixedHold
-) -> tuple[list[Coordinate], tuple[int, ...]]:
-    wanted = wanted_coordinates(mechanism, names)
-    usual = driven_coordinates(mechanism, [c.name for c in wanted])
-    return divided(mechanism, [*wanted, *(c for c in usual if c not in wanted)], hold)
-
-
-def wanted_coordinates(mechanism: Mechanism, names: Iterable[str]) -> list[Coordinate]:
-    """Return the coordinates of names, with all others of a named free base."""
-    wanted = list(dict.fromkeys(mechanism.prescribed_coordinate(name) for name in names))
-    return wanted + [c for c in siblings(mechanism, wanted) if c.joint in free_bases(mechanism)]
-
-
-def _with_fixed_drivers(state: State, wanted: list[Coordinate], hold: Hold) -> list[Coordinate]:
-    """Return coordinates with the drivers that can be fixed beside them; [] if they cannot move."""
+        pass
     mechanism = state.mechanism
     drivers = driven_coordinates(mechanism, mechanism.drivers)
-    wanted, still = divided(mechanism, wanted, hold)
+    wanted, still = divided(mechanism, wanted_coordinates(mechanism, names), hold)
     others = [c for c in divided(mechanism, drivers, hold)[0] if c not in wanted]
     evaluation = loops_at(mechanism, state.q, state.angles)
     n = evaluation.constraints.n_closure
@@ -101,8 +73,8 @@ def _with_fixed_drivers(state: State, wanted: list[Coordinate], hold: Hold) -> l
     own, more = ([scaled_row(mechanism, c, state.q) for c in some] for some in (wanted, others))
     held = np.vstack([rows, *own])
     svd = decompose(held)
-    if svd.rank < len(held):
-        return []
+    if svd.rank < len(held):  # they cannot move
+        return usual
     first = np.zeros(len(held))
     first[len(rows)] = 1.0
     moved, spare = np.array(more).reshape(-1, mechanism.model.nv), svd.null_space
@@ -115,7 +87,30 @@ def _with_fixed_drivers(state: State, wanted: list[Coordinate], hold: Hold) -> l
         if rank(wider) == len(wider):
             held, chosen = wider, [*chosen, others[k]]
     whole = set(wanted) <= set(drivers) or len(chosen) == len(wanted) + len(others)
-    return chosen if whole else []
+    return chosen if whole else usual
+
+
+def usual_prescription(
+    mechanism: Mechanism, names: Iterable[str], hold: Hold = BASE
+) -> tuple[list[Coordinate], tuple[int, ...]]:
+    """Return prescribed coordinates, in a regular state, and fixed velocity entries."""
+    driven, still = _prescribed_first(mechanism, tuple(names), hold_names(hold))
+    return [*driven], still
+
+
+@made_once
+def _prescribed_first(
+    mechanism: Mechanism, names: tuple[str, ...], hold: tuple[str, ...]
+) -> tuple[list[Coordinate], tuple[int, ...]]:
+    wanted = wanted_coordinates(mechanism, names)
+    usual = driven_coordinates(mechanism, [c.name for c in wanted])
+    return divided(mechanism, [*wanted, *(c for c in usual if c not in wanted)], hold)
+
+
+def wanted_coordinates(mechanism: Mechanism, names: Iterable[str]) -> list[Coordinate]:
+    """Return the coordinates of names, with all others of a named free base."""
+    wanted = list(dict.fromkeys(mechanism.prescribed_coordinate(name) for name in names))
+    return wanted + [c for c in siblings(mechanism, wanted) if c.joint in free_bases(mechanism)]
 
 
 def _choices(state: State, named: list[Coordinate], hold: Hold) -> Iterator[list[Coordinate]]:
@@ -140,7 +135,12 @@ def _choices(state: State, named: list[Coordinate], hold: Hold) -> Iterator[list
     others_of_joints = siblings(mechanism, named)
     still_drivers = [c for c in drivers if c not in named and c not in others_of_joints]
     for more in ([*others_of_joints, *still_drivers], others_of_joints, still_drivers):
-        if more and _are_independent(state, [*named, *more], hold):
+        driven, still = divided(mechanism, [*named, *more], hold)
+        with loops_of(mechanism, state.angles) as evaluation:
+            evaluation.update(state.q)
+            closed = _closed(evaluation, still)
+        rows = [scaled_row(mechanism, c, state.q) for c in driven]
+        if more and rank(np.vstack([closed, *rows])) == rank(closed) + len(driven):
             yield [*named, *more]
     yield named
 
@@ -151,29 +151,12 @@ def _closed(evaluation: LoopEquations, still: tuple[int, ...]) -> Array:
     return np.vstack([rows, np.eye(rows.shape[1])[list(still)]]) if still else rows
 
 
-def _are_independent(state: State, driven: list[Coordinate], hold: Hold) -> bool:
-    """Whether coordinates can move independently of each other at a state."""
-    driven, still = divided(state.mechanism, driven, hold)
-    with loops_of(state.mechanism, state.angles) as evaluation:
-        evaluation.update(state.q)
-        closed = _closed(evaluation, still)
-        rows = [scaled_row(state.mechanism, c, state.q) for c in driven]
-        return rank(np.vstack([closed, *rows])) == rank(closed) + len(driven)
-
-
 def check_not_held(mechanism: Mechanism, named: Sequence[Coordinate], hold: Hold) -> None:
     """Refuse motion of fixed coordinates.
 
     Raises:
         ValueError: with its name.
     """
-    _check_not_held(mechanism, tuple(named), hashable_hold(hold))
-
-
-@made_once
-def _check_not_held(
-    mechanism: Mechanism, named: tuple[Coordinate, ...], hold: FixedHold
-) -> None:
     moving, held = divided(mechanism, named, hold)[0], held_by(mechanism, hold, named).coordinates
     for c in named:
         if c not in moving or c in held:
@@ -255,7 +238,7 @@ def solve_rates(
     samples = samples_of(mechanism, state)
     mechanism = samples.mechanism
     speeds = mapping(speeds, "speeds")
-    accelerations, hold = mapping(accelerations, "accelerations"), hashable_hold(hold)
+    accelerations, hold = mapping(accelerations, "accelerations"), hold_names(hold)
     if not isinstance(samples, State):
         return _motion_solved(samples, speeds, accelerations, hold)
     state = samples
@@ -267,12 +250,13 @@ def solve_rates(
     if clear is None:
         check_rates(state, solution.v)
     return made(mechanism, state.q, solution.v, solution.a, closure_error=state.closure_error,
-                angles=state.angles, rate_error=_reported_error(mechanism, solution.lost),
+                angles=state.angles, rate_error=min(solution.lost * _more_error(mechanism), 1.0),
                 released=state.released, lost_turns=state.lost_turns)
 
 
 def _motion_solved(
-    motion: sp.Motion, speeds: Mapping[str, Any], accelerations: Mapping[str, Any], hold: Hold
+    motion: sp.Motion, speeds: Mapping[str, Any], accelerations: Mapping[str, Any],
+    hold: tuple[str, ...],
 ) -> sp.Motion:
     """Return a motion with the rates that its samples have at prescribed ones.
 
@@ -282,7 +266,7 @@ def _motion_solved(
     mechanism, n = motion.mechanism, len(motion)
     v_of, a_of = (rates_by_coordinate(mechanism, rates, what, n) for rates, what in (
         (speeds, "speed"), (accelerations, "acceleration")))
-    plan = rates_prescription(mechanism, speeds, accelerations, hold)
+    plan = rates_prescription(mechanism, tuple(speeds), tuple(accelerations), hold)
     if not n:
         return motion.at_rates(motion.v, motion.a)
     if plan is not None:
@@ -309,7 +293,7 @@ def _motion_solved(
 
 
 def _solved(
-    state: State, speeds: Mapping[str, Any], accelerations: Mapping[str, Any], hold: Hold
+    state: State, speeds: Mapping[str, Any], accelerations: Mapping[str, Any], hold: tuple[str, ...]
 ) -> Solved | None:
     """Return the rates if the equations for them are clear; else None.
 
@@ -317,7 +301,7 @@ def _solved(
         ValueError: a rate is not a finite number.
     """
     mechanism = state.mechanism
-    plan = rates_prescription(mechanism, speeds, accelerations, hold)
+    plan = rates_prescription(mechanism, tuple(speeds), tuple(accelerations), hold)
     if plan is None:
         return None
     values = [[finite_number(x, f"{what} of {name!r}") for name, x in rates.items()]
@@ -386,16 +370,11 @@ def rate_error(driver: str, solved: bool, state: State, held: Hold = BASE) -> fl
     """Return the round-off of rates from a driver; NaN if it does not determine them.
 
     A path solves rates with its own closure equations. If others are redundant, these may be less
-    accurate than equations chosen here; the difference shows in the rates.
-
-    Args:
-        driver: its name.
-        solved: whether rates were solved there, not continued across a branch point.
-        state: the closed state, with these rates or at rest.
-        held: names of fixed coordinates, as for `solve_rates`.
+    accurate than equations chosen here; the difference shows in the rates. `solved`: whether rates
+    were solved there, not continued across a branch point.
     """
     mechanism = state.mechanism
-    given = prescription_by(mechanism, driver, hashable_hold(held))
+    given = prescription_by(mechanism, driver, hold_names(held))
     coordinate = mechanism.prescribed_coordinate(driver)
     at = given.driven.index(coordinate)
     moves = coordinate.q >= 0 and state.v[coordinate.v] != 0.0
@@ -414,13 +393,8 @@ def rate_error(driver: str, solved: bool, state: State, held: Hold = BASE) -> fl
     assert solution is not None
     if not solved:
         return solution.known
-    lost = _reported_error(mechanism, solution.lost)
+    lost = min(solution.lost * _more_error(mechanism), 1.0)
     return max(lost, 2.0 * _apart(state, solution)) if moves else lost
-
-
-def _reported_error(mechanism: Mechanism, lost: float) -> float:
-    """Return the reported error of rates, given the round-off of the solution."""
-    return min(lost * _more_error(mechanism), 1.0)
 
 
 def _more_error(mechanism: Mechanism) -> float:

@@ -193,18 +193,35 @@ class MovedOutput(NamedTuple):
     def angles(self, mechanism: Mechanism, q: Array, angles: Array) -> Array:
         """Return the transmission angles (N,) [rad].
 
-        Args:
-            mechanism: whose output it is.
-            q: (N, nq) closed configurations.
-            angles: (N, n_angles) of screw closures there [rad].
+        q (N, nq) are closed configurations, `angles` (N, n_angles) those of screw closures there
+        [rad].
         """
         size, n = mechanism.characteristic_length, max(PIECE // mechanism.model.nv**2, 1)
+        output, given = self.coordinate, self.given
+        unit = np.array([size] * 3 + [1.0] * 3)
+        free = np.ones(mechanism.model.nv, dtype=bool)
+        free[[output.v, *given.still, *(c.v for c in given.driven if c.q >= 0)]] = False
+        turned = [c for c in given.driven if c.q < 0]  # components of balls are no entries
         pieces: list[Array] = [np.empty(0)]
         for first in range(0, len(q), n):
-            piece = slice(first, first + n)
-            own, allowed, placed = _velocities(mechanism, self, q[piece], angles[piece])
+            some, turns = q[first : first + n], angles[first : first + n]
+            with kernel_of(mechanism) as kernel:
+                jacobian, columns = kernel.jacobians_and_columns(some, turns)
+                placements = kernel.placements(some)
+            # twists relative to the joint's parent, at the world origin in world axes: of the
+            # output's own joint, and possible ones with that joint removed, which adds six freedoms
+            # between its subtree and the rest, while prescribed coordinates stand still
+            loose = twist_derivatives(mechanism, self.joint, some, placements, turns) * unit
+            rows = jacobian[:, : loose.shape[1], free]
+            if turned:
+                pinned = [[scaled_row(mechanism, c, x)[free] for c in turned] for x in some]
+                rows = np.concatenate([rows, pinned], axis=1)
+                loose = np.concatenate([loose, np.zeros((len(some), len(turned), 6))], axis=1)
+            every = padded_null_spaces(np.concatenate([rows, loose], axis=2))
+            own = columns[:, output.v] / unit * mechanism.velocity_scale[output.v]
+            placed = placements[:, self.joint]  # columns of the rotation, then the position
             points = placed[:, 3] + np.einsum("mci,c->mi", placed[:, :3], self.point)
-            pieces.append(_angles(own, allowed, points / size))
+            pieces.append(_angles(own, every[:, :, rows.shape[2]:], points / size))
         return np.concatenate(pieces)
 
 
@@ -228,35 +245,6 @@ def _moved_at(mechanism: Mechanism, joint: int, at: str | None) -> tuple[str, Ar
                "no other pair: nothing moves it but its own joint")
         )
     return next(iter(pairs.items()))
-
-
-def _velocities(
-    mechanism: Mechanism, moved: MovedOutput, q: Array, angles: Array
-) -> tuple[Array, Array, Array]:
-    """Return the twists of the output's own joint, and possible twists with that joint removed.
-
-    Both relative to the joint's parent, at the world origin in world axes, (m, 6) and (m, k, 6),
-    lengths relative to the characteristic length; prescribed coordinates are fixed in the latter.
-    Removing a joint adds six freedoms between the subtree and the rest. And the joint's placements
-    (m, 4, 3), columns of the rotation, then the position.
-    """
-    output, given = moved.coordinate, moved.given
-    unit = np.array([mechanism.characteristic_length] * 3 + [1.0] * 3)
-    free = np.ones(mechanism.model.nv, dtype=bool)
-    free[[output.v, *given.still, *(c.v for c in given.driven if c.q >= 0)]] = False
-    turned = [c for c in given.driven if c.q < 0]  # components of balls are no entries
-    with kernel_of(mechanism) as kernel:
-        jacobian, columns = kernel.jacobians_and_columns(q, angles)
-        placements = kernel.placements(q)
-    loose = twist_derivatives(mechanism, moved.joint, q, placements, angles) * unit
-    rows = jacobian[:, : loose.shape[1], free]
-    if turned:
-        pinned = [[scaled_row(mechanism, c, x)[free] for c in turned] for x in q]
-        rows = np.concatenate([rows, pinned], axis=1)
-        loose = np.concatenate([loose, np.zeros((len(q), len(turned), 6))], axis=1)
-    allowed = padded_null_spaces(np.concatenate([rows, loose], axis=2))[:, :, rows.shape[2]:]
-    own = columns[:, output.v] / unit * mechanism.velocity_scale[output.v]
-    return own, allowed, placements[:, moved.joint]
 
 
 def _angles(own: Array, allowed: Array, points: Array) -> Array:

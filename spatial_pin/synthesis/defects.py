@@ -16,7 +16,7 @@ from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.joint_limits import joint_limits
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.dead_centres import grounded_outputs
-from spatial_pin.motion.joint_limit_events import joint_limits_passed, passed_at_start
+from spatial_pin.motion.limit_events import joint_limits_passed, passed_at_start
 from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array

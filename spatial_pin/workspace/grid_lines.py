@@ -11,7 +11,7 @@ from spatial_pin.assembly.state import State
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
-from spatial_pin.motion.joint_limit_events import KIND as JOINT_LIMIT
+from spatial_pin.motion.limit_events import KIND as JOINT_LIMIT
 from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array

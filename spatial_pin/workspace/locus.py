@@ -26,7 +26,7 @@ from spatial_pin.assembly.holding import held_by
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.joint_limits import JointLimit, joint_limits
-from spatial_pin.motion.joint_limit_events import KIND as JOINT_LIMIT
+from spatial_pin.motion.limit_events import KIND as JOINT_LIMIT
 from spatial_pin.numerics.linalg import Array, aligned, decompose
 from spatial_pin.numerics.roots import sign_change
 from spatial_pin.numerics.tolerances import TOLERANCES

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from spatial_pin._support.checks import checked, names_of, positive_number
+from spatial_pin._support.checks import checked, positive_number
 from spatial_pin._support.progress import progress_bar
 from spatial_pin.assembly.assemble import assembled
-from spatial_pin.assembly.holding import BASE, Hold
+from spatial_pin.assembly.holding import BASE, Hold, hold_names
 from spatial_pin.assembly.state import State
 from spatial_pin.errors import SingularError, SpatialPinError, unless_cut
 from spatial_pin.mechanism.coordinates import (
@@ -126,7 +126,7 @@ def workspace(
         clearance = positive_number(clearance, "clearance")
     names, ticks, is_posed = read_ranges(mechanism, frame, ranges, points)
     start = assembled(mechanism, {}, guess)
-    held = () if hold is None else tuple(names_of(hold, "hold"))
+    held = hold_names(hold)
     config, start, task = _configured(start, frame, names, task, held, is_posed)
     config = config._replace(limits=limits, on_crossing=on_crossing, apart=clearance)
     first = FilledGrid(config, ticks)

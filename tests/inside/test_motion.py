@@ -7,7 +7,7 @@ import pytest
 from joint_limits import LOWER, UPPER, crank_at, hanging, limited_slider_crank
 
 import spatial_pin as sp
-from spatial_pin.motion.joint_limit_events import (
+from spatial_pin.motion.limit_events import (
     SWING_OF_ACCELERATIONS,
     SWING_OF_RATES,
     first_passing,

@@ -69,6 +69,12 @@ def test_a_curve_that_is_not_closed_within_its_rows_says_so():
             sp.trace(mechanism, "crank", most_rows=rows)
 
 
+def test_a_traced_motion_has_the_names_of_what_was_held():
+    mech = library("delta")
+    assert sp.trace(mech, "arm_1", hold=["arm_2"], most_rows=3).held == ("arm_2",)
+    assert sp.trace(mech, "arm_1", hold=None, most_rows=3).held == ()
+
+
 @pytest.mark.parametrize("name", ["four_bar", "rssr", "rspc"])
 def test_rates_along_a_traced_curve_are_derivatives_with_respect_to_its_length(name):
     mechanism = library(name)

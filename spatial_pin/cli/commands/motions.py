@@ -18,7 +18,7 @@ from spatial_pin.cli.tables import name_of_column, read_table
 from spatial_pin.dynamics.force_outputs import with_force_values
 from spatial_pin.dynamics.simulation.result import growth_lines
 from spatial_pin.motion.default_motion import default_motion
-from spatial_pin.motion.joint_limit_events import KIND as JOINT_LIMIT
+from spatial_pin.motion.limit_events import KIND as JOINT_LIMIT
 from spatial_pin.motion.report import motion_summary
 from spatial_pin.motion.summary import EFFORTS
 from spatial_pin.units import KINDS

@@ -29,9 +29,16 @@ from spatial_pin.kernel.loop_equations import LoopEquations, loops_at
 from spatial_pin.mechanism.inertia import KineticEnergy, inertia_as_given
 from spatial_pin.mechanism.joint_limits import SLACK, JointLimit, joint_limits
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.motion.joint_limit_events import NOISE, Passing, first_passing, passed_at_start
+from spatial_pin.motion.limit_events import (
+    NOISE,
+    Passing,
+    RatedLimit,
+    effort_limits,
+    first_passing,
+    passed_at_start,
+    velocity_limits,
+)
 from spatial_pin.motion.motion import Event
-from spatial_pin.motion.rated_limits import RatedLimit, effort_limits, velocity_limits
 from spatial_pin.numerics.linalg import Array, decompose, independent_rows
 from spatial_pin.numerics.roots import sign_change
 from spatial_pin.numerics.tolerances import TOLERANCES

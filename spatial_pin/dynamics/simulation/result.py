@@ -16,7 +16,7 @@ from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.mechanism.inertia import fall_energy
 from spatial_pin.mechanism.joint_limits import JointLimit
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.motion.joint_limit_events import Passing
+from spatial_pin.motion.limit_events import Passing
 from spatial_pin.motion.motion import Motion, Output, content_of, fields_of, read_content
 from spatial_pin.motion.summary import effort_lines, first_of
 from spatial_pin.numerics.linalg import Array

@@ -70,8 +70,7 @@ from spatial_pin.kernel.integrating import (
     SimulationSamples,
 )
 from spatial_pin.kernel.library import address
-from spatial_pin.motion.curve_ends import curve_end_events
-from spatial_pin.motion.joint_limit_events import Passing
+from spatial_pin.motion.limit_events import Passing, curve_end_events
 from spatial_pin.motion.motion import Event
 from spatial_pin.motion.rounding import independent_from
 from spatial_pin.numerics.linalg import Array

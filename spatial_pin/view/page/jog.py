@@ -22,7 +22,7 @@ from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.coordinates import finite_number
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
-from spatial_pin.motion.joint_limit_events import joint_limits_passed
+from spatial_pin.motion.limit_events import joint_limits_passed
 from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array

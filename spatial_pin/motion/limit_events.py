@@ -1,27 +1,36 @@
-"""Events where a motion passes joint limits of the URDF."""
+"""Limits of the URDF that a motion passes, of positions, velocities and efforts; ends of curves.
+
+A velocity or effort limit of 0 is none: URDF wants the attributes even where nothing is known.
+"""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin._support.lazy import Workspaces
+from spatial_pin._support.brief import brief
+from spatial_pin._support.lazy import Workspaces, made_anew
 from spatial_pin.continuation.path_tracker import PathTracker, Stopped
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.joint_limits import SLACK, JointLimit, joint_limits
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.motion.motion import Event, Motion
+from spatial_pin.motion.summary import EFFORTS, where
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.piecewise import quintic
-from spatial_pin.numerics.roots import sign_change
+from spatial_pin.numerics.roots import between_samples, onsets, sign_change
 from spatial_pin.settings import Accuracy
 
 KIND = "joint limit"  # of events
+VELOCITY, EFFORT, END_OF_CURVE = "velocity limit", "effort limit", "end of curve"  # other kinds
+UNSET = 1e300  # Pinocchio has its largest number, or infinity, where there is no limit
+CURVE_SLACK = 1e-10  # of a curve's length, beyond its end
 # Rate of a joint at rest, relative to the fastest joint: round-off of solved rates stays below.
 NOISE = 1e-11
 # What rates and accelerations add to a polynomial of fifth degree between two samples, at most: the
@@ -80,14 +89,9 @@ def first_passing(
     """Return the time at which a limit is first passed outwards in a span, or None.
 
     A joint that turns back is looked at where it stands still; one that does so twice in the span
-    may pass unnoticed in between.
-
-    Args:
-        limit: the limit.
-        at: function of the time to (q, v).
-        span: first and last time.
-        ends: (q, v) at these; `at` may differ from them by round-off.
-        noise: rate of a joint that stands still [rad/s, characteristic lengths per second].
+    may pass unnoticed in between. `at` is a function of the time to (q, v); `ends`, the same at
+    both ends, may differ from it by round-off. `noise` is the rate of a joint at rest [rad/s,
+    characteristic lengths per second].
     """
     slack, still, last = SLACK * limit.size, noise * limit.size, span[1]
     before, after = (float(limit.room(q)) for q, _ in ends)
@@ -182,11 +186,6 @@ def _steps(motion: Motion) -> Array | None:
     if motion.driver is not None and motion.per == motion.driver_unit:
         return np.abs(np.diff(motion.driver))
     return None
-
-
-def joint_limit_events(motion: Motion) -> list[Event]:
-    """Return the events, of kind "joint limit", of `joint_limits_passed`."""
-    return [passing.event for passing in joint_limits_passed(motion)]
 
 
 def _between(motion: Motion, limit: JointLimit, k: int) -> Passing | None:
@@ -308,3 +307,157 @@ def _quintic(
     polynomial = np.polynomial.Polynomial(
         quintic(q, h * v, h * h * a) if h else [q[0], q[1] - q[0]])
     return polynomial, polynomial.deriv()
+
+
+class RatedLimit(NamedTuple):
+    """The largest velocity, or effort, of a joint coordinate.
+
+    Attributes:
+        kind: "velocity limit" or "effort limit".
+        name: of the coordinate.
+        v: its place in the velocity.
+        value: the limit [rad/s, m/s, N·m or N].
+        unit: of that.
+    """
+
+    kind: str
+    name: str
+    v: int
+    value: float
+    unit: str
+
+    @property
+    def words(self) -> str:
+        """Its name, as text."""
+        return f"{self.kind} {self.value:.9g} {self.unit} of {self.name}"
+
+    def excess(self, values: Array) -> Array:
+        """Return the excess of values (...) over the limit, negative within it."""
+        return np.abs(values) - self.value * (1.0 + SLACK)
+
+
+class BeyondLimit(NamedTuple):
+    """A velocity or effort that is beyond its limit in some samples of a motion.
+
+    Attributes:
+        limit: the exceeded limit.
+        samples: (n,) numbers of the samples of the motion that are beyond it, rising.
+        worst: number of the sample that is farthest beyond.
+        most: the velocity or effort there [rad/s, m/s, N·m or N].
+
+    Example:
+        >>> mech = sp.load("excavator")
+        >>> motion = sp.sweep(mech, "boom", np.linspace(2.7, 2.9, 21), speed=1.0)  # [m], [m/s]
+        >>> beyond = sp.kinetostatics(mech, motion).beyond_limits[0]
+        >>> beyond.limit.kind, beyond.limit.name, float(beyond.most)
+        ('velocity limit', 'boom_slide', 1.0)
+        >>> print(f"{beyond.by:.3f} m/s too fast")
+        0.677 m/s too fast
+    """
+
+    limit: RatedLimit
+    samples: NDArray[np.intp]
+    worst: int
+    most: float
+
+    @property
+    def by(self) -> float:
+        """Largest excess over the limit [rad/s, m/s, N·m or N]."""
+        return abs(self.most) - self.limit.value
+
+    def text(self, motion: Motion) -> str:
+        """Return the same as a sentence.
+
+        Args:
+            motion: the motion that it is about.
+
+        Example:
+            >>> mech = sp.load("excavator")
+            >>> motion = sp.sweep(mech, "boom", np.linspace(2.7, 2.9, 21), speed=1.0)  # [m], [m/s]
+            >>> beyond = sp.kinetostatics(mech, motion).beyond_limits[0]
+            >>> print(beyond.text(motion).split(",")[0])
+            beyond the velocity limit 0.323467685 m/s of boom_slide in 21 of 21 samples
+        """
+        return (f"beyond the {self.limit.words} in {len(self.samples)} of {len(motion)} samples, "
+                f"first {where(motion, int(self.samples[0]))}, by {self.by:.6g} {self.limit.unit} "
+                f"at most, {where(motion, self.worst)}")
+
+    def __repr__(self) -> str:
+        return brief(self, most=self.limit.unit)
+
+
+def velocity_limits(mechanism: Mechanism) -> list[RatedLimit]:
+    """Return the velocity limits that the URDF states, in the order of the coordinates."""
+    return _velocity_limits(mechanism, mechanism.model.upperVelocityLimit.tobytes())
+
+
+@made_anew  # as anybody may change the numbers
+def _velocity_limits(mechanism: Mechanism, numbers: bytes) -> list[RatedLimit]:
+    return [RatedLimit(VELOCITY, c.name, c.v, float(x), f"{c.unit}/s")
+            for c, x in _stated(mechanism, mechanism.model.upperVelocityLimit)]
+
+
+def effort_limits(mechanism: Mechanism) -> list[RatedLimit]:
+    """Return the effort limits that the URDF states, in the order of the coordinates."""
+    return [RatedLimit(EFFORT, c.name, c.v, float(x), EFFORTS[c.unit])
+            for c, x in _stated(mechanism, mechanism.model.upperEffortLimit)]
+
+
+def _stated(mechanism: Mechanism, values: Array) -> list[tuple[Coordinate, float]]:
+    table = mechanism.coordinate_table.values()
+    return [(c, x) for c, x in zip(table, values.tolist(), strict=True) if 0.0 < x < UNSET]
+
+
+def beyond(pairs: Iterable[tuple[RatedLimit, Array]]) -> list[BeyondLimit]:
+    """Return the limits that velocities or efforts (N,) exceed, with their samples."""
+    exceeded = []
+    for limit, values in pairs:
+        excess = limit.excess(values)
+        samples = np.flatnonzero(excess > 0.0)
+        if samples.size:
+            worst = int(np.argmax(excess))
+            exceeded.append(BeyondLimit(limit, samples, worst, float(values[worst])))
+    return exceeded
+
+
+def velocities_beyond(motion: Motion) -> list[BeyondLimit]:
+    """Return the velocity limits that a motion exceeds; none if its rates are not in time."""
+    if motion.per != "s":
+        return []
+    return beyond((limit, motion.v[:, limit.v]) for limit in velocity_limits(motion.mechanism))
+
+
+def curve_end_events(motion: Motion) -> list[Event]:
+    """Return an event where each point leaves its curve by an end, in the order of samples.
+
+    Between samples the place is that of a cubic.
+    """
+    whole = motion.mechanism.whole or motion.mechanism
+    at, what = motion.time, "at {:.9g} s"
+    if motion.driver is not None:
+        at, what = motion.driver, f"at {motion.driver_name} = {{:.9g}} {motion.driver_unit}"
+    events = []
+    for closure in whole.closures:
+        curve = closure.numbers.get("curve")
+        if curve is None or curve.is_closed or not np.isfinite(curve.end) or not len(motion):
+            continue
+        s = motion.coordinate(f"{closure.name}.s").value
+        for end, room in ((f"{curve.end:.6g} m", curve.end - s), ("0 m", s)):
+            for k in onsets(room < -CURVE_SLACK * curve.end):
+                value = float(k) if at is None else float(at[0]) if not k else (
+                    between_samples(at, room, k))
+                where = what.format(value) if at is not None else f"before sample {k}"
+                events.append(Event(END_OF_CURVE, value, k, (
+                    f"{closure.name} leaves its curve at the end at {end}, "
+                    + (where if k else "from the start"))))
+    return sorted(events, key=lambda event: event.row)
+
+
+def limit_events(motion: Motion) -> list[Event]:
+    """Return events of joint limits passed, of the first samples too fast, and of curves left."""
+    at = motion.time if motion.driver is None else motion.driver
+    too_fast = [] if at is None else [
+        Event(VELOCITY, float(at[b.samples[0]]), int(b.samples[0]), b.text(motion))
+        for b in velocities_beyond(motion)]
+    return [*(passing.event for passing in joint_limits_passed(motion)), *too_fast,
+            *curve_end_events(motion)]
