@@ -39,7 +39,7 @@ def template(node):
 
 @cache
 def code():
-    """Return the texts of the code, and (file, text) of the errors that it raises."""
+    """Return the texts of the code with two words, and (file, text) of the errors it raises."""
     texts, errors_raised = set(), []
     for path in PACKAGE.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -49,7 +49,7 @@ def code():
                     getattr(node.func, "id", "") in KINDS - {"UnknownNameError"}):
                 errors_raised.append((path.relative_to(PACKAGE).as_posix(),
                                       template(node.args[0])))
-    return texts, errors_raised
+    return {text for text in texts if " " in text}, errors_raised
 
 
 def pattern(message):
