@@ -5,13 +5,14 @@ import pinocchio as pin
 import pytest
 from far_sites import DIRECTION, on_site, sprung
 from loaded_library import library
+from variety import each, paired
 
 import spatial_pin as sp
 
 EPS = np.finfo(float).eps
 NAMES = ("excavator", "four_bar", "rssr", "delta")
 FAR = (1e2, 1e4, 1e5, 5e6, 1e7)  # m
-CASES = [(name, away) for name in NAMES for away in FAR]
+CASES = [pytest.param(case.values, marks=case.marks) for case in paired(NAMES, FAR)]
 FARTHEST = [(name, 5e6) for name in NAMES]
 MADE = {}
 
@@ -198,7 +199,7 @@ def test_a_spring_to_the_ground_pulls_as_at_the_origin():
     np.testing.assert_allclose(*ends, rtol=1e-7)
 
 
-@pytest.mark.parametrize("name", sp.list_mechanisms())
+@pytest.mark.parametrize("name", each(sp.list_mechanisms()))
 def test_near_the_origin_nothing_is_moved(name):
     mech = library(name)
     assert not mech.centre.any() and mech.centred_model is mech.model

@@ -58,7 +58,7 @@ def test_a_leg_that_is_too_short_is_the_one_that_is_named():
 
 
 @pytest.mark.delicate
-@pytest.mark.parametrize("crank", [1.2, 5.0])
+@pytest.mark.parametrize("crank", [1.2, pytest.param(5.0, marks=pytest.mark.slow)])
 def test_a_crank_goes_only_as_far_as_the_one_leg_that_moves_it(crank):
     sizes = [1.0, 1.0, 1.0, 0.4]
     state = sp.assemble(walker(8, sizes=sizes), guess={"crank": crank})

@@ -3,6 +3,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
+from variety import few, paired
 
 import spatial_pin as sp
 
@@ -58,7 +59,7 @@ def delta(exchanged=(), digits=17):
     return sp.Mechanism.from_model(model, ends, drivers=DRIVERS)
 
 
-@pytest.mark.parametrize("digits", [17, 9, 4])
+@pytest.mark.parametrize("digits", few([17, 9, 4], 17, 4))
 def test_a_delta_moves_however_its_numbers_are_rounded(digits):
     mechanism = delta(digits=digits)
     state = sp.assemble(mechanism)
@@ -73,8 +74,7 @@ def test_a_delta_moves_however_its_numbers_are_rounded(digits):
     assert np.abs(turned).max() < 10.0 ** (2 - digits) + 1e-11
 
 
-@pytest.mark.parametrize("digits", [17, 9, 7, 6, 4])
-@pytest.mark.parametrize("exchanged", [(0, 1), (1, 2)])
+@pytest.mark.parametrize(("exchanged", "digits"), paired([(0, 1), (1, 2)], [17, 9, 7, 6, 4]))
 def test_all_verbs_say_that_a_delta_with_exchanged_pins_is_singular(exchanged, digits):
     """To the first order it moves three ways as a delta does, in earnest one way only."""
     mechanism = delta(exchanged, digits)
@@ -92,7 +92,7 @@ def test_all_verbs_say_that_a_delta_with_exchanged_pins_is_singular(exchanged, d
             verb()
 
 
-@pytest.mark.parametrize("exchanged", [(0, 1), (1, 2)])
+@pytest.mark.parametrize("exchanged", few([(0, 1), (1, 2)], (1, 2)))
 def test_in_three_digits_such_a_delta_has_one_freedom_for_all_verbs(exchanged):
     """It goes down, until branches cross."""
     mechanism = delta(exchanged, 3)

@@ -59,7 +59,11 @@ def test_the_delta_robot_has_two_change_points(held):
     assert 0.03 < second - first < 0.21
 
 
-@pytest.mark.parametrize(("held", "rows"), paired(HELD, [2, 23, 3000]))
+@pytest.mark.parametrize(("held", "rows"), [
+    pytest.param(held, rows, marks=() if case in {("level", 2), ("more", 3000)} else
+                 pytest.mark.slow)
+    for held, name in zip(HELD, HELD_IDS, strict=True) for rows in (2, 23, 3000)
+    for case in [(name, rows)]])
 def test_the_delta_robot_stays_level_at_its_change_points(held, rows):
     """With few rows, followed one by one, as with many, followed together."""
     values = np.linspace(1.4, 2.7, rows)

@@ -36,13 +36,19 @@ def ends_at(motion, time, link, off):
     assert f"the link '{link}' would have to become infinitely fast" in event.text
 
 
-@pytest.mark.parametrize("settings, off", [
+FLAT, LEANING = (0, 0, 1), (0, 0.6, 0.8)
+SETTINGS = [  # and what the end is off by
     ({}, 1e-7), ({"formulation": "projected"}, 1e-4),
     ({"time_tolerance": 1e-6, "integrator": "DOP853"}, 1e-6),
-    ({"integrator": "RK4", "step": 1e-3}, 1e-3),
-    pytest.param({"integrator": "Radau"}, 1e-4, marks=pytest.mark.slow)], ids=str)
-@pytest.mark.parametrize("axis", [(0, 0, 1), (0, 0.6, 0.8)], ids=["flat", "tilted"])
-def test_a_slider_ends_where_crank_and_rod_without_mass_are_in_line(settings, off, axis, tmp_path):
+    ({"integrator": "RK4", "step": 1e-3}, 1e-3), ({"integrator": "Radau"}, 1e-4)]
+
+
+@pytest.mark.parametrize(("axis", "setting"), [
+    *((FLAT, x) for x in SETTINGS[:4]), (LEANING, SETTINGS[0]),
+    *(pytest.param(LEANING, x, marks=pytest.mark.slow) for x in SETTINGS[1:]),
+    pytest.param(FLAT, SETTINGS[4], marks=pytest.mark.slow)], ids=str)
+def test_a_slider_ends_where_crank_and_rod_without_mass_are_in_line(axis, setting, tmp_path):
+    settings, off = setting
     mech, start = slider(tmp_path, {"slider": BLOCK}, axis)
     motion = sp.simulate(mech, start, 1.0, accuracy=sp.Accuracy(**settings))
     ends_at(motion, 0.5, "crank", off)

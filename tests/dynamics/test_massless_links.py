@@ -77,8 +77,8 @@ def struts(folder, reach, tilt):
                       + known.closure("knob", "spherical", "strut_end", "eye"))
 
 
-@pytest.mark.parametrize(("reach", "tilt"), first(2, [
-    (1.0, 0.0), (0.7, 0.3), (1.0, 0.3), (1.0, -0.11), (0.7, 0.0), (0.7, -0.11), (1.3, 0.0),
+@pytest.mark.parametrize(("reach", "tilt"), first(1, [
+    (0.7, 0.3), (1.0, 0.0), (1.0, 0.3), (1.0, -0.11), (0.7, 0.0), (0.7, -0.11), (1.3, 0.0),
     (1.3, 0.3), (1.3, -0.11)]))
 def test_a_massless_strut_across_a_structure_does_not_spin_by_itself(reach, tilt, tmp_path):
     """The spin moves the heavy rods by the last bit of the numbers: that is no inertia."""

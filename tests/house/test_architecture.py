@@ -58,13 +58,14 @@ class Facts(NamedTuple):
     handed_on: frozenset[str]  # "module:function" that does the work of a public type's method
     prints: list[int]  # lines that call it
     factorisations: set[str]  # those that tell ranks, or solve by one
+    classes: list[str]  # without a leading underscore
 
 
 @cache
 def facts_of(path: Path) -> Facts:
     """Return what one reading of a file tells."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
-    imported, prints, factorisations = set(), [], set()
+    imported, prints, factorisations, classes = set(), [], set(), []
     lines, works = handed_on_by(tree)
     for node in ast.walk(tree):
         if node in lines:
@@ -74,11 +75,13 @@ def facts_of(path: Path) -> Facts:
             factorisations.update(factorisations_imported_by(node))
         elif isinstance(node, ast.Call) and getattr(node.func, "id", "") == "print":
             prints.append(node.lineno)
+        elif isinstance(node, ast.ClassDef):
+            classes.append(node.name.lstrip("_"))
         elif isinstance(node, ast.Attribute) and is_factorisation(node.attr) and any(
                 x in ast.unparse(node.value) for x in ("linalg", "lapack")):
             factorisations.add(node.attr)
     first = (ast.get_docstring(tree) or "").partition("\n")[0].strip()
-    return Facts(first, frozenset(imported), frozenset(works), prints, factorisations)
+    return Facts(first, frozenset(imported), frozenset(works), prints, factorisations, classes)
 
 
 def handed_on_by(tree: ast.Module) -> tuple[list[ast.ImportFrom], list[str]]:
@@ -199,8 +202,7 @@ def test_no_class_and_no_module_name_stands_twice():
     classes, modules = Counter(), Counter()
     for path in PACKAGE.rglob("*.py"):
         modules[path.stem] += 1
-        classes.update(node.name.lstrip("_") for node in ast.walk(ast.parse(
-            path.read_text("utf-8"))) if isinstance(node, ast.ClassDef))
+        classes.update(facts_of(path).classes)
     repeated = {"__init__", "__main__", "reader", "writer", "report"}
     assert [name for name, n in classes.items() if n > 1] == []
     assert [name for name, n in modules.items() if n > 1 and name not in repeated] == []

@@ -35,6 +35,7 @@ def test_answers_for_random_mechanisms_are_right_or_refused_for_a_reason(fuzz, f
     assert not sums.count("wrong", "crashed", "hung", "refused?"), str(sums)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not EXTENDED, reason="the judge needs extended precision")
 def test_the_judge_notices_a_wrong_answer(fuzz, monkeypatch):
     import spatial_pin as sp
@@ -83,12 +84,12 @@ def test_damaged_files_load_or_are_refused_in_words(fuzz):
 
 @pytest.mark.delicate
 @pytest.mark.parametrize("first", [
-    20, *(pytest.param(k, marks=pytest.mark.slow) for k in (40, 60, 80))])
+    20, *(pytest.param(k, marks=pytest.mark.slow) for k in range(25, 100, 5))])
 def test_files_of_a_few_digits_answer_as_the_exact_mechanisms(fuzz, first):
     sums = fuzz.Sums()
-    for seed in range(first, first + 20):
+    for seed in range(first, first + 5):
         sums.add(fuzz.drawn_checks.judged(seed))
-    assert sums.count("right") > 100
+    assert sums.count("right") > 25
     assert not sums.bad, str(sums)
 
 

@@ -121,8 +121,8 @@ def test_the_top_level_has_no_other_entries():
 
 
 @pytest.mark.skipif(shutil.which("git") is None, reason="no git here")
-@pytest.mark.parametrize("options", [
-    pytest.param((), id="alone", marks=pytest.mark.slow), pytest.param(("-n", "1"), id="workers")])
+@pytest.mark.slow
+@pytest.mark.parametrize("options", [(), ("-n", "1")], ids=["alone", "workers"])
 def test_a_run_that_leaves_a_file_in_the_work_tree_fails(tmp_path, options):
     subprocess.run(["git", "init", "-q", str(tmp_path)], check=True)
     (tmp_path / "pytest.ini").write_text("[pytest]\n")

@@ -121,14 +121,14 @@ def sentences_of_files() -> Iterator[tuple[str, str]]:
     for path in sorted(PACKAGE.rglob("*.py")):
         if PACKAGE / "cli" in path.parents:
             continue
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        parts = {id(part) for node in ast.walk(tree) if isinstance(node, ast.JoinedStr)
-                 for part in node.values}
-        parts |= {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
-        for node in ast.walk(tree):
+        parts = set()
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):  # parts after the whole
             if id(node) in parts:
                 continue
-            if isinstance(node, ast.JoinedStr):
+            if isinstance(node, ast.Expr):
+                parts.add(id(node.value))
+            elif isinstance(node, ast.JoinedStr):
+                parts.update(map(id, node.values))
                 yield path.name, "".join(x.value if isinstance(x, ast.Constant) else word(x)
                                          for x in node.values)
             elif isinstance(node, ast.Constant) and isinstance(node.value, str):

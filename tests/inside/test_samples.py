@@ -17,7 +17,7 @@ import spatial_pin as sp
 from spatial_pin.dimensions import homotopy, tolerance as module
 from spatial_pin.dimensions.varied_samples import DriverMotion, VariedSamples
 
-SAMPLES, COMPARED = 240, 5
+SAMPLES, COMPARED = 240, 3
 CRANK = {"crank": 0.8}
 
 

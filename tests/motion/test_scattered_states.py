@@ -8,7 +8,7 @@ import numpy as np
 import published_models as models
 import pytest
 from loaded_library import library
-from variety import each
+from variety import each, few
 
 import spatial_pin as sp
 
@@ -41,7 +41,8 @@ def test_each_row_is_that_of_a_sweep_to_it(name):
     assert np.array_equal(found.coordinate(driver).value, values)
 
 
-@pytest.mark.parametrize("name", ["delta", "stewart", "excavator", "geared_five_bar"])
+@pytest.mark.parametrize("name", few(
+    ["delta", "stewart", "excavator", "geared_five_bar"], "excavator", "geared_five_bar"))
 def test_no_result_depends_on_threads_or_order(name):
     mechanism = library(name)
     values = scattered(mechanism, 300, 0.15)

@@ -118,7 +118,9 @@ def test_pictures_are_small_and_every_library_mechanism_has_one():
 
 
 @pytest.mark.filterwarnings("ignore::spatial_pin.SpatialPinWarning")
-@pytest.mark.parametrize("page", sorted((DOCS / "robots").glob("*.md")), ids=lambda p: p.stem)
+@pytest.mark.parametrize("page", [
+    pytest.param(page, marks=pytest.mark.slow if page.stem == "talos" else ())
+    for page in sorted((DOCS / "robots").glob("*.md"))], ids=lambda p: p.stem)
 def test_pages_of_robots_say_what_their_files_have(page, monkeypatch):
     pytest.importorskip("mujoco")
     monkeypatch.syspath_prepend(ROOT / "scripts")

@@ -10,13 +10,14 @@ from garbage import garbage, long_verbs, refusal, verbs
 
 import spatial_pin as sp
 
-EACH = 9  # of the pairs of an argument and a piece of garbage, one in so many is tried
+EACH = 18  # of the pairs of an argument and a piece of garbage, one in so many is tried
 
 
 @pytest.mark.filterwarnings("ignore::spatial_pin.SpatialPinWarning")
+@pytest.mark.parametrize("first", [0, pytest.param(9, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kind", [verbs, long_verbs])
 def test_what_nobody_means_is_refused_in_words(
-    kind: Callable[[Path], Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    kind: Callable[[Path], Any], first: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PATH", "")  # no browser is found
     monkeypatch.chdir(tmp_path)
@@ -27,7 +28,7 @@ def test_what_nobody_means_is_refused_in_words(
     for label, verb, good in kind(tmp_path):
         for key in good:
             k += 1
-            for name in names[k % EACH :: EACH]:
+            for name in names[(k + first) % EACH :: EACH]:
                 try:
                     verb(**{**good, key: pieces[name]()})
                 except Exception as error:

@@ -576,6 +576,7 @@ def test_a_delta_robot_is_as_soft_as_its_jacobian_says(run):
     assert made["small"].frequencies[0] == pytest.approx(made["small"].frequencies[1], rel=1e-9)
 
 
+@pytest.mark.slow
 def test_a_suspension_in_rubber_tends_to_the_hinged_one_and_bounces_as_springs_in_series(run):
     made = run("soft_wishbone")
     rest, held, soft = made["rest"], made["HELD"], made["soft"]
@@ -620,6 +621,7 @@ def test_a_suspension_in_stiff_rubber_is_the_hinged_one(run):
     assert limit == pytest.approx(fit.deriv(2)(height), rel=1e-5)
 
 
+@pytest.mark.slow
 def test_a_truss_snaps_at_the_load_of_the_closed_form(run):
     made = run("von_mises_truss")
     half, free = 0.3, np.hypot(0.3, 0.1)

@@ -14,7 +14,7 @@ import pinocchio as pin
 import pytest
 from ladders import ladder, leaning
 from machines import three_rods, translation
-from variety import each
+from variety import each, few
 
 import spatial_pin as sp
 
@@ -157,9 +157,10 @@ def test_a_mechanism_of_the_library(name):
 
 @pytest.mark.filterwarnings("ignore::spatial_pin.SpatialPinWarning")
 @pytest.mark.parametrize("make", [
-    known.press_closure, known.rack_and_gears,
+    known.press_closure,
     *(pytest.param(make, marks=pytest.mark.slow) for make in (
-        known.rscr, known.leaning_pointer, known.swash_plate, known.arm_on_a_ram))])
+        known.rack_and_gears, known.rscr, known.leaning_pointer, known.swash_plate,
+        known.arm_on_a_ram))])
 def test_other_pairs(make, tmp_path):
     """Screws and couplings among them, which count turns."""
     in_both_orders(lambda: make(tmp_path), two_states)
@@ -188,7 +189,7 @@ def test_many_loops(n, tmp_path):
 
 
 @pytest.mark.delicate
-@pytest.mark.parametrize("wrap", [str, known.tilted], ids=["level", "tilted"])
+@pytest.mark.parametrize("wrap", few([str, known.tilted], known.tilted), ids=["level", "tilted"])
 def test_modes_of_different_rank(wrap, tmp_path):
     """The rank of the loops belongs to the branch, not to the mechanism."""
     in_both_orders(lambda: three_rods(tmp_path, wrap),
