@@ -121,7 +121,9 @@ def read_guess(
             raise ValueError(
                 f"the guess is a state of mechanism {own.name!r}, which has other coordinates than "
                 f"{mechanism.name!r}")
-        q, named = pin.normalize(mechanism.model, guess.q), None
+        q, named = guess.q, None
+        if mechanism.model.nq != mechanism.model.nv:
+            q = pin.normalize(mechanism.model, q)
     elif isinstance(guess, Mapping):
         base, named = joint_values(mechanism, mechanism.guess), joint_values(mechanism, guess)
         q = with_values(mechanism, mechanism.neutral, base | named)
