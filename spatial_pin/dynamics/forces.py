@@ -114,7 +114,8 @@ class Forces:
     @property
     def laws_on_frames(self) -> bool:
         """Whether one of these has a law."""
-        return not all(x.is_linear for x in (*self.lines, *self.bushings))
+        return not (all(x.is_linear for x in self.lines)
+                    and all(x.is_linear for x in self.bushings))
 
     def packed(
         self, carriers: NDArray[np.intp], frames: Array

@@ -155,7 +155,8 @@ class LoadedSamples:
         if packed.coincide():
             return False
         wrenches[:] = found
-        for joint in {i for x in (*springs.lines, *springs.bushings) for i in x.bodies}:
+        for joint in {i for x in springs.lines for i in x.bodies} | {
+                i for x in springs.bushings for i in x.bodies}:
             own = (found[:, joint, None] @ columns)[:, 0]
             given += own * equations.constraints.support(joint)
         return True

@@ -159,7 +159,8 @@ class ControlLoop:
             (rows, point, None) for rows, point in zip(found[1:], points[1:], strict=True))]
         self._tasks = self._rate_tasks(None)
         self._find_idle = self._rates.prepared_idle(self._idle)
-        at, forces = (self._configurations, *self._motions, self._needed), self._forces
+        (v, a), forces = self._motions, self._forces
+        at = self._configurations, v, a, self._needed
         resistance = forces.resistance
         self._resisting = [(k, *x) for k, x in enumerate(zip(
             resistance.damping.tolist(), resistance.friction.tolist(),
