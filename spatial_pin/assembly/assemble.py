@@ -127,7 +127,8 @@ def assemble(
         words = "; ".join(beyond_words(mechanism, state.q, name) for name in state.beyond_limits)
         warn(f"mechanism {mechanism.name!r} stands beyond joint limits: {words} "
              "(assemble(limits=True) keeps them)")
-    if isinstance(guess, State) and guess.mechanism is state.mechanism and not state.released:
+    if isinstance(guess, State) and guess.mechanism is state.mechanism and not (
+            state.released or is_small_move(mechanism, guess.q, state.q)):
         standing = set(mechanism.drivers) - set((free,) if isinstance(free, str) else free)
         changed = branch_changed(guess, state, [*mapping(drivers, "drivers"), *sorted(standing)])
         if changed:
@@ -339,6 +340,15 @@ def _at_home(
     except AssemblyError:
         return {}
     return {name: home.coordinate(name).value for name in silent}
+
+
+def is_small_move(mechanism: Mechanism, q: Array, other: Array) -> bool:
+    """Whether no joint moves by `SAME_BRANCH` between two configurations, at first sight.
+
+    A joint moves by twice the change of its quaternion, and a bit more.
+    """
+    change, size = other - q, min(mechanism.characteristic_length, 1.0)
+    return 9.0 * float(change @ change) <= (SAME_BRANCH * size) ** 2
 
 
 def branch_changed(guess: State, reached: State, held: Iterable[str]) -> str:

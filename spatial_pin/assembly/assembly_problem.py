@@ -278,11 +278,11 @@ class AssemblyProblem:
 
         None if a result needs a judgement: the results are then `known`.
         """
-        is_compared = self.is_for_kernel()  # else its distance is not that of the kernel
-        if not is_compared and (
-                self.pinned or not self.goal.size or self.mechanism.whole is not None
-                or self.let_go or not self.settings.are_all_named
-                or not self.has_digits(self.goal)):
+        if self.pinned or not self.goal.size or not self.has_digits(self.goal):
+            return None
+        is_compared = self.can_perturb()  # else its distance is not that of the kernel
+        if not is_compared and (self.mechanism.whole is not None or self.let_go
+                                or not self.settings.are_all_named):
             return None
         with closer_of(self.mechanism) as closer:
             results = closer.solve(

@@ -118,7 +118,8 @@ def read_guess(
             raise ValueError(
                 f"the guess is a state of mechanism {own.name!r}, which has other coordinates than "
                 f"{mechanism.name!r}")
-        q, named = pin.normalize(mechanism.model, guess.q), None
+        turns_in_space = mechanism.model.nq != mechanism.model.nv
+        q, named = pin.normalize(mechanism.model, guess.q) if turns_in_space else guess.q, None
     elif isinstance(guess, Mapping):
         base, named = joint_values(mechanism, mechanism.guess), joint_values(mechanism, guess)
         q = with_values(mechanism, mechanism.neutral, base | named)

@@ -18,10 +18,12 @@ from numpy.typing import NDArray
 
 from spatial_pin.constraints.composite_joints import TreeArrays, split
 from spatial_pin.constraints.pinocchio_views import inertias
-from spatial_pin.kernel.library import DONE, INT, POINTER, SINGULAR, address, check, library
+from spatial_pin.kernel.library import DONE, INT, POINTER, REAL, SINGULAR, address, check, library
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.stacked import cross
 
+PackedSprings = Callable[
+    [NDArray[np.intp], Array], tuple[Sequence[NDArray[np.int64]], Sequence[Array]]]
 SYMMETRIC = np.array([4, 5, 7, 5, 6, 8, 7, 8, 9])  # indices of a (3, 3) inertia in `inertias`
 
 
@@ -41,10 +43,42 @@ class _TreeTask(ctypes.Structure):
 
     _fields_ = [("n", INT), *((name, POINTER) for name in (
         "q", "v", "a", "armature", "R", "p", "jacobian", "velocity", "acceleration", "tau",
-        "wrench", "outside", "by_q", "by_v"))]
+        "wrench", "springs", "of_springs", "outside", "by_q", "by_v"))]
     _fields_ += [("n_products", INT), *((name, POINTER) for name in (
         "bodies", "a_parts", "b_parts", "values", "product_by_q", "product_by_v", "weights",
         "bent"))]
+
+
+class _SpringsStruct(ctypes.Structure):
+    """Springs in springs.h; without laws."""
+
+    _fields_ = [("n_lines", INT), ("n_bushings", INT), *((name, POINTER) for name in (
+        "line_body", "line_law", "bushing_body", "bushing_law", "line_point", "line_spring",
+        "bushing", "force", "moment")), ("n_coincident", INT), ("first_bushing", INT),
+        ("law", POINTER), ("power", REAL)]
+
+
+class TreeSprings:
+    """Springs between points, and bushings, that lessen the joint forces of a `KernelTree`.
+
+    Args:
+        n_joints: of the kernel.
+        ints: bodies (n, 2) of springs between points, whether each has a law (n,), and those of
+            bushings; none has one.
+        reals: points (n, 2, 3), numbers (n, 3), and those of bushings (m, 103), see bushings.c.
+    """
+
+    def __init__(
+        self, n_joints: int, ints: Sequence[NDArray[np.int64]], reals: Sequence[Array]
+    ) -> None:
+        self._alive = *ints, *reals, *np.zeros((2, n_joints, 3))
+        self._struct = _SpringsStruct(len(ints[1]), len(ints[3]), *map(address, self._alive))
+        self.address = ctypes.addressof(self._struct)
+
+    def coincide(self) -> bool:
+        """Whether points of a spring have coincided since the last call."""
+        n, self._struct.n_coincident = self._struct.n_coincident, 0
+        return bool(n)
 
 
 class TreeProducts:
@@ -203,18 +237,41 @@ class KernelTree:
         self._evaluate(q, v, a, tau=self._tau)
         return self._tau
 
-    def prepared(self, q: Array, v: Array, a: Array, tau: Array) -> Callable[[], None]:
-        """Return what writes `forces` of m motions, contiguous arrays, into tau (m, nv)."""
+    def springs(self, pack: PackedSprings) -> TreeSprings:
+        """Return springs, given what packs them by the carriers of joints and their axes."""
+        return TreeSprings(self._split.njoints, *pack(self._carriers, self._tree.frames))
+
+    def prepared(
+        self, q: Array, v: Array, a: Array, tau: Array, springs: TreeSprings | None = None
+    ) -> Callable[[], None]:
+        """Return what writes `forces` of m motions, contiguous arrays, into tau (m, nv).
+
+        Those of springs are taken off.
+        """
         m, n = len(q), self._split.njoints
         room = np.empty((m, n, 3, 3)), np.empty((m, n, 3))
-        task = _TreeTask(m, *map(address, (q, v, a, self.armature, *room)), tau=address(tau))
+        task = _TreeTask(m, *map(address, (q, v, a, self.armature, *room)), tau=address(tau),
+                         springs=springs and springs.address)
         at_task = ctypes.byref(task)
 
-        def work(alive: Any = (q, v, a, tau, *room)) -> None:
+        def work(alive: Any = (q, v, a, tau, springs, *room)) -> None:
             self.take_masses()
             self._library.tree_evaluate(self.handle, at_task)
 
         return work
+
+    def spring_wrenches(self, q: Array, v: Array, springs: TreeSprings) -> tuple[Array, Array]:
+        """Return wrenches (m, njoints, 6) of springs at m motions, and Jacobians (m, 6, nv).
+
+        They act on the bodies of joints, about the world's origin, world axes.
+        """
+        m, n, nv = len(q), self._split.njoints, self.model.nv
+        q, v, a = np.array(q, order="C"), np.array(v, order="C"), np.zeros((m, nv))
+        columns, tau, wrenches = np.empty((m, 6, nv)), np.empty((m, nv)), np.empty((m, n, 6))
+        task = _TreeTask(m, *map(address, (q, v, a, self.armature)), jacobian=address(columns),
+                         tau=address(tau), springs=springs.address, of_springs=address(wrenches))
+        self._library.tree_evaluate(self.handle, ctypes.byref(task))
+        return wrenches[:, self._carriers], columns
 
     def transmitted(self, q: Array, v: Array, a: Array) -> Array:
         """Return the forces (njoints, 6) through the joints, joint axes, as in `pin.Data.f`."""

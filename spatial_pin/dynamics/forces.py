@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from spatial_pin._support.checks import finite_number, mapping
 from spatial_pin.constraints.compiled_equations import constraints_of
@@ -104,6 +105,47 @@ class Forces:
         points = tuple(np.append(x.translation, 1.0) for x in (m1, m2))
         self.lines.append(LineSpring(spring.name, (i1, i2), points, sign, law, energy,  # type: ignore[arg-type]
                                is_linear))
+
+    @property
+    def on_frames(self) -> bool:
+        """Whether a spring acts between frames, or is a bushing."""
+        return bool(self.lines or self.bushings)
+
+    @property
+    def laws_on_frames(self) -> bool:
+        """Whether one of these has a law."""
+        return not (all(x.is_linear for x in self.lines)
+                    and all(x.is_linear for x in self.bushings))
+
+    def packed(
+        self, carriers: NDArray[np.intp], frames: Array
+    ) -> tuple[list[NDArray[np.int64]], list[Array]]:
+        """Return springs between frames, and bushings, for the kernel.
+
+        Args:
+            carriers: the kernel's joint that carries the body of each joint.
+            frames: (n, 3, 3) axes of the kernel's joints.
+
+        Returns:
+            Bodies of springs between frames (n, 2), whether each has a law (n,), and these of
+            bushings, whose laws count components from 1; points (n, 2, 3), stiffness, damping and
+            free length (n, 3), and numbers of bushings (m, 103), see bushings.c.
+        """
+        lines, bushings = self.lines, self.bushings
+        numbers = {s.name: (s.stiffness, s.damping, s.free) for s in self.mechanism.springs}
+        ends = [(carriers[j], x[:3]) for line in lines
+                for j, x in zip(line.bodies, line.points, strict=True)]
+        ints: list[Any] = [
+            [j for j, _ in ends], [not x.is_linear for x in lines],
+            [carriers[j] for x in bushings for j in x.bodies],
+            [0 if x.component is None or x.is_linear else 1 + x.component for x in bushings]]
+        parts = [part for x in bushings for part in (
+            *(frames[carriers[j]].T @ y for j, m in zip(x.bodies, x.placements, strict=True)
+              for y in (*m.rotation.T, m.translation)),
+            x.stiffness.ravel(), x.damping.ravel(), x.preload, [x.stored])]
+        reals: list[Any] = [[frames[j].T @ x for j, x in ends], [numbers[x.name] for x in lines],
+                            np.concatenate(parts) if parts else []]
+        return [np.array(x, np.int64) for x in ints], [np.array(x, float) for x in reals]
 
     def generalised(self, evaluation: LoopEquations, q: Array, v: Array) -> Array:
         """Return the generalised forces (nv,) of all, after `evaluation.update(q)`."""

@@ -115,7 +115,6 @@ class LoadedSamples:
         if n:
             self.set_sample(0)
         springs = equations.springs
-        on_bodies = bool(self._external or springs.lines or springs.bushings)
         for first in range(0, n, SAMPLES_AT_ONCE):
             at = slice(first, min(first + SAMPLES_AT_ONCE, n))
             k = at.stop - first
@@ -124,12 +123,13 @@ class LoadedSamples:
             if self.is_together and springs.exist:
                 turning[:] = [springs.turning(*x)
                               for x in zip(motion.q[at], self.v[at], strict=True)]
-            if self.is_together and on_bodies:
+            if self.is_together and (self._external or springs.on_frames):
                 given = turning.copy()
-                for row in range(k):
-                    self.set_sample(first + row)
-                    given[row] = equations.given
-                    wrenches[row] = equations.pairs.summed(equations.wrenches)
+                if self._external or not self._stretch(at, given, wrenches):
+                    for row in range(k):
+                        self.set_sample(first + row)
+                        given[row] = equations.given
+                        wrenches[row] = equations.pairs.summed(equations.wrenches)
             angles = motion.angles[at] if motion.angles.size else np.zeros((k, 0))
             piece = SampleBlock(at, motion.q[at], self.v[at], angles, given, turning, wrenches)
             yield piece
@@ -138,6 +138,27 @@ class LoadedSamples:
                 self._bear(piece, joints, self.a[at], closures, None)
                 self._alone = []
             self.done = at.stop
+
+    def _stretch(self, at: slice, given: Array, wrenches: Array) -> bool:
+        """Add the joint forces of springs on frames, and write their wrenches on bodies.
+
+        Returns:
+            Whether they were worked out: springs with laws, or whose frames coincide, are not.
+        """
+        equations, springs = self.equations, self.equations.springs
+        if springs.laws_on_frames:
+            return False
+        with acquired(equations.mechanism, _centred_tree) as tree:
+            packed = tree.springs(springs.packed)
+            found, columns = tree.spring_wrenches(self.motion.q[at], self.v[at], packed)
+        if packed.coincide():
+            return False
+        wrenches[:] = found
+        for joint in {i for x in springs.lines for i in x.bodies} | {
+                i for x in springs.bushings for i in x.bodies}:
+            own = (found[:, joint, None] @ columns)[:, 0]
+            given += own * equations.constraints.support(joint)
+        return True
 
     def take(
         self, k: int, at_joints: Array, a: Array, closures: Array, error: float,

@@ -159,8 +159,16 @@ class ControlLoop:
             (rows, point, None) for rows, point in zip(found[1:], points[1:], strict=True))]
         self._tasks = self._rate_tasks(None)
         self._find_idle = self._rates.prepared_idle(self._idle)
-        self._find_needed = self._tree.prepared(
-            self._configurations, self._motions[0], self._motions[1], self._needed)
+        (v, a), forces = self._motions, self._forces
+        at = self._configurations, v, a, self._needed
+        resistance = forces.resistance
+        self._resisting = [(k, *x) for k, x in enumerate(zip(
+            resistance.damping.tolist(), resistance.friction.tolist(),
+            resistance.slip_speed.tolist(), strict=True)) if x[0] or x[1]]
+        self._springs = self._tree.springs(forces.packed) if (
+            forces.on_frames and not forces.laws_on_frames) else None
+        self._find_needed = self._tree.prepared(*at, self._springs)
+        self._find_needed_by_inertia = self._tree.prepared(*at)
 
     def _rate_tasks(self, chosen: Chosen | None) -> list[Callable[[], None]]:
         at = self._ahead[None], self._next_angles[None]
@@ -300,9 +308,14 @@ class ControlLoop:
         self._configurations[:] = self._ahead
         self._motions[0, 1], self._motions[1, 1] = self._v, self._a
         self._find_needed()
+        if self._springs and self._springs.coincide():
+            self._find_needed_by_inertia()
+            self._take_forces_on_frames()
+        elif self._forces.laws_on_frames:
+            self._take_forces_on_frames()
         if self._forces.exist:
             for row, v in zip(needed, self._motions[0], strict=True):
-                row -= self._applied(v)
+                self._take_forces_at_joints(v, row)
         self._tree.masses(self._ahead, self._entries)
         self._entries.take(self._places, out=self._mass, mode="clip")
         np.matmul(self._mass, first, out=moved)
@@ -342,14 +355,20 @@ class ControlLoop:
                 row -= (motion @ row) * self._load
             self._moved_mass -= self._load[:, None] * (motion @ self._moved_mass)
 
-    def _applied(self, v: Array) -> Array:
-        """Return the joint forces (nv,) of springs and resistance."""
-        forces, q = self._forces, self._ahead
-        total = forces.turning(q, v)
-        if forces.lines or forces.bushings:
-            self._loops.update(q)
-            total = total + generalised(self._loops, forces.wrenches(self._loops, v))
-        return total
+    def _take_forces_at_joints(self, v: Array, needed: Array) -> None:
+        """Take the forces of resistance, and of springs about joints, from needed ones (nv,)."""
+        for at, damping, friction, slip in self._resisting:
+            rate = v.item(at)
+            needed[at] += damping * rate + friction * math.tanh(rate / slip)
+        for turn in self._forces.turns:
+            needed[turn.v] += turn.law(self._ahead.item(turn.q), v.item(turn.v))
+
+    def _take_forces_on_frames(self) -> None:
+        """Take those of springs on frames: with laws, or where frames coincide."""
+        loops = self._loops
+        loops.update(self._ahead)
+        for row, v in zip(self._needed, self._motions[0], strict=True):
+            row -= generalised(loops, self._forces.wrenches(loops, v))
 
     def _null_space(self) -> Array:
         """Return the velocities (k, nv) of all freedoms that the drivers do not determine."""

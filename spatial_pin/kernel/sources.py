@@ -1,9 +1,9 @@
 """The C files of the kernel and its library, for the build and for the loader.
 
 Its C files stand in one folder a job: algebra (dense and sparse matrices, independent rows), core
-(the mechanism, its equations and their square system), closing (far from closure), states (rates
-and accelerations at one state), path_points and following (continuation), simulating (equations of
-motion), integrators (steps in time), branch_points (crossed in time).
+(the mechanism, its equations and their square system), closing (far from closure), states (rates,
+springs and accelerations at one state), path_points and following (continuation), simulating
+(equations of motion), integrators (steps in time), branch_points (crossed in time).
 
 It imports nothing of the package: the build runs it before there is one.
 """

@@ -236,7 +236,7 @@ class Mechanism:
                 table[name] = Coordinate(name, joint, unit, q, self.model.idx_vs[i] + k, k)
         return table
 
-    @property
+    @cached_property
     def coordinates(self) -> tuple[str, ...]:
         """Names of all joint coordinates, in the order of the velocity vector."""
         return tuple(self.coordinate_table)

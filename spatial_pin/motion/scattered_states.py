@@ -45,6 +45,7 @@ SHARES = 4  # calls of each thread for half of the rows: the last one to end wai
 # Nearest solved neighbours from which a row is tried: behind a corner of the reachable values the
 # nearest one sees it as a rule, and each costs as much as ten rows where none does.
 NEIGHBOURS = 3
+BYTE = 8  # bits of Morton's order that are spread at a time
 BELOW_ONE = float(np.nextafter(1.0, 0.0))  # part of a line that is not its end
 ENDS = {  # of lines, by the kind of an arrival
     "limit": "limit position", "half turn": "a rotation vector of half a turn",
@@ -117,7 +118,9 @@ def states(
     names, table = table_of(mechanism, values)
     held = hold_names(hold)
     check_not_held(mechanism, [mechanism.prescribed_coordinate(name) for name in names], held)
-    order = np.lexsort(table.T[::-1])
+    order = np.argsort(table[:, 0], kind="stable")  # which decides alone, but for equal values
+    if len(table.T) > 1 and not np.diff(table[order, 0]).all():
+        order = np.lexsort(table.T[::-1])
     is_new = np.ones(len(table), dtype=bool)
     is_new[1:] = (table[order[1:]] != table[order[:-1]]).any(axis=1)
     number = np.empty(len(table), np.int64)
@@ -215,9 +218,9 @@ class _Cloud:
         self.points: Array = whole / sizes
         samples = PathSamples.empty(n + 1, mechanism.model.nq, mechanism.model.nv,
                                     state.angles.size)
-        samples.q[:], samples.angles[:], samples.error[:] = (
+        samples.q[n], samples.angles[n], samples.error[n] = (  # C writes all others
             state.q, state.angles, state.closure_error)
-        samples.t[:] = samples.c[:] = 0.0
+        samples.t[n] = samples.c[n] = 0.0
         part = np.zeros(n + 1)
         part[n] = 1.0
         self.scattered = Scattered(whole, np.full(n + 1, n), samples, part)
@@ -238,21 +241,28 @@ class _Cloud:
     def _levels(self, pool: Any) -> Iterator[Rows]:
         """Yield all rows in levels of growing density, after setting their parents.
 
+        The parents of all levels are known before any row is solved: threads find those of later
+        levels while rows of earlier ones are solved.
+        """
+        n = len(self.points) - 1
+        order, number = morton_order(self.points[:n]), np.arange(1, n + 1)
+        levels, before = np.bitwise_and(number, -number), np.array([n])
+        jobs = list[tuple[Rows, Rows]]()
+        for size in 2 ** np.arange(int(n).bit_length())[::-1]:
+            jobs.append((before, order[levels == size]))
+            before = np.concatenate(jobs[-1])
+        yield from in_order(pool, self._set_parents, jobs)
+
+    def _set_parents(self, before: Rows, rows: Rows) -> Rows:
+        """Set the parents of rows, the nearest ones of those before, and return the rows.
+
         Threads of `cKDTree.query` itself would go on in memory that is free after Ctrl-C.
         """
         from scipy.spatial import cKDTree  # on use: it takes a tenth of a second
 
-        n = len(self.points) - 1
-        order, number = morton_order(self.points[:n]), np.arange(1, n + 1)
-        levels, before = np.bitwise_and(number, -number), np.array([n])
-        for size in 2 ** np.arange(int(n).bit_length())[::-1]:
-            rows = order[levels == size]
-            tree, n_jobs = cKDTree(self.points[before]), min(self._threads, len(rows) // FEWEST)
-            jobs = [(some,) for some in np.array_split(self.points[rows], max(n_jobs, 1))]
-            pairs = in_order(pool if n_jobs > 1 else None, tree.query, jobs)
-            self.scattered.parent[rows] = before[np.concatenate([near for _, near in pairs])]
-            before = np.concatenate([before, rows])
-            yield rows
+        self.scattered.parent[rows] = before[cKDTree(self.points[before]).query(
+            self.points[rows])[1]]
+        return rows
 
     def _follow(self, pool: Any, rows: Rows, is_last: bool = False) -> None:
         """Follow rows from their parents, which are solved before."""
@@ -386,10 +396,14 @@ def morton_order(points: Array) -> Rows:
     bits = max(62 // k, 1)
     low, span = points.min(axis=0), float(np.ptp(points, axis=0).max())
     cells = np.minimum((points - low) / (span or 1.0) * 2.0**bits, 2.0**bits - 1.0).astype(np.int64)
+    cells = cells[:, : 62 // bits]
+    k = cells.shape[1]
+    low_bits = np.arange(min(bits, BYTE))  # spread by a table: a bit for each of the k columns
+    spread = ((np.arange(2 ** len(low_bits))[:, None] >> low_bits & 1) << k * low_bits).sum(axis=1)
     code = np.zeros(n, np.int64)
-    for bit in range(bits - 1, -1, -1):
-        for column in cells.T[: 62 // bits]:
-            code = (code << 1) | ((column >> bit) & 1)
+    for column, place in zip(cells.T, range(k - 1, -1, -1), strict=True):
+        for first in range(0, bits, BYTE):
+            code |= spread[column >> first & len(spread) - 1] << k * first + place
     return np.argsort(code, kind="stable")
 
 

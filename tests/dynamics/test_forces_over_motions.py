@@ -171,3 +171,25 @@ def test_accelerations_over_a_motion_have_the_error_that_each_state_has():
     for k in (0, N - 1):
         want = sp.forward_dynamics(mech, motion.state(k)).error
         assert loads.error[k] == pytest.approx(want) and 0.0 < want < 1e-10
+
+
+@pytest.mark.parametrize("law", [None, lambda length, rate: 30.0 * length**2 + rate])
+def test_springs_between_frames_and_bushings_over_a_motion(law):
+    """By a law of the user they are solved State by State, otherwise together."""
+    bare = sp.load("four_bar")
+    mech = sp.Mechanism.from_model(
+        bare.model, bare.closures, drivers={"crank": "crank_pin"}, guess=bare.guess, springs=[
+            sp.Spring("line", ("rocker_b", "ground"), stiffness=50.0, damping=3.0,
+                      free_length=0.1),
+            sp.Spring("inner", ("coupler", "rocker"), stiffness=20.0, damping=2.0),
+            sp.Spring("bushing", ("crank", "rocker"), stiffness=(10.0, 20.0, 30.0, 1.0, 2.0, 3.0),
+                      damping=(1.0, 2.0, 3.0, 0.1, 0.2, 0.3), preload=(1.0, 0, 2.0, 0, 0.3, 0))])
+    laws = {"line": law} if law else None
+    motion = sp.sweep(mech, "crank", np.linspace(0.0, 6.0, N), speed=8.0)
+    loads = sp.inverse_dynamics(mech, motion, laws=laws)
+    moved = sp.forward_dynamics(mech, motion, {"crank": 0.3}, laws=laws)
+    for k in (0, 3, N - 1):
+        found = sp.inverse_dynamics(mech, motion.state(k), laws=laws)
+        same(loads, k, found)
+        assert loads.efforts["crank"][k] == pytest.approx(found.efforts["crank"], rel=1e-12)
+        same(moved, k, sp.forward_dynamics(mech, motion.state(k), {"crank": 0.3}, laws=laws))

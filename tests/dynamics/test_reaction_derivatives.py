@@ -71,7 +71,8 @@ def heavy_tree(folder, joint, kind, seed=1):
     TYPES, "revolute", "spherical", "screw", "distance", "point_on_line"))
 def test_every_closure(kind, tmp_path):
     mech, state = heavy_tree(tmp_path, "floating", kind)
-    check(mech, state, {}, 3e-3, 1e-10)
+    # the rows of a frame on a curve bend more: their differences converge from a shorter step on
+    check(mech, state, {}, 1e-3 if kind == "frame_on_curve" else 3e-3, 1e-10)
 
 
 @pytest.mark.parametrize("joint", [j for j in JOINTS if j != "floating"])

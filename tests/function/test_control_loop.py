@@ -4,9 +4,11 @@ import gc
 import pickle
 import tracemalloc
 
+import mechanisms as known
 import numpy as np
 import pytest
 from loaded_library import library
+from masses import heavy
 from variety import each
 
 import spatial_pin as sp
@@ -52,6 +54,61 @@ def test_springs_and_damping_act_at_the_motors():
     loop.update([1.0], [5.0])
     state = sp.solve_rates(mech, loop.state, {"crank": 5.0}, {"crank": 7.0})
     effort = loop.inertia @ [7.0] + loop.velocity_efforts + loop.gravity_efforts
+    assert effort == pytest.approx([*sp.inverse_dynamics(mech, state).efforts.values()], rel=1e-12)
+
+
+WEIGHT = (1.0, (0.01, 0.02, 0.03), (0.02, 0.03, 0.04))
+
+
+def with_all_forces(folder):
+    """Gears, a screw that moves a nut, and springs, dampers and a bushing."""
+    tree = heavy(
+        known.turning("pinion", "ground", "g1")
+        + known.turning("wheel", "ground", "g2", (0.06, 0, 0))
+        + known.sliding("rack", "ground", "r", (0, -0.02, 0), (1, 0, 0))
+        + known.turning("spindle", "ground", "s", (0, 0.1, 0))
+        + known.sliding("slide", "ground", "nut", (0, 0.1, 0.05)),
+        **dict.fromkeys(("g1", "g2", "r", "s", "nut"), WEIGHT))
+    tree += known.point("hook", "ground", (0.1, 0.4, 0.2))
+    tree += known.point("eye", "nut", (0.1, 0, 0.1))
+    tree += known.point("bolt", "s") + known.point("thread", "nut")
+    toml = (known.driver("pinion", "pinion") + known.driver("spindle", "spindle")
+            + known.coupling("teeth", "pinion", "wheel", -0.4, 0.25)
+            + known.coupling("rack_teeth", "pinion", "rack", 0.02, -0.003)
+            + known.closure("screw", "screw", "bolt", "thread", lead=0.01))
+    for name, what in (("a", 'joint = "wheel"\nstiffness = 9.0\ndamping = 0.5'),
+                       ("b", 'joint = "slide"\nstiffness = 90.0\ndamping = 5.0'),
+                       ("c", 'frames = ["hook", "eye"]\nstiffness = 80.0\ndamping = 4.0'),
+                       ("d", 'frames = ["g2", "r"]\n'
+                             "stiffness = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]\n"
+                             "damping = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]")):
+        toml += f'[[springs]]\nname = "{name}"\n{what}\n'
+    return known.load(folder, "all_forces", tree, toml)
+
+
+def test_springs_dampers_and_bushings_need_no_memory(tmp_path):
+    mech = with_all_forces(tmp_path)
+    loop = sp.ControlLoop(mech, frames=["nut"])
+    x, v = np.zeros(2), np.array([2.0, 3.0])
+    for k in range(1100):
+        if k == 100:  # the first calls have filled what is reused
+            gc.collect()
+            gc.disable()
+            tracemalloc.start()
+            loop.update(x, v)
+            before = tracemalloc.get_traced_memory()[0]
+            tracemalloc.reset_peak()
+        x[:] = 1e-3 * k
+        loop.update(x, v)
+    now, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    gc.enable()
+    assert now - before < 500
+    assert peak - before < 2000
+    accelerations = [5.0, 7.0]
+    state = sp.solve_rates(mech, loop.state, dict(zip(loop.drivers, v, strict=True)),
+                           dict(zip(loop.drivers, accelerations, strict=True)))
+    effort = loop.inertia @ accelerations + loop.velocity_efforts + loop.gravity_efforts
     assert effort == pytest.approx([*sp.inverse_dynamics(mech, state).efforts.values()], rel=1e-12)
 
 

@@ -63,27 +63,20 @@ def force_arrays(
     """Return all forces as integers and numbers, for `read_arrays` in creating.c."""
     prescribed = [c.v for c, _ in problem.drives]
     resistance, carriers = problem.forces.resistance, problem.packed.carriers
-    frames, lines, turns = problem.packed.frames, problem.forces.lines, problem.forces.turns
-    bushings, springs = problem.forces.bushings, {
-        s.name: (s.stiffness, s.damping, s.free) for s in problem.mechanism.springs}
-    ends = [(carriers[j], x[:3]) for line in lines
-            for j, x in zip(line.bodies, line.points, strict=True)]
+    lines, turns, bushings = (
+        problem.forces.lines, problem.forces.turns, problem.forces.bushings)
+    numbers = {s.name: (s.stiffness, s.damping, s.free) for s in problem.mechanism.springs}
+    (line_bodies, line_laws, *of_bushings), (points, line_numbers, bushing_numbers) = (
+        problem.forces.packed(carriers, problem.packed.frames))
     ints: list[Any] = [
         [n_free, len(prescribed), len(spins), len(lines), len(turns), problem.works, projects,
          len(bushings)],
-        prescribed, [carriers[joint] for joint in spins.joints], [j for j, _ in ends],
-        [not x.is_linear for x in lines], [x.q for x in turns], [x.v for x in turns],
-        [not x.is_linear for x in turns], [carriers[j] for x in bushings for j in x.bodies],
-        [0 if x.component is None or x.is_linear else 1 + x.component for x in bushings]]
+        prescribed, [carriers[joint] for joint in spins.joints], line_bodies, line_laws,
+        [x.q for x in turns], [x.v for x in turns], [not x.is_linear for x in turns], *of_bushings]
     reals: list[Any] = [
         [tolerance], resistance.damping, resistance.friction,
         resistance.slip_speed, problem.model.armature, problem.constant,
-        spins.axes, [frames[j].T @ x for j, x in ends],
-        [springs[x.name] for x in lines], [springs[x.name] for x in turns],
-        *(part for x in bushings for part in (
-            *(frames[carriers[j]].T @ y for j, m in zip(x.bodies, x.placements, strict=True)
-              for y in (*m.rotation.T, m.translation)),
-            x.stiffness, x.damping, x.preload, x.stored))]
+        spins.axes, points, line_numbers, [numbers[x.name] for x in turns], bushing_numbers]
     return (np.concatenate([np.asarray(x, np.int64).ravel() for x in ints]),
             np.concatenate([np.asarray(x, float).ravel() for x in reals]))
 

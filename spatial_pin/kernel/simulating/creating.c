@@ -12,19 +12,19 @@ static int read_arrays(Dynamics *d, Source from)
         if (head[i] < 0 || head[i] > 1000000)
             return 0;
     d->n_free = head[0], d->n_drives = head[1], d->spins.n = head[2];
-    d->forces.n_lines = head[3], d->forces.n_turns = head[4], d->forces.n_bushings = head[7];
+    d->forces.springs.n_lines = head[3], d->forces.n_turns = head[4], d->forces.springs.n_bushings = head[7];
     d->works = head[5], d->projects = head[6];
     d->n_held = d->n_free + d->n_drives;
     d->n_unknowns = (d->projects ? 2 * nv : 2 * d->n_free + 4 * d->spins.n) + (d->works ? 1 : 0);
     d->prescribed = read_ints(&from, d->n_drives);
     d->spins.joint = read_ints(&from, d->spins.n);
-    d->forces.line_body = read_ints(&from, 2 * d->forces.n_lines);
-    d->forces.line_law = read_ints(&from, d->forces.n_lines);
+    d->forces.springs.line_body = read_ints(&from, 2 * d->forces.springs.n_lines);
+    d->forces.springs.line_law = read_ints(&from, d->forces.springs.n_lines);
     d->forces.turn_q = read_ints(&from, d->forces.n_turns);
     d->forces.turn_v = read_ints(&from, d->forces.n_turns);
     d->forces.turn_law = read_ints(&from, d->forces.n_turns);
-    d->forces.bushing_body = read_ints(&from, 2 * d->forces.n_bushings);
-    d->forces.bushing_law = read_ints(&from, d->forces.n_bushings);
+    d->forces.springs.bushing_body = read_ints(&from, 2 * d->forces.springs.n_bushings);
+    d->forces.springs.bushing_law = read_ints(&from, d->forces.springs.n_bushings);
     const Real *tolerance = read_reals(&from, 1);
     d->forces.damping = read_reals(&from, nv);
     d->forces.friction = read_reals(&from, nv);
@@ -32,10 +32,12 @@ static int read_arrays(Dynamics *d, Source from)
     d->forces.armature = read_reals(&from, nv);
     d->forces.constant = read_reals(&from, nv);
     d->spins.axis = read_reals(&from, 3 * d->spins.n);
-    d->forces.line_point = read_reals(&from, 6 * d->forces.n_lines);
-    d->forces.line_spring = read_reals(&from, 3 * d->forces.n_lines);
+    d->forces.springs.line_point = read_reals(&from, 6 * d->forces.springs.n_lines);
+    d->forces.springs.line_spring = read_reals(&from, 3 * d->forces.springs.n_lines);
     d->forces.turn_spring = read_reals(&from, 3 * d->forces.n_turns);
-    d->forces.bushing = read_reals(&from, BUSHING_NUMBERS * d->forces.n_bushings);
+    d->forces.springs.bushing = read_reals(&from, BUSHING_NUMBERS * d->forces.springs.n_bushings);
+    d->forces.springs.law = d->callbacks.spring;
+    d->forces.springs.first_bushing = d->forces.springs.n_lines + d->forces.n_turns;
     if (from.failed || from.n_ints || from.n_reals)
         return 0;
     d->tolerance = *tolerance;
@@ -54,21 +56,21 @@ static int forces_are_sound(const Dynamics *d)
     for (Int s = 0; s < d->spins.n; s++)
         if (!within(d->spins.joint[s], k->n_joints) || k->kind[d->spins.joint[s]] != BALL)
             return 0;
-    for (Int i = 0; i < 2 * d->forces.n_lines; i++)
-        if (!within(d->forces.line_body[i], k->n_joints))
+    for (Int i = 0; i < 2 * d->forces.springs.n_lines; i++)
+        if (!within(d->forces.springs.line_body[i], k->n_joints))
             return 0;
-    for (Int i = 0; i < d->forces.n_lines; i++)
-        law = law || d->forces.line_law[i];
+    for (Int i = 0; i < d->forces.springs.n_lines; i++)
+        law = law || d->forces.springs.line_law[i];
     for (Int i = 0; i < d->forces.n_turns; i++) {
         law = law || d->forces.turn_law[i];
         if (!within(d->forces.turn_q[i], k->nq) || !within(d->forces.turn_v[i], k->nv))
             return 0;
     }
-    for (Int i = 0; i < d->forces.n_bushings; i++) {
-        law = law || d->forces.bushing_law[i];
-        if (!within(d->forces.bushing_body[2 * i], k->n_joints) ||
-            !within(d->forces.bushing_body[2 * i + 1], k->n_joints) ||
-            !within(d->forces.bushing_law[i], 7))
+    for (Int i = 0; i < d->forces.springs.n_bushings; i++) {
+        law = law || d->forces.springs.bushing_law[i];
+        if (!within(d->forces.springs.bushing_body[2 * i], k->n_joints) ||
+            !within(d->forces.springs.bushing_body[2 * i + 1], k->n_joints) ||
+            !within(d->forces.springs.bushing_law[i], 7))
             return 0;
     }
     return (d->callbacks.spring || !law) && (d->callbacks.drives || !d->n_drives) && d->callbacks.least;
@@ -135,7 +137,7 @@ static int make_room(Dynamics *d)
         {&d->branches.c, nv}, {&d->work.step, nv}, {&d->work.trial, nq}, {&d->work.solved, nv},
         {&d->work.goal, nq}, {&d->work.by_rates, n * n}, {&d->work.asking, 3 * n},
         {&d->work.unit, d->n_free}, {&d->work.before, n}, {&d->work.halfway, n}, {&d->work.off, n},
-        {&d->forces.force, 3 * nj}, {&d->forces.moment, 3 * nj},
+        {&d->forces.springs.force, 3 * nj}, {&d->forces.springs.moment, 3 * nj},
         {&d->work.twist, 6 * nj * d->n_free}, {&d->work.mass, d->n_free * d->n_free + 1},
         {&d->work.freedoms, d->n_free * nv}, {&d->determinant.change, n},
         {&d->work.laws, 3 * d->n_drives}, {&d->work.tree_room, 7 * nv},

@@ -119,7 +119,7 @@ static int accelerate(Dynamics *d, Real t, const Real *y)
     Kernel *k = d->k;
     const Int n = d->n_free;
     const Real *q = d->q;
-    d->forces.power = 0.0;
+    d->forces.springs.power = 0.0;
     if (d->spins.n || d->bridge >= 0) /* else independent_bias has worked them out */
         tree_rates(k, d->v);
     tree_accelerate(k, d->a0);
@@ -148,10 +148,10 @@ static int drive_efforts(Dynamics *d)
     Kernel *k = d->k;
     tree_rates(k, d->v);
     tree_accelerate(k, d->a);
-    const Real power = d->forces.power; /* that of springs is counted already */
+    const Real power = d->forces.springs.power; /* that of springs is counted already */
     if (forces_on_bodies(d) != DONE)
         return CALLBACK_FAILED;
-    d->forces.power = power;
+    d->forces.springs.power = power;
     forces_missing(d, d->a);
     for (Int i = 0; i < d->n_drives; i++) {
         const Real *column = d->columns + (d->n_free + i) * k->nv;
@@ -159,7 +159,7 @@ static int drive_efforts(Dynamics *d)
         for (Int v = 0; v < k->nv; v++)
             sum += k->scale[v] * column[v] * d->forces.tau[v];
         d->forces.drive_effort[i] = sum / k->scale[d->held[d->n_free + i]];
-        d->forces.power += d->forces.drive_effort[i] * d->v[d->held[d->n_free + i]];
+        d->forces.springs.power += d->forces.drive_effort[i] * d->v[d->held[d->n_free + i]];
     }
     return DONE;
 }
@@ -215,7 +215,7 @@ int dynamics_rates(void *from, Real t, const Real *y, Real *rates)
         quaternion_rate(y + 2 * n + 4 * s, w, rates + 2 * n + 4 * s);
     }
     if (d->works)
-        rates[d->n_unknowns - 1] = d->forces.power;
+        rates[d->n_unknowns - 1] = d->forces.springs.power;
     return are_finite(rates, d->n_unknowns) ? DONE : LOST;
 }
 

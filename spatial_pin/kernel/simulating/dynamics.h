@@ -11,6 +11,7 @@
 #include "articulated.h"
 #include "relative.h"
 #include "path_point.h"
+#include "springs.h"
 
 /* More reasons why a function ended. */
 enum { LOST = 20, CALLBACK_FAILED = 21 };
@@ -31,7 +32,6 @@ typedef struct {
    turns */
 #define WILD_WAY 1280.0
 
-enum { BUSHING_NUMBERS = 103 };
 enum { BRIDGE_NODES = 8, MOST_BRIDGES = 8, MOST_BRANCH_POINTS = 6 };
 
 /* The stretch about a branch point of branches, as polynomials in x through nodes on both sides. */
@@ -63,15 +63,12 @@ typedef struct {
 /* What acts on bodies and joints, and what comes of it. */
 typedef struct {
     const Real *damping, *friction, *slip, *armature, *constant; /* (nv) */
-    Int resists, n_lines, n_turns, n_bushings;
-    const Int *line_body, *line_law, *turn_q, *turn_v, *turn_law;
-    const Real *line_point, *line_spring, *turn_spring; /* spring: stiffness, damping, free */
-    const Int *bushing_body, *bushing_law; /* law: 0, or 1 and the component that it is of */
-    const Real *bushing;                   /* see bushings.c */
-    Real *force, *moment;        /* (n_joints, 3) that bodies need, see forces.h */
+    Int resists, n_turns;
+    const Int *turn_q, *turn_v, *turn_law;
+    const Real *turn_spring; /* stiffness, damping, free */
+    Springs springs;
     Real *given, *tau;           /* (nv) joint forces, given and missing */
     Real *drive_effort;          /* (n_drives) */
-    Real power;
 } Forces;
 
 /* How near the equations are to losing rank, by the determinant of their square system. */

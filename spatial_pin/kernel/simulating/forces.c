@@ -32,44 +32,6 @@ static void needed(const Kernel *k, Int j, Real *force, Real *moment)
     add3(1.0, once, moment);
 }
 
-/* A point of a body and its velocity; needs the rates of the tree. */
-static void body_point(const Kernel *k, Int j, const Real *local, Real *at, Real *velocity)
-{
-    Real arm[3];
-    rotate3(k->R + 9 * j, local, arm);
-    copy3(k->p + 3 * j, at);
-    add3(1.0, arm, at);
-    cross3(k->omega + 3 * j, arm, velocity);
-    add3(1.0, k->velocity + 3 * j, velocity);
-}
-
-#define COINCIDENT 1e-15 /* part of a position that is round-off */
-
-typedef struct {
-    Real length, rate, along[3], end[3];
-} Line;
-
-static Line line_between(const Dynamics *d, Int i)
-{
-    Line line;
-    Real first[3], v1[3], v2[3];
-    body_point(d->k, d->forces.line_body[2 * i], d->forces.line_point + 6 * i, first, v1);
-    body_point(d->k, d->forces.line_body[2 * i + 1], d->forces.line_point + 6 * i + 3, line.end, v2);
-    copy3(line.end, line.along);
-    add3(-1.0, first, line.along);
-    add3(-1.0, v1, v2);
-    line.length = sqrt(dot3(line.along, line.along));
-    if (line.length <= COINCIDENT * sqrt(dot3(line.end, line.end))) { /* it parts as it moves */
-        line.length = 0.0;
-        copy3(v2, line.along);
-    }
-    const Real size = sqrt(dot3(line.along, line.along));
-    for (int c = 0; c < 3; c++)
-        line.along[c] = size > 0.0 ? line.along[c] / size : 0.0;
-    line.rate = dot3(line.along, v2);
-    return line;
-}
-
 /* Force of a spring, and how fast it stores energy. */
 static int pull(const Dynamics *d, Int which, Int has_law, const Real *spring, Real length,
                 Real rate, Real *force, Real *storing)
@@ -86,38 +48,17 @@ static void bodies_need(Dynamics *d)
 {
     Kernel *k = d->k;
     for (Int j = 0; j < k->n_joints; j++) {
-        zero3(d->forces.force + 3 * j);
-        zero3(d->forces.moment + 3 * j);
+        zero3(d->forces.springs.force + 3 * j);
+        zero3(d->forces.springs.moment + 3 * j);
         if (j > 0 && moves_mass(k, j))
-            needed(k, j, d->forces.force + 3 * j, d->forces.moment + 3 * j);
+            needed(k, j, d->forces.springs.force + 3 * j, d->forces.springs.moment + 3 * j);
     }
-}
-
-/* Take the forces of springs between points from what bodies need; adds their power. */
-static int springs_on_bodies(Dynamics *d)
-{
-    for (Int i = 0; i < d->forces.n_lines; i++) {
-        const Line line = line_between(d, i);
-        Real force = 0.0, moment[3];
-        if (pull(d, i, d->forces.line_law[i], d->forces.line_spring + 3 * i, line.length, line.rate,
-                 &force, &d->forces.power) != DONE)
-            return CALLBACK_FAILED;
-        d->forces.power -= force * line.rate;
-        cross3(line.end, line.along, moment);
-        for (int side = 0; side < 2; side++) {
-            const Int at = 3 * d->forces.line_body[2 * i + side];
-            const Real sign = side ? 1.0 : -1.0; /* pulled back towards the first */
-            add3(sign * force, line.along, d->forces.force + at);
-            add3(sign * force, moment, d->forces.moment + at);
-        }
-    }
-    return DONE;
 }
 
 int forces_on_bodies(Dynamics *d)
 {
     bodies_need(d);
-    return springs_on_bodies(d) == DONE ? bushings_on_bodies(d) : CALLBACK_FAILED;
+    return springs_on_bodies(d->k, &d->forces.springs) == DONE ? DONE : CALLBACK_FAILED;
 }
 
 /* ---- joints ---- */
@@ -138,13 +79,13 @@ int forces_at_joints(Dynamics *d, Real t, const Real *q)
     for (Int i = 0; i < d->forces.n_turns; i++) {
         Real force = 0.0;
         const Int at = d->forces.turn_v[i];
-        if (pull(d, d->forces.n_lines + i, d->forces.turn_law[i], d->forces.turn_spring + 3 * i,
-                 d->q[d->forces.turn_q[i]], v[at], &force, &d->forces.power) != DONE)
+        if (pull(d, d->forces.springs.n_lines + i, d->forces.turn_law[i], d->forces.turn_spring + 3 * i,
+                 d->q[d->forces.turn_q[i]], v[at], &force, &d->forces.springs.power) != DONE)
             return CALLBACK_FAILED;
         d->forces.given[at] -= force;
     }
     for (Int i = 0; i < k->nv; i++)
-        d->forces.power += d->forces.given[i] * v[i];
+        d->forces.springs.power += d->forces.given[i] * v[i];
     return DONE;
 }
 
@@ -154,11 +95,11 @@ void forces_missing(Dynamics *d, const Real *a)
     for (Int j = k->n_joints - 1; j > 0; j--) {
         const Int up = 3 * k->parent[j];
         for (Int v = k->iv[j]; v < k->iv[j] + joint_nv(k->kind[j]); v++)
-            d->forces.tau[v] = dot3(d->forces.force + 3 * j, k->linear + 3 * v) +
-                               dot3(d->forces.moment + 3 * j, k->angular + 3 * v) +
+            d->forces.tau[v] = dot3(d->forces.springs.force + 3 * j, k->linear + 3 * v) +
+                               dot3(d->forces.springs.moment + 3 * j, k->angular + 3 * v) +
                                d->forces.armature[v] * a[v] - d->forces.given[v];
-        add3(1.0, d->forces.force + 3 * j, d->forces.force + up);
-        add3(1.0, d->forces.moment + 3 * j, d->forces.moment + up);
+        add3(1.0, d->forces.springs.force + 3 * j, d->forces.springs.force + up);
+        add3(1.0, d->forces.springs.moment + 3 * j, d->forces.springs.moment + up);
     }
 }
 
@@ -180,15 +121,15 @@ Real forces_energy(Dynamics *d, Real *kinetic)
     }
     for (Int v = 0; v < k->nv; v++)
         moving += 0.5 * d->forces.armature[v] * d->v[v] * d->v[v];
-    for (Int i = 0; i < d->forces.n_lines + d->forces.n_turns; i++) {
-        const int line = i < d->forces.n_lines;
-        const Int at = line ? i : i - d->forces.n_lines;
-        const Real *spring = (line ? d->forces.line_spring : d->forces.turn_spring) + 3 * at;
-        if (line ? d->forces.line_law[at] : d->forces.turn_law[at])
+    for (Int i = 0; i < d->forces.springs.n_lines + d->forces.n_turns; i++) {
+        const int line = i < d->forces.springs.n_lines;
+        const Int at = line ? i : i - d->forces.springs.n_lines;
+        const Real *spring = (line ? d->forces.springs.line_spring : d->forces.turn_spring) + 3 * at;
+        if (line ? d->forces.springs.line_law[at] : d->forces.turn_law[at])
             continue;
-        const Real x = (line ? line_between(d, at).length : d->q[d->forces.turn_q[at]]) - spring[2];
+        const Real x = (line ? spring_line(d->k, &d->forces.springs, at).length : d->q[d->forces.turn_q[at]]) - spring[2];
         stored += 0.5 * spring[0] * x * x;
     }
     *kinetic = moving;
-    return moving + stored + bushings_energy(d);
+    return moving + stored + bushings_energy(k, &d->forces.springs);
 }

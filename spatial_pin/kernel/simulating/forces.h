@@ -6,11 +6,8 @@
 
 /* Forces and moments about the world origin that bodies need to move as the tree's rates and
  * accelerations say, less those that springs between points exert; adds the power of these to
- * d->forces.power. DONE or CALLBACK_FAILED. */
+ * d->forces.springs.power. DONE or CALLBACK_FAILED. */
 int forces_on_bodies(Dynamics *d);
-/* The part of bushings in this, and the energy that they store; both need the rates of the tree. */
-int bushings_on_bodies(Dynamics *d);
-Real bushings_energy(const Dynamics *d);
 /* Efforts, and what resists and turns back at joints: joint forces d->forces.given; adds their power.
  * They see the configuration q. DONE or CALLBACK_FAILED. */
 int forces_at_joints(Dynamics *d, Real t, const Real *q);

@@ -3,6 +3,7 @@
 #define SPATIAL_PIN_ARTICULATED_H
 
 #include "kernel.h"
+#include "springs.h"
 
 typedef struct Tree Tree;
 
@@ -17,6 +18,8 @@ typedef struct {
     Real *tau;               /* (nv) joint forces that the motion needs, as `pin.rnea` */
     Real *wrench;            /* (n_joints, 6) that joints hand on, world axes, about their origins;
                                 where `tau` is wanted too */
+    Springs *springs;        /* whose forces lessen `tau`, where it is wanted and v is given; or NULL */
+    Real *of_springs;        /* (n_joints, 6) wrenches of springs on bodies, about the world origin */
     const Real *outside;     /* (n_joints, 6) wrenches on bodies, world axes, about the joints' origins,
                                 that turn with the bodies: for by_q and by_v, where v and a are given */
     Real *by_q, *by_v;       /* (nv, nv) zeros before; a row for each entry of q and v: how `tau`,

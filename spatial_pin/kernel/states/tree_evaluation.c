@@ -216,6 +216,30 @@ static void copy_out(Real *out, const Real *from, Int n)
         memcpy(out, from, (size_t)n * sizeof *out);
 }
 
+/* Take the forces of springs from the wrenches that bodies need, where the bodies have their rates. */
+static void take_springs(Tree *s, Springs *springs, Real *wrenches)
+{
+    Kernel *k = s->k;
+    for (Int j = 0; j < k->n_joints; j++) {
+        copy3(s->velocity + 6 * j, k->velocity + 3 * j);
+        copy3(s->velocity + 6 * j + 3, k->omega + 3 * j);
+        zero3(springs->force + 3 * j);
+        zero3(springs->moment + 3 * j);
+    }
+    springs_on_bodies(k, springs);
+    for (Int j = 0; j < k->n_joints; j++) {
+        const Real *force = springs->force + 3 * j, *moment = springs->moment + 3 * j;
+        Real swung[3];
+        cross3(k->p + 3 * j, force, swung);
+        for (int i = 0; i < 3; i++) {
+            s->needed[6 * j + i] += force[i];
+            s->needed[6 * j + 3 + i] += moment[i] - swung[i];
+            if (wrenches)
+                wrenches[6 * j + i] = -force[i], wrenches[6 * j + 3 + i] = -moment[i];
+        }
+    }
+}
+
 static void evaluate(Tree *s, const TreeTask *task)
 {
     Kernel *k = s->k;
@@ -231,6 +255,8 @@ static void evaluate(Tree *s, const TreeTask *task)
     if (task->tau) {
         memcpy(s->armature, task->armature, (size_t)k->nv * sizeof(Real));
         put_needed(s);
+        if (task->springs && task->v)
+            take_springs(s, task->springs, task->of_springs);
         gather_wrenches(s, task->tau, task->a);
         copy_out(task->wrench, s->needed, 6 * n);
     }
@@ -263,5 +289,6 @@ EXPORT void tree_evaluate(Tree *s, const TreeTask *task)
         one.jacobian = next(one.jacobian, 6 * nv);
         one.velocity = next(one.velocity, 6 * n), one.acceleration = next(one.acceleration, 6 * n);
         one.tau = next(one.tau, nv), one.wrench = next(one.wrench, 6 * n);
+        one.of_springs = next(one.of_springs, 6 * n);
     }
 }

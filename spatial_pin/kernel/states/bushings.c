@@ -1,7 +1,8 @@
 /* Springs and dampers between two frames in all six directions: see dynamics/bushings.py. The pose of
  * frame 2 in frame 1 is x = (p, phi); the force F = K x + D x' + f0 by x pulls it back. */
-#include "forces.h"
 #include "pins.h"
+#include "springs.h"
+#include "vectors.h"
 
 /* Where a bushing stands in the numbers: two frames (rotation by columns, origin), K, D, f0, and the
    energy at x = 0. */
@@ -56,11 +57,10 @@ static void frame_in_world(const Kernel *k, Int j, const Real *frame, Real *turn
     add3(1.0, k->p + 3 * j, at);
 }
 
-static Bend bend_of(const Dynamics *d, Int i)
+static Bend bend_of(const Kernel *k, const Springs *s, Int i)
 {
-    const Kernel *k = d->k;
-    const Real *own = d->forces.bushing + BUSHING_NUMBERS * i;
-    const Int first = d->forces.bushing_body[2 * i], second = d->forces.bushing_body[2 * i + 1];
+    const Real *own = s->bushing + BUSHING_NUMBERS * i;
+    const Int first = s->bushing_body[2 * i], second = s->bushing_body[2 * i + 1];
     Bend bend;
     Real start[3], second_turn[9], between[9], quaternion[4], arm[3], moved[3], once[3], spin[3];
     frame_in_world(k, first, own, bend.turn, start);
@@ -92,20 +92,22 @@ static Bend bend_of(const Dynamics *d, Int i)
 
 static Real form6(const Real *matrix, const Real *x, Int row) { return dot(matrix + 6 * row, x, 6); }
 
-int bushings_on_bodies(Dynamics *d)
+int bushings_on_bodies(const Kernel *k, Springs *s)
 {
-    for (Int i = 0; i < d->forces.n_bushings; i++) {
-        const Real *own = d->forces.bushing + BUSHING_NUMBERS * i;
-        const Int law = d->forces.bushing_law[i] - 1; /* the component that it is of */
-        const Bend bend = bend_of(d, i);
+    for (Int i = 0; i < s->n_bushings; i++) {
+        const Real *own = s->bushing + BUSHING_NUMBERS * i;
+        const Int law = s->bushing_law[i] - 1; /* the component that it is of */
+        const Bend bend = bend_of(k, s, i);
         Real force[6], linear[3], angular[3], turned[3], moment[3];
         for (int c = 0; c < 6; c++) {
             const Real elastic = form6(own + STIFFNESS, bend.x, c) + own[PRELOAD + c];
             force[c] = elastic + form6(own + DAMPING, bend.rate, c);
-            if (c == law && d->callbacks.spring(d->forces.n_lines + d->forces.n_turns + i, bend.x[c], bend.rate[c],
-                                            force + c) != DONE)
-                return CALLBACK_FAILED;
-            d->forces.power += (elastic - force[c]) * bend.rate[c];
+            if (c == law) {
+                const int code = s->law(s->first_bushing + i, bend.x[c], bend.rate[c], force + c);
+                if (code != DONE)
+                    return code;
+            }
+            s->power += (elastic - force[c]) * bend.rate[c];
         }
         by_turn(bend.x + 3, force + 3, -1.0, turned);
         rotate3(bend.turn, force, linear);
@@ -113,20 +115,20 @@ int bushings_on_bodies(Dynamics *d)
         cross3(bend.end, linear, moment);
         add3(1.0, angular, moment);
         for (int side = 0; side < 2; side++) {
-            const Int at = 3 * d->forces.bushing_body[2 * i + side];
-            add3(side ? 1.0 : -1.0, linear, d->forces.force + at); /* pulled back towards the first */
-            add3(side ? 1.0 : -1.0, moment, d->forces.moment + at);
+            const Int at = 3 * s->bushing_body[2 * i + side];
+            add3(side ? 1.0 : -1.0, linear, s->force + at); /* pulled back towards the first */
+            add3(side ? 1.0 : -1.0, moment, s->moment + at);
         }
     }
     return DONE;
 }
 
-Real bushings_energy(const Dynamics *d)
+Real bushings_energy(const Kernel *k, const Springs *s)
 {
     Real stored = 0.0;
-    for (Int i = 0; i < d->forces.n_bushings; i++) {
-        const Real *own = d->forces.bushing + BUSHING_NUMBERS * i;
-        const Bend bend = bend_of(d, i);
+    for (Int i = 0; i < s->n_bushings; i++) {
+        const Real *own = s->bushing + BUSHING_NUMBERS * i;
+        const Bend bend = bend_of(k, s, i);
         stored += own[STORED];
         for (int c = 0; c < 6; c++)
             stored += (0.5 * form6(own + STIFFNESS, bend.x, c) + own[PRELOAD + c]) * bend.x[c];
