@@ -257,11 +257,7 @@ Int follow_values(Path *path, const Real *values, Int n, const PathRows *rows)
         failed += last > i && !done;
         if (done || (last > i && tried < SHORTENINGS && path->between_way < way))
             continue;
-        const int is_alone = path->accuracy.between > 0.0 &&
-                             fabs(values[i] - path->here->s) > step_of(path, way);
-        path->alone = is_alone ? residual_allowed(path) : 0.0;
         const int code = reach(path, values[i]);
-        path->alone = 0.0;
         path->between_way *= REGROWTH;
         if (code != DONE || put_row(path, rows, i) != DONE)
             return i;
