@@ -240,11 +240,6 @@ Int follow_values(Path *path, const Real *values, Int n, const PathRows *rows)
     Int failed = 0; /* of those steps */
     const int is_abreast = n > LANES && goes_abreast(path);
     for (Int i = 0; i < n;) {
-        const Int abreast = is_abreast ? last_abreast(path, values, i, n) : i;
-        const Int closed = abreast > i ? follow_abreast(path, values, i, abreast, rows) : 0;
-        i += closed;
-        if (closed)
-            continue;
         if (i > end)
             for (end = i; lies_ahead(values, end, n, values[i] - path->here->s);)
                 end++;
@@ -256,6 +251,11 @@ Int follow_values(Path *path, const Real *values, Int n, const PathRows *rows)
         tried = done ? 0 : tried + 1;
         failed += last > i && !done;
         if (done || (last > i && tried < SHORTENINGS && path->between_way < way))
+            continue;
+        const Int abreast = is_abreast ? last_abreast(path, values, i, n) : i;
+        const Int closed = abreast > i ? follow_abreast(path, values, i, abreast, rows) : 0;
+        i += closed;
+        if (closed)
             continue;
         const int code = reach(path, values[i]);
         path->between_way *= REGROWTH;
