@@ -327,7 +327,7 @@ def _motion(
 ) -> Motion:
     samples, n = result.samples, result.done
     samples = samples if n == len(samples.q) else samples.between(0, n)
-    v, a, time = samples.t, samples.c, None
+    v, a, time, led = samples.t, samples.c, None, speeds[:1] if is_steady else speeds
     if per == "s":
         speed = speeds.item(0) if is_steady and n and accels is None else 0.0
         if 1.0 / FASTEST < abs(speed) < FASTEST:
@@ -341,7 +341,7 @@ def _motion(
         angles=samples.angles, per=per, held=held,
         _look=lambda motion: [*events, *_near_limit(motion, samples.t), *_drift(motion)],
         _estimate=lambda motion: scaled_estimates(
-            motion, samples.estimate, speeds if per == "s" else None, accels))
+            motion, samples.estimate, led if per == "s" else None, accels))
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what overflows is refused
@@ -365,7 +365,7 @@ def scaled_estimates(
     Args:
         motion: the motion.
         estimate: (N, 3) of q, dq/ds and d²q/ds².
-        speeds: (N,) of what leads; None: these derivatives are the rates.
+        speeds: (N,) of what leads, or (1,); None: these derivatives are the rates.
         accels: (N,) its accelerations; None: there are none.
     """
     scaled = estimate.copy()
