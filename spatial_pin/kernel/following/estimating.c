@@ -24,7 +24,7 @@
 #define REMEMBERED 0.25  /* of the derivative before: in the middle it may just pass zero */
 #define AIM 0.5          /* of the error allowed: it may grow from one step to the next */
 #define STRAIGHT_BEND 1e-2 /* second derivative by the square of the rates below which a path is straight */
-#define NODE_PART 0.17   /* of the bound of a point's error that shows between points: where there is one
+#define BETWEEN_PART 0.17 /* of the bound of a point's error that shows between points: where there is one
                             equation, SURE_TIMES and OPEN_TIMES make the bound six times the error */
 #define LEAST_CHANGE 0.3 /* of rates, by errors of q: a probe may be where these change them little */
 #define NODE_RATES 6.0   /* the same of rates, by the step */
@@ -213,7 +213,7 @@ Real estimate_between(Path *path, const Point *third, const Point *from, Real *e
     const Real first = larger_of(t, REST * way), second = larger_of(c, STRAIGHT_BEND * first * first);
     Real part = part_of(m, e, first, second) / allowed;
     const Real longer = pow(AIM / larger_of(part, 1e-30), 1.0 / m->order);
-    const Real node = NODE_PART * estimate_point(path, estimate);
+    const Real node = BETWEEN_PART * estimate_point(path, estimate);
     /* Noise falls with the square of the distance, as far as a third point allows. The missing part
        does not grow where it is noise too. Where no distance will do, none is tried soon. */
     const Real noise = m->round_off * node / (second * allowed);
