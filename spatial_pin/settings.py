@@ -73,7 +73,7 @@ class Accuracy:
         order: order of the Taylor predictor of a followed motion, 0 to 3 (the third derivative
             is a difference of two accelerations).
         corrections: number of Newton corrections at each step; None corrects until `tolerance`.
-        tolerance: closure residual to reach [-], relative to the characteristic length; from 1e-10
+        tolerance: closure residual to reach [-], relative to the characteristic length; from 1e-9
             on also the error that samples of a followed motion may have, see below.
         gap: largest closure error that redundant equations of a rounded file may keep [-], see
             `State.gap`; 0 for none. Numbers of five digits leave up to 4e-5, single precision
@@ -94,7 +94,7 @@ class Accuracy:
             simulation ends; a motion of a hundred thousand turns takes about a million. One
             without damping that would take ten times as many is given up early.
 
-    With a tolerance of 1e-10 or more (and order 3), close samples of a sweep are interpolated
+    With a tolerance of 1e-9 or more (and order 3), close samples of a sweep are interpolated
     between points of the path that are closed more tightly. One correction in the middle of each
     interval tells its error, and the intervals grow until that meets the tolerance: the error of
     positions, and of rates and accelerations by their size. `Motion.error` tells it. From 1e-11 on,
@@ -167,7 +167,7 @@ class Accuracy:
         """Return the cheapest setting that reaches an error; `Motion.error` tells whether it has.
 
         The error is the largest of positions [rad, characteristic lengths], and of velocities and
-        accelerations by the largest one. A sweep to 1e-10 or more meets it by itself. Tighter ones,
+        accelerations by the largest one. A sweep to 1e-9 or more meets it by itself. Tighter ones,
         and simulations, have the setting that kept it with a margin over the mechanisms of the
         library with loops (simulations one between two of these), as `scripts/accuracy_table.py`
         measured: each did its usual sweep, or swung a few seconds under gravity. That is a
@@ -260,7 +260,7 @@ LEVELS = {
     "reference": Accuracy(tolerance=1e-15, time_tolerance=1e-13),
 }
 
-INTERPOLATED = 1e-10  # tolerance from which on samples of a sweep are interpolated, to that error
+INTERPOLATED = 1e-9  # tolerance from which on samples of a sweep are interpolated, to that error
 LOOSEST = 1e-2  # of these: farther apart, points would not be predicted
 # Closure tolerance of a simulation from which on most samples are interpolated. Below it hardly one
 # is closed well enough.

@@ -313,7 +313,7 @@ def _motion(
 ) -> Motion:
     samples, n = result.samples, result.done
     samples = samples if n == len(samples.q) else samples.between(0, n)
-    v, a, time = samples.t, samples.c, None
+    v, a, time, led = samples.t, samples.c, None, speeds[:1] if is_steady else speeds
     if per == "s":
         speed = speeds.item(0) if is_steady and n and accels is None else 0.0
         if 1.0 / FASTEST < abs(speed) < FASTEST:
@@ -327,7 +327,7 @@ def _motion(
         angles=samples.angles, per=per, held=held,
         _look=lambda motion: [*events, *_near_limit(motion, samples.t), *_drift(motion)],
         _estimate=lambda motion: scaled_estimates(
-            motion, samples.estimate, speeds if per == "s" else None, accels))
+            motion, samples.estimate, led if per == "s" else None, accels))
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what overflows is refused
@@ -348,7 +348,7 @@ def scaled_estimates(
 ) -> Array:
     """Return error estimates (N, 3) of a motion from those of its derivatives by what leads.
 
-    `estimate` (N, 3) is of q, dq/ds and d²q/ds². Without speeds (N,) of what leads, these
+    `estimate` (N, 3) is of q, dq/ds and d²q/ds². Without speeds (N,) or (1,) of what leads, these
     derivatives are the rates.
     """
     scaled = estimate.copy()

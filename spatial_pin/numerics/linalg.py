@@ -228,12 +228,15 @@ def largest_by(scale: Array, x: Array) -> float:
 
     Many rows are compared as few long ones, which numpy does ten times as fast.
     """
+    sizes = scale.tolist()
+    if len({*sizes}) == 1:
+        return max(x.max(initial=0.0).item(), -x.min(initial=0.0).item()) / sizes[0]
     if x.size < MANY or len(x) < ROWS_AT_ONCE:
         return float(np.abs(x / scale).max(initial=0.0))
-    sizes, whole = np.abs(x), len(x) - len(x) % ROWS_AT_ONCE
-    long = sizes[:whole].reshape(-1, sizes[:ROWS_AT_ONCE].size).max(axis=0)
-    long = np.maximum(long, sizes[-ROWS_AT_ONCE:].ravel())  # with the rows that are left
-    return float((long.reshape(ROWS_AT_ONCE, -1).max(axis=0) / scale).max())
+    whole, rest = np.split(x, [len(x) - len(x) % ROWS_AT_ONCE])
+    long = whole.reshape(-1, x[:ROWS_AT_ONCE].size)
+    largest = np.maximum(long.max(axis=0), -long.min(axis=0)).reshape(ROWS_AT_ONCE, -1)
+    return float((np.vstack([largest, np.abs(rest)]).max(axis=0) / scale).max())
 
 
 def independent_rows(a: Array, tolerance: float = TOLERANCES.rank) -> NDArray[np.intp]:

@@ -281,18 +281,23 @@ def _starts(reduced: Reduced) -> Callable[..., Array | None]:
             there = assembled(reduced.full, {**reduced.welds, **dict(values)})
         except SpatialPinError:  # a loop that is left out cannot close there
             return None
-        state = carried_over(reduced, there)
-        return state.q if state.closure_error <= _closed(reduced) else None
+        return there.q[at]
 
+    at = _entries(reduced, reduced.full)
     return start
+
+
+def _entries(reduced: Mechanism, full: Mechanism) -> Array:
+    """Return (nq,) indices of a reduced mechanism's entries of q in that of the full one."""
+    own, its = reduced.model, full.model
+    at = [its.idx_qs[its.getJointId(own.names[i])] + np.arange(own.nqs[i])
+          for i in range(1, own.njoints)]
+    return np.concatenate([[], *at]).astype(int)
 
 
 def carried_over(reduced: Mechanism, state: State) -> State:
     """Return a state of the full mechanism as a state of a reduced one."""
-    q, full, own = reduced.neutral.copy(), state.mechanism.model, reduced.model
-    for i in range(1, own.njoints):
-        j = full.getJointId(own.names[i])
-        q[own.idx_qs[i] :][: own.nqs[i]] = state.q[full.idx_qs[j] :][: full.nqs[j]]
+    q = state.q[_entries(reduced, state.mechanism)]
     at = [state.mechanism.coordinate_table[name].v for name in reduced.coordinates]
     angles = carried_angles(state.mechanism, state.angles, reduced)
     with loops_of(reduced, angles) as evaluation:

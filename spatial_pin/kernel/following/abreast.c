@@ -12,7 +12,7 @@
 int goes_abreast(Path *path)
 {
     const PathAccuracy *wanted = &path->accuracy;
-    if (wanted->order != 3 || wanted->corrections >= 0 || wanted->between > 0.0 || !lanes_know(path->k) ||
+    if (wanted->order != 3 || wanted->corrections >= 0 || !lanes_know(path->k) ||
         !lanes_of(path->k))
         return 0;
     lanes_begin(path->k, path->k->memory.lanes);

@@ -24,9 +24,9 @@
 #define REMEMBERED 0.25  /* of the derivative before: in the middle it may just pass zero */
 #define AIM 0.5          /* of the error allowed: it may grow from one step to the next */
 #define STRAIGHT_BEND 1e-2 /* second derivative by the square of the rates below which a path is straight */
-#define ALONE_PART 0.05  /* of the error allowed that a residual may make, told or not told six times */
-#define BETWEEN_PART 0.12 /* of the bound of a point's error that shows between points: three errors rarely
-                            add up. Measured: rates of 99 in 100 mechanisms are within it */
+#define BETWEEN_PART 0.17 /* of the bound of a point's error that shows between points: where there is one
+                            equation, SURE_TIMES and OPEN_TIMES make the bound six times the error */
+#define LEAST_CHANGE 0.3 /* of rates, by errors of q: a probe may be where these change them little */
 #define NODE_RATES 6.0   /* the same of rates, by the step */
 #define REST 0.1         /* of the way that the fastest joint goes, where prescribed values may come to rest */
 #define GROWTH_POWER 2.4       /* of the way from one step to the next: the point before is to be near enough */
@@ -154,8 +154,8 @@ Real estimate_at(Path *path, Real t, Real c, Real error, Real *estimate)
     const Real open = OPEN_TIMES * error + ROUND_OFF_PART + RESOLVED_PART * path->rounding;
     const Real q = SURE_TIMES * p->gain * open, solved = turned + (1.0 + p->gain) * ROUND_OFF_PART;
     estimate[0] = q + turned + ROUND_OFF_PART + RESOLVED_PART * path->rounding;
-    estimate[1] = p->first * q + t * solved;
-    estimate[2] = p->second * q + (t * t + c) * solved;
+    estimate[1] = larger_of(p->first, LEAST_CHANGE * t) * q + t * solved;
+    estimate[2] = larger_of(p->second, LEAST_CHANGE * (t * t + c)) * q + (t * t + c) * solved;
     return q;
 }
 
@@ -163,14 +163,6 @@ static Real estimate_point(Path *path, Real *estimate)
 {
     look_again(path);
     return estimate_at(path, path->here->pace, path->here->bend, path->here->error, estimate);
-}
-
-Real residual_allowed(const Path *path)
-{
-    const Probe *p = &path->probe;
-    const Real pace = larger_of(p->pace, DBL_MIN), bend = larger_of(p->bend, STRAIGHT_BEND * pace * pace);
-    const Real rates = larger_of(p->first / pace, p->second / bend);
-    return ALONE_PART * path->accuracy.between / (p->gain * larger_of(1.0, rates) + DBL_MIN);
 }
 
 void estimate_here(Path *path, Real *estimate) { estimate_point(path, estimate); }

@@ -87,7 +87,7 @@ static void forget(Path *path)
     path->abreast_way = ABREAST_FIRST;
     path->degree = 0;
     path->open = OPENED * path->here->error;
-    path->idle_left = path->missed = path->alone = 0.0;
+    path->idle_left = path->missed = 0.0;
 }
 
 /* Choose equations, if there are more than are wanted, and find the rates where the path starts. */

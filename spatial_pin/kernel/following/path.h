@@ -40,7 +40,6 @@ typedef struct Path {
     Real missed;    /* error in the middle of the last interpolated step, by the way's power that it
                        grows with; of polynomials of that degree */
     Int degree;
-    Real alone;     /* residual to reach where no sample is interpolated to the next; 0: as usual */
     Real between_open; /* closure error of samples in the last interpolated step, at most */
     Real open;      /* residual of equations left out that no other choice makes smaller */
 } Path;
@@ -73,8 +72,6 @@ int take_idle_back(Path *path, Real way);
 /* ---- estimating.c ---- */
 /* See how errors are magnified where the path stands, at its factored point. */
 void probe_errors(Path *path);
-/* The residual by which samples are off as far as is allowed, by the last probe. */
-Real residual_allowed(const Path *path);
 /* Error estimates (3) of q, t and c, scaled, where the path stands. */
 void estimate_here(Path *path, Real *estimate);
 /* See again how errors are magnified where the path stands, if that may have changed. */

@@ -240,11 +240,6 @@ Int follow_values(Path *path, const Real *values, Int n, const PathRows *rows)
     Int failed = 0; /* of those steps */
     const int is_abreast = n > LANES && goes_abreast(path);
     for (Int i = 0; i < n;) {
-        const Int abreast = is_abreast ? last_abreast(path, values, i, n) : i;
-        const Int closed = abreast > i ? follow_abreast(path, values, i, abreast, rows) : 0;
-        i += closed;
-        if (closed)
-            continue;
         if (i > end)
             for (end = i; lies_ahead(values, end, n, values[i] - path->here->s);)
                 end++;
@@ -257,11 +252,12 @@ Int follow_values(Path *path, const Real *values, Int n, const PathRows *rows)
         failed += last > i && !done;
         if (done || (last > i && tried < SHORTENINGS && path->between_way < way))
             continue;
-        const int is_alone = path->accuracy.between > 0.0 &&
-                             fabs(values[i] - path->here->s) > step_of(path, way);
-        path->alone = is_alone ? residual_allowed(path) : 0.0;
+        const Int abreast = is_abreast ? last_abreast(path, values, i, n) : i;
+        const Int closed = abreast > i ? follow_abreast(path, values, i, abreast, rows) : 0;
+        i += closed;
+        if (closed)
+            continue;
         const int code = reach(path, values[i]);
-        path->alone = 0.0;
         path->between_way *= REGROWTH;
         if (code != DONE || put_row(path, rows, i) != DONE)
             return i;

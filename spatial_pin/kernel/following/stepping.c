@@ -159,10 +159,9 @@ static int close_prediction(Path *path, Real way)
     const PathAccuracy *wanted = &path->accuracy;
     const Real least = path->rounding = round_off_of(k, path->here->q);
     const Real part = residual_part(k->system.pivot_ratio); /* 1, or factors near by are off as well */
-    const Real alone = part * path->alone;
-    Correction c = {.enough = fmax(larger_of(part * wanted->enough, 0.1 * least), 0.3 * alone),
-                    .tolerance = fmax(larger_of(part * wanted->tolerance, 0.3 * least), alone),
-                    .left = fmax(larger_of(wanted->left, least), alone), .fixed = wanted->corrections,
+    Correction c = {.enough = larger_of(part * wanted->enough, 0.1 * least),
+                    .tolerance = larger_of(part * wanted->tolerance, 0.3 * least),
+                    .left = larger_of(wanted->left, least), .fixed = wanted->corrections,
                     .reuse = !path->stale && part == 1.0 && wanted->corrections < 0,
                     .prescribed = &path->prescribed};
     c.allowed = wanted->order ? TOLERANCE_UNEXPLAINED * way : INFINITY;
