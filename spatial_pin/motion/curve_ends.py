@@ -17,13 +17,16 @@ def curve_end_events(motion: Motion) -> list[Event]:
     Between samples the place is that of a cubic.
     """
     whole = motion.mechanism.whole or motion.mechanism
+    on_curves = [c for c in whole.closures if c.numbers.get("curve") is not None]
+    if not on_curves or not len(motion):
+        return []
     at, what = motion.time, "at {:.9g} s"
     if motion.driver is not None:
         at, what = motion.driver, f"at {motion.driver_name} = {{:.9g}} {motion.driver_unit}"
     events = []
-    for closure in whole.closures:
-        curve = closure.numbers.get("curve")
-        if curve is None or curve.is_closed or not np.isfinite(curve.end) or not len(motion):
+    for closure in on_curves:
+        curve = closure.numbers["curve"]
+        if curve.is_closed or not np.isfinite(curve.end):
             continue
         s = motion.coordinate(f"{closure.name}.s").value
         for end, room in ((f"{curve.end:.6g} m", curve.end - s), ("0 m", s)):

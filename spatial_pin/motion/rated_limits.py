@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin._support.brief import brief
-from spatial_pin._support.lazy import made_anew
+from spatial_pin._support.lazy import made_anew, made_once
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.motion.joint_limit_events import SLACK
@@ -103,13 +103,20 @@ class BeyondLimit(NamedTuple):
 
 def velocity_limits(mechanism: Mechanism) -> list[RatedLimit]:
     """Return the velocity limits that the URDF states, in the order of the coordinates."""
-    return _velocity_limits(mechanism, mechanism.model.upperVelocityLimit.tobytes())
+    return _velocity_limits(mechanism, _highest_speeds(mechanism).tobytes())
+
+
+@made_once
+def _highest_speeds(mechanism: Mechanism) -> Array:
+    """Return the velocity limits (nv,) of the model: its own array, not to be changed."""
+    numbers: Array = mechanism.model.upperVelocityLimit
+    return numbers
 
 
 @made_anew  # as anybody may change the numbers
 def _velocity_limits(mechanism: Mechanism, numbers: bytes) -> list[RatedLimit]:
     return [RatedLimit(VELOCITY, c.name, c.v, float(x), f"{c.unit}/s")
-            for c, x in _stated(mechanism, mechanism.model.upperVelocityLimit)]
+            for c, x in _stated(mechanism, _highest_speeds(mechanism))]
 
 
 def effort_limits(mechanism: Mechanism) -> list[RatedLimit]:
