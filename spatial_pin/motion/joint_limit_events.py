@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from spatial_pin._support.lazy import Workspaces
 from spatial_pin.continuation.path_tracker import PathTracker, Stopped
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.mechanism.joint_limits import SLACK, JointLimit, joint_limits
+from spatial_pin.mechanism.joint_limits import SLACK, JointLimit, joint_limits, limit_arrays
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Event, Motion
 from spatial_pin.numerics.linalg import Array
@@ -131,22 +131,21 @@ def joint_limits_passed(motion: Motion) -> list[Passing]:
     values = motion.driver if motion.driver is not None else motion.time
     start = float(values[0]) if values is not None else 0.0
     all_passings = passed_at_start(motion.mechanism, motion.q[0], start)
-    for at, k in zip(*(x.tolist() for x in np.nonzero(_may_be_passed(motion, limits))),
-                     strict=True):
+    for at, k in zip(*(x.tolist() for x in np.nonzero(_may_be_passed(motion))), strict=True):
         passing = _between(motion, limits[at], k)
         all_passings += [passing] if passing is not None else []
     return sorted(all_passings, key=lambda passing: passing.row)
 
 
-def _may_be_passed(motion: Motion, limits: list[JointLimit]) -> NDArray[np.bool_]:
+def _may_be_passed(motion: Motion) -> NDArray[np.bool_]:
     """Return (limits, N - 1) whether each limit may be passed outwards in each step."""
-    q, v, side, value, size = (np.array(x) for x in zip(*(
-        (c.q, c.v, c.side, c.value, c.size) for c in limits), strict=True))
-    noise = NOISE * float(np.abs(motion.v / motion.mechanism.velocity_scale).max(initial=0.0))
+    limits, q, v, value, side, slack = limit_arrays(motion.mechanism)
+    fastest = np.abs(motion.v / motion.mechanism.velocity_scale).max(initial=0.0)
+    noise = NOISE / SLACK * float(fastest)
     may = np.zeros((len(limits), len(motion) - 1), dtype=bool)
     steps, rates, bends = _steps(motion), motion.v[:, v], motion.a[:, v]
     room = side * (value - motion.q[:, q])
-    outside = room < -SLACK * size
+    outside = room < -slack
     swings = np.full(len(v), np.inf)  # beyond both samples of a step, at most
     if steps is not None:
         h = float(steps.max(initial=0.0))
@@ -155,14 +154,14 @@ def _may_be_passed(motion: Motion, limits: list[JointLimit]) -> NDArray[np.bool_
     close = np.flatnonzero(outside.any(axis=0) | (room.min(axis=0) <= (1.0 + DOUBT) * swings))
     if not close.size:  # as most are far from all limits
         return may
-    room, outside, side, size = room[:, close], outside[:, close], side[close], size[close]
+    room, outside, side, slack = room[:, close], outside[:, close], side[close], slack[close]
     rates, bends = rates[:, close], bends[:, close]
     closing = side * rates
     sense = np.ones((len(motion) - 1, 1))  # -1 where samples go against their rates
     if motion.driver is not None and motion.time is None:
         rate = motion.coordinate(motion.driver_name).rate
         sense[~(np.diff(motion.driver) * (rate[:-1] + rate[1:]) >= 0.0)] = -1.0
-    turning = (sense * closing[:-1] > noise * size) & (sense * closing[1:] < -noise * size)
+    turning = (sense * closing[:-1] > noise * slack) & (sense * closing[1:] < -noise * slack)
     swings = np.full((len(motion) - 1, len(close)), np.inf)
     if steps is not None:
         each = steps[:, None]

@@ -155,8 +155,10 @@ def sweep(
             mechanism, driver, coordinate, requested, guess, given, held, accuracy,
             on_crossing == "straight", progress)
         n, stop = result.done, result.stop
-        values, speeds = requested[:n], rates[0][:n]
-        accels = None if rates[1] is None else rates[1][:n]
+        values, (speeds, accels) = requested, rates
+        if n < len(requested):
+            values, speeds = requested[:n], speeds[:n]
+            accels = None if accels is None else accels[:n]
         motion = _motion(mechanism, result, driver, values, speeds, type(speed) is float, accels,
                          coordinate.unit if speed is None else "s", still, events)
         if mechanism.whole is None or not n:
