@@ -206,9 +206,8 @@ def assembly_problem(
     problem = AssemblyProblem(mechanism, held, standing, start, tolerance, gap, angles)
     problem.driver_values, problem.lost = driver_values, lost
     if held and mechanism.closures:
-        fixed = tuple(name for name in problem.held if mechanism.coordinate_table[name].q >= 0)
         problem.with_turns = turns_of_others(
-            mechanism, start.q, problem.goal, fixed, named, of_guess)
+            mechanism, start.q, problem.goal, problem.free_set.fixed, named, of_guess)
     return problem
 
 

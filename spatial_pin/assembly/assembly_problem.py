@@ -68,6 +68,7 @@ class FreeSet:
     Attributes:
         settings: of the kernel: the free velocities, those free at first, while named coordinates
             are fixed too, and what is named. The same object every time.
+        fixed: fixed coordinates that are entries of q.
         pinned: fixed components of balls and floating joints.
         still: velocity entries of fixed free bases.
         is_whole: whether the guess names all components of a joint or none.
@@ -78,6 +79,7 @@ class FreeSet:
     """
 
     settings: ClosureSettings
+    fixed: tuple[str, ...]
     pinned: tuple[str, ...]
     still: tuple[int, ...]
     is_whole: bool
@@ -120,7 +122,8 @@ def free_set(
     settings = ClosureSettings(
         free, first if has_first else None, tolerance, DAMPED_STEPS, TOLERANCES.rank, kinds,
         position_limits(mechanism), spread and spread.first, not first.any())
-    return FreeSet(settings, pinned, still, is_whole, spread, groups,
+    fixed = tuple(name for name in held if name not in pinned)
+    return FreeSet(settings, fixed, pinned, still, is_whole, spread, groups,
                    [table[name].q for name in held],
                    float(mechanism.velocity_scale.min(initial=1.0)) / COORDINATE_ERROR)
 

@@ -466,8 +466,8 @@ def turns_of_others(
     """
     table = mechanism.coordinate_table
     followed, winding, alike, rows, waits = _winding(mechanism, fixed, named)
-    by = {name: abs(float(goal[table[name].q] - start[table[name].q])) for name in followed}
-    far = tuple(name for name, x in by.items() if x > OVER_A_TURN)
+    far = tuple([name for name in followed if abs(
+        goal.item(table[name].q) - start.item(table[name].q)) > OVER_A_TURN])
     if not (far or waits or (
             len(rows) and np.abs(rows @ (goal - start)).max() > math.pi)):
         return None

@@ -51,7 +51,7 @@ def both_ways_order(values: Array) -> list[NDArray[np.intp]] | None:
 
     None where following the values as given is not much longer.
     """
-    if len(values) < 3 or (values[1:] >= values[:-1]).all():
+    if len(values) < 3 or not np.count_nonzero(values[1:] < values[:-1]):
         return None
     with np.errstate(over="ignore"):
         length = np.abs(values[1:] - values[:-1]).sum()

@@ -71,8 +71,8 @@ class JointLimit(NamedTuple):
         return f"{side} limit {self.value:.9g} {self.unit} of {self.name}"
 
 
-# the limits of joints: indices in q, values, sides, and margins
-LimitArrays = tuple[list[JointLimit], NDArray[np.intp], Array, Array, Array]
+# the limits of joints: indices in q and v, values, sides, and margins
+LimitArrays = tuple[list[JointLimit], NDArray[np.intp], NDArray[np.intp], Array, Array, Array]
 
 
 @made_once
@@ -83,12 +83,12 @@ def position_limits(mechanism: Mechanism) -> tuple[Array, Array]:
 
 def joint_limits(mechanism: Mechanism) -> list[JointLimit]:
     """Return the joint limits that the URDF states, lower below upper, as coordinates go."""
-    return _stated(mechanism)[0]
+    return limit_arrays(mechanism)[0]
 
 
 def beyond_limits(mechanism: Mechanism, q: Array) -> dict[str, float]:
     """Return signed excesses of coordinates at q (nq,) over their limits [rad or m], by name."""
-    limits, entries, values, sides, slack = _stated(mechanism)
+    limits, entries, _, values, sides, slack = limit_arrays(mechanism)
     if not limits:
         return {}
     by = sides * (q[entries] - values)
@@ -97,12 +97,12 @@ def beyond_limits(mechanism: Mechanism, q: Array) -> dict[str, float]:
 
 def is_within_limits(mechanism: Mechanism, q: Array) -> bool:
     """Whether no coordinate of a configuration (nq,) is beyond its joint limits."""
-    _, entries, values, sides, slack = _stated(mechanism)
+    _, entries, _, values, sides, slack = limit_arrays(mechanism)
     return not (sides * (q[entries] - values) > slack).any()
 
 
-def _stated(mechanism: Mechanism) -> LimitArrays:
-    """Return the present limits of the model, which its user may change."""
+def limit_arrays(mechanism: Mechanism) -> LimitArrays:
+    """Return the present limits of the model, which its user may change, as arrays (n,)."""
     lower, upper = position_limits(mechanism)
     return _stated_by(mechanism, lower.tobytes() + upper.tobytes())
 
@@ -115,5 +115,6 @@ def _stated_by(mechanism: Mechanism, numbers: bytes) -> LimitArrays:
               for c in mechanism.coordinate_table.values() if c.q >= 0 and lower[c.q] < upper[c.q]
               for value, side in ((lower[c.q], -1), (upper[c.q], 1)) if abs(value) < UNSTATED]
     return (
-        limits, np.array([x.q for x in limits], np.intp), np.array([x.value for x in limits]),
-        np.array([float(x.side) for x in limits]), np.array([SLACK * x.size for x in limits]))
+        limits, np.array([x.q for x in limits], np.intp), np.array([x.v for x in limits], np.intp),
+        np.array([x.value for x in limits]), np.array([float(x.side) for x in limits]),
+        np.array([SLACK * x.size for x in limits]))

@@ -14,10 +14,10 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin._support.brief import brief
-from spatial_pin._support.lazy import Workspaces, made_anew
+from spatial_pin._support.lazy import Workspaces, made_anew, made_once
 from spatial_pin.continuation.path_tracker import PathTracker, Stopped
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.mechanism.joint_limits import SLACK, JointLimit, joint_limits
+from spatial_pin.mechanism.joint_limits import SLACK, JointLimit, joint_limits, limit_arrays
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.motion.motion import Event, Motion
@@ -135,22 +135,21 @@ def joint_limits_passed(motion: Motion) -> list[Passing]:
     values = motion.driver if motion.driver is not None else motion.time
     start = float(values[0]) if values is not None else 0.0
     all_passings = passed_at_start(motion.mechanism, motion.q[0], start)
-    for at, k in zip(*(x.tolist() for x in np.nonzero(_may_be_passed(motion, limits))),
-                     strict=True):
+    for at, k in zip(*(x.tolist() for x in np.nonzero(_may_be_passed(motion))), strict=True):
         passing = _between(motion, limits[at], k)
         all_passings += [passing] if passing is not None else []
     return sorted(all_passings, key=lambda passing: passing.row)
 
 
-def _may_be_passed(motion: Motion, limits: list[JointLimit]) -> NDArray[np.bool_]:
+def _may_be_passed(motion: Motion) -> NDArray[np.bool_]:
     """Return (limits, N - 1) whether each limit may be passed outwards in each step."""
-    q, v, side, value, size = (np.array(x) for x in zip(*(
-        (c.q, c.v, c.side, c.value, c.size) for c in limits), strict=True))
-    noise = NOISE * float(np.abs(motion.v / motion.mechanism.velocity_scale).max(initial=0.0))
+    limits, q, v, value, side, slack = limit_arrays(motion.mechanism)
+    fastest = np.abs(motion.v / motion.mechanism.velocity_scale).max(initial=0.0)
+    noise = NOISE / SLACK * float(fastest)
     may = np.zeros((len(limits), len(motion) - 1), dtype=bool)
     steps, rates, bends = _steps(motion), motion.v[:, v], motion.a[:, v]
     room = side * (value - motion.q[:, q])
-    outside = room < -SLACK * size
+    outside = room < -slack
     swings = np.full(len(v), np.inf)  # beyond both samples of a step, at most
     if steps is not None:
         h = float(steps.max(initial=0.0))
@@ -159,14 +158,14 @@ def _may_be_passed(motion: Motion, limits: list[JointLimit]) -> NDArray[np.bool_
     close = np.flatnonzero(outside.any(axis=0) | (room.min(axis=0) <= (1.0 + DOUBT) * swings))
     if not close.size:  # as most are far from all limits
         return may
-    room, outside, side, size = room[:, close], outside[:, close], side[close], size[close]
+    room, outside, side, slack = room[:, close], outside[:, close], side[close], slack[close]
     rates, bends = rates[:, close], bends[:, close]
     closing = side * rates
     sense = np.ones((len(motion) - 1, 1))  # -1 where samples go against their rates
     if motion.driver is not None and motion.time is None:
         rate = motion.coordinate(motion.driver_name).rate
         sense[~(np.diff(motion.driver) * (rate[:-1] + rate[1:]) >= 0.0)] = -1.0
-    turning = (sense * closing[:-1] > noise * size) & (sense * closing[1:] < -noise * size)
+    turning = (sense * closing[:-1] > noise * slack) & (sense * closing[1:] < -noise * slack)
     swings = np.full((len(motion) - 1, len(close)), np.inf)
     if steps is not None:
         each = steps[:, None]
@@ -388,13 +387,20 @@ class BeyondLimit(NamedTuple):
 
 def velocity_limits(mechanism: Mechanism) -> list[RatedLimit]:
     """Return the velocity limits that the URDF states, in the order of the coordinates."""
-    return _velocity_limits(mechanism, mechanism.model.upperVelocityLimit.tobytes())
+    return _velocity_limits(mechanism, _highest_speeds(mechanism).tobytes())
+
+
+@made_once
+def _highest_speeds(mechanism: Mechanism) -> Array:
+    """Return the velocity limits (nv,) of the model: its own array, not to be changed."""
+    numbers: Array = mechanism.model.upperVelocityLimit
+    return numbers
 
 
 @made_anew  # as anybody may change the numbers
 def _velocity_limits(mechanism: Mechanism, numbers: bytes) -> list[RatedLimit]:
     return [RatedLimit(VELOCITY, c.name, c.v, float(x), f"{c.unit}/s")
-            for c, x in _stated(mechanism, mechanism.model.upperVelocityLimit)]
+            for c, x in _stated(mechanism, _highest_speeds(mechanism))]
 
 
 def effort_limits(mechanism: Mechanism) -> list[RatedLimit]:
@@ -433,13 +439,16 @@ def curve_end_events(motion: Motion) -> list[Event]:
     Between samples the place is that of a cubic.
     """
     whole = motion.mechanism.whole or motion.mechanism
+    on_curves = [c for c in whole.closures if c.numbers.get("curve") is not None]
+    if not on_curves or not len(motion):
+        return []
     at, what = motion.time, "at {:.9g} s"
     if motion.driver is not None:
         at, what = motion.driver, f"at {motion.driver_name} = {{:.9g}} {motion.driver_unit}"
     events = []
-    for closure in whole.closures:
-        curve = closure.numbers.get("curve")
-        if curve is None or curve.is_closed or not np.isfinite(curve.end) or not len(motion):
+    for closure in on_curves:
+        curve = closure.numbers["curve"]
+        if curve.is_closed or not np.isfinite(curve.end):
             continue
         s = motion.coordinate(f"{closure.name}.s").value
         for end, room in ((f"{curve.end:.6g} m", curve.end - s), ("0 m", s)):

@@ -142,7 +142,9 @@ SAMPLED = frozenset(("driver", "time", "q", "v", "a"))  # without which there is
 SAVED = frozenset((  # arrays of a file
     "driver", "driver_name", "time", "q", "v", "a", "closure_error", "driver_speed", "angles",
     "mechanism", "coordinates", "event_kind", "event_value", "event_row", "event_text"))
-LATER = {"events": "_look", "error_estimates": "_estimate"}  # fields, and what makes them on use
+# fields, and what makes them on use
+LATER = {"events": "_look", "error_estimates": "_estimate", "time": "_clock"}
+NO_NUMBERS = read_only(np.empty(0))
 FRAME_UNITS = {  # unit and order of the derivative
     "position": ("m", 0), "velocity": ("m", 1), "acceleration": ("m", 2),
     "angular_velocity": ("rad", 1), "angular_acceleration": ("rad", 2), "jerk": ("m", 3),
@@ -229,7 +231,7 @@ class Motion(Samples, Tabular):
     if not TYPE_CHECKING:  # which would take any name for one of its own
 
         def __getattr__(self, name: str) -> Any:
-            """Return the events, or error estimates, that nobody has wanted yet."""
+            """Return the events, error estimates or times that nobody has wanted yet."""
             if LATER.get(name) in self.__dict__:
                 setattr(self, name, self.__dict__.pop(LATER[name])(self))
                 return self.__dict__[name]
@@ -830,11 +832,11 @@ def selected(
 def made(**fields: Any) -> Motion:
     """Return a Motion from all its fields; its arrays are checked to be finite and read-only.
 
-    In place of events and error estimates that depend on nothing but these fields, there may be
-    functions of the motion that make them at first use: see `LATER`.
+    In place of events, error estimates and times that depend on nothing but these fields, there
+    may be functions of the motion that make them at first use: see `LATER`.
     """
     motion = Motion.__new__(Motion)
-    fields = {"rate_errors": np.empty(0), "unreached": {}, **fields}
+    fields = {"rate_errors": NO_NUMBERS, "unreached": {}, **fields}
     resolved = fields["mechanism"].closure_resolution
     if resolved:
         fields["closure_error"] = np.maximum(fields["closure_error"], resolved)

@@ -151,8 +151,10 @@ def sweep(
             mechanism, driver, coordinate, requested, guess, given, held, accuracy,
             on_crossing == "straight", progress)
         n, stop = result.done, result.stop
-        values, speeds = requested[:n], rates[0][:n]
-        accels = None if rates[1] is None else rates[1][:n]
+        values, (speeds, accels) = requested, rates
+        if n < len(requested):
+            values, speeds = requested[:n], speeds[:n]
+            accels = None if accels is None else accels[:n]
         motion = _motion(mechanism, result, driver, values, speeds, type(speed) is float, accels,
                          coordinate.unit if speed is None else "s", still, events)
         if mechanism.whole is None or not n:
@@ -313,18 +315,18 @@ def _motion(
 ) -> Motion:
     samples, n = result.samples, result.done
     samples = samples if n == len(samples.q) else samples.between(0, n)
-    v, a, time, led = samples.t, samples.c, None, speeds[:1] if is_steady else speeds
+    v, a, led = samples.t, samples.c, speeds[:1] if is_steady else speeds
     if per == "s":
         speed = speeds.item(0) if is_steady and n and accels is None else 0.0
         if 1.0 / FASTEST < abs(speed) < FASTEST:
-            v, a, time = v * speed, a * (speed * speed), steady_times(values, speed)
+            v, a = v * speed, a * (speed * speed)
         else:
-            v, a, time = _scaled(v, a, values, speeds, accels)
+            v, a = _scaled(v, a, speeds, accels)
     check_finite(v, a, "the speeds and accelerations of the sweep")
     return made(
-        mechanism=mechanism, driver=values.copy(), driver_name=driver, time=time,
-        q=samples.q, v=v, a=a, closure_error=samples.error, driver_speed=speeds,
-        angles=samples.angles, per=per, held=held,
+        mechanism=mechanism, driver=values.copy(), driver_name=driver, q=samples.q, v=v, a=a,
+        closure_error=samples.error, driver_speed=speeds, angles=samples.angles, per=per, held=held,
+        _clock=lambda motion: None if accels is not None else _times(motion),
         _look=lambda motion: [*events, *_near_limit(motion, samples.t), *_drift(motion)],
         _estimate=lambda motion: scaled_estimates(
             motion, samples.estimate, led if per == "s" else None, accels))
@@ -332,15 +334,22 @@ def _motion(
 
 @np.errstate(over="ignore", invalid="ignore")  # what overflows is refused
 def _scaled(
-    t: Array, c: Array, values: Array, speeds: Array, accels: Array | None
-) -> tuple[Array, Array, Array | None]:
-    """Return rates, accelerations and, if the speed is constant, times."""
+    t: Array, c: Array, speeds: Array, accels: Array | None
+) -> tuple[Array, Array]:
+    """Return rates and accelerations."""
     speed = speeds[:, None]
     a = c * (speed * speed)
-    if accels is not None:
-        return t * speed, a + t * accels[:, None], None
-    is_steady = len(values) > 0 and bool((speeds == speeds[0]).all())
-    return t * speed, a, steady_times(values, speeds.item(0)) if is_steady else None
+    return t * speed, a if accels is None else a + t * accels[:, None]
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def _times(motion: Motion) -> Array | None:
+    """Return the times (N,) of a sweep without acceleration; None if its speed changes."""
+    speeds, values = motion.driver_speed, motion.swept
+    if motion.per != "s" or not len(speeds) or (speeds != speeds[0]).any():
+        return None
+    time = steady_times(values, speeds.item(0))
+    return None if time is None else read_only(time)
 
 
 def scaled_estimates(

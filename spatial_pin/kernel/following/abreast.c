@@ -87,8 +87,8 @@ WITHIN Real largest_of(const Lane *x, const Int *index, Int n)
     for (Int i = 0; i < n; i++)
         for (int l = 0; l < LANES; l++) {
             const Real size = fabs(x[index[i]][l]);
-            if (!(size <= most))
-                most = size;
+            if (size > most || isnan(size))
+                most = size; /* which NaN stays */
         }
     return most;
 }
@@ -108,7 +108,7 @@ WITHIN Real correct_lanes(Path *path)
         s->right[v] *= k->scale[v];
     }
     for (int l = 0; l < LANES; l++)
-        if (!(square[l] <= most))
+        if (square[l] > most || isnan(square[l]))
             most = square[l];
     lanes_move(k, s);
     put_prescribed(path);
