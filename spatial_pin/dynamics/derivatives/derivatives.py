@@ -222,7 +222,7 @@ def _over(
     """Return the derivatives at all samples of a motion."""
     n = len(motion)
     if not n:
-        raise SpatialPinError("the motion has no samples")
+        raise SpatialPinError(f"mechanism {mechanism.name!r}: the motion has no samples")
     one_by_one = _OfSamples(mechanism, motion, efforts_over(mechanism, motion, efforts), load)
     external, laws, slopes, slip_speed = load
     moved = exact_mechanism(motion.state(0))
