@@ -28,12 +28,12 @@ from spatial_pin.mechanism.coordinates import (
 from spatial_pin.motion.outputs import WHOLE, NamedOutput, at_point, whole_com
 from spatial_pin.numerics.linalg import Array
 
-STEP = 1e-200  # its square vanishes, so that derivatives have all digits
+IMAGINARY_STEP = 1e-200  # its square vanishes, so that derivatives have all digits
 
 
 def with_change(value: Array, change: Array) -> Array:
     """Return a value with its derivative."""
-    both: Any = value + 1j * STEP * change
+    both: Any = value + 1j * IMAGINARY_STEP * change
     return cast(Array, both)
 
 
@@ -65,7 +65,7 @@ def output_changes(
     wide = np.hstack([given.dimensions, np.zeros((n, m - given.dimensions.shape[1]))])
     moved = ChangedState(at, changes, wide, driver_speed)
     loads = None if forces is None else ChangedLoads(moved, forces)
-    return [(np.imag(x.values(loads if x.family == "force" else moved, rule_of(x))) / STEP
+    return [(np.imag(x.values(loads if x.family == "force" else moved, rule_of(x))) / IMAGINARY_STEP
              ).reshape(m, -1).T for x in outputs]
 
 
@@ -222,9 +222,9 @@ def _rotation_vector(
     def slopes(order: int) -> tuple[Array, Array]:
         """Return derivatives (3, 3) of omega and alpha by phi, phi' or phi''."""
         given = [np.tile(x.astype(complex), (3, 1)) for x in (phi, rate, accel)]
-        given[order] += STEP * 1j * np.eye(3)
+        given[order] += IMAGINARY_STEP * 1j * np.eye(3)
         spin = spin_of(*given)
-        return spin[0].imag.T / STEP, spin[1].imag.T / STEP
+        return spin[0].imag.T / IMAGINARY_STEP, spin[1].imag.T / IMAGINARY_STEP
 
     turn = np.linalg.inv(slopes(1)[0])
     dphi = turn @ changes[0]

@@ -93,12 +93,12 @@ def test_those_of_small_and_large_mechanisms_too(size, step_by_step):
 
 @pytest.mark.parametrize("turns", [1e3, 1e5, 1e6])
 def test_and_those_after_many_turns(turns, step_by_step):
-    """As well as angles are known that count them."""
+    """As well as angles are known that count them: three, each to half of its last digit."""
     mechanism = library("four_bar")
     start = sp.assemble(mechanism, {"crank": 0.0}).q
     q = start + 2.0 * np.pi * turns * np.array([1.0, -1.0, 0.0])
     motion = sp.sweep(mechanism, "crank", q[0] + TURN, guess=q)
-    assert motion.closure_error.max() < 1e-15 * turns
+    assert motion.closure_error.max() < 1.5 * np.finfo(float).eps * (2.0 * np.pi * turns)
     assert not step_by_step
 
 

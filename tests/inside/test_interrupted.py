@@ -15,11 +15,13 @@ from spatial_pin.dimensions import tolerance
 from spatial_pin.dimensions.predictions import Predictions
 from spatial_pin.dimensions.sensitivity import _Around
 from spatial_pin.dimensions.varied_samples import VariedSamples
+from spatial_pin.dynamics import loaded_samples
 from spatial_pin.dynamics.simulation.run import Run
-from spatial_pin.dynamics.solvers.equations_of_motion import Equations
 from spatial_pin.inverse_kinematics import reach_path
+from spatial_pin.kernel.kkt import KKT
 from spatial_pin.mobility.mode_search import ModeSearch
 from spatial_pin.proximity.clearance_search import ClearanceSearch
+from spatial_pin.proximity.distances import Distances
 from spatial_pin.synthesis.global_search import Checkpoint
 from spatial_pin.workspace import workspace as workspace
 
@@ -158,7 +160,7 @@ def turn():
 
 def test_samples_that_were_looked_at_tell_of_the_clearance_after_ctrl_c(turn, monkeypatch):
     whole = sp.clearance(turn)
-    monkeypatch.setattr(ClearanceSearch, "_approach", interrupting(ClearanceSearch._approach, 10))
+    monkeypatch.setattr(Distances, "every", interrupting(Distances.every, 11))
     found = cut_short(sp.clearance, turn)
     n = len(found.motion)
     assert not found.is_whole and n == 10
@@ -200,7 +202,7 @@ def test_no_clearance_is_reported_before_the_first_sample(turn, monkeypatch):
 
 
 def test_the_command_writes_what_was_found_and_ends_as_interrupted(monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr(ClearanceSearch, "_approach", interrupting(ClearanceSearch._approach, 10))
+    monkeypatch.setattr(Distances, "every", interrupting(Distances.every, 11))
     file = tmp_path / "found.json"
     assert main(["clearance", "four_bar", "crank", "0", "6", "--json", str(file)]) == 130
     assert "cut short at 10 samples" in " ".join(capsys.readouterr().out.split())
@@ -211,11 +213,12 @@ def test_the_command_writes_what_was_found_and_ends_as_interrupted(monkeypatch, 
 
 
 def test_forces_and_derivatives_along_a_motion_are_kept_until_ctrl_c(monkeypatch):
-    mechanism = sp.load("geared_five_bar")  # of a coupling reactions are judged one by one
+    mechanism = sp.load("geared_five_bar")
     motion = sp.sweep(mechanism, "crank", VALUES, speed=2.0)
     forces, derived = sp.kinetostatics(mechanism, motion), sp.sensitivity(
         mechanism, motion, "right_pin", ["a"])
-    monkeypatch.setattr(Equations, "unique", interrupting(Equations.unique, 21))
+    monkeypatch.setattr(loaded_samples, "SAMPLES_AT_ONCE", 10)
+    monkeypatch.setattr(KKT, "of_many", interrupting(KKT.of_many, 3))
     with pytest.raises(sp.Interrupted) as stopped:
         sp.kinetostatics(mechanism, motion)
     assert "not whole" in repr(stopped.value)
@@ -233,13 +236,13 @@ def test_forces_and_derivatives_along_a_motion_are_kept_until_ctrl_c(monkeypatch
 
 
 @pytest.mark.parametrize(("words", "owner", "name"), [
-    (["statics", "geared_five_bar"], Equations, "unique"),
+    (["statics", "geared_five_bar"], KKT, "of_many"),
     (["sensitivity", "four_bar", "rocker_pin"], _Around, "differentiated"),
-    (["transmission", "four_bar", "rocker_pin"], sp, "transmission"),
-], ids=["statics", "sensitivity", "transmission"])
+], ids=["statics", "sensitivity"])
 def test_commands_tell_what_they_found_along_a_sweep_until_ctrl_c(
         monkeypatch, tmp_path, capsys, words, owner, name):
     file = tmp_path / "found.csv"
+    monkeypatch.setattr(loaded_samples, "SAMPLES_AT_ONCE", 1)
     monkeypatch.setattr(owner, name, interrupting(getattr(owner, name), 8))
     assert main([*words, "--over", "crank=0..3", "--steps", "31", "--csv", str(file)]) == 130
     assert capsys.readouterr().err == "spatial-pin: cut short after 7 values\n"
@@ -394,7 +397,7 @@ def test_every_verb_that_is_cut_short_raises_what_it_has_found(monkeypatch, turn
             with pytest.raises(sp.Interrupted) as stopped:
                 call()
             assert stopped.value.motion is None
-    monkeypatch.setattr(ClearanceSearch, "_approach", interrupting(ClearanceSearch._approach, 10))
+    monkeypatch.setattr(Distances, "every", interrupting(Distances.every, 11))
     with pytest.raises(sp.Interrupted) as stopped:
         sp.clearance(turn)
     assert stopped.value.motion is stopped.value.result.motion
@@ -413,6 +416,6 @@ def test_a_verb_that_uses_another_is_interrupted_with_it(monkeypatch):
     """A search for designs took the part of a clearance that was looked at for the whole."""
     mechanism = sp.load("four_bar")
     goals = [sp.goals.swing("rocker_pin", 1.0), sp.goals.clearance(0.001)]
-    monkeypatch.setattr(ClearanceSearch, "_approach", interrupting(ClearanceSearch._approach, 3))
+    monkeypatch.setattr(Distances, "every", interrupting(Distances.every, 4))
     with pytest.raises(KeyboardInterrupt):
         sp.design(mechanism, goals, {"r2": (0.05, 0.15)}, starts=1)

@@ -7,7 +7,7 @@
 #include "lanes.h"
 #include "path.h"
 
-#define MOST_CORRECTIONS 4 /* one of a good prediction, and one of round-off */
+#define ABREAST_CORRECTIONS 4 /* one of a good prediction, and one of round-off */
 
 int goes_abreast(Path *path)
 {
@@ -131,7 +131,7 @@ WITHIN int close_lanes(Path *path, Real *predicted)
             *predicted = larger_of(*predicted, residual);
         if (residual <= (count ? tolerance : enough) || (size <= TOLERANCE_ROUND_OFF && residual <= left))
             return 1;
-        if (count == MOST_CORRECTIONS || !(residual < TOLERANCE_HALF_PRECISION))
+        if (count == ABREAST_CORRECTIONS || !(residual < TOLERANCE_HALF_PRECISION))
             return 0;
         if (!(first * residual <= 0.1 * tolerance) && !lanes_factor(k, k->memory.lanes))
             return 0;

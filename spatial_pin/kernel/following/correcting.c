@@ -81,6 +81,7 @@ int correct(Kernel *k, Real *q, Correction *c)
     Real size = INFINITY, last = INFINITY, before = INFINITY;
     Real away = c->away;
     int old = c->reuse; /* the factors are of another point */
+    int is_own = 0;     /* they are of a correction before, whose next one they serve as well */
     c->first = 0.0;
     for (c->count = 0;; c->count++) {
         const Real gap = c->held ? c->held->put(c->held->owner, q) : 0.0;
@@ -95,10 +96,12 @@ int correct(Kernel *k, Real *q, Correction *c)
             return NOT_CONVERGED;
         old = serves(c, old, away, residual, before);
         away = old ? away : 0.0;
-        const int is_near = !old && c->count && c->away == 0.0 && size * residual <= 0.1 * c->tolerance;
-        const int code = old || is_near ? DONE : factor_here(k, c->held);
-        if (code != DONE)
-            return code;
+        if (!old && !(is_own && size * residual <= 0.1 * c->tolerance)) {
+            const int code = factor_here(k, c->held);
+            if (code != DONE)
+                return code;
+            is_own = c->away == 0.0;
+        }
         size = solve_correction(k, c->held);
         if (!isfinite(size))
             return NOT_FINITE;

@@ -25,7 +25,7 @@
 #define AIM 0.5          /* of the error allowed: it may grow from one step to the next */
 #define STRAIGHT_BEND 1e-2 /* second derivative by the square of the rates below which a path is straight */
 #define ALONE_PART 0.05  /* of the error allowed that a residual may make, told or not told six times */
-#define NODE_PART 0.12   /* of the bound of a point's error that shows between points: three errors rarely
+#define BETWEEN_PART 0.12 /* of the bound of a point's error that shows between points: three errors rarely
                             add up. Measured: rates of 99 in 100 mechanisms are within it */
 #define NODE_RATES 6.0   /* the same of rates, by the step */
 #define REST 0.1         /* of the way that the fastest joint goes, where prescribed values may come to rest */
@@ -221,7 +221,7 @@ Real estimate_between(Path *path, const Point *third, const Point *from, Real *e
     const Real first = larger_of(t, REST * way), second = larger_of(c, STRAIGHT_BEND * first * first);
     Real part = part_of(m, e, first, second) / allowed;
     const Real longer = pow(AIM / larger_of(part, 1e-30), 1.0 / m->order);
-    const Real node = NODE_PART * estimate_point(path, estimate);
+    const Real node = BETWEEN_PART * estimate_point(path, estimate);
     /* Noise falls with the square of the distance, as far as a third point allows. The missing part
        does not grow where it is noise too. Where no distance will do, none is tried soon. */
     const Real noise = m->round_off * node / (second * allowed);

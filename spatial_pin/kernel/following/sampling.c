@@ -15,7 +15,7 @@
 #define FIRST_FAILURES 8     /* steps in vain that are worth it to learn where samples can be interpolated; */
 #define FAILURES_APART 40    /* samples to one more: all of them take little of the time */
 #define SHORTENINGS 3        /* of steps to interpolate in, each as long as the last one has shown */
-#define MOST_ABREAST (8 * LANES) /* samples closed between two points: the steps are few then */
+#define MOST_ABREAST 32 /* samples closed between two points, eight times as many as lanes: steps are few */
 #define ABREAST_AIM 1e-9    /* residual of predictions there: one correction squares it */
 #define ABREAST_MOST 1.0    /* way between them */
 #define BETWEEN_NEARER 0.0625 /* part of the way to where the determinant vanishes that a step which
