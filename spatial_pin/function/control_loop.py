@@ -44,7 +44,8 @@ class ControlLoop:
     thread at a time.
 
     The efforts of the motors for accelerations s'' of the drivers are
-    inertia @ s'' + velocity_efforts + gravity_efforts, as `inverse_dynamics` has them.
+    inertia @ s'' + velocity_efforts + gravity_efforts, as `inverse_dynamics` has them. A free
+    base stands still.
 
     Attributes:
         mechanism: the mechanism.

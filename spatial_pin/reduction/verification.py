@@ -58,11 +58,11 @@ def verification(
         pair = []
         for k, mechanism in enumerate((full, reduced)):
             held = _held(mechanism, full, reduced, name, hold, driver_values, guess)
-            swept = partial(_as_far, mechanism, name, driver_values, speed, acceleration, guess,
-                            held)
-            pair.append(swept())  # the first sweep of a mechanism prepares it: the next is timed
+            run = partial(_as_far, mechanism, name, driver_values, speed, acceleration, guess,
+                          held)
+            pair.append(run())  # the first sweep of a mechanism prepares it: the next is timed
             start = time.perf_counter()
-            swept()
+            run()
             seconds[k] += time.perf_counter() - start
         if guess is not None and _begin_apart(pair, requested):
             remarks.append(
