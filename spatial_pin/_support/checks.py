@@ -141,7 +141,7 @@ def _parts(annotation: str) -> list[str]:
     bare = annotation
     while (inner := re.sub(r"\[[^\[\]]*\]", "", bare)) != bare:
         bare = inner
-    return [part.strip() for part in bare.split("|")]
+    return [part.strip().removeprefix("sp.") for part in bare.split("|")]
 
 
 # verbs of a State that take a Motion too, all its samples at a time

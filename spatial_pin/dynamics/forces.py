@@ -7,6 +7,7 @@ joint, are in `bushings`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
@@ -51,6 +52,21 @@ class JointSpring(NamedTuple):
     is_linear: bool
 
 
+def _finite_law(name: str, law: Any) -> Law:
+    """Return a law of a spring that refuses what is no finite force."""
+    if not callable(law):
+        raise TypeError(f"laws: the law of spring {name!r} is {law!r}; it must be a function of "
+                        "(length, rate) that returns a force")
+
+    def finite(x: float, rate: float) -> float:
+        force: Any = law(x, rate)
+        if type(force) is float and math.isfinite(force):
+            return force
+        return finite_number(force, f"force of spring {name!r} by its law at ({x:.6g}, {rate:.6g})")
+
+    return finite
+
+
 class Forces:
     """The springs of a mechanism, and damping and friction of its joints.
 
@@ -74,6 +90,7 @@ class Forces:
         for name in laws:
             if name not in names:
                 raise UnknownNameError("spring", name, names, f"mechanism {mechanism.name!r}: ")
+            laws[name] = _finite_law(name, laws[name])
         self.mechanism = mechanism
         self.resistance = Resistance(mechanism, slip_speed)
         self.lines: list[LineSpring] = []

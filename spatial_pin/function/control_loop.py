@@ -44,7 +44,8 @@ class ControlLoop:
     thread at a time.
 
     The efforts of the motors for accelerations s'' of the drivers are
-    inertia @ s'' + velocity_efforts + gravity_efforts, as `inverse_dynamics` has them.
+    inertia @ s'' + velocity_efforts + gravity_efforts, as `inverse_dynamics` has them. A free
+    base stands still.
 
     Attributes:
         mechanism: the mechanism.
@@ -224,17 +225,21 @@ class ControlLoop:
             raise
 
     def _read(self, given: Any, target: Array, what: str) -> None:
-        if isinstance(given, Mapping):
-            for name, x in given.items():
-                if name not in self._names:
-                    raise UnknownNameError("driver", name, self._names,
-                                           f"mechanism {self.mechanism.name!r}: ")
-                target[self._names[name]] = x
-        elif len(given) != len(target):
-            raise ValueError(f"{what} has {len(given)} numbers; {len(target)} are needed: "
-                             f"{', '.join(self.drivers)}")
-        else:
-            target[:] = given
+        try:
+            if isinstance(given, Mapping):
+                for name, x in given.items():
+                    if name not in self._names:
+                        raise UnknownNameError("driver", name, self._names,
+                                               f"mechanism {self.mechanism.name!r}: ")
+                    target[self._names[name]] = x
+            elif len(given) == len(target):
+                target[:] = given
+            else:
+                raise ValueError
+        except (TypeError, ValueError):
+            raise ValueError(
+                f"{what} must be a number for each of {', '.join(self.drivers)}, in this order "
+                f"or by name, not {given!r}") from None
         if not all(map(math.isfinite, target.tolist())):
             raise ValueError(f"{what} has a value that is NaN or infinite")
 

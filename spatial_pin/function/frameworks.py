@@ -82,6 +82,7 @@ def torch_function(f: Any) -> Callable[[Any], Any]:
     outputs = _torch_operators(torch, f, m, len(f.labels))
 
     def call(x: Any) -> Any:
+        x = torch.as_tensor(x)
         if x.dtype != torch.float64:
             raise _not_double("PyTorch", x.dtype, "make it with dtype=torch.float64")
         if not x.ndim or x.shape[-1] != m:

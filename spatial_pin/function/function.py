@@ -175,7 +175,7 @@ class Function:
         weights = finite_array(y, (*np.shape(x)[:-1], len(self.labels)), "y")
         slopes = self._worked_out(rows, True)[1]
         return self._shaped(x, np.einsum(
-            "nk,nkm->nm", weights.reshape(len(rows), -1), slopes))
+            "nk,nkm->nm", weights.reshape(len(rows), len(self.labels)), slopes))
 
     def jax(self) -> Callable[[Any], Any]:
         """Return the function for JAX: of arrays (..., m), float64, with values (..., k).

@@ -373,7 +373,8 @@ class Motion(Samples, Tabular):
         part in it.
 
         Raises:
-            SpatialPinError: nobody has estimated it, as of a motion that was put together by hand.
+            SpatialPinError: nobody has estimated it, as of a motion that was put together by hand;
+                or there are no samples.
 
         Example:
             >>> coarse = sp.Accuracy.for_error(1e-4)
@@ -384,6 +385,9 @@ class Motion(Samples, Tabular):
         """
         estimates, scale = self.error_estimates, self.mechanism.velocity_scale
         if not len(estimates):
+            if not len(self):
+                raise SpatialPinError(
+                    f"mechanism {self.mechanism.name!r}: the motion has no samples")
             raise SpatialPinError(
                 f"mechanism {self.mechanism.name!r}: nobody has estimated the errors of this "
                 "motion; sweep, follow, trace and simulate do")

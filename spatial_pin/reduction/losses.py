@@ -39,7 +39,8 @@ class Verification(NamedTuple):
     Attributes:
         differences: one for each output and driver.
         rows: number of samples compared.
-        full_seconds, reduced_seconds: how long the sweeps took [s].
+        full_seconds, reduced_seconds: how long the sweeps take, but for the first one of a
+            mechanism, which prepares it [s].
         remarks: differences between the ends of the two motions, and values that were not reached.
         compared: driver and range of the comparison, in words.
 

@@ -126,6 +126,8 @@ def test_a_motion_put_together_by_hand_says_that_nobody_knows():
                      whole.a, whole.closure_error, whole.driver_speed)
     with pytest.raises(sp.SpatialPinError, match="estimated"):
         _ = bare.error
+    with pytest.raises(sp.SpatialPinError, match="'four_bar': the motion has no samples"):
+        _ = whole[:0].error
     assert "error:" in str(whole) and "error: " not in str(bare).replace("closure error", "")
 
 

@@ -102,7 +102,7 @@ def test_an_argument_that_is_no_mechanism_or_state_is_refused():
                  lambda: sp.limits("rssr", "crank")):
         with pytest.raises(TypeError, match=r"a Mechanism is needed, not 'rssr'.*sp\.load"):
             call()
-    with pytest.raises(TypeError, match=r"a State is needed, not dict: sp\.assemble"):
+    with pytest.raises(TypeError, match=r"a State or Motion is needed, not dict: sp\.assemble"):
         sp.solve_rates(library("rssr"), {"crank": 1.0})
 
 

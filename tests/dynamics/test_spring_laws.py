@@ -150,3 +150,19 @@ def test_a_slide_that_rests_between_two_bump_stops_exchanges_their_round_off():
     mechanism = sp.Mechanism.from_model(model, springs=stops)
     motion = sp.simulate(mechanism, sp.State(mechanism, np.array([3e-9])), 0.01)
     assert motion.energy_drift < 1e-7
+
+
+@pytest.mark.parametrize("force", [np.nan, "strong", None, (1.0, 2.0)])
+def test_a_law_that_returns_no_force_is_named(tmp_path, force):
+    mech = block(tmp_path, "stiffness = 1.0")
+    motion, laws = sp.sweep(mech, "x", [0.0, 0.1], speed=1.0), {"s": lambda length, rate: force}
+    for solve in (lambda: sp.forward_dynamics(mech, motion, laws=laws).a,
+                  lambda: sp.forward_dynamics(mech, motion[0], laws=laws).a,
+                  lambda: sp.simulate(mech, motion[0], 0.1, laws=laws)):
+        with pytest.raises(ValueError, match=r"force of spring 's' by its law at \("):
+            solve()
+    with pytest.raises(TypeError, match=r"the law of spring 's' is 3\.0; it must be"):
+        sp.forward_dynamics(mech, motion, laws={"s": 3.0})
+    with pytest.raises(ValueError, match="slopes of spring 's'"):
+        sp.dynamics_derivatives(mech, motion[0], laws={"s": lambda length, rate: 1.0},
+                                slopes={"s": lambda length, rate: 0.0})

@@ -168,8 +168,9 @@ def test_an_update_that_fails_changes_nothing():
         loop.update([3.0])
     with pytest.raises(ValueError, match="NaN"):
         loop.update([np.nan])
-    with pytest.raises(ValueError, match="2 numbers; 1 are needed: crank"):
-        loop.update([1.0, 2.0])
+    for wrong in ([1.0, 2.0], "abc", None, [[1.0]], {"crank": "fast"}, 1.0):
+        with pytest.raises(ValueError, match="a number for each of crank, in this order or by "):
+            loop.update(wrong)
     with pytest.raises(sp.UnknownNameError, match="did you mean 'crank'"):
         loop.update({"crnk": 1.0})
     for ours, before in zip((loop.q, loop.v, loop.inertia, loop.influence.first), known,

@@ -43,6 +43,7 @@ def test_torch_has_the_same_derivatives_in_both_modes():
     torch = pytest.importorskip("torch")
     f, x = made()
     g, exact, rows = f.torch(), f.jacobian(x), torch.tensor(x)
+    assert np.array_equal(g(x).numpy(), f(x))  # of an array too, as of JAX
     for mode in (torch.func.jacfwd, torch.func.jacrev):
         assert torch.func.vmap(mode(g))(rows).numpy() == pytest.approx(exact, abs=1e-14)
     assert torch.autograd.gradcheck(g, (rows.requires_grad_(),), check_forward_ad=True)

@@ -180,6 +180,7 @@ def test_products_with_derivatives():
     assert f.vjp(x[0], y[0]).shape == (2,)
     assert f.jacobian(x).shape == (2, 4, 2)
     assert f(np.empty((0, 2))).shape == (0, 4)
+    assert f.vjp(np.empty((0, 2)), np.empty((0, 4))).shape == (0, 2)
 
 
 FILE = """

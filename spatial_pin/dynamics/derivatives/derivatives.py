@@ -218,7 +218,7 @@ def _over(
     """Return the derivatives at all samples of a motion."""
     n = len(motion)
     if not n:
-        raise SpatialPinError("the motion has no samples")
+        raise SpatialPinError(f"mechanism {mechanism.name!r}: the motion has no samples")
     acting = efforts_over(mechanism, motion, efforts)
     one_by_one = partial(_one_by_one, mechanism, motion, acting, load)
     external, laws, slopes, slip_speed = load

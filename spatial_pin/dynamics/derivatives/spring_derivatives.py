@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin._support.checks import finite_array
 from spatial_pin.constraints.composite_joints import split_of
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
 from spatial_pin.dynamics.forces import Forces, Law, LineSpring
@@ -85,8 +86,9 @@ class Springs:
         if name not in self._given:
             return self._of[name].slopes(x, rate)
         if name in self.slopes:
-            by_length, by_rate = self.slopes[name](x, rate)
-            return float(by_length), float(by_rate)
+            by_length, by_rate = finite_array(
+                self.slopes[name](x, rate), (2,), f"slopes of spring {name!r}").tolist()
+            return by_length, by_rate
         law, unit = self._given[name], (
             1.0 if self._of[name].joint else self.forces.mechanism.characteristic_length)
         by_rate = slope(lambda y: law(x, y), rate, REACH * (abs(rate) or unit))
