@@ -57,7 +57,7 @@ from spatial_pin.settings import Accuracy, accuracy_of
 # distance d it is 1 / sqrt(d) times faster, so d is 1e-5 of the range.
 FAST = 300.0
 ENDS = ("limit", "half turn", "runs away")  # kinds of arrivals beyond which there is nothing
-FASTEST = 1e100  # largest driver speed: its square, and the inverse of its square, are finite
+FASTEST = 1e50  # largest driver speed: rates of a regular path stay finite, times its square too
 # Closure error above which a sweep with a fixed number of corrections warns: 0.1 % of the size is
 # visible.
 DRIFTED = 1e-3
@@ -322,7 +322,7 @@ def _motion(
             v, a = v * speed, a * (speed * speed)
         else:
             v, a = _scaled(v, a, speeds, accels)
-    check_finite(v, a, "the speeds and accelerations of the sweep")
+            check_finite(v, a, "the speeds and accelerations of the sweep")
     return made(
         mechanism=mechanism, driver=values.copy(), driver_name=driver, q=samples.q, v=v, a=a,
         closure_error=samples.error, driver_speed=speeds, angles=samples.angles, per=per, held=held,
