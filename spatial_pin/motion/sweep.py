@@ -57,7 +57,7 @@ from spatial_pin.settings import Accuracy, accuracy_of
 # distance d it is 1 / sqrt(d) times faster, so d is 1e-5 of the range.
 FAST = 300.0
 ENDS = ("limit", "half turn", "runs away")  # kinds of arrivals beyond which there is nothing
-FASTEST = 1e50  # largest driver speed: rates of a regular path stay finite, times its square too
+FASTEST_DRIVER = 1e50  # largest driver speed: rates of a regular path stay finite, times its square too
 # Closure error above which a sweep with a fixed number of corrections warns: 0.1 % of the size is
 # visible.
 DRIFTED = 1e-3
@@ -318,7 +318,7 @@ def _motion(
     v, a, led = samples.t, samples.c, speeds[:1] if is_steady else speeds
     if per == "s":
         speed = speeds.item(0) if is_steady and n and accels is None else 0.0
-        if 1.0 / FASTEST < abs(speed) < FASTEST:
+        if 1.0 / FASTEST_DRIVER < abs(speed) < FASTEST_DRIVER:
             v, a = v * speed, a * (speed * speed)
         else:
             v, a = _scaled(v, a, speeds, accels)
