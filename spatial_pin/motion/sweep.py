@@ -57,7 +57,8 @@ from spatial_pin.settings import Accuracy, accuracy_of
 # distance d it is 1 / sqrt(d) times faster, so d is 1e-5 of the range.
 FAST = 300.0
 ENDS = ("limit", "half turn", "runs away")  # kinds of arrivals beyond which there is nothing
-FASTEST_DRIVER = 1e50  # largest driver speed: rates of a regular path stay finite, times its square too
+# Largest speed of a driver: rates of a regular path stay finite, times its square too.
+FASTEST_DRIVER = 1e50
 # Closure error above which a sweep with a fixed number of corrections warns: 0.1 % of the size is
 # visible.
 DRIFTED = 1e-3
