@@ -145,6 +145,7 @@ WITHIN int close_lanes(Path *path, Real *predicted)
 
 /* ---- their rates, and their rows ---- */
 
+/* 1, or 0 where a lane has no finite ones, as of a point of the path. */
 WITHIN int find_rates(Path *path, Lane *squares)
 {
     Kernel *k = path->k;
@@ -161,6 +162,9 @@ WITHIN int find_rates(Path *path, Lane *squares)
             s->right[n + i] = s->prescribed[3 * i + which] / k->scale[k->system.driven[i]];
         lanes_solve(k, s);
         put_rates(path, which, which == 1 ? s->t : s->c, squares + which - 1);
+        for (int l = 0; l < LANES; l++)
+            if (!isfinite(squares[which - 1][l]))
+                return 0;
     }
     return 1;
 }
