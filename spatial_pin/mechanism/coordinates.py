@@ -227,14 +227,6 @@ def coordinate_gradient(mechanism: Mechanism, coordinate: Coordinate, q: Array) 
     return row
 
 
-def coordinate_bias(mechanism: Mechanism, coordinate: Coordinate, q: Array, v: Array) -> float:
-    """Return the second derivative of a coordinate's value at zero joint accelerations."""
-    if coordinate.q >= 0:
-        return 0.0
-    return float(coordinate_rates(mechanism, coordinate.name, q[None], v[None],
-                                  np.zeros((1, len(v)))).acceleration[0])
-
-
 def coordinate_curvature(mechanism: Mechanism, coordinate: Coordinate, q: Array) -> Array:
     """Return the derivatives (nv, nv) of a coordinate's gradient along joint velocities.
 

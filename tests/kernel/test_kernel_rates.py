@@ -20,7 +20,7 @@ from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.kernel.kernel import Kernel, TangentStep, tangent_step
 from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.kernel.rate_solver import Chosen, RateSolver
-from spatial_pin.mechanism.coordinates import coordinate_bias
+from spatial_pin.mechanism.coordinates import coordinate_rates
 from spatial_pin.numerics.linalg import decompose, independent_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
 
@@ -49,7 +49,9 @@ def _rates(system: SquareSystem, q: np.ndarray, drive: np.ndarray, more: np.ndar
     first[at] = drive / sizes
     v = system.scale * np.linalg.solve(system.matrix, first)
     bias = evaluation.bias(q, v)
-    bent = [coordinate_bias(mechanism, c, q, v) if c.q < 0 else 0.0 for c in system.driven]
+    bent = [0.0 if c.q >= 0 else coordinate_rates(
+        mechanism, c.name, q[None], v[None], np.zeros((1, len(v)))).acceleration.item(0)
+        for c in system.driven]  # second derivatives of the values at zero joint accelerations
     second[:r], second[r : r + p] = -bias[system.equations], -bias[n:]
     second[at] = (more - bent) / sizes
     return v, system.scale * np.linalg.solve(system.matrix, second)
