@@ -308,6 +308,17 @@ def parse_toml(text: str, path: Path) -> dict[str, Any]:
             "numbers end at 1e308") from error
 
 
+def texts_in(value: Any) -> Iterator[str]:
+    """Yield all texts in tables, lists and texts."""
+    waiting = [value]
+    while waiting:
+        element = waiting.pop()
+        if isinstance(element, str):
+            yield element
+        elif isinstance(element, dict | list | tuple):
+            waiting += element.values() if isinstance(element, dict) else element
+
+
 def toml_text(content: dict[str, Any], prefix: str = "") -> str:
     """Return TOML text of tables, arrays of tables and plain values, as mechanism files use."""
     plain = {k: v for k, v in content.items() if not _is_table(v)}
