@@ -202,13 +202,13 @@ class Trust:
     packages: Mapping[str, Path] = field(default_factory=dict)
     trusted: bool = False
 
-    @classmethod
+    @staticmethod
     def of(
-        cls, file: Path, packages: Mapping[str, Path] = NO_PACKAGES, trusted: bool = False
+        file: Path, packages: Mapping[str, Path] = NO_PACKAGES, trusted: bool = False
     ) -> Trust:
         """Return the rule for files that a file, or the files of a folder, may name."""
         folder = file if os.path.isdir(file) else file.parent
-        return cls(folder.resolve(), packages, trusted)
+        return Trust(folder.resolve(), packages, trusted)
 
     def resolved(self, name: Path | str) -> Path:
         """Return where a file lies that may be read if it is there."""

@@ -36,6 +36,7 @@ from spatial_pin.formats.urdf.urdf_model import (
     check_joint,
     check_structure,
     joint_axes,
+    urdf_order,
 )
 from spatial_pin.mechanism.pairs import PAIRS, axes_from_z
 from spatial_pin.numerics.linalg import whole_turns
@@ -342,19 +343,9 @@ def without_loops(
     """
     check_structure(robot, path)
     elements = robot.findall("joint")
-    links = [x.get("name", "") for x in robot.findall("link")]
-    ends = [(end_of(joint, "parent"), end_of(joint, "child")) for joint in elements]
-    below: dict[str, list[str]] = {}
-    for parent, child in ends:
-        below.setdefault(parent, []).append(child)
-    children = {child for _, child in ends}
-    reached = [link for link in links if link not in children]
-    for link in reached:
-        reached += below.get(link, [])
-        if len(reached) > len(links):
-            break
-    if sorted(reached) == sorted(links):
-        return None  # one path from the ground to every link: a tree
+    children = {end_of(joint, "child") for joint in elements}
+    if len(children) == len(elements) == len(urdf_order(robot)):
+        return None  # no link has two parents, and each hangs on a root: a tree
     joints = []
     for element in elements:
         where = f"{path}: joint {element.get('name')!r}"
