@@ -63,13 +63,12 @@ def far_side(curve: SolutionCurve, base: CurvePoint, distance: float) -> CurvePo
     if any(node is None for node in nodes):
         return None
     curve.expect(base, 2.0 * distance * base.t)
-    unknowns = curve.unknowns
-    expected = unknowns.normalized(_polynomial(lengths, np.array(nodes))(2.0 * distance))
+    expected = curve.normalized(_polynomial(lengths, np.array(nodes))(2.0 * distance))
     corrected = curve.onto(expected, base.t)
     if corrected is None or not (
-            np.linalg.norm(unknowns.apart(expected, corrected)) < OFF * distance):
+            np.linalg.norm(curve.apart(expected, corrected)) < OFF * distance):
         return None
-    return curve.settle(corrected, unknowns.apart(base.x, corrected))
+    return curve.settle(corrected, curve.apart(base.x, corrected))
 
 
 def _polynomial(x: Array, y: Array) -> Callable[[float], Array]:
@@ -195,11 +194,11 @@ class Passage(NamedTuple):
 
     def matrices(self, curve: SolutionCurve, values: Array) -> Array:
         """Return the matrices (k, m, m) of equations and tangent at parameters (k,)."""
-        unknowns, points = curve.unknowns, []
+        points = []
         for s in values.tolist():
             q, first, second = self.by_drivers(s)
             t = self.rates(s, first, second)[0]
-            points.append((unknowns.of(q, s), unknowns.along(t)))
+            points.append((curve.unknowns(q, s), curve.tangent(t)))
         return matrices(curve, points)
 
 
@@ -243,8 +242,7 @@ def _passage(tracker: PathTracker, sense: float, reach: float) -> Passage | None
     if law is not None:  # a smooth one as far as nodes
         own = tracker.by(law)
     curve = own.curve(own.system(), ROUND_OFF)
-    unknowns = curve.unknowns
-    near = curve.settle(unknowns.of(here.q, here.s), sense * unknowns.along(here.t))
+    near = curve.settle(curve.unknowns(here.q, here.s), sense * curve.tangent(here.t))
     far = far_side(curve, near, reach) if near is not None else None
     if near is None or far is None:
         return None
@@ -289,7 +287,7 @@ def _nodes(
         x = curve.ahead(point, length)
         if x is None:
             raise SingularError("the branch bends away from its branch point")
-        q = curve.unknowns.configuration(x)
+        q = curve.configuration(x)
         # further away from the branch point the first node's equations do better still
         if not nodes:
             system.select(q)

@@ -24,9 +24,9 @@ from spatial_pin.continuation.asymptotes import running_away
 from spatial_pin.continuation.pseudo_arclength import Arrival, followed_to
 from spatial_pin.continuation.solution_curve import (
     DriversLaw,
+    LawCurve,
     OneDriver,
     SolutionCurve,
-    WithParameter,
 )
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.closer import closer_of
@@ -375,7 +375,7 @@ class PathTracker(Branch):
             return SolutionCurve(system, tolerance)
         span = float(leading.law.x[-1] - leading.law.x[0])
         pace = max(self.pace(self.here) if pace is None else pace, 1.0 / span)
-        return SolutionCurve(system, tolerance, WithParameter(system, leading, 1.0 / pace))
+        return LawCurve(system, tolerance, leading, 1.0 / pace)
 
     # ------------------------------------------------------------ moving it
 
@@ -454,7 +454,7 @@ class PathTracker(Branch):
         # joints have any pace there; the drivers' is a measure
         pace = float(np.linalg.norm(self.leading.rates(s) / sizes))
         curve = self.curve(system, TOLERANCES.round_off, pace)
-        return running_away(curve, curve.unknowns.of(q, s), goal)
+        return running_away(curve, curve.unknowns(q, s), goal)
 
     def _go_by_arc_length(self, value: float, clear: PathPoint, goal: float) -> None:
         """Continue by pseudo-arclength, which finds the limit or passes the singular region.
@@ -480,7 +480,7 @@ class PathTracker(Branch):
         # few steps: open loops would hide where the branch turns, and redundant equations
         wanted = min(self.accuracy.tolerance, TOLERANCES.tight)
         curve = self.curve(system, max(wanted, 1e-14))
-        arrival = followed_to(curve, curve.unknowns.of(here.q, here.s), value, here.t)
+        arrival = followed_to(curve, curve.unknowns(here.q, here.s), value, here.t)
         if arrival.kind == "lost":
             raise Stopped(self._running_away(goal, system, arrival) or arrival)
         if arrival.kind != "reached":

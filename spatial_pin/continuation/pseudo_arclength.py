@@ -149,7 +149,7 @@ def followed_to(curve: SolutionCurve, x: Array, target: float, direction: Array)
         The configuration at the target, or at the limit or branch point that lies before it.
     """
     heading = np.sign(target - curve.value(x))
-    along = heading * curve.unknowns.along(direction)
+    along = heading * curve.tangent(direction)
     point = curve.settle(x, along)
     if point is None:
         return branch_point_near(curve, curve.point(x, along), x)
@@ -174,7 +174,7 @@ def followed_to(curve: SolutionCurve, x: Array, target: float, direction: Array)
 
 
 def _arrival(curve: SolutionCurve, kind: str, x: Array) -> Arrival:
-    return Arrival(kind, curve.unknowns.configuration(x), curve.value(x))
+    return Arrival(kind, curve.configuration(x), curve.value(x))
 
 
 def _arrive(curve: SolutionCurve, point: CurvePoint, length: float, target: float) -> Arrival:
@@ -183,16 +183,16 @@ def _arrive(curve: SolutionCurve, point: CurvePoint, length: float, target: floa
     def gap(x: float) -> float:
         return curve.value(_point_at(curve, point, x)) - target
 
-    unknowns, evaluation = curve.unknowns, curve.evaluation
+    evaluation = curve.evaluation
     ahead = _point_at(curve, point, _root(gap, length))
-    unknowns.put(ahead, target)
+    curve.put(ahead, target)
     free = np.ones(evaluation.model.nv, dtype=bool)
     free[[*curve.system.driven_entries, *curve.system.still]] = False
-    q, error = close(evaluation, unknowns.configuration(ahead), free, curve.tolerance)
+    q, error = close(evaluation, curve.configuration(ahead), free, curve.tolerance)
     if error > 1e-11:
         return Arrival("lost", q, target)
-    if curve.settle(unknowns.of(q, target), point.t) is None:
-        return branch_point_near(curve, point, unknowns.of(q, target))
+    if curve.settle(curve.unknowns(q, target), point.t) is None:
+        return branch_point_near(curve, point, curve.unknowns(q, target))
     return Arrival("reached", q, target)
 
 
@@ -200,7 +200,7 @@ def branch_point_near(curve: SolutionCurve, point: CurvePoint, x: Array) -> Arri
     """Return the branch point ahead of a point, near x, as an Arrival; at x if there is none."""
     singular = located_singularity(curve, point)
     kind, value = singular if singular is not None else ("branch point", curve.value(x))
-    return Arrival(kind, curve.unknowns.configuration(x), value)
+    return Arrival(kind, curve.configuration(x), value)
 
 
 def _point_at(curve: SolutionCurve, point: CurvePoint, length: float) -> Array:
