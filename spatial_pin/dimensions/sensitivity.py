@@ -44,13 +44,18 @@ from spatial_pin.dimensions.varied_samples import (
 )
 from spatial_pin.dynamics.force_outputs import rule_of
 from spatial_pin.errors import Interrupted, SingularError, SpatialPinError, UnknownNameError
-from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Motion, first_samples
 from spatial_pin.motion.outputs import named_output
 from spatial_pin.numerics.linalg import Array, whole_turns
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.rates.prescribed import Prescription, driven_coordinates, factored_rates
+from spatial_pin.rates.prescribed import (
+    Prescription,
+    chosen_at,
+    driven_coordinates,
+    solved_at,
+    solved_by,
+)
 
 CONFIGURATION_ERROR = 4e-15  # of a well-conditioned one, for the error estimate: 18 epsilon
 
@@ -332,8 +337,9 @@ def _known(state: State) -> float:
     mechanism = state.mechanism
     given = Prescription.of(mechanism, driven_coordinates(mechanism, mechanism.drivers), BASE)
     try:
-        with kernel_of(mechanism) as kernel:
-            return CONFIGURATION_ERROR / factored_rates(kernel, state, given).pivot
+        facts = solved_by(state, given, ("facts",), lambda at, _: solved_at(
+            at, given, ("facts",), chosen=chosen_at(at, given)))[0]
+        return CONFIGURATION_ERROR / facts.item(0)
     except SingularError:
         return CONFIGURATION_ERROR
 
