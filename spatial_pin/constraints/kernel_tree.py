@@ -16,12 +16,15 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from spatial_pin._support.lazy import made_once
 from spatial_pin.constraints.composite_joints import TreeArrays, split
 from spatial_pin.constraints.pinocchio_views import inertias
 from spatial_pin.kernel.library import DONE, INT, POINTER, REAL, SINGULAR, address, check, library
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.stacked import cross
 
+# Rows, columns and indices of the entries of a mass matrix.
+MassEntries = tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]
 PackedSprings = Callable[
     [NDArray[np.intp], Array], tuple[Sequence[NDArray[np.int64]], Sequence[Array]]]
 SYMMETRIC = np.array([4, 5, 7, 5, 6, 8, 7, 8, 9])  # indices of a (3, 3) inertia in `inertias`
@@ -108,6 +111,7 @@ class KernelTree:
         twists, accelerations: (njoints, 6) spatial ones, joint axes.
         data: the part of a `pin.Data` that there is: `J` and `oMi`.
         handle: of the C structure.
+        is_core: (nv,) which velocities are of the core; has_limbs: whether some are not.
         armature: (nv,) of the joints, a view on the model.
     """
 
@@ -136,7 +140,7 @@ class KernelTree:
         for joint in range(n - 1, 0, -1):  # those in front in a joint that is split
             core[t.parent[joint]] |= core[joint]
         check(self._library.tree_create(self._kernel, address(core), ctypes.byref(self.handle)))
-        self.is_core = np.zeros(model.nv, bool)
+        self.has_limbs, self.is_core = not core[1:].all(), np.zeros(model.nv, bool)
         for joint in (np.flatnonzero(core[1:]) + 1).tolist():
             self.is_core[t.iv[joint] : t.iv[joint] + self._split.nvs[joint]] = True
         n = model.njoints
@@ -380,8 +384,13 @@ class KernelTree:
         self._evaluate(q, v, a, products, values=values, product_by_q=by_q, product_by_v=by_v)
         return values, by_q, by_v
 
-    def mass_entries(self, all_joints: bool = True) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Return rows and columns of the numbers of `masses`, or of those of the core."""
+    @made_once
+    def mass_entries(self, all_joints: bool = True) -> MassEntries:
+        """Return rows, columns and indices in `masses` of all entries that can be other than zero.
+
+        Of the core alone the others are units, each with a number of its own behind those of
+        `eliminate`.
+        """
         t, rows, columns = self._tree, [], []
         for joint in range(1, self._split.njoints):
             first = int(t.iv[joint])
@@ -395,38 +404,45 @@ class KernelTree:
             for v in range(first, first + self._split.nvs[joint]):
                 columns.append(np.array([*range(first, v + 1), *before], np.intp))
                 rows.append(np.full(len(columns[-1]), v, np.intp))
-        none = [np.empty(0, np.intp)]
-        return np.concatenate(rows or none), np.concatenate(columns or none)
+        others = np.arange(0) if all_joints else np.flatnonzero(~self.is_core)
+        row, column = (np.concatenate([*x, others]) for x in (rows, columns))
+        indices, off_diagonal = np.arange(len(row)), np.flatnonzero(row != column)
+        return (np.concatenate([row, column[off_diagonal]]),
+                np.concatenate([column, row[off_diagonal]]),
+                np.concatenate([indices, off_diagonal]))
 
     def masses(self, q: Array, out: Array) -> None:
-        """Write the numbers of the mass matrix at q (nq,), in the order of `mass_entries`."""
+        """Write the numbers of the mass matrix at q (nq,), by `mass_entries`."""
         self.take_masses()
         self._q[:] = q
         at = self._task
         self._library.tree_masses(self.handle, at.q, None, None, at.armature, address(out), None)
 
+    def mass_matrix(self, q: Array) -> Array:
+        """Return the mass matrix (nv, nv) at q (nq,)."""
+        rows, columns, indices = self.mass_entries()
+        numbers, matrix = np.empty(len(rows)), np.zeros((self.model.nv, self.model.nv))
+        self.masses(q, numbers)
+        matrix[rows, columns] = numbers[indices]
+        return matrix
+
     # ------------------------------------------------------------ accelerations
 
-    def eliminate(self, q: Array, v: Array, force: Array, masses: Array, needed: Array) -> bool:
-        """Eliminate the joints that are not the core's, under joint forces (nv,).
-
-        The core's `masses`, by `mass_entries`, and the forces (nv,) `needed` for its motion without
-        accelerations of its own are filled in.
+    def respond(self, q: Array, v: Array, forces: Array) -> bool:
+        """Make joint forces (n, nv) the accelerations of an open tree under them alone.
 
         Returns:
-            Whether every freedom that is eliminated has inertia.
+            Whether every freedom has inertia; if not, they stay.
         """
         self.take_masses()
         self._q[:], self._v[:] = q, v
-        at = self._task
-        code = self._library.tree_masses(self.handle, at.q, at.v, address(force), at.armature,
-                                         address(masses), address(needed))
+        at, none = self._task, np.zeros((3, self.model.nv))
+        code = self._library.tree_masses(self.handle, at.q, at.v, address(none[0]), at.armature,
+                                         address(none[1]), address(none[2]))
         if code not in (DONE, SINGULAR):
             check(code)
+        if forces.size and not code:  # or there are no joints
+            rows = address(forces)
+            self._library.tree_accelerations(
+                self.handle, len(forces), rows, None, rows, None, None)
         return not code
-
-    def respond(self, forces: Array) -> None:
-        """Make joint forces (n, nv) accelerations, zero of the core, after `eliminate`."""
-        if forces.size:  # or there are no joints
-            at = address(forces)
-            self._library.tree_accelerations(self.handle, len(forces), at, None, at, None, None)

@@ -39,11 +39,6 @@ def accelerations(data: pin.Data) -> Array:
     return as_strided(data.a[0].linear, (len(data.a), 6), (48, 8))
 
 
-def forces(data: pin.Data) -> Array:
-    """Return a view (njoints, 6) on the forces through the joints, local axes, linear first."""
-    return as_strided(data.f[0].linear, (len(data.f), 6), (48, 8))
-
-
 def inertias(model: pin.Model) -> Array:
     """Return a view (njoints, 10) on inertias: mass, lever, then xx, xy, yy, xz, yz, zz about it.
 

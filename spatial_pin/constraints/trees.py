@@ -75,18 +75,6 @@ def tree_of(model: pin.Model) -> Tree | KernelTree:
     return KernelTree(model) if is_in_kernel(model) else Tree(model)
 
 
-def mass_pattern(model: pin.Model) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return (rows, columns) of freedoms where one carries the other."""
-    related = np.zeros((model.nv, model.nv), dtype=bool)
-    for i in range(1, model.njoints):
-        own = slice(model.idx_vs[i], model.idx_vs[i] + model.nvs[i])
-        for j in model.supports[i]:
-            other = slice(model.idx_vs[j], model.idx_vs[j] + model.nvs[j])
-            related[own, other] = related[other, own] = True
-    rows, columns = np.nonzero(related)
-    return rows, columns
-
-
 class Located(NamedTuple):
     """A motion of a tree of joints, as `Tree` has it, evaluated for single frames."""
 

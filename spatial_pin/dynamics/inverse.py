@@ -169,7 +169,7 @@ def balance(equations: Equations, actuation: Actuation) -> tuple[Array, Array, A
         SpatialPinError: a freedom is not actuated, or carries load.
         SingularError: the loops have lost rank, or a passive freedom has no inertia.
     """
-    a, kkt, state = equations.state.a, equations.limbs.kkt, equations.state
+    a, kkt, state = equations.state.a, equations.core_kkt, equations.state
     if not equations.is_rounded:
         solution = kkt.efforts_of(
             state.q, state.v, a, equations.angle_reference, equations.given, actuation.columns)

@@ -261,7 +261,7 @@ def kinetostatics(
         for piece in samples.pieces():
             at = piece.at
             if samples.is_together:
-                solution = equations.limbs.kkt.of_many(
+                solution = equations.core_kkt.of_many(
                     piece.q, piece.v, piece.angles, piece.given, samples.given_a[at], columns)
                 if not solution.facts[:, FAILED].any():
                     samples.efforts[at] = solution.efforts

@@ -270,7 +270,7 @@ def accelerate(samples: LoadedSamples, efforts: Array) -> None:
     for piece in samples.pieces():
         at = piece.at
         if samples.is_together:
-            solution = equations.limbs.kkt.of_many(
+            solution = equations.core_kkt.of_many(
                 piece.q, piece.v, piece.angles, piece.given + efforts[at])
             facts = solution.facts
             if not facts[:, FAILED].any() and np.all(facts[:, ERROR] <= DOUBTFUL):

@@ -74,10 +74,11 @@ def test_equations_of_many_configurations_and_of_the_kernel_are_the_same(tmp_pat
     mechanism, _ = tree_between(tmp_path, joint, WHERE[place], 9)
     q = configurations(mechanism, 10)
     check_kernel(mechanism, q)
-    evaluation, kkt = LoopEquations(mechanism), Equations(mechanism).kkt
+    evaluation, equations = LoopEquations(mechanism), Equations(mechanism)
     evaluation.update(q[:, 0])
     none, dense = np.zeros(mechanism.model.nv), np.zeros_like(evaluation.jacobian)
-    kkt.mass[:] = np.eye(len(none)).ravel()
+    kkt, (at, columns, indices) = equations.kkt, equations.tree.mass_entries()
+    kkt.mass[indices] = at == columns
     kkt.accelerations(q[:, 0], none, evaluation.angle_reference, none, none)
     rows, columns, values = kkt.entries
     assert len(set(zip(rows.tolist(), columns.tolist(), strict=True))) == len(rows)

@@ -203,7 +203,7 @@ def dynamics_derivatives(
             chosen, multipliers = found.chosen[0, :rank], found.multipliers[0]
             a_by, multipliers_by = found.a_by[0].mT, found.multipliers_by[0].mT
         else:
-            kkt = equations.whole_kkt(closures) if equations.n_closure else equations.limbs.kkt
+            kkt = equations.whole_kkt(closures) if equations.n_closure else equations.core_kkt
             chosen, multipliers = kkt.rows, kkt.multipliers.copy()
             a_by, multipliers_by = _changes(equations, rows, springs, outside, multipliers)
     of_a, lam = Linear(a, *a_by), Linear(multipliers[chosen], *multipliers_by[:, chosen])
@@ -264,16 +264,15 @@ def _together(
     None where that is not possible: forces at bodies act, rows are composed, joints are outside of
     loops, the loops have several ranks, or accelerations are doubtful.
     """
-    c, forces, limbs = equations.constraints, springs.forces, equations.limbs
-    if c.composed or forces.lines or forces.bushings or not (
-            equations.n_closure and limbs.is_all):
+    c, forces = equations.constraints, springs.forces
+    if c.composed or forces.on_frames or not equations.n_closure or equations.tree.has_limbs:
         return None
     slopes = None
     if forces.exist:
         turning = np.array([springs.turned(*x) for x in zip(q, v, strict=True)])
         effort, slopes = effort - turning[:, 0], turning[:, 1:]
     with tree_of_single_joints(equations.mechanism) as tree:
-        found = limbs.kkt.of_many(
+        found = equations.core_kkt.of_many(
             q, v, angles, effort, changes=(tree, products_of(equations.mechanism), slopes))
     facts = found.facts.T.tolist()
     is_sure = (min(facts[PIVOT]) >= TOLERANCES.rank if equations.is_large else
@@ -324,13 +323,13 @@ def _changes(
     Raises:
         SingularError: a motion has no inertia.
     """
-    nv, n, state, limbs = rows.nv, equations.n_closure, equations.state, equations.limbs
+    nv, n, state = rows.nv, equations.n_closure, equations.state
     work = np.zeros((3, nv, nv))
     changes_of_forces(rows, springs, outside, multipliers, work[:2])
     np.negative(work[:2], out=work[:2])
     flat = work.reshape(3 * nv, nv)
     work.reshape(-1)[2 * nv * nv :: nv + 1] = 1.0
-    if not n and limbs.respond(state, flat):
+    if not n and equations.tree.respond(state.q, state.v, flat):
         return work.swapaxes(1, 2), np.zeros((3, 0, nv))
     kkt = equations.whole_kkt(equations.rest)
     if kkt.pivot < TOLERANCES.zero:

@@ -18,7 +18,6 @@ from spatial_pin.assembly.undetermined import lost_rank_words, rank_loss
 from spatial_pin.constraints.trees import is_large
 from spatial_pin.dynamics.forces import Forces, Law, external_wrenches, generalised, joint_efforts
 from spatial_pin.dynamics.simulation.result import LeastExchange
-from spatial_pin.dynamics.solvers.constrained_motion import TreeDynamics, bodies_of
 from spatial_pin.dynamics.solvers.least_constraint import LeastConstraint
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import Packed, kernel_of, with_masses
@@ -378,11 +377,6 @@ class Problem:
     def least_exchange(self) -> LeastExchange:
         """The least energy that counts as exchanged."""
         return LeastExchange(self.mechanism, self.constant)
-
-    @cached_property
-    def bodies(self) -> TreeDynamics:
-        """Mass matrix and inverse dynamics of the tree."""
-        return bodies_of(self.model)
 
     @cached_property
     def least_constraint(self) -> LeastConstraint:

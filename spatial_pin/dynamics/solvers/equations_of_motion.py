@@ -7,8 +7,8 @@ loads.
 Accelerations under forces come from one ladder of solvers, tried in order until one is accurate:
 
 1. The KKT system, its independent equations and scaling chosen at the state (`kernel.kkt`), joints
-   that no loop is built on eliminated before (`Limbs`): an open tree has no KKT system. Of a tree
-   in the kernel, where the second is slow, doubtful accelerations are corrected once.
+   that no loop is built on eliminated before: an open tree has no KKT system. Of a long tree, where
+   the second is slow, doubtful accelerations are corrected once.
 2. Gauss's least constraint in independent coordinates, where round-off of the first may matter:
    near singular configurations of the loops, and where masses differ much or are zero.
 3. An error that says why, where no digit is left or forces do not determine the motion.
@@ -28,12 +28,11 @@ from numpy.typing import NDArray
 from spatial_pin._support.lazy import acquired
 from spatial_pin.assembly.redundant_equations import rounding_of
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.kernel_tree import KernelTree
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.constraints.trees import is_in_kernel
 from spatial_pin.dynamics.forces import Forces, Law, external_wrenches, generalised
 from spatial_pin.dynamics.reactions import UNMOVED, Pairs, Poses
-from spatial_pin.dynamics.solvers.constrained_motion import PROBED, Loops, both_halves
+from spatial_pin.dynamics.solvers.constrained_motion import PROBED, Loops
 from spatial_pin.dynamics.solvers.least_constraint import (
     IndependentCoordinates,
     Least,
@@ -59,46 +58,6 @@ Solution = tuple[Array, Array, float]
 OWN: tuple[dict[str, Law], SlipSpeed | None] = {}, None
 
 
-class Limbs:
-    """The joints of a mechanism outside its loops, and the remaining core.
-
-    Such joints are eliminated, from the tips inwards, at a cost in proportion to their number: the
-    articulated-body algorithm [Featherstone2008, 7.3]. The core has a KKT system as if its bodies
-    had articulated inertias; an open tree has none, and a mechanism may be all core.
-
-    Args:
-        mechanism: the mechanism.
-        is_core: (njoints,) joints that loops are built on, and those that carry them.
-
-    Attributes:
-        kkt: of the core.
-        has_core, is_all: whether there is a core, and nothing else.
-    """
-
-    def __init__(self, mechanism: Mechanism, is_core: NDArray[np.bool_]) -> None:
-        self.tree = tree = KernelTree(mechanism.model, mechanism.velocity_scale, is_core)
-        nv, others = mechanism.model.nv, np.flatnonzero(~tree.is_core)
-        self.has_core, self.is_all = len(others) < nv, len(others) == 0
-        rows, columns = tree.mass_entries(all_joints=False)
-        n = len(rows)
-        rows, columns, indices = both_halves(rows, columns)
-        units = np.arange(n, n + len(others))  # of the others, which have no part in the KKT system
-        self.kkt = KKT(mechanism, (
-            np.concatenate([rows, others]), np.concatenate([columns, others]),
-            np.concatenate([indices, units])), n + len(others), tree)
-
-    def respond(self, state: State, forces: Array) -> bool:
-        """Make joint forces (n, nv) the accelerations of an open tree under them alone.
-
-        False where a limb has no inertia.
-        """
-        masses, (force, needed) = np.empty(len(self.kkt.mass)), np.zeros((2, len(state.v)))
-        if not self.tree.eliminate(state.q, state.v, force, masses, needed):
-            return False
-        self.tree.respond(forces)
-        return True
-
-
 class MotionEquations(Loops):
     """The equations of motion of a mechanism, M a + b = f + J^T multipliers, J a + gamma = 0.
 
@@ -120,13 +79,13 @@ class MotionEquations(Loops):
             SingularError: a freedom has no inertia, or the loops have lost rank.
         """
         self.undetermined, self._solved = (), None
-        state, of_core = self.state, self.limbs.kkt
+        state, of_core = self.state, self.core_kkt
         if of_core.of_tree(state.q, state.v, self.angle_reference, given) and (
                 self._is_accurate(of_core)):
             self._solved = of_core
             return of_core.a.copy(), of_core.closures.copy(), of_core.error_of_tree
         kkt = self.kkt
-        needed = self.bodies.inverse_dynamics(state.q, state.v)
+        needed = self.tree.forces(state.q, state.v)
         a = self.by_kkt(state.q, state.v, self.angle_reference, given, needed).copy()
         closures, error = kkt.closures.copy(), kkt.error
         # the least constraint is dense: of a large tree only where the KKT system is singular
@@ -148,8 +107,7 @@ class MotionEquations(Loops):
             return a, closures, error
         self._refuse(least)
         self.undetermined = tuple(self.moving(self._still(least)))
-        closures = self.bodies.inverse_dynamics(state.q, state.v, least.a) - given
-        return least.a, closures, least.error
+        return least.a, self.motion_forces(least.a) - given, least.error
 
     def whole_kkt(self, closures: Array) -> KKT:
         """Return the KKT system of all joints, with the multipliers of joint forces of closures.
@@ -157,7 +115,7 @@ class MotionEquations(Loops):
         Args:
             closures: (nv,) the joint forces, of the last `solve` at the State if not zero.
         """
-        if self._solved is self.limbs.kkt and self.limbs.is_all:
+        if self._solved is self.core_kkt and not self.tree.has_limbs:
             return self._solved
         state, kkt = self.state, self.kkt
         if self._solved is not kkt:
@@ -173,8 +131,12 @@ class MotionEquations(Loops):
         `given` are joint forces (nv,), `needed` those of the motion without acceleration; angles of
         screws count from `reference`.
         """
-        self.kkt.mass[:] = self.bodies.masses(q)
+        self.tree.masses(q, self.kkt.mass)
         return self.kkt.accelerations(q, v, reference, given, needed)
+
+    def motion_forces(self, a: Array) -> Array:
+        """Return M a + b (nv,)."""
+        return self.tree.forces(self.state.q, self.state.v, a).copy()
 
     def _corrected(self, a: Array, closures: Array, given: Array) -> Solution:
         """Correct the KKT solution by the residual of forces and closure equations.
@@ -183,30 +145,20 @@ class MotionEquations(Loops):
         much accelerations change tells how far off they were.
         """
         state = self.state
-        missing = given + closures - self.bodies.inverse_dynamics(state.q, state.v, a)
+        missing = given + closures - self.motion_forces(a)
         opening = self.scaled @ (a / self.scale) + self.evaluation.bias(state.q, state.v)
         (change,), (multipliers,) = self.kkt.solve(missing[None], opening[None])
         closures = closures + (multipliers @ self.scaled) / self.scale
         sizes = np.abs([change, a]) / self.scale
         return a + change, closures, float(sizes[0].max() / max(sizes[1].max(), 1e-300))
 
-    @cached_property
-    def limbs(self) -> Limbs:
-        """The joints outside loops, and the core."""
-        model, tied = self.model, self.constraints.tied
-        is_core = np.array([tied[first : first + n].any() for first, n in zip(
-            model.idx_vs, model.nvs, strict=True)])
-        for joint in range(model.njoints - 1, 0, -1):
-            is_core[model.parents[joint]] |= is_core[joint]
-        return Limbs(self.mechanism, is_core)
-
     def _is_accurate(self, of_core: KKT) -> bool:
-        """Whether the last accelerations that began with `Limbs` are accurate enough.
+        """Whether the last accelerations that began with limbs are accurate enough.
 
         Raises:
             SingularError: the loops have lost rank.
         """
-        has_core = self.limbs.has_core
+        has_core = bool(self.n_closure)
         if has_core:
             self.check_rank(of_core.rank)
             if self.is_large and not of_core.pivot >= TOLERANCES.rank:
@@ -299,11 +251,7 @@ class Equations(MotionEquations):
 
     def mass(self) -> Array:
         """Return the mass matrix (nv, nv)."""
-        return self.bodies.matrix(self.state.q)
-
-    def motion_forces(self, a: Array) -> Array:
-        """Return M a + b (nv,)."""
-        return self.bodies.inverse_dynamics(self.state.q, self.state.v, a)
+        return self.tree.mass_matrix(self.state.q)
 
     # ------------------------------------------------------------ reactions
 
@@ -320,7 +268,7 @@ class Equations(MotionEquations):
 
     def transmitted(self, a: Array) -> Array:
         """Return a view on the forces (njoints, 6) through joints at accelerations a (nv,)."""
-        return self.bodies.transmitted(self.state.q, self.state.v, a)
+        return self.tree.transmitted(self.state.q, self.state.v, a)
 
     def reactions(
         self, a: Array, multipliers: Array, effort: Array
