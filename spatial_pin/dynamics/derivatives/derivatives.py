@@ -18,14 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin._support.checks import checked
+from spatial_pin._support.lazy import acquired
 from spatial_pin.assembly.state import State, angles_of, at_sample, moving_in_time, pieces
 from spatial_pin.constraints.trees import tree_of_single_joints
 from spatial_pin.dynamics.derivatives.reaction_derivatives import Linear, ReactionChanges
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives, products_of
 from spatial_pin.dynamics.derivatives.spring_derivatives import ExternalWrenches, Slopes, Springs
-from spatial_pin.dynamics.forces import Law, at_state, joint_efforts, warn_of_no_inertia
+from spatial_pin.dynamics.forces import Law, joint_efforts, warn_of_no_inertia
 from spatial_pin.dynamics.loaded_samples import External, efforts_over, forces_at
-from spatial_pin.dynamics.solvers.equations_of_motion import DOUBTFUL, Equations, equations_of
+from spatial_pin.dynamics.solvers.equations_of_motion import DOUBTFUL, Equations
 from spatial_pin.dynamics.state_forces import Dynamics
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.kernel.kkt import ERROR, FAILED, PIVOT, RANK, Accelerated
@@ -177,9 +178,9 @@ def dynamics_derivatives(
     if not isinstance(state, State):
         return _over(mechanism, state, efforts, (external, laws, slopes, slip_speed))
     state = moving_in_time(mechanism, state)
-    mechanism, external = exact_mechanism(state), at_state(external)
+    mechanism = exact_mechanism(state)
     effort, undetermined = joint_efforts(mechanism, efforts), tuple[str, ...]()
-    with equations_of(mechanism) as equations:
+    with acquired(mechanism, Equations) as equations:
         equations.update(state, external, laws, slip_speed)
         springs, outside = (
             Springs(equations.springs, laws, slopes), ExternalWrenches(mechanism, external))
@@ -231,7 +232,7 @@ def _over(
     parts = list[tuple[Any, ...]]()
     for at in pieces(motion):
         at = slice(at.start, min(at.stop, n))
-        with equations_of(moved) as equations:
+        with acquired(moved, Equations) as equations:
             equations.update(motion.state(at.start), None, laws, slip_speed)
             found = None if external else _together(
                 equations, Springs(equations.springs, laws, slopes), motion.q[at], v[at],

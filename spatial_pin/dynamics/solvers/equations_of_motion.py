@@ -18,14 +18,13 @@ What decides is the estimated round-off of the accelerations, relative to their 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin._support.lazy import acquired
 from spatial_pin.assembly.redundant_equations import rounding_of
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
@@ -79,12 +78,27 @@ class MotionEquations(Loops):
             SingularError: a freedom has no inertia, or the loops have lost rank.
         """
         self.undetermined, self._solved = (), None
-        state, of_core = self.state, self.core_kkt
-        if of_core.of_tree(state.q, state.v, self.angle_reference, given) and (
-                self._is_accurate(of_core)):
-            self._solved = of_core
-            return of_core.a.copy(), of_core.closures.copy(), of_core.error_of_tree
-        kkt = self.kkt
+        state, kkt, is_open = self.state, self.core_kkt, not self.n_closure
+        if not kkt.of_tree(state.q, state.v, self.angle_reference, given):
+            return self._solved_with_all_joints(given)
+        if not is_open:
+            self.check_rank(kkt.rank)
+        if self.is_large:
+            is_accurate = is_open or kkt.pivot >= TOLERANCES.rank
+        elif kkt.error_of_tree <= DOUBTFUL:
+            is_accurate = True
+        elif is_open:
+            is_accurate = kkt.is_of_forces or self.model.nv > PROBED
+        else:
+            is_accurate = kkt.is_of_forces and kkt.error <= DOUBTFUL
+        if not is_accurate:
+            return self._solved_with_all_joints(given)
+        self._solved = kkt
+        return kkt.a.copy(), kkt.closures.copy(), kkt.error_of_tree
+
+    def _solved_with_all_joints(self, given: Array) -> Solution:
+        """Return the accelerations by the KKT system of all joints, or by the least constraint."""
+        kkt, state = self.kkt, self.state
         needed = self.tree.forces(state.q, state.v)
         a = self.by_kkt(state.q, state.v, self.angle_reference, given, needed).copy()
         closures, error = kkt.closures.copy(), kkt.error
@@ -97,17 +111,34 @@ class MotionEquations(Loops):
             corrected = self._corrected(a, closures, given)
             if corrected[2] <= CORRECTED:
                 return corrected
-        scaled = self.scaled
+        least = self._least(given)
+        if not (kkt.pivot < TOLERANCES.zero or least.error < error):
+            return a, closures, error
+        still = least.still / self.scale
+        still = still / np.abs(still).max(axis=1, keepdims=True, initial=1e-300)
+        self.undetermined = tuple(self.moving(still))
+        if least.pulled:
+            raise no_inertia_error(self.mechanism, self.undetermined, state)
+        if least.lost:
+            worst = self.mechanism.coordinates[int(np.argmax(least.off / self.scale))]
+            raise SingularError(
+                f"mechanism {self.mechanism.name!r}: the acceleration of {worst} is lost in "
+                "round-off beside bodies so much heavier: make the masses more alike, or the light "
+                "ones zero", state=state)
+        return least.a, self.motion_forces(least.a) - given, least.error
+
+    def _least(self, given: Array) -> Least:
+        """Return the accelerations of least constraint, which hold for any ratio of masses."""
+        scaled, state = self.scaled, self.state
         chosen = independent_rows(scaled)
         gamma = self.evaluation.bias(state.q, state.v)[chosen]
         coordinates = IndependentCoordinates(scaled[chosen], self.scale, state.closure_error)
-        least = self.least_constraint.solve(
+        return self._least_constraint.solve(
             state.q, state.v, coordinates.carried(gamma, state.v), coordinates.columns, given)
-        if not (kkt.pivot < TOLERANCES.zero or least.error < error):
-            return a, closures, error
-        self._refuse(least)
-        self.undetermined = tuple(self.moving(self._still(least)))
-        return least.a, self.motion_forces(least.a) - given, least.error
+
+    @cached_property
+    def _least_constraint(self) -> LeastConstraint:
+        return LeastConstraint(self.mechanism)
 
     def whole_kkt(self, closures: Array) -> KKT:
         """Return the KKT system of all joints, with the multipliers of joint forces of closures.
@@ -152,55 +183,9 @@ class MotionEquations(Loops):
         sizes = np.abs([change, a]) / self.scale
         return a + change, closures, float(sizes[0].max() / max(sizes[1].max(), 1e-300))
 
-    def _is_accurate(self, of_core: KKT) -> bool:
-        """Whether the last accelerations that began with limbs are accurate enough.
-
-        Raises:
-            SingularError: the loops have lost rank.
-        """
-        has_core = bool(self.n_closure)
-        if has_core:
-            self.check_rank(of_core.rank)
-            if self.is_large and not of_core.pivot >= TOLERANCES.rank:
-                return False
-        if of_core.error_of_tree <= DOUBTFUL or self.is_large:
-            return True
-        if not has_core:
-            return self.model.nv > PROBED or of_core.is_of_forces
-        return of_core.error <= DOUBTFUL and of_core.is_of_forces
-
-    @cached_property
-    def least_constraint(self) -> LeastConstraint:
-        """The solver that is accurate for any ratio of masses."""
-        return LeastConstraint(self.mechanism)
-
-    def _refuse(self, least: Least) -> None:
-        """Refuse accelerations that forces do not determine, or that round-off hides.
-
-        Raises:
-            SingularError: forces act on a motion without inertia, or no digit is left.
-        """
-        if least.pulled:
-            raise self.no_inertia_error(self._still(least))
-        if least.lost:
-            worst = self.mechanism.coordinates[int(np.argmax(least.off / self.scale))]
-            raise SingularError(
-                f"mechanism {self.mechanism.name!r}: the acceleration of {worst} is lost in "
-                "round-off beside bodies so much heavier: make the masses more alike, or the light "
-                "ones zero", state=self.state)
-
-    def _still(self, least: Least) -> Array:
-        """Return the motions (k, nv) without inertia, scaled to a largest motion of one."""
-        still = least.still / self.scale
-        return still / np.abs(still).max(axis=1, keepdims=True, initial=1e-300)
-
-    def no_inertia_error(self, motions: Array) -> SingularError:
-        """Return the error for motions (k, nv) that forces work on but that have no inertia."""
-        return no_inertia_error(self.mechanism, self.moving(motions), self.state)
-
 
 def no_inertia_error(
-    mechanism: Mechanism, names: list[str], state: State | None = None
+    mechanism: Mechanism, names: Sequence[str], state: State | None = None
 ) -> SingularError:
     """Return the error for forces on a motion of these coordinates that has no inertia."""
     return SingularError(
@@ -224,7 +209,7 @@ class Equations(MotionEquations):
         self.springs = Forces(mechanism)
 
     def update(
-        self, state: State, external: Mapping[str, pin.Force] | None = None,
+        self, state: State, external: Any = None,
         laws: Mapping[str, Law] | None = None, slip_speed: SlipSpeed | None = None,
     ) -> None:
         """Move to a State of this mechanism, under given forces."""
@@ -312,11 +297,3 @@ class Equations(MotionEquations):
         result = self.unique_in_loops(efforts)
         return result | {name: result[name] & never for name, never in
                         self.pairs.unaffected_by_couplings(self.poses()).items()}
-
-
-def equations_of(mechanism: Mechanism) -> acquired[Equations]:
-    """Acquire the equations of a mechanism, made once for each thread that asks at the same time.
-
-    They choose everything anew at every State.
-    """
-    return acquired(mechanism, Equations)
