@@ -1,7 +1,7 @@
 """A tree of joints in the compiled kernel: motions, forces and accelerations, see `articulated.c`.
 
 Time and memory grow with the number of joints; a `pin.Data` takes memory with its cube, 4 GB for
-400 freedoms. Results are those of Pinocchio.
+400 freedoms, and some of its algorithms time with the square. Results are those of Pinocchio.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import made_once
 from spatial_pin.constraints.composite_joints import TreeArrays, split
-from spatial_pin.constraints.pinocchio_views import inertias
 from spatial_pin.kernel.library import DONE, INT, POINTER, REAL, SINGULAR, address, check, library
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.stacked import cross
@@ -27,7 +26,31 @@ from spatial_pin.numerics.stacked import cross
 MassEntries = tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]
 PackedSprings = Callable[
     [NDArray[np.intp], Array], tuple[Sequence[NDArray[np.int64]], Sequence[Array]]]
+WHOLE = 60  # freedoms from which on the kernel moves a tree: a `pin.Data` has 10 MB there
+BRANCHES = 4  # at the ground, from which on each subtree is small beside the tree
 SYMMETRIC = np.array([4, 5, 7, 5, 6, 8, 7, 8, 9])  # indices of a (3, 3) inertia in `inertias`
+
+
+def is_in_kernel(model: pin.Model) -> bool:
+    """Whether the kernel moves a tree: it is too large for a `pin.Data`."""
+    return model.nv >= WHOLE
+
+
+def is_large(model: pin.Model) -> bool:
+    """Whether a tree is large, and has branches that do not depend on each other."""
+    return is_in_kernel(model) and len(model.children[0]) >= BRANCHES
+
+
+def inertias(model: pin.Model) -> Array:
+    """Return a view (njoints, 10) on inertias: mass, lever, then xx, xy, yy, xz, yz, zz about it.
+
+    It sees later changes.
+    """
+    first, second = (model.inertias[i].lever for i in (0, min(1, model.njoints - 1)))
+    at, after = (x.__array_interface__["data"][0] for x in (first, second))
+    n, each = model.njoints, (after - at or 80) // 8
+    room = (ctypes.c_double * (n * each)).from_address(at - 8)
+    return np.frombuffer(room, float).reshape(n, each)[:, :10]
 
 
 class TreePlacements:
@@ -109,7 +132,6 @@ class KernelTree:
         placements: (njoints, 4, 3) of the joints, columns of the rotation, then the position.
         columns: (6, nv) world joint Jacobian.
         twists, accelerations: (njoints, 6) spatial ones, joint axes.
-        data: the part of a `pin.Data` that there is: `J` and `oMi`.
         handle: of the C structure.
         is_core: (nv,) which velocities are of the core; has_limbs: whether some are not.
         armature: (nv,) of the joints, a view on the model.
@@ -147,7 +169,6 @@ class KernelTree:
         self.placements, self.columns = np.zeros((n, 4, 3)), np.zeros((6, model.nv))
         self.placements[0, :3] = np.eye(3)
         self.twists, self.accelerations = np.zeros((2, n, 6))
-        self.data = SimpleNamespace(J=self.columns, oMi=TreePlacements(self.placements))
         n, nv = self._split.njoints, model.nv
         self._q, self._v, self._a = np.empty(model.nq), np.empty(nv), np.empty(nv)
         self._tau = np.empty(nv)
@@ -176,6 +197,11 @@ class KernelTree:
             self._kernel, address(self._reals), len(self._reals)))
 
     # ------------------------------------------------------------ placements and motions
+
+    @property
+    def data(self) -> SimpleNamespace:
+        """The part of a `pin.Data` that there is: `J` and `oMi`."""
+        return SimpleNamespace(J=self.columns, oMi=TreePlacements(self.placements))
 
     def update(self, q: Array) -> None:
         """Set `placements` and `columns` at the configuration q (nq,)."""

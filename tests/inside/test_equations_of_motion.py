@@ -15,7 +15,7 @@ from resisting import CASES, hard
 from variety import each, few, first
 
 import spatial_pin as sp
-from spatial_pin.constraints import trees
+from spatial_pin.constraints import kernel_tree
 from spatial_pin.dynamics.bushings import angle_over_sine
 from spatial_pin.dynamics.derivatives.spring_derivatives import slope
 from spatial_pin.dynamics.forces import joint_efforts
@@ -279,7 +279,7 @@ def test_trees_in_the_kernel_have_the_same_derivatives(name, tmp_path, monkeypat
 
     whole = found()
     for constant in ("WHOLE", "BRANCHES"):
-        monkeypatch.setattr(trees, constant, 1)
+        monkeypatch.setattr(kernel_tree, constant, 1)
     size = max(np.nanmax(np.abs(x), initial=0.0) for x in whole)
     for one, other in zip(whole, found(), strict=True):
         assert other == pytest.approx(one, abs=1e-12 * size, nan_ok=True)

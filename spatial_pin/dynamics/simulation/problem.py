@@ -15,7 +15,7 @@ from spatial_pin._support.checks import mapping
 from spatial_pin.assembly.close import close
 from spatial_pin.assembly.state import State
 from spatial_pin.assembly.undetermined import lost_rank_words, rank_loss
-from spatial_pin.constraints.trees import is_large
+from spatial_pin.constraints.kernel_tree import is_large
 from spatial_pin.dynamics.forces import (
     Forces,
     Law,

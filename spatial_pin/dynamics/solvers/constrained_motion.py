@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from spatial_pin.assembly.state import State, all_angles
 from spatial_pin.assembly.undetermined import Regular, has_constant_rank, lost_rank_words, rank_loss
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.constraints.kernel_tree import KernelTree
-from spatial_pin.constraints.trees import is_large
+from spatial_pin.constraints.kernel_tree import KernelTree, is_large
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kkt import KKT
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of

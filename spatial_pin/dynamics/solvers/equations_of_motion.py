@@ -27,8 +27,8 @@ from numpy.typing import NDArray
 
 from spatial_pin.assembly.redundant_equations import rounding_of
 from spatial_pin.assembly.state import State
+from spatial_pin.constraints.kernel_tree import is_in_kernel
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
-from spatial_pin.constraints.trees import is_in_kernel
 from spatial_pin.dynamics.forces import Forces, Law, external_wrenches, generalised
 from spatial_pin.dynamics.reactions import UNMOVED, Pairs, Poses
 from spatial_pin.dynamics.solvers.constrained_motion import PROBED, Loops
