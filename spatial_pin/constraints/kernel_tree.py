@@ -215,8 +215,9 @@ class KernelTree:
         self._put_placements()
         seen, felt = velocity[self._carriers], acceleration[self._carriers].copy()
         felt[:, :3] -= cross(seen[:, 3:], seen[:, :3])
-        self._in_joint_axes(seen, self.twists)
-        self._in_joint_axes(felt, self.accelerations)
+        for world, local in ((seen, self.twists), (felt, self.accelerations)):
+            np.matmul(self.placements[:, None, :3], world.reshape(-1, 2, 3, 1),
+                      out=local.reshape(-1, 2, 3, 1))
 
     def _evaluate(
         self, q: Array, v: Array | None, a: Array | None, products: TreeProducts | None = None,
@@ -242,11 +243,6 @@ class KernelTree:
         at = self._carriers
         np.matmul(self._tree.frames[at], self._R[at], out=self.placements[:, :3])
         self.placements[:, 3] = self._p[at]
-
-    def _in_joint_axes(self, world: Array, out: Array) -> None:
-        """Turn pairs of vectors (njoints, 6) into the axes of the joints."""
-        np.matmul(self.placements[:, None, :3], world.reshape(-1, 2, 3, 1),
-                  out=out.reshape(-1, 2, 3, 1))
 
     def frame_jacobian(self, frame: int) -> Array:
         """Return the Jacobian (6, nv) of a frame at its origin, world axes, where it is placed."""
@@ -304,15 +300,15 @@ class KernelTree:
         return wrenches[:, self._carriers], columns
 
     def transmitted(self, q: Array, v: Array, a: Array) -> Array:
-        """Return the forces (njoints, 6) through the joints, joint axes, as in `pin.Data.f`."""
+        """Return the forces (njoints, 6) through the joints, world axes, about their origins.
+
+        `pin.Data.f` has them in joint axes.
+        """
         self.take_masses()
         wrench = self._moving[0]
         self._evaluate(q, v, a, tau=self._tau, wrench=wrench)
-        self._put_placements()
-        forces = np.empty((self.model.njoints, 6))
-        self._in_joint_axes(wrench[self._carriers], forces)
-        forces[0] = 0.0
-        return forces
+        wrench[0] = 0.0
+        return wrench[self._carriers]
 
     def changes_task(self, products: TreeProducts) -> _TreeTask:
         """Return the task of `derivatives` and `products`, none from outside.
@@ -346,10 +342,8 @@ class KernelTree:
         at, placements = self._carriers, np.empty((m, self.model.njoints, 4, 3))
         np.matmul(self._tree.frames[at], rotations[:, at], out=placements[..., :3, :])
         placements[..., 3, :] = positions[:, at]
-        forces = (placements[..., None, :3, :] @ wrench[:, at].reshape(m, -1, 2, 3, 1)).reshape(
-            m, -1, 6)
-        forces[:, 0] = 0.0
-        return placements, columns, forces
+        wrench[:, 0] = 0.0
+        return placements, columns, wrench[:, at]
 
     def derivatives(
         self, q: Array, v: Array, a: Array, outside: Array, out: Array, products: TreeProducts,

@@ -251,29 +251,19 @@ class Equations(MotionEquations):
         return Poses(evaluation.placements, joint_jacobian(evaluation.data, self.model.nv),
                      evaluation.row_wrenches())
 
-    def transmitted(self, a: Array) -> Array:
-        """Return a view on the forces (njoints, 6) through joints at accelerations a (nv,)."""
-        return self.tree.transmitted(self.state.q, self.state.v, a)
-
     def reactions(
         self, a: Array, multipliers: Array, effort: Array
     ) -> tuple[dict[str, Array], Array]:
         """Return the reactions (6,) by pair and the wrench (6,) on the fixed link."""
-        return self.pairs.reactions(
-            self.poses(), self.transmitted(a), multipliers, self.pairs.summed(self.wrenches),
-            self.at_joints(effort, multipliers, a))
-
-    def at_joints(self, effort: Array, multipliers: Array, a: Array) -> Array:
-        """Return efforts (nv,) with those of joint springs, couplings and rotors.
-
-        A rotor (armature) that speeds up with its joint takes its part of the effort: the rest is
-        what the bodies are moved with.
-        """
-        total = effort + self.turning - self.model.armature * a
+        # a rotor (armature) that speeds up with its joint takes its part of the effort: the rest is
+        # what the bodies are moved with
+        at_joints = effort + self.turning - self.model.armature * a
         of_joints = self.constraints.of_joints
         if len(of_joints):
-            total = total + multipliers[of_joints] @ self.joint_rows
-        return total
+            at_joints = at_joints + multipliers[of_joints] @ self.joint_rows
+        return self.pairs.reactions(
+            self.poses(), self.tree.transmitted(self.state.q, self.state.v, a), multipliers,
+            self.pairs.summed(self.wrenches), at_joints)
 
     def unique_in_loops(self, efforts: Array | None = None) -> dict[str, NDArray[np.bool_]]:
         """Return by pair which components (6,) of its reaction no self-stress of loops changes.
