@@ -19,6 +19,7 @@ from spatial_pin._support.brief import brief
 from spatial_pin._support.checks import checked, names_of
 from spatial_pin.assembly.holding import BASE
 from spatial_pin.assembly.state import State, of_mechanism
+from spatial_pin.dimensions.bounds import check_dimensions
 from spatial_pin.dimensions.changed_state import output_changes
 from spatial_pin.dimensions.closed_derivatives import (
     ClosedDerivatives,
@@ -43,7 +44,7 @@ from spatial_pin.dimensions.varied_samples import (
     with_masses,
 )
 from spatial_pin.dynamics.force_outputs import rule_of
-from spatial_pin.errors import Interrupted, SingularError, SpatialPinError, UnknownNameError
+from spatial_pin.errors import Interrupted, SingularError, SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Motion, first_samples
 from spatial_pin.motion.outputs import named_output
@@ -197,14 +198,9 @@ def _differentiated(
 
     After Ctrl-C the result has the states until then, if there are any.
     """
-    if mechanism.path is None:
-        raise SpatialPinError(f"mechanism {mechanism.name!r} has no file to change dimensions in")
     outputs = names_of(outputs, "outputs")
     names = names_of(mechanism.dimensions if parameters is None else parameters, "parameters")
-    for name in names:
-        if name not in mechanism.dimensions:
-            raise UnknownNameError("dimension", name, mechanism.dimensions,
-                                   f"mechanism {mechanism.name!r}: ")
+    check_dimensions(mechanism, names)
     around = _Around(samples[0][0].mechanism, names, outputs)
     results: list[list[Sensitivity]] = []
     try:

@@ -121,7 +121,7 @@ class Pairs:
 
         Args:
             poses: where the bodies are.
-            transmitted: (..., njoints, 6) what joints hand on, local axes, by their own forces.
+            transmitted: (..., njoints, 6) what joints hand on, world axes, about their origins.
             multipliers: (..., n_closure) of the closure equations.
             given: (..., njoints, 6) other wrenches on bodies: springs, forces from outside.
             effort: (..., nv) efforts at joints.
@@ -132,8 +132,7 @@ class Pairs:
             on_bodies[..., c.bodies[0], :] -= wrench
             on_bodies[..., c.bodies[1], :] += wrench
             effort = effort - multipliers[..., c.at, None] * c.row
-        local = transmitted.reshape(*transmitted.shape[:-1], 2, 3)
-        forces = (local @ poses.placements[..., :3, :]).reshape(transmitted.shape)
+        forces = transmitted.copy()
         forces[..., 3:] += cross(poses.placements[..., 3, :], forces[..., :3])
         forces = forces - np.moveaxis(self.carried(np.moveaxis(on_bodies, -2, 0)), 0, -2)
         at_joints = _moved(forces, poses.placements[..., 3, :])

@@ -11,14 +11,20 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin._support.checks import as_array, is_finite, mapping
+from spatial_pin._support.checks import mapping
 from spatial_pin.assembly.close import close
 from spatial_pin.assembly.state import State
 from spatial_pin.assembly.undetermined import lost_rank_words, rank_loss
-from spatial_pin.constraints.trees import is_large
-from spatial_pin.dynamics.forces import Forces, Law, external_wrenches, generalised, joint_efforts
+from spatial_pin.constraints.kernel_tree import is_large
+from spatial_pin.dynamics.forces import (
+    Forces,
+    Law,
+    external_wrenches,
+    forces_on_frames,
+    generalised,
+    joint_efforts,
+)
 from spatial_pin.dynamics.simulation.result import LeastExchange
-from spatial_pin.dynamics.solvers.constrained_motion import TreeDynamics, bodies_of
 from spatial_pin.dynamics.solvers.least_constraint import LeastConstraint
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import Packed, kernel_of, with_masses
@@ -277,20 +283,7 @@ def external_forces(mechanism: Mechanism, given: Any, times: Array) -> ExternalF
     """
     if callable(given):
         return ExternalForces(lambda t, state: mapping(given(t, state), "external"))
-    forces: dict[str, pin.Force] = {}
-    tables: dict[str, Array] = {}
-    for name, force in mapping(given, "external").items():
-        mechanism.frame_id(name)
-        if isinstance(force, pin.Force):
-            forces[name] = force
-            continue
-        rows = tables[name] = as_array(force, f"external force at {name!r}")
-        if rows.shape != (len(times), 6):
-            raise ValueError(
-                f"external force at {name!r} has shape {rows.shape}; give a pin.Force, or a row of "
-                f"force and moment for each of the {len(times)} times: ({len(times)}, 6)")
-        if not is_finite(rows):
-            raise ValueError(f"external force at {name!r} is NaN or infinite")
+    forces, tables = forces_on_frames(mechanism, given, len(times), "times")
     if not tables:
         return ExternalForces(lambda t, state: forces, is_steady=True) if forces else None
 
@@ -377,11 +370,6 @@ class Problem:
     def least_exchange(self) -> LeastExchange:
         """The least energy that counts as exchanged."""
         return LeastExchange(self.mechanism, self.constant)
-
-    @cached_property
-    def bodies(self) -> TreeDynamics:
-        """Mass matrix and inverse dynamics of the tree."""
-        return bodies_of(self.model)
 
     @cached_property
     def least_constraint(self) -> LeastConstraint:

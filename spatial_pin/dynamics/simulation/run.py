@@ -30,6 +30,7 @@ from typing import Any
 
 import numpy as np
 
+from spatial_pin._support.lazy import acquired
 from spatial_pin.assembly.redundant_equations import allowed_from, gap_allowed, independence_at
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
@@ -56,7 +57,7 @@ from spatial_pin.dynamics.simulation.result import (
     Simulation,
     energy_drift,
 )
-from spatial_pin.dynamics.solvers.equations_of_motion import equations_of
+from spatial_pin.dynamics.solvers.equations_of_motion import Equations
 from spatial_pin.errors import EnergyError, SingularError, SpatialPinError
 from spatial_pin.kernel.integrating import (
     AT_END,
@@ -270,7 +271,7 @@ def _multipliers(problem: Problem, times: Array, samples: SimulationSamples) -> 
     """Return the multipliers (N, n_closure) of the samples of a simulation."""
     mechanism, rows = problem.mechanism, []
     driven = [c.v for c, _ in problem.drives]
-    with equations_of(mechanism.whole or mechanism) as equations:
+    with acquired(mechanism.whole or mechanism, Equations) as equations:
         for t, q, v, a, efforts, angles in zip(times.tolist(), samples.q, samples.v, samples.a,
                                                samples.efforts, samples.angles, strict=True):
             equations.update(State(mechanism, q, v, a, angles=angles))
