@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from spatial_pin.continuation.pseudo_arclength import STRAIGHT, Arrival
+from spatial_pin.continuation.pseudo_arclength import STRAIGHT, Stopped
 from spatial_pin.continuation.solution_curve import CurvePoint, SolutionCurve
 from spatial_pin.mechanism.coordinates import coordinate_gradient, coordinate_value
 from spatial_pin.mechanism.parts import Coordinate
@@ -32,8 +32,8 @@ ROOTS = 1, 2, 3  # the leading value is tried as a power series in this root of 
 MOST_TRIALS = 40
 
 
-def running_away(curve: SolutionCurve, x: Array, target: float) -> Arrival | None:
-    """Return the Arrival at an asymptote that ends a branch before a target; None without one.
+def running_away(curve: SolutionCurve, x: Array, target: float) -> Stopped | None:
+    """Return that an asymptote ends a branch before a target; None without one.
 
     A target so near the end that the joint would be farther out than is followed is beyond it too.
     The unknowns x (n,) are farther out than links reach if a joint runs away; the curve's
@@ -47,7 +47,7 @@ def running_away(curve: SolutionCurve, x: Array, target: float) -> Arrival | Non
     limit = _limit(points[:, 0], points[:, 1], known)
     if limit is None or not (target - points[-1, 1]) * (limit - points[0, 1]) > 0.0:
         return None
-    return Arrival("runs away", curve.configuration(x), limit, runs_away=runner[0].of.name)
+    return Stopped("runs away", curve.configuration(x), limit, runs_away=runner[0].of.name)
 
 
 class _Far(NamedTuple):

@@ -16,8 +16,8 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.assembly.close import close
-from spatial_pin.continuation.path_tracker import PathPoint, PathTracker, Stopped
-from spatial_pin.continuation.pseudo_arclength import CROSSINGS, Arrival
+from spatial_pin.continuation.path_tracker import PathPoint, PathTracker
+from spatial_pin.continuation.pseudo_arclength import CROSSINGS, Stopped
 from spatial_pin.continuation.singular_points import zeros
 from spatial_pin.continuation.solution_curve import (
     CurvePoint,
@@ -202,17 +202,17 @@ class Passage(NamedTuple):
         return matrices(curve, points)
 
 
-def passage(tracker: PathTracker, arrival: Arrival) -> Passage | None:
+def passage(tracker: PathTracker, stopped: Stopped) -> Passage | None:
     """Return the polynomials that cross the branch point at which the tracker stopped.
 
     None where it has stopped for another reason, or none goes straight on; the point then stands
     where it stood.
     """
-    if arrival.kind not in CROSSINGS:
+    if stopped.kind not in CROSSINGS:
         return None
     before, size = tracker.here, tracker.mechanism.velocity_scale
-    sense = 1.0 if arrival.value >= before.s else -1.0
-    clear, value = before, arrival.value  # where the equations are solvable, and about where not
+    sense = 1.0 if stopped.value >= before.s else -1.0
+    clear, value = before, stopped.value  # where the equations are solvable, and about where not
     for k, reach in enumerate(REACHES.tolist()):
         if k:
             tracker.move_to(clear)
