@@ -312,14 +312,19 @@ class PathTracker(Branch):
         tracker._path = path = path_of(closer, indices, accuracy)
         if path is not None:
             samples = tracker._samples = PathSamples.empty(n, k.nq, k.nv, k.n_angles)
-            closer.set_task([problem.goal], problem.settings, problem.goal, problem.reference,
-                            perturbed=True)
-            done = path.from_guess(closer, max(problem.gap, OPEN), values,
-                                   samples if n == len(values) else samples.between(0, len(values)))
+            first = samples if n == len(values) else samples.between(0, len(values))
+            widest = max(problem.gap, OPEN)
+            problem.set_task(closer)
+            done = path.from_guess(closer, widest, values, first)
+            if done == -1:
+                problem.known = known = closer.results()
+                freed = problem.without_standing(moving) if moving and all(
+                    result.error > widest for result in known) else None
+                if freed is not None and freed.is_for_kernel():  # they cannot stand
+                    freed.set_task(closer)
+                    done = path.from_guess(closer, widest, values, first)
             if done > 0:
                 return tracker, samples, done
-            if done == -1:
-                problem.known = closer.results()
         workspaces.release_last()
         return None
 

@@ -169,8 +169,6 @@ def sweep(
     motion = within_gap(motion, accuracy, on_limit, good)
     if len(motion) < n or good is not None:
         return motion
-    if passed := limit_events(motion):
-        motion.events += passed
     if result.is_cut:
         raise Interrupted(motion)
     if stop is not None:
@@ -328,7 +326,8 @@ def _motion(
         mechanism=mechanism, driver=values.copy(), driver_name=driver, q=samples.q, v=v, a=a,
         closure_error=samples.error, driver_speed=speeds, angles=samples.angles, per=per, held=held,
         _clock=lambda motion: None if accels is not None else _times(motion),
-        _look=lambda motion: [*events, *_near_limit(motion, samples.t), *_drift(motion)],
+        _look=lambda motion: [*events, *_near_limit(motion, samples.t), *_drift(motion),
+                              *limit_events(motion)],
         _estimate=lambda motion: scaled_estimates(
             motion, samples.estimate, led if per == "s" else None, accels))
 

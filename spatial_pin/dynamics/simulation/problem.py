@@ -87,11 +87,10 @@ class Freedoms:
             if kernel.n_passive or len(rows) != nv - 1:
                 return False
             rates = rates_of(kernel, (0,), 1)
-            rates.speeds[:], rates.accelerations[:] = 1.0, 0.0
-            solved = rates.solve(state.q, state.angles)
+            solved = rates.solve(state.q, state.angles, ("columns",))
             if solved is None:
                 return False
-            motion: Array = (solved.v / mechanism.velocity_scale)[None]
+            motion: Array = (solved[0].T / mechanism.velocity_scale)
         self._rows = rows
         self._spaces[np.zeros((0, nv)).tobytes()] = motion / np.linalg.norm(motion)
         return True

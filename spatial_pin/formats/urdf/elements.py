@@ -243,7 +243,7 @@ def placement(element: ET.Element | None, where: str) -> pin.SE3:
     xyz = numbers(element, "xyz", 3, where) if "xyz" in element.attrib else np.zeros(3)
     rpy = numbers(element, "rpy", 3, where) if "rpy" in element.attrib else np.zeros(3)
     (sa, ca), (sb, cb), (sc, cc) = ((math.sin(x), math.cos(x)) for x in (0.5 * rpy).tolist())
-    turn = pin.Quaternion(ca * cb * cc + sa * sb * sc, sa * cb * cc - ca * sb * sc,
-                          ca * sb * cc + sa * cb * sc, ca * cb * sc - sa * sb * cc)
-    turn.normalize()  # rounded as URDF readers round it
-    return pin.SE3(turn.matrix(), xyz)
+    w, x = ca * cb * cc + sa * sb * sc, sa * cb * cc - ca * sb * sc
+    y, z = ca * sb * cc + sa * cb * sc, ca * cb * sc - sa * sb * cc
+    norm = math.sqrt(x * x + y * y + z * z + w * w)  # as URDF readers add up
+    return pin.SE3(pin.Quaternion(w / norm, x / norm, y / norm, z / norm).matrix(), xyz)
