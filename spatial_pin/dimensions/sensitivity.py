@@ -44,8 +44,7 @@ from spatial_pin.dimensions.varied_samples import (
     with_masses,
 )
 from spatial_pin.dynamics.force_outputs import rule_of
-from spatial_pin.errors import Interrupted, SingularError, SpatialPinError, UnknownNameError
-from spatial_pin.kernel.kernel import kernel_of
+from spatial_pin.errors import Interrupted, SingularError, SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Motion, first_samples
 from spatial_pin.motion.outputs import named_output
