@@ -184,7 +184,7 @@ def tree_of_single_joints(mechanism: Mechanism) -> acquired[KernelTree]:
 
 
 def _tree_of_single_joints(mechanism: Mechanism) -> KernelTree:
-    return KernelTree(split_of(mechanism).model)
+    return KernelTree(split_of(mechanism).model, whole=mechanism)
 
 
 def twist_matrices(twists: Array) -> Array:

@@ -428,22 +428,11 @@ def loads_over(
         {name: read_only(samples.reactions[:, k].copy()) for k, name in enumerate(names)},
         read_only(samples.on_ground), read_only(samples.multipliers),
         {name: np.logical_and.reduce(each, axis=1) for name, each in unique.items()}, unique,
-        _beyond_limits(motion, columns, samples.efforts), _lift_offs(motion, samples.multipliers),
-        read_only(samples.error))
+        _beyond_limits(motion, columns, samples.efforts),
+        tuple(lift_offs(motion, samples.multipliers)), read_only(samples.error))
     if is_cut:
         raise Interrupted(motion, result)
     return result
-
-
-def _lift_offs(motion: Motion, multipliers: Array) -> tuple[Event, ...]:
-    """Return where contacts of cams begin to pull, given multipliers (N, n_closure)."""
-    if motion.driver is not None:
-        at, what = motion.driver, f"at {motion.driver_name} = {{:.9g}} {motion.driver_unit}"
-    elif motion.time is not None:
-        at, what = motion.time, "at {:.9g} s"
-    else:
-        at, what = np.arange(len(motion), dtype=float), "in sample {:.9g}"
-    return tuple(lift_offs(motion.mechanism, multipliers, at, what))
 
 
 def _beyond_limits(

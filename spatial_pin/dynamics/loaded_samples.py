@@ -249,7 +249,7 @@ class LoadedSamples:
 
 
 def _centred_tree(mechanism: Mechanism) -> KernelTree:
-    return KernelTree(mechanism.centred_model)
+    return KernelTree(mechanism.centred_model, whole=mechanism)
 
 
 def accelerate(samples: LoadedSamples, efforts: Array) -> None:

@@ -192,11 +192,9 @@ class Record:
         problem, names = self.problem, [c.name for c, _ in self.problem.drives]
         times, (q, v, a, numbers, efforts, angles) = self.recorded()
         error, kinetic, energy, work = numbers.T.copy()
-        lifted = lift_offs(problem.mechanism, _multipliers(problem, *self.recorded()), times,
-                           "at {:.9g} s") if contacts_of(problem.mechanism) else []
         simulation = Simulation(
             mechanism=problem.mechanism, driver=None, driver_name="", time=times, q=q, v=v, a=a,
-            closure_error=error, driver_speed=np.empty(0), events=[*self.events, *lifted],
+            closure_error=error, driver_speed=np.empty(0), events=list(self.events),
             angles=angles, energy=energy, work=work,
             energy_drift=energy_drift(problem.least_exchange, kinetic, energy, work, self.start),
             efforts=ByDriver(problem.mechanism, dict(zip(names, efforts.T.copy(), strict=True))),
@@ -204,7 +202,9 @@ class Record:
             steps=self.steps, by_drivers=problem.by_drivers, joint_limits=self._passed,
             projection=projection, integrators=integrators, time_tolerance=self._time_tolerance,
         )
-        simulation.events = sorted([*simulation.events, *curve_end_events(simulation)],
+        lifted = lift_offs(simulation, _multipliers(problem, *self.recorded())) if contacts_of(
+            problem.mechanism) else []
+        simulation.events = sorted([*self.events, *lifted, *curve_end_events(simulation)],
                                    key=lambda x: x.row)
         return simulation
 
