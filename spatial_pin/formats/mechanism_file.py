@@ -21,7 +21,7 @@ from spatial_pin.formats.importers import Faults, Request
 from spatial_pin.formats.urdf.elements import inertial
 from spatial_pin.formats.urdf.urdf_model import (
     LIMITS,
-    RESISTANCES,
+    NUMBERS,
     JointRefinement,
     tree_of,
 )
@@ -254,16 +254,15 @@ def _check_guess(mechanism: Mechanism, where: str, mistakes: Mistakes) -> None:
 
 
 def _refinement(table: TomlTable) -> JointRefinement:
-    resistances = {key: table.numbers(key, least=0.0) for key in RESISTANCES if key in table}
-    if np.any(resistances.get("slip_speed", 1.0) == 0.0):
+    numbers = {key: table.bounds(key) if key in LIMITS else table.numbers(key, least=0.0)
+               for key in NUMBERS if key in table}
+    if np.any(numbers.get("slip_speed", 1.0) == 0.0):
         table.fail("slip_speed", "is 0; dry friction needs a speed at which it is nearly whole")
-    limits = {key: table.bounds(key) for key in LIMITS if key in table}
     needs_type = not table.content or any(key in table for key in ("type", "axis", "axis2", "lead"))
     if not needs_type:
-        return JointRefinement(resistances=resistances, limits=limits, where=table.where)
+        return JointRefinement(numbers=numbers, where=table.where)
     kind = table.choice("type", JOINT_TYPES, hint_at_type)
-    return JointRefinement(kind, *_axes(table, PAIRS[kind]), resistances=resistances,
-                           limits=limits, where=table.where)
+    return JointRefinement(kind, *_axes(table, PAIRS[kind]), numbers, table.where)
 
 
 def _axes(table: TomlTable, pair: Pair) -> tuple[Array | None, Array | None, float]:

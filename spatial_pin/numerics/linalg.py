@@ -14,7 +14,6 @@ from spatial_pin.numerics.tolerances import EPS as EPS, TOLERANCES
 
 Array = NDArray[np.floating[Any]]  # the float64 arrays of the library
 
-MANY, ROWS_AT_ONCE = 4096, 64  # entries, and rows that are one, of a comparison by columns
 NOT_FINITE = ("the equations have entries that are no finite numbers: a position or a rate has "
               "grown beyond all numbers")
 
@@ -226,17 +225,14 @@ def mean_subspace(a: Array, weights: Array) -> Array:
 def largest_by(scale: Array, x: Array) -> float:
     """Return the largest absolute value of x (N, n) by the scale (n,) of its column; 0 of none.
 
-    Many rows are compared as few long ones, which numpy does ten times as fast.
+    Columns are compared as rows of a copy, which numpy does ten times as fast.
     """
     sizes = scale.tolist()
     if len({*sizes}) == 1:
         return max(x.max(initial=0.0).item(), -x.min(initial=0.0).item()) / sizes[0]
-    if x.size < MANY or len(x) < ROWS_AT_ONCE:
-        return float(np.abs(x / scale).max(initial=0.0))
-    whole, rest = np.split(x, [len(x) - len(x) % ROWS_AT_ONCE])
-    long = whole.reshape(-1, x[:ROWS_AT_ONCE].size)
-    largest = np.maximum(long.max(axis=0), -long.min(axis=0)).reshape(ROWS_AT_ONCE, -1)
-    return float((np.vstack([largest, np.abs(rest)]).max(axis=0) / scale).max())
+    rows = np.ascontiguousarray(x.T)
+    largest = np.maximum(rows.max(axis=1, initial=0.0), -rows.min(axis=1, initial=0.0))
+    return float((largest / scale).max(initial=0.0))
 
 
 def independent_rows(a: Array, tolerance: float = TOLERANCES.rank) -> NDArray[np.intp]:

@@ -174,11 +174,9 @@ static Real missing_in_middle(Path *path, const Point *from)
     Kernel *k = path->k;
     const Point *to = path->here, *middle = &path->middle;
     const Real s = 0.5 * (from->s + to->s);
-    between_at(k, &path->between, s, middle->q, middle->t, middle->c);
+    between_at(k, &path->between, &s, 1, middle->q, middle->t, middle->c, k->angle_reference);
     prescribe(&path->prescribed, s);
     prescribed_put(&path->prescribed, middle->q);
-    for (Int x = 0; x < k->n_angles; x++)
-        k->angle_reference[x] = 0.5 * (from->angle[x] + to->angle[x]);
     equations_values(k, middle->q);
     path->stale = 1;
     return solve_correction(k, NULL);
