@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from spatial_pin._support.checks import checked
 from spatial_pin._support.lazy import acquired
 from spatial_pin.assembly.state import State, angles_of, at_sample, moving_in_time, pieces
-from spatial_pin.constraints.trees import tree_of_single_joints
+from spatial_pin.constraints.trees import single_jointed
 from spatial_pin.dynamics.derivatives.reaction_derivatives import Linear, ReactionChanges
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives, products_of
 from spatial_pin.dynamics.derivatives.spring_derivatives import ExternalWrenches, Slopes, Springs
@@ -272,7 +272,7 @@ def _together(
     if forces.exist:
         turning = np.array([springs.turned(*x) for x in zip(q, v, strict=True)])
         effort, slopes = effort - turning[:, 0], turning[:, 1:]
-    with tree_of_single_joints(equations.mechanism) as tree:
+    with acquired(equations.mechanism, single_jointed) as tree:
         found = equations.core_kkt.of_many(
             q, v, angles, effort, changes=(tree, products_of(equations.mechanism), slopes))
     facts = found.facts.T.tolist()
