@@ -40,6 +40,7 @@ from spatial_pin.kernel.closer import (
     MOST_GROUPS,
     NAMED,
     Closed,
+    Closer,
     ClosureResult,
     ClosureSettings,
     Examined,
@@ -51,6 +52,7 @@ from spatial_pin.mechanism.coordinates import (
     by_joint,
     coordinate_round_off,
     coordinate_value,
+    driver_coordinates,
     with_values,
 )
 from spatial_pin.mechanism.joint_limits import position_limits
@@ -196,6 +198,20 @@ class AssemblyProblem:
         return AssemblyProblem(mechanism, self.given, {}, goal, self.tolerance, self.gap,
                                self.reference, self.driver_values, workspaces=self.workspaces)
 
+    def without_standing(self, moving: Iterable[str]) -> AssemblyProblem:
+        """Return the same with drivers free that coordinates with values surely move.
+
+        Their values here are named in its guess: the nearest configuration is best.
+        """
+        mechanism, guess = self.mechanism, self._guess
+        goal = Guess(mechanism, with_values(mechanism, guess.q, self.standing),
+                     {**self.standing, **guess.values})
+        table = driver_coordinates(mechanism)
+        moved = {table[name].name for name in moving}
+        standing = {name: x for name, x in self.standing.items() if name not in moved}
+        return AssemblyProblem(
+            mechanism, self.given, standing, goal, self.tolerance, self.gap, self.reference)
+
     @property
     def unreleased(self) -> Array:
         """(nq,) the guess with the given values; drivers may have other values there."""
@@ -275,6 +291,10 @@ class AssemblyProblem:
         """Whether the kernel may judge its results from the guess by itself."""
         return (not self.pinned and self.goal.size > 0 and self.has_digits(self.goal)
                 and self.can_perturb())
+
+    def set_task(self, closer: Closer) -> None:
+        """Set the task of a closer: all loops at once, with perturbed starts."""
+        closer.set_task([self.goal], self.settings, self.goal, self.reference, perturbed=True)
 
     def closed_at_once(self) -> tuple[Array, Examined] | None:
         """Return the result of the kernel for all loops at once, and its properties.

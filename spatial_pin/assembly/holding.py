@@ -7,6 +7,7 @@ two dozen loops closes from one start in ten, they would hardly all close from t
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import compress
 from typing import NamedTuple
 
 import numpy as np
@@ -263,7 +264,11 @@ def loose_entries(mechanism: Mechanism) -> tuple[int, ...]:
 @made_once
 def part_of(mechanism: Mechanism, closures: tuple[str, ...]) -> Mechanism:
     """Return a mechanism with some of its closures only, and all coordinates."""
-    whole = mechanism.whole
-    return mechanism.with_fields(
-        closures=tuple(c for c in mechanism.closures if c.name in closures), passives=(),
-        whole=whole and part_of(whole, closures))
+    whole, selection = mechanism.whole, mechanism.selection
+    if whole is None or selection is None:
+        return mechanism.with_fields(passives=(), closures=tuple(
+            c for c in mechanism.closures if c.name in closures))
+    is_own = [c.name in closures for c in whole.closures]
+    return part_of(whole, closures).with_equations(selection._replace(
+        own=tuple(compress(selection.own, is_own)),
+        turned=tuple(compress(selection.turned, is_own))))

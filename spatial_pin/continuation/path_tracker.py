@@ -21,12 +21,12 @@ from spatial_pin.assembly.holding import Hold, divided, fixed_base_entries
 from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
 from spatial_pin.continuation.asymptotes import running_away
-from spatial_pin.continuation.pseudo_arclength import Arrival, followed_to
+from spatial_pin.continuation.pseudo_arclength import Stopped, followed_to
 from spatial_pin.continuation.solution_curve import (
     DriversLaw,
+    LawCurve,
     OneDriver,
     SolutionCurve,
-    WithParameter,
 )
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.closer import closer_of
@@ -51,20 +51,6 @@ STRETCH = 64.0
 # Speed of a joint, relative to the driver's, that shows a limit of the driver: see `FAST` of
 # sweeps.
 UNBOUND = 300.0
-
-
-class Stopped(Exception):
-    """The branch cannot be followed to the given value.
-
-    Attributes:
-        arrival: where it ended.
-        sample: number of the one that could not be reached.
-    """
-
-    def __init__(self, arrival: Arrival) -> None:
-        super().__init__(arrival.kind)
-        self.arrival = arrival
-        self.sample = 0
 
 
 class PathPoint(NamedTuple):
@@ -312,14 +298,19 @@ class PathTracker(Branch):
         tracker._path = path = path_of(closer, indices, accuracy)
         if path is not None:
             samples = tracker._samples = PathSamples.empty(n, k.nq, k.nv, k.n_angles)
-            closer.set_task([problem.goal], problem.settings, problem.goal, problem.reference,
-                            perturbed=True)
-            done = path.from_guess(closer, max(problem.gap, OPEN), values,
-                                   samples if n == len(values) else samples.between(0, len(values)))
+            first = samples if n == len(values) else samples.between(0, len(values))
+            widest = max(problem.gap, OPEN)
+            problem.set_task(closer)
+            done = path.from_guess(closer, widest, values, first)
+            if done == -1:
+                problem.known = known = closer.results()
+                freed = problem.without_standing(moving) if moving and all(
+                    result.error > widest for result in known) else None
+                if freed is not None and freed.is_for_kernel():  # they cannot stand
+                    freed.set_task(closer)
+                    done = path.from_guess(closer, widest, values, first)
             if done > 0:
                 return tracker, samples, done
-            if done == -1:
-                problem.known = closer.results()
         workspaces.release_last()
         return None
 
@@ -370,7 +361,7 @@ class PathTracker(Branch):
             return SolutionCurve(system, tolerance)
         span = float(leading.law.x[-1] - leading.law.x[0])
         pace = max(self.pace(self.here) if pace is None else pace, 1.0 / span)
-        return SolutionCurve(system, tolerance, WithParameter(system, leading, 1.0 / pace))
+        return LawCurve(system, tolerance, leading, 1.0 / pace)
 
     # ------------------------------------------------------------ moving it
 
@@ -401,16 +392,16 @@ class PathTracker(Branch):
             goal = value if stretches <= 1.0 else begin.s + (value - begin.s) / stretches
             # a stretch may be lost in the round-off of the driver's value
             if not stretches * STRETCH <= FARTHEST or goal == begin.s:
-                raise Stopped(self._running_away(value) or Arrival(
-                    "lost", begin.q, begin.s, is_far=True))
+                raise self._running_away(value) or Stopped(
+                    "lost", begin.q, begin.s, is_far=True)
             path = self._moving_path()
             if path is not None and path.go(goal):
                 continue
             if not self.has_arc_length:
-                raise Stopped(self._end())
-            self._go_by_arc_length(goal, begin, value)
+                raise self._end()
+            self._go_by_arc_length(begin, goal, value)
 
-    def _end(self) -> Arrival:
+    def _end(self) -> Stopped:
         """Return the end of the branch where pseudo-arclength cannot be used.
 
         A driver is at its limit if joint rates per unit of its rate grow without bound.
@@ -422,17 +413,17 @@ class PathTracker(Branch):
                       for c in mechanism.coordinate_table.values()
                       if c.joint == joint and c.unit == "rad"]
             if np.linalg.norm(vector) > np.pi - TOLERANCES.half_precision:
-                return Arrival("half turn", here.q, here.s)
+                return Stopped("half turn", here.q, here.s)
         is_fast = np.abs(here.t / scale).max() > UNBOUND * driver_speed
-        return Arrival("limit" if is_fast else "lost", here.q, here.s)
+        return Stopped("limit" if is_fast else "lost", here.q, here.s)
 
     def _running_away(
-        self, goal: float, system: SquareSystem | None = None, arrival: Arrival | None = None
-    ) -> Arrival | None:
+        self, goal: float, system: SquareSystem | None = None, end: Stopped | None = None
+    ) -> Stopped | None:
         """Return the asymptote that ends the branch before a goal, or None.
 
-        `arrival` is where following the branch ended, default here; the evaluation expects angles
-        as they are there. The square system is by default that of the start, if none can be chosen
+        `end` is where following the branch ended, default here; the evaluation expects angles as
+        they are there. The square system is by default that of the start, if none can be chosen
         here.
         """
         here = self.here
@@ -444,18 +435,18 @@ class PathTracker(Branch):
             except SingularError:
                 system = self.system_at(self.state.q, self.state.angles)
             self.evaluation.angle_reference[:] = here.angles
-        q, s = (here.q, here.s) if arrival is None else (arrival.q, arrival.value)
+        q, s = (here.q, here.s) if end is None else (end.q, end.value)
         sizes = self.mechanism.velocity_scale[[c.v for c in self.driven]]
         # joints have any pace there; the drivers' is a measure
         pace = float(np.linalg.norm(self.leading.rates(s) / sizes))
         curve = self.curve(system, TOLERANCES.round_off, pace)
-        return running_away(curve, curve.unknowns.of(q, s), goal)
+        return running_away(curve, curve.unknowns(q, s), goal)
 
-    def _go_by_arc_length(self, value: float, clear: PathPoint, goal: float) -> None:
-        """Continue by pseudo-arclength, which finds the limit or passes the singular region.
+    def _go_by_arc_length(self, clear: PathPoint, value: float, goal: float) -> None:
+        """Continue to a value on the way to the goal by pseudo-arclength.
 
-        It starts at the point `clear`, if near: that is farther from the singularity ahead. The
-        value is one on the way to the goal.
+        It finds the limit or passes the singular region, from the point `clear`, if near: that is
+        farther from the singularity ahead.
         """
         if self.distance(clear, self.here.s) < TOLERANCES.longest_step:
             self.move_to(clear)
@@ -467,27 +458,27 @@ class PathTracker(Branch):
                 system = self.system()
             except SingularError:
                 if end := self._running_away(goal):
-                    raise Stopped(end) from None
+                    raise end from None
                 raise
         if end := self._running_away(goal, system):
-            raise Stopped(end)
-        here = self.here
+            raise end
         # few steps: open loops would hide where the branch turns, and redundant equations
-        wanted = min(self.accuracy.tolerance, TOLERANCES.tight)
+        wanted, here = min(self.accuracy.tolerance, TOLERANCES.tight), self.here
         curve = self.curve(system, max(wanted, 1e-14))
-        arrival = followed_to(curve, curve.unknowns.of(here.q, here.s), value, here.t)
-        if arrival.kind == "lost":
-            raise Stopped(self._running_away(goal, system, arrival) or arrival)
-        if arrival.kind != "reached":
-            raise Stopped(arrival)
-        singular = Arrival("singular", arrival.q, value)
         try:
-            system.select(arrival.q)
+            q = followed_to(curve, curve.unknowns(here.q, here.s), value, here.t)
+        except Stopped as stopped:
+            if stopped.kind == "lost" and (end := self._running_away(goal, system, stopped)):
+                raise end from None
+            raise
+        singular = Stopped("singular", q, value)
+        try:
+            system.select(q)
         except SingularError:
-            raise Stopped(singular) from None
+            raise singular from None
         if system.pivot < TOLERANCES.singular:
-            raise Stopped(self._running_away(goal, system, singular) or singular)
-        self.move_to(self._solved(system, arrival.q, value))
+            raise self._running_away(goal, system, singular) or singular
+        self.move_to(self._solved(system, q, value))
 
 
 def error_estimate(

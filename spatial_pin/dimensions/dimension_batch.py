@@ -26,7 +26,7 @@ from spatial_pin.dimensions.variants import (
     copied,
 )
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.kernel.dimensions import DimensionEvaluator, EvaluatedSamples, Numbers
+from spatial_pin.kernel.dimensions import DimensionKernel, Numbers
 from spatial_pin.kernel.kernel import kernel_of, packed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import EPS, Array
@@ -221,40 +221,33 @@ class EvaluatedBatch(NamedTuple):
     q: Array  # (m, nq)
     residual: Array  # (m, n_closure) closure equations
     angles: Array  # (m, n_angles) of screw closures [rad]
+    turns: Array  # (m, n, 3, 3) of the kernel's joints in the world, by columns
+    translations: Array  # (m, n, 3) of these [m]
     # (m, n_closure, nv) for v / `velocity_scale`; empty if not requested, like `columns`
     jacobian: Array
     # (m, 6, nv) of the joint Jacobian about the world origin, by v / `velocity_scale`
     columns: Array
-    evaluated: EvaluatedSamples  # poses of the joints
-    supports: Array  # (njoints, nv) 1 for the freedoms that move the body of each joint
 
-    def frame(self, name: str | int) -> tuple[Array, Array]:
-        """Return rotations (m, 3, 3) and origins (m, 3) of a link, frame or joint in the world.
-
-        It is given by name, or by number in the model.
-        """
-        rotations, origins = self.centred_frame(name)
-        return rotations, origins + self.mechanism.centre
-
-    def origin(self, name: str | int) -> Array:
-        """Return its origins (m, 3) alone."""
-        return self.frame(name)[1]
-
-    def centred_frame(self, name: str | int) -> tuple[Array, Array]:
-        """Return the same with origins relative to the centre of the mechanism."""
-        i = self.mechanism.frame_id(name) if isinstance(name, str) else name
+    def frame(self, name: str) -> tuple[Array, Array]:
+        """Return rotations (m, 3, 3) and origins (m, 3) of a link, frame or joint in the world."""
+        i, numbers = self.mechanism.frame_id(name), packed(self.mechanism, True)
         frame = self.mechanism.centred_model.frames[i]
         own = self.members.frames.get(i) or PlacementBatch.of(frame.placement)
-        joint = frame.parentJoint
-        at, translation = self.evaluated.rotation(joint), self.evaluated.translations[:, joint]
-        origin: Array = translation + np.einsum("mij,mj->mi", at,
-                                         np.broadcast_to(own.translation, translation.shape))
-        return at @ own.rotation, origin
+        joint = numbers.carriers[frame.parentJoint]  # the kernel's
+        at = self.turns[:, joint].transpose(0, 2, 1)
+        at = (at.reshape(-1, 3) @ numbers.frames[joint].T).reshape(at.shape)
+        origin: Array = self.translations[:, joint] + np.einsum(
+            "mij,mj->mi", at, np.broadcast_to(own.translation, (len(at), 3)))
+        return at @ own.rotation, origin + self.mechanism.centre
+
+    def origin(self, name: str) -> Array:
+        """Return its origins (m, 3) alone."""
+        return self.frame(name)[1]
 
     def frame_jacobian(self, name: str, origin: Array) -> Array:
         """Return its Jacobian (m, 6, nv) at its origin (m, 3), world axes."""
         joint = self.mechanism.model.frames[self.mechanism.frame_id(name)].parentJoint
-        jacobian = self.columns * self.supports[joint]
+        jacobian = self.columns * constraints_of(self.mechanism).supports[joint]
         arms = np.cross((origin - self.mechanism.centre)[:, :, None], jacobian[:, 3:], axis=1)
         jacobian[:, :3] -= arms
         return jacobian
@@ -269,9 +262,6 @@ class DimensionFamily:
 
     def __init__(self, mechanism: Mechanism, names: Iterable[str]) -> None:
         self.mechanism, self.names = mechanism, list(names)
-        if mechanism.path is None:
-            raise SpatialPinError(
-                f"mechanism {mechanism.name!r} has no file to change dimensions in")
         self.variants = Variants(mechanism, self.names)
         tree = self.variants.tree
         self._tree, self.is_traced = tree, tree is not None
@@ -314,12 +304,10 @@ class DimensionFamily:
         self, members: DimensionBatch, q: Array, angles: Array, with_jacobian: bool = True
     ) -> EvaluatedBatch:
         """Evaluate m of them at configurations q (m, nq), with unwrapping references `angles`."""
-        with acquired(self.mechanism, DimensionEvaluator) as evaluator:
-            evaluated = evaluator.evaluate(q, angles, members.numbers, with_jacobian)
-        scale = self.mechanism.velocity_scale
-        return EvaluatedBatch(
-            self.mechanism, members, q, evaluated.residual, evaluated.angles, evaluated.jacobian,
-            evaluated.columns * scale, evaluated, constraints_of(self.mechanism).supports)
+        with acquired(self.mechanism, DimensionKernel) as kernel:
+            found = kernel.evaluate(q, angles, members.numbers, with_jacobian)
+        return EvaluatedBatch(self.mechanism, members, q, *found[:-1],
+                              found[-1] * self.mechanism.velocity_scale)
 
     def displaced(self, q: Array, steps: Array) -> Array:
         """Return configurations (m, nq) moved by joint displacements (m, nv)."""

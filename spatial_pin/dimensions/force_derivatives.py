@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from spatial_pin._support.lazy import acquired
 from spatial_pin.assembly.state import State
 from spatial_pin.dimensions.closed_derivatives import Changes, ClosedDerivatives, InputChanges
 from spatial_pin.dynamics.derivatives.derivatives import changes_of_forces, exact_mechanism
@@ -21,7 +22,7 @@ from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
 from spatial_pin.dynamics.derivatives.spring_derivatives import ExternalWrenches, Springs
 from spatial_pin.dynamics.forces import Forces
 from spatial_pin.dynamics.kinetostatics import Kinetostatics
-from spatial_pin.dynamics.solvers.equations_of_motion import equations_of
+from spatial_pin.dynamics.solvers.equations_of_motion import Equations
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array, Decomposition, decompose
@@ -104,7 +105,7 @@ class ForceChanges:
         total[: len(opened)] = -opened
         if load.prescribed:
             total[drivers, : given.efforts.shape[1]] = given.accelerations / sizes
-        with equations_of(mechanism) as equations:
+        with acquired(mechanism, Equations) as equations:
             equations.move_to(at.state)
             mass = equations.mass() * at.scale * at.scale[:, None]
         needed = needed * at.scale[:, None]
@@ -179,7 +180,7 @@ class ForceChanges:
         for k, (weights, around) in geometry.written.items():
             values = []
             for mechanism in around:
-                with equations_of(mechanism) as equations:
+                with acquired(mechanism, Equations) as equations:
                     equations.update(self._there(mechanism))
                     borne, ground = equations.reactions(load.a, load.multipliers, effort)
                     values.append({**borne, "": ground})
@@ -210,7 +211,7 @@ class ForceChanges:
         for k, (weights, around) in geometry.written.items():
             values = []
             for mechanism in around:
-                with equations_of(mechanism) as equations:
+                with acquired(mechanism, Equations) as equations:
                     equations.update(self._there(mechanism))
                     values.append(equations.motion_forces(load.a) - equations.given
                                   - closure_jacobian(mechanism, at.q).T @ load.multipliers)

@@ -13,10 +13,8 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Container, Iterable, Mapping, Sequence
-from copy import deepcopy
 from dataclasses import fields
 from functools import partial
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,8 +26,7 @@ from spatial_pin.dimensions.homotopy import varied
 from spatial_pin.errors import SpatialPinError, warn
 from spatial_pin.formats.file_access import parse_urdf, shown
 from spatial_pin.formats.files import load_expanded
-from spatial_pin.formats.importers import Faults, Request
-from spatial_pin.formats.urdf.urdf_model import check_links
+from spatial_pin.formats.importers import Request
 from spatial_pin.formats.xacro.expansion import expand, traced
 from spatial_pin.formats.xacro.tracing import depends
 from spatial_pin.formats.xacro.xacro_arguments import worked_out, written_dimensions
@@ -246,7 +243,7 @@ class TracedText:
         self._axes: dict[int, _Words] = {}
         self._levers: dict[str, _Words] = {}
         self._inertial_tape_rows = [0]
-        self._inertials: dict[str, tuple[ET.Element, list[tuple[int, str, _Words]]]] = {}
+        self._inertials: dict[str, dict[tuple[str, str], _Words]] = {}  # by tag and attribute
         self._limits: dict[str, list[_Words]] = {}
         self._pieces = self._tape.pieces(text)
         for element in parse_urdf(text, file):
@@ -270,9 +267,9 @@ class TracedText:
         elif (of, part.tag) == ("link", "inertial"):
             if name in self._mechanism.content.get("masses", ()):
                 return True  # that of the mechanism file counts
-            self._inertials[name] = part, [
-                (i, key, self._words(element, key, self._inertial_tape_rows))
-                for i, element in enumerate(part.iter()) for key in element.attrib]
+            self._inertials[name] = {
+                (element.tag, key): self._words(element, key, self._inertial_tape_rows)
+                for element in part.iter() for key in element.attrib}
             origin = part.find("origin")
             if origin is not None:
                 self._levers[name] = self._words(origin, "xyz")
@@ -328,8 +325,8 @@ class TracedTree(TracedText):
             raise _Untraced
         known = mechanism.inertias
         self.has_masses = all(
-            name in known and inertia.isApprox(known[name], PLACEMENT_ROUND_OFF)
-            for name, inertia in self._inertias_at(own.inertials[:, 0]).items())
+            name in known and several[0].isApprox(known[name], PLACEMENT_ROUND_OFF)
+            for name, several in self.inertias_at(own.inertials).items())
 
     @property
     def turns_axes(self) -> bool:
@@ -393,44 +390,26 @@ class TracedTree(TracedText):
         changes = np.any(several != several[:, :, :1], axis=(0, 2)) | ~holds.reshape(-1, 3).all(1)
         return dict(zip(names, changes.tolist(), strict=True))
 
-    def _inertias_at(self, numbers: Array) -> dict[str, pin.Inertia]:
-        """Return inertias of links from traced numbers (k,), as reading the file gives them."""
-        robot = ET.Element("robot")
-        for name, (inertial, words) in self._inertials.items():
-            if any(x.vary for *_, x in words):
-                link = ET.SubElement(robot, "link", name=name)
-                link.append(deepcopy(inertial))
-                parts = list(link[0].iter())
-                for i, key, word in words:
-                    own = word.at(numbers[:, None])[0].tolist()
-                    parts[i].set(key, " ".join(map(repr, own)))
-        return check_links(robot, self._mechanism.tree or Path(), Faults())
+    def inertias_at(self, numbers: Array) -> dict[str, list[pin.Inertia]]:
+        """Return the inertias of links that depend on dimensions, from traced numbers (k, m).
 
-    def link_inertias(self, numbers: Array) -> dict[str, Array]:
-        """Return (m or 1, 10) of the inertias of links, as `pin.Inertia` orders its parameters.
-
-        In the links' frames, from traced numbers (k, m); those that depend on no dimension are left
-        out.
+        There are m of each, or one.
         """
         inertias = {}
-        for name, (inertial, words) in self._inertials.items():
-            if not any(x.vary for *_, x in words):
+        for name, words in self._inertials.items():
+            if not any(x.vary for x in words.values()):
                 continue
-            tags = [part.tag for part in inertial.iter()]
-            known = {(tags[i], key): word.at(numbers) for i, key, word in words}
+            known = {key: x.at(numbers) for key, x in words.items()}
             xyz, rpy = (known.get(("origin", key), np.zeros((1, 3))) for key in ("xyz", "rpy"))
             mass, *entries = (known.get(key, np.zeros((1, 1)))[:, 0] for key in (
                 ("mass", "value"), *(("inertia", f"i{k}") for k in SYMMETRIC)))
-            m = max(len(x) for x in (xyz, rpy, mass, *entries))
-            turn, inertia = PlacementBatch.from_origin(xyz, rpy).rotation, np.empty((m, 3, 3))
+            matrix = np.empty((max(map(len, entries)), 3, 3))
             for (i, j), x in zip(SYMMETRIC.values(), entries, strict=True):
-                inertia[:, i, j] = inertia[:, j, i] = x
-            about = turn @ inertia @ turn.transpose(0, 2, 1) + mass[:, None, None] * (
-                np.sum(xyz * xyz, axis=1)[:, None, None] * np.eye(3)
-                - xyz[:, :, None] * xyz[:, None])
-            inertias[name] = np.column_stack([
-                np.broadcast_to(mass, m), mass[:, None] * np.broadcast_to(xyz, (m, 3)),
-                *(about[:, i, j] for i, j in SYMMETRIC.values())])
+                matrix[:, i, j] = matrix[:, j, i] = x
+            turn = PlacementBatch.from_origin(xyz, rpy).rotation
+            parts = mass, xyz, turn @ matrix @ turn.transpose(0, 2, 1)
+            inertias[name] = [inertia_as_given(*(x[k % len(x)] for x in parts))
+                              for k in range(max(map(len, parts)))]
         return inertias
 
     def mechanism_at(
@@ -450,7 +429,8 @@ class TracedTree(TracedText):
                 inertias[name] = inertia_as_given(
                     inertias[name].mass, lever[k], inertias[name].inertia)
         if self.has_masses:
-            inertias |= self._inertias_at(geometry.inertials[:, k])
+            inertias |= {name: x[0] for name, x in self.inertias_at(
+                geometry.inertials[:, k : k + 1]).items()}
             put_inertias(model, inertias)
         other = copied(m, model=model, inertias=inertias,
                        parameters={**m.parameters, **dimensions})
@@ -483,7 +463,7 @@ class TracedTree(TracedText):
         return joints, frames
 
 
-# entries of an inertia, in the order of Pinocchio's parameters
+# entries of an inertia
 SYMMETRIC = {"xx": (0, 0), "xy": (0, 1), "yy": (1, 1), "xz": (0, 2), "yz": (1, 2), "zz": (2, 2)}
 ORIGINS = (pin.FrameType.JOINT, pin.FrameType.FIXED_JOINT)
 

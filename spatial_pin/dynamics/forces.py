@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin._support.checks import finite_number, mapping
+from spatial_pin._support.checks import as_array, finite_number, is_finite, mapping
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.dynamics.bushings import Bushing, Law
@@ -274,19 +274,6 @@ def warn_of_no_inertia(
             "give the links an <inertial> in the URDF")
 
 
-def at_state(external: Any) -> Mapping[str, pin.Force] | None:
-    """Return forces at frames of a State as they are.
-
-    Raises:
-        TypeError: they are a function, as only a Motion takes.
-    """
-    if callable(external):
-        raise TypeError("external is a function, which needs a Motion; for a State give a mapping "
-                        "from frames to forces")
-    forces: Mapping[str, pin.Force] | None = external
-    return forces
-
-
 def joint_efforts(mechanism: Mechanism, efforts: Mapping[str, float] | None) -> Array:
     """Return efforts by driver, joint or coordinate as generalised forces (nv,) [N·m, N].
 
@@ -305,16 +292,46 @@ def joint_efforts(mechanism: Mechanism, efforts: Mapping[str, float] | None) -> 
     return total
 
 
+def forces_on_frames(
+    mechanism: Mechanism, external: Any, n: int, what: str
+) -> tuple[dict[str, Any], dict[str, Array]]:
+    """Return forces at frames that are constant, and rows (n, 6) of force and moment, by frame.
+
+    Raises:
+        UnknownNameError: there is no such frame.
+        ValueError: rows are not as many as there are samples or times, `what` they are of, or not
+            finite.
+    """
+    fixed, tables = dict[str, Any](), dict[str, Array]()
+    for name, force in mapping(external, "external").items():
+        mechanism.frame_id(name)
+        if not isinstance(force, np.ndarray | list | tuple):
+            fixed[name] = force
+            continue
+        rows = tables[name] = as_array(force, f"external force at {name!r}")
+        if rows.shape != (n, 6):
+            raise ValueError(
+                f"external force at {name!r} has shape {rows.shape}; give a pin.Force, or a row of "
+                f"force and moment for each of the {n} {what}: ({n}, 6)")
+        if not is_finite(rows):
+            raise ValueError(f"external force at {name!r} is NaN or infinite")
+    return fixed, tables
+
+
 def external_wrenches(
-    mechanism: Mechanism, evaluation: LoopEquations, external: Mapping[str, pin.Force] | None
+    mechanism: Mechanism, evaluation: LoopEquations, external: Any
 ) -> list[tuple[int, Array]]:
     """Return (joint, wrench (6,) about the world origin) of forces given at frames, world axes.
 
     Raises:
+        TypeError: they are a function, as only a Motion takes.
         UnknownNameError: there is no such frame.
         SpatialPinError: it is no `pin.Force`.
         ValueError: it is not finite.
     """
+    if callable(external):
+        raise TypeError("external is a function, which needs a Motion; for a State give a mapping "
+                        "from frames to forces")
     wrenches = []
     for name, force in (external or {}).items():
         joint, placement = mechanism.centred_frame(name)

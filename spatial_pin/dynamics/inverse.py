@@ -18,7 +18,7 @@ from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.dynamics.reactions import UNMOVED
-from spatial_pin.dynamics.solvers.equations_of_motion import Equations
+from spatial_pin.dynamics.solvers.equations_of_motion import Equations, no_inertia_error
 from spatial_pin.dynamics.solvers.least_constraint import ROUNDING
 from spatial_pin.dynamics.state_forces import Dynamics, Load
 from spatial_pin.errors import SpatialPinError
@@ -169,7 +169,7 @@ def balance(equations: Equations, actuation: Actuation) -> tuple[Array, Array, A
         SpatialPinError: a freedom is not actuated, or carries load.
         SingularError: the loops have lost rank, or a passive freedom has no inertia.
     """
-    a, kkt, state = equations.state.a, equations.limbs.kkt, equations.state
+    a, kkt, state = equations.state.a, equations.core_kkt, equations.state
     if not equations.is_rounded:
         solution = kkt.efforts_of(
             state.q, state.v, a, equations.angle_reference, equations.given, actuation.columns)
@@ -388,5 +388,5 @@ def _with_idle_rotations(equations: Equations, idle: Array, a: Array) -> Array:
     z = -decompose(inertia).minimum_norm(load)
     size = np.abs(equations.scale * wanted).max() / heaviest
     if np.abs(inertia @ z + load).max() > TOLERANCES.nothing * size:
-        raise equations.no_inertia_error(idle)
+        raise no_inertia_error(equations.mechanism, equations.moving(idle), equations.state)
     return a + work.T @ z

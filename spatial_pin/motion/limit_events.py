@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.brief import brief
 from spatial_pin._support.lazy import Workspaces, made_anew, made_once
-from spatial_pin.continuation.path_tracker import PathTracker, Stopped
+from spatial_pin.continuation.path_tracker import PathTracker
+from spatial_pin.continuation.pseudo_arclength import Stopped
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.joint_limits import SLACK, JointLimit, joint_limits, limit_arrays
 from spatial_pin.mechanism.mechanism import Mechanism

@@ -17,7 +17,7 @@ from spatial_pin.continuation.initial_tangent import (
     non_spinning_bodies,
     system_at,
 )
-from spatial_pin.continuation.pseudo_arclength import followed_to
+from spatial_pin.continuation.pseudo_arclength import Stopped, followed_to
 from spatial_pin.continuation.solution_curve import SolutionCurve
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.joint_limits import joint_limits
@@ -162,19 +162,19 @@ def _bound(
     placement, angles, q = body_placements(evaluation, bodies), evaluation.angles.copy(), state.q
     for k in range(1, MOST_TURNS + 1):
         curve, goal = SolutionCurve(system, tolerance), start + sense * k * span
-        arrival = followed_to(curve, q, goal, direction)
-        if arrival.kind == "lost":
-            if end := running_away(curve, arrival.q, goal):
-                return Bound(end.value, f"{end.runs_away} runs away")
-            return Bound(arrival.value, "not followed further")
-        if arrival.kind != "reached":
-            return Bound(arrival.value, arrival.kind)
-        evaluation.update(arrival.q)
+        try:
+            q = followed_to(curve, q, goal, direction)
+        except Stopped as stopped:
+            if stopped.kind != "lost":
+                return Bound(stopped.value, stopped.kind)
+            end = running_away(curve, stopped.q, goal)
+            return Bound(end.value, f"{end.runs_away} runs away") if end else (
+                Bound(stopped.value, "not followed further"))
+        evaluation.update(q)
         moved = np.abs(body_placements(evaluation, bodies) - placement).max(initial=0.0)
         repeats = moved < TOLERANCES.half_precision
         if system.driven[0].unit != "rad" or (repeats and np.allclose(evaluation.angles, angles)):
             return Bound(sense * np.inf, "none")
-        q = arrival.q
         evaluation.angle_reference[:] = evaluation.angles
         system.select(q)
         direction = system.driver_rates()[:, 0]

@@ -26,8 +26,8 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.rates.prescribed import (
     Prescription,
+    chosen_at,
     driven_coordinates,
-    factored_rates,
     refuse_components,
 )
 
@@ -177,7 +177,9 @@ def solve_jerks(
     refuse_components(mechanism, given.driven)
     drive = np.array([j_of.get(c.name, 0.0) for c in given.driven])
     with (kernel_of(mechanism) as kernel, loops_of(mechanism, state.angles) as evaluation):
-        rates = factored_rates(kernel, state, given)
+        rates = given.rates(kernel)
+        if rates.solve(state.q, state.angles, ()) is None:
+            rates.solve(state.q, state.angles, (), chosen=chosen_at(state, given))
         evaluation.update(state.q)
         c = evaluation.constraints
         twists, accels = evaluation.move(state.q, state.v, state.a)

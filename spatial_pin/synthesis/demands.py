@@ -12,9 +12,10 @@ from dataclasses import dataclass, field
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin._support.lazy import acquired
 from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.dynamics.kinetostatics import inverse_dynamics
-from spatial_pin.dynamics.solvers.equations_of_motion import equations_of
+from spatial_pin.dynamics.solvers.equations_of_motion import Equations
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.mechanism.inertia import moving_mass
 from spatial_pin.mechanism.joint_limits import JointLimit, joint_limits
@@ -344,7 +345,7 @@ def _by_work(
     there are as many drivers as freedoms that they hold.
     """
     at_rest, efforts = np.zeros(motion.mechanism.model.nv), []
-    with equations_of(motion.mechanism) as equations:
+    with acquired(motion.mechanism, Equations) as equations:
         for q, angles, v in zip(
                 motion.q[:most], motion.angles[:most], motion.v[:most], strict=True):
             equations.update(State(motion.mechanism, q, closure_error=0.0, angles=angles), loads)

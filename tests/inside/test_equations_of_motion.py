@@ -15,12 +15,11 @@ from resisting import CASES, hard
 from variety import each, few, first
 
 import spatial_pin as sp
-from spatial_pin.constraints import trees
+from spatial_pin.constraints import kernel_tree
 from spatial_pin.dynamics.bushings import angle_over_sine
 from spatial_pin.dynamics.derivatives.spring_derivatives import slope
 from spatial_pin.dynamics.forces import joint_efforts
 from spatial_pin.dynamics.inverse import Actuation, balance, internal_efforts
-from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.solvers.equations_of_motion import DOUBTFUL, Equations
 from spatial_pin.dynamics.solvers.least_constraint import Bounded, LeastConstraint
 from spatial_pin.kernel.loop_equations import LoopEquations
@@ -280,7 +279,7 @@ def test_trees_in_the_kernel_have_the_same_derivatives(name, tmp_path, monkeypat
 
     whole = found()
     for constant in ("WHOLE", "BRANCHES"):
-        monkeypatch.setattr(trees, constant, 1)
+        monkeypatch.setattr(kernel_tree, constant, 1)
     size = max(np.nanmax(np.abs(x), initial=0.0) for x in whole)
     for one, other in zip(whole, found(), strict=True):
         assert other == pytest.approx(one, abs=1e-12 * size, nan_ok=True)
@@ -291,12 +290,11 @@ def test_least_constraint_gives_the_accelerations_of_the_mass_matrix(name):
     """Moving bodies of any inertia, with efforts."""
     mech = library(name)
     rng = np.random.default_rng(3)
-    problem = Problem(mech, None, None, None, 1e-13)
     q = pin.integrate(mech.model, sp.assemble(mech).q, rng.uniform(-0.3, 0.3, mech.model.nv))
     v, a, given = rng.normal(size=(3, mech.model.nv))
     columns = rng.normal(size=(mech.model.nv, 3))
-    mass = problem.bodies.matrix(q)
-    missing = given - problem.bodies.inverse_dynamics(q, v, a)
+    mass = MassMatrix(mech.model)(q)
+    missing = given - pin.rnea(mech.model, mech.model.createData(), q, v, a)
     want = np.linalg.solve(columns.T @ mass @ columns, columns.T @ missing)
     found = LeastConstraint(mech).solve(
         q, v, Bounded(a, 0.0 * a), Bounded(columns, 0.0 * columns), given)

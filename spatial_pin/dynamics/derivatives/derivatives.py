@@ -18,14 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin._support.checks import checked
+from spatial_pin._support.lazy import acquired
 from spatial_pin.assembly.state import State, angles_of, at_sample, moving_in_time, pieces
 from spatial_pin.constraints.trees import tree_of_single_joints
 from spatial_pin.dynamics.derivatives.reaction_derivatives import Linear, ReactionChanges
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives, products_of
 from spatial_pin.dynamics.derivatives.spring_derivatives import ExternalWrenches, Slopes, Springs
-from spatial_pin.dynamics.forces import Law, at_state, joint_efforts, warn_of_no_inertia
+from spatial_pin.dynamics.forces import Law, joint_efforts, warn_of_no_inertia
 from spatial_pin.dynamics.loaded_samples import External, efforts_over, forces_at
-from spatial_pin.dynamics.solvers.equations_of_motion import DOUBTFUL, Equations, equations_of
+from spatial_pin.dynamics.solvers.equations_of_motion import DOUBTFUL, Equations
 from spatial_pin.dynamics.state_forces import Dynamics
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.kernel.kkt import ERROR, FAILED, PIVOT, RANK, Accelerated
@@ -177,9 +178,9 @@ def dynamics_derivatives(
     if not isinstance(state, State):
         return _over(mechanism, state, efforts, (external, laws, slopes, slip_speed))
     state = moving_in_time(mechanism, state)
-    mechanism, external = exact_mechanism(state), at_state(external)
+    mechanism = exact_mechanism(state)
     effort, undetermined = joint_efforts(mechanism, efforts), tuple[str, ...]()
-    with equations_of(mechanism) as equations:
+    with acquired(mechanism, Equations) as equations:
         equations.update(state, external, laws, slip_speed)
         springs, outside = (
             Springs(equations.springs, laws, slopes), ExternalWrenches(mechanism, external))
@@ -203,7 +204,7 @@ def dynamics_derivatives(
             chosen, multipliers = found.chosen[0, :rank], found.multipliers[0]
             a_by, multipliers_by = found.a_by[0].mT, found.multipliers_by[0].mT
         else:
-            kkt = equations.whole_kkt(closures) if equations.n_closure else equations.limbs.kkt
+            kkt = equations.whole_kkt(closures) if equations.n_closure else equations.core_kkt
             chosen, multipliers = kkt.rows, kkt.multipliers.copy()
             a_by, multipliers_by = _changes(equations, rows, springs, outside, multipliers)
     of_a, lam = Linear(a, *a_by), Linear(multipliers[chosen], *multipliers_by[:, chosen])
@@ -231,7 +232,7 @@ def _over(
     parts = list[tuple[Any, ...]]()
     for at in pieces(motion):
         at = slice(at.start, min(at.stop, n))
-        with equations_of(moved) as equations:
+        with acquired(moved, Equations) as equations:
             equations.update(motion.state(at.start), None, laws, slip_speed)
             found = None if external else _together(
                 equations, Springs(equations.springs, laws, slopes), motion.q[at], v[at],
@@ -264,16 +265,15 @@ def _together(
     None where that is not possible: forces at bodies act, rows are composed, joints are outside of
     loops, the loops have several ranks, or accelerations are doubtful.
     """
-    c, forces, limbs = equations.constraints, springs.forces, equations.limbs
-    if c.composed or forces.lines or forces.bushings or not (
-            equations.n_closure and limbs.is_all):
+    c, forces = equations.constraints, springs.forces
+    if c.composed or forces.on_frames or not equations.n_closure or equations.tree.has_limbs:
         return None
     slopes = None
     if forces.exist:
         turning = np.array([springs.turned(*x) for x in zip(q, v, strict=True)])
         effort, slopes = effort - turning[:, 0], turning[:, 1:]
     with tree_of_single_joints(equations.mechanism) as tree:
-        found = limbs.kkt.of_many(
+        found = equations.core_kkt.of_many(
             q, v, angles, effort, changes=(tree, products_of(equations.mechanism), slopes))
     facts = found.facts.T.tolist()
     is_sure = (min(facts[PIVOT]) >= TOLERANCES.rank if equations.is_large else
@@ -324,13 +324,13 @@ def _changes(
     Raises:
         SingularError: a motion has no inertia.
     """
-    nv, n, state, limbs = rows.nv, equations.n_closure, equations.state, equations.limbs
+    nv, n, state = rows.nv, equations.n_closure, equations.state
     work = np.zeros((3, nv, nv))
     changes_of_forces(rows, springs, outside, multipliers, work[:2])
     np.negative(work[:2], out=work[:2])
     flat = work.reshape(3 * nv, nv)
     work.reshape(-1)[2 * nv * nv :: nv + 1] = 1.0
-    if not n and limbs.respond(state, flat):
+    if not n and equations.tree.respond(state.q, state.v, flat):
         return work.swapaxes(1, 2), np.zeros((3, 0, nv))
     kkt = equations.whole_kkt(equations.rest)
     if kkt.pivot < TOLERANCES.zero:

@@ -157,7 +157,7 @@ class ReactionChanges:
         d(X f) = X (df + d x* f) [Featherstone2008, 2.9].
         """
         tree, total = self.rows.bodies, self._new(len(self.rows.placements), 6)
-        model = tree.model
+        model, whole = tree.model, self.mechanism.model
         carried = [total[0, :, 1:]]  # world twists of a joint's accelerations that move
         for joint in range(1, model.njoints):
             own = tree.joint_of == joint
@@ -166,8 +166,8 @@ class ReactionChanges:
             joint = tree.joints[i]
             (v_by_q,), (a_by_q,), (a_by_v,), (columns,) = tree.by_motion(np.array([i]))
             (back,) = tree.to_bodies(np.array([joint]))
-            inertia, v = model.inertias[int(joint)].matrix(), back @ tree.v[joint]
-            pull = self.rows.placements[i, :3] @ model.gravity.linear
+            inertia, v = whole.inertias[i].matrix(), back @ tree.v[joint]
+            pull = self.rows.placements[i, :3] @ whole.gravity.linear
             falling = np.zeros((6, self.nv))
             falling[:3] = skewed(pull) @ columns[3:]
             momentum, dual = inertia @ v, -motion_cross(v).T

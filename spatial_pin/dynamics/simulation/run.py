@@ -30,6 +30,7 @@ from typing import Any
 
 import numpy as np
 
+from spatial_pin._support.lazy import acquired
 from spatial_pin.assembly.redundant_equations import allowed_from, gap_allowed, independence_at
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
@@ -56,7 +57,7 @@ from spatial_pin.dynamics.simulation.result import (
     Simulation,
     energy_drift,
 )
-from spatial_pin.dynamics.solvers.equations_of_motion import equations_of
+from spatial_pin.dynamics.solvers.equations_of_motion import Equations
 from spatial_pin.errors import EnergyError, SingularError, SpatialPinError
 from spatial_pin.kernel.integrating import (
     AT_END,
@@ -191,11 +192,9 @@ class Record:
         problem, names = self.problem, [c.name for c, _ in self.problem.drives]
         times, (q, v, a, numbers, efforts, angles) = self.recorded()
         error, kinetic, energy, work = numbers.T.copy()
-        lifted = lift_offs(problem.mechanism, _multipliers(problem, *self.recorded()), times,
-                           "at {:.9g} s") if contacts_of(problem.mechanism) else []
         simulation = Simulation(
             mechanism=problem.mechanism, driver=None, driver_name="", time=times, q=q, v=v, a=a,
-            closure_error=error, driver_speed=np.empty(0), events=[*self.events, *lifted],
+            closure_error=error, driver_speed=np.empty(0), events=list(self.events),
             angles=angles, energy=energy, work=work,
             energy_drift=energy_drift(problem.least_exchange, kinetic, energy, work, self.start),
             efforts=ByDriver(problem.mechanism, dict(zip(names, efforts.T.copy(), strict=True))),
@@ -203,7 +202,9 @@ class Record:
             steps=self.steps, by_drivers=problem.by_drivers, joint_limits=self._passed,
             projection=projection, integrators=integrators, time_tolerance=self._time_tolerance,
         )
-        simulation.events = sorted([*simulation.events, *curve_end_events(simulation)],
+        lifted = lift_offs(simulation, _multipliers(problem, *self.recorded())) if contacts_of(
+            problem.mechanism) else []
+        simulation.events = sorted([*self.events, *lifted, *curve_end_events(simulation)],
                                    key=lambda x: x.row)
         return simulation
 
@@ -270,7 +271,7 @@ def _multipliers(problem: Problem, times: Array, samples: SimulationSamples) -> 
     """Return the multipliers (N, n_closure) of the samples of a simulation."""
     mechanism, rows = problem.mechanism, []
     driven = [c.v for c, _ in problem.drives]
-    with equations_of(mechanism.whole or mechanism) as equations:
+    with acquired(mechanism.whole or mechanism, Equations) as equations:
         for t, q, v, a, efforts, angles in zip(times.tolist(), samples.q, samples.v, samples.a,
                                                samples.efforts, samples.angles, strict=True):
             equations.update(State(mechanism, q, v, a, angles=angles))

@@ -377,8 +377,8 @@ def _joint(
     dynamics, resistance = element.find("dynamics"), dict[str, Any]()
     if dynamics is not None:
         resistance = {key: float(dynamics.get(key, 0.0)) for key in ("damping", "friction")}
-    for key, values in refined.resistances.items() if refined else ():
-        if key != "slip_speed":
+    for key, values in refined.numbers.items() if refined else ():
+        if key in RESISTANCES:
             resistance[key] = float(np.max(values))  # the largest of several
     joint = GraphJoint(
         element.get("name", ""), pair, end_of(element, "parent"), end_of(element, "child"),
