@@ -30,11 +30,11 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.close import DAMPED_STEPS, close
+from spatial_pin.assembly.start_values import read_guess
 from spatial_pin.assembly.state import State, carried_angles
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.kernel.closer import closer_of
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
-from spatial_pin.mechanism.coordinates import joint_values, with_values
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import SelectedEquations
 from spatial_pin.numerics.linalg import (
@@ -136,7 +136,7 @@ def without_rounded_equations(mechanism: Mechanism, gap: float) -> Mechanism | N
             return None
         # are equations clearly independent, or do they follow from others, at a pose near the
         # guess? not at the guess: loops that fit as drawn fit there however rounded numbers are
-        start = closer.close(_guess(mechanism), *how).q
+        start = closer.close(read_guess(mechanism, None).q, *how).q
         for _ in range(ALONG_PROBES):
             q, ahead = start, rng.uniform(-1.0, 1.0, len(free))
             for _ in range(STEPS_TO_POSE):  # the first finds a direction that the loops leave free
@@ -193,10 +193,6 @@ def with_independent_equations(mechanism: Mechanism, accuracy: Accuracy | None =
     return without_rounded_equations(mechanism, gap_allowed(mechanism, accuracy)) or mechanism
 
 
-def _guess(mechanism: Mechanism) -> Array:
-    return with_values(mechanism, mechanism.neutral, joint_values(mechanism, mechanism.guess))
-
-
 def allowed_from(state: State, gap: float) -> float:
     """Return the gap for motions from a state: `gap`, or more if the state has it already."""
     return max(gap, GAPS_WIDE * float(state.gap))
@@ -211,7 +207,7 @@ def _selected(evaluation: LoopEquations, gap: float) -> SelectedEquations | None
     """Return the remaining equations if the numbers of others are rounded; None: all."""
     cut = min(GAPS_WIDE * gap, WIDEST_GAP)
     mechanism, rng = evaluation.mechanism, np.random.default_rng(20111)
-    guess, first = _guess(mechanism), None
+    guess, first = read_guess(mechanism, None).q, None
     for k in range(START_SAMPLES):  # from the guess of the file, and from others
         shaken = rng.uniform(-1.0, 1.0, evaluation.model.nv) * mechanism.velocity_scale * min(k, 3)
         start = pin.integrate(evaluation.model, guess, shaken)
