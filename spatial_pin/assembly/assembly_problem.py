@@ -19,7 +19,6 @@ from spatial_pin.assembly.holding import (
     free_velocities,
     loop_groups,
     part_of,
-    tied_entries,
 )
 from spatial_pin.assembly.redundant_equations import NEARLY_OPEN
 from spatial_pin.assembly.start_values import (
@@ -109,15 +108,15 @@ def free_set(
     first = free & free_velocities(mechanism, still, own)
     has_first = bool(first.any()) and not np.array_equal(first, free)
     groups = loop_groups(mechanism, tuple(np.flatnonzero(~free).tolist()))
-    tied = tied_entries(groups, model.nv)
-    loose = [c.name for c in table.values() if not tied[c.v]]
-    kinds = entry_kinds(mechanism, held, [*own, *loose])  # loose ones count the guess's turns
+    loose = [c for c in table.values() if not any(group.entries[c.v] for group in groups)]
+    # loose ones count the guess's turns
+    kinds = entry_kinds(mechanism, held, [*own, *(c.name for c in loose)])
     balls = dict.fromkeys(table[name].joint for name in own if table[name].q < 0)
     is_whole = all(mechanism.pair_of(joint) == "spherical"
                    and all(c.name in own for c in by_joint(mechanism)[joint]) for joint in balls)
     if is_whole:
         kinds[[model.idx_qs[mechanism.joint_id(joint)] for joint in balls]] = NAMED
-    spread = start_spread(mechanism, held, own, (*still, *np.flatnonzero(~tied).tolist()), groups)
+    spread = start_spread(mechanism, held, own, (*still, *(c.v for c in loose)), groups)
     for array in (free, first, kinds):
         array.flags.writeable = False
     settings = ClosureSettings(

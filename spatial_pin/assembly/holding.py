@@ -233,14 +233,6 @@ def loop_groups(mechanism: Mechanism, held: tuple[int, ...]) -> tuple[LoopGroup,
     return tuple(groups)
 
 
-def tied_entries(groups: Iterable[LoopGroup], nv: int) -> NDArray[np.bool_]:
-    """Return (nv,) the velocities that are in the equations of some group."""
-    tied = np.zeros(nv, dtype=bool)
-    for group in groups:
-        tied |= group.entries
-    return tied
-
-
 def configuration_indices(mechanism: Mechanism, group: LoopGroup) -> list[int]:
     """Return the indices in q of the velocities of a group, of a ball all."""
     model, entries = mechanism.model, group.entries

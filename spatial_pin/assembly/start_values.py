@@ -18,13 +18,7 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import cached_property, made_anew, made_once
 from spatial_pin.assembly.close import closed
-from spatial_pin.assembly.holding import (
-    LoopGroup,
-    fixed_base_entries,
-    free_velocities,
-    loop_groups,
-    tied_entries,
-)
+from spatial_pin.assembly.holding import LoopGroup, fixed_base_entries, free_velocities, loop_groups
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import NEARLY_PARALLEL, constraints_of
 from spatial_pin.constraints.composite_joints import SCREW, SLIDE, TURN, joint_kind, split_of
@@ -450,9 +444,9 @@ def _winding(
     free = [c for c in periodic(mechanism) if c.q not in (*explicit, *alike) and c.name not in fixed
             and not lower[c.q] < upper[c.q] < math.inf]
     groups = loop_groups(mechanism, tuple(sorted(table[name].v for name in fixed)))
-    wound = tied_entries((x for x in groups if any(x.entries[c.v] for c in free)),
-                         mechanism.model.nv)
-    angles = tuple(name for name in fixed if wound[table[name].v] and table[name].unit == "rad")
+    wound = [x.entries for x in groups if any(x.entries[c.v] for c in free)]
+    angles = tuple(name for name in fixed if table[name].unit == "rad" and any(
+        entries[table[name].v] for entries in wound))
     is_open = np.array([q not in explicit for q in alike], dtype=bool)
     alike, rows = alike[is_open], rows[is_open]
     known = [table[name].q for name in fixed]  # counted ones only when the loops are closed

@@ -18,7 +18,6 @@ from spatial_pin.assembly.holding import (
     free_bases,
     loop_groups,
     part_of,
-    tied_entries,
 )
 from spatial_pin.assembly.redundant_equations import with_independent_equations
 from spatial_pin.assembly.start_values import read_guess
@@ -139,8 +138,9 @@ def groups_of(mechanism: Mechanism, held: Iterable[str]) -> tuple[LoopGroup, ...
     """Return the groups of loops with fixed coordinates; () if other coordinates are free too."""
     fixed = {mechanism.coordinate_table[name].v for name in held}
     groups = loop_groups(mechanism, tuple(sorted(fixed)))
-    loose = np.flatnonzero(~tied_entries(groups, mechanism.model.nv))
-    return groups if len(groups) > 1 and fixed.issuperset(loose.tolist()) else ()
+    is_free = [v not in fixed and not any(group.entries[v] for group in groups)
+               for v in range(mechanism.model.nv)]
+    return groups if len(groups) > 1 and not any(is_free) else ()
 
 
 def modes_of_groups(
