@@ -13,7 +13,7 @@ from spatial_pin._support.checks import checked, mapping
 from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.assembly_problem import ACCEPTED, AssemblyProblem, deviations
 from spatial_pin.assembly.close import beyond_words, closed
-from spatial_pin.assembly.holding import BASE, Hold, fixed_base_entries, free_velocities, held_by
+from spatial_pin.assembly.holding import Hold, fixed_base_entries, free_velocities, held_by
 from spatial_pin.assembly.redundant_equations import (
     allowed_from,
     gap_allowed,
@@ -455,8 +455,7 @@ def held_coordinates(
 ) -> list[Coordinate]:
     """Return the coordinates of `hold`, except free bases and coordinates with a value."""
     given = [mechanism.prescribed_coordinate(name) for name in values]
-    held = held_by(mechanism, hold, given)
-    base = held_by(mechanism, BASE, given).entries
+    held, base = held_by(mechanism, hold, given), fixed_base_entries(mechanism, given)
     return [c for c in mechanism.coordinate_table.values()
             if ((c.q >= 0 and c.v in held.entries and c.v not in base) or c in held.coordinates)
             and c not in given]
