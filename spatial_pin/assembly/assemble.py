@@ -196,7 +196,8 @@ def assembly_problem(
         standing = {name: coordinate_value(mechanism, table[name], start.q)
                     for name in driver_values}
     angles, lost = NO_ANGLES, tuple[str, ...]()
-    if constraints_of(mechanism).counts_turns:
+    constraints = constraints_of(mechanism)
+    if constraints.angles or constraints.coordinates:  # what counts turns
         start, angles, lost = with_followed_turns(mechanism, held, start, standing)
     return AssemblyProblem(mechanism, held, standing, start, tolerance, gap, angles,
                            driver_values=driver_values, lost=lost)

@@ -39,6 +39,7 @@ from spatial_pin.kernel.closer import (
     LOOSE,
     MOST_GROUPS,
     NAMED,
+    Closer,
     ClosureResult,
     ClosureSettings,
     Examined,
@@ -50,6 +51,7 @@ from spatial_pin.mechanism.coordinates import (
     by_joint,
     coordinate_round_off,
     coordinate_value,
+    driver_coordinates,
     with_values,
 )
 from spatial_pin.mechanism.joint_limits import position_limits
@@ -112,10 +114,10 @@ def free_set(
     # loose ones count the guess's turns
     kinds = entry_kinds(mechanism, held, [*own, *(c.name for c in loose)])
     balls = dict.fromkeys(table[name].joint for name in own if table[name].q < 0)
-    is_whole = all(mechanism.pair_of(joint) == "spherical"
-                   and all(c.name in own for c in by_joint(mechanism)[joint]) for joint in balls)
+    is_whole = all(c.name in own for joint in balls for c in by_joint(mechanism)[joint])
     if is_whole:
-        kinds[[model.idx_qs[mechanism.joint_id(joint)] for joint in balls]] = NAMED
+        kinds[[model.idx_qs[mechanism.joint_id(joint)]
+               + 3 * (mechanism.pair_of(joint) == "floating") for joint in balls]] = NAMED
     spread = start_spread(mechanism, held, own, (*still, *(c.v for c in loose)), groups)
     for array in (free, first, kinds):
         array.flags.writeable = False
@@ -192,12 +194,24 @@ class AssemblyProblem:
             self.tolerance, self.gap, self.reference[group.angles], let_go,
             tuple(sorted(still)), self.workspaces)
 
+    @property
+    def _near_standing(self) -> Guess:
+        """The guess with fixed drivers at their values, which are named too."""
+        return Guess(self.mechanism, with_values(self.mechanism, self._guess.q, self.standing),
+                     {**self.standing, **self._guess.values})
+
     def released(self) -> AssemblyProblem:
         """Return the same with drivers released: as near as possible to their values."""
-        guess = self._guess
-        goal = Guess(self.mechanism, with_values(self.mechanism, guess.q, self.standing),
-                     {**self.standing, **guess.values})
-        return self._changed(self.given, {}, goal, self.driver_values)
+        return self._changed(self.given, {}, self._near_standing, self.driver_values)
+
+    def without_standing(self, moving: Iterable[str]) -> AssemblyProblem:
+        """Return the same with drivers free that coordinates with values surely move.
+
+        Their values here are named in its guess: the nearest configuration is best.
+        """
+        moved = [driver_coordinates(self.mechanism)[name].name for name in moving]
+        standing = {name: x for name, x in self.standing.items() if name not in moved}
+        return self._changed(self.given, standing, self._near_standing)
 
     @property
     def unreleased(self) -> Array:
@@ -278,6 +292,10 @@ class AssemblyProblem:
     def is_for_kernel(self) -> bool:
         """Whether the kernel may judge its results from the guess by itself."""
         return not self.pinned and self.has_digits(self.goal) and self.can_perturb()
+
+    def set_task(self, closer: Closer) -> None:
+        """Set the task of a closer: all loops at once, with perturbed starts."""
+        closer.set_task([self.goal], self.settings, self.goal, self.reference, perturbed=True)
 
     def closed_at_once(self) -> tuple[Array, Examined] | None:
         """Return the result of the kernel for all loops at once, and its properties.

@@ -37,27 +37,29 @@ NEAR_BRANCH_POINT = 1e-3
 # root the tangent is off by 1 %.
 NEAREST_BRANCH_POINT = 10.0
 
-CROSSINGS = ("branch point", "singular")  # kinds of arrivals where branches may cross
+CROSSINGS = ("branch point", "singular")  # kinds of ends where branches may cross
 
 
-class Arrival(NamedTuple):
-    """The end of a followed path.
+class Stopped(Exception):
+    """A branch cannot be followed to a given value.
 
     Attributes:
-        kind: "reached", "limit", "branch point", "singular", "lost", or "runs away" (a joint does
-            so without end, see `asymptotes`).
-        q: (nq,) the configuration.
+        kind: "limit", "branch point", "singular", "lost", "half turn" (of a rotation vector), or
+            "runs away" (a joint does so without end, see `asymptotes`).
+        q: (nq,) the configuration at its end.
         value: the leading value there, of a driver [rad or m] or the parameter; where a joint runs
             away, the limit that it comes to.
         is_far: whether it was lost only because the way is too long.
         runs_away: name of the coordinate that does.
+        sample: number of the one that could not be reached.
     """
 
-    kind: str
-    q: Array
-    value: float
-    is_far: bool = False
-    runs_away: str = ""
+    def __init__(
+        self, kind: str, q: Array, value: float, is_far: bool = False, runs_away: str = ""
+    ) -> None:
+        super().__init__(kind)
+        self.kind, self.q, self.value = kind, q, value
+        self.is_far, self.runs_away, self.sample = is_far, runs_away, 0
 
 
 class PredictedStep(NamedTuple):
@@ -140,19 +142,19 @@ class ArcLengthPath:
         return True
 
 
-def followed_to(curve: SolutionCurve, x: Array, target: float, direction: Array) -> Arrival:
-    """Follow a curve from x towards the parameter value `target`.
+def followed_to(curve: SolutionCurve, x: Array, target: float, direction: Array) -> Array:
+    """Follow a curve from x towards the parameter value `target`; return the configuration there.
 
     `direction` (nv,) is the derivative of the configuration with respect to the leading value.
 
-    Returns:
-        The configuration at the target, or at the limit or branch point that lies before it.
+    Raises:
+        Stopped: a limit or branch point lies before it, or the curve was lost.
     """
     heading = np.sign(target - curve.value(x))
-    along = heading * curve.unknowns.along(direction)
+    along = heading * curve.tangent(direction)
     point = curve.settle(x, along)
     if point is None:
-        return branch_point_near(curve, curve.point(x, along), x)
+        raise branch_point_near(curve, curve.point(x, along), x)
     path = ArcLengthPath(curve, point)
     length = min(FIRST_STEP, 0.1 * point.sigma)
     for _ in range(MOST_STEPS):
@@ -160,47 +162,46 @@ def followed_to(curve: SolutionCurve, x: Array, target: float, direction: Array)
         if step.kind == "lost":
             break
         if step.kind == "branch point":
-            return branch_point_near(curve, point, point.x)
+            raise branch_point_near(curve, point, point.x)
         turn = path.turning_point(step)
         for end in (step,) if turn is None else (turn, step):
             if heading * (curve.value(end.x) - target) >= 0.0:
-                return _arrive(curve, point, end.length, target)
+                return _closed_at(curve, point, end.length, target)
         if turn is not None:
-            return _arrival(curve, "limit", turn.x)
+            raise Stopped("limit", curve.configuration(turn.x), curve.value(turn.x))
         if not path.take(step):
-            return branch_point_near(curve, point, step.x)
+            raise branch_point_near(curve, point, step.x)
         length = min(2.0 * step.length, LARGEST_STEP)
-    return _arrival(curve, "lost", path.point.x)
+    x = path.point.x
+    raise Stopped("lost", curve.configuration(x), curve.value(x))
 
 
-def _arrival(curve: SolutionCurve, kind: str, x: Array) -> Arrival:
-    return Arrival(kind, curve.unknowns.configuration(x), curve.value(x))
+def _closed_at(curve: SolutionCurve, point: CurvePoint, length: float, target: float) -> Array:
+    """Return the configuration at the target value, reached within `length` of the point.
 
-
-def _arrive(curve: SolutionCurve, point: CurvePoint, length: float, target: float) -> Arrival:
-    """Return the configuration at the target value, reached within `length` of the point."""
-
+    Raises:
+        Stopped: loops do not close there, or branches cross.
+    """
     def gap(x: float) -> float:
         return curve.value(_point_at(curve, point, x)) - target
 
-    unknowns, evaluation = curve.unknowns, curve.evaluation
-    ahead = _point_at(curve, point, _root(gap, length))
-    unknowns.put(ahead, target)
+    ahead, evaluation = _point_at(curve, point, _root(gap, length)), curve.evaluation
+    curve.put(ahead, target)
     free = np.ones(evaluation.model.nv, dtype=bool)
     free[[*curve.system.driven_entries, *curve.system.still]] = False
-    q, error = close(evaluation, unknowns.configuration(ahead), free, curve.tolerance)
+    q, error = close(evaluation, curve.configuration(ahead), free, curve.tolerance)
     if error > 1e-11:
-        return Arrival("lost", q, target)
-    if curve.settle(unknowns.of(q, target), point.t) is None:
-        return branch_point_near(curve, point, unknowns.of(q, target))
-    return Arrival("reached", q, target)
+        raise Stopped("lost", q, target)
+    x = curve.unknowns(q, target)
+    if curve.settle(x, point.t) is None:
+        raise branch_point_near(curve, point, x)
+    return q
 
 
-def branch_point_near(curve: SolutionCurve, point: CurvePoint, x: Array) -> Arrival:
-    """Return the branch point ahead of a point, near x, as an Arrival; at x if there is none."""
-    singular = located_singularity(curve, point)
-    kind, value = singular if singular is not None else ("branch point", curve.value(x))
-    return Arrival(kind, curve.unknowns.configuration(x), value)
+def branch_point_near(curve: SolutionCurve, point: CurvePoint, x: Array) -> Stopped:
+    """Return that the branch ends at the branch point ahead of a point, at x if there is none."""
+    kind, value = located_singularity(curve, point) or ("branch point", curve.value(x))
+    return Stopped(kind, curve.configuration(x), value)
 
 
 def _point_at(curve: SolutionCurve, point: CurvePoint, length: float) -> Array:

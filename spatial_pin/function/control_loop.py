@@ -102,7 +102,7 @@ class ControlLoop:
                        **{name: k for k, name in enumerate(self.drivers)}}
         n, nv = len(coordinates), own.model.nv
         self._kernel, self._closer, self._tree = (
-            Kernel(own), Closer(own), KernelTree(own.centred_model))
+            Kernel(own), Closer(own), KernelTree(own.centred_model, whole=own))
         self._rates, self._forces = self._given.rates(self._kernel), Forces(own)
         self._loops = LoopEquations(own)
         self._free = np.ones(nv, bool)
@@ -142,9 +142,9 @@ class ControlLoop:
         self._idle = np.zeros((self._kernel.n_passive, nv))
         self._motions, self._needed = np.zeros((2, 2, nv)), np.zeros((2, nv))
         self._configurations = np.zeros((2, nq))
-        rows, columns = self._tree.mass_entries()
+        rows, columns, indices = self._tree.mass_entries()
         self._entries, self._places = np.zeros(len(rows) + 1), np.full((nv, nv), len(rows))
-        self._places[rows, columns] = self._places[columns, rows] = np.arange(len(rows))
+        self._places[rows, columns] = indices
         self._mass, self._moved_mass = np.zeros((nv, nv)), np.zeros((nv, n))
 
     def _prepare(self, points: list[FrameInKernel]) -> None:

@@ -47,10 +47,10 @@ SHARES = 4  # calls of each thread for half of the rows: the last one to end wai
 NEIGHBOURS = 3
 BYTE = 8  # bits of Morton's order that are spread at a time
 BELOW_ONE = float(np.nextafter(1.0, 0.0))  # part of a line that is not its end
-ENDS = {  # of lines, by the kind of an arrival
+ENDS = {  # of lines, by kind
     "limit": "limit position", "half turn": "a rotation vector of half a turn",
     "runs away": "a joint that runs away without end, last seen", "lost": "the branch is lost",
-    "singular": "singular configuration", "branch point": "branch point", "reached": "its end"}
+    "singular": "singular configuration", "branch point": "branch point"}
 AT_LIMIT = 1e-6  # rad, characteristic lengths: a line ends no nearer to it where branches cross
 # Lines in a row that lead through no singular configuration, before the rest is not tried: each
 # costs milliseconds.

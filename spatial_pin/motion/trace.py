@@ -138,7 +138,7 @@ class _TracedSamples:
     def add(self, point: CurvePoint) -> None:
         """Add a point, with the second derivative of the curve there."""
         curve, evaluation, model = self.curve, self.curve.evaluation, self.curve.evaluation.model
-        rows, scale = curve.equations(point.x), curve.unknowns.scale
+        rows, scale = curve.equations(point.x), curve.scale
         n, chosen = evaluation.constraints.n_closure, curve.selected
         bias = evaluation.bias(point.x, scale * point.t)
         rhs = np.zeros(len(rows) + 1)
@@ -204,7 +204,7 @@ class _TracedSamples:
 
     def motion(self) -> Motion:
         """Return the samples as a Motion over the arc length."""
-        scale = self.curve.unknowns.scale
+        scale = self.curve.scale
         q = np.array([p.x for p in self.points])
         v = np.array([scale * p.t for p in self.points])
         driver, moved = self.curve.system.driven[0], self._moved

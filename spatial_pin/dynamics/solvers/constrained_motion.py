@@ -10,22 +10,17 @@ from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.assembly.state import State, all_angles
 from spatial_pin.assembly.undetermined import Regular, has_constant_rank, lost_rank_words, rank_loss
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.constraints.kernel_tree import KernelTree
-from spatial_pin.constraints.pinocchio_views import forces
-from spatial_pin.constraints.trees import is_in_kernel, is_large, mass_pattern
+from spatial_pin.constraints.kernel_tree import KernelTree, is_large
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kkt import KKT
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
-from spatial_pin.mechanism.inertia import MassMatrix
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.numerics.linalg import Array, Decomposition, full_decomposition
-from spatial_pin.numerics.sparse_spaces import SparseSpaces
+from spatial_pin.numerics.linalg import Array, Decomposition, SparseSpaces, full_decomposition
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 # Freedoms of a large tree up to which lost rank is found by closing loops nearby. It uses dense
@@ -36,101 +31,6 @@ PROBED = 128
 FOLLOWS = 1e-6
 
 
-class TreeDynamics:
-    """Mass matrix and inverse dynamics of a small tree, by Pinocchio."""
-
-    def __init__(self, model: pin.Model) -> None:
-        self.model, self._data = model, model.createData()
-        self._matrix, self._transmitted = MassMatrix(model), forces(self._data)
-
-    @property
-    def n_masses(self) -> int:
-        """Length of `masses`."""
-        return int(self.model.nv) ** 2
-
-    @cached_property
-    def mass_entry_indices(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
-        """Rows, columns and indices in `masses` of all entries that can be other than zero."""
-        rows, columns = mass_pattern(self.model)
-        return rows, columns, rows * self.model.nv + columns
-
-    def masses(self, q: Array) -> Array:
-        """Return the numbers (n_masses,) of the mass matrix at q (nq,)."""
-        return self._matrix(q).reshape(-1)
-
-    def matrix(self, q: Array) -> Array:
-        """Return the mass matrix (nv, nv)."""
-        return self._matrix(q)
-
-    def inverse_dynamics(self, q: Array, v: Array, a: Array | None = None) -> Array:
-        """Return M a + b (nv,), b if no accelerations are given."""
-        if a is None:
-            return pin.nonLinearEffects(self.model, self._data, q, v)
-        return pin.rnea(self.model, self._data, q, v, a)
-
-    def transmitted(self, q: Array, v: Array, a: Array) -> Array:
-        """Return the forces (njoints, 6) through the joints, joint axes; overwritten later."""
-        self.inverse_dynamics(q, v, a)
-        return self._transmitted
-
-
-class KernelTreeDynamics(TreeDynamics):
-    """The same of a large tree in the kernel: memory and time grow in proportion to its size."""
-
-    def __init__(self, model: pin.Model) -> None:
-        self.model, self._tree = model, KernelTree(model)
-
-    @cached_property
-    def _entries(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        return self._tree.mass_entries()
-
-    @property
-    def n_masses(self) -> int:
-        """Length of `masses`."""
-        return len(self._entries[0])
-
-    @cached_property
-    def mass_entry_indices(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
-        """Rows, columns and indices, see `TreeDynamics`."""
-        return both_halves(*self._entries)
-
-    def masses(self, q: Array) -> Array:
-        """Return the numbers (n_masses,) of the mass matrix at q (nq,)."""
-        entries = np.empty(self.n_masses)
-        self._tree.masses(q, entries)
-        return entries
-
-    def matrix(self, q: Array) -> Array:
-        """Return the mass matrix (nv, nv)."""
-        rows, columns = self._entries
-        dense = np.zeros((self.model.nv, self.model.nv))
-        dense[rows, columns] = dense[columns, rows] = self.masses(q)
-        return dense
-
-    def inverse_dynamics(self, q: Array, v: Array, a: Array | None = None) -> Array:
-        """Return M a + b (nv,), b if no accelerations are given."""
-        return self._tree.forces(q, v, a).copy()
-
-    def transmitted(self, q: Array, v: Array, a: Array) -> Array:
-        """Return the forces (njoints, 6) through the joints, joint axes."""
-        return self._tree.transmitted(q, v, a)
-
-
-def both_halves(
-    rows: NDArray[np.intp], columns: NDArray[np.intp]
-) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
-    """Return rows, columns and indices of all entries of a symmetric matrix, given one half."""
-    indices, off_diagonal = np.arange(len(rows)), np.flatnonzero(rows != columns)
-    return (np.concatenate([rows, columns[off_diagonal]]),
-            np.concatenate([columns, rows[off_diagonal]]),
-            np.concatenate([indices, off_diagonal]))
-
-
-def bodies_of(model: pin.Model) -> TreeDynamics:
-    """Return mass matrix and inverse dynamics of a tree."""
-    return (KernelTreeDynamics if is_in_kernel(model) else TreeDynamics)(model)
-
-
 class Loops:
     """Closure equations and bodies of a mechanism, at the State of the last `move_to`.
 
@@ -139,6 +39,7 @@ class Loops:
     Attributes:
         scale: (nv,) velocity of a unit of each scaled unknown.
         is_large: whether it is treated as a large one.
+        rest: (nv,) zeros.
     """
 
     def __init__(self, mechanism: Mechanism, large: bool | None = None) -> None:
@@ -172,14 +73,25 @@ class Loops:
         self._placed = self._derived = None
 
     @cached_property
-    def bodies(self) -> TreeDynamics:
-        """Mass matrix and inverse dynamics of the tree."""
-        return bodies_of(self.model)
+    def tree(self) -> KernelTree:
+        """The bodies, whose core is what loops are built on: the other joints are limbs."""
+        joint_of = np.repeat(np.arange(self.model.njoints), self.model.nvs)
+        is_core = np.isin(np.arange(self.model.njoints), joint_of[self.constraints.tied])
+        return KernelTree(self.model, self.scale, is_core)
 
     @cached_property
     def kkt(self) -> KKT:
-        """The KKT system."""
-        return KKT(self.mechanism, self.bodies.mass_entry_indices, self.bodies.n_masses)
+        """The KKT system of all joints."""
+        return KKT(self.mechanism, self.tree.mass_entries())
+
+    @cached_property
+    def core_kkt(self) -> KKT:
+        """The KKT system of the core, as if its bodies had articulated inertias.
+
+        Limbs are eliminated before, from the tips inwards, at a cost in proportion to their number:
+        the articulated-body algorithm [Featherstone2008, 7.3]. An open tree is all limbs.
+        """
+        return KKT(self.mechanism, self.tree.mass_entries(False), self.tree)
 
     @cached_property
     def _evaluation(self) -> LoopEquations:
@@ -359,7 +271,7 @@ class Loops:
 
     def _rest_without_masses(self, v: Array | None = None, force: Array | None = None) -> Array:
         """Solve the KKT system with a unit mass matrix of the scaled velocities."""
-        rows, columns, at = self.bodies.mass_entry_indices
+        rows, columns, at = self.tree.mass_entries()
         own = rows == columns
         self.kkt.mass[:] = 0.0
         self.kkt.mass[at[own]] = self.scale[rows[own]] ** -2.0
