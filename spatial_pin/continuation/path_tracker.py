@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import Workspaces, made_once
 from spatial_pin.assembly.assembly_problem import OPEN, AssemblyProblem
-from spatial_pin.assembly.holding import Hold, divided, fixed_base_entries
+from spatial_pin.assembly.holding import Hold, divided, fixed_base_entries, hold_names
 from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
 from spatial_pin.continuation.asymptotes import running_away
@@ -260,7 +260,7 @@ class PathTracker(Branch):
             SingularError: the prescribed coordinates do not determine the motion there.
         """
         mechanism = state.mechanism
-        driven, still = usual_prescription(mechanism, names, hold)
+        driven, still = usual_prescription(mechanism, tuple(names), hold_names(hold))
         tracker = cls(mechanism, driven, still, accuracy, workspaces, law, begin)
         tracker.state = state
         tracker._path = tracker._path_from(state.q, state.angles, begin, may_be_passive=False)

@@ -58,7 +58,7 @@ def prescribed_at(state: State, names: Iterable[str], hold: Hold = BASE) -> list
     given by `holding.divided`.
     """
     names = list(names)
-    usual, still = usual_prescription(state.mechanism, names, hold)
+    usual, still = usual_prescription(state.mechanism, tuple(names), hold_names(hold))
     try:
         chosen_at(state, Prescription(usual, len(usual), still))
         return usual
@@ -92,18 +92,11 @@ def prescribed_at(state: State, names: Iterable[str], hold: Hold = BASE) -> list
     return chosen if whole else usual
 
 
-def usual_prescription(
-    mechanism: Mechanism, names: Iterable[str], hold: Hold = BASE
-) -> tuple[list[Coordinate], tuple[int, ...]]:
-    """Return prescribed coordinates, in a regular state, and fixed velocity entries."""
-    driven, still = _prescribed_first(mechanism, tuple(names), hold_names(hold))
-    return [*driven], still
-
-
 @made_once
-def _prescribed_first(
+def usual_prescription(
     mechanism: Mechanism, names: tuple[str, ...], hold: tuple[str, ...]
 ) -> tuple[list[Coordinate], tuple[int, ...]]:
+    """Return prescribed coordinates, in a regular state, and fixed velocity entries."""
     wanted = wanted_coordinates(mechanism, names)
     usual = driven_coordinates(mechanism, [c.name for c in wanted])
     return divided(mechanism, [*wanted, *(c for c in usual if c not in wanted)], hold)
