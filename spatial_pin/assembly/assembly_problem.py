@@ -112,10 +112,10 @@ def free_set(
     loose = [c.name for c in table.values() if c.v in loose_entries(mechanism)]
     kinds = entry_kinds(mechanism, held, [*own, *loose])  # loose ones count the guess's turns
     balls = dict.fromkeys(table[name].joint for name in own if table[name].q < 0)
-    is_whole = all(mechanism.pair_of(joint) == "spherical"
-                   and all(c.name in own for c in joints[joint]) for joint in balls)
+    is_whole = all(c.name in own for joint in balls for c in joints[joint])
     if is_whole:
-        kinds[[mechanism.model.idx_qs[mechanism.joint_id(joint)] for joint in balls]] = NAMED
+        kinds[[mechanism.model.idx_qs[mechanism.joint_id(joint)]
+               + 3 * (mechanism.pair_of(joint) == "floating") for joint in balls]] = NAMED
     groups = loop_groups(mechanism, tuple(np.flatnonzero(~free).tolist()))
     spread = start_spread(
         mechanism, held, own, (*still, *loose_entries(mechanism)), groups)

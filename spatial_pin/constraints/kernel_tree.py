@@ -17,8 +17,9 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import made_once
-from spatial_pin.constraints.composite_joints import TreeArrays, split
+from spatial_pin.constraints.composite_joints import TreeArrays, split, split_of
 from spatial_pin.kernel.library import DONE, INT, POINTER, REAL, SINGULAR, address, check, library
+from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.stacked import cross
 
@@ -38,7 +39,7 @@ def is_in_kernel(model: pin.Model) -> bool:
 
 def is_large(model: pin.Model) -> bool:
     """Whether a tree is large, and has branches that do not depend on each other."""
-    return is_in_kernel(model) and len(model.children[0]) >= BRANCHES
+    return model.nv >= WHOLE and len(model.children[0]) >= BRANCHES
 
 
 def inertias(model: pin.Model) -> Array:
@@ -121,12 +122,14 @@ class TreeProducts:
 
 
 class KernelTree:
-    """A tree of joints; one caller at a time. Masses and gravity are those the model has now.
+    """A tree of joints; one caller at a time.
 
     Args:
         model: the tree.
         scale: (nv,) size of each velocity, in which accelerations are compared.
         is_core: (njoints,) joints that loops are built on, with all before them; default none.
+        whole: mechanism whose model's masses, armatures and gravity count, as they are at a call;
+            default those of `model`, which may be a copy of it.
 
     Attributes:
         placements: (njoints, 4, 3) of the joints, columns of the rotation, then the position.
@@ -134,17 +137,20 @@ class KernelTree:
         twists, accelerations: (njoints, 6) spatial ones, joint axes.
         handle: of the C structure.
         is_core: (nv,) which velocities are of the core; has_limbs: whether some are not.
-        armature: (nv,) of the joints, a view on the model.
+        armature: (nv,) of the joints, a view.
     """
 
     def __init__(
         self, model: pin.Model, scale: Array | None = None,
-        is_core: NDArray[np.bool_] | None = None,
+        is_core: NDArray[np.bool_] | None = None, whole: Mechanism | None = None,
     ) -> None:
         self.model, (self._split, self._carriers) = model, split(model)
         self._library, self._tree = library(), TreeArrays(self._split)
-        self._inertias, self._masses = inertias(model), b""  # views: they see later changes
-        self._gravity, self.armature = model.gravity.linear, model.armature
+        bodies, self._heavy = model, self._carriers
+        if whole is not None:
+            bodies, self._heavy = whole.model, split_of(whole).joint
+        self._inertias, self._masses = inertias(bodies), b""  # views: they see later changes
+        self._gravity, self.armature = bodies.gravity.linear, bodies.armature
         t, n = self._tree, self._split.njoints
         head = [n, model.nq, model.nv, *[0] * 13]  # no equations:
         starts = [0] * 5  # of supports, terms, factors, patterns and turns
@@ -178,17 +184,17 @@ class KernelTree:
             self._q, self._v, self._a, self.armature, self._R, self._p)))
 
     def take_masses(self) -> None:
-        """Take the masses and the gravity that the model has now; armatures are always those."""
+        """Take the masses and the gravity that there are now; armatures are always those."""
         gravity = self._gravity
         now = self._inertias.tobytes() + gravity.tobytes()
         if now == self._masses:
             return
         self._masses, n = now, self._split.njoints
-        own, given = self._tree.frames[self._carriers], self._inertias
+        own, given = self._tree.frames[self._heavy], self._inertias
         mass, com, inertia = np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3, 3))
-        mass[self._carriers] = given[:, 0]
-        com[self._carriers] = (own.mT @ given[:, 1:4, None])[..., 0]
-        inertia[self._carriers] = own.mT @ given[:, SYMMETRIC].reshape(-1, 3, 3) @ own
+        mass[self._heavy] = given[:, 0]
+        com[self._heavy] = (own.mT @ given[:, 1:4, None])[..., 0]
+        inertia[self._heavy] = own.mT @ given[:, SYMMETRIC].reshape(-1, 3, 3) @ own
         mass[0], com[0], inertia[0] = 0.0, 0.0, 0.0
         first = 13 * n
         self._reals[first : first + 13 * n + 3] = np.concatenate(

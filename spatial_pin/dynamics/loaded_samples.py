@@ -147,7 +147,7 @@ class LoadedSamples:
                 wrenches[:] = found
                 for joint in {i for x in (*springs.lines, *springs.bushings) for i in x.bodies}:
                     own = (found[:, joint, None] @ columns)[:, 0]
-                    given += own * equations.constraints.support(joint)
+                    given += own * equations.constraints.supports[joint]
             for row in range(0 if is_found else k):
                 self.set_sample(at.start + row)
                 given[row] = equations.given
@@ -249,7 +249,7 @@ class LoadedSamples:
 
 
 def _centred_tree(mechanism: Mechanism) -> KernelTree:
-    return KernelTree(mechanism.centred_model)
+    return KernelTree(mechanism.centred_model, whole=mechanism)
 
 
 def accelerate(samples: LoadedSamples, efforts: Array) -> None:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin._support.checks import numbers_or_none
 from spatial_pin.errors import MechanismFileError, Mistakes, suggestion
 from spatial_pin.formats.checked_tables import BELONGS, BETWEEN, TOP, TomlTable, key_hint
 from spatial_pin.formats.file_access import Trust, read_text
@@ -21,7 +22,7 @@ from spatial_pin.formats.importers import Faults, Request
 from spatial_pin.formats.urdf.elements import inertial
 from spatial_pin.formats.urdf.urdf_model import (
     LIMITS,
-    RESISTANCES,
+    NUMBERS,
     JointRefinement,
     tree_of,
 )
@@ -254,16 +255,15 @@ def _check_guess(mechanism: Mechanism, where: str, mistakes: Mistakes) -> None:
 
 
 def _refinement(table: TomlTable) -> JointRefinement:
-    resistances = {key: table.numbers(key, least=0.0) for key in RESISTANCES if key in table}
-    if np.any(resistances.get("slip_speed", 1.0) == 0.0):
+    numbers = {key: table.bounds(key) if key in LIMITS else table.numbers(key, least=0.0)
+               for key in NUMBERS if key in table}
+    if np.any(numbers.get("slip_speed", 1.0) == 0.0):
         table.fail("slip_speed", "is 0; dry friction needs a speed at which it is nearly whole")
-    limits = {key: table.bounds(key) for key in LIMITS if key in table}
     needs_type = not table.content or any(key in table for key in ("type", "axis", "axis2", "lead"))
     if not needs_type:
-        return JointRefinement(resistances=resistances, limits=limits, where=table.where)
+        return JointRefinement(numbers=numbers, where=table.where)
     kind = table.choice("type", JOINT_TYPES, hint_at_type)
-    return JointRefinement(kind, *_axes(table, PAIRS[kind]), resistances=resistances,
-                           limits=limits, where=table.where)
+    return JointRefinement(kind, *_axes(table, PAIRS[kind]), numbers, table.where)
 
 
 def _axes(table: TomlTable, pair: Pair) -> tuple[Array | None, Array | None, float]:
@@ -394,10 +394,7 @@ def _law(table: TomlTable, spec: MechanismSpec) -> Any:
 def _mass(name: str, table: TomlTable) -> pin.Inertia:
     mass, given = table.number("mass", least=0.0), table.get("inertia", 0.0)
     com = table.vector("com") if "com" in table else np.zeros(3)
-    try:
-        array = np.array(given, float)
-    except (TypeError, ValueError):
-        array = np.empty(0)
+    array = numbers_or_none(given)
     if array.shape not in ((), (3,), (3, 3)) or not np.isfinite(array).all():
         table.fail("inertia", "is one number, three, or three lists of three [kg·m²]")
     matrix = array if array.ndim == 2 else np.diag(np.broadcast_to(array, 3))

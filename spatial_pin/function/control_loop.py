@@ -102,7 +102,7 @@ class ControlLoop:
                        **{name: k for k, name in enumerate(self.drivers)}}
         n, nv = len(coordinates), own.model.nv
         self._kernel, self._closer, self._tree = (
-            Kernel(own), Closer(own), KernelTree(own.centred_model))
+            Kernel(own), Closer(own), KernelTree(own.centred_model, whole=own))
         self._rates, self._forces = self._given.rates(self._kernel), Forces(own)
         self._loops = LoopEquations(own)
         self._free = np.ones(nv, bool)

@@ -89,7 +89,7 @@ def test_many_loops_far_from_where_they_flatten_are_not_held_for_near(loops):
     """
     mechanism = models.ladder(loops)
     state = sp.assemble(mechanism, {"pin_0": -0.02})
-    system = independent(Problem(mechanism, None, None, None, 1e-13), state)
+    system = independent(Problem(mechanism, None, None, None, sp.Accuracy()), state)
     y = system.unknowns(state.v, 0.0)
     solver = RungeKutta("DOP853", system, 0.0, y, 1.0, 1e-3, 1.0, 1e-9, np.full(len(y), 1e-9))
     while solver.status == "running":

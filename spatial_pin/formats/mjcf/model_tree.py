@@ -6,6 +6,7 @@ that the file shows.
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
 from collections.abc import Container, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,7 +15,14 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.formats.mjcf.compiling import MeshFile
-from spatial_pin.formats.urdf.elements import UrdfTree, fresh, numbers_text
+from spatial_pin.formats.urdf.elements import (
+    UrdfTree,
+    fresh,
+    inertial,
+    numbers_text,
+    shape_element,
+)
+from spatial_pin.mechanism.inertia import inertia_as_given
 from spatial_pin.numerics.linalg import Array
 
 WORLD = "world"
@@ -70,10 +78,11 @@ class MjcfReading:
         self.urdf = UrdfTree(name, WORLD, [*bodies, *joints])
         for body in range(1, model.nbody):
             self.links.append(_add_body(self, body, joints))
-            mass, moments = float(model.body_mass[body]), np.array(model.body_inertia[body])
+            mass, moments = float(model.body_mass[body]), np.diag(model.body_inertia[body])
             if (mass or np.any(moments)) and bodies[body] not in massless:
-                placement = pose(model.body_ipos[body], model.body_iquat[body])
-                self.urdf.inertia(self.links[body], mass, placement, moments)
+                at = pose(model.body_ipos[body], model.body_iquat[body])
+                self.urdf.add(self.links[body], inertial(inertia_as_given(
+                    mass, at.translation, at.rotation @ moments @ at.rotation.T)))
         for site in range(model.nsite):  # one with name and frame of its body is this body
             wanted, body = model.site(site).name, model.site_bodyid[site]
             placement = pose(model.site_pos[site], model.site_quat[site])
@@ -213,9 +222,11 @@ def _add_geom(reading: MjcfReading, geom: int) -> None:
         colour, material = np.array(model.geom_rgba[geom], dtype=float), model.geom_matid[geom]
         if material >= 0 and np.array_equal(colour, GREY):
             colour = np.array(model.mat_rgba[material], dtype=float)
-        reading.urdf.shape(link, "visual", placement, tag, sizes, colour)
+        reading.urdf.add(link, shape_element(
+            "visual", placement, ET.Element(tag, sizes), colour, f"rgba {numbers_text(colour)}",
+            overrides=True))
     if touches:
-        reading.urdf.shape(link, "collision", placement, tag, sizes)
+        reading.urdf.add(link, shape_element("collision", placement, ET.Element(tag, sizes)))
 
 
 def _solid(reading: MjcfReading, geom: int) -> tuple[str, dict[str, str], pin.SE3] | None:

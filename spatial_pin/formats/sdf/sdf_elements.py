@@ -17,7 +17,7 @@ from spatial_pin.formats.urdf.elements import (
     inertial as inertial_element,
     numbers_text,
     origin,
-    paint,
+    shape_element,
 )
 from spatial_pin.numerics.linalg import Array
 
@@ -185,13 +185,11 @@ def link_elements(link: ET.Element, placement_of: PlacementOf, where: str, omitt
                 kind_of = "no shape" if stated is None else f"{stated.tag}: URDF has no such shape"
                 omitted.append(f"{name} of link {link.get('name')!r} ({kind_of})")
                 continue
-            element = ET.Element(kind, name=shape.get("name", ""))
-            element.append(origin(placement_of(shape.find("pose"), f"{where}: {name}")))
-            ET.SubElement(element, "geometry").append(solid)
             colour = _colour(shape, f"{where}: {name}")
-            if colour is not None and kind == "visual":
-                paint(element, colour, override=True)
-            elements.append(element)
+            elements.append(shape_element(
+                kind, placement_of(shape.find("pose"), f"{where}: {name}"), solid,
+                colour if kind == "visual" else None, overrides=True,
+                name=shape.get("name", "")))
     return tuple(elements)
 
 

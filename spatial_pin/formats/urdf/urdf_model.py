@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import product
@@ -55,18 +55,24 @@ CONTAINED_PAIRS = {  # URDF type -> pairs that a refinement may make of it
     "fixed": ("fixed",),
 }
 PAIR_OF_URDF_TYPE = {"continuous": "revolute"}
-RESISTANCES = ("damping", "friction", "armature", "slip_speed")  # of `[joints.X]`
-LIMITS = {  # of `[joints.X]`, with the limits of `pin.Model` that they set, and by which factor
+# Numbers of `[joints.X]`: the arrays of `pin.Model` that each sets, and by which factor.
+RESISTANCES: dict[str, dict[str, float]] = {
+    "damping": {"damping": 1.0}, "armature": {"armature": 1.0},
+    "friction": {"upperDryFrictionLimit": 1.0, "lowerDryFrictionLimit": -1.0},
+    "slip_speed": {},  # which Pinocchio does not have
+}
+LIMITS: dict[str, dict[str, float]] = {
     "lower": {"lowerPositionLimit": 1.0}, "upper": {"upperPositionLimit": 1.0},
     "velocity": {"upperVelocityLimit": 1.0, "lowerVelocityLimit": -1.0},
     "lower_velocity": {"lowerVelocityLimit": 1.0},
     "effort": {"upperEffortLimit": 1.0, "lowerEffortLimit": -1.0},
     "lower_effort": {"lowerEffortLimit": 1.0},
 }
+NUMBERS = {**RESISTANCES, **LIMITS}
 
 
 def check_structure(robot: ET.Element, path: Path) -> None:
-    """Refuse links and joints that do not make a graph."""
+    """Refuse links and joints that do not make a graph, or have names that nothing can ask for."""
     if robot.tag != "robot":
         raise MechanismFileError(f"{path}: the root element is <{robot.tag}>, not <robot>")
     links = by_name(robot.findall("link"), "link", path)
@@ -74,7 +80,15 @@ def check_structure(robot: ET.Element, path: Path) -> None:
         raise MechanismFileError(f"{path}: no <link>")
     joints = robot.findall("joint")
     by_name(joints, "joint", path)
-    _check_names(links, joints, path)
+    named = [("joint", joint.get("name", "")) for joint in joints] + [("link", x) for x in links]
+    odd = [(len(name), kind, name) for kind, name in named if not name.isprintable()]
+    if odd:  # the shortest: importers call others after it
+        _, kind, name = min(odd)
+        raise MechanismFileError(f"{path}: a {kind} is named {name!r}; a name is text that can be "
+                                 "read")
+    if any(joint.get("name") == UNIVERSE and joint.get("type") != "fixed" for joint in joints):
+        raise MechanismFileError(f"{path}: a joint is named {UNIVERSE!r}, which is Pinocchio's "
+                                 "name of the ground; rename it")
     for joint in joints:
         for role in ("parent", "child"):
             link = end_of(joint, role)
@@ -88,8 +102,8 @@ def check_structure(robot: ET.Element, path: Path) -> None:
                                      f"{end_of(joint, 'child')!r} with itself")
 
 
-def _make_one_tree(robot: ET.Element, path: Path, faults: Faults) -> None:
-    """Note repeated elements, of which readers of URDF take the first; fix all roots to a world."""
+def _make_one_tree(robot: ET.Element, faults: Faults) -> str:
+    """Note repeated elements, of which the first count; fix all roots to one, and return that."""
     joints = robot.findall("joint")
     children = {end_of(joint, "child") for joint in joints}
     links = [link.get("name", "") for link in robot.findall("link")]
@@ -101,8 +115,8 @@ def _make_one_tree(robot: ET.Element, path: Path, faults: Faults) -> None:
                 if len(part.findall(tag)) > 1:
                     faults.note("stated more than once, the first counts",
                                 f"{kind} {element.get('name')!r}: <{tag}>")
-    if len(roots) < 2:
-        return
+    if len(roots) == 1:
+        return roots[0]
     taken = {*links, *(joint.get("name", "") for joint in joints)} - set(roots)
     world = _free("world", taken)
     if world not in roots:
@@ -111,19 +125,7 @@ def _make_one_tree(robot: ET.Element, path: Path, faults: Faults) -> None:
         if root != world:
             joint_element(robot, _free(f"{world}_to_{root}", taken), "fixed", world, root)
             faults.note("no parent, fixed to the ground at its origin", f"link {root!r}")
-
-
-def _check_names(links: Iterable[str], joints: Sequence[ET.Element], path: Path) -> None:
-    """Refuse names that nothing can ask for: those of control characters, and Pinocchio's own."""
-    named = [("joint", joint.get("name", "")) for joint in joints] + [("link", x) for x in links]
-    odd = [(len(name), kind, name) for kind, name in named if not name.isprintable()]
-    if odd:  # the shortest: importers call others after it
-        _, kind, name = min(odd)
-        raise MechanismFileError(f"{path}: a {kind} is named {name!r}; a name is text that can be "
-                                 "read")
-    if any(joint.get("name") == UNIVERSE and joint.get("type") != "fixed" for joint in joints):
-        raise MechanismFileError(f"{path}: a joint is named {UNIVERSE!r}, which is Pinocchio's "
-                                 "name of the ground; rename it")
+    return world
 
 
 def _free(name: str, taken: Container[str]) -> str:
@@ -202,8 +204,8 @@ class JointRefinement:
         axis: (3,) unit vector in the joint frame, None for the default.
         axis2: (3,) unit vector, second pin of a universal joint.
         lead: translation per turn of a screw [m].
-        resistances: some of `RESISTANCES`, a number for all coordinates or one for each.
-        limits: some of `LIMITS`, likewise; of positions one for each entry of q.
+        numbers: some of `NUMBERS`, in their order, a number for all coordinates or one for each;
+            of positions one for each entry of q.
         where: file and table, for errors.
     """
 
@@ -211,8 +213,7 @@ class JointRefinement:
     axis: Array | None = None
     axis2: Array | None = None
     lead: float = 0.0
-    resistances: Mapping[str, Array] = field(default_factory=dict)
-    limits: Mapping[str, Array] = field(default_factory=dict)
+    numbers: Mapping[str, Array] = field(default_factory=dict)
     where: str = ""
 
 
@@ -231,7 +232,7 @@ def tree_of(
             del parent.attrib[key]
         for child in [child for child in parent if "}" in child.tag]:
             parent.remove(child)
-    _make_one_tree(robot, path, faults)
+    root = _make_one_tree(robot, faults)
     mistakes = Mistakes(str(path))
     with mistakes.each():
         inertias = check_links(robot, path, faults)
@@ -244,7 +245,7 @@ def tree_of(
     mistakes.raise_all()
     shapes = take_shapes(robot, path, trust, faults)
     whole = ET.tostring(robot, encoding="unicode")  # with absolute paths of meshes
-    model = _model_of(robot, pairs, refinements, inertias, order, order_of, path)
+    model = _model_of(robot, root, pairs, refinements, inertias, order, order_of, path)
     slip_speeds = _put_numbers(model, refinements)
     try:
         put_inertias(model, inertias)
@@ -286,24 +287,23 @@ def _joint_pairs(
                 f"does not contain a {pair} pair; make it \"floating\" there"
             )
         pairs[name] = pair or PAIR_OF_URDF_TYPE.get(kind, kind)
-        if given and pairs[name] == "fixed" and (given.resistances or given.limits):
-            key = next(iter({**given.resistances, **given.limits}))
+        if given and pairs[name] == "fixed" and given.numbers:
             raise MechanismFileError(
-                f"{given.where}: {key}: joint {name!r} is fixed and has nothing that could "
-                "resist or be limited; take the key out"
-            )
+                f"{given.where}: {next(iter(given.numbers))}: joint {name!r} is fixed and has "
+                "nothing that could resist or be limited; take the key out")
         if pairs[name] == "fixed":
             joint.set("type", "fixed")
     return pairs
 
 
 def _model_of(
-    robot: ET.Element, pairs: Mapping[str, str], refinements: Mapping[str, JointRefinement],
-    inertias: Mapping[str, pin.Inertia], order: Sequence[str], order_of: str, path: Path,
+    robot: ET.Element, root: str, pairs: Mapping[str, str],
+    refinements: Mapping[str, JointRefinement], inertias: Mapping[str, pin.Inertia],
+    order: Sequence[str], order_of: str, path: Path,
 ) -> pin.Model:
     """Return the open tree, its frames numbered as Pinocchio's reader of URDF numbers them."""
     elements = {joint.get("name", ""): joint for joint in robot.findall("joint")}
-    hangs = _hanging(robot, pairs, path)
+    hangs = _hanging(robot, root, pairs, path)
     model, ids = pin.Model(), {UNIVERSE: 0}
     model.name = robot.get("name") or path.stem
     above = {name: on for name, (on, _) in hangs.items() if pairs[name] != "fixed"}
@@ -313,9 +313,9 @@ def _model_of(
         assert pair.joint is not None
         joint = pair.joint(axis, axis2, refined.lead)
         ids[name] = model.addJoint(ids[above[name]], joint, hangs[name][1], name,
-                                   *stated_limits(elements[name], joint.nq, joint.nv))
+                                   *stated_limits(elements[name], joint.nq, joint.nv).values())
     model.lowerVelocityLimit = -model.upperVelocityLimit  # Pinocchio 4.1 stores the upper one
-    here, none, root = pin.SE3.Identity(), pin.Inertia.Zero(), _root(robot)
+    here, none = pin.SE3.Identity(), pin.Inertia.Zero()
     frames = {root: model.addFrame(pin.Frame(
         root, 0, 0, here, pin.FrameType.BODY, inertias.get(root, none)), False)}
     for name, element in ((name, elements[name]) for name in hangs):
@@ -331,11 +331,11 @@ def _model_of(
 
 
 def _hanging(
-    robot: ET.Element, pairs: Mapping[str, str], path: Path
+    robot: ET.Element, root: str, pairs: Mapping[str, str], path: Path
 ) -> dict[str, tuple[str, pin.SE3]]:
     """Return for each joint the next one above it that moves, and its placement there."""
     elements = {joint.get("name", ""): joint for joint in robot.findall("joint")}
-    links = {_root(robot): (UNIVERSE, pin.SE3.Identity())}
+    links = {root: (UNIVERSE, pin.SE3.Identity())}
     hangs = {}
     for name in urdf_order(robot):
         on, at = links[end_of(elements[name], "parent")]
@@ -344,13 +344,6 @@ def _hanging(
         links[end_of(elements[name], "child")] = hangs[name] if pairs[name] == "fixed" else (
             name, pin.SE3.Identity())
     return hangs
-
-
-def _root(robot: ET.Element) -> str:
-    """Return the one link that no joint carries."""
-    carried = {end_of(joint, "child") for joint in robot.findall("joint")}
-    return next(name for link in robot.findall("link")
-                if (name := link.get("name", "")) not in carried)
 
 
 def urdf_order(robot: ET.Element) -> list[str]:
@@ -423,8 +416,8 @@ def joint_axes(
     return axis, axis2
 
 
-def stated_limits(element: ET.Element, nq: int, nv: int) -> tuple[Array, ...]:
-    """Return the bounds that a URDF states for a joint, in the order of `pin.Model.addJoint`.
+def stated_limits(element: ET.Element, nq: int, nv: int) -> dict[str, Array]:
+    """Return what a URDF states for a joint's arrays in `pin.Model`, in the order of `addJoint`.
 
     A number holds for every coordinate; positions of several, or of a continuous joint, have none.
     """
@@ -441,52 +434,48 @@ def stated_limits(element: ET.Element, nq: int, nv: int) -> tuple[Array, ...]:
     lower = scalar(limit, "lower", 0.0 - free) if bounded else -math.inf
     upper = scalar(limit, "upper", free) if bounded else math.inf
     friction, damping = scalar(dynamics, "friction", 0.0), scalar(dynamics, "damping", 0.0)
-    return (
-        np.full(nv, -effort), np.full(nv, effort), np.full(nv, -velocity), np.full(nv, velocity),
-        np.full(nq, lower), np.full(nq, upper), np.zeros(nq),
-        np.full(nv, -friction), np.full(nv, friction), np.full(nv, damping),
-    )
+    return {
+        "lowerEffortLimit": np.full(nv, -effort), "upperEffortLimit": np.full(nv, effort),
+        "lowerVelocityLimit": np.full(nv, -velocity), "upperVelocityLimit": np.full(nv, velocity),
+        "lowerPositionLimit": np.full(nq, lower), "upperPositionLimit": np.full(nq, upper),
+        "positionLimitMargin": np.zeros(nq), "lowerDryFrictionLimit": np.full(nv, -friction),
+        "upperDryFrictionLimit": np.full(nv, friction), "damping": np.full(nv, damping)}
 
 
-def own_entries(model: pin.Model, joint: int, array: str) -> slice:
-    """Return the slice of a joint in one of the limits of a model."""
-    of_q = "Position" in array
+def own_entries(model: pin.Model, joint: int, key: str) -> slice:
+    """Return the slice of a joint in an array that a number of `NUMBERS` sets."""
+    of_q = key in ("lower", "upper")
     at, count = ((model.idx_qs, model.nqs) if of_q else (model.idx_vs, model.nvs))
     return slice(at[joint], at[joint] + count[joint])
 
 
 def _put_numbers(model: pin.Model, refinements: Mapping[str, JointRefinement]) -> Array:
-    """Put limits, in the order of `LIMITS`, and resistances of a mechanism file into a model.
+    """Put the numbers of a mechanism file into a model.
 
     Returns:
         (nv,) slip speeds, NaN where there are none.
     """
     slip_speeds = np.full(model.nv, math.nan)
-    of_resistances = {
-        "friction": ((model.upperDryFrictionLimit, 1.0), (model.lowerDryFrictionLimit, -1.0)),
-        "damping": ((model.damping, 1.0),), "armature": ((model.armature, 1.0),),
-        "slip_speed": ((slip_speeds, 1.0),)}
-    stated = {name: x for name, x in refinements.items() if x.limits or x.resistances}
-    for name, refined in stated.items():
+    for name, refined in refinements.items():
         joint = model.getJointId(name)
-        given = {key: refined.limits[key] for key in LIMITS if key in refined.limits}
-        for key, values in {**given, **refined.resistances}.items():
-            targets = of_resistances.get(key) or [
-                (getattr(model, array), factor) for array, factor in LIMITS[key].items()]
-            own = own_entries(model, joint, next(iter(LIMITS.get(key, {key: 1.0}))))
+        for key, values in refined.numbers.items():
+            own = own_entries(model, joint, key)
             count = own.stop - own.start
             if values.size not in (1, count):
                 raise MechanismFileError(
                     f"{refined.where}: {key} has {values.size} numbers; give one for all, or one "
                     f"for each of the {count} coordinate(s) of the joint")
-            for array, factor in targets:
-                array[own] = factor * values
-        for kind in ("Position", "Velocity", "Effort") if refined.limits else ():
-            own = own_entries(model, joint, kind)
-            if np.any(getattr(model, f"lower{kind}Limit")[own]
-                      > getattr(model, f"upper{kind}Limit")[own]):
-                raise MechanismFileError(
-                    f"{refined.where}: a lower {kind.lower()} limit is above the upper one")
+            if key == "slip_speed":
+                slip_speeds[own] = values
+            for array, factor in NUMBERS[key].items():
+                getattr(model, array)[own] = factor * values
+        for kind, key in (("Position", "lower"), ("Velocity", "velocity"), ("Effort", "effort")):
+            if refined.numbers.keys() & LIMITS.keys():
+                low, high = (getattr(model, f"{side}{kind}Limit")[own_entries(model, joint, key)]
+                             for side in ("lower", "upper"))
+                if np.any(low > high):
+                    raise MechanismFileError(f"{refined.where}: a lower {kind.lower()} limit is "
+                                             "above the upper one")
     return slip_speeds
 
 

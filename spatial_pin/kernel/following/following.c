@@ -18,7 +18,7 @@ static Path *path_of(Kernel *k)
     if (path)
         return path;
     path = kernel_memory(k, 1, sizeof *path);
-    Real *from = kernel_reals(k, 4 * point_numbers(k) + 4 * k->nv + k->nq * (BETWEEN_DEGREE + 1));
+    Real *from = kernel_reals(k, 4 * point_numbers(k) + 4 * k->nv + (k->nq + k->n_angles) * (BETWEEN_DEGREE + 1));
     Int *chosen = kernel_ints(k, k->nv);
     if (!kernel_had_memory(k) || prescribed_create(k, &path->prescribed) != DONE)
         return NULL;
@@ -105,7 +105,7 @@ static int start(Path *path, const Real *angles)
     if (code == DONE && k->system.pivot_ratio < TOLERANCE_NEAR_SINGULAR)
         code = UNSAFE;
     if (code == DONE)
-        code = point_rates(k, &path->prescribed, here);
+        code = path_rates(path, here);
     if (code == DONE && path->task.here.estimate)
         probe_errors(path);
     keep_choice(path);

@@ -48,6 +48,8 @@ typedef struct Path {
 /* Step to a value of s in the piece in use: DONE, or why not; then nothing has changed, but for what
    is `stale`. */
 int step(Path *path, Real target);
+/* All that follows from a point that is evaluated and factored, as far as samples near it need it. */
+int path_rates(Path *path, Point *point);
 /* Evaluate and factor at `here` again, with the current piece of the drivers' laws. */
 int stand_again(Path *path);
 /* Let the piece that begins at `here` in the sense of a number be in use there. */
