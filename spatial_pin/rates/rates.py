@@ -24,6 +24,7 @@ from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_at, loops_of
 from spatial_pin.kernel.rate_solver import Chosen
+from spatial_pin.mechanism.coordinates import driver_coordinates
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import EPS, Array, decompose, independent_rows, rank
@@ -98,8 +99,9 @@ def usual_prescription(
 ) -> tuple[list[Coordinate], tuple[int, ...]]:
     """Return prescribed coordinates, in a regular state, and fixed velocity entries."""
     wanted = wanted_coordinates(mechanism, names)
-    usual = driven_coordinates(mechanism, [c.name for c in wanted])
-    return divided(mechanism, [*wanted, *(c for c in usual if c not in wanted)], hold)
+    drivers = driver_coordinates(mechanism).values()
+    others = [c for c in drivers if c not in wanted] if set(wanted) <= set(drivers) else []
+    return divided(mechanism, [*wanted, *others], hold)
 
 
 def wanted_coordinates(mechanism: Mechanism, names: Iterable[str]) -> list[Coordinate]:
