@@ -1,7 +1,10 @@
 """The path tracker: a point on a branch that moves to given values of the driver.
 
-The kernel follows regular stretches with the driver as parameter. Where it stops, pseudo-arclength
-continuation passes the singular region or finds the end of the branch.
+`PathTracker.reach` tells the method. The kernel follows regular stretches with the driver as
+parameter. Where it stops, pseudo-arclength continuation passes the singular region, or finds what
+ends the branch: the driver turns back, branches cross, or a joint runs away while the driver comes
+to an asymptote. `Stopped` is raised with that. `path_following` moves a tracker through many
+values, and straight on through branch points.
 """
 
 from __future__ import annotations
