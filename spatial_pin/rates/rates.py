@@ -246,7 +246,7 @@ def solve_rates(
     state = samples
     clear = _solved(state, speeds, accelerations, hold)
     v, a, facts = clear or _solved_by_trial(state, speeds, accelerations, hold)
-    if not math.isfinite(v.dot(a)):  # it is, but for rates as large as that
+    if not math.isfinite(np.vdot(v, a)):  # it is, but for rates as large as that
         check_finite(v, a, f"speeds {dict(speeds)} and accelerations {dict(accelerations)}")
     if clear is None:
         check_rates(state, v)
