@@ -43,8 +43,8 @@ if TYPE_CHECKING:
 
 REPEATS = 5  # runs whose least time counts: other programs only delay
 SHORTEST_RUN = 1e-5  # of a sweep of few values [s]
-# The processor's time, which other programs do not change; the time that passes where a system tells
-# the processor's in longer steps, as Windows does.
+# The processor's time, which other programs do not change; the time that passes where a system
+# tells the processor's in longer steps, as Windows does.
 CLOCK = (time.process_time if time.get_clock_info("process_time").resolution < SHORTEST_RUN
          else time.perf_counter)
 MOST_REPEATS = 10_000  # runs at most: more tell nothing

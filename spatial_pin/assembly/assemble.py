@@ -200,7 +200,8 @@ def assembly_problem(
     angles, lost = NO_ANGLES, tuple[str, ...]()
     of_guess = guess.angles if isinstance(guess, State) else None
     named = start.names if isinstance(guess, Mapping) else ()
-    if constraints_of(mechanism).counts_turns:
+    constraints = constraints_of(mechanism)
+    if constraints.angles or constraints.coordinates:  # what counts turns
         start, angles, lost = with_followed_turns(
             mechanism, held, start, of_guess, standing, named)
     problem = AssemblyProblem(mechanism, held, standing, start, tolerance, gap, angles)

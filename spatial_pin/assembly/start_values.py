@@ -229,8 +229,8 @@ def periodic(mechanism: Mechanism) -> list[Coordinate]:
     """Return the periodic angles: no closure counts their turns."""
     coupled = [mechanism.coordinate(j).name for c in mechanism.closures for j in c.joints]
     counted = np.zeros(mechanism.model.nq, dtype=bool)
-    for turns in constraints_of(mechanism).turns:
-        counted |= turns.are_all & (turns.row != 0.0)
+    for angle in constraints_of(mechanism).angles:
+        counted |= angle.is_of_joints & (angle.row != 0.0)
     return [
         c for c in mechanism.coordinate_table.values()
         if c.unit == "rad" and c.q >= 0 and c.name not in coupled and not counted[c.q]
@@ -356,16 +356,16 @@ def uncounted(
     fixed = {table[name].v for name in held if table[name].q >= 0}
     tied = [{mechanism.coordinate(name).v for name in c.joints} for c in mechanism.closures]
     entry_of = {c.q: c.v for c in table.values() if c.q >= 0}
-    tied += [{entry_of[q] for q in np.flatnonzero(turns.row).tolist()}
-             for turns in constraints.turns if turns.are_all]
+    tied += [{entry_of[q] for q in np.flatnonzero(angle.row).tolist()}
+             for angle in constraints.angles if angle.is_of_joints]
     known = set(fixed)
     for _ in tied:  # coordinates that a counting closure ties to a known one
         for ends in tied:
             known |= ends if ends & known else set()
     angles = {c.v for c in table.values() if c.unit == "rad"}
     hidden = set().union(*tied) & angles - known
-    by_path = {constraints.labels[x.equation].closure for x, turns in zip(
-        constraints.angles, constraints.turns, strict=True) if not turns.are_all}
+    by_path = {constraints.labels[x.equation].closure for x in constraints.angles
+               if not x.is_of_joints}
     entries: set[int] = set()
     for group in loop_groups(mechanism, tuple(sorted(fixed))):
         own = set(np.flatnonzero(group.entries).tolist())
@@ -415,8 +415,8 @@ def with_followed_turns(
 
 def _screws(mechanism: Mechanism, q: Array, angles: Array | None) -> tuple[Array, Array]:
     """Return the angles of screws at a guess (nq,), and (n_angles, nq) their coefficients."""
-    counted = constraints_of(mechanism).turns
-    turned = np.array([turns.row for turns in counted]).reshape(len(counted), len(q))
+    counted = constraints_of(mechanism).angles
+    turned = np.array([angle.row for angle in counted]).reshape(len(counted), len(q))
     return (turned @ q if angles is None or len(angles) != len(counted) else angles), turned
 
 

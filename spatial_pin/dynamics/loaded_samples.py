@@ -147,7 +147,7 @@ class LoadedSamples:
                 wrenches[:] = found
                 for joint in {i for x in (*springs.lines, *springs.bushings) for i in x.bodies}:
                     own = (found[:, joint, None] @ columns)[:, 0]
-                    given += own * equations.constraints.support(joint)
+                    given += own * equations.constraints.supports[joint]
             for row in range(0 if is_found else k):
                 self.set_sample(at.start + row)
                 given[row] = equations.given

@@ -8,18 +8,18 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin._support.lazy import acquired
-from spatial_pin.constraints.vector_products import TANGENT, axis_pairs
+from spatial_pin._support.lazy import acquired, made_once
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.library import INT, POINTER, REAL, address, check
-from spatial_pin.mechanism.equations import Cosine
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import NOT_FINITE, Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
+TANGENT = "tangent"  # `Pair.aligned` of a direction along that of a curve
 AGREEING = {"z": 1, "xyz": 3}  # axes that must point the same way, by `Pair.aligned`
 EQUATIONS = {1: 2, 3: 3}  # of directions that say so
 NAMED, FIXED, TURNS = 1, 2, 4  # kinds of an entry of q; TURNS: whole turns mean nothing
@@ -403,10 +403,12 @@ def _created(
     """Return the structure in C, and the order of pinned coordinates in it."""
     mechanism, packed = kernel.mechanism, kernel.packed
     turning, rotations, at = set[str](), list[tuple[int, int]](), 0
+    equations = kernel.constraints
+    is_direction = np.array([x >= 0 and not equations.factors[x, 0] for x in equations.product])
     for closure in mechanism.closures:  # those with all equations of directions
         if not closure.frames:
             continue
-        rows = at + np.flatnonzero([isinstance(row.first, Cosine) for row in closure.rows])
+        rows = at + np.flatnonzero(is_direction[at : at + closure.n_rows])
         at += closure.n_rows
         axes = AGREEING.get(closure.pair.aligned, 0)
         if axes and len(rows) == EQUATIONS[axes] and not closure.sums:
@@ -437,3 +439,42 @@ def _created(
         kernel.handle, address(columns), columns.shape[1], address(table), len(table),
         address(bodies), address(directions), len(bodies) // 2, ctypes.byref(handle)))
     return handle, order
+
+
+def opposite_axes(mechanism: Mechanism, data: pin.Data) -> dict[str, bool]:
+    """Return closures whose axes do not point the same way, and whether half a turn helps.
+
+    Closed equations leave them parallel, opposite, or (three equations of rotation) interchanged:
+    then half a turn of one of the frames is not what makes them one.
+    """
+    opposite = {}
+    for name, ends in axis_pairs(mechanism):
+        one, two = (data.oMi[joint].rotation @ axes for joint, axes in ends)
+        cosines = np.vecdot(one.T, two.T)
+        if np.any(cosines < 0.5):
+            opposite[name] = bool(np.all(np.abs(cosines) > 0.5))
+    for closure in mechanism.closures:
+        if closure.pair.aligned == TANGENT:
+            frames = map(mechanism.centred_frame, closure.frames)
+            first, second = (data.oMi[joint] * placement for joint, placement in frames)
+            seen = first.actInv(second)
+            if closure.numbers["curve"].tangent(seen.translation) @ seen.rotation[:, 2] < 0.0:
+                opposite[closure.name] = True
+    return opposite
+
+
+@made_once
+def axis_pairs(mechanism: Mechanism) -> list[tuple[str, list[tuple[int, Array]]]]:
+    """Return closures with axes: name, and of each end its joint and axes (3, n) fixed to it."""
+    pairs = []
+    for closure in mechanism.closures:
+        if not closure.pair.aligned or closure.pair.aligned == TANGENT:
+            continue
+        geometry, first = closure.geometry, 2 if closure.pair.aligned == "z" else 0
+        ends = [
+            (joint, (placement.rotation @ axes)[:, first:])
+            for (joint, placement), axes in zip(
+                map(mechanism.centred_frame, closure.frames), (geometry.axes1, geometry.axes2),
+                strict=True)]
+        pairs.append((closure.name, ends))
+    return pairs

@@ -114,7 +114,7 @@ def _spins_and_slides(evaluation: LoopEquations, joint: str, velocities: Array) 
     """
     mechanism, i = evaluation.mechanism, evaluation.mechanism.joint_id(joint)
     columns = joint_jacobian(evaluation.data, evaluation.model.nv)
-    columns = columns * evaluation.constraints.support(i)
+    columns = columns * evaluation.constraints.supports[i]
     rotation = evaluation.data.oMi[i].rotation
     moves, turns = ((velocities @ part.T) @ rotation for part in (columns[:3], columns[3:]))
     moves = moves / mechanism.characteristic_length
@@ -169,7 +169,7 @@ def _gone(evaluation: LoopEquations, q: Array, joint: str, v: Array) -> tuple[Ar
     size = np.array([1.0 / mechanism.characteristic_length] * 3 + [1.0] * 3)
     evaluation.update(q)
     twist = joint_jacobian(evaluation.data, evaluation.model.nv) @ (
-        v * evaluation.constraints.support(i))
+        v * evaluation.constraints.supports[i])
     paced = v / max(float(np.linalg.norm(size * twist)), 1e-300)
     return pin.integrate(evaluation.model, q, IDLE_MOTION * paced), paced
 
@@ -187,7 +187,7 @@ def _goes_on(evaluation: LoopEquations, q: Array, joint: str, v: Array) -> bool:
     if inner_links_of_balls(mechanism).isdisjoint(moved):
         evaluation.update(there)
         return bool(evaluation.closure_error < ALGEBRA_TOLERANCE)
-    twist = joint_jacobian(evaluation.data, model.nv) @ (v * evaluation.constraints.support(body))
+    twist = joint_jacobian(evaluation.data, model.nv) @ (v * evaluation.constraints.supports[body])
     rest = [k for k in range(1, model.njoints) if k not in moved]
     before, poses = evaluation.data.oMi[body].copy(), evaluation.placements[rest].copy()
     hinges = {model.names[k] for k in range(1, model.njoints)
@@ -210,7 +210,7 @@ def described(evaluation: LoopEquations, joint: str, v: Array) -> PassiveFreedom
     """Return the motion v (nv,) of one body as a passive freedom."""
     mechanism, model = evaluation.mechanism, evaluation.model
     i = mechanism.joint_id(joint)
-    twist = joint_jacobian(evaluation.data, model.nv) @ (v * evaluation.constraints.support(i))
+    twist = joint_jacobian(evaluation.data, model.nv) @ (v * evaluation.constraints.supports[i])
     link = next(f.name for f in model.frames
                 if f.type == pin.FrameType.BODY and f.parentJoint == i)
     spin = float(np.linalg.norm(twist[3:])) * mechanism.characteristic_length

@@ -236,7 +236,7 @@ def resting(evaluation: LoopEquations, idle: list[tuple[str, Array]]) -> dict[in
 def _twists(evaluation: LoopEquations, body: int, velocities: Array) -> Array:
     """Return (k, 6) twists of a body about the world origin for joint velocities (k, nv)."""
     columns = joint_jacobian(evaluation.data, evaluation.model.nv)
-    return velocities @ (columns * evaluation.constraints.support(body)).T
+    return velocities @ (columns * evaluation.constraints.supports[body]).T
 
 
 def _speeds(evaluation: LoopEquations, body: int, points: Array, velocities: Array) -> Array:

@@ -15,7 +15,6 @@ from variety import each
 import spatial_pin as sp
 from spatial_pin.assembly.close import close, pinned_rows
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.constraints.vector_products import opposite_axes
 from spatial_pin.kernel.closer import (
     NAMED,
     TURNS,
@@ -24,6 +23,7 @@ from spatial_pin.kernel.closer import (
     NamedCoordinates,
     PerturbedStarts,
     closer_of,
+    opposite_axes,
 )
 from spatial_pin.numerics.linalg import decompose
 from spatial_pin.numerics.tolerances import TOLERANCES

@@ -20,8 +20,7 @@ from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kkt import KKT
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.numerics.linalg import Array, Decomposition, full_decomposition
-from spatial_pin.numerics.sparse_spaces import SparseSpaces
+from spatial_pin.numerics.linalg import Array, Decomposition, SparseSpaces, full_decomposition
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 # Freedoms of a large tree up to which lost rank is found by closing loops nearby. It uses dense
