@@ -6,7 +6,6 @@ kernel differentiates the products, see `tree_products.c`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
@@ -17,7 +16,6 @@ from spatial_pin.constraints.composed_equations import Composed
 from spatial_pin.constraints.composite_joints import split_of
 from spatial_pin.constraints.kernel_tree import TreeProducts
 from spatial_pin.constraints.trees import Motion, TreeMotion, single_jointed
-from spatial_pin.constraints.vector_products import Term
 from spatial_pin.dynamics.forces import Forces
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
@@ -160,8 +158,13 @@ class RowDerivatives:
 def products_of(mechanism: Mechanism) -> TreeProducts:
     """Return the products of closure rows, of springs between frames, and of bushings."""
     c, forces = constraints_of(mechanism), Forces(mechanism)
-    a, b = ([_coefficients(terms) for terms in vectors[: c.passive_at]]
-            for vectors in c.terms[:2])
+    a, b = list[Coefficients](), list[Coefficients]()
+    for vectors, given in ((a, c.terms[0]), (b, c.terms[1])):
+        for terms in given[: c.passive_at]:
+            vectors.append({})
+            for term in terms:
+                part = term.factor * np.append(term.local, term.flag)
+                vectors[-1][term.joint] = vectors[-1].get(term.joint, 0.0) + part
     for line in forces.lines:
         ends: Coefficients = {}
         for sense, i, point in zip((-1.0, 1.0), line.bodies, line.points, strict=True):
@@ -174,12 +177,3 @@ def products_of(mechanism: Mechanism) -> TreeProducts:
         b += more[1]
     with acquired(mechanism, single_jointed) as tree:
         return tree.packed_products(split_of(mechanism).joint, a, b)
-
-
-def _coefficients(terms: Sequence[Term]) -> Coefficients:
-    """Return the coefficients of a vector of some terms."""
-    vector: Coefficients = {}
-    for term in terms:
-        part = term.factor * np.append(term.local, term.flag)
-        vector[term.joint] = vector.get(term.joint, 0.0) + part
-    return vector
