@@ -22,20 +22,6 @@ static void quintic(const Point *a, const Point *b, Real h, Int i, Real *c)
     c[5] = 6.0 * value - 3.0 * slope + bend;
 }
 
-/* Value and first two derivatives by u of a polynomial. */
-static void polynomial(const Real *c, Int degree, Real u, Real *out)
-{
-    Real value = c[degree], first = 0.0, half = 0.0;
-    for (Int d = degree - 1; d >= 0; d--) {
-        half = half * u + first;
-        first = first * u + value;
-        value = value * u + c[d];
-    }
-    out[0] = value;
-    out[1] = first;
-    out[2] = 2.0 * half;
-}
-
 /* Let the polynomial go through a third point at u = -r too: what it misses there is that of
  * (u (1 - u))^3 times one of second degree, which is zero three times at either end. Returns the
  * largest of what that adds at the ends and in the middle, where (u (1 - u))^3 is 1/64. */
@@ -45,7 +31,7 @@ static Real through_third(const Point *third, Real h, Real r, Int i, Real *c)
     const Real w = g * g * g, first = 3.0 * g * g * slope;
     const Real second = 6.0 * g * (slope * slope - g);
     Real at[3], d[3];
-    polynomial(c, 5, -r, at);
+    polynomial_at(c, 5, -r, at);
     d[0] = (third->q[i] - at[0]) / w;
     d[1] = (h * third->first[i] - at[1] - first * d[0]) / w;
     d[2] = 0.5 * (h * h * third->second[i] - at[2] - second * d[0] - 2.0 * first * d[1]) / w;
@@ -127,7 +113,7 @@ static void joint_at(const Kernel *k, Int j, const Real *coefficient, Int degree
     const Real by = 1.0 / h;
     Real x[7], rate[7], bend[7], at[3];
     for (Int i = 0; i < n; i++) {
-        polynomial(coefficient + i * (BETWEEN_DEGREE + 1), degree, u, at);
+        polynomial_at(coefficient + i * (BETWEEN_DEGREE + 1), degree, u, at);
         q[k->iq[j] + i] = x[i] = at[0];
         rate[i] = at[1] * by;
         bend[i] = at[2] * by * by;
