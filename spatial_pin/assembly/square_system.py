@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spatial_pin.assembly.close import scaled_row
 from spatial_pin.assembly.holding import fixed_base_entries
@@ -122,25 +123,36 @@ class SquareSystem:
         return [c.v for c in self.driven]
 
     @property
+    def free(self) -> NDArray[np.bool_]:
+        """(nv,) the velocities that are not prescribed."""
+        free = np.ones(len(self.scale), dtype=bool)
+        free[[*self.driven_entries, *self.still]] = False
+        return free
+
+    @property
     def chosen(self) -> Chosen:
         """The independent equations, and the rows that complete the system."""
         return Chosen(self.equations, self.passive)
 
     @contextmanager
-    def _rates(self, q: Array) -> Iterator[RateSolver]:
-        """Acquire the solver for rates at q (nq,) with the selected equations."""
+    def _rates(self, q: Array) -> Iterator[tuple[RateSolver, Array]]:
+        """Acquire the solver for rates at q (nq,) with the selected equations, and its columns."""
         with kernel_of(self.evaluation.mechanism) as kernel:
             at = prescribed_indices(kernel.nv, self.driven, self.still)
             rates = rates_of(kernel, tuple(at), len(self.driven))
-            rates.factor(q, self.evaluation.angle_reference, self.chosen)
-            yield rates
+            found = rates.solve(
+                q, self.evaluation.angle_reference, ("columns",), chosen=self.chosen)
+            if found is None:
+                raise SingularError(f"mechanism {self.evaluation.mechanism.name!r}: singular "
+                                    "configuration: the rates are not determined there")
+            yield rates, found[0]
 
     def driver_rates(self) -> Array:
         """Return (nv, n_drivers): joint velocities per unit speed of each driver."""
-        with self._rates(self.evaluation.q) as rates:
-            return rates.columns()
+        with self._rates(self.evaluation.q) as (_, columns):
+            return columns
 
     def acceleration(self, q: Array, v: Array, drive: Array) -> Array:
         """Return (nv,) joint accelerations at velocity v for driver accelerations (n_drivers,)."""
-        with self._rates(q) as rates:
+        with self._rates(q) as (rates, _):
             return rates.answer(None, drive, v)

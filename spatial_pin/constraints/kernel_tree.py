@@ -1,7 +1,7 @@
 """A tree of joints in the compiled kernel: motions, forces and accelerations, see `articulated.c`.
 
 Time and memory grow with the number of joints; a `pin.Data` takes memory with its cube, 4 GB for
-400 freedoms. Results are those of Pinocchio.
+400 freedoms, and some of its algorithms time with the square. Results are those of Pinocchio.
 """
 
 from __future__ import annotations
@@ -16,15 +16,42 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.constraints.composite_joints import TreeArrays, split
-from spatial_pin.constraints.pinocchio_views import inertias
+from spatial_pin._support.lazy import made_once
+from spatial_pin.constraints.composite_joints import TreeArrays, split, split_of
 from spatial_pin.kernel.library import DONE, INT, POINTER, REAL, SINGULAR, address, check, library
+from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.stacked import cross
 
+# Rows, columns and indices of the entries of a mass matrix.
+MassEntries = tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]
 PackedSprings = Callable[
     [NDArray[np.intp], Array], tuple[Sequence[NDArray[np.int64]], Sequence[Array]]]
+WHOLE = 60  # freedoms from which on the kernel moves a tree: a `pin.Data` has 10 MB there
+BRANCHES = 4  # at the ground, from which on each subtree is small beside the tree
 SYMMETRIC = np.array([4, 5, 7, 5, 6, 8, 7, 8, 9])  # indices of a (3, 3) inertia in `inertias`
+
+
+def is_in_kernel(model: pin.Model) -> bool:
+    """Whether the kernel moves a tree: it is too large for a `pin.Data`."""
+    return model.nv >= WHOLE
+
+
+def is_large(model: pin.Model) -> bool:
+    """Whether a tree is large, and has branches that do not depend on each other."""
+    return model.nv >= WHOLE and len(model.children[0]) >= BRANCHES
+
+
+def inertias(model: pin.Model) -> Array:
+    """Return a view (njoints, 10) on inertias: mass, lever, then xx, xy, yy, xz, yz, zz about it.
+
+    It sees later changes.
+    """
+    first, second = (model.inertias[i].lever for i in (0, min(1, model.njoints - 1)))
+    at, after = (x.__array_interface__["data"][0] for x in (first, second))
+    n, each = model.njoints, (after - at or 80) // 8
+    room = (ctypes.c_double * (n * each)).from_address(at - 8)
+    return np.frombuffer(room, float).reshape(n, each)[:, :10]
 
 
 class TreePlacements:
@@ -95,30 +122,35 @@ class TreeProducts:
 
 
 class KernelTree:
-    """A tree of joints; one caller at a time. Masses and gravity are those the model has now.
+    """A tree of joints; one caller at a time.
 
     Args:
         model: the tree.
         scale: (nv,) size of each velocity, in which accelerations are compared.
         is_core: (njoints,) joints that loops are built on, with all before them; default none.
+        whole: mechanism whose model's masses, armatures and gravity count, as they are at a call;
+            default those of `model`, which may be a copy of it.
 
     Attributes:
         placements: (njoints, 4, 3) of the joints, columns of the rotation, then the position.
         columns: (6, nv) world joint Jacobian.
         twists, accelerations: (njoints, 6) spatial ones, joint axes.
-        data: the part of a `pin.Data` that there is: `J` and `oMi`.
         handle: of the C structure.
-        armature: (nv,) of the joints, a view on the model.
+        is_core: (nv,) which velocities are of the core; has_limbs: whether some are not.
+        armature: (nv,) of the joints, a view.
     """
 
     def __init__(
         self, model: pin.Model, scale: Array | None = None,
-        is_core: NDArray[np.bool_] | None = None,
+        is_core: NDArray[np.bool_] | None = None, whole: Mechanism | None = None,
     ) -> None:
         self.model, (self._split, self._carriers) = model, split(model)
         self._library, self._tree = library(), TreeArrays(self._split)
-        self._inertias, self._masses = inertias(model), b""  # views: they see later changes
-        self._gravity, self.armature = model.gravity.linear, model.armature
+        bodies, self._heavy = model, self._carriers
+        if whole is not None:
+            bodies, self._heavy = whole.model, split_of(whole).joint
+        self._inertias, self._masses = inertias(bodies), b""  # views: they see later changes
+        self._gravity, self.armature = bodies.gravity.linear, bodies.armature
         t, n = self._tree, self._split.njoints
         head = [n, model.nq, model.nv, *[0] * 13]  # no equations:
         starts = [0] * 5  # of supports, terms, factors, patterns and turns
@@ -136,14 +168,13 @@ class KernelTree:
         for joint in range(n - 1, 0, -1):  # those in front in a joint that is split
             core[t.parent[joint]] |= core[joint]
         check(self._library.tree_create(self._kernel, address(core), ctypes.byref(self.handle)))
-        self.is_core = np.zeros(model.nv, bool)
+        self.has_limbs, self.is_core = not core[1:].all(), np.zeros(model.nv, bool)
         for joint in (np.flatnonzero(core[1:]) + 1).tolist():
             self.is_core[t.iv[joint] : t.iv[joint] + self._split.nvs[joint]] = True
         n = model.njoints
         self.placements, self.columns = np.zeros((n, 4, 3)), np.zeros((6, model.nv))
         self.placements[0, :3] = np.eye(3)
         self.twists, self.accelerations = np.zeros((2, n, 6))
-        self.data = SimpleNamespace(J=self.columns, oMi=TreePlacements(self.placements))
         n, nv = self._split.njoints, model.nv
         self._q, self._v, self._a = np.empty(model.nq), np.empty(nv), np.empty(nv)
         self._tau = np.empty(nv)
@@ -153,17 +184,17 @@ class KernelTree:
             self._q, self._v, self._a, self.armature, self._R, self._p)))
 
     def take_masses(self) -> None:
-        """Take the masses and the gravity that the model has now; armatures are always those."""
+        """Take the masses and the gravity that there are now; armatures are always those."""
         gravity = self._gravity
         now = self._inertias.tobytes() + gravity.tobytes()
         if now == self._masses:
             return
         self._masses, n = now, self._split.njoints
-        own, given = self._tree.frames[self._carriers], self._inertias
+        own, given = self._tree.frames[self._heavy], self._inertias
         mass, com, inertia = np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3, 3))
-        mass[self._carriers] = given[:, 0]
-        com[self._carriers] = (own.mT @ given[:, 1:4, None])[..., 0]
-        inertia[self._carriers] = own.mT @ given[:, SYMMETRIC].reshape(-1, 3, 3) @ own
+        mass[self._heavy] = given[:, 0]
+        com[self._heavy] = (own.mT @ given[:, 1:4, None])[..., 0]
+        inertia[self._heavy] = own.mT @ given[:, SYMMETRIC].reshape(-1, 3, 3) @ own
         mass[0], com[0], inertia[0] = 0.0, 0.0, 0.0
         first = 13 * n
         self._reals[first : first + 13 * n + 3] = np.concatenate(
@@ -172,6 +203,11 @@ class KernelTree:
             self._kernel, address(self._reals), len(self._reals)))
 
     # ------------------------------------------------------------ placements and motions
+
+    @property
+    def data(self) -> SimpleNamespace:
+        """The part of a `pin.Data` that there is: `J` and `oMi`."""
+        return SimpleNamespace(J=self.columns, oMi=TreePlacements(self.placements))
 
     def update(self, q: Array) -> None:
         """Set `placements` and `columns` at the configuration q (nq,)."""
@@ -185,8 +221,9 @@ class KernelTree:
         self._put_placements()
         seen, felt = velocity[self._carriers], acceleration[self._carriers].copy()
         felt[:, :3] -= cross(seen[:, 3:], seen[:, :3])
-        self._in_joint_axes(seen, self.twists)
-        self._in_joint_axes(felt, self.accelerations)
+        for world, local in ((seen, self.twists), (felt, self.accelerations)):
+            np.matmul(self.placements[:, None, :3], world.reshape(-1, 2, 3, 1),
+                      out=local.reshape(-1, 2, 3, 1))
 
     def _evaluate(
         self, q: Array, v: Array | None, a: Array | None, products: TreeProducts | None = None,
@@ -212,11 +249,6 @@ class KernelTree:
         at = self._carriers
         np.matmul(self._tree.frames[at], self._R[at], out=self.placements[:, :3])
         self.placements[:, 3] = self._p[at]
-
-    def _in_joint_axes(self, world: Array, out: Array) -> None:
-        """Turn pairs of vectors (njoints, 6) into the axes of the joints."""
-        np.matmul(self.placements[:, None, :3], world.reshape(-1, 2, 3, 1),
-                  out=out.reshape(-1, 2, 3, 1))
 
     def frame_jacobian(self, frame: int) -> Array:
         """Return the Jacobian (6, nv) of a frame at its origin, world axes, where it is placed."""
@@ -274,15 +306,15 @@ class KernelTree:
         return wrenches[:, self._carriers], columns
 
     def transmitted(self, q: Array, v: Array, a: Array) -> Array:
-        """Return the forces (njoints, 6) through the joints, joint axes, as in `pin.Data.f`."""
+        """Return the forces (njoints, 6) through the joints, world axes, about their origins.
+
+        `pin.Data.f` has them in joint axes.
+        """
         self.take_masses()
         wrench = self._moving[0]
         self._evaluate(q, v, a, tau=self._tau, wrench=wrench)
-        self._put_placements()
-        forces = np.empty((self.model.njoints, 6))
-        self._in_joint_axes(wrench[self._carriers], forces)
-        forces[0] = 0.0
-        return forces
+        wrench[0] = 0.0
+        return wrench[self._carriers]
 
     def changes_task(self, products: TreeProducts) -> _TreeTask:
         """Return the task of `derivatives` and `products`, none from outside.
@@ -316,10 +348,8 @@ class KernelTree:
         at, placements = self._carriers, np.empty((m, self.model.njoints, 4, 3))
         np.matmul(self._tree.frames[at], rotations[:, at], out=placements[..., :3, :])
         placements[..., 3, :] = positions[:, at]
-        forces = (placements[..., None, :3, :] @ wrench[:, at].reshape(m, -1, 2, 3, 1)).reshape(
-            m, -1, 6)
-        forces[:, 0] = 0.0
-        return placements, columns, forces
+        wrench[:, 0] = 0.0
+        return placements, columns, wrench[:, at]
 
     def derivatives(
         self, q: Array, v: Array, a: Array, outside: Array, out: Array, products: TreeProducts,
@@ -380,8 +410,13 @@ class KernelTree:
         self._evaluate(q, v, a, products, values=values, product_by_q=by_q, product_by_v=by_v)
         return values, by_q, by_v
 
-    def mass_entries(self, all_joints: bool = True) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Return rows and columns of the numbers of `masses`, or of those of the core."""
+    @made_once
+    def mass_entries(self, all_joints: bool = True) -> MassEntries:
+        """Return rows, columns and indices in `masses` of all entries that can be other than zero.
+
+        Of the core alone the others are units, each with a number of its own behind those of
+        `eliminate`.
+        """
         t, rows, columns = self._tree, [], []
         for joint in range(1, self._split.njoints):
             first = int(t.iv[joint])
@@ -395,38 +430,45 @@ class KernelTree:
             for v in range(first, first + self._split.nvs[joint]):
                 columns.append(np.array([*range(first, v + 1), *before], np.intp))
                 rows.append(np.full(len(columns[-1]), v, np.intp))
-        none = [np.empty(0, np.intp)]
-        return np.concatenate(rows or none), np.concatenate(columns or none)
+        others = np.arange(0) if all_joints else np.flatnonzero(~self.is_core)
+        row, column = (np.concatenate([*x, others]) for x in (rows, columns))
+        indices, off_diagonal = np.arange(len(row)), np.flatnonzero(row != column)
+        return (np.concatenate([row, column[off_diagonal]]),
+                np.concatenate([column, row[off_diagonal]]),
+                np.concatenate([indices, off_diagonal]))
 
     def masses(self, q: Array, out: Array) -> None:
-        """Write the numbers of the mass matrix at q (nq,), in the order of `mass_entries`."""
+        """Write the numbers of the mass matrix at q (nq,), by `mass_entries`."""
         self.take_masses()
         self._q[:] = q
         at = self._task
         self._library.tree_masses(self.handle, at.q, None, None, at.armature, address(out), None)
 
+    def mass_matrix(self, q: Array) -> Array:
+        """Return the mass matrix (nv, nv) at q (nq,)."""
+        rows, columns, indices = self.mass_entries()
+        numbers, matrix = np.empty(len(rows)), np.zeros((self.model.nv, self.model.nv))
+        self.masses(q, numbers)
+        matrix[rows, columns] = numbers[indices]
+        return matrix
+
     # ------------------------------------------------------------ accelerations
 
-    def eliminate(self, q: Array, v: Array, force: Array, masses: Array, needed: Array) -> bool:
-        """Eliminate the joints that are not the core's, under joint forces (nv,).
-
-        The core's `masses`, by `mass_entries`, and the forces (nv,) `needed` for its motion without
-        accelerations of its own are filled in.
+    def respond(self, q: Array, v: Array, forces: Array) -> bool:
+        """Make joint forces (n, nv) the accelerations of an open tree under them alone.
 
         Returns:
-            Whether every freedom that is eliminated has inertia.
+            Whether every freedom has inertia; if not, they stay.
         """
         self.take_masses()
         self._q[:], self._v[:] = q, v
-        at = self._task
-        code = self._library.tree_masses(self.handle, at.q, at.v, address(force), at.armature,
-                                         address(masses), address(needed))
+        at, none = self._task, np.zeros((3, self.model.nv))
+        code = self._library.tree_masses(self.handle, at.q, at.v, address(none[0]), at.armature,
+                                         address(none[1]), address(none[2]))
         if code not in (DONE, SINGULAR):
             check(code)
+        if forces.size and not code:  # or there are no joints
+            rows = address(forces)
+            self._library.tree_accelerations(
+                self.handle, len(forces), rows, None, rows, None, None)
         return not code
-
-    def respond(self, forces: Array) -> None:
-        """Make joint forces (n, nv) accelerations, zero of the core, after `eliminate`."""
-        if forces.size:  # or there are no joints
-            at = address(forces)
-            self._library.tree_accelerations(self.handle, len(forces), at, None, at, None, None)

@@ -5,8 +5,6 @@ The arrays are valid as long as the data lives; keep it.
 
 from __future__ import annotations
 
-import ctypes
-
 import numpy as np
 import pinocchio as pin
 from numpy.lib.stride_tricks import as_strided
@@ -37,23 +35,6 @@ def twists(data: pin.Data) -> Array:
 def accelerations(data: pin.Data) -> Array:
     """Return a view (njoints, 6) on the spatial joint accelerations, local axes, linear first."""
     return as_strided(data.a[0].linear, (len(data.a), 6), (48, 8))
-
-
-def forces(data: pin.Data) -> Array:
-    """Return a view (njoints, 6) on the forces through the joints, local axes, linear first."""
-    return as_strided(data.f[0].linear, (len(data.f), 6), (48, 8))
-
-
-def inertias(model: pin.Model) -> Array:
-    """Return a view (njoints, 10) on inertias: mass, lever, then xx, xy, yy, xz, yz, zz about it.
-
-    It sees later changes.
-    """
-    first, second = (model.inertias[i].lever for i in (0, min(1, model.njoints - 1)))
-    at, after = (x.__array_interface__["data"][0] for x in (first, second))
-    n, each = model.njoints, (after - at or 80) // 8
-    room = (ctypes.c_double * (n * each)).from_address(at - 8)
-    return np.frombuffer(room, float).reshape(n, each)[:, :10]
 
 
 def joint_jacobian(data: pin.Data, nv: int) -> Array:

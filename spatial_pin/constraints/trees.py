@@ -1,7 +1,7 @@
 """Kinematics of trees: of small ones by Pinocchio, of others by the kernel.
 
-A `pin.Data` takes memory with the cube of the number of freedoms (4 GB for 400), and some of its
-algorithms time with the square.
+Both stay: an update of a small tree takes Pinocchio a twelfth of the time, and to make it a fifth;
+the kernel's memory grows with the tree, not with its cube.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import acquired
 from spatial_pin.constraints.composite_joints import split_of
-from spatial_pin.constraints.kernel_tree import KernelTree
+from spatial_pin.constraints.kernel_tree import KernelTree, is_in_kernel
 from spatial_pin.constraints.pinocchio_views import (
     TWIST_MATRIX,
     accelerations,
@@ -28,18 +28,6 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.stacked import cross
 
 Motion = tuple[Array, Array, Array]  # q (nq,), v and a (nv,)
-WHOLE = 60  # freedoms from which on the kernel moves a tree: a `pin.Data` has 10 MB there
-BRANCHES = 4  # at the ground, from which on each subtree is small beside the tree
-
-
-def is_in_kernel(model: pin.Model) -> bool:
-    """Whether the kernel moves a tree: it is too large for a `pin.Data`."""
-    return model.nv >= WHOLE
-
-
-def is_large(model: pin.Model) -> bool:
-    """Whether a tree is large, and has branches that do not depend on each other."""
-    return is_in_kernel(model) and len(model.children[0]) >= BRANCHES
 
 
 class Tree:
@@ -73,18 +61,6 @@ class Tree:
 def tree_of(model: pin.Model) -> Tree | KernelTree:
     """Return the kinematics of a tree, by Pinocchio or by the kernel."""
     return KernelTree(model) if is_in_kernel(model) else Tree(model)
-
-
-def mass_pattern(model: pin.Model) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return (rows, columns) of freedoms where one carries the other."""
-    related = np.zeros((model.nv, model.nv), dtype=bool)
-    for i in range(1, model.njoints):
-        own = slice(model.idx_vs[i], model.idx_vs[i] + model.nvs[i])
-        for j in model.supports[i]:
-            other = slice(model.idx_vs[j], model.idx_vs[j] + model.nvs[j])
-            related[own, other] = related[other, own] = True
-    rows, columns = np.nonzero(related)
-    return rows, columns
 
 
 class Located(NamedTuple):
@@ -162,7 +138,7 @@ class TreeMotion:
         self.moved_by[self.joint_of, np.arange(model.nv)] = True
         for joint, parent in enumerate(parents.tolist()):
             self.moved_by[joint] |= self.moved_by[parent]
-        with tree_of_single_joints(mechanism) as tree:
+        with acquired(mechanism, single_jointed) as tree:
             tree.update(motion[0])
             tree.move(*motion)
             self.at, columns = tree.placements.copy(), tree.columns.T.copy()
@@ -203,13 +179,9 @@ class TreeMotion:
                 np.where(is_moved, back @ columns, 0.0))
 
 
-def tree_of_single_joints(mechanism: Mechanism) -> acquired[KernelTree]:
-    """Acquire the tree of a mechanism, its joints single ones."""
-    return acquired(mechanism, _tree_of_single_joints)
-
-
-def _tree_of_single_joints(mechanism: Mechanism) -> KernelTree:
-    return KernelTree(split_of(mechanism).model)
+def single_jointed(mechanism: Mechanism) -> KernelTree:
+    """Return the tree of a mechanism, its joints single ones; to be acquired."""
+    return KernelTree(split_of(mechanism).model, whole=mechanism)
 
 
 def twist_matrices(twists: Array) -> Array:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from spatial_pin.continuation.pseudo_arclength import STRAIGHT, Arrival
+from spatial_pin.continuation.pseudo_arclength import STRAIGHT, Stopped
 from spatial_pin.continuation.solution_curve import CurvePoint, SolutionCurve
 from spatial_pin.mechanism.coordinates import coordinate_gradient, coordinate_value
 from spatial_pin.mechanism.parts import Coordinate
@@ -32,8 +32,8 @@ ROOTS = 1, 2, 3  # the leading value is tried as a power series in this root of 
 MOST_TRIALS = 40
 
 
-def running_away(curve: SolutionCurve, x: Array, target: float) -> Arrival | None:
-    """Return the Arrival at an asymptote that ends a branch before a target; None without one.
+def running_away(curve: SolutionCurve, x: Array, target: float) -> Stopped | None:
+    """Return that an asymptote ends a branch before a target; None without one.
 
     A target so near the end that the joint would be farther out than is followed is beyond it too.
     The unknowns x (n,) are farther out than links reach if a joint runs away; the curve's
@@ -43,11 +43,11 @@ def running_away(curve: SolutionCurve, x: Array, target: float) -> Arrival | Non
     if runner is None:
         return None
     points = np.array(_points_outward(*runner)).reshape(-1, 2)
-    known = TOLERANCES.closed * float(curve.unknowns.scale[curve.unknowns.rate])
+    known = TOLERANCES.closed * float(curve.scale[curve.rate])
     limit = _limit(points[:, 0], points[:, 1], known)
     if limit is None or not (target - points[-1, 1]) * (limit - points[0, 1]) > 0.0:
         return None
-    return Arrival("runs away", curve.unknowns.configuration(x), limit, runs_away=runner[0].of.name)
+    return Stopped("runs away", curve.configuration(x), limit, runs_away=runner[0].of.name)
 
 
 class _Far(NamedTuple):
@@ -59,17 +59,17 @@ class _Far(NamedTuple):
     @property
     def size(self) -> float:
         """Its unit [rad or m]."""
-        return float(self.curve.unknowns.scale[self.of.v])
+        return float(self.curve.scale[self.of.v])
 
     def value(self, x: Array) -> float:
         """Return its absolute value [rad, characteristic lengths]."""
-        mechanism, q = self.curve.evaluation.mechanism, self.curve.unknowns.configuration(x)
+        mechanism, q = self.curve.evaluation.mechanism, self.curve.configuration(x)
         return coordinate_value(mechanism, self.of, q) / self.size
 
     def row(self, x: Array) -> Array:
         """Return the derivative of that (m,) with respect to scaled steps."""
-        mechanism, q = self.curve.evaluation.mechanism, self.curve.unknowns.configuration(x)
-        gradient, scale = coordinate_gradient(mechanism, self.of, q), self.curve.unknowns.scale
+        mechanism, q = self.curve.evaluation.mechanism, self.curve.configuration(x)
+        gradient, scale = coordinate_gradient(mechanism, self.of, q), self.curve.scale
         gradient_row = np.zeros(len(scale))
         gradient_row[: len(gradient)] = gradient * scale[: len(gradient)] / self.size
         return gradient_row
@@ -126,7 +126,7 @@ def _led(far: _Far, point: CurvePoint, goal: float) -> CurvePoint | None:
         length = min(length, gap / pace)
         step = length * point.t
         curve.expect(point, step)
-        ahead = curve.unknowns.moved(point.x, step)
+        ahead = curve.moved(point.x, step)
         x = curve.onto(ahead, far.row(ahead))
         t, sign = curve.direction(x, point.t) if x is not None else (point.t, 0)
         if x is None or sign != point.sign or t @ point.t < STRAIGHT:

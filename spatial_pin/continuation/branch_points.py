@@ -16,8 +16,8 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.assembly.close import close
-from spatial_pin.continuation.path_tracker import PathPoint, PathTracker, Stopped
-from spatial_pin.continuation.pseudo_arclength import CROSSINGS, Arrival
+from spatial_pin.continuation.path_tracker import PathPoint, PathTracker
+from spatial_pin.continuation.pseudo_arclength import CROSSINGS, Stopped
 from spatial_pin.continuation.singular_points import zeros
 from spatial_pin.continuation.solution_curve import (
     CurvePoint,
@@ -63,13 +63,12 @@ def far_side(curve: SolutionCurve, base: CurvePoint, distance: float) -> CurvePo
     if any(node is None for node in nodes):
         return None
     curve.expect(base, 2.0 * distance * base.t)
-    unknowns = curve.unknowns
-    expected = unknowns.normalized(_polynomial(lengths, np.array(nodes))(2.0 * distance))
+    expected = curve.normalized(_polynomial(lengths, np.array(nodes))(2.0 * distance))
     corrected = curve.onto(expected, base.t)
     if corrected is None or not (
-            np.linalg.norm(unknowns.apart(expected, corrected)) < OFF * distance):
+            np.linalg.norm(curve.apart(expected, corrected)) < OFF * distance):
         return None
-    return curve.settle(corrected, unknowns.apart(base.x, corrected))
+    return curve.settle(corrected, curve.apart(base.x, corrected))
 
 
 def _polynomial(x: Array, y: Array) -> Callable[[float], Array]:
@@ -195,25 +194,25 @@ class Passage(NamedTuple):
 
     def matrices(self, curve: SolutionCurve, values: Array) -> Array:
         """Return the matrices (k, m, m) of equations and tangent at parameters (k,)."""
-        unknowns, points = curve.unknowns, []
+        points = []
         for s in values.tolist():
             q, first, second = self.by_drivers(s)
             t = self.rates(s, first, second)[0]
-            points.append((unknowns.of(q, s), unknowns.along(t)))
+            points.append((curve.unknowns(q, s), curve.tangent(t)))
         return matrices(curve, points)
 
 
-def passage(tracker: PathTracker, arrival: Arrival) -> Passage | None:
+def passage(tracker: PathTracker, stopped: Stopped) -> Passage | None:
     """Return the polynomials that cross the branch point at which the tracker stopped.
 
     None where it has stopped for another reason, or none goes straight on; the point then stands
     where it stood.
     """
-    if arrival.kind not in CROSSINGS:
+    if stopped.kind not in CROSSINGS:
         return None
     before, size = tracker.here, tracker.mechanism.velocity_scale
-    sense = 1.0 if arrival.value >= before.s else -1.0
-    clear, value = before, arrival.value  # where the equations are solvable, and about where not
+    sense = 1.0 if stopped.value >= before.s else -1.0
+    clear, value = before, stopped.value  # where the equations are solvable, and about where not
     for k, reach in enumerate(REACHES.tolist()):
         if k:
             tracker.move_to(clear)
@@ -243,8 +242,7 @@ def _passage(tracker: PathTracker, sense: float, reach: float) -> Passage | None
     if law is not None:  # a smooth one as far as nodes
         own = tracker.by(law)
     curve = own.curve(own.system(), ROUND_OFF)
-    unknowns = curve.unknowns
-    near = curve.settle(unknowns.of(here.q, here.s), sense * unknowns.along(here.t))
+    near = curve.settle(curve.unknowns(here.q, here.s), sense * curve.tangent(here.t))
     far = far_side(curve, near, reach) if near is not None else None
     if near is None or far is None:
         return None
@@ -265,9 +263,7 @@ def _with_bends(smoothed: Passage, tracker: PathTracker) -> Passage | None:
             return None
     q = exact.by_drivers(high)[0]
     system = tracker.system_at(q, exact.angles(high))
-    free = np.ones(len(system.scale), dtype=bool)
-    free[[*system.driven_entries, *system.still]] = False
-    q = close(system.evaluation, q, free, ROUND_OFF)[0]
+    q = close(system.evaluation, q, system.free, ROUND_OFF)[0]
     behind = tracker.point_at(q, high, system.evaluation.angles.copy(), system)
     return exact._replace(
         branch_points=[nearest(leading, smooth, x) for x in smoothed.branch_points],
@@ -289,7 +285,7 @@ def _nodes(
         x = curve.ahead(point, length)
         if x is None:
             raise SingularError("the branch bends away from its branch point")
-        q = curve.unknowns.configuration(x)
+        q = curve.configuration(x)
         # further away from the branch point the first node's equations do better still
         if not nodes:
             system.select(q)

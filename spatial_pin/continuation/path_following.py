@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.continuation.branch_points import passage
-from spatial_pin.continuation.path_tracker import STRETCH, PathPoint, PathTracker, Stopped
-from spatial_pin.continuation.pseudo_arclength import CROSSINGS, Arrival
+from spatial_pin.continuation.path_tracker import STRETCH, PathPoint, PathTracker
+from spatial_pin.continuation.pseudo_arclength import CROSSINGS, Stopped
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.paths import PathSamples
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -39,7 +39,7 @@ class Followed(NamedTuple):
 
     samples: PathSamples
     done: int
-    stop: Arrival | None = None
+    stop: Stopped | None = None
     crossed: Sequence[tuple[float, int]] = ()
     undriven: Sequence[tuple[float, int]] = ()
     is_cut: bool = False
@@ -109,7 +109,7 @@ def followed(
         for done in _follow(tracker, values, samples, crossed if passes else None, n_done):
             bar.update(done - bar.n)
     except Stopped as caught:
-        return Followed(samples, caught.sample, caught.arrival, crossed)
+        return Followed(samples, caught.sample, caught.with_traceback(None), crossed)
     except KeyboardInterrupt:
         if not done:
             raise
@@ -152,7 +152,7 @@ def _follow(
             stopped.sample = k
             k = _pass_branch_point(tracker, values, samples, stopped, crossed)
         else:
-            _put(samples, k, tracker.here)
+            samples.put(k, tracker.here[1:])
             k += 1
         yield k
 
@@ -160,13 +160,6 @@ def _follow(
 def chunk_of(mechanism: Mechanism) -> int:
     """Return how many samples are followed at a time."""
     return max(CHUNK // max(mechanism.model.nv, 1), 1)
-
-
-def _put(samples: PathSamples, k: int, point: PathPoint) -> None:
-    """Write a point into sample k."""
-    samples.q[k], samples.t[k], samples.c[k] = point.q, point.t, point.c
-    samples.error[k], samples.estimate[k], samples.angles[k] = (
-        point.error, point.estimate, point.angles)
 
 
 def _pass_branch_point(
@@ -180,9 +173,9 @@ def _pass_branch_point(
     Raises:
         Stopped: it is no branch point, or one that is not to be passed.
     """
-    if crossed is None or stopped.arrival.kind not in CROSSINGS:
+    if crossed is None or stopped.kind not in CROSSINGS:
         raise stopped
-    crossing = passage(tracker, stopped.arrival)
+    crossing = passage(tracker, stopped)
     if crossing is None:
         raise stopped
     k = stopped.sample
@@ -195,8 +188,8 @@ def _pass_branch_point(
         tracker.move_to(crossing.point_at(value))
         if not crossing.holds(value):
             if at == stopped.sample and not abs(value - tracker.here.s) < abs(
-                    value - stopped.arrival.value):  # no nearer than before
+                    value - stopped.value):  # no nearer than before
                 raise stopped
             return at
-        _put(samples, at, tracker.here)
+        samples.put(at, tracker.here[1:])
     return len(values)

@@ -1,7 +1,10 @@
 """The path tracker: a point on a branch that moves to given values of the driver.
 
-The kernel follows regular stretches with the driver as parameter. Where it stops, pseudo-arclength
-continuation passes the singular region or finds the end of the branch.
+`PathTracker.reach` tells the method. The kernel follows regular stretches with the driver as
+parameter. Where it stops, pseudo-arclength continuation passes the singular region, or finds what
+ends the branch: the driver turns back, branches cross, or a joint runs away while the driver comes
+to an asymptote. `Stopped` is raised with that. `path_following` moves a tracker through many
+values, and straight on through branch points.
 """
 
 from __future__ import annotations
@@ -17,16 +20,16 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import Workspaces, made_once
 from spatial_pin.assembly.assembly_problem import OPEN, AssemblyProblem
-from spatial_pin.assembly.holding import Hold, divided, fixed_base_entries
+from spatial_pin.assembly.holding import Hold, divided, fixed_base_entries, hold_names
 from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
 from spatial_pin.continuation.asymptotes import running_away
-from spatial_pin.continuation.pseudo_arclength import Arrival, followed_to
+from spatial_pin.continuation.pseudo_arclength import Stopped, followed_to
 from spatial_pin.continuation.solution_curve import (
     DriversLaw,
+    LawCurve,
     OneDriver,
     SolutionCurve,
-    WithParameter,
 )
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.closer import closer_of
@@ -51,20 +54,6 @@ STRETCH = 64.0
 # Speed of a joint, relative to the driver's, that shows a limit of the driver: see `FAST` of
 # sweeps.
 UNBOUND = 300.0
-
-
-class Stopped(Exception):
-    """The branch cannot be followed to the given value.
-
-    Attributes:
-        arrival: where it ended.
-        sample: number of the one that could not be reached.
-    """
-
-    def __init__(self, arrival: Arrival) -> None:
-        super().__init__(arrival.kind)
-        self.arrival = arrival
-        self.sample = 0
 
 
 class PathPoint(NamedTuple):
@@ -196,9 +185,10 @@ class Branch:
         system.factor()
         if not system.pivot:
             system.select(q)
-        return self._solved(system, q, s)
+        return self.solved(system, q, s)
 
-    def _solved(self, system: SquareSystem, q: Array, s: float) -> PathPoint:
+    def solved(self, system: SquareSystem, q: Array, s: float) -> PathPoint:
+        """Return the point at a configuration, by a system that is factored there."""
         t = system.driver_rates() @ self.leading.rates(s)
         c = system.acceleration(q, t, self.leading.bends(s))
         evaluation = system.evaluation
@@ -247,15 +237,14 @@ class PathTracker(Branch):
 
     @classmethod
     def at(
-        cls, state: State, driven: Sequence[Coordinate], still: Sequence[int] | None,
-        accuracy: Accuracy, workspaces: Workspaces,
+        cls, state: State, driven: Sequence[Coordinate], accuracy: Accuracy, workspaces: Workspaces,
     ) -> PathTracker:
         """Return a tracker at a closed state, with prescribed coordinates, the driver first.
 
         Raises:
             SingularError: the prescribed coordinates do not determine the motion there.
         """
-        tracker = cls(state.mechanism, driven, still, accuracy, workspaces)
+        tracker = cls(state.mechanism, driven, None, accuracy, workspaces)
         tracker.state = state
         tracker.start()
         return tracker
@@ -274,7 +263,7 @@ class PathTracker(Branch):
             SingularError: the prescribed coordinates do not determine the motion there.
         """
         mechanism = state.mechanism
-        driven, still = usual_prescription(mechanism, names, hold)
+        driven, still = usual_prescription(mechanism, tuple(names), hold_names(hold))
         tracker = cls(mechanism, driven, still, accuracy, workspaces, law, begin)
         tracker.state = state
         tracker._path = tracker._path_from(state.q, state.angles, begin, may_be_passive=False)
@@ -312,14 +301,19 @@ class PathTracker(Branch):
         tracker._path = path = path_of(closer, indices, accuracy)
         if path is not None:
             samples = tracker._samples = PathSamples.empty(n, k.nq, k.nv, k.n_angles)
-            closer.set_task([problem.goal], problem.settings, problem.goal, problem.reference,
-                            perturbed=True)
-            done = path.from_guess(closer, max(problem.gap, OPEN), values,
-                                   samples if n == len(values) else samples.between(0, len(values)))
+            first = samples if n == len(values) else samples.between(0, len(values))
+            widest = max(problem.gap, OPEN)
+            problem.set_task(closer)
+            done = path.from_guess(closer, widest, values, first)
+            if done == -1:
+                problem.known = known = closer.results()
+                freed = problem.without_standing(moving) if moving and all(
+                    result.error > widest for result in known) else None
+                if freed is not None and freed.is_for_kernel():  # they cannot stand
+                    freed.set_task(closer)
+                    done = path.from_guess(closer, widest, values, first)
             if done > 0:
                 return tracker, samples, done
-            if done == -1:
-                problem.known = closer.results()
         workspaces.release_last()
         return None
 
@@ -328,7 +322,7 @@ class PathTracker(Branch):
         state, self._here = self.state, None
         self._path = self._path_from(state.q, state.angles, self._begin)
         if self._path is None:
-            self._here = self._solved(self.checked_system(state), state.q, self.leading.begin)
+            self._here = self.solved(self.checked_system(state), state.q, self.leading.begin)
 
     def by(self, law: Any) -> PathTracker:
         """Return a tracker at the same point, with another law of the same coordinates."""
@@ -370,7 +364,7 @@ class PathTracker(Branch):
             return SolutionCurve(system, tolerance)
         span = float(leading.law.x[-1] - leading.law.x[0])
         pace = max(self.pace(self.here) if pace is None else pace, 1.0 / span)
-        return SolutionCurve(system, tolerance, WithParameter(system, leading, 1.0 / pace))
+        return LawCurve(system, tolerance, leading, 1.0 / pace)
 
     # ------------------------------------------------------------ moving it
 
@@ -401,93 +395,105 @@ class PathTracker(Branch):
             goal = value if stretches <= 1.0 else begin.s + (value - begin.s) / stretches
             # a stretch may be lost in the round-off of the driver's value
             if not stretches * STRETCH <= FARTHEST or goal == begin.s:
-                raise Stopped(self._running_away(value) or Arrival(
-                    "lost", begin.q, begin.s, is_far=True))
+                raise _asymptote(self, value) or Stopped("lost", begin.q, begin.s, is_far=True)
             path = self._moving_path()
             if path is not None and path.go(goal):
                 continue
             if not self.has_arc_length:
-                raise Stopped(self._end())
-            self._go_by_arc_length(goal, begin, value)
+                raise _end_without_arc_length(self)
+            self.move_to(_followed_by_arc_length(self, begin, goal, value))
 
-    def _end(self) -> Arrival:
-        """Return the end of the branch where pseudo-arclength cannot be used.
 
-        A driver is at its limit if joint rates per unit of its rate grow without bound.
-        """
-        here, mechanism, scale = self.here, self.mechanism, self.mechanism.velocity_scale
-        driver_speed = np.abs(self.leading.rates(here.s) / scale[[c.v for c in self.driven]]).max()
-        for joint in {c.joint for c in self.driven if c.q < 0 and c.unit == "rad"}:
-            vector = [coordinate_value(mechanism, c, here.q)
-                      for c in mechanism.coordinate_table.values()
-                      if c.joint == joint and c.unit == "rad"]
-            if np.linalg.norm(vector) > np.pi - TOLERANCES.half_precision:
-                return Arrival("half turn", here.q, here.s)
-        is_fast = np.abs(here.t / scale).max() > UNBOUND * driver_speed
-        return Arrival("limit" if is_fast else "lost", here.q, here.s)
+# ---------------------------------------------------------------- where the kernel stops
 
-    def _running_away(
-        self, goal: float, system: SquareSystem | None = None, arrival: Arrival | None = None
-    ) -> Arrival | None:
-        """Return the asymptote that ends the branch before a goal, or None.
 
-        `arrival` is where following the branch ended, default here; the evaluation expects angles
-        as they are there. The square system is by default that of the start, if none can be chosen
-        here.
-        """
-        here = self.here
-        if not self.has_arc_length:
-            return None
-        if system is None:
-            try:
-                system = self.system()
-            except SingularError:
-                system = self.system_at(self.state.q, self.state.angles)
-            self.evaluation.angle_reference[:] = here.angles
-        q, s = (here.q, here.s) if arrival is None else (arrival.q, arrival.value)
-        sizes = self.mechanism.velocity_scale[[c.v for c in self.driven]]
-        # joints have any pace there; the drivers' is a measure
-        pace = float(np.linalg.norm(self.leading.rates(s) / sizes))
-        curve = self.curve(system, TOLERANCES.round_off, pace)
-        return running_away(curve, curve.unknowns.of(q, s), goal)
+def _end_without_arc_length(tracker: PathTracker) -> Stopped:
+    """Return the end of a branch that is not followed by pseudo-arclength.
 
-    def _go_by_arc_length(self, value: float, clear: PathPoint, goal: float) -> None:
-        """Continue by pseudo-arclength, which finds the limit or passes the singular region.
+    A driver is at its limit if joint rates per unit of its rate grow without bound.
+    """
+    here, mechanism, driven = tracker.here, tracker.mechanism, tracker.driven
+    scale = mechanism.velocity_scale
+    for joint in {c.joint for c in driven if c.q < 0 and c.unit == "rad"}:
+        vector = [coordinate_value(mechanism, c, here.q)
+                  for c in mechanism.coordinate_table.values()
+                  if c.joint == joint and c.unit == "rad"]
+        if np.linalg.norm(vector) > np.pi - TOLERANCES.half_precision:
+            return Stopped("half turn", here.q, here.s)
+    driver_speed = np.abs(tracker.leading.rates(here.s) / scale[[c.v for c in driven]]).max()
+    is_fast = np.abs(here.t / scale).max() > UNBOUND * driver_speed
+    return Stopped("limit" if is_fast else "lost", here.q, here.s)
 
-        It starts at the point `clear`, if near: that is farther from the singularity ahead. The
-        value is one on the way to the goal.
-        """
-        if self.distance(clear, self.here.s) < TOLERANCES.longest_step:
-            self.move_to(clear)
+
+def _followed_by_arc_length(
+    tracker: PathTracker, clear: PathPoint, value: float, goal: float
+) -> PathPoint:
+    """Return the point at a value on the way to a goal, which pseudo-arclength leads to.
+
+    It begins at the point `clear`, if near: that is farther from the singularity ahead.
+
+    Raises:
+        Stopped: a limit lies before it, branches cross, or a joint runs away.
+        SingularError: the driver does not determine the motion.
+    """
+    if tracker.distance(clear, tracker.here.s) < TOLERANCES.longest_step:
+        tracker.move_to(clear)
+    try:
+        system = tracker.system()
+    except SingularError:
+        tracker.move_to(clear)
         try:
-            system = self.system()
+            system = tracker.system()
         except SingularError:
-            self.move_to(clear)
-            try:
-                system = self.system()
-            except SingularError:
-                if end := self._running_away(goal):
-                    raise Stopped(end) from None
-                raise
-        if end := self._running_away(goal, system):
-            raise Stopped(end)
-        here = self.here
-        # few steps: open loops would hide where the branch turns, and redundant equations
-        wanted = min(self.accuracy.tolerance, TOLERANCES.tight)
-        curve = self.curve(system, max(wanted, 1e-14))
-        arrival = followed_to(curve, curve.unknowns.of(here.q, here.s), value, here.t)
-        if arrival.kind == "lost":
-            raise Stopped(self._running_away(goal, system, arrival) or arrival)
-        if arrival.kind != "reached":
-            raise Stopped(arrival)
-        singular = Arrival("singular", arrival.q, value)
+            if end := _asymptote(tracker, goal):
+                raise end from None
+            raise
+    if end := _asymptote(tracker, goal, system):
+        raise end
+    # few steps: open loops would hide where the branch turns, and redundant equations
+    wanted, here = min(tracker.accuracy.tolerance, TOLERANCES.tight), tracker.here
+    curve = tracker.curve(system, max(wanted, 1e-14))
+    try:
+        q = followed_to(curve, curve.unknowns(here.q, here.s), value, here.t)
+    except Stopped as stopped:
+        if stopped.kind == "lost" and (end := _asymptote(tracker, goal, system, stopped)):
+            raise end from None
+        raise
+    singular = Stopped("singular", q, value)
+    try:
+        system.select(q)
+    except SingularError:
+        raise singular from None
+    if system.pivot < TOLERANCES.singular:
+        raise _asymptote(tracker, goal, system, singular) or singular
+    return tracker.solved(system, q, value)
+
+
+def _asymptote(
+    tracker: PathTracker, goal: float, system: SquareSystem | None = None,
+    end: Stopped | None = None,
+) -> Stopped | None:
+    """Return the asymptote that ends a branch before a goal, or None.
+
+    `end` is where following the branch ended, default the tracker's point; the evaluation expects
+    angles as they are there. The square system is by default that of the start, if none can be
+    chosen at the point.
+    """
+    here = tracker.here
+    if not tracker.has_arc_length:
+        return None
+    if system is None:
         try:
-            system.select(arrival.q)
+            system = tracker.system()
         except SingularError:
-            raise Stopped(singular) from None
-        if system.pivot < TOLERANCES.singular:
-            raise Stopped(self._running_away(goal, system, singular) or singular)
-        self.move_to(self._solved(system, arrival.q, value))
+            system = tracker.system_at(tracker.state.q, tracker.state.angles)
+        tracker.evaluation.angle_reference[:] = here.angles
+    q, s = (here.q, here.s) if end is None else (end.q, end.value)
+    sizes = tracker.mechanism.velocity_scale[[c.v for c in tracker.driven]]
+    # joints have any pace there; the drivers' is a measure
+    pace = float(np.linalg.norm(tracker.leading.rates(s) / sizes))
+    curve = tracker.curve(system, TOLERANCES.round_off, pace)
+    return running_away(curve, curve.unknowns(q, s), goal)
 
 
 def error_estimate(

@@ -144,120 +144,6 @@ def nearest(law: OneDriver, other: OneDriver, s: float) -> float:
     return s_near
 
 
-class Configurations:
-    """Unknowns x (nq,) that are configurations, the first driver free.
-
-    Attributes:
-        scale: (n,) change of a unit of each unknown's velocity.
-        drive: (d, nv) equations of prescribed coordinates, moving or not.
-        at: place of the leading value in x.
-        rate: place of its rate in tangents.
-    """
-
-    def __init__(self, system: SquareSystem) -> None:
-        self.model, self.scale = system.evaluation.model, system.scale
-        self.at, self.rate = system.driven[0].q, system.driven[0].v
-        self.drive = system.drive[1:]
-
-    def of(self, q: Array, s: float) -> Array:
-        """Return the unknowns at a configuration and a parameter, which q has already."""
-        return q
-
-    def configuration(self, x: Array) -> Array:
-        """Return the configuration (nq,)."""
-        return x
-
-    def along(self, t: Array) -> Array:
-        """Return the scaled tangent of the derivative (nv,) with respect to the parameter."""
-        return t / self.scale
-
-    def moved(self, x: Array, step: Array) -> Array:
-        """Return the unknowns after a scaled step."""
-        return pin.integrate(self.model, x, self.scale * step)
-
-    def apart(self, x: Array, y: Array) -> Array:
-        """Return the scaled step from unknowns to others."""
-        return pin.difference(self.model, x, y) / self.scale
-
-    def normalized(self, x: Array) -> Array:
-        """Return the unknowns with quaternions of unit length."""
-        return pin.normalize(self.model, x)
-
-    def put(self, x: Array, s: float) -> None:
-        """Set the prescribed coordinates to their values at a parameter, the new one of x."""
-        x[self.at] = s
-
-    def completed(self, rows: Array, first: int, x: Array) -> Array:
-        """Return equations (m, n) from those of configurations (m, nv).
-
-        Those of prescribed coordinates begin at row `first`.
-        """
-        return rows
-
-    def gaps(self, x: Array) -> Array:
-        """Return the errors of prescribed coordinates, relative to their sizes."""
-        return np.empty(0)
-
-
-class WithParameter(Configurations):
-    """Unknowns x (nq + 1,): a configuration, and the parameter of the drivers' law.
-
-    `unit` is the change of the parameter that counts as one radian.
-    """
-
-    def __init__(self, system: SquareSystem, law: DriversLaw, unit: float) -> None:
-        self.model, self.law, self.unit = system.evaluation.model, law, unit
-        self.scale = np.append(system.scale, unit)
-        self.at = self.rate = -1
-        self.drive = system.drive
-        self._indices = [c.q for c in system.driven]
-        self._sizes = np.array([system.scale[c.v] for c in system.driven])
-
-    def of(self, q: Array, s: float) -> Array:
-        """Return the unknowns at a configuration and a parameter."""
-        return np.append(q, s)
-
-    def configuration(self, x: Array) -> Array:
-        """Return the configuration (nq,)."""
-        return x[:-1]
-
-    def along(self, t: Array) -> Array:
-        """Return the scaled tangent of the derivative (nv,) with respect to the parameter."""
-        return np.append(t, 1.0) / self.scale
-
-    def moved(self, x: Array, step: Array) -> Array:
-        """Return the unknowns after a scaled step."""
-        step = self.scale * step
-        return np.append(pin.integrate(self.model, x[:-1], step[:-1]), x[-1] + step[-1])
-
-    def apart(self, x: Array, y: Array) -> Array:
-        """Return the scaled step from unknowns to others."""
-        return np.append(pin.difference(self.model, x[:-1], y[:-1]), y[-1] - x[-1]) / self.scale
-
-    def normalized(self, x: Array) -> Array:
-        """Return the unknowns with quaternions of unit length."""
-        return np.append(pin.normalize(self.model, x[:-1]), x[-1])
-
-    def put(self, x: Array, s: float) -> None:
-        """Set the prescribed coordinates to their values at a parameter, the new one of x."""
-        self.law.put(x[:-1], s)
-        x[-1] = s
-
-    def completed(self, rows: Array, first: int, x: Array) -> Array:
-        """Return equations (m, n) from those of configurations (m, nv).
-
-        Those of prescribed coordinates begin at row `first`.
-        """
-        extended = np.column_stack([rows, np.zeros(len(rows))])
-        extended[first : first + len(self._sizes), -1] = (
-            -self.unit * self.law.rates(float(x[-1])) / self._sizes)
-        return extended
-
-    def gaps(self, x: Array) -> Array:
-        """Return the errors of prescribed coordinates, relative to their sizes."""
-        return (x[self._indices] - self.law.values(float(x[-1]))) / self._sizes
-
-
 class CurvePoint(NamedTuple):
     """A closed configuration of the curve.
 
@@ -278,27 +164,80 @@ class CurvePoint(NamedTuple):
 
 
 class SolutionCurve:
-    """The curve of closed configurations through a point.
+    """The curve of closed configurations through a point, the first driver free.
 
-    Attributes: unknowns: of its equations. The square system has all that is driven, at a
-    configuration of the curve. The unknowns are by default configurations, the first driver free.
+    Its unknowns x are configurations; of a `LawCurve` the parameter of a law besides.
+
+    Attributes:
+        system: has all that is driven, at a configuration of the curve.
+        tolerance: residual to which points are closed.
+        scale: (m,) change of a unit of each unknown's velocity.
+        at, rate: indices of the parameter in x, and of its rate in tangents.
+        selected: the independent closure equations.
     """
 
-    def __init__(
-        self, system: SquareSystem, tolerance: float, unknowns: Configurations | None = None
-    ) -> None:
-        self.system, self.evaluation = system, system.evaluation
-        self.unknowns = Configurations(system) if unknowns is None else unknowns
-        self.tolerance = tolerance
-        self.selected = system.equations
+    def __init__(self, system: SquareSystem, tolerance: float) -> None:
+        self.system, self.evaluation, self.tolerance = system, system.evaluation, tolerance
+        self.selected, self.model = system.equations, system.evaluation.model
+        self.scale, self._drive = system.scale, system.drive[1:]
+        self.at, self.rate = system.driven[0].q, system.driven[0].v
+
+    # ------------------------------------------------------------ unknowns
+
+    def unknowns(self, q: Array, s: float) -> Array:
+        """Return the unknowns at a configuration and a parameter, which q has already."""
+        return q
+
+    def configuration(self, x: Array) -> Array:
+        """Return the configuration (nq,)."""
+        return x
+
+    def put(self, x: Array, s: float) -> None:
+        """Set the prescribed coordinates to their values at a parameter, the new one of x."""
+        x[self.at] = s
+
+    def tangent(self, t: Array) -> Array:
+        """Return the scaled tangent of the derivative (nv,) with respect to the parameter."""
+        return t / self.scale
+
+    def moved(self, x: Array, step: Array) -> Array:
+        """Return the unknowns after a scaled step."""
+        return pin.integrate(self.model, x, self.scale * step)
+
+    def apart(self, x: Array, y: Array) -> Array:
+        """Return the scaled step from unknowns to others."""
+        return pin.difference(self.model, x, y) / self.scale
+
+    def normalized(self, x: Array) -> Array:
+        """Return the unknowns with quaternions of unit length."""
+        return pin.normalize(self.model, x)
+
+    def value(self, x: Array) -> float:
+        """Return the parameter: a driver's value, or that of a law."""
+        return float(x[self.at])
+
+    def slope(self, t: Array) -> float:
+        """Return the rate of the parameter along the scaled tangent."""
+        return float(t[self.rate] * self.scale[self.rate])
+
+    # ------------------------------------------------------------ equations
 
     def equations(self, x: Array) -> Array:
         """Return the (m - 1, m) independent equations' derivatives of the curve at x."""
-        self.evaluation.update(self.unknowns.configuration(x))
+        self.evaluation.update(self.configuration(x))
         jacobian, n = self.evaluation.jacobian, self.evaluation.constraints.n_closure
-        parts = [jacobian[self.selected], jacobian[n:], self.unknowns.drive, self.system.passive]
-        first = len(self.selected) + self.evaluation.constraints.n_passive
-        return self.unknowns.completed(np.vstack(parts), first, x)
+        return np.vstack([jacobian[self.selected], jacobian[n:], self._drive, self.system.passive])
+
+    def gaps(self, x: Array) -> Array:
+        """Return the errors of prescribed coordinates, relative to their sizes."""
+        return np.empty(0)
+
+    @property
+    def first_driven(self) -> int:
+        """The row of the equations at which those of prescribed coordinates begin."""
+        return len(self.selected) + self.evaluation.constraints.n_passive
+
+    # ------------------------------------------------------------ points
 
     def settle(self, x: Array, along: Array) -> CurvePoint | None:
         """Return the point at x whose tangent is nearest to `along`; None where branches cross."""
@@ -330,7 +269,7 @@ class SolutionCurve:
         """Return the closed configuration `length` ahead along the tangent."""
         step = length * point.t
         self.expect(point, step)
-        return self.onto(self.unknowns.moved(point.x, step), point.t)
+        return self.onto(self.moved(point.x, step), point.t)
 
     def expect(self, point: CurvePoint, step: Array) -> None:
         """Set the expected relative angles of screw closures after a scaled step."""
@@ -341,18 +280,17 @@ class SolutionCurve:
         """Return the closed configuration near x in the plane through it with a scaled normal."""
         for _ in range(8):
             rows = self.equations(x)
-            residual, gaps = self.evaluation.residual, self.unknowns.gaps(x)
+            residual, gaps = self.evaluation.residual, self.gaps(x)
             square = residual @ residual + gaps @ gaps
             if square <= self.tolerance**2:
                 return x
             rhs = np.zeros(len(rows) + 1)
             rhs[: len(self.selected)] = -residual[self.selected]
-            first = len(self.selected) + self.evaluation.constraints.n_passive
-            rhs[first : first + len(gaps)] = -gaps
+            rhs[self.first_driven : self.first_driven + len(gaps)] = -gaps
             step = decompose(np.vstack([rows, normal])).minimum_norm(rhs)
             if not np.abs(step).max() < 0.1:
                 return None
-            x = self.unknowns.moved(x, step)
+            x = self.moved(x, step)
         return x if square <= TOLERANCES.closed**2 else None
 
     def direction(self, x: Array, along: Array) -> tuple[Array, int]:
@@ -371,14 +309,63 @@ class SolutionCurve:
         """
         return _ratio(decompose(self.equations(x), 0.0).s, self.system.size)
 
-    def value(self, x: Array) -> float:
-        """Return the parameter: a driver's value, or that of a law."""
-        return float(x[self.unknowns.at])
 
-    def slope(self, t: Array) -> float:
-        """Rate of the parameter along the scaled tangent."""
-        unknowns = self.unknowns
-        return float(t[unknowns.rate] * unknowns.scale[unknowns.rate])
+class LawCurve(SolutionCurve):
+    """The curve through a point where drivers go by a law, whose parameter is the last unknown.
+
+    `unit` is the change of the parameter that counts as one radian.
+    """
+
+    def __init__(
+        self, system: SquareSystem, tolerance: float, law: DriversLaw, unit: float
+    ) -> None:
+        super().__init__(system, tolerance)
+        self.law, self._unit, self.at, self.rate = law, unit, -1, -1
+        self.scale, self._drive = np.append(system.scale, unit), system.drive
+        self._indices = [c.q for c in system.driven]
+        self._sizes = np.array([system.scale[c.v] for c in system.driven])
+
+    def unknowns(self, q: Array, s: float) -> Array:
+        """Return the unknowns at a configuration and a parameter."""
+        return np.append(q, s)
+
+    def configuration(self, x: Array) -> Array:
+        """Return the configuration (nq,)."""
+        return x[:-1]
+
+    def put(self, x: Array, s: float) -> None:
+        """Set the prescribed coordinates to their values at a parameter, the new one of x."""
+        self.law.put(x[:-1], s)
+        x[-1] = s
+
+    def tangent(self, t: Array) -> Array:
+        """Return the scaled tangent of the derivative (nv,) with respect to the parameter."""
+        return np.append(t, 1.0) / self.scale
+
+    def moved(self, x: Array, step: Array) -> Array:
+        """Return the unknowns after a scaled step."""
+        step = self.scale * step
+        return np.append(pin.integrate(self.model, x[:-1], step[:-1]), x[-1] + step[-1])
+
+    def apart(self, x: Array, y: Array) -> Array:
+        """Return the scaled step from unknowns to others."""
+        return np.append(pin.difference(self.model, x[:-1], y[:-1]), y[-1] - x[-1]) / self.scale
+
+    def normalized(self, x: Array) -> Array:
+        """Return the unknowns with quaternions of unit length."""
+        return np.append(pin.normalize(self.model, x[:-1]), x[-1])
+
+    def equations(self, x: Array) -> Array:
+        """Return the (m - 1, m) independent equations' derivatives of the curve at x."""
+        rows, first = super().equations(x), self.first_driven
+        extended = np.column_stack([rows, np.zeros(len(rows))])
+        extended[first : first + len(self._sizes), -1] = (
+            -self._unit * self.law.rates(float(x[-1])) / self._sizes)
+        return extended
+
+    def gaps(self, x: Array) -> Array:
+        """Return the errors of prescribed coordinates, relative to their sizes."""
+        return (x[self._indices] - self.law.values(float(x[-1]))) / self._sizes
 
 
 def _ratio(s: Array, size: float) -> float:

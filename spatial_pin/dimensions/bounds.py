@@ -14,6 +14,16 @@ from spatial_pin.mechanism.mechanism import Mechanism
 Bounds = tuple[float | None, float | None] | None  # least and most; None for no bound
 
 
+def check_dimensions(mechanism: Mechanism, names: Iterable[str]) -> None:
+    """Refuse names that are no dimensions, and a mechanism that cannot be made at others."""
+    if mechanism.path is None:
+        raise SpatialPinError(f"mechanism {mechanism.name!r} has no file to change dimensions in")
+    for name in names:
+        if name not in mechanism.dimensions:
+            raise UnknownNameError("dimension", name, mechanism.dimensions,
+                                   f"mechanism {mechanism.name!r}: ")
+
+
 def bounds_of(
     mechanism: Mechanism, dimensions: Iterable[str] | Mapping[str, Any], *, around: bool = False
 ) -> dict[str, tuple[float, float]]:
@@ -26,13 +36,10 @@ def bounds_of(
     given = dimensions if isinstance(dimensions, Mapping) else {}
     if len(set(names)) < len(names):
         raise ValueError("dimensions names one twice")
-    if names and mechanism.path is None:
-        raise SpatialPinError(f"mechanism {mechanism.name!r} has no file to change dimensions in")
+    if names:
+        check_dimensions(mechanism, names)
     bounds = {}
     for name in names:
-        if name not in mechanism.dimensions:
-            raise UnknownNameError("dimension", name, mechanism.dimensions,
-                                   f"mechanism {mechanism.name!r}: ")
         low, high = _pair(name, given.get(name))
         own = mechanism.dimensions[name]
         if around and not (low < high and low <= own <= high):

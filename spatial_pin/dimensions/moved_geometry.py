@@ -19,7 +19,8 @@ from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.composite_joints import AXIAL, joint_kind
 from spatial_pin.constraints.trees import Motion
-from spatial_pin.dimensions.variants import PlacementBatch, TracedTree, Variants, copied
+from spatial_pin.dimensions.traced_tree import PlacementBatch, TracedTree, copied
+from spatial_pin.dimensions.variants import Variants
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.formats.xacro.xacro_arguments import written_dimensions
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -70,17 +71,12 @@ class MovedGeometry(NamedTuple):
         return q, v, wide
 
 
-class _Sampled(NamedTuple):
-    """Geometry at several sets of dimensions: arrays (s or 1, ...); constant ones are missing.
-
-    Axes of joints are turned to those of the mechanism itself, the bodies with them.
-    """
-
-    joints: dict[int, PlacementBatch]
-    frames: dict[int, PlacementBatch]
-    inertias: dict[int, Array]  # (s or 1, 10)
-    levers: dict[str, Array]  # (s or 1, 3)
-    axes: list[Array]  # (s or 1, 3)
+# Geometry at several sets of dimensions: placements of joints and frames, by whether it is a joint
+# and its number; inertias of joints (s or 1, 10); levers (s or 1, 3) of links; axes (s or 1, 3) of
+# idle rotations. Constant placements are missing. Axes of joints are turned to those of the
+# mechanism itself, the bodies with them.
+Sampled = tuple[
+    dict[tuple[bool, int], PlacementBatch], dict[int, Array], dict[str, Array], list[Array]]
 
 
 def difference_steps(mechanism: Mechanism, own: Array) -> Array:
@@ -106,17 +102,18 @@ def moved_geometry(
     own = np.array([mechanism.dimensions[name] for name in names])
     steps = difference_steps(mechanism, own)
     if variants is None:
-        samples, written = _Sampled({}, {}, {}, {}, []), dict[int, list[Mechanism]]()
+        sampled: Sampled = {}, {}, {}, []
+        written = dict[int, list[Mechanism]]()
     else:
-        samples, written, steps = _around(mechanism, variants, own, steps, with_masses)
+        sampled, written, steps = _around(mechanism, variants, own, steps, with_masses)
     weights = np.vstack([np.kron(np.diag(1.0 / steps), stencil) for stencil in stencils])
 
     def slope(x: Array) -> Array:
         """Return derivatives (n, ...) from samples (1 + 8 n, ...), the first at the dimensions."""
         return np.tensordot(weights, x[1:], 1) if len(x) > 1 else np.zeros((n, *x.shape[1:]))
 
-    twists = {(is_joint, k): _twists(pose, slope) for is_joint, poses in (
-        (True, samples.joints), (False, samples.frames)) for k, pose in poses.items()}
+    poses, bodies, levers, idle = sampled
+    twists = {key: _twists(pose, slope) for key, pose in poses.items()}
     moving = {key for key, x in twists.items() if x.any()}
     larger, joint, moved = _with_floating_joints(mechanism, moving)
     q, v = (_entries(first, count, joint.tolist()) for first, count in (
@@ -124,14 +121,14 @@ def moved_geometry(
     moves, inertias = np.zeros((larger.model.nv, n)), np.zeros((n, model.njoints - 1, 10))
     for key, j in moved.items():
         moves[larger.model.idx_vs[j] : larger.model.idx_vs[j] + 6] = twists[key].T
-    for i, x in samples.inertias.items():
+    for i, x in bodies.items():
         inertias[:, i - 1] = slope(x)
     axes = np.zeros((n, len(mechanism.passives), 3))
-    for i, x in enumerate(samples.axes):
+    for i, x in enumerate(idle):
         axes[:, i] = slope(x)
     return MovedGeometry(
         larger, joint, q, v, moves, inertias.reshape(n, 10 * (model.njoints - 1)),
-        {name: slope(x) for name, x in samples.levers.items()}, axes,
+        {name: slope(x) for name, x in levers.items()}, axes,
         {k + i * len(names): (stencil / steps[k], around) for k, around in written.items()
          for i, stencil in enumerate(stencils)}, steps)
 
@@ -147,7 +144,7 @@ def _twists(pose: PlacementBatch, slope: Callable[[Array], Array]) -> Array:
 
 def _around(
     mechanism: Mechanism, variants: Variants, own: Array, steps: Array, with_masses: bool
-) -> tuple[_Sampled, dict[int, list[Mechanism]], Array]:
+) -> tuple[Sampled, dict[int, list[Mechanism]], Array]:
     """Return samples at dimensions (n,) and at eight values around each, those of the file too.
 
     Also the steps, which are shorter where there is no mechanism within them.
@@ -161,13 +158,13 @@ def _around(
         h = steps * part
         every = np.hstack([own[:, None], own[:, None] + np.kron(np.diag(h), AROUND)])
         if tree is not None:
-            samples = _traced(mechanism, tree, every, with_masses)
-            if samples is not None:
-                return samples, {}, h
+            sampled = _traced(mechanism, tree, every, with_masses)
+            if sampled is not None:
+                return sampled, {}, h
         try:
             several = variants.several(
                 [dict(zip(variants.names, x, strict=True)) for x in every.T.tolist()],
-                with_masses and not variants.has_masses)
+                with_masses)
         except SpatialPinError as error:
             first = first or error
             continue
@@ -182,34 +179,31 @@ def _around(
 
 def _traced(
     mechanism: Mechanism, tree: TracedTree, dimensions: Array, with_masses: bool
-) -> _Sampled | None:
+) -> Sampled | None:
     """Return the samples of a traced file at dimensions (n, s); None if some are not traced."""
     at, model = tree.at(dimensions, with_masses), mechanism.model
     if not at.holds.all():
         return None
     inertias: dict[int, Array] = {}
-    varied = tree.link_inertias(at.inertials) if with_masses else {}
+    several = tree.inertias_at(at.inertials) if with_masses else {}
     for name, own in mechanism.inertias.items() if with_masses else ():
         k = mechanism.frame_ids.get(name, 0)
-        if model.frames[k].parentJoint and (name in varied or k in at.frames):
-            pose = at.frame(model, k)
-            numbers = varied.get(name, own.toDynamicParameters()[None])
-            moved = np.array([
-                pose.at(j).act(pin.Inertia.FromDynamicParameters(
-                    numbers[j % len(numbers)])).toDynamicParameters()
+        joint = model.frames[k].parentJoint
+        if joint and (name in several or k in at.frames):
+            pose, there = at.frame(model, k), several.get(name, [own])
+            inertias[joint] = inertias.get(joint, 0.0) + np.array([
+                pose.at(j).act(there[j % len(there)]).toDynamicParameters()
                 for j in range(dimensions.shape[1])])
-            joint = model.frames[k].parentJoint
-            inertias[joint] = inertias.get(joint, 0.0) + moved
     axes = [at.idle_axis(mechanism, mechanism.frame_on_joint(passive.body)[0], passive.axis)
             for passive in mechanism.passives]
-    return _Sampled(at.joints, at.frames, inertias, at.levers, axes)
+    poses = {(is_joint, k): pose for is_joint, some in ((True, at.joints), (False, at.frames))
+             for k, pose in some.items()}
+    return poses, inertias, at.levers, axes
 
 
-def _loaded(mechanism: Mechanism, several: Sequence[Mechanism]) -> _Sampled:
+def _loaded(mechanism: Mechanism, several: Sequence[Mechanism]) -> Sampled:
     """Return the samples of mechanisms."""
-    model = mechanism.model
-    joints: list[list[pin.SE3]] = [[] for _ in range(model.njoints)]
-    frames: list[list[pin.SE3]] = [[] for _ in range(model.nframes)]
+    model, poses = mechanism.model, dict[tuple[bool, int], list[pin.SE3]]()
     inertias: list[list[Array]] = [[] for _ in range(model.njoints)]
     axes: list[list[Array]] = [[] for _ in mechanism.passives]
     names = [frame.name for frame in model.frames]
@@ -220,25 +214,20 @@ def _loaded(mechanism: Mechanism, several: Sequence[Mechanism]) -> _Sampled:
                 f"{dict(x.parameters)}, so that there are no derivatives by these")
         back = [_turn(x.model.joints[i], model.joints[i]) for i in range(model.njoints)]
         for i in range(1, model.njoints):
-            joints[i].append(back[model.parents[i]] * x.model.jointPlacements[i]
-                             * back[i].inverse())
+            poses.setdefault((True, i), []).append(
+                back[model.parents[i]] * x.model.jointPlacements[i] * back[i].inverse())
             inertias[i].append(back[i].act(x.model.inertias[i]).toDynamicParameters())
-        for poses, frame in zip(frames, x.model.frames, strict=True):
-            poses.append(back[frame.parentJoint] * frame.placement)
+        for k, frame in enumerate(x.model.frames):
+            poses.setdefault((False, k), []).append(back[frame.parentJoint] * frame.placement)
         for known, (joint, axis) in zip(
                 axes, constraints_of(x).idle_axes if axes else (), strict=True):
             known.append(back[joint].rotation @ axis)
-
-    def stacked(poses: list[list[pin.SE3]]) -> dict[int, PlacementBatch]:
-        return {k: PlacementBatch(np.array([x.rotation for x in some]),
-                                  np.array([x.translation for x in some]))
-                for k, some in enumerate(poses) if any(x != some[0] for x in some)}
-
-    return _Sampled(
-        stacked(joints), stacked(frames),
-        {i: np.array(x) for i, x in enumerate(inertias) if i},
-        {name: np.array([x.inertias[name].lever for x in several]) for name in mechanism.inertias},
-        [np.array(x) for x in axes])
+    moved = {key: PlacementBatch(np.array([x.rotation for x in some]),
+                                 np.array([x.translation for x in some]))
+             for key, some in poses.items() if any(x != some[0] for x in some)}
+    return (moved, {i: np.array(x) for i, x in enumerate(inertias) if i},
+            {name: np.array([x.inertias[name].lever for x in several])
+             for name in mechanism.inertias}, [np.array(x) for x in axes])
 
 
 def _turn(joint: pin.JointModel, nominal: pin.JointModel) -> pin.SE3:

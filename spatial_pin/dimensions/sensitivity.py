@@ -19,13 +19,13 @@ from spatial_pin._support.brief import brief
 from spatial_pin._support.checks import checked, names_of
 from spatial_pin.assembly.holding import BASE
 from spatial_pin.assembly.state import State, of_mechanism
-from spatial_pin.dimensions.changed_state import output_changes
+from spatial_pin.dimensions.bounds import check_dimensions
+from spatial_pin.dimensions.changed_state import Load, output_changes
 from spatial_pin.dimensions.closed_derivatives import (
     ClosedDerivatives,
     InputChanges,
     fixed_entries,
 )
-from spatial_pin.dimensions.force_derivatives import Load
 from spatial_pin.dimensions.moved_geometry import (
     AROUND,
     EIGHTH,
@@ -43,14 +43,19 @@ from spatial_pin.dimensions.varied_samples import (
     with_masses,
 )
 from spatial_pin.dynamics.force_outputs import rule_of
-from spatial_pin.errors import Interrupted, SingularError, SpatialPinError, UnknownNameError
-from spatial_pin.kernel.kernel import kernel_of
+from spatial_pin.errors import Interrupted, SingularError, SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Motion, first_samples
 from spatial_pin.motion.outputs import named_output
 from spatial_pin.numerics.linalg import Array, whole_turns
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.rates.prescribed import Prescription, driven_coordinates, factored_rates
+from spatial_pin.rates.prescribed import (
+    Prescription,
+    chosen_at,
+    driven_coordinates,
+    solved_at,
+    solved_by,
+)
 
 CONFIGURATION_ERROR = 4e-15  # of a well-conditioned one, for the error estimate: 18 epsilon
 
@@ -192,14 +197,9 @@ def _differentiated(
 
     After Ctrl-C the result has the states until then, if there are any.
     """
-    if mechanism.path is None:
-        raise SpatialPinError(f"mechanism {mechanism.name!r} has no file to change dimensions in")
     outputs = names_of(outputs, "outputs")
     names = names_of(mechanism.dimensions if parameters is None else parameters, "parameters")
-    for name in names:
-        if name not in mechanism.dimensions:
-            raise UnknownNameError("dimension", name, mechanism.dimensions,
-                                   f"mechanism {mechanism.name!r}: ")
+    check_dimensions(mechanism, names)
     around = _Around(samples[0][0].mechanism, names, outputs)
     results: list[list[Sensitivity]] = []
     try:
@@ -332,8 +332,9 @@ def _known(state: State) -> float:
     mechanism = state.mechanism
     given = Prescription.of(mechanism, driven_coordinates(mechanism, mechanism.drivers), BASE)
     try:
-        with kernel_of(mechanism) as kernel:
-            return CONFIGURATION_ERROR / factored_rates(kernel, state, given).pivot
+        facts = solved_by(state, given, ("facts",), lambda at, _: solved_at(
+            at, given, ("facts",), chosen=chosen_at(at, given)))[0]
+        return CONFIGURATION_ERROR / facts.item(0)
     except SingularError:
         return CONFIGURATION_ERROR
 

@@ -21,7 +21,7 @@ from spatial_pin.assembly.assemble import starting_state
 from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.dimensions.sensitivity import sensitivities, with_spread, within_half_turn
 from spatial_pin.dimensions.variants import Variants, tell_idle
-from spatial_pin.dimensions.varied_samples import DriverMotion, Near, VariedSamples, with_masses
+from spatial_pin.dimensions.varied_samples import DriverMotion, VariedSamples, with_masses
 from spatial_pin.errors import SpatialPinError, unless_cut
 from spatial_pin.formats.files import load
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -250,11 +250,10 @@ def _solved(
     bar = progress_bar(len(drawn), f"{mechanism.name}: samples", progress)
     samples = None  # what solves them together; nothing does of a rounded file
     if state.mechanism is mechanism:
-        samples = VariedSamples.of(mechanism, list(spread), names)
-    near = samples.near(state, drive) if samples else None
+        samples = VariedSamples.of(spread, names, state, drive)
     n = len(drawn)
-    if samples and near:
-        n = _solve_together(samples, near, drawn, values, is_closed, bar)
+    if samples:
+        n = _solve_together(samples, drawn, values, is_closed, bar)
     rest = np.flatnonzero(~is_closed[:n]).tolist()
     start, mark = (np.array(state.q), np.array(state.angles)), os.urandom(16).hex()
     jobs = [(mechanism.path, mechanism.loading,
@@ -279,7 +278,7 @@ def _solved(
 
 
 def _solve_together(
-    samples: VariedSamples, near: Near, drawn: Array, values: Mapping[str, Array],
+    samples: VariedSamples, drawn: Array, values: Mapping[str, Array],
     is_closed: NDArray[np.bool_], bar: Any,
 ) -> int:
     """Write the values of samples closed together; return how many were tried."""
@@ -287,7 +286,7 @@ def _solve_together(
     try:
         for begin in range(0, len(drawn), SOLVED_TOGETHER):
             some = slice(begin, begin + SOLVED_TOGETHER)
-            is_closed[some], together = near.solve(samples.geometry(drawn[some].T))
+            is_closed[some], together = samples.solve(drawn[some].T)
             for x, new in zip(values.values(), together, strict=True):
                 x[some] = new
             bar.update(int(np.count_nonzero(is_closed[some])))

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,12 +20,12 @@ from spatial_pin.assembly.close import DAMPED_STEPS
 from spatial_pin.assembly.holding import fixed_base_entries
 from spatial_pin.assembly.start_values import periodic
 from spatial_pin.assembly.state import FrameMotion, State
-from spatial_pin.dimensions.dimension_batch import DimensionNumbers
 from spatial_pin.dimensions.homotopy import followed
-from spatial_pin.dimensions.variants import TracedGeometry, TracedTree, Variants
+from spatial_pin.dimensions.traced_tree import TracedGeometry, TracedTree
+from spatial_pin.dimensions.variants import DimensionNumbers, Variants
 from spatial_pin.dynamics.force_outputs import NamedOutputs
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.kernel.dimensions import ClosedSamples, ClosingSystem, DimensionCloser, Numbers
+from spatial_pin.kernel.dimensions import ClosedSamples, DimensionKernel, Numbers
 from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.mechanism.coordinates import CoordinateRates, coordinate_rates
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -141,104 +141,141 @@ LEAST_DETERMINANT = 0.02
 PARTS = 1, 4, 16  # steps in which a sample's dimensions are reached, one number after the other
 
 
-class SampleGeometry(NamedTuple):
-    """The geometry of m samples."""
-
-    dimensions: Array  # (k, m)
-    traced: TracedGeometry  # from the file
-    numbers: Numbers  # of the kernel
+def _square_system(state: State, drive: DriverMotion) -> dict[str, Any] | None:
+    """Return what `DimensionKernel.close` closes samples with; None if it may be singular."""
+    mechanism = state.mechanism
+    held = [mechanism.driven_coordinate(name) for name in drive.values]
+    driven = [*(c.v for c in held), *fixed_base_entries(mechanism, held)]
+    free = np.ones(mechanism.model.nv, dtype=bool)
+    free[[c.v for c in held]] = False
+    moving = free.copy()
+    moving[driven] = False
+    with loops_of(mechanism, state.angles) as evaluation:
+        evaluation.update(state.q)
+        jacobian, n = evaluation.jacobian, evaluation.constraints.n_closure
+        chosen = independent_rows(jacobian[:n, moving])
+        rows = np.vstack([jacobian[chosen], jacobian[n:], np.eye(len(free))[driven]])
+    svd = decompose(rows)
+    if len(svd.s) < len(rows) or (len(rows) and svd.s[-1] <= TOLERANCES.regular * svd.s[0]):
+        return None
+    return {"chosen": chosen, "driven": driven, "fill": svd.null_space, "free": free}
 
 
 class VariedSamples:
-    """Outputs of a mechanism at many sets of its dimensions; make it by `of`."""
+    """Outputs of a mechanism at many sets of its dimensions, near a closed state; make it by `of`.
 
-    def __init__(self, mechanism: Mechanism, tree: TracedTree, wanted: list[NamedOutput]) -> None:
-        self.mechanism, self._tree, self._wanted = mechanism, tree, wanted
+    Drivers are fixed, and have the rates of that state.
+    """
+
+    def __init__(
+        self, tree: TracedTree, wanted: list[NamedOutput], state: State, drive: DriverMotion,
+        system: dict[str, Any],
+    ) -> None:
+        self.mechanism, self._tree, self._wanted = state.mechanism, tree, wanted
+        self._state, self._drive, self._system = state, drive, system
         self._points = list(dict.fromkeys(x.of for x in wanted if x.family == "point"))
-        self._numbers = DimensionNumbers(mechanism, self._tree, self._points)
-        self._own = np.array([[*self._tree.dimensions.values()]]).T
+        self._numbers = DimensionNumbers(self.mechanism, tree, self._points)
+        still = [0.0] * (len(system["driven"]) - len(drive.values))
+        self._rates = np.array([[*rates.values(), *still] for rates in (
+            drive.speeds, drive.accelerations)]) if drive.moves else None
+        own = Numbers(self._numbers.base, np.empty(0, np.int64), np.empty((1, 0)))
+        nominal = self._close(state.q[None], state.angles[None], own, self._rates)
+        self._sign, self._magnitude = nominal.sign, nominal.magnitude
 
     @classmethod
     def of(
-        cls, mechanism: Mechanism, dimensions: Iterable[str], outputs: Iterable[str]
+        cls, dimensions: Iterable[str], outputs: Iterable[str], state: State, drive: DriverMotion
     ) -> VariedSamples | None:
         """Return samples that can be closed together; None if each needs its own mechanism.
 
-        That is so for a file that cannot be traced, and for outputs other than rates of coordinates
-        and points.
+        That is so for a file that cannot be traced, for outputs other than rates of coordinates and
+        points, and for a state whose equations may be dependent.
         """
-        tree = Variants(mechanism, dimensions).tree
-        wanted = [named_output(mechanism, spec) for spec in outputs]
+        tree, system = Variants(state.mechanism, dimensions).tree, _square_system(state, drive)
+        wanted = [named_output(state.mechanism, spec) for spec in outputs]
         known = [x for x in wanted if x is not None and x.family in ("coordinate", "point")
                  and not x.rule.needs and x.kind != ROTATION]
-        if tree is None or not wanted or len(known) < len(wanted):
+        if tree is None or system is None or not wanted or len(known) < len(wanted):
             return None
         try:
-            return cls(mechanism, tree, known)
+            return cls(tree, known, state, drive, system)
         except SpatialPinError:  # an output that does not exist: whoever asks for it says so
             return None
 
-    def near(self, state: State, drive: DriverMotion) -> Near | None:
-        """Return samples near a closed state; None if its equations may be dependent."""
-        mechanism = state.mechanism
-        held = [mechanism.driven_coordinate(name) for name in drive.values]
-        driven = [*(c.v for c in held), *fixed_base_entries(mechanism, held)]
-        free = np.ones(mechanism.model.nv, dtype=bool)
-        free[[c.v for c in held]] = False
-        moving = free.copy()
-        moving[driven] = False
-        with loops_of(mechanism, state.angles) as evaluation:
-            evaluation.update(state.q)
-            jacobian, n = evaluation.jacobian, evaluation.constraints.n_closure
-            chosen = independent_rows(jacobian[:n, moving])
-            rows = np.vstack([jacobian[chosen], jacobian[n:], np.eye(len(free))[driven]])
-        svd = decompose(rows)
-        if len(svd.s) < len(rows) or (len(rows) and svd.s[-1] <= TOLERANCES.regular * svd.s[0]):
-            return None
-        return Near(self, state, drive, ClosingSystem(chosen, driven, svd.null_space, free))
-
-    def own_numbers(self) -> Numbers:
-        """Return the kernel's numbers of the mechanism itself."""
-        return Numbers(self._numbers.base, np.empty(0, np.int64), np.empty((1, 0)))
-
-    def geometry(self, dimensions: Array, part: float = 1.0) -> SampleGeometry:
-        """Return the geometry at dimensions (k, m), or at a part of the change to them."""
+    def geometry(self, dimensions: Array, part: float) -> tuple[TracedGeometry, Numbers]:
+        """Return the geometry at a part of the change to dimensions (k, m), and its numbers."""
         if part != 1.0:
-            dimensions = self._own + part * (dimensions - self._own)
+            own = np.array([[*self._tree.dimensions.values()]]).T
+            dimensions = own + part * (dimensions - own)
         with np.errstate(all="ignore"):  # of samples that are none
             traced = self._tree.at(dimensions)
-            return SampleGeometry(dimensions, traced, self._numbers.at(traced))
+            return traced, self._numbers.at(traced)
 
-    def close(
-        self, start: ClosedSamples, numbers: Numbers, rates: Array | None, system: ClosingSystem
+    def solve(self, dimensions: Array) -> tuple[NDArray[np.bool_], list[Array]]:
+        """Return which samples at dimensions (k, m) are on the state's branch, and all outputs.
+
+        These are each (m,) or (m, 3).
+        """
+        good, values = np.zeros(dimensions.shape[1], dtype=bool), list[Array]()
+        for parts in PARTS:
+            far = np.flatnonzero(~good)
+            if not len(far):
+                break
+            good[far], closed = self._in_parts(dimensions[:, far], parts)
+            samples = _ClosedTogether(self.mechanism, self._points, closed, self._drive.driver)
+            new = [x.values(samples) for x in self._wanted]
+            for old, some in zip(values, new, strict=bool(values)):
+                old[far] = some
+            values = values or new
+        return good, values
+
+    def _in_parts(
+        self, dimensions: Array, parts: int
+    ) -> tuple[NDArray[np.bool_], ClosedSamples]:
+        """Close samples, their dimensions changed in equal parts.
+
+        Good samples are closed near their start, and `whole_turns.nearest_turn` would not change
+        their angles.
+        """
+        m, state = dimensions.shape[1], self._state
+        q, angles = (np.repeat(x[None], m, axis=0) for x in (state.q, state.angles))
+        good, model, turn = np.ones(m, dtype=bool), self.mechanism.model, 2.0 * np.pi
+        for k in range(1, parts + 1):
+            traced, numbers = self.geometry(dimensions, k / parts)
+            closed = self._close(q, angles, numbers, self._rates if k == parts else None)
+            q, angles = closed.q, closed.angles
+            step = np.maximum(closed.farthest, TOLERANCES.nothing)
+            good &= (
+                traced.holds & (closed.error <= TOLERANCES.zero)
+                & (closed.farthest <= LONGEST_AT_ONCE) & (closed.distance <= LONGEST_TOGETHER)
+                & (closed.bend <= TOLERANCES.contraction * step) & (closed.sign == self._sign)
+                & (closed.magnitude > self._magnitude + np.log(LEAST_DETERMINANT))
+                & (closed.opened <= TOLERANCES.singular))
+            for at in (c.q for c in periodic(self.mechanism)):
+                lower, upper = (traced.limits.get(
+                    (bound, at), getattr(model, f"{bound}PositionLimit")[at])
+                    for bound in ("lower", "upper"))
+                x = q[:, at]
+                good &= ~(((x > upper) & (x - turn >= lower)) | ((x < lower) & (x + turn <= upper)))
+        return good, closed
+
+    def _close(
+        self, q: Array, angles: Array, numbers: Numbers, rates: Array | None
     ) -> ClosedSamples:
-        """Close samples from other closed samples."""
-        with acquired(self.mechanism, DimensionCloser) as closer:
-            return closer.close(
-                system, start.q, start.angles, numbers, self._numbers.joints, rates,
-                Accuracy.named("engineering").tolerance, DAMPED_STEPS)
-
-    def values(self, closed: ClosedSamples, drive: DriverMotion) -> list[Array]:
-        """Return the outputs, each (m,) or (m, 3)."""
-        samples = _SamplesOfDimensions(self.mechanism, self._points, closed, drive)
-        return [x.values(samples) for x in self._wanted]
+        with acquired(self.mechanism, DimensionKernel) as kernel:
+            return kernel.close(
+                q, angles, numbers, **self._system, joints=self._numbers.joints, rates=rates,
+                tolerance=Accuracy.named("engineering").tolerance, iterations=DAMPED_STEPS)
 
 
-class _SamplesOfDimensions:
-    """Samples closed together, in place of those of a motion."""
+class _ClosedTogether:
+    """Samples closed together, in place of those of a motion; see `Motion`."""
 
     def __init__(
-        self, mechanism: Mechanism, points: list[str], closed: ClosedSamples, drive: DriverMotion
+        self, mechanism: Mechanism, points: list[str], closed: ClosedSamples, driver: str
     ) -> None:
         self.mechanism, self._points, self._closed = mechanism, points, closed
-        self._driver = drive.driver
-
-    @property
-    def driver_speed(self) -> Array:
-        """(m,) see `Motion`."""
-        return self._closed.v[:, self.mechanism.coordinate(self._driver).v]
-
-    swept = driver_speed
+        self.swept = self.driver_speed = closed.v[:, mechanism.coordinate(driver).v]
 
     def coordinate(self, name: str) -> CoordinateRates[Array]:
         """See `Motion.coordinate`; samples have nothing to do with each other."""
@@ -253,71 +290,3 @@ class _SamplesOfDimensions:
     def com(self, name: str) -> FrameMotion:
         """See `Motion.com`."""
         return self.frame(f"{name}.com")
-
-
-class Near:
-    """Samples near a closed state, closed with fixed drivers and the drivers' rates.
-
-    Attributes:
-        own: nominal outputs, each (1,) or (1, 3).
-    """
-
-    def __init__(
-        self, samples: VariedSamples, state: State, drive: DriverMotion, system: ClosingSystem
-    ) -> None:
-        self._samples, self._state, self._drive, self._system = samples, state, drive, system
-        self._rates = None
-        if drive.moves:
-            still = [0.0] * (len(system[1]) - len(drive.values))
-            self._rates = np.array([[*rates.values(), *still]
-                                    for rates in (drive.speeds, drive.accelerations)])
-        self._own = samples.close(self._begin(1), samples.own_numbers(), self._rates, system)
-        self.own = samples.values(self._own, drive)
-
-    def _begin(self, m: int) -> ClosedSamples:
-        """Return the state m times."""
-        q, angles = (np.repeat(x[None], m, axis=0) for x in (self._state.q, self._state.angles))
-        return ClosedSamples(q, angles, *[np.empty(0)] * (len(ClosedSamples._fields) - 2))
-
-    def solve(self, end: SampleGeometry) -> tuple[NDArray[np.bool_], list[Array]]:
-        """Return which samples (m,) are on the state's branch, and the outputs of all."""
-        good, closed = self._closed(end.dimensions, 1, end)
-        values = self._samples.values(closed, self._drive)
-        for parts in PARTS[1:]:
-            far = np.flatnonzero(~good)
-            if not len(far):
-                break
-            good[far], closed = self._closed(end.dimensions[:, far], parts)
-            new_values = self._samples.values(closed, self._drive)
-            for old, new in zip(values, new_values, strict=True):
-                old[far] = new
-        return good, values
-
-    def _closed(
-        self, dimensions: Array, parts: int, end: SampleGeometry | None = None
-    ) -> tuple[NDArray[np.bool_], ClosedSamples]:
-        """Close samples, their dimensions changed in equal parts.
-
-        Good samples are closed near their start, and `whole_turns.nearest_turn` would not change
-        their angles.
-        """
-        closed, good = self._begin(dimensions.shape[1]), np.ones(dimensions.shape[1], dtype=bool)
-        model, turn = self._state.mechanism.model, 2.0 * np.pi
-        for k in range(1, parts + 1):
-            geometry = end or self._samples.geometry(dimensions, k / parts)
-            closed = self._samples.close(
-                closed, geometry.numbers, self._rates if k == parts else None, self._system)
-            step = np.maximum(closed.farthest, TOLERANCES.nothing)
-            good &= (
-                geometry.traced.holds & (closed.error <= TOLERANCES.zero)
-                & (closed.farthest <= LONGEST_AT_ONCE) & (closed.distance <= LONGEST_TOGETHER)
-                & (closed.bend <= TOLERANCES.contraction * step) & (closed.sign == self._own.sign)
-                & (closed.magnitude > self._own.magnitude + np.log(LEAST_DETERMINANT))
-                & (closed.opened <= TOLERANCES.singular))
-            for at in (c.q for c in periodic(self._state.mechanism)):
-                lower, upper = (geometry.traced.limits.get(
-                    (bound, at), getattr(model, f"{bound}PositionLimit")[at])
-                    for bound in ("lower", "upper"))
-                q = closed.q[:, at]
-                good &= ~(((q > upper) & (q - turn >= lower)) | ((q < lower) & (q + turn <= upper)))
-        return good, closed

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from spatial_pin._support.brief import first_names
 from spatial_pin._support.checks import checked, names_of, whole_number
 from spatial_pin._support.columns import Quantity, Tabular, chosen
+from spatial_pin._support.lazy import acquired
 from spatial_pin._support.progress import in_order
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.close import closed, scaled_row
@@ -23,7 +24,7 @@ from spatial_pin.assembly.state import State
 from spatial_pin.dynamics.derivatives.derivatives import exact_mechanism
 from spatial_pin.dynamics.derivatives.small_motions import AppliedLoads, SmallMotions
 from spatial_pin.dynamics.forces import Law
-from spatial_pin.dynamics.solvers.equations_of_motion import equations_of
+from spatial_pin.dynamics.solvers.equations_of_motion import Equations
 from spatial_pin.dynamics.state_forces import Dynamics
 from spatial_pin.errors import Interrupted, SpatialPinError
 from spatial_pin.kernel.loop_equations import loops_at, loops_of
@@ -517,7 +518,7 @@ def _taken(
         if there is not None:
             if not descends or part * np.abs(step).max() < NEAR_REST or slope <= 0.0:
                 return there
-            with equations_of(mechanism) as equations:  # the power of the forces there
+            with acquired(mechanism, Equations) as equations:  # the power of the forces there
                 equations.update(there, loads.external, loads.laws)
                 along = decompose(loads.rows(equations.evaluation)).null_space
                 force = equations.given + loads.effort - equations.motion_forces(equations.rest)

@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin._support.checks import finite_number, mapping
+from spatial_pin._support.checks import as_array, finite_number, is_finite, mapping
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.dynamics.bushings import Bushing, Law
@@ -32,6 +32,7 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 class LineSpring(NamedTuple):
     """A spring between points of two bodies, in the frames of their joints."""
 
+    mechanism: Mechanism
     name: str
     bodies: tuple[int, int]
     points: tuple[Array, Array]
@@ -39,6 +40,59 @@ class LineSpring(NamedTuple):
     law: Law
     energy: Callable[[float], float] | None
     is_linear: bool
+
+    def between(self, placements: Array) -> tuple[float, Array, Array]:
+        """Return its length, the unit vector along it, and its second end.
+
+        Length and vector are zero if its ends coincide within round-off.
+        """
+        first, second = (x @ placements[i] for i, x in zip(self.bodies, self.points, strict=True))
+        d = second - first
+        length = float(np.sqrt(d @ d))
+        size = self.mechanism.characteristic_length + float(np.abs(second).max())
+        if length <= TOLERANCES.last_digit * size:
+            return 0.0, np.zeros(3), second
+        return length, d / length, second
+
+    def row(self, evaluation: LoopEquations) -> tuple[Array, float, Array]:
+        """Return d(length)/dv (nv,), the length, and the unit wrench of lengthening (6,)."""
+        length, along, end = self.between(evaluation.placements)
+        (x, y, z), (a, b, c) = end.tolist(), along.tolist()  # np.cross takes ten times as long
+        wrench = np.array([a, b, c, y * c - z * b, z * a - x * c, x * b - y * a])
+        jacobian = joint_jacobian(evaluation.data, evaluation.model.nv)
+        return (wrench @ jacobian) * self.sign, length, wrench
+
+    def pull(self, evaluation: LoopEquations, v: Array) -> tuple[float, Array]:
+        """Return its force, and the unit wrench of lengthening (6,).
+
+        Where its ends coincide, they part in the direction of their motion.
+        """
+        row, length, wrench = self.row(evaluation)
+        if length:
+            return self.law(length, float(row @ v)), wrench
+        x, y, z = (self.points[1] @ evaluation.placements[self.bodies[1]]).tolist()
+        along = np.array([[1.0, 0.0, 0.0, 0.0, z, -y], [0.0, 1.0, 0.0, -z, 0.0, x],
+                          [0.0, 0.0, 1.0, y, -x, 0.0]])  # unit forces at the point
+        parting = (along @ joint_jacobian(evaluation.data, evaluation.model.nv)) * self.sign
+        if not self.can_part(parting):
+            return 0.0, wrench
+        if force := self.law(0.0, 0.0):
+            raise self.without_direction(f"force of {force:.6g} N")
+        motion = parting @ v
+        pace = float(np.sqrt(motion @ motion))
+        return (self.law(0.0, pace), motion @ along / pace) if pace else (0.0, wrench)
+
+    def can_part(self, parting: Array) -> bool:
+        """Whether velocities move its ends apart, by the derivatives (3, nv) of their offset."""
+        size = self.mechanism.characteristic_length * TOLERANCES.tight
+        return bool(np.abs(parting).max(initial=0.0) > size)
+
+    def without_direction(self, what: str) -> SpatialPinError:
+        """Return the error of a spring whose force or damping has no direction."""
+        return SpatialPinError(
+            f"mechanism {self.mechanism.name!r}: the two frames of spring {self.name!r} coincide, "
+            f"where its {what} has no direction: start where its frames are apart, or give it a "
+            "joint instead of frames")
 
 
 class JointSpring(NamedTuple):
@@ -117,11 +171,11 @@ class Forces:
                 spring.name, coordinate.q, coordinate.v, law, energy, is_linear))
             return
         (i1, m1), (i2, m2) = (m.centred_frame(f) for f in spring.frames)
-        support = constraints_of(m).support
-        sign = support(i2) - support(i1)
+        supports = constraints_of(m).supports
+        sign = supports[i2] - supports[i1]
         points = tuple(np.append(x.translation, 1.0) for x in (m1, m2))
-        self.lines.append(LineSpring(spring.name, (i1, i2), points, sign, law, energy,  # type: ignore[arg-type]
-                               is_linear))
+        self.lines.append(LineSpring(m, spring.name, (i1, i2), points, sign, law, energy,  # type: ignore[arg-type]
+                                     is_linear))
 
     @property
     def on_frames(self) -> bool:
@@ -183,7 +237,7 @@ class Forces:
             wrench = bushing.wrench(evaluation.placements, twists)
             on_bodies += [(bushing.bodies[0], -wrench), (bushing.bodies[1], wrench)]
         for line in self.lines:
-            force, wrench = self._pull(evaluation, line, v)
+            force, wrench = line.pull(evaluation, v)
             on_bodies += [(line.bodies[0], force * wrench), (line.bodies[1], -force * wrench)]
         return on_bodies
 
@@ -192,67 +246,11 @@ class Forces:
         total = sum(bushing.energy(evaluation.placements) for bushing in self.bushings)
         for line in self.lines:
             if line.energy:
-                total += line.energy(self.row(evaluation, line)[1])
+                total += line.energy(line.between(evaluation.placements)[0])
         for turn in self.turns:
             if turn.energy:
                 total += turn.energy(float(q[turn.q]))
         return total
-
-    def line_between(self, first: Array, second: Array) -> tuple[float, Array]:
-        """Return the distance of two points (3,) and the unit vector from the first to the second.
-
-        Both are zero if the points coincide within round-off.
-        """
-        d = second - first
-        length = float(np.sqrt(d @ d))
-        size = self.mechanism.characteristic_length + float(np.abs(second).max())
-        if length <= TOLERANCES.last_digit * size:
-            return 0.0, np.zeros(3)
-        return length, d / length
-
-    def _pull(
-        self, evaluation: LoopEquations, line: LineSpring, v: Array
-    ) -> tuple[float, Array]:
-        """Return the force of a spring, and the unit wrench of lengthening (6,).
-
-        Where the frames coincide, they part in the direction of their motion.
-        """
-        row, length, wrench = self.row(evaluation, line)
-        if length:
-            return line.law(length, float(row @ v)), wrench
-        x, y, z = (line.points[1] @ evaluation.placements[line.bodies[1]]).tolist()
-        along = np.array([[1.0, 0.0, 0.0, 0.0, z, -y], [0.0, 1.0, 0.0, -z, 0.0, x],
-                          [0.0, 0.0, 1.0, y, -x, 0.0]])  # unit forces at the point
-        parting = (along @ joint_jacobian(evaluation.data, evaluation.model.nv)) * line.sign
-        if not self.can_part(parting):
-            return 0.0, wrench
-        if force := line.law(0.0, 0.0):
-            raise self.without_direction(line.name, f"force of {force:.6g} N")
-        motion = parting @ v
-        pace = float(np.sqrt(motion @ motion))
-        return (line.law(0.0, pace), motion @ along / pace) if pace else (0.0, wrench)
-
-    def can_part(self, parting: Array) -> bool:
-        """Whether velocities move two points apart, by the derivatives (3, nv) of their offset."""
-        size = self.mechanism.characteristic_length * TOLERANCES.tight
-        return bool(np.abs(parting).max(initial=0.0) > size)
-
-    def without_direction(self, name: str, what: str) -> SpatialPinError:
-        """Return the error of a spring whose force or damping has no direction."""
-        return SpatialPinError(
-            f"mechanism {self.mechanism.name!r}: the two frames of spring {name!r} coincide, where "
-            f"its {what} has no direction: start where its frames are apart, or give it a joint "
-            "instead of frames")
-
-    def row(self, evaluation: LoopEquations, line: LineSpring) -> tuple[Array, float, Array]:
-        """Return d(length)/dv (nv,), the length, and the unit wrench of lengthening (6,)."""
-        g = evaluation.placements
-        first, second = (x @ g[i] for i, x in zip(line.bodies, line.points, strict=True))
-        length, n = self.line_between(first, second)
-        (x, y, z), (a, b, c) = second.tolist(), n.tolist()  # np.cross takes ten times as long
-        wrench = np.array([a, b, c, y * c - z * b, z * a - x * c, x * b - y * a])
-        jacobian = joint_jacobian(evaluation.data, evaluation.model.nv)
-        return (wrench @ jacobian) * line.sign, length, wrench
 
 
 def warn_of_no_inertia(
@@ -274,19 +272,6 @@ def warn_of_no_inertia(
             "give the links an <inertial> in the URDF")
 
 
-def at_state(external: Any) -> Mapping[str, pin.Force] | None:
-    """Return forces at frames of a State as they are.
-
-    Raises:
-        TypeError: they are a function, as only a Motion takes.
-    """
-    if callable(external):
-        raise TypeError("external is a function, which needs a Motion; for a State give a mapping "
-                        "from frames to forces")
-    forces: Mapping[str, pin.Force] | None = external
-    return forces
-
-
 def joint_efforts(mechanism: Mechanism, efforts: Mapping[str, float] | None) -> Array:
     """Return efforts by driver, joint or coordinate as generalised forces (nv,) [N·m, N].
 
@@ -305,16 +290,46 @@ def joint_efforts(mechanism: Mechanism, efforts: Mapping[str, float] | None) -> 
     return total
 
 
+def forces_on_frames(
+    mechanism: Mechanism, external: Any, n: int, what: str
+) -> tuple[dict[str, Any], dict[str, Array]]:
+    """Return forces at frames that are constant, and rows (n, 6) of force and moment, by frame.
+
+    Raises:
+        UnknownNameError: there is no such frame.
+        ValueError: rows are not as many as there are samples or times, `what` they are of, or not
+            finite.
+    """
+    fixed, tables = dict[str, Any](), dict[str, Array]()
+    for name, force in mapping(external, "external").items():
+        mechanism.frame_id(name)
+        if not isinstance(force, np.ndarray | list | tuple):
+            fixed[name] = force
+            continue
+        rows = tables[name] = as_array(force, f"external force at {name!r}")
+        if rows.shape != (n, 6):
+            raise ValueError(
+                f"external force at {name!r} has shape {rows.shape}; give a pin.Force, or a row of "
+                f"force and moment for each of the {n} {what}: ({n}, 6)")
+        if not is_finite(rows):
+            raise ValueError(f"external force at {name!r} is NaN or infinite")
+    return fixed, tables
+
+
 def external_wrenches(
-    mechanism: Mechanism, evaluation: LoopEquations, external: Mapping[str, pin.Force] | None
+    mechanism: Mechanism, evaluation: LoopEquations, external: Any
 ) -> list[tuple[int, Array]]:
     """Return (joint, wrench (6,) about the world origin) of forces given at frames, world axes.
 
     Raises:
+        TypeError: they are a function, as only a Motion takes.
         UnknownNameError: there is no such frame.
         SpatialPinError: it is no `pin.Force`.
         ValueError: it is not finite.
     """
+    if callable(external):
+        raise TypeError("external is a function, which needs a Motion; for a State give a mapping "
+                        "from frames to forces")
     wrenches = []
     for name, force in (external or {}).items():
         joint, placement = mechanism.centred_frame(name)
@@ -335,5 +350,5 @@ def generalised(evaluation: LoopEquations, wrenches: list[tuple[int, Array]]) ->
     total = np.zeros(evaluation.model.nv)
     jacobian = joint_jacobian(evaluation.data, evaluation.model.nv)
     for joint, wrench in wrenches:
-        total += (wrench @ jacobian) * evaluation.constraints.support(joint)
+        total += (wrench @ jacobian) * evaluation.constraints.supports[joint]
     return total

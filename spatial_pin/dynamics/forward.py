@@ -9,11 +9,12 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from spatial_pin._support.checks import checked
+from spatial_pin._support.lazy import acquired
 from spatial_pin.assembly.state import State, moving_in_time
-from spatial_pin.dynamics.forces import Law, at_state, joint_efforts, warn_of_no_inertia
+from spatial_pin.dynamics.forces import Law, joint_efforts, warn_of_no_inertia
 from spatial_pin.dynamics.kinetostatics import Kinetostatics, forward_over
 from spatial_pin.dynamics.loaded_samples import External
-from spatial_pin.dynamics.solvers.equations_of_motion import equations_of
+from spatial_pin.dynamics.solvers.equations_of_motion import Equations
 from spatial_pin.dynamics.state_forces import Dynamics
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
@@ -85,10 +86,9 @@ def forward_dynamics(
     if not isinstance(state, State):
         return forward_over(mechanism, state, efforts, (external, laws, slip_speed))
     state = moving_in_time(mechanism, state)
-    mechanism, external = state.mechanism, at_state(external)
-    load = external, laws, slip_speed
-    with equations_of(mechanism) as equations:
-        equations.update(state, external, laws, slip_speed)
+    mechanism, load = state.mechanism, (external, laws, slip_speed)
+    with acquired(mechanism, Equations) as equations:
+        equations.update(state, *load)
         effort = joint_efforts(mechanism, efforts) if efforts else equations.rest
         a, closures, error = equations.solve(
             effort + equations.given if efforts else equations.given)

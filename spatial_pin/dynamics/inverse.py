@@ -18,7 +18,7 @@ from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.dynamics.reactions import UNMOVED
-from spatial_pin.dynamics.solvers.equations_of_motion import Equations
+from spatial_pin.dynamics.solvers.equations_of_motion import Equations, no_inertia_error
 from spatial_pin.dynamics.solvers.least_constraint import ROUNDING
 from spatial_pin.dynamics.state_forces import Dynamics, Load
 from spatial_pin.errors import SpatialPinError
@@ -81,16 +81,7 @@ class Actuation:
         return np.array([self.generalised(e, nv) for e in efforts]).reshape(-1, nv)
 
 
-def actuation_of(
-    mechanism: Mechanism, actuated: Iterable[str] | Mapping[str, float] | None
-) -> Actuation:
-    """Return the actuators of a mechanism, by default its drivers: these are made once."""
-    return Actuation(mechanism, actuated) if actuated is not None else _drivers(mechanism)
-
-
-@made_once
-def _drivers(mechanism: Mechanism) -> Actuation:
-    return Actuation(mechanism)
+drivers_of = made_once(Actuation)  # all drivers of a mechanism are its actuators by default
 
 
 class Efforts(Dynamics):
@@ -169,17 +160,16 @@ def balance(equations: Equations, actuation: Actuation) -> tuple[Array, Array, A
         SpatialPinError: a freedom is not actuated, or carries load.
         SingularError: the loops have lost rank, or a passive freedom has no inertia.
     """
-    a, kkt, state = equations.state.a, equations.limbs.kkt, equations.state
-    if not equations.is_rounded:
-        solution = kkt.efforts_of(
-            state.q, state.v, a, equations.angle_reference, equations.given, actuation.columns)
-        if solution is not None:
-            equations.check_rank(kkt.rank)
-            if state.mechanism.passives:
-                a = kkt.a.copy()
-            return solution, a, kkt.closures.copy(), kkt.error_of_tree
+    a, kkt, state = equations.state.a, equations.core_kkt, equations.state
+    solution = kkt.efforts_of(
+        state.q, state.v, a, equations.angle_reference, equations.given, actuation.columns)
+    if solution is not None:
+        equations.ranks.check(kkt.rank)
+        if state.mechanism.passives:
+            a = kkt.a.copy()
+        return solution, a, kkt.closures.copy(), kkt.error_of_tree
     freedoms, rank = _freedoms(equations, actuation)
-    equations.check_rank(rank)
+    equations.ranks.check(rank)
     scale = equations.scale
     if len(freedoms):
         pull = freedoms[:, actuation.columns]
@@ -388,5 +378,5 @@ def _with_idle_rotations(equations: Equations, idle: Array, a: Array) -> Array:
     z = -decompose(inertia).minimum_norm(load)
     size = np.abs(equations.scale * wanted).max() / heaviest
     if np.abs(inertia @ z + load).max() > TOLERANCES.nothing * size:
-        raise equations.no_inertia_error(idle)
+        raise no_inertia_error(equations.mechanism, equations.moving(idle), equations.state)
     return a + work.T @ z

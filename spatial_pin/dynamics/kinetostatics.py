@@ -14,9 +14,16 @@ from numpy.typing import NDArray
 from spatial_pin._support.brief import first_names
 from spatial_pin._support.checks import checked
 from spatial_pin._support.columns import Quantity, Tabular, read_only
+from spatial_pin._support.lazy import acquired
 from spatial_pin.assembly.state import State, moving_in_time
-from spatial_pin.dynamics.forces import Law, at_state, warn_of_no_inertia
-from spatial_pin.dynamics.inverse import Efforts, actuation_of, balance, internal_efforts
+from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
+from spatial_pin.dynamics.inverse import (
+    Actuation,
+    Efforts,
+    balance,
+    drivers_of,
+    internal_efforts,
+)
 from spatial_pin.dynamics.lift_off import lift_offs
 from spatial_pin.dynamics.loaded_samples import (
     External,
@@ -26,7 +33,7 @@ from spatial_pin.dynamics.loaded_samples import (
     efforts_over,
 )
 from spatial_pin.dynamics.reactions import not_unique_marks, why_not_unique
-from spatial_pin.dynamics.solvers.equations_of_motion import equations_of
+from spatial_pin.dynamics.solvers.equations_of_motion import Equations
 from spatial_pin.errors import Interrupted, SpatialPinError
 from spatial_pin.kernel.kkt import FAILED
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -254,14 +261,15 @@ def kinetostatics(
         >>> print(f"at most {loads.efforts['crank'].max():.3f} N·m")
         at most 2.142 N·m
     """
-    actuation = actuation_of(_moved(mechanism, motion), actuated)
+    moved = _moved(mechanism, motion)
+    actuation = drivers_of(moved) if actuated is None else Actuation(moved, actuated)
 
     def solve(samples: LoadedSamples) -> None:
         equations, columns = samples.equations, actuation.columns
         for piece in samples.pieces():
             at = piece.at
             if samples.is_together:
-                solution = equations.limbs.kkt.of_many(
+                solution = equations.core_kkt.of_many(
                     piece.q, piece.v, piece.angles, piece.given, samples.given_a[at], columns)
                 if not solution.facts[:, FAILED].any():
                     samples.efforts[at] = solution.efforts
@@ -349,11 +357,10 @@ def inverse_dynamics(
         return kinetostatics(mechanism, state, actuated, external=external, laws=laws,
                              slip_speed=slip_speed)
     state = moving_in_time(mechanism, state)
-    mechanism, external = state.mechanism, at_state(external)
-    actuation = actuation_of(mechanism, actuated)
+    mechanism, load = state.mechanism, (external, laws, slip_speed)
+    actuation = drivers_of(mechanism) if actuated is None else Actuation(mechanism, actuated)
     warn_of_no_inertia(mechanism, external=external)
-    load = external, laws, slip_speed
-    with equations_of(mechanism) as equations:
+    with acquired(mechanism, Equations) as equations:
         equations.update(state, *load)
         efforts, a, closures, error = balance(equations, actuation)
     return Efforts(state, load, a, closures, actuation, efforts, error)
@@ -397,9 +404,9 @@ def loads_over(
     warn_of_no_inertia(mechanism, external=loads[0])
     moved, is_cut = motion.mechanism, False
     with ExitStack() as stack:
-        equations = bearing = stack.enter_context(equations_of(moved))
+        equations = bearing = stack.enter_context(acquired(moved, Equations))
         if moved.whole is not None:
-            bearing = stack.enter_context(equations_of(moved.whole))
+            bearing = stack.enter_context(acquired(moved.whole, Equations))
         samples = LoadedSamples(mechanism, motion, equations, bearing, loads, len(known))
         try:
             solve(samples)
@@ -428,22 +435,11 @@ def loads_over(
         {name: read_only(samples.reactions[:, k].copy()) for k, name in enumerate(names)},
         read_only(samples.on_ground), read_only(samples.multipliers),
         {name: np.logical_and.reduce(each, axis=1) for name, each in unique.items()}, unique,
-        _beyond_limits(motion, columns, samples.efforts), _lift_offs(motion, samples.multipliers),
-        read_only(samples.error))
+        _beyond_limits(motion, columns, samples.efforts),
+        tuple(lift_offs(motion, samples.multipliers)), read_only(samples.error))
     if is_cut:
         raise Interrupted(motion, result)
     return result
-
-
-def _lift_offs(motion: Motion, multipliers: Array) -> tuple[Event, ...]:
-    """Return where contacts of cams begin to pull, given multipliers (N, n_closure)."""
-    if motion.driver is not None:
-        at, what = motion.driver, f"at {motion.driver_name} = {{:.9g}} {motion.driver_unit}"
-    elif motion.time is not None:
-        at, what = motion.time, "at {:.9g} s"
-    else:
-        at, what = np.arange(len(motion), dtype=float), "in sample {:.9g}"
-    return tuple(lift_offs(motion.mechanism, multipliers, at, what))
 
 
 def _beyond_limits(

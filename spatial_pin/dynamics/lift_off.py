@@ -7,7 +7,7 @@ import numpy as np
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.mechanism.inertia import moving_mass
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.motion.motion import Event
+from spatial_pin.motion.motion import Event, Motion
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.roots import between_samples, onsets
 
@@ -35,15 +35,20 @@ def contacts_of(mechanism: Mechanism) -> dict[str, tuple[int, int]]:
     return {name: (rows[name], sign) for name, sign in signs.items()}
 
 
-def lift_offs(mechanism: Mechanism, multipliers: Array, at: Array, what: str) -> list[Event]:
+def lift_offs(motion: Motion, multipliers: Array) -> list[Event]:
     """Return an event where each contact begins to pull, in their order.
 
     Args:
-        mechanism: what moves.
+        motion: the motion, of N samples.
         multipliers: (N, n_closure) of the equations of its file.
-        at: (N,) time or driver of each sample.
-        what: a format of these as text: "at {:.9g} s".
     """
+    mechanism, at, what = motion.mechanism, motion.driver, "at {:.9g} s"
+    if at is not None:
+        what = f"at {motion.driver_name} = {{:.9g}} {motion.driver_unit}"
+    elif motion.time is not None:
+        at = motion.time
+    else:
+        at, what = np.arange(len(motion), dtype=float), "in sample {:.9g}"
     size = mechanism.characteristic_length * moving_mass(mechanism.model)
     size = max(WEIGHT * size, float(np.abs(multipliers).max(initial=0.0)))
     events = []

@@ -17,7 +17,7 @@ from spatial_pin._support.checks import as_array, is_finite, mapping
 from spatial_pin._support.lazy import acquired
 from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.constraints.kernel_tree import KernelTree
-from spatial_pin.dynamics.forces import Law, joint_efforts
+from spatial_pin.dynamics.forces import Law, forces_on_frames, joint_efforts
 from spatial_pin.dynamics.reactions import Poses
 from spatial_pin.dynamics.solvers.equations_of_motion import DOUBTFUL, Equations
 from spatial_pin.errors import SpatialPinError
@@ -111,54 +111,49 @@ class LoadedSamples:
 
     def pieces(self) -> Iterator[SampleBlock]:
         """Yield pieces of the samples, with the forces that act on them."""
-        equations, motion, n = self.equations, self.motion, len(self.motion)
+        n, size = len(self.motion), SAMPLES_AT_ONCE if self.is_together else 1
         if n:
             self.set_sample(0)
-        springs = equations.springs
-        for first in range(0, n, SAMPLES_AT_ONCE):
-            at = slice(first, min(first + SAMPLES_AT_ONCE, n))
-            k = at.stop - first
-            turning = np.zeros((k, equations.model.nv))
-            given, wrenches = turning, np.zeros((k, equations.model.njoints, 6))
-            if self.is_together and springs.exist:
-                turning[:] = [springs.turning(*x)
-                              for x in zip(motion.q[at], self.v[at], strict=True)]
-            if self.is_together and (self._external or springs.on_frames):
-                given = turning.copy()
-                if self._external or not self._stretch(at, given, wrenches):
-                    for row in range(k):
-                        self.set_sample(first + row)
-                        given[row] = equations.given
-                        wrenches[row] = equations.pairs.summed(equations.wrenches)
-            angles = motion.angles[at] if motion.angles.size else np.zeros((k, 0))
-            piece = SampleBlock(at, motion.q[at], self.v[at], angles, given, turning, wrenches)
+        for first in range(0, n, size):
+            piece = self._loaded(slice(first, min(first + size, n)))
             yield piece
             if self._alone:
                 joints, closures = (np.array(x) for x in zip(*self._alone, strict=True))
-                self._bear(piece, joints, self.a[at], closures, None)
+                self._bear(piece, joints, self.a[piece.at], closures, None)
                 self._alone = []
-            self.done = at.stop
+            self.done = piece.at.stop
 
-    def _stretch(self, at: slice, given: Array, wrenches: Array) -> bool:
-        """Add the joint forces of springs on frames, and write their wrenches on bodies.
+    def _loaded(self, at: slice) -> SampleBlock:
+        """Return samples with the forces that act on them.
 
-        Returns:
-            Whether they were worked out: springs with laws, or whose frames coincide, are not.
+        Springs on frames are worked out in the kernel, but for those with laws, or whose frames
+        coincide.
         """
-        equations, springs = self.equations, self.equations.springs
-        if springs.laws_on_frames:
-            return False
-        with acquired(equations.mechanism, _centred_tree) as tree:
-            packed = tree.springs(springs.packed)
-            found, columns = tree.spring_wrenches(self.motion.q[at], self.v[at], packed)
-        if packed.coincide():
-            return False
-        wrenches[:] = found
-        for joint in {i for x in springs.lines for i in x.bodies} | {
-                i for x in springs.bushings for i in x.bodies}:
-            own = (found[:, joint, None] @ columns)[:, 0]
-            given += own * equations.constraints.support(joint)
-        return True
+        equations, motion, springs = self.equations, self.motion, self.equations.springs
+        k = at.stop - at.start
+        turning = np.zeros((k, equations.model.nv))
+        given, wrenches = turning, np.zeros((k, equations.model.njoints, 6))
+        if springs.exist:
+            turning[:] = [springs.turning(*x) for x in zip(motion.q[at], self.v[at], strict=True)]
+        if self._external or springs.on_frames:
+            given = turning.copy()
+            is_found = not (self._external or springs.laws_on_frames)
+            if is_found:
+                with acquired(self.bearing.mechanism, _centred_tree) as tree:
+                    packed = tree.springs(springs.packed)
+                    found, columns = tree.spring_wrenches(motion.q[at], self.v[at], packed)
+                is_found = not packed.coincide()
+            if is_found:
+                wrenches[:] = found
+                for joint in {i for x in (*springs.lines, *springs.bushings) for i in x.bodies}:
+                    own = (found[:, joint, None] @ columns)[:, 0]
+                    given += own * equations.constraints.supports[joint]
+            for row in range(0 if is_found else k):
+                self.set_sample(at.start + row)
+                given[row] = equations.given
+                wrenches[row] = self.bearing.pairs.summed(equations.wrenches)
+        angles = motion.angles[at] if motion.angles.size else np.zeros((k, 0))
+        return SampleBlock(at, motion.q[at], self.v[at], angles, given, turning, wrenches)
 
     def take(
         self, k: int, at_joints: Array, a: Array, closures: Array, error: float,
@@ -178,13 +173,7 @@ class LoadedSamples:
         if bearing.pairs.coupled or bearing.has_redundant or (
                 internal is not None and len(internal)):
             self.unique[k] = list(bearing.unique(internal).values())
-        if self.is_together:  # the reactions of a piece follow together
-            self._alone.append((at_joints, closures))
-            return
-        self.multipliers[k] = bearing.multipliers(closures)
-        reactions, self.on_ground[k] = bearing.reactions(a, self.multipliers[k], at_joints)
-        self.reactions[k] = list(reactions.values())
-        self.done = k + 1
+        self._alone.append((at_joints, closures))  # the reactions of a piece follow together
 
     def take_piece(
         self, piece: SampleBlock, at_joints: Array, a: Array, solution: Accelerated
@@ -203,7 +192,7 @@ class LoadedSamples:
         equations, at = self.equations, piece.at
         self.error[at] = solution.facts[:, ERROR]
         ranks, n = solution.facts[:, RANK].astype(np.int64), equations.n_closure
-        equations.check_ranks(ranks, piece.q, lambda k: self.state(at.start + k))
+        equations.ranks.check_many(ranks, piece.q, lambda k: self.state(at.start + k))
         has_redundant = bool(n) and ranks.min() < n
         poses, rows, stresses = self._bear(
             piece, at_joints, a, solution.closures, None if has_redundant else solution.multipliers)
@@ -218,7 +207,6 @@ class LoadedSamples:
         for k in range(at.start, at.stop):  # ranks differ
             self.set_sample(k)
             self.unique[k] = list(equations.unique().values())
-            self.done = k + 1
 
     def _bear(
         self, piece: SampleBlock, at_joints: Array, a: Array, closures: Array,
@@ -230,20 +218,24 @@ class LoadedSamples:
             Poses, `LoopEquations.joint_rows` (k, of_joints, nv), and self-stresses (k, s, n): None
             where there are more at some samples than at others.
         """
-        equations, at = self.equations, piece.at
-        with acquired(equations.mechanism, _centred_tree) as tree:
+        bearing, at, angles = self.bearing, piece.at, piece.angles
+        with acquired(bearing.mechanism, _centred_tree) as tree:
             placements, columns, transmitted = tree.at_many(piece.q, piece.v, a)
-        stresses: Array | None = np.zeros((len(a), 0, equations.n_closure))
-        if multipliers is None:
-            with acquired(equations.mechanism, Kernel) as kernel:
-                jacobians = kernel.jacobians_and_columns(piece.q, piece.angles)[0]
+        stresses: Array | None = np.zeros((len(a), 0, bearing.n_closure))
+        if not self.is_together:  # one sample, where these equations are
+            multipliers, angles = bearing.multipliers(closures[0])[None], (
+                bearing.angle_reference[None])
+        elif multipliers is None:
+            with acquired(bearing.mechanism, Kernel) as kernel:
+                jacobians = kernel.jacobians_and_columns(piece.q, angles)[0]
             multipliers, stresses = solved_transposed(
-                jacobians[:, : equations.n_closure], equations.scale * closures)
-        c, total = equations.constraints, at_joints + piece.turning - equations.model.armature * a
-        rows = joint_rows(c, placements, piece.q, piece.angles)
+                jacobians[:, : bearing.n_closure], bearing.scale * closures)
+        assert multipliers is not None
+        c, total = bearing.constraints, at_joints + piece.turning - bearing.model.armature * a
+        rows = joint_rows(c, placements, piece.q, angles)
         total += (multipliers[:, None, c.of_joints] @ rows)[:, 0]
-        poses = Poses(placements, columns, row_wrenches(c, placements, piece.q, piece.angles))
-        reactions, self.on_ground[at] = equations.pairs.reactions(
+        poses = Poses(placements, columns, row_wrenches(c, placements, piece.q, angles))
+        reactions, self.on_ground[at] = bearing.pairs.reactions(
             poses, transmitted, multipliers, piece.wrenches, total)
         self.a[at], self.multipliers[at] = a, multipliers
         for pair, wrench in enumerate(reactions.values()):
@@ -257,7 +249,7 @@ class LoadedSamples:
 
 
 def _centred_tree(mechanism: Mechanism) -> KernelTree:
-    return KernelTree(mechanism.centred_model)
+    return KernelTree(mechanism.centred_model, whole=mechanism)
 
 
 def accelerate(samples: LoadedSamples, efforts: Array) -> None:
@@ -270,7 +262,7 @@ def accelerate(samples: LoadedSamples, efforts: Array) -> None:
     for piece in samples.pieces():
         at = piece.at
         if samples.is_together:
-            solution = equations.limbs.kkt.of_many(
+            solution = equations.core_kkt.of_many(
                 piece.q, piece.v, piece.angles, piece.given + efforts[at])
             facts = solution.facts
             if not facts[:, FAILED].any() and np.all(facts[:, ERROR] <= DOUBTFUL):
@@ -328,18 +320,6 @@ def forces_at(mechanism: Mechanism, motion: Motion, external: External | None) -
         return lambda k, state: mapping(law(state), "external")
     if not external:
         return None
-    tables: dict[str, Array] = {}
-    for name, force in mapping(external, "external").items():
-        if isinstance(force, np.ndarray | list | tuple):
-            mechanism.frame_id(name)
-            rows = tables[name] = as_array(force, f"external force at {name!r}")
-            if rows.shape != (len(motion), 6):
-                raise ValueError(
-                    f"external force at {name!r} has shape {rows.shape}; give a pin.Force, or a "
-                    f"row of force and moment for each of the {len(motion)} samples: "
-                    f"({len(motion)}, 6)")
-            if not is_finite(rows):
-                raise ValueError(f"external force at {name!r} is NaN or infinite")
-    fixed = {name: force for name, force in external.items() if name not in tables}
+    fixed, tables = forces_on_frames(mechanism, external, len(motion), "samples")
     return lambda k, state: fixed | {name: pin.Force(rows[k].copy())
                                      for name, rows in tables.items()}

@@ -83,20 +83,6 @@ class Pairs:
         self.grounded = [int(i) for i in model.children[0]]
         self.turns = np.array([c.unit == "rad" for c in mechanism.coordinate_table.values()], bool)
 
-    def on_bodies(self, rows: Array, multipliers: Array) -> Array:
-        """Return the wrenches (..., njoints, 6) of the closures on all bodies, world origin."""
-        total = np.zeros((*multipliers.shape[:-1], self.model.njoints, 6))
-        for _, own, (first, second), _ in self.closed:
-            wrench = _borne(rows, multipliers, own)
-            total[..., first, :] -= wrench
-            total[..., second, :] += wrench
-        for at, (row, _, (first, second)) in enumerate(
-                self.other_body_products, start=multipliers.shape[-1]):
-            wrench = multipliers[..., row, None] * rows[..., at, :]
-            total[..., first, :] -= wrench
-            total[..., second, :] += wrench
-        return total
-
     def carried(self, wrenches: Array) -> Array:
         """Return the wrenches of every body and its descendants, summed by joint (njoints, ...)."""
         total = wrenches.copy()
@@ -121,28 +107,34 @@ class Pairs:
 
         Args:
             poses: where the bodies are.
-            transmitted: (..., njoints, 6) what joints hand on, local axes, by their own forces.
+            transmitted: (..., njoints, 6) what joints hand on, world axes, about their origins.
             multipliers: (..., n_closure) of the closure equations.
             given: (..., njoints, 6) other wrenches on bodies: springs, forces from outside.
             effort: (..., nv) efforts at joints.
         """
-        on_bodies = given + self.on_bodies(poses.rows, multipliers)
+        closed = [(multipliers[..., None, own] @ poses.rows[..., own, :])[..., 0, :]
+                  for _, own, _, _ in self.closed]
         coupled = [c.wrench(poses.placements, multipliers) for c in self.couplings]
-        for c, wrench in zip(self.couplings, coupled, strict=True):
-            on_bodies[..., c.bodies[0], :] -= wrench
-            on_bodies[..., c.bodies[1], :] += wrench
+        acting = [*zip([bodies for _, _, bodies, _ in self.closed], closed, strict=True),
+                  *zip([c.bodies for c in self.couplings], coupled, strict=True)]
+        for at, (row, _, bodies) in enumerate(
+                self.other_body_products, start=multipliers.shape[-1]):
+            acting.append((bodies, multipliers[..., row, None] * poses.rows[..., at, :]))
+        on_bodies = given + np.zeros((*multipliers.shape[:-1], 1, 1))
+        for (first, second), wrench in acting:
+            on_bodies[..., first, :] -= wrench
+            on_bodies[..., second, :] += wrench
+        for c in self.couplings:
             effort = effort - multipliers[..., c.at, None] * c.row
-        local = transmitted.reshape(*transmitted.shape[:-1], 2, 3)
-        forces = (local @ poses.placements[..., :3, :]).reshape(transmitted.shape)
+        forces = transmitted.copy()
         forces[..., 3:] += cross(poses.placements[..., 3, :], forces[..., :3])
         forces = forces - np.moveaxis(self.carried(np.moveaxis(on_bodies, -2, 0)), 0, -2)
         at_joints = _moved(forces, poses.placements[..., 3, :])
         by_pair = {self.model.names[i]: self._without_effort(i, at_joints[..., i, :], poses.columns,
                                                            effort)
                  for i in range(1, self.model.njoints)}
-        for name, rows, (_, body), point in self.closed:
-            by_pair[name] = _moved(_borne(poses.rows, multipliers, rows),
-                                 point @ poses.placements[..., body, :, :])
+        for (name, _, (_, body), point), wrench in zip(self.closed, closed, strict=True):
+            by_pair[name] = _moved(wrench, point @ poses.placements[..., body, :, :])
         by_pair |= {c.name: _moved(wrench, c.pose_of(poses.placements))
                   for c, wrench in zip(self.couplings, coupled, strict=True)}
         ground = on_bodies[..., 0, :] - forces[..., self.grounded, :].sum(axis=-2)
@@ -253,11 +245,6 @@ def _levels(parents: list[int]) -> list[tuple[NDArray[np.intp], NDArray[np.intp]
         if deep:
             levels[-deep].append(joint)
     return [(np.array(joints), np.array([parents[i] for i in joints])) for joints in levels]
-
-
-def _borne(rows: Array, multipliers: Array, part: slice) -> Array:
-    """Return the wrench (..., 6) on body 2 of the closure with these rows, at the world origin."""
-    return (multipliers[..., None, part] @ rows[..., part, :])[..., 0, :]
 
 
 def _moved(wrench: Array, point: Array) -> Array:

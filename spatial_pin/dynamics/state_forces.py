@@ -5,22 +5,24 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin._support.brief import first_names, words
+from spatial_pin._support.lazy import acquired
 from spatial_pin.assembly.state import State
 from spatial_pin.dynamics.forces import Law
 from spatial_pin.dynamics.reactions import why_not_unique
-from spatial_pin.dynamics.solvers.equations_of_motion import Equations, equations_of
+from spatial_pin.dynamics.solvers.equations_of_motion import Equations
 from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.numerics.linalg import Array
 
 # Forces besides gravity, efforts and closures, as `Equations.update` takes them: those on frames,
 # laws of springs, slip speed of dry friction.
-Load = tuple[Mapping[str, pin.Force] | None, Mapping[str, Law] | None, SlipSpeed | None]
+Load = tuple[Any, Mapping[str, Law] | None, SlipSpeed | None]
 
 
 class Dynamics:
@@ -67,7 +69,7 @@ class Dynamics:
     @contextmanager
     def _equations(self) -> Iterator[Equations]:
         mechanism = self._at.mechanism
-        with equations_of(mechanism.whole or mechanism) as equations:
+        with acquired(mechanism.whole or mechanism, Equations) as equations:
             equations.update(self._at, *self._load)
             yield equations
 

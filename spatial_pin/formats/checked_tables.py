@@ -9,7 +9,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from spatial_pin.errors import MechanismFileError, Mistakes, suggestion
-from spatial_pin.formats.urdf.urdf_model import LIMITS, RESISTANCES
+from spatial_pin.formats.urdf.urdf_model import NUMBERS
 from spatial_pin.mechanism.pairs import PAIRS, unit
 from spatial_pin.numerics.linalg import Array
 
@@ -20,7 +20,7 @@ BELONGS = {  # where in a file each key has its place
     TOP: ("name", "title", "source", "tree", "complete", "gravity", "gap", "order", "joints",
           "curves", "closures", "drivers", "springs", "passive", "frames", "masses", "guess",
           "bodies", "points", "rods", "gears", "dimensions", "keep", "density", "radius"),
-    "in [joints.NAME]": ("type", "axis", "axis2", "lead", *RESISTANCES, *LIMITS, "between", "at"),
+    "in [joints.NAME]": ("type", "axis", "axis2", "lead", *NUMBERS, "between", "at"),
     "in [[closures]]": ("name", "type", "frames", "joints", *sorted(
         {"length", *(key.name for pair in PAIRS.values() for key in pair.keys)}, reverse=True),
         BETWEEN, "equations", "axis", "axis2", "lead", "source"),

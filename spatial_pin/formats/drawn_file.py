@@ -18,7 +18,7 @@ import numpy as np
 
 from spatial_pin.errors import MechanismFileError, Mistakes, suggestion
 from spatial_pin.formats.checked_tables import TomlTable
-from spatial_pin.formats.urdf.urdf_model import LIMITS, RESISTANCES
+from spatial_pin.formats.urdf.urdf_model import NUMBERS
 from spatial_pin.formats.xacro.expressions import GLOBALS, Budget, evaluate
 from spatial_pin.mechanism.pairs import JOINT_TYPES, PAIRS, hint_at_type, unit
 from spatial_pin.numerics.linalg import Array
@@ -247,7 +247,7 @@ class DrawnFile:
             if abs(unit(numbers.values(axis)) @ unit(numbers.values(axis2))) > ROUNDED:
                 table.fail("axis2", "is not perpendicular to axis, as the pins of a universal "
                                     "joint are")
-        more = {key: table.get(key) for key in (*RESISTANCES, *LIMITS) if key in table}
+        more = {key: table.get(key) for key in NUMBERS if key in table}
         if pair.uses_lead:
             more["lead"] = table.get("lead")
         return DrawnJoint(kind, (one, two), at, axis, axis2, more)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin._support.checks import numbers_or_none
 from spatial_pin.errors import MechanismFileError, Mistakes, suggestion
 from spatial_pin.formats.checked_tables import BELONGS, BETWEEN, TOP, TomlTable, key_hint
 from spatial_pin.formats.file_access import Trust, read_text
@@ -21,7 +22,7 @@ from spatial_pin.formats.importers import Faults, Request
 from spatial_pin.formats.urdf.elements import inertial
 from spatial_pin.formats.urdf.urdf_model import (
     LIMITS,
-    RESISTANCES,
+    NUMBERS,
     JointRefinement,
     tree_of,
 )
@@ -254,16 +255,15 @@ def _check_guess(mechanism: Mechanism, where: str, mistakes: Mistakes) -> None:
 
 
 def _refinement(table: TomlTable) -> JointRefinement:
-    resistances = {key: table.numbers(key, least=0.0) for key in RESISTANCES if key in table}
-    if np.any(resistances.get("slip_speed", 1.0) == 0.0):
+    numbers = {key: table.bounds(key) if key in LIMITS else table.numbers(key, least=0.0)
+               for key in NUMBERS if key in table}
+    if np.any(numbers.get("slip_speed", 1.0) == 0.0):
         table.fail("slip_speed", "is 0; dry friction needs a speed at which it is nearly whole")
-    limits = {key: table.bounds(key) for key in LIMITS if key in table}
     needs_type = not table.content or any(key in table for key in ("type", "axis", "axis2", "lead"))
     if not needs_type:
-        return JointRefinement(resistances=resistances, limits=limits, where=table.where)
+        return JointRefinement(numbers=numbers, where=table.where)
     kind = table.choice("type", JOINT_TYPES, hint_at_type)
-    return JointRefinement(kind, *_axes(table, PAIRS[kind]), resistances=resistances,
-                           limits=limits, where=table.where)
+    return JointRefinement(kind, *_axes(table, PAIRS[kind]), numbers, table.where)
 
 
 def _axes(table: TomlTable, pair: Pair) -> tuple[Array | None, Array | None, float]:
@@ -344,32 +344,6 @@ def _numbers(table: TomlTable, pair: Pair, spec: MechanismSpec) -> dict[str, Any
     return numbers
 
 
-def _law(table: TomlTable, spec: MechanismSpec) -> tuple[tuple[float, float], ...]:
-    """Return the points of a spring's characteristic: written out, or of a file of two columns."""
-    if "law" not in table:
-        return ()
-    if "stiffness" in table:
-        table.fail("law", "or stiffness: a spring has one of the two")
-    given = table.get("law")
-    if not isinstance(given, dict) or ("points" in given) == ("table" in given):
-        table.fail("law", 'is {points = [[0.0, 0.0], [0.01, 40.0]]} or {table = "gas.csv"}')
-    inner = table.table("law")
-    if "table" in inner:
-        values: Any = spec.rows(inner.text("table"))
-    else:
-        values = inner.get("points")
-    try:
-        points = np.array(values, float)
-    except (TypeError, ValueError):
-        points = np.empty(0)
-    if points.ndim != 2 or points.shape[1:] != (2,) or len(points) < 2 or not (
-            np.isfinite(points).all() and np.all(np.diff(points[:, 0]) > 0.0)):
-        table.fail("law", "needs two points or more of two numbers, elongation and force, with "
-                          "rising elongations")
-    inner.close()
-    return tuple((float(x), float(force)) for x, force in points)
-
-
 def _as_number(text: str) -> float | None:
     try:
         return float(text)
@@ -377,27 +351,8 @@ def _as_number(text: str) -> float | None:
         return None
 
 
-def _bushing(name: str, table: TomlTable) -> Spring:
-    """Return a spring of six components between two frames."""
-    given = {key: table.get(key) for key in BUSHING if key in table}
-    if "joint" in table:
-        table.fail("joint", "is not for a bushing, which joins two frames: give frames")
-    frames = table.two_names("frames")
-    for key, value in given.items():
-        try:
-            array = np.array(value, float)
-        except (TypeError, ValueError):
-            array = np.empty(0)
-        if array.shape not in ((), (6,), (6, 6)[: 2 if key != "preload" else 1]) or (
-                array.shape == () and array):
-            table.fail(key, "needs six numbers" + (", or six lists of six" * (key != "preload")))
-    try:
-        return Spring(name, frames, **given)
-    except ValueError as error:
-        table.fail("stiffness", f"of a bushing: {error}")
-
-
 def _spring(spec: MechanismSpec, table: TomlTable) -> Spring:
+    """Return a spring; what its numbers must be is checked by `Spring`."""
     name = table.text("name")
     if ("joint" in table) == ("frames" in table):
         table.end("frames", "or joint: a spring needs exactly one of the two")
@@ -405,29 +360,41 @@ def _spring(spec: MechanismSpec, table: TomlTable) -> Spring:
     if about_joint and "free_length" in table and "free_angle" in table:
         table.fail("free_length", "or free_angle: a spring has one of the two")
     if any(isinstance(table.content.get(key), list) for key in BUSHING):
-        return _bushing(name, table)
-    law = _law(table, spec)
-    pulls, pushes = (table.flag(key) for key in ("tension_only", "compression_only"))
-    if pulls and pushes:
-        table.fail("tension_only", "or compression_only: a spring has one of the two")
-    return Spring(
-        name, law=law, tension_only=pulls, compression_only=pushes,
-        frames=() if about_joint else table.two_names("frames"),
-        joint=table.text("joint") if about_joint else None,
-        stiffness=table.number("stiffness", 0.0, least=0.0),
-        damping=table.number("damping", 0.0, least=0.0),
-        free_length=table.number("free_length", 0.0, least=-math.inf if about_joint else 0.0),
-        free_angle=table.number("free_angle", 0.0) if about_joint else 0.0,
-    )
+        if about_joint:
+            table.fail("joint", "is not for a bushing, which joins two frames: give frames")
+        parts = {key: table.get(key) for key in BUSHING if key in table}
+    else:
+        parts = {
+            "law": _law(table, spec), **{key: table.number(key, 0.0, least=0.0)
+                                         for key in ("stiffness", "damping")},
+            **{key: table.flag(key) for key in ("tension_only", "compression_only")},
+            "free_length": table.number(
+                "free_length", 0.0, least=-math.inf if about_joint else 0.0),
+            "free_angle": table.number("free_angle", 0.0) if about_joint else 0.0}
+    ends = {"joint": table.text("joint")} if about_joint else {"frames": table.two_names("frames")}
+    try:
+        return Spring(name, **ends, **parts)
+    except ValueError as error:
+        raise MechanismFileError(f"{table.where}: {error}") from error
+
+
+def _law(table: TomlTable, spec: MechanismSpec) -> Any:
+    """Return the points of a spring's characteristic: written out, or of a file of two columns."""
+    given = table.get("law", None)
+    if given is None:
+        return ()
+    if not isinstance(given, dict) or ("points" in given) == ("table" in given):
+        table.fail("law", 'is {points = [[0.0, 0.0], [0.01, 40.0]]} or {table = "gas.csv"}')
+    inner = table.table("law")
+    points = spec.rows(inner.text("table")) if "table" in inner else inner.get("points")
+    inner.close()
+    return points
 
 
 def _mass(name: str, table: TomlTable) -> pin.Inertia:
     mass, given = table.number("mass", least=0.0), table.get("inertia", 0.0)
     com = table.vector("com") if "com" in table else np.zeros(3)
-    try:
-        array = np.array(given, float)
-    except (TypeError, ValueError):
-        array = np.empty(0)
+    array = numbers_or_none(given)
     if array.shape not in ((), (3,), (3, 3)) or not np.isfinite(array).all():
         table.fail("inertia", "is one number, three, or three lists of three [kg·m²]")
     matrix = array if array.ndim == 2 else np.diag(np.broadcast_to(array, 3))

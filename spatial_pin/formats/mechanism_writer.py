@@ -33,7 +33,7 @@ from spatial_pin.formats.importers import Request
 from spatial_pin.formats.pinocchio_model.pair_tree import joint_axis
 from spatial_pin.formats.urdf.elements import fresh
 from spatial_pin.formats.urdf.urdf_model import (
-    LIMITS,
+    NUMBERS,
     PAIR_OF_URDF_TYPE,
     joint_axes,
     own_entries,
@@ -276,34 +276,24 @@ def _joint(mechanism: Mechanism, element: ET.Element) -> dict[str, Any]:
     is_turned = PAIRS[pair].uses_axis and not np.allclose(axes[0], axis, rtol=0.0, atol=4.0 * EPS)
     if is_turned or pair != PAIR_OF_URDF_TYPE.get(kind, kind):
         table = {"type": pair, **PAIRS[pair].file_entries(*axes)}
-    stated = dict(zip(("lowerEffortLimit", "upperEffortLimit", "lowerVelocityLimit",
-                       "upperVelocityLimit", "lowerPositionLimit", "upperPositionLimit"),
-                      stated_limits(element, model.nqs[i], model.nvs[i]), strict=False))
-    for key, arrays in LIMITS.items():
-        own = own_entries(model, i, next(iter(arrays)))
-        limits = getattr(model, next(iter(arrays)))[own]
+    stated = {**stated_limits(element, model.nqs[i], model.nvs[i]),
+              "armature": np.zeros(model.nvs[i])}
+    for key, arrays in NUMBERS.items():
+        own = own_entries(model, i, key)
         for array, factor in arrays.items():
+            values = getattr(model, next(iter(arrays)))[own]
             if not np.array_equal(getattr(model, array)[own], stated[array]):
-                is_one = np.all(limits == limits[0])
-                table[key] = float(limits[0]) if is_one else limits.tolist()
-            stated[array] = factor * limits if key in table else stated[array]
-    return {**table, **_resistances(mechanism, i, element.find("dynamics"))}
-
-
-def _resistances(
-    mechanism: Mechanism, i: int, dynamics: ET.Element | None
-) -> dict[str, list[float]]:
-    """Return what resists, or adds inertia, at tree joint i, where the URDF says otherwise."""
-    model, given = mechanism.model, {} if dynamics is None else dynamics.attrib
-    own = slice(model.idx_vs[i], model.idx_vs[i] + model.nvs[i])
-    values = {"damping": model.damping, "friction": model.upperDryFrictionLimit,
-              "armature": model.armature}
-    table = {key: x[own].tolist() for key, x in values.items()
-             if np.any(x[own] != float(given.get(key, 0.0)))}
-    slip = Resistance(mechanism).slip_speed[own]
+                table[key] = _one_or_all(values)
+            stated[array] = factor * values if key in table else stated[array]
+    own = own_entries(model, i, "slip_speed")
     if mechanism.slip_speeds.size and not np.all(np.isnan(mechanism.slip_speeds[own])):
-        table["slip_speed"] = slip.tolist()
+        table["slip_speed"] = _one_or_all(Resistance(mechanism).slip_speed[own])
     return table
+
+
+def _one_or_all(values: Array) -> float | list[float]:
+    """Return numbers (n,) as a file has them: one where all are the same."""
+    return float(values[0]) if np.all(values == values[0]) else values.tolist()
 
 
 def tree_axes(mechanism: Mechanism, i: int) -> tuple[Array, Array, float]:

@@ -376,14 +376,14 @@ def _followed(
     samples = PathSamples.empty(len(s), model.nq, model.nv, len(state.angles))
     lost = list[tuple[float, int]]()
     title = f"{mechanism.name}: {', '.join(chain.table.name for chain in chains)}"
-    for stretch in stretches_of(chains, len(s)):
-        copy, names = copy_at(here, chains, stretch)
+    for first, course in stretches_of(chains, len(s)):
+        copy, names = copy_at(here, chains, first, course[0, 0])
         standing = _standing(copy, names, mechanism, hold)
-        own = s[stretch.first : stretch.last + 1]
-        law = law_of(own, stretch.course)
+        own = s[first : first + course.shape[1]]
+        law = law_of(own, course)
         followed = along(copy, names, standing, law, own, accuracy, title, progress)
-        done = stretch.first + followed.done
-        into = samples.between(stretch.first, done)
+        done = first + followed.done
+        into = samples.between(first, done)
         for part, new in zip(into, followed.samples.between(0, followed.done), strict=True):
             part[...] = new[:, : part.shape[1]] if part.ndim == 2 else new
         n = len(into.q)
@@ -394,7 +394,7 @@ def _followed(
             _between, copy.mechanism, names, (model.nq, len(state.angles)), standing, law, own,
             followed.samples)
         try:
-            lost += [(at, row + stretch.first) for at, row in _driver_singularities(
+            lost += [(at, row + first) for at, row in _driver_singularities(
                 states, into.q, into.angles, own[: followed.done], hold, between)]
         except KeyboardInterrupt:
             return Followed(samples, done, None, undriven=lost, is_cut=True)

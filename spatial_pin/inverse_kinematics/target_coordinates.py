@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -45,18 +45,16 @@ ALL = np.eye(3)
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """The joints of one target."""
+    """The joints of one target. Courses (3, N, k) are values at the samples and two derivatives."""
 
     table: TargetTable
     directions: Array  # (3, k) unit vectors of the slides in the world, in columns
-    slides: TargetCourse
+    slides: Array  # (3, N, k) course
     hinges: int = 0  # 3 hinges, 1 or none
     axis: Array | None = None  # (3,) of a single hinge, in the axes of the first orientation
-    # (N, 3) rotation vectors from the first orientation, and rates in body axes; None without an
-    # orientation
-    phi: Array | None = None
-    omega: Array | None = None
-    alpha: Array | None = None
+    # (3, N, 3) rotation vectors from the first orientation, angular velocities and accelerations in
+    # body axes; None without an orientation
+    turns: Array | None = None
 
     @property
     def n(self) -> int:
@@ -70,14 +68,6 @@ class Chain:
         return first is None or (self.n == 1 and isinstance(first, PointPart | AngleValue))
 
 
-class ChainSegment(NamedTuple):
-    """Consecutive samples on one copy of the mechanism."""
-
-    first: int  # samples, both inclusive
-    last: int
-    course: TargetCourse  # of all target coordinates, over these samples
-
-
 def chain_of(table: TargetTable, s: Array, rows: Array, mechanism: Mechanism) -> Chain:
     """Return the chain of a target.
 
@@ -89,21 +79,32 @@ def chain_of(table: TargetTable, s: Array, rows: Array, mechanism: Mechanism) ->
         values = table.values.reshape(len(s), -1)
         if table.values.ndim > 1:  # of a centre of mass, which may stay in a plane
             directions = _directions(rows, (values - values[0]) / length, known)
-            return Chain(table, directions, TargetCourse.along(s, values @ directions))
+            return Chain(table, directions, _course(s, values @ directions))
         if isinstance(table.first, PointPart):
             values = values - mechanism.centre[list(table.first.axes)]
-        return Chain(table, np.ones((1, 1)), TargetCourse.along(s, values))
+        return Chain(table, np.ones((1, 1)), _course(s, values))
     away = table.points - table.points[0]
     directions = _directions(rows[:3], away / length, known)
-    slides = TargetCourse.along(s, away).turned(directions)
+    slides = _course(s, away) @ directions
     if table.rotations is None:
         return Chain(table, directions, slides)
     phi = table.turns()
     axes = _directions(rows[3:], phi @ table.rotations[0].T, 0.0)
     hinges = axes.shape[1] if axes.shape[1] < 2 else 3
     axis = table.rotations[0].T @ axes[:, 0] if hinges == 1 else None
-    spun = TargetCourse.along(s, phi)  # body angular velocity and acceleration follow from it
-    return Chain(table, directions, slides, hinges, axis, phi, *spin_of(phi, spun.rate, spun.bend))
+    _, rate, bend = _course(s, phi)  # body angular velocity and acceleration follow from it
+    return Chain(table, directions, slides, hinges, axis,
+                 np.array([phi, *spin_of(phi, rate, bend)]))
+
+
+def _course(s: Array, values: Array) -> Array:
+    """Return the course (3, N, k) of the cubic spline of values (N, k); one sample is constant."""
+    from scipy.interpolate import CubicSpline  # imported on use: it takes a tenth of a second
+
+    if len(s) == 1:
+        return np.array([values, 0.0 * values, 0.0 * values])
+    spline = CubicSpline(s, values)
+    return np.array([values, spline(s, 1), spline(s, 2)])
 
 
 def _directions(rows: Array, away: Array, known: float) -> Array:
@@ -117,12 +118,18 @@ def _directions(rows: Array, away: Array, known: float) -> Array:
     return turned.vt[: turned.rank].T
 
 
-def stretches_of(chains: list[Chain], n: int) -> list[ChainSegment]:
-    """Return the segments of n samples."""
-    segments: list[ChainSegment] = []
+def stretches_of(chains: list[Chain], n: int) -> list[tuple[int, Array]]:
+    """Return consecutive parts of n samples, each for one copy of the mechanism.
+
+    They have the last sample of one and the first of the next in common.
+
+    Returns:
+        The first sample of each, and the course (3, m, k) of all target coordinates over it.
+    """
+    stretches: list[tuple[int, Array]] = []
     first = 0
-    while not segments or first < n - 1:
-        courses = [_course(chain, first) for chain in chains]
+    while not stretches or first < n - 1:
+        courses = [_joint_course(chain, first) for chain in chains]
         last = n - 1
         for chain, course in zip(chains, courses, strict=True):
             rotations = chain.table.rotations
@@ -130,7 +137,7 @@ def stretches_of(chains: list[Chain], n: int) -> list[ChainSegment]:
                 continue
             # One that leans by more than a right angle seems to lean less; what turns between two
             # samples tells.
-            leaning = np.abs(course.value[:, -2])  # of the middle hinge
+            leaning = np.abs(course[0, :, -2])  # of the middle hinge
             turned = rotations[first:-1].transpose(0, 2, 1) @ rotations[first + 1 :]
             cosines = 0.5 * (np.trace(turned, axis1=1, axis2=2) - 1.0)
             steps = np.arccos(np.clip(cosines, -1.0, 1.0))
@@ -140,40 +147,32 @@ def stretches_of(chains: list[Chain], n: int) -> list[ChainSegment]:
                     f"target {chain.table.name!r} turns by {steps[0]:.3g} rad from sample {first} "
                     f"to {first + 1}: give placements nearer to each other")
             last = min(last, first + (int(beyond.argmax()) if beyond.any() else len(steps)))
-        own = slice(0, last - first + 1)
-        segments.append(ChainSegment(first, last, TargetCourse(*(
-            np.hstack([getattr(c, part)[own] for c in courses])
-            for part in ("value", "rate", "bend")))))
+        stretches.append((first, np.concatenate(courses, axis=2)[:, : last - first + 1]))
         first = last
-    return segments
+    return stretches
 
 
-def _course(chain: Chain, first: int) -> TargetCourse:
-    """Return the course of all coordinates of a chain with zero hinges at a sample, from there."""
-    slides = TargetCourse(chain.slides.value[first:], chain.slides.rate[first:],
-                    chain.slides.bend[first:])
-    if not chain.hinges:
+def _joint_course(chain: Chain, first: int) -> Array:
+    """Return the course (3, m, k) of the joints of a chain from a sample on, hinges zero there."""
+    slides = chain.slides[:, first:]
+    if not chain.hinges or chain.turns is None:
         return slides
-    assert chain.phi is not None and chain.omega is not None and chain.alpha is not None
-    if chain.hinges == 1:
-        assert chain.axis is not None
-        turns = [x[first:] @ chain.axis[:, None] for x in (chain.phi, chain.omega, chain.alpha)]
-        hinges = TargetCourse(*turns)
+    turns = chain.turns[:, first:]
+    if chain.axis is not None:
+        hinges = turns @ chain.axis[:, None]
     else:
-        assert chain.table.rotations is not None
         rotations = chain.table.rotations
-        hinges = cardan_course(rotations[first].T @ rotations[first:], chain.omega[first:],
-                               chain.alpha[first:])
-    return TargetCourse(*(np.hstack([getattr(slides, part), getattr(hinges, part)])
-                    for part in ("value", "rate", "bend")))
+        assert rotations is not None
+        hinges = cardan_course(rotations[first].T @ rotations[first:], turns[1], turns[2])
+    return np.concatenate([slides, hinges], axis=2)
 
 
 def copy_at(
-    state: State, chains: list[Chain], stretch: ChainSegment
+    state: State, chains: list[Chain], first: int, values: Array
 ) -> tuple[State, list[str]]:
     """Return the closed state of a copy with targets as coordinates, and their names.
 
-    The state is at the first sample of the segment.
+    The state is at values (k,) of these, those of the sample `first`.
     """
     mechanism = state.mechanism
     model, names, pairs, closures = mechanism.model.copy(), list[str](), list[str](), []
@@ -187,7 +186,7 @@ def copy_at(
             pairs += ["revolute" if isinstance(chain.table.first, AngleValue) else "prismatic"]
             closures.append(_output_closure(mechanism, model, chain.table.first, names[-1]))
             continue
-        added, end = _joints(mechanism, model, chain, stretch.first)
+        added, end = _joints(mechanism, model, chain, first)
         names += added
         pairs += ["prismatic"] * chain.directions.shape[1] + ["revolute"] * chain.hinges
         kind = "spherical" if chain.table.rotations is None else "weld"
@@ -198,7 +197,7 @@ def copy_at(
         (*mechanism.closures, *closures), springs=mechanism.springs, passives=mechanism.passives)
     # lengths are divided as in the mechanism
     vars(copy)["extent"] = mechanism.extent
-    return _closed(copy, state, names, stretch.course.value[0]), names
+    return _closed(copy, state, names, values), names
 
 
 def _output_closure(
@@ -272,29 +271,6 @@ def _closed(copy: Mechanism, state: State, names: list[str], values: Array) -> S
 
 
 STEEP = 10.0  # ratio of a rotation vector's change to the turn: larger only near a whole turn
-
-
-@dataclass(frozen=True, eq=False)
-class TargetCourse:
-    """Values at the samples and their derivatives."""
-
-    value: Array  # (N, k), by the parameter
-    rate: Array
-    bend: Array
-
-    @classmethod
-    def along(cls, s: Array, value: Array) -> TargetCourse:
-        """Return the cubic spline through values (N, k); one sample is constant."""
-        from scipy.interpolate import CubicSpline  # imported on use: it takes a tenth of a second
-
-        if len(s) == 1:
-            return cls(value, np.zeros_like(value), np.zeros_like(value))
-        spline = CubicSpline(s, value)
-        return cls(value, spline(s, 1), spline(s, 2))
-
-    def turned(self, matrix: Array) -> TargetCourse:
-        """Return linear combinations of the values, by the columns of a matrix (k, m)."""
-        return TargetCourse(self.value @ matrix, self.rate @ matrix, self.bend @ matrix)
 
 
 @dataclass(frozen=True, eq=False)
@@ -440,8 +416,8 @@ def _shape(given: Any) -> tuple[int, ...] | None:
     return shape if len(shape) < 2 or (len(shape) == 2 and shape[1] == 3) else None
 
 
-def cardan_course(rotations: Array, omega: Array, alpha: Array) -> TargetCourse:
-    """Return angles a, b, c (N, 3) of rotations Rx(a) Ry(b) Rz(c) (N, 3, 3), and derivatives.
+def cardan_course(rotations: Array, omega: Array, alpha: Array) -> Array:
+    """Return the course (3, N, 3) of angles a, b, c of rotations Rx(a) Ry(b) Rz(c) (N, 3, 3).
 
     Angular velocities and accelerations (N, 3) are in body axes.
     """
@@ -459,18 +435,17 @@ def cardan_course(rotations: Array, omega: Array, alpha: Array) -> TargetCourse:
                       [-cc * cb * dc + sc * sb * db, -sc * dc, zero], [cb * db, zero, zero]])
     rest = alpha - (moved.transpose(2, 0, 1) @ rate[..., None])[..., 0]
     bend = np.linalg.solve(axes, rest[..., None])[..., 0]
-    return TargetCourse(np.column_stack([a, b, c]), rate, bend)
+    return np.array([np.column_stack([a, b, c]), rate, bend])
 
 
-def law_of(s: Array, course: TargetCourse) -> Any:
-    """Return the piecewise polynomial through values, rates and second derivatives."""
+def law_of(s: Array, course: Array) -> Any:
+    """Return the piecewise polynomial through a course (3, N, k)."""
     from scipy.interpolate import PPoly  # imported on use: it takes a tenth of a second
 
     if len(s) == 1:
-        still = np.zeros((1, 1, course.value.shape[1])) + course.value
-        return PPoly(still, np.append(s, s[0] + 1.0))
+        return PPoly(course[None, 0], np.append(s, s[0] + 1.0))
     h = np.diff(s)[:, None]
-    y, v, a = course.value, course.rate, 0.5 * course.bend
+    y, v, a = course[0], course[1], 0.5 * course[2]
     gone = np.diff(y, axis=0) - h * (v[:-1] + h * a[:-1])
     faster = h * (np.diff(v, axis=0) - 2.0 * h * a[:-1])
     bent = h * h * np.diff(a, axis=0)

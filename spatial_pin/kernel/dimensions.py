@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.kernel.closer import Closer
-from spatial_pin.kernel.kernel import EvaluationStruct, Kernel, numbers
+from spatial_pin.kernel.kernel import EvaluationStruct, numbers
 from spatial_pin.kernel.library import INT, NOT_FINITE, POINTER, REAL, address, check
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
@@ -63,51 +63,6 @@ class ClosedSamples(NamedTuple):
     opened: Array
 
 
-class EvaluatedSamples(NamedTuple):
-    """Results of m samples at configurations, without closing loops.
-
-    Attributes:
-        residual: (m, n_closure) closure equations.
-        angles: (m, n_angles) of screw closures [rad].
-        turns: (m, n, 3, 3) of the kernel's joints in the world, by columns.
-        translations: (m, njoints, 3) of the joints of the model [m].
-        jacobian: (m, n_closure, nv) of the equations with respect to v / `velocity_scale`.
-        columns: (m, 6, nv) of the joint Jacobian about the world origin, by v.
-        axes: (njoints, 3, 3) of the kernel's joints in those of the model's; carriers: their
-            numbers.
-    """
-
-    residual: Array
-    angles: Array
-    turns: Array
-    translations: Array
-    jacobian: Array
-    columns: Array
-    axes: Array
-    carriers: NDArray[np.int64]
-
-    def rotation(self, joint: int) -> Array:
-        """Return the rotations (m, 3, 3) of a joint of the model in the world, as Pinocchio's."""
-        own = self.turns[:, self.carriers[joint]].transpose(0, 2, 1)
-        return (own.reshape(-1, 3) @ self.axes[joint].T).reshape(own.shape)
-
-
-class ClosingSystem(NamedTuple):
-    """The square system that samples are closed with, and their rates are solved by.
-
-    Attributes:
-        chosen: independent closure equations.
-        driven: places of the drivers in the velocity vector.
-        fill: (k, nv) rows that give passive freedoms the least motion.
-        free: (nv,) velocities that may move to close the loops.
-    """
-
-    chosen: NDArray[np.intp]
-    driven: list[int]
-    fill: Array
-    free: NDArray[np.bool_]
-
-
 class _DimensionStruct(ctypes.Structure):
     """Samples in dimensions.c."""
 
@@ -119,10 +74,10 @@ class _DimensionStruct(ctypes.Structure):
     _fields_ += [("tolerance", REAL), ("cut", REAL)]
 
 
-class DimensionCloser:
-    """Closes samples of a mechanism that differ in their dimensions; one caller at a time.
+class DimensionKernel:
+    """Closes and evaluates samples of a mechanism that differ in their dimensions.
 
-    Its kernel is not shared: it holds the numbers of the last sample.
+    One caller at a time: its kernel is not shared, as it holds the numbers of the last sample.
 
     Args:
         mechanism: the mechanism.
@@ -133,16 +88,20 @@ class DimensionCloser:
         self._kernel = self._closer.kernel
 
     def close(
-        self, system: ClosingSystem, q: Array, angles: Array, made_of: Numbers,
-        joints: Sequence[int], rates: Array | None, tolerance: float, iterations: int,
+        self, q: Array, angles: Array, made_of: Numbers, *, chosen: NDArray[np.intp],
+        driven: list[int], fill: Array, free: NDArray[np.bool_], joints: Sequence[int],
+        rates: Array | None, tolerance: float, iterations: int,
     ) -> ClosedSamples:
-        """Close samples, each from its own start, and solve their rates.
+        """Close samples, each from its own start, and solve their rates by a square system.
 
         Args:
-            system: the square system.
             q: (m, nq) starts.
             angles: (m, n_angles) from which those of screws count [rad].
             made_of: their numbers.
+            chosen: of the square system, the independent closure equations.
+            driven: the places of the drivers in the velocity vector.
+            fill: (k, nv) rows that give passive freedoms the least motion.
+            free: (nv,) velocities that may move to close the loops.
             joints: Pinocchio's indices of the joints that carry the points.
             rates: (2, n_driven) speeds and accelerations of the drivers; None: all stand still.
             tolerance: as for `Closer.close`.
@@ -156,45 +115,37 @@ class DimensionCloser:
         varied = numbers(made_of.varied, (m, len(indices)))
         v, a, facts = np.empty((m, nv)), np.empty((m, nv)), np.empty((m, 7))
         points = np.empty((m, len(at), 5, 3))
-        fill = numbers(system.fill, (len(system.fill), nv))
-        chosen, driven, free = (
-            np.array(x, np.int64) for x in (system.chosen, system.driven, system.free))
+        fill = numbers(fill, (len(fill), nv))
+        equations, places, moving = (np.array(x, np.int64) for x in (chosen, driven, free))
         work = np.empty(3 * len(at) + kernel.nq + nv + kernel.n_closure + fill.size)
         speed, acceleration = (None, None) if rates is None else (
             np.ascontiguousarray(x, float) for x in rates)
         samples = _DimensionStruct(
             *(None if x is None else address(x) for x in (
-                chosen, driven, fill, base, indices, varied, free, at, speed, acceleration, q,
-                angles, v, a, points, facts)),
-            len(chosen), len(driven), len(fill), reals, len(indices), len(at), iterations,
+                equations, places, fill, base, indices, varied, moving, at, speed, acceleration,
+                q, angles, v, a, points, facts)),
+            len(equations), len(places), len(fill), reals, len(indices), len(at), iterations,
             tolerance, TOLERANCES.rank)
         check(kernel.library.dimensions_close(
             kernel.handle, self._closer.handle, ctypes.byref(samples), m, address(work)))
         return ClosedSamples(q, angles, v, a, points, *facts.T)
 
-
-class DimensionEvaluator:
-    """Evaluates samples of a mechanism that differ in their dimensions; one caller at a time.
-
-    Its kernel is not shared: it holds the numbers of the last sample.
-
-    Args:
-        mechanism: the mechanism.
-    """
-
-    def __init__(self, mechanism: Mechanism) -> None:
-        self._kernel = Kernel(mechanism)
-
     def evaluate(
         self, q: Array, angles: Array, made_of: Numbers, with_jacobian: bool = True
-    ) -> EvaluatedSamples:
-        """Evaluate samples at their configurations.
+    ) -> tuple[Array, Array, Array, Array, Array, Array]:
+        """Evaluate samples at their configurations, without closing loops.
 
         Args:
             q: (m, nq) configurations.
             angles: (m, n_angles) from which those of screws count [rad].
             made_of: their numbers, none of points.
-            with_jacobian: whether Jacobian and columns are wanted; else these are empty.
+            with_jacobian: whether the last two results are wanted; else these are empty.
+
+        Returns:
+            (m, n_closure) closure equations; (m, n_angles) angles of screw closures [rad];
+            (m, n, 3, 3) the kernel's joints in the world, by columns, and (m, n, 3) where they are
+            [m]; (m, n_closure, nv) derivatives of the equations for v / `velocity_scale`; and
+            (m, 6, nv) the joint Jacobian about the world origin, by v.
         """
         kernel, m, nv = self._kernel, len(q), self._kernel.nv
         n, size = len(kernel.packed.frames), kernel.n_closure + kernel.n_passive
@@ -214,8 +165,5 @@ class DimensionEvaluator:
             *map(address, (indices, varied, turns, translations, residual, angles)), *ends)))
         if code != NOT_FINITE:
             check(code)
-        carriers = kernel.packed.carriers
-        return EvaluatedSamples(
-            residual, angles, turns, translations[:, carriers], jacobian[:, : kernel.n_closure],
-            np.concatenate([linear, angular], axis=2).transpose(0, 2, 1),
-            kernel.packed.frames[carriers], carriers)
+        columns = np.concatenate([linear, angular], axis=2).transpose(0, 2, 1)
+        return residual, angles, turns, translations, jacobian[:, : kernel.n_closure], columns

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -49,39 +48,11 @@ class _DynamicsHead(ctypes.Structure):
                 ("factorisations", POINTER)]
 
 
-class Callbacks(NamedTuple):
-    """Python functions that the equations of motion call.
-
-    Attributes:
-        efforts: joint forces (nv,) of (t, q, v, angles), where the user gave a function.
-        spring: force of (number, length, rate), where springs have laws.
-        drives: (n, 3) values, rates and accelerations of the prescribed coordinates, of t.
-        least: scaled accelerations (n,) of the free coordinates, of (t, q, v, a, angles), where
-            masses differ much; it returns None where they differ too much.
-    """
-
-    efforts: Callable[[float, Array, Array, Array], Array] | None
-    spring: Callable[[int, float, float], float] | None
-    drives: Callable[[float], Array] | None
-    least: Callable[[float, Array, Array, Array, Array], Array | None]
-
-
-class ReferencePoint(NamedTuple):
-    """The reference of the independent coordinates.
-
-    Attributes:
-        q: (nq,) a closed configuration.
-        angles: (n_angles,) of screw closures.
-        spins: angular velocities about their lines of bodies that spin freely [rad/s].
-        free: velocity entries of the independent coordinates.
-        chosen: independent closure equations.
-    """
-
-    q: Array
-    angles: Array
-    spins: Array
-    free: Sequence[int]
-    chosen: Ints
+# Functions of Python that the equations of motion call, see `KernelDynamics`.
+Callbacks = tuple[
+    Callable[[float, Array, Array, Array], Array] | None,
+    Callable[[int, float, float], float] | None, Callable[[float], Array] | None,
+    Callable[[float, Array, Array, Array, Array], Array | None]]
 
 
 class KernelDynamics:
@@ -91,8 +62,14 @@ class KernelDynamics:
         mechanism: the mechanism.
         arrays: the packed mechanism with its masses, without idle rotations.
         ints, reals: forces and prescribed drivers, as `read_arrays` in creating.c reads them.
-        callbacks: Python functions that it calls.
-        start: where it starts.
+        callbacks: Python functions that it calls: joint forces (nv,) of (t, q, v, angles), where
+            the user gave a function; force of a spring of (number, length, rate), where some have
+            laws; (n, 3) values, rates and accelerations of the prescribed coordinates, of t; and
+            scaled accelerations (n,) of the free coordinates, of (t, q, v, a, angles), where masses
+            differ much, None where they differ too much.
+        start: reference of the independent coordinates: closed configuration (nq,), angles of
+            screw closures, angular velocities about their lines of bodies that spin freely [rad/s],
+            velocity entries of the independent coordinates, independent closure equations.
 
     Attributes:
         handle: of the C structure.
@@ -104,7 +81,8 @@ class KernelDynamics:
 
     def __init__(
         self, mechanism: Mechanism, arrays: Packed, ints: Ints, reals: Array,
-        callbacks: Callbacks, start: ReferencePoint,
+        callbacks: Callbacks,
+        start: tuple[Array, Array, Sequence[float], Sequence[int], Ints],
     ) -> None:
         self._kernel = kernel = Kernel(mechanism, arrays)
         self._library, self.errors = library(), CallbackErrors()
@@ -118,7 +96,7 @@ class KernelDynamics:
         code = self._library.dynamics_create(
             kernel.handle, address(ints), len(ints), address(reals), len(reals),
             ctypes.byref(self._callbacks),
-            ctypes.byref(_StartStruct(*map(address, given), len(start.chosen))),
+            ctypes.byref(_StartStruct(*map(address, given), len(start[4]))),
             ctypes.byref(handle))
         if code == SINGULAR:
             raise SingularError(f"mechanism {mechanism.name!r}: singular configuration")
@@ -234,25 +212,26 @@ def _struct_of(
     given: Callbacks, errors: CallbackErrors, nq: int, nv: int, na: int, n_drives: int, n_free: int
 ) -> _CallbackStruct:
     """Return functions as C calls them; what they raise goes to `errors`."""
+    of_efforts, of_spring, of_drives, of_least = given
 
     def efforts(t: float, q: int, v: int, angles: int, out: int) -> int:
-        assert given.efforts is not None
-        view(out, nv)[:] = given.efforts(
+        assert of_efforts is not None
+        view(out, nv)[:] = of_efforts(
             t, view(q, nq).copy(), view(v, nv).copy(), view(angles, na).copy())
         return 0
 
     def spring(which: int, length: float, rate: float, out: int) -> int:
-        assert given.spring is not None
-        view(out, 1)[0] = given.spring(which, length, rate)
+        assert of_spring is not None
+        view(out, 1)[0] = of_spring(which, length, rate)
         return 0
 
     def drives(t: float, out: int) -> int:
-        assert given.drives is not None
-        view(out, 3 * n_drives)[:] = given.drives(t).ravel()
+        assert of_drives is not None
+        view(out, 3 * n_drives)[:] = of_drives(t).ravel()
         return 0
 
     def least(t: float, q: int, v: int, a: int, angles: int, out: int) -> int:
-        accelerations = given.least(t, view(q, nq).copy(), view(v, nv).copy(),
+        accelerations = of_least(t, view(q, nq).copy(), view(v, nv).copy(),
                                     view(a, nv).copy(), view(angles, na).copy())
         if accelerations is None:
             return LOST
@@ -260,6 +239,6 @@ def _struct_of(
         return 0
 
     return _CallbackStruct(
-        _EFFORTS(errors.caught(efforts)) if given.efforts else _EFFORTS(),
-        _SPRING(errors.caught(spring)) if given.spring else _SPRING(),
-        _DRIVES(errors.caught(drives)) if given.drives else _DRIVES(), _LEAST(errors.caught(least)))
+        _EFFORTS(errors.caught(efforts)) if of_efforts else _EFFORTS(),
+        _SPRING(errors.caught(spring)) if of_spring else _SPRING(),
+        _DRIVES(errors.caught(drives)) if of_drives else _DRIVES(), _LEAST(errors.caught(least)))

@@ -65,13 +65,12 @@ class KKT:
 
     Args:
         mechanism: the mechanism.
-        mass_entries: rows, columns and indices among the `n_masses` numbers of all entries of its
-            mass matrix that can be other than zero.
-        n_masses: length of `mass`.
+        mass_entries: rows, columns and indices in `mass` of all entries of its mass matrix that can
+            be other than zero.
         tree: whose core has these entries; its other joints, outside of loops, are eliminated.
 
     Attributes:
-        mass: (n_masses,) the mass matrix, to be filled in.
+        mass: numbers of the mass matrix, to be filled in.
         pivot: smallest over largest pivot of the last `accelerations`, 0 where there are none.
         error: estimated round-off of them, relative to their size.
         error_of_tree, is_of_forces: of the last `of_tree` or `efforts_of`, and whether it is mostly
@@ -84,14 +83,14 @@ class KKT:
 
     def __init__(
         self, mechanism: Mechanism, mass_entries: tuple[Positions, Positions, Positions],
-        n_masses: int, tree: KernelTree | None = None,
+        tree: KernelTree | None = None,
     ) -> None:
         self._kernel = kernel = Kernel(mechanism, packed(mechanism, True))
         self._library, nv, n_closure = kernel.library, kernel.nv, kernel.n_closure
         labels = groupby(kernel.constraints.labels, lambda label: label.closure)
         groups = np.cumsum([0, *(len(list(group)) for _, group in labels)])  # by closure
         ints = np.concatenate([groups, *mass_entries]).astype(np.int64)
-        handle = ctypes.c_void_p()
+        handle, n_masses = ctypes.c_void_p(), int(mass_entries[2].max(initial=-1)) + 1
         check(self._library.kkt_create(kernel.handle, address(ints), len(groups) - 1,
                                        len(mass_entries[0]), n_masses,
                                        mechanism.characteristic_length, ctypes.byref(handle)))

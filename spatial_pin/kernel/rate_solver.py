@@ -21,25 +21,6 @@ from spatial_pin.kernel.library import (
 from spatial_pin.numerics.linalg import Array
 
 
-class Solved(NamedTuple):
-    """Rates at a configuration.
-
-    Attributes:
-        v, a: (nv,) joint velocities and accelerations.
-        pivot: smallest over largest pivot of the equations.
-        lost: round-off of v and a, relative to their size.
-        known: what of it is known whatever the velocities are.
-        is_finite: whether v and a are; else they are larger than numbers can be.
-    """
-
-    v: Array
-    a: Array
-    pivot: float
-    lost: float
-    known: float
-    is_finite: bool
-
-
 class Chosen(NamedTuple):
     """Equations that determine the rates where it is not clear which are independent.
 
@@ -61,7 +42,8 @@ class RateRows(NamedTuple):
         second: (m, nv, n_moving, n_moving) joint accelerations per product of two speeds.
         jacobian, jacobian_rate: (m, 6, n_moving) of the frame.
         v, a: (m, nv) joint velocities and accelerations.
-        facts: (m, 3) pivot, lost and known, see `Solved`.
+        facts: (m, 3) smallest over largest pivot of the equations; round-off of v and a, relative
+            to their size; what of it is known whatever the velocities are.
     """
 
     codes: NDArray[np.int64]
@@ -88,8 +70,7 @@ class _RateTask(ctypes.Structure):
 class RateSolver:
     """Solves for rates with some freedoms driven; one caller at a time.
 
-    Kept by the kernel whose memory it works in. Results read after `factor` or `solve` are those
-    of their configuration.
+    Kept by the kernel whose memory it works in.
 
     Args:
         kernel: of the mechanism.
@@ -98,87 +79,58 @@ class RateSolver:
         n_moving: how many do not.
 
     Attributes:
-        speeds, accelerations: (n,) of driven coordinates, for `solve`.
+        speeds, accelerations: (n_driven,) of driven freedoms, for `solve`.
     """
 
     def __init__(self, kernel: Kernel, driven: Sequence[int], n_moving: int) -> None:
-        self._library, handle = kernel.library, ctypes.c_void_p()
-        self.n_moving, self.n_driven, self.nv = n_moving, len(driven), kernel.nv
-        self._n_passive = kernel.n_passive
+        self._library, handle, nv = kernel.library, ctypes.c_void_p(), kernel.nv
+        self.n_driven, self.nv = len(driven), nv
         self._n_equations = kernel.n_closure + kernel.n_passive
         at = np.array(driven, np.int64)
         check(self._library.rates_create(
             kernel.handle, address(at), len(at), n_moving, ctypes.byref(handle)))
         self._handle, self._of_one = handle, dict[Any, tuple[Any, ...]]()
         self._q, self._reference = np.empty(kernel.nq), np.empty(kernel.n_angles)
-        self.speeds, self.accelerations = np.zeros((2, len(at)))
-        self._columns, self._v, self._a = np.empty((self.nv, n_moving)), *np.empty((2, self.nv))
-        self._facts, self._local = np.zeros(3), np.empty(3)
-        self._jacobian, self._code_at = np.empty((6, n_moving)), np.zeros(1, np.int64)
-        self._addresses = address(self.speeds), address(self._local)
-        self._task = _RateTask(
-            1, address(self._q), address(self._reference),
-            acceleration=address(self.accelerations), code=address(self._code_at),
-            columns=address(self._columns), jacobian=address(self._jacobian), v=address(self._v),
-            a=address(self._a), facts=address(self._facts))
-        self._at_task = ctypes.byref(self._task)
+        self._rates = np.zeros((2, 1, len(at)))
+        self.speeds, self.accelerations = self._rates[:, 0]
+        self._shapes = {"columns": (nv, n_moving), "second": (nv, n_moving, n_moving),
+                        "jacobian": (6, n_moving), "jacobian_rate": (6, n_moving), "v": (nv,),
+                        "a": (nv,), "facts": (3,)}
 
-    def factor(self, q: Array, reference: Array, chosen: Chosen | None = None) -> bool:
-        """Factor the equations at q (nq,); False if they do not determine the rates there.
+    def solve(
+        self, q: Array, reference: Array, wanted: tuple[str, ...], *,
+        frame: FrameInKernel | None = None, v: Array | None = None, chosen: Chosen | None = None,
+    ) -> list[Array] | None:
+        """Return results at one configuration; None if equations do not determine the rates there.
 
         Without `chosen` also if equations are not clearly independent of each other and of the
-        driven freedoms, or if there are not as many equations as freedoms.
-
-        Args:
-            q: closed configuration.
-            reference: (n_angles,) from which the angles of screws count [rad].
-            chosen: the equations, if the kernel is not to choose them.
+        driven freedoms, or if there are not as many equations as freedoms. "v", with "a" and
+        "facts", is at `speeds` and `accelerations`, and may be infinite. Other arguments are as of
+        `rows`, without an axis of configurations.
         """
-        return self._code(q, reference, chosen) in (DONE, NOT_FINITE)
-
-    def solve(self, q: Array, reference: Array, chosen: Chosen | None = None) -> Solved | None:
-        """Return the rates at q (nq,) for the drivers' rates in `speeds` and `accelerations`.
-
-        None as `factor`.
-        """
-        code = self._code(q, reference, chosen, speed=self._addresses[0])
-        if code not in (DONE, NOT_FINITE):
-            return None
-        pivot, lost, known = self._facts.tolist()
-        return Solved(self._v.copy(), self._a.copy(), pivot, lost, known, code == DONE)
-
-    def jacobian(
-        self, q: Array, reference: Array, frame: FrameInKernel, chosen: Chosen | None = None
-    ) -> Array | None:
-        """Return the Jacobian (6, n_moving) of a frame at q (nq,); None as `factor`."""
-        self._local[:], self._task.joint = frame.origin, frame.joint
-        is_solved = self._code(q, reference, chosen, local=self._addresses[1]) == DONE
-        return self._jacobian.copy() if is_solved else None
-
-    def _code(
-        self, q: Array, reference: Array, chosen: Chosen | None, speed: int | None = None,
-        local: int | None = None,
-    ) -> int:
-        """Solve the task; return the kernel's code, which says whether rates are determined."""
-        self._q[:], self._reference[:], task = q, reference, self._task
-        task.speed, task.local, alive = speed, local, _choose(task, chosen)
-        check(self._library.rates_solve(self._handle, self._at_task))
+        key = wanted, frame and frame.joint, v is None
+        if key not in self._of_one:  # the same task again and again
+            room, local, motion = self._room(1, wanted), np.empty(3), np.empty((1, self.nv))
+            at = frame and frame._replace(origin=local)
+            self._of_one[key] = (local, motion, room.codes, [getattr(room, x)[0] for x in wanted],
+                                 *self._task(self._q[None], self._reference[None], room, at,
+                                             motion if v is not None else None,
+                                             self._rates if "v" in wanted else None))
+        local, motion, codes, results, task, at_task, _ = self._of_one[key]
+        self._q[:], self._reference[:] = q, reference
+        if frame is not None:
+            local[:] = frame.origin
+        if v is not None:
+            motion[:] = v
+        alive = _choose(task, chosen)
+        check(self._library.rates_solve(self._handle, at_task))
         del alive
-        return self._code_at.item(0)
-
-    @property
-    def pivot(self) -> float:
-        """Smallest over largest pivot of the equations, where they were last factored."""
-        return self._facts.item(0)
-
-    def columns(self) -> Array:
-        """Return (nv, n_moving): joint velocities per unit speed of each that moves."""
-        return self._columns.copy()
+        return [x.copy() for x in results] if codes.item() in (DONE, NOT_FINITE) else None
 
     def rows(
-        self, q: Array, reference: Array, wanted: Sequence[str], *,
+        self, q: Array, reference: Array, wanted: tuple[str, ...], *,
         frame: FrameInKernel | None = None, v: Array | None = None,
-        rates: tuple[Array, Array] | None = None, chosen: Chosen | None = None,
+        rates: tuple[Array, Array] | None = None,
     ) -> RateRows:
         """Return results at configurations q (m, nq).
 
@@ -189,41 +141,21 @@ class RateSolver:
             frame: of the Jacobians.
             v: (m, nv) joint velocities of "jacobian_rate".
             rates: speeds and accelerations (m, n_driven) of the driven freedoms, for "v".
-            chosen: the equations at all of them, if the kernel is not to choose them.
         """
-        m, n, nv = len(q), self.n_moving, self.nv
-        shapes = {"columns": (nv, n), "second": (nv, n, n), "jacobian": (6, n),
-                  "jacobian_rate": (6, n), "v": (nv,), "a": (nv,), "facts": (3,)}
-        names = [*wanted, "a", "facts"] if "v" in wanted else wanted
-
-        def made() -> RateRows:
-            return RateRows(np.zeros(m, np.int64), **{x: np.zeros((m, *shapes[x])) for x in names})
-
-        if m == 1 and rates is None and chosen is None:  # a State: the same call again and again
-            key = (*wanted, frame and frame.joint, v is None)
-            if key not in self._of_one:
-                room = made(), np.empty(3), np.empty((1, nv))
-                at = frame and frame._replace(origin=room[1])
-                self._of_one[key] = *room, self.prepared(
-                    self._q[None], self._reference[None], room[0], frame=at,
-                    v=None if v is None else room[2])
-            found, local, motion, work = self._of_one[key]
-            self._q[:], self._reference[:] = q, reference
-            if frame is not None:
-                local[:] = frame.origin
-            if v is not None:
-                motion[:] = v
-            work()
-            return RateRows(found.codes.copy(), *(
-                None if x is None else x.copy() for x in found[1:]))
-        results = made()
-        q, reference = numbers(q, (m, self._q.size)), numbers(reference, (m, self._reference.size))
+        m, results = len(q), self._room(len(q), wanted)
+        q, reference = (numbers(x, (m, own.size)) for x, own in (
+            (q, self._q), (reference, self._reference)))
         if v is not None:
-            v = numbers(v, (m, nv))
+            v = numbers(v, (m, self.nv))
         if rates is not None:
             rates = numbers(rates[0], (m, self.n_driven)), numbers(rates[1], (m, self.n_driven))
-        self.prepared(q, reference, results, frame=frame, v=v, rates=rates, chosen=chosen)()
+        self.prepared(q, reference, results, frame=frame, v=v, rates=rates)()
         return results
+
+    def _room(self, m: int, wanted: tuple[str, ...]) -> RateRows:
+        names = dict.fromkeys([*wanted, "a", "facts"] if "v" in wanted else wanted)
+        return RateRows(np.zeros(m, np.int64), **{
+            name: np.zeros((m, *self._shapes[name])) for name in names})
 
     def prepared(
         self, q: Array, reference: Array, results: RateRows, *, frame: FrameInKernel | None = None,
@@ -232,28 +164,35 @@ class RateSolver:
     ) -> Callable[[], None]:
         """Return what solves for what the arrays of `rows` have when it is called.
 
-        The arrays are contiguous ones of doubles; those of `results` are overwritten.
+        The arrays are contiguous ones of doubles; those of `results` are overwritten. `chosen` are
+        the equations, if the kernel is not to choose them.
         """
-        task = _RateTask(len(q), address(q), address(reference), code=address(results.codes), **{
-            name: address(x) for name, x in results._asdict().items()
-            if name != "codes" and x is not None})
-        given: list[Any] = [q, reference, results]
-        if frame is not None:
-            given.append(numbers(np.asarray(frame.origin, float), (3,)))
-            task.joint, task.local = frame.joint, address(given[-1])
-        if v is not None:
-            given.append(v)
-            task.motion = address(v)
-        if rates is not None:
-            given.append(rates)
-            task.speed, task.acceleration = map(address, rates)
+        task, at_task, given = self._task(q, reference, results, frame, v, rates)
+        solve, handle = self._library.rates_solve, self._handle
         given.append(_choose(task, chosen))
-        solve, handle, at_task = self._library.rates_solve, self._handle, ctypes.byref(task)
 
         def work(alive: Any = given) -> None:
             check(solve(handle, at_task))
 
         return work
+
+    def _task(
+        self, q: Array, reference: Array, results: RateRows, frame: FrameInKernel | None,
+        v: Array | None, rates: Any,
+    ) -> tuple[_RateTask, Any, list[Any]]:
+        """Return a task of the kernel, its address, and the arrays that must live as long."""
+        task = _RateTask(len(q), address(q), address(reference), code=address(results.codes), **{
+            name: address(x) for name, x in results._asdict().items()
+            if name != "codes" and x is not None})
+        given: list[Any] = [q, reference, results, v, rates]
+        if frame is not None:
+            given.append(numbers(np.asarray(frame.origin, float), (3,)))
+            task.joint, task.local = frame.joint, address(given[-1])
+        if v is not None:
+            task.motion = address(v)
+        if rates is not None:
+            task.speed, task.acceleration = map(address, rates)
+        return task, ctypes.byref(task), given
 
     def prepared_idle(self, out: Array) -> Callable[[], None]:
         """Return what finds joint velocities (n_passive, nv) of idle rotations, into `out`.
@@ -270,12 +209,6 @@ class RateSolver:
                 self._library.rates_answer(*call)
 
         return work
-
-    def idle(self) -> Array:
-        """Return joint velocities (n_passive, nv) of idle rotations, see `prepared_idle`."""
-        out = np.empty((self._n_passive, self.nv))
-        self.prepared_idle(out)()
-        return out
 
     def answer(
         self, derivative: Array | None, drive: Array | None = None, v: Array | None = None

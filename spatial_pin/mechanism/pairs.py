@@ -32,15 +32,14 @@ import pinocchio as pin
 from spatial_pin.mechanism.curve_rows import along_curve, follows, on_curve, touching
 from spatial_pin.mechanism.curves import CurveShape, follower_of, named_curve, two_curves
 from spatial_pin.mechanism.equations import (
+    Angle,
     ConstraintEquation,
+    Cosine,
+    Displacement,
     FunctionOf,
     JointCoordinate,
     PointDistance,
-    distance,
-    dot,
-    linear,
-    point,
-    screw,
+    Square,
 )
 from spatial_pin.mechanism.force_paths import strands_of, teeth_of
 from spatial_pin.mechanism.functions import function_of
@@ -184,20 +183,22 @@ def closure_geometry(
 
 def revolute_joint(axis: Array, *_: object) -> pin.JointModel:
     """Return the cheapest one-coordinate revolute joint about the unit vector `axis`."""
-    for e, model in zip((X, Y, Z), (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ),
-                        strict=True):
-        if np.array_equal(axis, e):
-            return model()
-    return pin.JointModelRevoluteUnaligned(axis)
+    return _along_an_axis(axis, (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ),
+                          pin.JointModelRevoluteUnaligned)
 
 
 def prismatic_joint(axis: Array, *_: object) -> pin.JointModel:
     """Return the cheapest prismatic joint along the unit vector `axis`."""
-    for e, model in zip((X, Y, Z), (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ),
-                        strict=True):
-        if np.array_equal(axis, e):
+    return _along_an_axis(axis, (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ),
+                          pin.JointModelPrismaticUnaligned)
+
+
+def _along_an_axis(axis: Array, aligned: tuple[Any, ...], other: Any) -> pin.JointModel:
+    """Return the joint of x, y or z, if the axis is that as nearly as Pinocchio's readers ask."""
+    for e, model in zip((X, Y, Z), aligned, strict=True):
+        if np.abs(axis - e).max() <= TOLERANCES.tight:
             return model()
-    return pin.JointModelPrismaticUnaligned(axis)
+    return other(axis)
 
 
 def _composite(*joints: pin.JointModel) -> pin.JointModel:
@@ -215,38 +216,54 @@ def _planar_joint(axis: Array, *_: object) -> pin.JointModel:
 Rows = tuple[ConstraintEquation, ...]
 
 
+def _in_planes(*normals: Array) -> Rows:
+    """Return equations u . d = 0: origin 2 in planes through origin 1."""
+    return tuple(ConstraintEquation(((1.0, (Displacement(u),)),), is_length=True) for u in normals)
+
+
+def _at_right_angles(*directions: tuple[Array, Array]) -> Rows:
+    """Return equations u . w = 0 of directions in frame 1 and in frame 2."""
+    return tuple(ConstraintEquation(((1.0, (Cosine(u, w),)),)) for u, w in directions)
+
+
 def _coincident(c: ClosureData) -> Rows:
-    return tuple(point(u) for u in c.geometry.axes1.T)
+    return _in_planes(*c.geometry.axes1.T)
 
 
 def _on_line(c: ClosureData) -> Rows:
-    return point(c.geometry.axes1[:, 0]), point(c.geometry.axes1[:, 1])
+    return _in_planes(*c.geometry.axes1.T[:2])
 
 
 def _on_plane(c: ClosureData) -> Rows:
-    return (point(c.geometry.axes1[:, 2]),)
+    return _in_planes(c.geometry.axes1[:, 2])
 
 
 def _parallel(c: ClosureData) -> Rows:
-    z2 = c.geometry.axes2[:, 2]
-    return dot(c.geometry.axes1[:, 0], z2), dot(c.geometry.axes1[:, 1], z2)
+    (x1, y1, _), z2 = c.geometry.axes1.T, c.geometry.axes2[:, 2]
+    return _at_right_angles((x1, z2), (y1, z2))
 
 
 def _same_orientation(c: ClosureData) -> Rows:
     (x1, y1, z1), (x2, y2, z2) = c.geometry.axes1.T, c.geometry.axes2.T
-    return dot(x1, y2), dot(y1, z2), dot(z1, x2)
+    return _at_right_angles((x1, y2), (y1, z2), (z1, x2))
 
 
 def _perpendicular(c: ClosureData) -> Rows:
-    return (dot(c.geometry.axes1[:, 2], c.geometry.axes2[:, 2]),)
+    return _at_right_angles((c.geometry.axes1[:, 2], c.geometry.axes2[:, 2]))
 
 
 def _distance(c: ClosureData) -> Rows:
-    return (distance(c.geometry.length),)
+    """(d . d - L^2) / 2L = 0; L = 0: the distance of the other two frames."""
+    length = c.geometry.length
+    other = (-0.5 * length, ()) if length else (-1.0, (Square(None, (2, 3)),))
+    return (ConstraintEquation(((1.0, (Square(length or None),)), other), is_length=True),)
 
 
 def _screw(c: ClosureData) -> Rows:
-    return (screw(c.geometry.axes1, c.geometry.axes2, c.geometry.lead / (2.0 * np.pi)),)
+    """The slide is what the pitch [m/rad] makes of the angle about z."""
+    one, two = c.geometry.axes1, c.geometry.axes2
+    turning = (-c.geometry.lead / (2.0 * np.pi), (Angle(one, two),))
+    return (ConstraintEquation(((1.0, (Displacement(one[:, 2]),)), turning), is_length=True),)
 
 
 def _coupling(c: ClosureData) -> Rows:
@@ -255,9 +272,12 @@ def _coupling(c: ClosureData) -> Rows:
         of = FunctionOf(c.numbers["function"].curve, JointCoordinate(0))
         return (ConstraintEquation(((1.0, (JointCoordinate(1),)), (-1.0, (of,)))),)
     if "ratios" in c.numbers:
-        ratios = c.numbers["ratios"]
-        return (linear(ratios / ratios[-1], c.numbers["offset"] / ratios[-1]),)
-    return (linear(np.array([-c.numbers["ratio"], 1.0]), -c.numbers["offset"]),)
+        last = c.numbers["ratios"][-1]
+        ratios, offset = c.numbers["ratios"] / last, c.numbers["offset"] / last
+    else:
+        ratios, offset = [-c.numbers["ratio"], 1.0], -c.numbers["offset"]
+    terms = ((float(ratio), (JointCoordinate(k),)) for k, ratio in enumerate(ratios))
+    return (ConstraintEquation((*terms, (offset, ()))),)
 
 
 def _fault_of_coupling(c: ClosureData) -> tuple[str, str] | None:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin._support.checks import finite_array, finite_number
+from spatial_pin._support.checks import finite_array, finite_number, numbers_or_none
 from spatial_pin._support.lazy import by_new_name, cached_property
 from spatial_pin.errors import MechanismFileError, UnknownNameError
 from spatial_pin.mechanism.equations import ConstraintEquation, combined
@@ -284,13 +284,14 @@ class Spring:
         for what in ("stiffness", "damping", "free_length", "free_angle"):
             finite_number(getattr(self, what), f"{what} of spring {self.name!r}")
         if self.tension_only and self.compression_only:
-            raise ValueError(f"spring {self.name!r} is tension_only and compression_only")
+            raise ValueError(f"spring {self.name!r} is tension_only or compression_only: one of "
+                             "the two")
         if len(self.law):
-            points = np.asarray(self.law, float)
-            if points.shape != (len(points), 2) or len(points) < 2 or not (
+            points = numbers_or_none(self.law)
+            if points.shape != (len(self.law), 2) or len(points) < 2 or not (
                     np.isfinite(points).all() and np.all(np.diff(points[:, 0]) > 0.0)):
-                raise ValueError(f"law of spring {self.name!r}: two and more points (elongation, "
-                                 "force) with rising elongations are needed")
+                raise ValueError(f"law of spring {self.name!r} needs two points or more of two "
+                                 "numbers, elongation and force, with rising elongations")
             if self.stiffness:
                 raise ValueError(f"spring {self.name!r} has a law and a stiffness: give one of "
                                  "the two")
@@ -304,7 +305,7 @@ class Spring:
             >>> sp.Spring("mount", ("a", "b"), stiffness=[1e5, 1e5, 1e4, 50, 50, 5]).is_bushing
             True
         """
-        return bool(np.ndim(self.stiffness) or np.ndim(self.damping) or len(self.preload))
+        return bool(np.ndim(self.stiffness) or np.ndim(self.damping) or np.size(self.preload))
 
     def _check_bushing(self) -> None:
         """Refuse numbers that no bushing has; store them as tuples."""
@@ -312,13 +313,13 @@ class Spring:
             raise ValueError(f"spring {self.name!r}: a bushing joins two frames, and has no law, "
                              "free length or side of its own")
         for what in ("stiffness", "damping"):
-            given = np.array(getattr(self, what), float)
+            given = numbers_or_none(getattr(self, what))
             if given.shape == () and not given:
                 continue
             matrix = np.diag(given) if given.shape == (6,) else given
             if matrix.shape != (6, 6) or not np.isfinite(matrix).all():
-                raise ValueError(f"{what} of spring {self.name!r}: six finite numbers, or 6 x 6 "
-                                 "of them, are needed for a bushing")
+                raise ValueError(f"{what} of spring {self.name!r}: six numbers, or six lists of "
+                                 "six, are needed for a bushing")
             size = float(np.abs(matrix).max())
             if np.abs(matrix - matrix.T).max() > 1e-9 * size or (
                     np.linalg.eigvalsh(matrix)[0] < -1e-9 * size):
@@ -327,9 +328,10 @@ class Spring:
             rows = given.tolist()
             object.__setattr__(self, what,
                                tuple(rows) if given.ndim == 1 else tuple(map(tuple, rows)))
-        preload = finite_array(self.preload, (6,), f"preload of spring {self.name!r}") if len(
-            self.preload) else ()
-        object.__setattr__(self, "preload", tuple(map(float, preload)))
+        preload = numbers_or_none(self.preload)
+        if preload.shape not in ((0,), (6,)) or not np.isfinite(preload).all():
+            raise ValueError(f"preload of spring {self.name!r}: six numbers are needed")
+        object.__setattr__(self, "preload", tuple(preload.tolist()))
 
     @property
     def is_linear(self) -> bool:

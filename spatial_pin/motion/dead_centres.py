@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.checks import checked
 from spatial_pin._support.lazy import Workspaces
-from spatial_pin.continuation.path_tracker import PathTracker, Stopped
+from spatial_pin.continuation.path_tracker import PathTracker
+from spatial_pin.continuation.pseudo_arclength import Stopped
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.motion.motion import Event, Motion, require_motion
 from spatial_pin.numerics.linalg import Array
@@ -110,7 +111,7 @@ def _located(motion: Motion, rows: NDArray[np.intp], rates: Array, name: str) ->
             tracker.reach(value)
         except Stopped as stopped:
             raise SingularError(
-                f"mechanism {mechanism.name!r}: {stopped.arrival.kind} between {driver} = "
+                f"mechanism {mechanism.name!r}: {stopped.kind} between {driver} = "
                 f"{ends[0]:.9g} and {ends[1]:.9g} {unit}, where {name} turns back", motion=motion,
             ) from None
         return _event(motion, name, first + 1, value, float(tracker.here.q[output.q]))

@@ -16,7 +16,7 @@ from spatial_pin.assembly.holding import BASE, Hold, hold_names
 from spatial_pin.assembly.state import State
 from spatial_pin.continuation.path_following import Followed, followed
 from spatial_pin.continuation.path_tracker import PathTracker
-from spatial_pin.continuation.pseudo_arclength import Arrival
+from spatial_pin.continuation.pseudo_arclength import Stopped
 from spatial_pin.errors import Interrupted, LimitError, SingularError, SpatialPinError
 from spatial_pin.kernel.paths import PathSamples
 from spatial_pin.mechanism.coordinates import require_mechanism
@@ -281,7 +281,7 @@ def _where(value: float, is_timeless: bool) -> str:
 
 
 def _error(
-    motion: Motion, stop: Arrival, names: list[str], is_timeless: bool, who: str, ends: str
+    motion: Motion, stop: Stopped, names: list[str], is_timeless: bool, who: str, ends: str
 ) -> SpatialPinError:
     at, moved = _where(stop.value, is_timeless), ", ".join(names)
     where = f"mechanism {motion.mechanism.name!r}: {moved} cannot go on beyond {at}: "

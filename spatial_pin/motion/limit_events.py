@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Iterable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.brief import brief
 from spatial_pin._support.lazy import Workspaces, made_anew, made_once
-from spatial_pin.continuation.path_tracker import PathTracker, Stopped
+from spatial_pin.continuation.path_tracker import PathTracker
+from spatial_pin.continuation.pseudo_arclength import Stopped
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.joint_limits import SLACK, JointLimit, joint_limits, limit_arrays
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -143,36 +144,34 @@ def joint_limits_passed(motion: Motion) -> list[Passing]:
 
 def _may_be_passed(motion: Motion) -> NDArray[np.bool_]:
     """Return (limits, N - 1) whether each limit may be passed outwards in each step."""
-    limits, q, v, value, side, slack = limit_arrays(motion.mechanism)
-    fastest = np.abs(motion.v / motion.mechanism.velocity_scale).max(initial=0.0)
-    noise = NOISE / SLACK * float(fastest)
+    limits, at, of, value, side, slack = limit_arrays(motion.mechanism)
+    q, v, a = (np.ascontiguousarray(x.T) for x in (motion.q, motion.v, motion.a))  # for one joint
+    pace, bend = (np.maximum(x.max(axis=1), -x.min(axis=1)) for x in (v, a))
+    noise = NOISE / SLACK * float((pace / motion.mechanism.velocity_scale).max(initial=0.0))
     may = np.zeros((len(limits), len(motion) - 1), dtype=bool)
-    steps, rates, bends = _steps(motion), motion.v[:, v], motion.a[:, v]
-    room = side * (value - motion.q[:, q])
-    outside = room < -slack
-    swings = np.full(len(v), np.inf)  # beyond both samples of a step, at most
+    steps = _steps(motion)
+    swings: Any = np.inf  # beyond both samples of a step, at most
     if steps is not None:
         h = float(steps.max(initial=0.0))
-        swings = 2.0 * h * (SWING_OF_RATES * np.abs(rates).max(axis=0) +
-                            h * SWING_OF_ACCELERATIONS * np.abs(bends).max(axis=0))
-    close = np.flatnonzero(outside.any(axis=0) | (room.min(axis=0) <= (1.0 + DOUBT) * swings))
+        swings = 2.0 * h * (SWING_OF_RATES * pace[of] + h * SWING_OF_ACCELERATIONS * bend[of])
+    least = side * (value - np.where(side > 0.0, q.max(axis=1)[at], q.min(axis=1)[at]))
+    close = np.flatnonzero((least < -slack) | (least <= (1.0 + DOUBT) * swings))
     if not close.size:  # as most are far from all limits
         return may
-    room, outside, side, slack = room[:, close], outside[:, close], side[close], slack[close]
-    rates, bends = rates[:, close], bends[:, close]
-    closing = side * rates
-    sense = np.ones((len(motion) - 1, 1))  # -1 where samples go against their rates
+    sense: Any = 1.0  # -1 where samples go against their rates
     if motion.driver is not None and motion.time is None:
         rate = motion.coordinate(motion.driver_name).rate
-        sense[~(np.diff(motion.driver) * (rate[:-1] + rate[1:]) >= 0.0)] = -1.0
-    turning = (sense * closing[:-1] > noise * slack) & (sense * closing[1:] < -noise * slack)
-    swings = np.full((len(motion) - 1, len(close)), np.inf)
-    if steps is not None:
-        each = steps[:, None]
-        pace, bend = (np.abs(x[:-1]) + np.abs(x[1:]) for x in (rates, bends))
-        swings = each * SWING_OF_RATES * pace + each**2 * SWING_OF_ACCELERATIONS * bend
-    near = np.minimum(room[:-1], room[1:]) <= (1.0 + DOUBT) * swings
-    may[close] = (~outside[:-1] & (outside[1:] | (turning & near))).T
+        sense = np.where(np.diff(motion.driver) * (rate[:-1] + rate[1:]) >= 0.0, 1.0, -1.0)
+    for i in close.tolist():
+        rate, room = v[of[i]], side[i] * (value[i] - q[at[i]])
+        first, last = (sense * side[i] * x for x in (rate[:-1], rate[1:]))
+        turning = (first > noise * slack[i]) & (last < -noise * slack[i])
+        if steps is not None:
+            pace, bend = (np.abs(x[:-1]) + np.abs(x[1:]) for x in (rate, a[of[i]]))
+            swings = steps * (SWING_OF_RATES * pace + steps * SWING_OF_ACCELERATIONS * bend)
+        near = np.minimum(room[:-1], room[1:]) <= (1.0 + DOUBT) * swings
+        outside = room < -slack[i]
+        may[i] = ~outside[:-1] & (outside[1:] | (turning & near))
     return may
 
 

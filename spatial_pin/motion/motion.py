@@ -456,23 +456,22 @@ class Motion(Samples, Tabular):
         if len(self.rate_errors):
             lost = float(self.rate_errors[row])
         elif self.driver is not None:
-            # tangents of a traced curve are solved up to a branch point, and behind it
-            size = self.mechanism.velocity_scale[self.mechanism.coordinate(self.driver_name).v]
-            is_solved = self.per == "length" or not any(
-                e.kind == "branch point" and e.row < n
-                and abs(e.value - self.driver[row]) < ACROSS * size for e in self.events)
-            lost = partial(self._rate_error, self.driver_name, is_solved, self.held)
+            lost = partial(self._rate_error, self.driver, row)
         return State(self.mechanism, self.q[row], self.v[row], self.a[row],
                      closure_error=self.closure_error[row],
                      angles=self.angles[row] if self.angles.size else None, rate_error=lost,
                      in_time=self.per == "s")
 
-    @staticmethod
-    def _rate_error(driver: str, solved: bool, held: tuple[str, ...], state: State) -> float:
-        """Return the round-off of the rates of a sample."""
+    def _rate_error(self, swept: Array, row: int, state: State) -> float:
+        """Return the round-off of the rates of a sample; a driver has these values (N,)."""
         from spatial_pin.rates.rates import rate_error
 
-        return rate_error(driver, solved, state, held)
+        # tangents of a traced curve are solved up to a branch point, and behind it
+        size = self.mechanism.velocity_scale[self.mechanism.coordinate(self.driver_name).v]
+        is_solved = self.per == "length" or not any(
+            e.kind == "branch point" and e.row < len(self)
+            and abs(e.value - swept[row]) < ACROSS * size for e in self.events)
+        return rate_error(self.driver_name, is_solved, state, self.held)
 
     @cached_property
     def _bodies(self) -> Any:

@@ -34,7 +34,7 @@ from spatial_pin.continuation.path_following import (
     followed_both_ways,
 )
 from spatial_pin.continuation.path_tracker import FARTHEST, PathTracker
-from spatial_pin.continuation.pseudo_arclength import Arrival
+from spatial_pin.continuation.pseudo_arclength import Stopped
 from spatial_pin.errors import Interrupted, LimitError, SingularError, SpatialPinError
 from spatial_pin.mechanism.coordinates import (
     coordinate_value,
@@ -56,7 +56,7 @@ from spatial_pin.settings import Accuracy, accuracy_of
 # Near a limit a joint is this much faster than the driver, and than its own lowest speed: at a
 # distance d it is 1 / sqrt(d) times faster, so d is 1e-5 of the range.
 FAST = 300.0
-ENDS = ("limit", "half turn", "runs away")  # kinds of arrivals beyond which there is nothing
+ENDS = ("limit", "half turn", "runs away")  # kinds of ends beyond which there is nothing
 # Largest speed of a driver: rates of a regular path stay finite, times its square too.
 FASTEST_DRIVER = 1e50
 # Closure error above which a sweep with a fixed number of corrections warns: 0.1 % of the size is
@@ -169,8 +169,6 @@ def sweep(
     motion = within_gap(motion, accuracy, on_limit, good)
     if len(motion) < n or good is not None:
         return motion
-    if passed := limit_events(motion):
-        motion.events += passed
     if result.is_cut:
         raise Interrupted(motion)
     if stop is not None:
@@ -223,7 +221,7 @@ def _followed(
             first = held_values(mechanism, {**given, **first}) if given else first
             problem = assembly_problem(
                 mechanism, first, guess, tolerance, gap_allowed(mechanism, accuracy))
-            judged = ways is not None or problem.with_turns is not None
+            judged = ways is not None or problem.with_turns() is not None
             started = None if judged or not problem.is_for_kernel() else (
                 PathTracker.from_guess(problem, names, held, accuracy, workspaces,
                                        values[: chunk_of(mechanism)], n))
@@ -328,7 +326,8 @@ def _motion(
         mechanism=mechanism, driver=values.copy(), driver_name=driver, q=samples.q, v=v, a=a,
         closure_error=samples.error, driver_speed=speeds, angles=samples.angles, per=per, held=held,
         _clock=lambda motion: None if accels is not None else _times(motion),
-        _look=lambda motion: [*events, *_near_limit(motion, samples.t), *_drift(motion)],
+        _look=lambda motion: [*events, *_near_limit(motion, samples.t), *_drift(motion),
+                              *limit_events(motion)],
         _estimate=lambda motion: scaled_estimates(
             motion, samples.estimate, led if per == "s" else None, accels))
 
@@ -423,7 +422,7 @@ def crossed_event(value: float, row: int, at: str) -> Event:
                  "one that goes straight on")
 
 
-def stop_event(stop: Arrival, row: int, at: str, limit: str) -> Event:
+def stop_event(stop: Stopped, row: int, at: str, limit: str) -> Event:
     """Return the event that ended a motion, with its location and the kind of limit as text."""
     words = {"limit": limit, "singular": "singular configuration", "branch point": "branch point",
              "lost": "end of the followed path",
@@ -434,7 +433,7 @@ def stop_event(stop: Arrival, row: int, at: str, limit: str) -> Event:
 
 
 def _error(
-    motion: Motion, stop: Arrival, driver: str, coordinate: Coordinate, value: float,
+    motion: Motion, stop: Stopped, driver: str, coordinate: Coordinate, value: float,
     on_crossing: str,
 ) -> SpatialPinError:
     name, unit = motion.mechanism.name, coordinate.unit

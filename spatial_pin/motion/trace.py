@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from spatial_pin.continuation.initial_tangent import (
     system_at,
 )
 from spatial_pin.continuation.path_tracker import error_estimate
-from spatial_pin.continuation.pseudo_arclength import ArcLengthPath
+from spatial_pin.continuation.pseudo_arclength import ArcLengthPath, Stopped
 from spatial_pin.continuation.singular_points import distance_ahead, located_singularity
 from spatial_pin.continuation.solution_curve import CurvePoint, SolutionCurve
 from spatial_pin.errors import SingularError
@@ -108,17 +109,16 @@ def trace(
 def _advance(path: ArcLengthPath, length: float, samples: _TracedSamples) -> bool:
     """Move to the next sample and record limits; False if a branch point lies before it."""
     rest, longest = length, length
-    while rest > TOLERANCES.tight * length:
-        step = path.ahead(min(longest, rest))
-        if step.kind != "regular":
-            return False
-        turn = path.turning_point(step)
-        if turn is not None:
-            samples.note("limit", path.curve.value(turn.x))
-        if not path.take(step):
-            return False
-        longest, rest = step.length, rest - step.length
-    return True
+    with suppress(Stopped):
+        while rest > TOLERANCES.tight * length:
+            step = path.ahead(min(longest, rest))
+            turn = path.turning_point(step)
+            if turn is not None:
+                samples.note("limit", path.curve.value(turn.x))
+            path.take(step)
+            longest, rest = step.length, rest - step.length
+        return True
+    return False
 
 
 class _TracedSamples:
@@ -138,7 +138,7 @@ class _TracedSamples:
     def add(self, point: CurvePoint) -> None:
         """Add a point, with the second derivative of the curve there."""
         curve, evaluation, model = self.curve, self.curve.evaluation, self.curve.evaluation.model
-        rows, scale = curve.equations(point.x), curve.unknowns.scale
+        rows, scale = curve.equations(point.x), curve.scale
         n, chosen = evaluation.constraints.n_closure, curve.selected
         bias = evaluation.bias(point.x, scale * point.t)
         rhs = np.zeros(len(rows) + 1)
@@ -204,7 +204,7 @@ class _TracedSamples:
 
     def motion(self) -> Motion:
         """Return the samples as a Motion over the arc length."""
-        scale = self.curve.unknowns.scale
+        scale = self.curve.scale
         q = np.array([p.x for p in self.points])
         v = np.array([scale * p.t for p in self.points])
         driver, moved = self.curve.system.driven[0], self._moved

@@ -119,9 +119,8 @@ def jacobian(
         return solved_by(samples, given, ("jacobian",), lambda at, _: solved_for_frame(
             at, given, frame, "jacobian"), point)[0]
     with kernel_of(own) as kernel:
-        solution = given.rates(kernel).jacobian(samples.q, samples.angles, point)
-    return solution if solution is not None else solved_for_frame(
-        samples, given, frame, "jacobian")[0]
+        found = given.rates(kernel).solve(samples.q, samples.angles, ("jacobian",), frame=point)
+    return (found or solved_for_frame(samples, given, frame, "jacobian"))[0]
 
 
 @made_once

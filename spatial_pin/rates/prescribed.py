@@ -142,21 +142,9 @@ class Prescription(NamedTuple):
             kernel, tuple(prescribed_indices(kernel.nv, self.driven, self.still)), self.n_moving)
 
 
-def factored_rates(kernel: Kernel, state: State, given: Prescription) -> RateSolver:
-    """Return the solver for the rates of a closed state, factored there.
-
-    Raises:
-        SingularError: the rates are not determined there.
-    """
-    rates = given.rates(kernel)
-    if not rates.factor(state.q, state.angles):
-        rates.factor(state.q, state.angles, chosen_at(state, given))
-    return rates
-
-
 def solved_at(
-    state: State, given: Prescription, wanted: Sequence[str], frame: FrameInKernel | None = None,
-    chosen: Chosen | None = None, v: Array | None = None,
+    state: State, given: Prescription, wanted: tuple[str, ...],
+    frame: FrameInKernel | None = None, chosen: Chosen | None = None, v: Array | None = None,
 ) -> list[Array] | None:
     """Return results of `RateRows` at a state; None where its equations are not clear.
 
@@ -164,13 +152,12 @@ def solved_at(
     """
     v = state.v if v is None else v
     with kernel_of(state.mechanism) as kernel:
-        rows = given.rates(kernel).rows(state.q[None], state.angles[None], wanted, frame=frame,
-                                        v=v[None], chosen=chosen)
-    return None if rows.codes[0] else [getattr(rows, name)[0] for name in wanted]
+        return given.rates(kernel).solve(
+            state.q, state.angles, wanted, frame=frame, v=v, chosen=chosen)
 
 
 def solved_by(
-    samples: State | sp.Motion, given: Prescription, wanted: Sequence[str],
+    samples: State | sp.Motion, given: Prescription, wanted: tuple[str, ...],
     otherwise: Callable[[State, int], Sequence[Array] | None], frame: FrameInKernel | None = None,
     rates: tuple[Array, Array] | None = None,
 ) -> list[Array]:

@@ -22,7 +22,8 @@ from spatial_pin.assembly.state import State, at_sample, made, samples_of
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_at, loops_of
-from spatial_pin.kernel.rate_solver import Chosen, Solved
+from spatial_pin.kernel.rate_solver import Chosen
+from spatial_pin.mechanism.coordinates import driver_coordinates
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import EPS, Array, decompose, independent_rows, rank
@@ -43,6 +44,7 @@ from spatial_pin.rates.prescribed import (
 if TYPE_CHECKING:
     import spatial_pin as sp
 
+RATES = "v", "a", "facts"  # see `RateRows`
 SOLUTION_ERROR = 8.0 * EPS  # of a solution, relative to its size: as in `closing/rate_errors.c`
 
 
@@ -56,7 +58,7 @@ def prescribed_at(state: State, names: Iterable[str], hold: Hold = BASE) -> list
     given by `holding.divided`.
     """
     names = list(names)
-    usual, still = usual_prescription(state.mechanism, names, hold)
+    usual, still = usual_prescription(state.mechanism, tuple(names), hold_names(hold))
     try:
         chosen_at(state, Prescription(usual, len(usual), still))
         return usual
@@ -90,21 +92,15 @@ def prescribed_at(state: State, names: Iterable[str], hold: Hold = BASE) -> list
     return chosen if whole else usual
 
 
-def usual_prescription(
-    mechanism: Mechanism, names: Iterable[str], hold: Hold = BASE
-) -> tuple[list[Coordinate], tuple[int, ...]]:
-    """Return prescribed coordinates, in a regular state, and fixed velocity entries."""
-    driven, still = _prescribed_first(mechanism, tuple(names), hold_names(hold))
-    return [*driven], still
-
-
 @made_once
-def _prescribed_first(
+def usual_prescription(
     mechanism: Mechanism, names: tuple[str, ...], hold: tuple[str, ...]
 ) -> tuple[list[Coordinate], tuple[int, ...]]:
+    """Return prescribed coordinates, in a regular state, and fixed velocity entries."""
     wanted = wanted_coordinates(mechanism, names)
-    usual = driven_coordinates(mechanism, [c.name for c in wanted])
-    return divided(mechanism, [*wanted, *(c for c in usual if c not in wanted)], hold)
+    drivers = driver_coordinates(mechanism).values()
+    others = [c for c in drivers if c not in wanted] if set(wanted) <= set(drivers) else []
+    return divided(mechanism, [*wanted, *others], hold)
 
 
 def wanted_coordinates(mechanism: Mechanism, names: Iterable[str]) -> list[Coordinate]:
@@ -243,14 +239,13 @@ def solve_rates(
         return _motion_solved(samples, speeds, accelerations, hold)
     state = samples
     clear = _solved(state, speeds, accelerations, hold)
-    solution = clear or _solved_by_trial(state, speeds, accelerations, hold)
-    if not solution.is_finite:
-        check_finite(solution.v, solution.a,
-                     f"speeds {dict(speeds)} and accelerations {dict(accelerations)}")
+    v, a, facts = clear or _solved_by_trial(state, speeds, accelerations, hold)
+    if not (is_finite(v) and is_finite(a)):
+        check_finite(v, a, f"speeds {dict(speeds)} and accelerations {dict(accelerations)}")
     if clear is None:
-        check_rates(state, solution.v)
-    return made(mechanism, state.q, solution.v, solution.a, closure_error=state.closure_error,
-                angles=state.angles, rate_error=min(solution.lost * _more_error(mechanism), 1.0),
+        check_rates(state, v)
+    return made(mechanism, state.q, v, a, closure_error=state.closure_error, angles=state.angles,
+                rate_error=min(facts.item(1) * _more_error(mechanism), 1.0),
                 released=state.released, lost_turns=state.lost_turns)
 
 
@@ -288,14 +283,14 @@ def _motion_solved(
         return moving.v, moving.a, np.array([0.0, known, 0.0])
 
     v, a, facts = solved_by(
-        motion, given, ("v", "a", "facts"), at, rates=(rates[0], rates[1]))
+        motion, given, RATES, at, rates=(rates[0], rates[1]))
     return motion.at_rates(v, a, np.minimum(facts[:, 1] * _more_error(mechanism), 1.0))
 
 
 def _solved(
     state: State, speeds: Mapping[str, Any], accelerations: Mapping[str, Any], hold: tuple[str, ...]
-) -> Solved | None:
-    """Return the rates if the equations for them are clear; else None.
+) -> list[Array] | None:
+    """Return the `RATES` if the equations for them are clear; else None.
 
     Raises:
         ValueError: a rate is not a finite number.
@@ -313,13 +308,13 @@ def _solved(
             target[:] = 0.0
             for index, value in zip(own, numbers, strict=True):
                 target[index] = value
-        return rates.solve(state.q, state.angles)
+        return rates.solve(state.q, state.angles, RATES)
 
 
 def _solved_by_trial(
     state: State, speeds: Mapping[str, Any], accelerations: Mapping[str, Any], hold: Hold
-) -> Solved:
-    """Return the rates with a prescription found by trial.
+) -> list[Array]:
+    """Return the `RATES` with a prescription found by trial.
 
     Raises:
         SingularError: none determines them.
@@ -334,7 +329,7 @@ def _solved_by_trial(
         for target, of in ((rates.speeds, v_of), (rates.accelerations, a_of)):
             target[:] = 0.0
             target[: len(given.driven)] = [of.get(c, 0.0) for c in given.driven]
-        solution = rates.solve(state.q, state.angles, chosen)
+        solution = rates.solve(state.q, state.angles, RATES, chosen=chosen)
     assert solution is not None
     return solution
 
@@ -383,33 +378,31 @@ def rate_error(driver: str, solved: bool, state: State, held: Hold = BASE) -> fl
         rates.speeds[:], rates.accelerations[:] = 0.0, 0.0
         rates.speeds[at] = state.v[coordinate.v] if moves else 1.0
         rates.accelerations[at] = state.a[coordinate.v] if moves else 0.0
-        solution = rates.solve(state.q, state.angles) if solved else None
+        solution = rates.solve(state.q, state.angles, RATES) if solved else None
         if solution is None:
             try:
                 chosen = chosen_at(state, given)
             except SingularError:
                 return float(np.nan)
-            solution = rates.solve(state.q, state.angles, chosen)
+            solution = rates.solve(state.q, state.angles, RATES, chosen=chosen)
     assert solution is not None
+    v, a, facts = solution
     if not solved:
-        return solution.known
-    lost = min(solution.lost * _more_error(mechanism), 1.0)
-    return max(lost, 2.0 * _apart(state, solution)) if moves else lost
+        return facts.item(2)
+    lost = min(facts.item(1) * _more_error(mechanism), 1.0)
+    if not moves:
+        return lost
+    size = mechanism.velocity_scale
+    v, a = v / size, a / size
+    pace = float(np.abs(v).max())
+    bend = max(pace**2, float(np.abs(a).max()))
+    return max(lost, 2.0 * float(np.abs(state.v / size - v).max()) / pace,
+               2.0 * float(np.abs(state.a / size - a).max()) / bend)
 
 
 def _more_error(mechanism: Mechanism) -> float:
     """Return by what errors of rates are larger far from the origin: coordinates have round-off."""
     return 1.0 + mechanism.extent.resolution / SOLUTION_ERROR
-
-
-def _apart(state: State, solution: Solved) -> float:
-    """Return the difference between a state's rates and solved ones, relative to their size."""
-    size = state.mechanism.velocity_scale
-    v, a = solution.v / size, solution.a / size
-    pace = float(np.abs(v).max())
-    off = float(np.abs(state.v / size - v).max()) / pace
-    bend = max(pace**2, float(np.abs(a).max()))
-    return max(off, float(np.abs(state.a / size - a).max()) / bend)
 
 
 def check_rates(state: State, v: Array) -> None:

@@ -12,9 +12,10 @@ from dataclasses import dataclass, field
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin._support.lazy import acquired
 from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.dynamics.kinetostatics import inverse_dynamics
-from spatial_pin.dynamics.solvers.equations_of_motion import equations_of
+from spatial_pin.dynamics.solvers.equations_of_motion import Equations
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.mechanism.inertia import moving_mass
 from spatial_pin.mechanism.joint_limits import JointLimit, joint_limits
@@ -123,7 +124,6 @@ class DeadCentres(MotionDemand):
 REGULAR = 1e-4
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
 class FullTurn(MotionDemand):
     """A driver that turns fully."""
 
@@ -187,7 +187,6 @@ class LeastTransmission(MotionDemand):
             some.mechanism, some.q, some.angles))
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
 class WithinLimits(MotionDemand):
     """No joint beyond its limits, the driver excepted."""
 
@@ -272,7 +271,6 @@ class MostSize(AtMost, MotionDemand):
         return self.worst(motion, beyond)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
 class MostMass(AtMost):
     """The mass of all moving links."""
 
@@ -344,7 +342,7 @@ def _by_work(
     there are as many drivers as freedoms that they hold.
     """
     at_rest, efforts = np.zeros(motion.mechanism.model.nv), []
-    with equations_of(motion.mechanism) as equations:
+    with acquired(motion.mechanism, Equations) as equations:
         for q, angles, v in zip(
                 motion.q[:most], motion.angles[:most], motion.v[:most], strict=True):
             equations.update(State(motion.mechanism, q, closure_error=0.0, angles=angles), loads)

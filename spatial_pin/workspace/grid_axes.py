@@ -19,8 +19,6 @@ from spatial_pin.errors import SpatialPinError
 from spatial_pin.inverse_kinematics.target_coordinates import (
     ALL,
     Chain,
-    ChainSegment,
-    TargetCourse,
     TargetTable,
     copy_at,
 )
@@ -81,11 +79,8 @@ def posed(
     at = start.placement(frame)
     is_turned = task == "pose"
     table = TargetTable(frame, np.zeros((1, 3)), at.rotation[None] if is_turned else None)
-    n = 3 + 3 * is_turned
-    values = np.zeros((1, n))
-    values[0, :3] = at.translation
-    course = TargetCourse(values, 0.0 * values, 0.0 * values)
-    state, names = copy_at(start, [Chain(table, ALL, course, n - 3)], ChainSegment(0, 0, course))
+    chain = Chain(table, ALL, np.zeros((3, 1, 3)), 3 * is_turned)
+    state, names = copy_at(start, [chain], 0, np.append(at.translation, np.zeros(chain.hinges)))
     coordinates = dict(zip(PARTS, names, strict=False))
     return state, coordinates, _standing(state, frame, coordinates, parts, hold), task
 

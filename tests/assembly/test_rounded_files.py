@@ -316,6 +316,18 @@ def test_modes_are_those_of_the_exact_mechanism(name):
         assert np.abs(values(x) - values(y)).max() < 20.0 * size
 
 
+def test_modes_of_several_groups_of_rounded_loops_are_those_of_the_exact_ones():
+    exact, mechanism = (rounded.exported("excavator", r) for r in (
+        rounded.exactly, rounded.to_digits(6)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", sp.SpatialPinWarning)
+        found, meant = (sp.assembly_modes(m, most_starts=300) for m in (mechanism, exact))
+    assert len(found) == len(meant) > 1
+    for x, y in zip(found, meant, strict=True):
+        assert 0.0 < x.gap < 2e-4
+        assert np.abs(values(x) - values(y)).max() < 2e-4
+
+
 # ------------------------------------------------------------ forces
 
 

@@ -460,8 +460,9 @@ def test_frames_stay_where_pinocchio_puts_them(write):
     assert ours.gravity.linear.tolist() == [0, 0, -9.81]
     assert len(ours.frames) == len(plain.frames)
     for frame, expected in zip(ours.frames, plain.frames, strict=True):
-        for attribute in ("name", "type", "parentJoint", "parentFrame", "placement", "inertia"):
+        for attribute in ("name", "type", "parentJoint", "parentFrame", "placement"):
             assert getattr(frame, attribute) == getattr(expected, attribute), frame.name
+        assert frame.inertia.isApprox(expected.inertia, 1e-15), frame.name
 
 
 SHAPES = ('<visual><origin xyz="1 2 3" rpy="0.1 0.2 0.3"/><geometry><box size="1 2 3"/></geometry>'
@@ -903,14 +904,12 @@ def test_an_axis_of_any_size_has_its_direction(write, kind, size):
 
 
 @pytest.mark.parametrize("kind", few(["fixed", "continuous"], "continuous"))
-def test_a_chain_that_would_end_the_process_is_refused(write, kind):
+def test_a_chain_that_ends_readers_of_urdf_is_read(write, kind):
     def chain(n: int) -> str:
         return robot(link("l0"), *(link(f"l{k + 1}") + joint(f"j{k}", kind, f"l{k}", f"l{k + 1}")
                                    for k in range(n)))
 
-    assert sp.load(write(chain(1500))).model.nframes == 3002
-    with pytest.raises(sp.MechanismFileError, match=r"1500 joints .* as at link 'l1501'"):
-        sp.load(write(chain(5000)))
+    assert sp.load(write(chain(2000))).model.nframes == 4002
 
 
 @pytest.mark.parametrize(("name", "content"), [

@@ -24,7 +24,7 @@ from variety import paired
 
 import spatial_pin as sp
 from spatial_pin.accuracy.extended import Extended
-from spatial_pin.constraints import trees
+from spatial_pin.constraints import kernel_tree
 from spatial_pin.dynamics.solvers.equations_of_motion import Equations
 from spatial_pin.kernel.loop_equations import LoopEquations, twist_derivatives
 from spatial_pin.view.scene.film import film
@@ -74,10 +74,11 @@ def test_equations_of_many_configurations_and_of_the_kernel_are_the_same(tmp_pat
     mechanism, _ = tree_between(tmp_path, joint, WHERE[place], 9)
     q = configurations(mechanism, 10)
     check_kernel(mechanism, q)
-    evaluation, kkt = LoopEquations(mechanism), Equations(mechanism).kkt
+    evaluation, equations = LoopEquations(mechanism), Equations(mechanism)
     evaluation.update(q[:, 0])
     none, dense = np.zeros(mechanism.model.nv), np.zeros_like(evaluation.jacobian)
-    kkt.mass[:] = np.eye(len(none)).ravel()
+    kkt, (at, columns, indices) = equations.kkt, equations.tree.mass_entries()
+    kkt.mass[indices] = at == columns
     kkt.accelerations(q[:, 0], none, evaluation.angle_reference, none, none)
     rows, columns, values = kkt.entries
     assert len(set(zip(rows.tolist(), columns.tolist(), strict=True))) == len(rows)
@@ -127,10 +128,10 @@ def test_many_of_them_by_sparse_factorisation(tmp_path, monkeypatch):
         start |= {f"shoulder{k}": 1.0, f"stroke{k}": 0.3}
     tree = heavy(tree, **{f"{part}{k}": WEIGHT for part in ("arm", "piston") for k in range(n)})
     found = []
-    for large in (trees.WHOLE, 10**9):
-        monkeypatch.setattr(trees, "WHOLE", large)
+    for large in (kernel_tree.WHOLE, 10**9):
+        monkeypatch.setattr(kernel_tree, "WHOLE", large)
         mechanism = load(tmp_path, "chain", tree, toml + known.guess(**start))
-        assert trees.is_large(mechanism.model) == (large < 10**9)
+        assert kernel_tree.is_large(mechanism.model) == (large < 10**9)
         found.append(sp.forward_dynamics(mechanism, sp.assemble(mechanism)))
     one, other = found
     np.testing.assert_allclose(one.a, other.a, atol=1e-12 * np.abs(other.a).max())

@@ -421,21 +421,23 @@ def test_a_mechanism_without_dimensions_has_no_tolerances(tmp_path):
 # ---------------------------------------------------------------- what the kernel is given
 
 
-def test_numbers_that_are_none_and_places_that_are_not_there(tmp_path):
+def test_numbers_that_are_none_and_places_that_are_not_there(tmp_path, monkeypatch):
     """Neither ends the process, and the next sample is closed as ever."""
     mechanism = sp.load(rssr(tmp_path))
     state = sp.solve_rates(mechanism, sp.assemble(mechanism, CRANK), {"crank": 2.0})
-    samples = VariedSamples.of(mechanism, ["b"], ["rocker.acceleration", "tip.velocity"])
-    near = samples.near(state, DriverMotion.of(state))
-    made = samples.geometry(np.array([[0.381, np.nan, np.inf, 1e300, 0.0, 0.382, 0.3]]))
-    good, values = near.solve(made)
+    samples = VariedSamples.of(
+        ["b"], ["rocker.acceleration", "tip.velocity"], state, DriverMotion.of(state))
+    drawn = np.array([[0.381, np.nan, np.inf, 1e300, 0.0, 0.382, 0.3]])
+    good, values = samples.solve(drawn)
     assert good.tolist() == [True, False, False, False, False, True, True]
-    again = near.solve(samples.geometry(np.array([[0.382]])))[1]
+    again = samples.solve(np.array([[0.382]]))[1]
     for value, alone_ in zip(values, again, strict=True):
         np.testing.assert_array_equal(value[5], alone_[0])
-    for numbers in (made.numbers._replace(indices=made.numbers.indices + 10**6),
-                    made.numbers._replace(indices=made.numbers.indices - 10**6)):
-        with pytest.raises(sp.SpatialPinError, match="arrays that do not fit together"):
-            near.solve(made._replace(numbers=numbers))
-    with pytest.raises(ValueError, match="shape"):
-        near.solve(made._replace(numbers=made.numbers._replace(base=np.zeros(3))))
+    geometry, numbers = samples.geometry(drawn, 1.0)
+    for wrong, error, words in (
+            (numbers._replace(indices=numbers.indices + 10**6), sp.SpatialPinError, "do not fit"),
+            (numbers._replace(indices=numbers.indices - 10**6), sp.SpatialPinError, "do not fit"),
+            (numbers._replace(base=np.zeros(3)), ValueError, "shape")):
+        monkeypatch.setattr(samples, "geometry", lambda *_, wrong=wrong: (geometry, wrong))
+        with pytest.raises(error, match=words):
+            samples.solve(drawn)

@@ -23,7 +23,7 @@ def full(mechanism):
     """The KKT system with any mass matrix."""
     nv = mechanism.model.nv
     rows, columns = (x.ravel() for x in np.indices((nv, nv)))
-    return KKT(mechanism, (rows, columns, rows * nv + columns), nv * nv)
+    return KKT(mechanism, (rows, columns, rows * nv + columns))
 
 
 def masses(mechanism, rng):

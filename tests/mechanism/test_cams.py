@@ -238,6 +238,18 @@ def test_a_point_climbs_a_helix_over_many_turns():
                                z * 10 * np.pi * np.hypot(0.5, 0.2 / (2 * np.pi)), atol=1e-12)
 
 
+@pytest.mark.parametrize("error", [1e-3, 1e-6, 1e-9])
+def test_angles_of_interpolated_samples_are_as_exact_as_they_are(error):
+    mech = trammel(sp.curves.helix(0.5, 0.2), {"x": 0.5, "y": 0.0, "z": 0.0})
+    lifted = sp.Mechanism.from_model(mech.model, mech.closures, drivers=["z"], guess=mech.guess)
+    values = np.linspace(0.0, 0.5, 2000)
+    motion, exact = (sp.sweep(lifted, "z", values, speed=1.0, accuracy=accuracy)
+                     for accuracy in (sp.Accuracy.for_error(error), None))
+    assert np.abs(motion.angles - exact.angles).max() < error
+    np.testing.assert_allclose(motion.coordinate("track.s").value,
+                               exact.coordinate("track.s").value, atol=error)
+
+
 def test_a_point_on_a_line_counts_its_way():
     mech = trammel(sp.curves.line([0.0, 1.0, 0.5], [0.6, 0.0, 0.8]), {})
     state = sp.solve_rates(mech, sp.assemble(mech, {"x": 0.3}), {"x": 1.0})

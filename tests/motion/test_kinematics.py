@@ -332,6 +332,24 @@ def test_random_four_bar_closes_or_cannot(folder, lengths, angle):
     assert abs(freudenstein) < 1e-12 * (1 + k1 + k2 + abs(k3)) / min(lengths)
 
 
+@pytest.mark.parametrize(("name", "coordinate", "value"), [
+    ("four_bar", "rocker_pin", 2.0), ("slider_crank", "slide", 0.17), ("rssr", "rocker_pin", 1.7)])
+def test_a_sweep_of_what_is_no_driver_starts_where_assembly_has_it(name, coordinate, value):
+    mechanism = sp.load(name)  # the driver cannot stand, and moves along
+    motion = sp.sweep(mechanism, coordinate, [value])
+    state = sp.assemble(mechanism, {coordinate: value})
+    assert state.released and not motion.events
+    np.testing.assert_allclose(motion.q[0], state.q, rtol=0, atol=1e-12)
+
+
+def test_a_sweep_of_what_is_no_driver_starts_near_the_guess():
+    mechanism = sp.load("peaucellier")  # the least motion of the crank would fold its rhombus flat
+    value = sp.assemble(mechanism).coordinate("upper_arm_pin").value - 0.2
+    motion = sp.sweep(mechanism, "upper_arm_pin", [value])
+    outer = motion["upper_outer_pin"].value, motion["lower_outer_pin"].value
+    np.testing.assert_allclose(outer, ([-1.5777003], [1.5777003]), rtol=0, atol=1e-7)
+
+
 # ---------------------------------------------------------------- limits and singularities
 
 NON_GRASHOF = {"r1": 0.30, "r2": 0.20, "r3": 0.15, "r4": 0.12}

@@ -12,6 +12,7 @@ import mechanisms as known
 import numpy as np
 import pinocchio as pin
 import pytest
+from far_sites import on_site
 from ladders import ladder, leaning
 from machines import three_rods, translation
 from variety import each, few
@@ -214,3 +215,24 @@ def test_masses_that_have_been_changed():
     for mechanism in (used, other):
         mechanism.model.gravity.linear = np.array([0.0, 0.0, -1.6])
     assert np.array_equal(swung(used), swung(other)) and not np.allclose(swung(used), heavier)
+
+
+@pytest.mark.parametrize(("name", "away"), [("four_bar", 1e3), ("delta", 0.0)])
+def test_reactions_are_of_the_masses_and_the_gravity_that_there_are_now(tmp_path, name, away):
+    """Also where the solvers' tree is a copy: far from the origin, and of split joints."""
+    mechanism = on_site(tmp_path, name, away)
+    driver = next(iter(mechanism.drivers))
+    motion = sp.sweep(mechanism, driver, [0.1, 0.3], speed=2.0)
+    state = motion.state(1)
+    sp.kinetostatics(mechanism, motion)
+    assert sp.dynamics_derivatives(mechanism, state).on_ground is not None
+    mechanism.model.gravity.linear = np.array([0.3, 0.0, -1.6])
+    mechanism.model.inertias[2] = pin.Inertia.FromSphere(3.0, 0.2)
+    loads = sp.kinetostatics(mechanism, motion)
+    alone = sp.inverse_dynamics(mechanism, state)
+    size = max(np.abs(force.vector).max() for force in alone.reactions.values())
+    for pair, force in alone.reactions.items():
+        assert loads.reactions[pair][1] == pytest.approx(force.vector, abs=1e-9 * size), pair
+    free = sp.forward_dynamics(mechanism, state)
+    ground = sp.dynamics_derivatives(mechanism, state).on_ground.value
+    assert ground == pytest.approx(free.on_ground.vector, rel=1e-9, abs=1e-9 * max(size, away))

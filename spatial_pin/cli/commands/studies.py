@@ -13,8 +13,8 @@ from spatial_pin.cli import options as opt
 from spatial_pin.cli.commands.motions import beginning, sweep_task
 from spatial_pin.cli.mechanism_arguments import Options, in_units, or_partial_result, workers
 from spatial_pin.cli.printing import print_result
+from spatial_pin.dimensions.bounds import check_dimensions
 from spatial_pin.dimensions.sensitivity import unit_of_derivative
-from spatial_pin.errors import UnknownNameError
 from spatial_pin.motion.motion import first_samples
 from spatial_pin.motion.outputs import label_of
 
@@ -26,13 +26,6 @@ UNITS = {"time_per_step": "s", "spread": "s", **dict.fromkeys(  # of others "-",
     ("setting", "steps", "solver_steps", "below_reference", "on_front", "note"), "")}
 PARTS = "closure errors, errors of positions, velocities and accelerations: --csv, --json"
 COMPONENTS = {3: XYZ, 6: tuple(f"{part} {axis}" for part in ("force", "moment") for axis in XYZ)}
-
-
-def _check_dimensions(mechanism: sp.Mechanism, names: list[str]) -> None:
-    for name in names:
-        if name not in mechanism.dimensions:
-            raise UnknownNameError("dimension", name, mechanism.dimensions,
-                                   f"mechanism {mechanism.name!r}: ")
 
 
 def _numbers(name: str, value: Any) -> dict[str, float]:
@@ -50,7 +43,7 @@ def _numbers(name: str, value: Any) -> dict[str, float]:
 def sensitivity(options: Options) -> None:
     """How an output changes with the dimensions."""
     mechanism = options.loaded
-    _check_dimensions(mechanism, options.to)
+    check_dimensions(mechanism, options.to)
     if not mechanism.dimensions:
         options.hints.append(f"{mechanism.name} has no dimensions: "
                              '<xacro:arg name="b" default="0.4"/> in a .xacro tree makes one')
@@ -114,7 +107,7 @@ def tolerance(options: Options) -> None:
     """How an output scatters when the dimensions do."""
     mechanism = options.loaded
     spread = options.unique(options.deviation)
-    _check_dimensions(mechanism, list(spread))
+    check_dimensions(mechanism, spread)
     in_units(spread, "m", "cm", "mm", "um", "in", "rad", "deg", "°")
     for name, x in spread.items():
         nominal = abs(mechanism.dimensions[name])

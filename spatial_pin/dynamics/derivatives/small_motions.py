@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin._support.lazy import acquired
 from spatial_pin.assembly.close import scaled_row
 from spatial_pin.assembly.holding import held_by
 from spatial_pin.assembly.state import State
@@ -23,7 +24,7 @@ from spatial_pin.dynamics.derivatives.derivatives import changes_of_forces
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
 from spatial_pin.dynamics.derivatives.spring_derivatives import ExternalWrenches, Springs
 from spatial_pin.dynamics.forces import Forces, Law, joint_efforts
-from spatial_pin.dynamics.solvers.equations_of_motion import equations_of
+from spatial_pin.dynamics.solvers.equations_of_motion import Equations
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.coordinates import coordinate_curvature, finite_number
@@ -119,10 +120,10 @@ class SmallMotions:
     def __init__(self, loads: AppliedLoads, state: State) -> None:
         self.loads, mechanism = loads, loads.mechanism
         self._scale, q = mechanism.velocity_scale, state.q
-        with equations_of(mechanism) as equations:
+        with acquired(mechanism, Equations) as equations:
             equations.move_to(state)
             n = equations.n_closure
-            equations.check_rank(equations.spaces.rank if n else 0)
+            equations.ranks.check(equations.spaces.rank if n else 0)
             svd = decompose(loads.rows(equations.evaluation))
             pace, scale = loads.pace(), self._scale
             v = scale * svd.minimum_norm(np.append(np.zeros(n), pace))

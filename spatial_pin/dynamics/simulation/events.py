@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.checks import finite_number
 from spatial_pin.assembly.state import State
+from spatial_pin.constraints.kernel_tree import KernelTree
 from spatial_pin.dynamics.forces import joint_efforts
 from spatial_pin.dynamics.simulation.formulations import IndependentFormulation
 from spatial_pin.dynamics.simulation.problem import Problem
@@ -455,7 +456,7 @@ def _forces(problem: Problem, start: Array, q: Array, a: Array, given: Array) ->
     if not np.isfinite(a).all():
         return ("the accelerations there are no finite numbers: look at the force laws and at how "
                 "fast it moves")
-    needed = problem.bodies.matrix(q) @ a * units
+    needed = KernelTree(problem.model).mass_matrix(q) @ a * units
     have_part = np.abs(given * units).max(initial=0.0) > FALLEN * np.abs(needed).max(initial=0.0)
     if not (_have_grown(problem, start, a) and have_part):
         return ""

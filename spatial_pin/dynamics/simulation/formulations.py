@@ -29,7 +29,7 @@ from spatial_pin.dynamics.simulation.result import Energies, Projection
 from spatial_pin.dynamics.solvers.equations_of_motion import no_inertia_error
 from spatial_pin.dynamics.solvers.least_constraint import ROUNDING, Bounded, IndependentCoordinates
 from spatial_pin.errors import SingularError, SpatialPinError
-from spatial_pin.kernel.dynamics import Callbacks, KernelDynamics, ReferencePoint
+from spatial_pin.kernel.dynamics import Callbacks, KernelDynamics
 from spatial_pin.kernel.integrating import SimulationSamples
 from spatial_pin.kernel.kernel import Ints
 from spatial_pin.kernel.loop_equations import LoopEquations
@@ -69,8 +69,8 @@ def force_arrays(
     (line_bodies, line_laws, *of_bushings), (points, line_numbers, bushing_numbers) = (
         problem.forces.packed(carriers, problem.packed.frames))
     ints: list[Any] = [
-        [n_free, len(prescribed), len(spins), len(lines), len(turns), problem.works, projects,
-         len(bushings)],
+        [n_free, len(prescribed), len(spins.joints), len(lines), len(turns), problem.works,
+         projects, len(bushings)],
         prescribed, [carriers[joint] for joint in spins.joints], line_bodies, line_laws,
         [x.q for x in turns], [x.v for x in turns], [not x.is_linear for x in turns], *of_bushings]
     reals: list[Any] = [
@@ -86,20 +86,17 @@ class ForceFunctions:
 
     Attributes:
         reference: reference state of the coordinates in use.
+        callbacks: the functions, None where the kernel need not call one.
     """
 
     reference: State
 
     def __init__(self, problem: Problem, spins: Spins, free: Callable[[], list[int]]) -> None:
         self._problem, self._spins, self._free = problem, spins, free
-
-    def callbacks(self) -> Callbacks:
-        """Return the functions, None where the kernel need not call one."""
-        problem = self._problem
         springs: list[LineSpring | JointSpring | Bushing] = [
             *problem.forces.lines, *problem.forces.turns, *problem.forces.bushings]
         has_laws = not all(spring.is_linear for spring in springs)
-        return Callbacks(
+        self.callbacks: Callbacks = (
             self._efforts if problem.law or problem.external else None,
             (lambda which, length, rate: float(springs[which].law(length, rate)))  # type: ignore[misc]
             if has_laws else None,
@@ -180,15 +177,14 @@ class IndependentFormulation:
         self._functions = ForceFunctions(problem, self.spins, lambda: self.kernel.free)
         arrays = force_arrays(
             problem, self.n, self.spins, self.projects, max(wanted, TOLERANCES.round_off))
-        held = self.n + len(self.problem.drives) + len(self.spins)
+        held = self.n + len(self.problem.drives) + len(self.spins.joints)
         if len(rows) + held != mechanism.model.nv:
             raise SingularError(
                 f"mechanism {mechanism.name!r}: {mechanism.model.nv - len(rows)} freedoms at "
                 f"{state.q}, but {held} independent coordinates")
         self.kernel = KernelDynamics(
-            mechanism, problem.packed, *arrays, self._functions.callbacks(),
-            ReferencePoint(state.q, state.angles, np.array(self.spins.rates(state.q, state.v)),
-                           self.free, rows))
+            mechanism, problem.packed, *arrays, self._functions.callbacks, (
+                state.q, state.angles, self.spins.rates(state.q, state.v), self.free, rows))
         self.kernel_handle, self.errors = self.kernel.handle, self.kernel.errors
         if not self.kernel.save_position() or self.kernel.pivot < TOLERANCES.singular:
             raise SingularError(f"mechanism {mechanism.name!r}: singular configuration")
@@ -356,7 +352,7 @@ def independent(
         spins = Spins(problem.model, {})
         if len(free) > 1 and not problem.external:  # forces from outside may turn bodies
             spins = free_spins(problem.mechanism, state, problem.forces)
-        if len(free) - len(spins) == 1:
+        if len(free) - len(spins.joints) == 1:
             for v in problem.freedoms.plain(state, spins.rows):
                 if (IndependentFormulation, (v,)) not in given_up:
                     return IndependentFormulation(problem, state, [v], spins)

@@ -11,17 +11,23 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin._support.checks import as_array, is_finite, mapping
+from spatial_pin._support.checks import mapping
 from spatial_pin.assembly.close import close
 from spatial_pin.assembly.state import State
 from spatial_pin.assembly.undetermined import lost_rank_words, rank_loss
-from spatial_pin.constraints.trees import is_large
-from spatial_pin.dynamics.forces import Forces, Law, external_wrenches, generalised, joint_efforts
+from spatial_pin.constraints.kernel_tree import is_large
+from spatial_pin.dynamics.forces import (
+    Forces,
+    Law,
+    external_wrenches,
+    forces_on_frames,
+    generalised,
+    joint_efforts,
+)
 from spatial_pin.dynamics.simulation.result import LeastExchange
-from spatial_pin.dynamics.solvers.constrained_motion import TreeDynamics, bodies_of
 from spatial_pin.dynamics.solvers.least_constraint import LeastConstraint
 from spatial_pin.errors import SingularError
-from spatial_pin.kernel.kernel import Packed, kernel_of, with_masses
+from spatial_pin.kernel.kernel import kernel_of, with_masses
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_at, loops_of
 from spatial_pin.kernel.rate_solver import rates_of
 from spatial_pin.mechanism.laws import DriverLaw
@@ -81,11 +87,10 @@ class Freedoms:
             if kernel.n_passive or len(rows) != nv - 1:
                 return False
             rates = rates_of(kernel, (0,), 1)
-            rates.speeds[:], rates.accelerations[:] = 1.0, 0.0
-            solved = rates.solve(state.q, state.angles)
+            solved = rates.solve(state.q, state.angles, ("columns",))
             if solved is None:
                 return False
-            motion: Array = (solved.v / mechanism.velocity_scale)[None]
+            motion: Array = (solved[0].T / mechanism.velocity_scale)
         self._rows = rows
         self._spaces[np.zeros((0, nv)).tobytes()] = motion / np.linalg.norm(motion)
         return True
@@ -167,9 +172,6 @@ class Spins:
         for row, joint, axis in zip(self.rows, self.joints, self.axes, strict=True):
             row[model.idx_vs[joint]:][:3] = axis
 
-    def __len__(self) -> int:
-        return len(self.joints)
-
     def rates(self, q: Array, v: Array) -> list[float]:
         """Return sigma of every body [rad/s], at q (nq,) and v (nv,)."""
         if not self.joints:
@@ -212,23 +214,18 @@ def free_spins(mechanism: Mechanism, state: State, forces: Forces) -> Spins:
 def _is_symmetric(mechanism: Mechanism, joint: int, axis: Array, forces: Forces) -> bool:
     """Whether neither inertia nor forces depend on how a body is turned about its line."""
     inertia, tolerance = mechanism.model.inertias[joint], TOLERANCES.tight
-
-    def off_line(point: Array) -> float:
-        return float(np.linalg.norm(point - (point @ axis) * axis))
-
-    near = tolerance * mechanism.characteristic_length
     if resists(mechanism, joint) or any(joint in x.bodies for x in forces.bushings):
         return False
-    if off_line(inertia.lever) > near:
+    points = [inertia.lever, *(point[:3] for spring in forces.lines for body, point in zip(
+        spring.bodies, spring.points, strict=True) if body == joint)]
+    off_line = np.linalg.norm(points - np.outer(np.array(points) @ axis, axis), axis=1)
+    if off_line.max() > tolerance * mechanism.characteristic_length:
         return False
     moments = inertia.inertia
     along = float(axis @ moments @ axis)
     across = 0.5 * (float(np.trace(moments)) - along)
     round_one = across * np.eye(3) + (along - across) * np.outer(axis, axis)
-    if np.abs(moments - round_one).max() > tolerance * max(np.abs(moments).max(), 1e-300):
-        return False
-    return all(off_line(point[:3]) <= near for spring in forces.lines
-               for body, point in zip(spring.bodies, spring.points, strict=True) if body == joint)
+    return bool(np.abs(moments - round_one).max() <= tolerance * max(np.abs(moments).max(), 1e-300))
 
 
 def _law(name: str, law: Any) -> DriverLaw:
@@ -278,20 +275,7 @@ def external_forces(mechanism: Mechanism, given: Any, times: Array) -> ExternalF
     """
     if callable(given):
         return ExternalForces(lambda t, state: mapping(given(t, state), "external"))
-    forces: dict[str, pin.Force] = {}
-    tables: dict[str, Array] = {}
-    for name, force in mapping(given, "external").items():
-        mechanism.frame_id(name)
-        if isinstance(force, pin.Force):
-            forces[name] = force
-            continue
-        rows = tables[name] = as_array(force, f"external force at {name!r}")
-        if rows.shape != (len(times), 6):
-            raise ValueError(
-                f"external force at {name!r} has shape {rows.shape}; give a pin.Force, or a row of "
-                f"force and moment for each of the {len(times)} times: ({len(times)}, 6)")
-        if not is_finite(rows):
-            raise ValueError(f"external force at {name!r} is NaN or infinite")
+    forces, tables = forces_on_frames(mechanism, given, len(times), "times")
     if not tables:
         return ExternalForces(lambda t, state: forces, is_steady=True) if forces else None
 
@@ -312,12 +296,18 @@ class Problem:
         law: efforts as a function of time and state, or None.
         external: forces from outside.
         constant: (nv,) efforts otherwise.
+        least_exchange: the least energy that counts as exchanged.
         drives: prescribed coordinates with their laws.
         accuracy: tolerances of loops and steps.
+        packed: the packed mechanism, masses included.
         by_drivers: whether efforts act at drivers only, springs and friction as the file says.
         works: whether forces other than gravity do work.
         is_damped: whether a joint or spring takes energy away.
         is_steady: whether no function of the user acts, which may jump.
+        between: closure residual allowed at interpolated samples; 0 where none is: with functions
+            of the user, which may jump.
+        closure_of_steps: closure residual to reach in steps: it adds up, as errors of adaptive
+            steps do.
     """
 
     def __init__(
@@ -329,10 +319,11 @@ class Problem:
         self._arguments = efforts, drives, laws, accuracy, slip_speed, external
         self.mechanism, self.model = mechanism, mechanism.model
         self.scale, self.accuracy = mechanism.velocity_scale, accuracy
-        self.freedoms = Freedoms(mechanism)
+        self.packed, self.freedoms = with_masses(mechanism), Freedoms(mechanism)
         self.forces = Forces(mechanism, laws, slip_speed)
         self.law: EffortLaw | None = efforts if callable(efforts) else None
         self.constant = joint_efforts(mechanism, None if callable(efforts) else efforts)
+        self.least_exchange = LeastExchange(mechanism, self.constant)
         self.external = external
         self.drives = [(mechanism.driven_coordinate(n), _law(n, law))
                        for n, law in mapping(drives, "drives").items()]
@@ -347,42 +338,15 @@ class Problem:
                               or any(np.any(spring.damping) for spring in mechanism.springs))
         self.works = bool(self.law or external or self.constant.any() or self.forces.exist
                           or self.drives)
+        tolerance, steps = accuracy.tolerance, PART_OF_STEP * accuracy.time_tolerance
+        self.between = tolerance if self.is_steady and tolerance >= BETWEEN_ANCHORS else 0.0
+        self.closure_of_steps = (
+            tolerance if INTEGRATORS[accuracy.integrator].is_fixed
+            else min(tolerance, max(steps, Accuracy.tolerance)))
 
     def of(self, mechanism: Mechanism) -> Problem:
         """Return the same problem of a mechanism with other equations."""
         return Problem(mechanism, *self._arguments)
-
-    @property
-    def between(self) -> float:
-        """Closure residual allowed at interpolated samples; 0 if none is interpolated.
-
-        With functions of the user, which may jump, samples are not interpolated.
-        """
-        tolerance = self.accuracy.tolerance
-        return tolerance if self.is_steady and tolerance >= BETWEEN_ANCHORS else 0.0
-
-    @property
-    def closure_of_steps(self) -> float:
-        """Closure residual to reach in steps: it adds up, as errors of adaptive steps do."""
-        tolerance, steps = self.accuracy.tolerance, self.accuracy.time_tolerance
-        if INTEGRATORS[self.accuracy.integrator].is_fixed:
-            return tolerance
-        return min(tolerance, max(PART_OF_STEP * steps, Accuracy.tolerance))
-
-    @cached_property
-    def packed(self) -> Packed:
-        """The packed mechanism, masses included."""
-        return with_masses(self.mechanism)
-
-    @cached_property
-    def least_exchange(self) -> LeastExchange:
-        """The least energy that counts as exchanged."""
-        return LeastExchange(self.mechanism, self.constant)
-
-    @cached_property
-    def bodies(self) -> TreeDynamics:
-        """Mass matrix and inverse dynamics of the tree."""
-        return bodies_of(self.model)
 
     @cached_property
     def least_constraint(self) -> LeastConstraint:

@@ -30,6 +30,7 @@ from typing import Any
 
 import numpy as np
 
+from spatial_pin._support.lazy import acquired
 from spatial_pin.assembly.redundant_equations import allowed_from, gap_allowed, independence_at
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
@@ -47,7 +48,7 @@ from spatial_pin.dynamics.simulation.formulations import (
     OpenLoopsError,
     ProjectedFormulation,
 )
-from spatial_pin.dynamics.simulation.integrators import Stepping
+from spatial_pin.dynamics.simulation.integrators import Stagnation, Stepping
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.simulation.result import (
     ByDriver,
@@ -56,7 +57,7 @@ from spatial_pin.dynamics.simulation.result import (
     Simulation,
     energy_drift,
 )
-from spatial_pin.dynamics.solvers.equations_of_motion import equations_of
+from spatial_pin.dynamics.solvers.equations_of_motion import Equations
 from spatial_pin.errors import EnergyError, SingularError, SpatialPinError
 from spatial_pin.kernel.integrating import (
     AT_END,
@@ -191,11 +192,9 @@ class Record:
         problem, names = self.problem, [c.name for c, _ in self.problem.drives]
         times, (q, v, a, numbers, efforts, angles) = self.recorded()
         error, kinetic, energy, work = numbers.T.copy()
-        lifted = lift_offs(problem.mechanism, _multipliers(problem, *self.recorded()), times,
-                           "at {:.9g} s") if contacts_of(problem.mechanism) else []
         simulation = Simulation(
             mechanism=problem.mechanism, driver=None, driver_name="", time=times, q=q, v=v, a=a,
-            closure_error=error, driver_speed=np.empty(0), events=[*self.events, *lifted],
+            closure_error=error, driver_speed=np.empty(0), events=list(self.events),
             angles=angles, energy=energy, work=work,
             energy_drift=energy_drift(problem.least_exchange, kinetic, energy, work, self.start),
             efforts=ByDriver(problem.mechanism, dict(zip(names, efforts.T.copy(), strict=True))),
@@ -203,7 +202,9 @@ class Record:
             steps=self.steps, by_drivers=problem.by_drivers, joint_limits=self._passed,
             projection=projection, integrators=integrators, time_tolerance=self._time_tolerance,
         )
-        simulation.events = sorted([*simulation.events, *curve_end_events(simulation)],
+        lifted = lift_offs(simulation, _multipliers(problem, *self.recorded())) if contacts_of(
+            problem.mechanism) else []
+        simulation.events = sorted([*self.events, *lifted, *curve_end_events(simulation)],
                                    key=lambda x: x.row)
         return simulation
 
@@ -270,7 +271,7 @@ def _multipliers(problem: Problem, times: Array, samples: SimulationSamples) -> 
     """Return the multipliers (N, n_closure) of the samples of a simulation."""
     mechanism, rows = problem.mechanism, []
     driven = [c.v for c, _ in problem.drives]
-    with equations_of(mechanism.whole or mechanism) as equations:
+    with acquired(mechanism.whole or mechanism, Equations) as equations:
         for t, q, v, a, efforts, angles in zip(times.tolist(), samples.q, samples.v, samples.a,
                                                samples.efforts, samples.angles, strict=True):
             equations.update(State(mechanism, q, v, a, angles=angles))
@@ -311,7 +312,8 @@ class Run:
         self.y: Array = np.empty(0)
         self.record = record = Record(problem, times, detector)
         self._stepping = Stepping(problem, accuracy, self._end)
-        self._in_use = EquationsInUse(problem, accuracy, state, record, self._stepping)
+        self._stagnation = Stagnation(accuracy.most_steps)
+        self._in_use = EquationsInUse(problem, accuracy, state, record, self._stagnation)
         self._solver: Any = None
         self._is_short = False
         self._gap = allowed_from(state, gap_allowed(problem.mechanism, accuracy))
@@ -415,7 +417,7 @@ class Run:
             solver.steps, record.filled, 0, system.patience)
         run.most = (1 if self._problem.mechanism.whole is not None
                     else self._stepping.steps_at_once(record.steps))
-        run.largest_pivot, run.largest_step = self._stepping.largest
+        run.largest_pivot, run.largest_step = self._stagnation.largest
         try:
             why = solver.run(run)
         finally:
@@ -423,7 +425,7 @@ class Run:
         for x, row in zip(run.crossed[: run.n_crossed], run.crossed_row, strict=False):
             record.note_crossing(system.coordinate_at(x), row)
         taken = solver.steps - before
-        self._stepping.note_kernel_steps(taken, np.array([run.largest_pivot, run.largest_step]))
+        self._stagnation.note_kernel_steps(taken, np.array([run.largest_pivot, run.largest_step]))
         record.steps += taken if why in ROUTINE else max(taken - 1, 0)
         if why in ROUTINE:
             self._stepping.note_integrator(system, solver)
@@ -440,7 +442,7 @@ class Run:
         Raises:
             SingularError: steps only creep on.
         """
-        system, solver, stepping = self._system, self._solver, self._stepping
+        system, solver = self._system, self._solver
         if isinstance(system, ProjectedFormulation):
             opened = system.settle(solver)
             if opened > 1.0:
@@ -449,12 +451,12 @@ class Run:
             if self._is_short and opened < LITTLE:
                 solver.max_step = min(2.0 * solver.max_step, self._accuracy.step or np.inf)
             self.record.balance.check(solver.t, system.energies(solver.t, solver.y))
-        if stepping.creeps(system.kernel.pivot, solver.t - solver.t_old):
+        if self._stagnation.creeps(system.kernel.pivot, solver.t - solver.t_old):
             raise self._in_use.singular(self.t, system.state(solver.t, solver.y))
-        stepping.note_integrator(system, solver)
+        self._stepping.note_integrator(system, solver)
         try:
             stops = self.record.add_step(
-                IntegrationStep(system, solver), float(stepping.largest[1]), before)
+                IntegrationStep(system, solver), float(self._stagnation.largest[1]), before)
         except OpenLoopsError:
             return None
         self.t, self.y = solver.t, solver.y
@@ -505,7 +507,7 @@ class Run:
     @property
     def longest_step(self) -> float:
         """The longest step so far [s]; 0 where there was none."""
-        return float(self._stepping.largest[1])
+        return float(self._stagnation.largest[1])
 
     def motion(self) -> Simulation:
         """Return the samples so far."""
@@ -522,10 +524,10 @@ class EquationsInUse:
 
     def __init__(
         self, problem: Problem, accuracy: Accuracy, first: State, record: Record,
-        stepping: Stepping,
+        stagnation: Stagnation,
     ) -> None:
         self._problem, self._accuracy, self.first = problem, accuracy, first
-        self._record, self._stepping = record, stepping
+        self._record, self._stagnation = record, stagnation
         self._system: IndependentFormulation | None = None
         self._projections: list[Projection] = []  # of the equations of motion used before
         self._evaluations = 0  # of these
@@ -586,15 +588,15 @@ class EquationsInUse:
             self._note_start(system, t)
             return system, renewed
         if failed:  # a method that failed at the present time is given up
-            if not self._stepping.is_short(t - self._failed_at):
+            if not self._stagnation.is_short(t - self._failed_at):
                 self._failed_at = t
                 self._given_up.clear()
-            if system.is_unchanged_by_restart or self._stepping.is_short(t - self._started_at):
+            if system.is_unchanged_by_restart or self._stagnation.is_short(t - self._started_at):
                 self._given_up.add((type(system), tuple(system.free)))
         try:
             fresh = self.begin(t, state, self._given_up if failed else frozenset())
         except SingularError as error:
-            if self._stepping.is_short(t):  # the error of a start
+            if self._stagnation.is_short(t):  # the error of a start
                 raise
             raise self.singular(t, state) from error
         return fresh, fresh.unknowns(state.v, float(y[-1]) if self._problem.works else 0.0)

@@ -114,7 +114,7 @@ class FreeFall:
         self._data = model.createData()
         centre = pin.centerOfMass(model, self._data, state.q, state.v)
         self._start, self._speed = centre.copy(), self._data.vcom[0].copy()
-        self._gravity = model.gravity.linear.copy()
+        self._gravity = self._whole.model.gravity.linear.copy()
         mass = float(self._data.mass[0])
         self._energy = mass * float(0.5 * self._speed @ self._speed - self._gravity @ self._start)
         self._kinetic = KineticEnergy(model)(state.q, state.v)

@@ -10,22 +10,17 @@ from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.assembly.state import State, all_angles
 from spatial_pin.assembly.undetermined import Regular, has_constant_rank, lost_rank_words, rank_loss
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.constraints.kernel_tree import KernelTree
-from spatial_pin.constraints.pinocchio_views import forces
-from spatial_pin.constraints.trees import is_in_kernel, is_large, mass_pattern
+from spatial_pin.constraints.kernel_tree import KernelTree, is_large
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kkt import KKT
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
-from spatial_pin.mechanism.inertia import MassMatrix
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.numerics.linalg import Array, Decomposition, full_decomposition
-from spatial_pin.numerics.sparse_spaces import SparseSpaces
+from spatial_pin.numerics.linalg import Array, Decomposition, SparseSpaces, full_decomposition
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 # Freedoms of a large tree up to which lost rank is found by closing loops nearby. It uses dense
@@ -36,101 +31,6 @@ PROBED = 128
 FOLLOWS = 1e-6
 
 
-class TreeDynamics:
-    """Mass matrix and inverse dynamics of a small tree, by Pinocchio."""
-
-    def __init__(self, model: pin.Model) -> None:
-        self.model, self._data = model, model.createData()
-        self._matrix, self._transmitted = MassMatrix(model), forces(self._data)
-
-    @property
-    def n_masses(self) -> int:
-        """Length of `masses`."""
-        return int(self.model.nv) ** 2
-
-    @cached_property
-    def mass_entry_indices(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
-        """Rows, columns and indices in `masses` of all entries that can be other than zero."""
-        rows, columns = mass_pattern(self.model)
-        return rows, columns, rows * self.model.nv + columns
-
-    def masses(self, q: Array) -> Array:
-        """Return the numbers (n_masses,) of the mass matrix at q (nq,)."""
-        return self._matrix(q).reshape(-1)
-
-    def matrix(self, q: Array) -> Array:
-        """Return the mass matrix (nv, nv)."""
-        return self._matrix(q)
-
-    def inverse_dynamics(self, q: Array, v: Array, a: Array | None = None) -> Array:
-        """Return M a + b (nv,), b if no accelerations are given."""
-        if a is None:
-            return pin.nonLinearEffects(self.model, self._data, q, v)
-        return pin.rnea(self.model, self._data, q, v, a)
-
-    def transmitted(self, q: Array, v: Array, a: Array) -> Array:
-        """Return the forces (njoints, 6) through the joints, joint axes; overwritten later."""
-        self.inverse_dynamics(q, v, a)
-        return self._transmitted
-
-
-class KernelTreeDynamics(TreeDynamics):
-    """The same of a large tree in the kernel: memory and time grow in proportion to its size."""
-
-    def __init__(self, model: pin.Model) -> None:
-        self.model, self._tree = model, KernelTree(model)
-
-    @cached_property
-    def _entries(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        return self._tree.mass_entries()
-
-    @property
-    def n_masses(self) -> int:
-        """Length of `masses`."""
-        return len(self._entries[0])
-
-    @cached_property
-    def mass_entry_indices(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
-        """Rows, columns and indices, see `TreeDynamics`."""
-        return both_halves(*self._entries)
-
-    def masses(self, q: Array) -> Array:
-        """Return the numbers (n_masses,) of the mass matrix at q (nq,)."""
-        entries = np.empty(self.n_masses)
-        self._tree.masses(q, entries)
-        return entries
-
-    def matrix(self, q: Array) -> Array:
-        """Return the mass matrix (nv, nv)."""
-        rows, columns = self._entries
-        dense = np.zeros((self.model.nv, self.model.nv))
-        dense[rows, columns] = dense[columns, rows] = self.masses(q)
-        return dense
-
-    def inverse_dynamics(self, q: Array, v: Array, a: Array | None = None) -> Array:
-        """Return M a + b (nv,), b if no accelerations are given."""
-        return self._tree.forces(q, v, a).copy()
-
-    def transmitted(self, q: Array, v: Array, a: Array) -> Array:
-        """Return the forces (njoints, 6) through the joints, joint axes."""
-        return self._tree.transmitted(q, v, a)
-
-
-def both_halves(
-    rows: NDArray[np.intp], columns: NDArray[np.intp]
-) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
-    """Return rows, columns and indices of all entries of a symmetric matrix, given one half."""
-    indices, off_diagonal = np.arange(len(rows)), np.flatnonzero(rows != columns)
-    return (np.concatenate([rows, columns[off_diagonal]]),
-            np.concatenate([columns, rows[off_diagonal]]),
-            np.concatenate([indices, off_diagonal]))
-
-
-def bodies_of(model: pin.Model) -> TreeDynamics:
-    """Return mass matrix and inverse dynamics of a tree."""
-    return (KernelTreeDynamics if is_in_kernel(model) else TreeDynamics)(model)
-
-
 class Loops:
     """Closure equations and bodies of a mechanism, at the State of the last `move_to`.
 
@@ -139,6 +39,8 @@ class Loops:
     Attributes:
         scale: (nv,) velocity of a unit of each scaled unknown.
         is_large: whether it is treated as a large one.
+        rest: (nv,) zeros.
+        ranks: refuses States in which the loops have lost rank.
     """
 
     def __init__(self, mechanism: Mechanism, large: bool | None = None) -> None:
@@ -148,9 +50,7 @@ class Loops:
         self.is_large = is_large(self.model) if large is None else large
         self.rest = np.zeros(self.model.nv)
         self._no_angles = np.zeros(self.constraints.n_angles)  # of a State that was made without
-        self._regular: Regular | None = None
-        self._last_rank_at: State | None = None  # where the rank was computed last
-        self._last_rank = 0
+        self.ranks = RankCheck(self)
         self._spaces: Decomposition | SparseSpaces | None = None
         self._tied_freedoms: tuple[Array, int] | None = None
         self._rank: int | None = None
@@ -172,14 +72,25 @@ class Loops:
         self._placed = self._derived = None
 
     @cached_property
-    def bodies(self) -> TreeDynamics:
-        """Mass matrix and inverse dynamics of the tree."""
-        return bodies_of(self.model)
+    def tree(self) -> KernelTree:
+        """The bodies, whose core is what loops are built on: the other joints are limbs."""
+        joint_of = np.repeat(np.arange(self.model.njoints), self.model.nvs)
+        is_core = np.isin(np.arange(self.model.njoints), joint_of[self.constraints.tied])
+        return KernelTree(self.model, self.scale, is_core)
 
     @cached_property
     def kkt(self) -> KKT:
-        """The KKT system."""
-        return KKT(self.mechanism, self.bodies.mass_entry_indices, self.bodies.n_masses)
+        """The KKT system of all joints."""
+        return KKT(self.mechanism, self.tree.mass_entries())
+
+    @cached_property
+    def core_kkt(self) -> KKT:
+        """The KKT system of the core, as if its bodies had articulated inertias.
+
+        Limbs are eliminated before, from the tips inwards, at a cost in proportion to their number:
+        the articulated-body algorithm [Featherstone2008, 7.3]. An open tree is all limbs.
+        """
+        return KKT(self.mechanism, self.tree.mass_entries(False), self.tree)
 
     @cached_property
     def _evaluation(self) -> LoopEquations:
@@ -225,7 +136,7 @@ class Loops:
         and where it is uncertain which equations are independent.
         """
         if self._spaces is None and self.is_sparse:
-            self._rest_without_masses()
+            self.rest_without_masses()
             kkt, n = self.kkt, self.n_closure
 
             def nearest(motions: Array) -> Array:
@@ -239,11 +150,6 @@ class Loops:
             svd = full_decomposition(self.scaled)
             self._spaces = svd if self._rank is None else svd._replace(rank=self._rank)
         return self._spaces
-
-    @property
-    def is_rounded(self) -> bool:
-        """Whether the State is one of a file with rounded numbers."""
-        return self._rank is not None
 
     @property
     def is_sparse(self) -> bool:
@@ -292,48 +198,71 @@ class Loops:
         sizes = np.abs(motions).max(axis=0, initial=0.0)
         return [c for c, s in zip(self.mechanism.coordinates, sizes, strict=True) if s > 1e-6]
 
-    # ------------------------------------------------------------ rank
+    def rest_without_masses(self, v: Array | None = None, force: Array | None = None) -> Array:
+        """Solve the KKT system with a unit mass matrix of the scaled velocities."""
+        rows, columns, at = self.tree.mass_entries()
+        own = rows == columns
+        self.kkt.mass[:] = 0.0
+        self.kkt.mass[at[own]] = self.scale[rows[own]] ** -2.0
+        rest = self.rest
+        return self.kkt.accelerations(self.state.q, rest if v is None else v, self.angle_reference,
+                                      rest if force is None else force, rest)
 
-    def keep_ranks(self, ranks: NDArray[np.int64], q: Array) -> NDArray[np.bool_]:
-        """Whether the equations surely keep each rank near q (n, nq), by known bounds."""
-        kept = np.asarray(has_constant_rank(self.mechanism, self.n_closure, ranks))
-        if self._regular is not None and not kept.all():
-            kept |= self._regular.holds(self.mechanism, q, ranks)
-        return kept
 
-    def check_ranks(
+class RankCheck:
+    """Refuses configurations in which the loops have lost rank.
+
+    Args:
+        loops: whose State it is.
+    """
+
+    def __init__(self, loops: Loops) -> None:
+        self._loops, self._mechanism = loops, loops.mechanism
+        self._regular: Regular | None = None
+        self._last_at: State | None = None  # where the rank was checked last
+        self._last = 0
+
+    def check_many(
         self, ranks: NDArray[np.int64], q: Array, state: Callable[[int], State]
     ) -> None:
-        """Do `check_rank` at each q (n, nq), whose State is made where it is needed."""
+        """Do `check` of each rank at q (n, nq), whose State is made where it is needed."""
         k = 0
-        while not (kept := self.keep_ranks(ranks[k:], q[k:])).all():
+        while not (kept := self._keep(ranks[k:], q[k:])).all():
             k += int(kept.argmin())
-            self.move_to(state(k))
-            self.check_rank(int(ranks[k]))
+            self._loops.move_to(state(k))
+            self.check(int(ranks[k]))
             k += 1
 
-    def check_rank(self, rank: int) -> None:
-        """Refuse configurations in which the loops have lost rank.
+    def _keep(self, ranks: NDArray[np.int64], q: Array) -> NDArray[np.bool_]:
+        """Whether the equations surely keep each rank near q (n, nq), by known bounds."""
+        kept = np.asarray(has_constant_rank(self._mechanism, self._loops.n_closure, ranks))
+        if self._regular is not None and not kept.all():
+            kept |= self._regular.holds(self._mechanism, q, ranks)
+        return kept
+
+    def check(self, rank: int) -> None:
+        """Refuse the State if its loops, of this rank, have lost some.
 
         Raises:
             SingularError: they have; the motion is not determined by the forces.
         """
-        if self._last_rank_at is self.state and self._last_rank == rank:
+        loops, state = self._loops, self._loops.state
+        if self._last_at is state and self._last == rank:
             return
-        if has_constant_rank(self.mechanism, self.n_closure, rank) or (
-                self.keep_ranks(np.array([rank]), self.state.q[None])[0]):
-            self._last_rank_at, self._last_rank = self.state, rank
+        if has_constant_rank(self._mechanism, loops.n_closure, rank) or (
+                self._keep(np.array([rank]), state.q[None])[0]):
+            self._last_at, self._last = state, rank
             return
-        if self.is_large and self.model.nv > PROBED:
+        if loops.is_large and loops.model.nv > PROBED:
             self._check_second_order(rank)
             return
-        with loops_of(self.mechanism, self.angle_reference) as evaluation:
-            lost = rank_loss(evaluation, self.state.q, rank)
+        with loops_of(self._mechanism, loops.angle_reference) as evaluation:
+            lost = rank_loss(evaluation, state.q, rank)
             self._regular = evaluation.regular
             if lost:
-                why = lost_rank_words(evaluation, self.state.q, lost, "forces")
+                why = lost_rank_words(evaluation, state.q, lost, "forces")
                 raise SingularError(
-                    f"mechanism {self.mechanism.name!r}: {self.state}: {why}", state=self.state)
+                    f"mechanism {self._mechanism.name!r}: {state}: {why}", state=state)
 
     def _check_second_order(self, rank: int) -> None:
         """Refuse a configuration where redundant equations become independent nearby.
@@ -341,28 +270,19 @@ class Loops:
         They do if J a = -gamma(v) has no solution for a motion v that the loops allow
         [ConnellyWhiteley1996]; a random v is tried.
         """
-        random = np.random.default_rng(3).standard_normal(len(self.scale))
-        motion = self._rest_without_masses(force=random / self.scale).copy()
-        if self.kkt.pivot >= TOLERANCES.rank:
-            a = self._rest_without_masses(v=motion)
-            rows, columns, values = self.kkt.entries
-            gamma = self.evaluation.bias(self.state.q, motion)[: self.n_closure]
-            terms, fastest = values * (a / self.scale)[columns], np.abs(motion / self.scale).max()
-            lacking = np.abs(np.bincount(rows, terms, self.n_closure) + gamma)  # J a + gamma
+        loops, state, scale = self._loops, self._loops.state, self._loops.scale
+        random = np.random.default_rng(3).standard_normal(len(scale))
+        motion = loops.rest_without_masses(force=random / scale).copy()
+        if loops.kkt.pivot >= TOLERANCES.rank:
+            a = loops.rest_without_masses(v=motion)
+            rows, columns, values = loops.kkt.entries
+            gamma = loops.evaluation.bias(state.q, motion)[: loops.n_closure]
+            terms, fastest = values * (a / scale)[columns], np.abs(motion / scale).max()
+            lacking = np.abs(np.bincount(rows, terms, loops.n_closure) + gamma)  # J a + gamma
             size = max(float(np.abs(terms).max()), float(fastest) ** 2)
             if float(lacking.max()) / size > FOLLOWS:
                 raise SingularError(
-                    f"mechanism {self.mechanism.name!r}: {self.state}: singular configuration: the "
+                    f"mechanism {self._mechanism.name!r}: {state}: singular configuration: the "
                     "loops lose independent equations there, so that the forces do not determine "
-                    "the motion; start beside this configuration", state=self.state)
-        self._regular = Regular(self.state.q.copy(), rank, 0.0)
-
-    def _rest_without_masses(self, v: Array | None = None, force: Array | None = None) -> Array:
-        """Solve the KKT system with a unit mass matrix of the scaled velocities."""
-        rows, columns, at = self.bodies.mass_entry_indices
-        own = rows == columns
-        self.kkt.mass[:] = 0.0
-        self.kkt.mass[at[own]] = self.scale[rows[own]] ** -2.0
-        rest = self.rest
-        return self.kkt.accelerations(self.state.q, rest if v is None else v, self.angle_reference,
-                                      rest if force is None else force, rest)
+                    "the motion; start beside this configuration", state=state)
+        self._regular = Regular(state.q.copy(), rank, 0.0)

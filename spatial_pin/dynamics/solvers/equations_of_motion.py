@@ -7,8 +7,8 @@ loads.
 Accelerations under forces come from one ladder of solvers, tried in order until one is accurate:
 
 1. The KKT system, its independent equations and scaling chosen at the state (`kernel.kkt`), joints
-   that no loop is built on eliminated before (`Limbs`): an open tree has no KKT system. Of a tree
-   in the kernel, where the second is slow, doubtful accelerations are corrected once.
+   that no loop is built on eliminated before: an open tree has no KKT system. Of a long tree, where
+   the second is slow, doubtful accelerations are corrected once.
 2. Gauss's least constraint in independent coordinates, where round-off of the first may matter:
    near singular configurations of the loops, and where masses differ much or are zero.
 3. An error that says why, where no digit is left or forces do not determine the motion.
@@ -18,22 +18,20 @@ What decides is the estimated round-off of the accelerations, relative to their 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin._support.lazy import acquired
 from spatial_pin.assembly.redundant_equations import rounding_of
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.kernel_tree import KernelTree
+from spatial_pin.constraints.kernel_tree import is_in_kernel
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
-from spatial_pin.constraints.trees import is_in_kernel
 from spatial_pin.dynamics.forces import Forces, Law, external_wrenches, generalised
 from spatial_pin.dynamics.reactions import UNMOVED, Pairs, Poses
-from spatial_pin.dynamics.solvers.constrained_motion import PROBED, Loops, both_halves
+from spatial_pin.dynamics.solvers.constrained_motion import PROBED, Loops
 from spatial_pin.dynamics.solvers.least_constraint import (
     IndependentCoordinates,
     Least,
@@ -59,46 +57,6 @@ Solution = tuple[Array, Array, float]
 OWN: tuple[dict[str, Law], SlipSpeed | None] = {}, None
 
 
-class Limbs:
-    """The joints of a mechanism outside its loops, and the remaining core.
-
-    Such joints are eliminated, from the tips inwards, at a cost in proportion to their number: the
-    articulated-body algorithm [Featherstone2008, 7.3]. The core has a KKT system as if its bodies
-    had articulated inertias; an open tree has none, and a mechanism may be all core.
-
-    Args:
-        mechanism: the mechanism.
-        is_core: (njoints,) joints that loops are built on, and those that carry them.
-
-    Attributes:
-        kkt: of the core.
-        has_core, is_all: whether there is a core, and nothing else.
-    """
-
-    def __init__(self, mechanism: Mechanism, is_core: NDArray[np.bool_]) -> None:
-        self.tree = tree = KernelTree(mechanism.model, mechanism.velocity_scale, is_core)
-        nv, others = mechanism.model.nv, np.flatnonzero(~tree.is_core)
-        self.has_core, self.is_all = len(others) < nv, len(others) == 0
-        rows, columns = tree.mass_entries(all_joints=False)
-        n = len(rows)
-        rows, columns, indices = both_halves(rows, columns)
-        units = np.arange(n, n + len(others))  # of the others, which have no part in the KKT system
-        self.kkt = KKT(mechanism, (
-            np.concatenate([rows, others]), np.concatenate([columns, others]),
-            np.concatenate([indices, units])), n + len(others), tree)
-
-    def respond(self, state: State, forces: Array) -> bool:
-        """Make joint forces (n, nv) the accelerations of an open tree under them alone.
-
-        False where a limb has no inertia.
-        """
-        masses, (force, needed) = np.empty(len(self.kkt.mass)), np.zeros((2, len(state.v)))
-        if not self.tree.eliminate(state.q, state.v, force, masses, needed):
-            return False
-        self.tree.respond(forces)
-        return True
-
-
 class MotionEquations(Loops):
     """The equations of motion of a mechanism, M a + b = f + J^T multipliers, J a + gamma = 0.
 
@@ -120,36 +78,67 @@ class MotionEquations(Loops):
             SingularError: a freedom has no inertia, or the loops have lost rank.
         """
         self.undetermined, self._solved = (), None
-        state, of_core = self.state, self.limbs.kkt
-        if of_core.of_tree(state.q, state.v, self.angle_reference, given) and (
-                self._is_accurate(of_core)):
-            self._solved = of_core
-            return of_core.a.copy(), of_core.closures.copy(), of_core.error_of_tree
-        kkt = self.kkt
-        needed = self.bodies.inverse_dynamics(state.q, state.v)
+        state, kkt, is_open = self.state, self.core_kkt, not self.n_closure
+        if not kkt.of_tree(state.q, state.v, self.angle_reference, given):
+            return self._solved_with_all_joints(given)
+        if not is_open:
+            self.ranks.check(kkt.rank)
+        if self.is_large:
+            is_accurate = is_open or kkt.pivot >= TOLERANCES.rank
+        elif kkt.error_of_tree <= DOUBTFUL:
+            is_accurate = True
+        elif is_open:
+            is_accurate = kkt.is_of_forces or self.model.nv > PROBED
+        else:
+            is_accurate = kkt.is_of_forces and kkt.error <= DOUBTFUL
+        if not is_accurate:
+            return self._solved_with_all_joints(given)
+        self._solved = kkt
+        return kkt.a.copy(), kkt.closures.copy(), kkt.error_of_tree
+
+    def _solved_with_all_joints(self, given: Array) -> Solution:
+        """Return the accelerations by the KKT system of all joints, or by the least constraint."""
+        kkt, state = self.kkt, self.state
+        needed = self.tree.forces(state.q, state.v)
         a = self.by_kkt(state.q, state.v, self.angle_reference, given, needed).copy()
         closures, error = kkt.closures.copy(), kkt.error
         # the least constraint is dense: of a large tree only where the KKT system is singular
         is_accurate = kkt.pivot >= TOLERANCES.rank if self.is_large else error <= DOUBTFUL
-        self.check_rank(kkt.rank)
+        self.ranks.check(kkt.rank)
         if is_accurate:
             return a, closures, error
         if is_in_kernel(self.model) and not self.is_large and kkt.pivot >= TOLERANCES.zero:
             corrected = self._corrected(a, closures, given)
             if corrected[2] <= CORRECTED:
                 return corrected
-        scaled = self.scaled
+        least = self._least(given)
+        if not (kkt.pivot < TOLERANCES.zero or least.error < error):
+            return a, closures, error
+        still = least.still / self.scale
+        still = still / np.abs(still).max(axis=1, keepdims=True, initial=1e-300)
+        self.undetermined = tuple(self.moving(still))
+        if least.pulled:
+            raise no_inertia_error(self.mechanism, self.undetermined, state)
+        if least.lost:
+            worst = self.mechanism.coordinates[int(np.argmax(least.off / self.scale))]
+            raise SingularError(
+                f"mechanism {self.mechanism.name!r}: the acceleration of {worst} is lost in "
+                "round-off beside bodies so much heavier: make the masses more alike, or the light "
+                "ones zero", state=state)
+        return least.a, self.motion_forces(least.a) - given, least.error
+
+    def _least(self, given: Array) -> Least:
+        """Return the accelerations of least constraint, which hold for any ratio of masses."""
+        scaled, state = self.scaled, self.state
         chosen = independent_rows(scaled)
         gamma = self.evaluation.bias(state.q, state.v)[chosen]
         coordinates = IndependentCoordinates(scaled[chosen], self.scale, state.closure_error)
-        least = self.least_constraint.solve(
+        return self._least_constraint.solve(
             state.q, state.v, coordinates.carried(gamma, state.v), coordinates.columns, given)
-        if not (kkt.pivot < TOLERANCES.zero or least.error < error):
-            return a, closures, error
-        self._refuse(least)
-        self.undetermined = tuple(self.moving(self._still(least)))
-        closures = self.bodies.inverse_dynamics(state.q, state.v, least.a) - given
-        return least.a, closures, least.error
+
+    @cached_property
+    def _least_constraint(self) -> LeastConstraint:
+        return LeastConstraint(self.mechanism)
 
     def whole_kkt(self, closures: Array) -> KKT:
         """Return the KKT system of all joints, with the multipliers of joint forces of closures.
@@ -157,7 +146,7 @@ class MotionEquations(Loops):
         Args:
             closures: (nv,) the joint forces, of the last `solve` at the State if not zero.
         """
-        if self._solved is self.limbs.kkt and self.limbs.is_all:
+        if self._solved is self.core_kkt and not self.tree.has_limbs:
             return self._solved
         state, kkt = self.state, self.kkt
         if self._solved is not kkt:
@@ -173,8 +162,12 @@ class MotionEquations(Loops):
         `given` are joint forces (nv,), `needed` those of the motion without acceleration; angles of
         screws count from `reference`.
         """
-        self.kkt.mass[:] = self.bodies.masses(q)
+        self.tree.masses(q, self.kkt.mass)
         return self.kkt.accelerations(q, v, reference, given, needed)
+
+    def motion_forces(self, a: Array) -> Array:
+        """Return M a + b (nv,)."""
+        return self.tree.forces(self.state.q, self.state.v, a).copy()
 
     def _corrected(self, a: Array, closures: Array, given: Array) -> Solution:
         """Correct the KKT solution by the residual of forces and closure equations.
@@ -183,72 +176,16 @@ class MotionEquations(Loops):
         much accelerations change tells how far off they were.
         """
         state = self.state
-        missing = given + closures - self.bodies.inverse_dynamics(state.q, state.v, a)
+        missing = given + closures - self.motion_forces(a)
         opening = self.scaled @ (a / self.scale) + self.evaluation.bias(state.q, state.v)
         (change,), (multipliers,) = self.kkt.solve(missing[None], opening[None])
         closures = closures + (multipliers @ self.scaled) / self.scale
         sizes = np.abs([change, a]) / self.scale
         return a + change, closures, float(sizes[0].max() / max(sizes[1].max(), 1e-300))
 
-    @cached_property
-    def limbs(self) -> Limbs:
-        """The joints outside loops, and the core."""
-        model, tied = self.model, self.constraints.tied
-        is_core = np.array([tied[first : first + n].any() for first, n in zip(
-            model.idx_vs, model.nvs, strict=True)])
-        for joint in range(model.njoints - 1, 0, -1):
-            is_core[model.parents[joint]] |= is_core[joint]
-        return Limbs(self.mechanism, is_core)
-
-    def _is_accurate(self, of_core: KKT) -> bool:
-        """Whether the last accelerations that began with `Limbs` are accurate enough.
-
-        Raises:
-            SingularError: the loops have lost rank.
-        """
-        has_core = self.limbs.has_core
-        if has_core:
-            self.check_rank(of_core.rank)
-            if self.is_large and not of_core.pivot >= TOLERANCES.rank:
-                return False
-        if of_core.error_of_tree <= DOUBTFUL or self.is_large:
-            return True
-        if not has_core:
-            return self.model.nv > PROBED or of_core.is_of_forces
-        return of_core.error <= DOUBTFUL and of_core.is_of_forces
-
-    @cached_property
-    def least_constraint(self) -> LeastConstraint:
-        """The solver that is accurate for any ratio of masses."""
-        return LeastConstraint(self.mechanism)
-
-    def _refuse(self, least: Least) -> None:
-        """Refuse accelerations that forces do not determine, or that round-off hides.
-
-        Raises:
-            SingularError: forces act on a motion without inertia, or no digit is left.
-        """
-        if least.pulled:
-            raise self.no_inertia_error(self._still(least))
-        if least.lost:
-            worst = self.mechanism.coordinates[int(np.argmax(least.off / self.scale))]
-            raise SingularError(
-                f"mechanism {self.mechanism.name!r}: the acceleration of {worst} is lost in "
-                "round-off beside bodies so much heavier: make the masses more alike, or the light "
-                "ones zero", state=self.state)
-
-    def _still(self, least: Least) -> Array:
-        """Return the motions (k, nv) without inertia, scaled to a largest motion of one."""
-        still = least.still / self.scale
-        return still / np.abs(still).max(axis=1, keepdims=True, initial=1e-300)
-
-    def no_inertia_error(self, motions: Array) -> SingularError:
-        """Return the error for motions (k, nv) that forces work on but that have no inertia."""
-        return no_inertia_error(self.mechanism, self.moving(motions), self.state)
-
 
 def no_inertia_error(
-    mechanism: Mechanism, names: list[str], state: State | None = None
+    mechanism: Mechanism, names: Sequence[str], state: State | None = None
 ) -> SingularError:
     """Return the error for forces on a motion of these coordinates that has no inertia."""
     return SingularError(
@@ -272,7 +209,7 @@ class Equations(MotionEquations):
         self.springs = Forces(mechanism)
 
     def update(
-        self, state: State, external: Mapping[str, pin.Force] | None = None,
+        self, state: State, external: Any = None,
         laws: Mapping[str, Law] | None = None, slip_speed: SlipSpeed | None = None,
     ) -> None:
         """Move to a State of this mechanism, under given forces."""
@@ -299,11 +236,7 @@ class Equations(MotionEquations):
 
     def mass(self) -> Array:
         """Return the mass matrix (nv, nv)."""
-        return self.bodies.matrix(self.state.q)
-
-    def motion_forces(self, a: Array) -> Array:
-        """Return M a + b (nv,)."""
-        return self.bodies.inverse_dynamics(self.state.q, self.state.v, a)
+        return self.tree.mass_matrix(self.state.q)
 
     # ------------------------------------------------------------ reactions
 
@@ -318,29 +251,19 @@ class Equations(MotionEquations):
         return Poses(evaluation.placements, joint_jacobian(evaluation.data, self.model.nv),
                      evaluation.row_wrenches())
 
-    def transmitted(self, a: Array) -> Array:
-        """Return a view on the forces (njoints, 6) through joints at accelerations a (nv,)."""
-        return self.bodies.transmitted(self.state.q, self.state.v, a)
-
     def reactions(
         self, a: Array, multipliers: Array, effort: Array
     ) -> tuple[dict[str, Array], Array]:
         """Return the reactions (6,) by pair and the wrench (6,) on the fixed link."""
-        return self.pairs.reactions(
-            self.poses(), self.transmitted(a), multipliers, self.pairs.summed(self.wrenches),
-            self.at_joints(effort, multipliers, a))
-
-    def at_joints(self, effort: Array, multipliers: Array, a: Array) -> Array:
-        """Return efforts (nv,) with those of joint springs, couplings and rotors.
-
-        A rotor (armature) that speeds up with its joint takes its part of the effort: the rest is
-        what the bodies are moved with.
-        """
-        total = effort + self.turning - self.model.armature * a
+        # a rotor (armature) that speeds up with its joint takes its part of the effort: the rest is
+        # what the bodies are moved with
+        at_joints = effort + self.turning - self.model.armature * a
         of_joints = self.constraints.of_joints
         if len(of_joints):
-            total = total + multipliers[of_joints] @ self.joint_rows
-        return total
+            at_joints = at_joints + multipliers[of_joints] @ self.joint_rows
+        return self.pairs.reactions(
+            self.poses(), self.tree.transmitted(self.state.q, self.state.v, a), multipliers,
+            self.pairs.summed(self.wrenches), at_joints)
 
     def unique_in_loops(self, efforts: Array | None = None) -> dict[str, NDArray[np.bool_]]:
         """Return by pair which components (6,) of its reaction no self-stress of loops changes.
@@ -364,11 +287,3 @@ class Equations(MotionEquations):
         result = self.unique_in_loops(efforts)
         return result | {name: result[name] & never for name, never in
                         self.pairs.unaffected_by_couplings(self.poses()).items()}
-
-
-def equations_of(mechanism: Mechanism) -> acquired[Equations]:
-    """Acquire the equations of a mechanism, made once for each thread that asks at the same time.
-
-    They choose everything anew at every State.
-    """
-    return acquired(mechanism, Equations)

@@ -31,8 +31,7 @@ from spatial_pin.formats.urdf.elements import (
     inertial,
     joint_element,
     numbers_text,
-    origin,
-    paint,
+    shape_element,
 )
 from spatial_pin.mechanism.closures import FrameSpec, of_native
 from spatial_pin.mechanism.coordinates import check_guess, joint_vector
@@ -131,11 +130,9 @@ def urdf_of(mechanism: Mechanism, bodies: LinkTree) -> str:
             if frame is not None and frame.type == pin.FrameType.BODY \
                     and frame.parentJoint == shape.parentJoint:
                 link = frame.name
-            element = ET.SubElement(links[link], kind)
-            element.append(origin(mechanism.frame_on_joint(link)[1].actInv(shape.placement)))
-            ET.SubElement(element, "geometry").append(solid)
-            if kind == "visual":
-                paint(element, np.clip(shape.meshColor, 0.0, 1.0), f"{shape.name}_colour")
+            at = mechanism.frame_on_joint(link)[1].actInv(shape.placement)
+            colour = np.clip(shape.meshColor, 0.0, 1.0) if kind == "visual" else None
+            links[link].append(shape_element(kind, at, solid, colour, f"{shape.name}_colour"))
     for i in range(1, model.njoints):
         _add_joint(mechanism, bodies, robot, i)
     for link, mount in bodies.mounts.items():

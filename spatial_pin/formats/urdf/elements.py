@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -68,11 +68,19 @@ def inertial(inertia: pin.Inertia) -> ET.Element:
     return element
 
 
-def paint(visual: ET.Element, rgba: Array, name: str = "", override: bool = False) -> None:
-    """Give a <visual> a colour (4,); one that overrides goes before those of a mesh."""
-    more = {"override": "true"} if override else {}
-    material = ET.SubElement(visual, "material", {"name": name, **more})
-    ET.SubElement(material, "color", rgba=numbers_text(rgba))
+def shape_element(
+    kind: str, placement: pin.SE3, solid: ET.Element, rgba: Array | None = None, material: str = "",
+    *, overrides: bool = False, **attributes: str,
+) -> ET.Element:
+    """Return a <visual> or <collision>; a colour (4,) that overrides goes before a mesh's."""
+    shape = ET.Element(kind, attributes)
+    shape.append(origin(placement))
+    ET.SubElement(shape, "geometry").append(solid)
+    if rgba is not None:
+        more = {"override": "true"} if overrides else {}
+        painted = ET.SubElement(shape, "material", {"name": material, **more})
+        ET.SubElement(painted, "color", rgba=numbers_text(rgba))
+    return shape
 
 
 def joint_element(
@@ -133,30 +141,15 @@ class UrdfTree:
         joint = unique(f"{child}_fixed", self._reserved)
         return self.joint(joint, "fixed", parent, child, placement)[1]
 
-    def inertia(self, link: str, mass: float, placement: pin.SE3, moments: Array) -> None:
-        """Give a link a mass [kg] and moments (3,) [kg·m²] about the axes of a central frame."""
-        inertial = ET.SubElement(self._links[link], "inertial")
-        inertial.append(origin(placement))
-        ET.SubElement(inertial, "mass", value=repr(float(mass)))
-        xx, yy, zz = (repr(float(x)) for x in moments)
-        ET.SubElement(inertial, "inertia", ixx=xx, iyy=yy, izz=zz, ixy="0", ixz="0", iyz="0")
+    def add(self, link: str, element: ET.Element) -> None:
+        """Give a link an inertia or a shape."""
+        self._links[link].append(element)
 
-    def shape(
-        self, link: str, kind: str, placement: pin.SE3, solid: str, sizes: dict[str, str],
-        rgba: Array | None = None,
-    ) -> None:
-        """Give a link a shape."""
-        shape = ET.SubElement(self._links[link], kind)
-        shape.append(origin(placement))
-        ET.SubElement(ET.SubElement(shape, "geometry"), solid, sizes)
-        if rgba is not None:
-            paint(shape, rgba, f"rgba {numbers_text(rgba)}", override=True)
 
-def unique(wanted: str, taken: Iterable[str]) -> str:
+def unique(wanted: str, taken: Collection[str]) -> str:
     """Return a name that is not taken: the wanted one, or that with a number."""
-    known = set(taken)
     name, k = wanted, 2
-    while name in known:
+    while name in taken:
         name, k = f"{wanted}_{k}", k + 1
     return name
 
@@ -243,7 +236,7 @@ def placement(element: ET.Element | None, where: str) -> pin.SE3:
     xyz = numbers(element, "xyz", 3, where) if "xyz" in element.attrib else np.zeros(3)
     rpy = numbers(element, "rpy", 3, where) if "rpy" in element.attrib else np.zeros(3)
     (sa, ca), (sb, cb), (sc, cc) = ((math.sin(x), math.cos(x)) for x in (0.5 * rpy).tolist())
-    turn = pin.Quaternion(ca * cb * cc + sa * sb * sc, sa * cb * cc - ca * sb * sc,
-                          ca * sb * cc + sa * cb * sc, ca * cb * sc - sa * sb * cc)
-    turn.normalize()  # rounded as URDF readers round it
-    return pin.SE3(turn.matrix(), xyz)
+    w, x = ca * cb * cc + sa * sb * sc, sa * cb * cc - ca * sb * sc
+    y, z = ca * sb * cc + sa * cb * sc, ca * cb * sc - sa * sb * cc
+    norm = math.sqrt(x * x + y * y + z * z + w * w)  # as URDF readers add up
+    return pin.SE3(pin.Quaternion(w / norm, x / norm, y / norm, z / norm).matrix(), xyz)

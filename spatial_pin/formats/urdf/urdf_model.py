@@ -1,17 +1,15 @@
 """URDF and xacro to a Pinocchio model whose joints are the pairs that URDF cannot name.
 
-Pinocchio's own reader builds the model; bad numbers (mass below zero, NaN) are refused
-before, loops are cut by then, and afterwards the model is rebuilt joint by joint, same numbering,
-with the refined joints in place. Angles of `continuous` joints become one coordinate, so that they
-count turns.
+Bad numbers (mass below zero, NaN) are refused before, and loops are cut by then. Joints and frames
+are numbered as Pinocchio's own reader of URDF numbers them. Angles of `continuous` joints are one
+coordinate, so that they count turns.
 """
 
 from __future__ import annotations
 
 import math
-import sys
 import xml.etree.ElementTree as ET
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import product
@@ -31,7 +29,6 @@ from spatial_pin.formats.urdf.elements import (
     end_of,
     joint_element,
     numbers,
-    numbers_text,
     placement,
 )
 from spatial_pin.formats.urdf.geometry import geometry_of, take_shapes
@@ -41,8 +38,6 @@ from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
 
 LIGHTEST = 1e-200  # kg
-DEEPEST_LINK = 1500  # joints above it: readers of URDF take 2.5 kB of the stack for each, and a
-                     # stack of 8 MB ends them, and all of Python, before 4000
 ONCE = {  # of a link or joint, or of an element in it, allowed once
     ".": ("inertial", "origin", "axis", "limit", "dynamics", "mimic"),
     "inertial": ("origin", "mass", "inertia"),
@@ -60,20 +55,24 @@ CONTAINED_PAIRS = {  # URDF type -> pairs that a refinement may make of it
     "fixed": ("fixed",),
 }
 PAIR_OF_URDF_TYPE = {"continuous": "revolute"}
-NUMBERS = ("xyz", "rpy", "value", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-LARGEST_AXIS = 1e150  # whose square is a number
-RESISTANCES = ("damping", "friction", "armature", "slip_speed")  # of `[joints.X]`
-LIMITS = {  # of `[joints.X]`, with the limits of `pin.Model` that they set, and by which factor
+# Numbers of `[joints.X]`: the arrays of `pin.Model` that each sets, and by which factor.
+RESISTANCES: dict[str, dict[str, float]] = {
+    "damping": {"damping": 1.0}, "armature": {"armature": 1.0},
+    "friction": {"upperDryFrictionLimit": 1.0, "lowerDryFrictionLimit": -1.0},
+    "slip_speed": {},  # which Pinocchio does not have
+}
+LIMITS: dict[str, dict[str, float]] = {
     "lower": {"lowerPositionLimit": 1.0}, "upper": {"upperPositionLimit": 1.0},
     "velocity": {"upperVelocityLimit": 1.0, "lowerVelocityLimit": -1.0},
     "lower_velocity": {"lowerVelocityLimit": 1.0},
     "effort": {"upperEffortLimit": 1.0, "lowerEffortLimit": -1.0},
     "lower_effort": {"lowerEffortLimit": 1.0},
 }
+NUMBERS = {**RESISTANCES, **LIMITS}
 
 
 def check_structure(robot: ET.Element, path: Path) -> None:
-    """Refuse links and joints that do not make a graph."""
+    """Refuse links and joints that do not make a graph, or have names that nothing can ask for."""
     if robot.tag != "robot":
         raise MechanismFileError(f"{path}: the root element is <{robot.tag}>, not <robot>")
     links = by_name(robot.findall("link"), "link", path)
@@ -81,7 +80,15 @@ def check_structure(robot: ET.Element, path: Path) -> None:
         raise MechanismFileError(f"{path}: no <link>")
     joints = robot.findall("joint")
     by_name(joints, "joint", path)
-    _check_names(links, joints, path)
+    named = [("joint", joint.get("name", "")) for joint in joints] + [("link", x) for x in links]
+    odd = [(len(name), kind, name) for kind, name in named if not name.isprintable()]
+    if odd:  # the shortest: importers call others after it
+        _, kind, name = min(odd)
+        raise MechanismFileError(f"{path}: a {kind} is named {name!r}; a name is text that can be "
+                                 "read")
+    if any(joint.get("name") == UNIVERSE and joint.get("type") != "fixed" for joint in joints):
+        raise MechanismFileError(f"{path}: a joint is named {UNIVERSE!r}, which is Pinocchio's "
+                                 "name of the ground; rename it")
     for joint in joints:
         for role in ("parent", "child"):
             link = end_of(joint, role)
@@ -95,13 +102,12 @@ def check_structure(robot: ET.Element, path: Path) -> None:
                                      f"{end_of(joint, 'child')!r} with itself")
 
 
-def _make_one_tree(robot: ET.Element, path: Path, faults: Faults) -> None:
-    """Note repeated elements, of which readers of URDF take the first; fix all roots to a world."""
+def _make_one_tree(robot: ET.Element, faults: Faults) -> str:
+    """Note repeated elements, of which the first count; fix all roots to one, and return that."""
     joints = robot.findall("joint")
     children = {end_of(joint, "child") for joint in joints}
     links = [link.get("name", "") for link in robot.findall("link")]
     roots = [link for link in links if link not in children]
-    _check_depth(roots, joints, path)
     elements = [(kind, x) for kind in ("link", "joint") for x in robot.findall(kind)]
     for below, tags in ONCE.items():
         for kind, element in elements:
@@ -109,8 +115,8 @@ def _make_one_tree(robot: ET.Element, path: Path, faults: Faults) -> None:
                 if len(part.findall(tag)) > 1:
                     faults.note("stated more than once, the first counts",
                                 f"{kind} {element.get('name')!r}: <{tag}>")
-    if len(roots) < 2:
-        return
+    if len(roots) == 1:
+        return roots[0]
     taken = {*links, *(joint.get("name", "") for joint in joints)} - set(roots)
     world = _free("world", taken)
     if world not in roots:
@@ -119,34 +125,7 @@ def _make_one_tree(robot: ET.Element, path: Path, faults: Faults) -> None:
         if root != world:
             joint_element(robot, _free(f"{world}_to_{root}", taken), "fixed", world, root)
             faults.note("no parent, fixed to the ground at its origin", f"link {root!r}")
-
-
-def _check_names(links: Iterable[str], joints: Sequence[ET.Element], path: Path) -> None:
-    """Refuse names that nothing can ask for: those of control characters, and Pinocchio's own."""
-    named = [("joint", joint.get("name", "")) for joint in joints] + [("link", x) for x in links]
-    odd = [(len(name), kind, name) for kind, name in named if not name.isprintable()]
-    if odd:  # the shortest: importers call others after it
-        _, kind, name = min(odd)
-        raise MechanismFileError(f"{path}: a {kind} is named {name!r}; a name is text that can be "
-                                 "read")
-    if any(joint.get("name") == UNIVERSE and joint.get("type") != "fixed" for joint in joints):
-        raise MechanismFileError(f"{path}: a joint is named {UNIVERSE!r}, which is Pinocchio's "
-                                 "name of the ground; rename it")
-
-
-def _check_depth(roots: Iterable[str], joints: Iterable[ET.Element], path: Path) -> None:
-    """Refuse chains on which the reader of URDF, who calls itself link by link, would die."""
-    above: dict[str, list[str]] = {}
-    for joint in joints:
-        above.setdefault(end_of(joint, "parent"), []).append(end_of(joint, "child"))
-    level, depth = list(roots), 0
-    while level:
-        level = [child for link in level for child in above.pop(link, ())]
-        depth += 1
-        if depth > DEEPEST_LINK and level:
-            raise MechanismFileError(f"{path}: more than {DEEPEST_LINK} joints one after another "
-                                     f"below the root, as at link {level[0]!r}; readers of URDF "
-                                     "take no longer chains")
+    return world
 
 
 def _free(name: str, taken: Container[str]) -> str:
@@ -225,8 +204,8 @@ class JointRefinement:
         axis: (3,) unit vector in the joint frame, None for the default.
         axis2: (3,) unit vector, second pin of a universal joint.
         lead: translation per turn of a screw [m].
-        resistances: some of `RESISTANCES`, a number for all coordinates or one for each.
-        limits: some of `LIMITS`, likewise; of positions one for each entry of q.
+        numbers: some of `NUMBERS`, in their order, a number for all coordinates or one for each;
+            of positions one for each entry of q.
         where: file and table, for errors.
     """
 
@@ -234,8 +213,7 @@ class JointRefinement:
     axis: Array | None = None
     axis2: Array | None = None
     lead: float = 0.0
-    resistances: Mapping[str, Array] = field(default_factory=dict)
-    limits: Mapping[str, Array] = field(default_factory=dict)
+    numbers: Mapping[str, Array] = field(default_factory=dict)
     where: str = ""
 
 
@@ -254,7 +232,7 @@ def tree_of(
             del parent.attrib[key]
         for child in [child for child in parent if "}" in child.tag]:
             parent.remove(child)
-    _make_one_tree(robot, path, faults)
+    root = _make_one_tree(robot, faults)
     mistakes = Mistakes(str(path))
     with mistakes.each():
         inertias = check_links(robot, path, faults)
@@ -267,9 +245,7 @@ def tree_of(
     mistakes.raise_all()
     shapes = take_shapes(robot, path, trust, faults)
     whole = ET.tostring(robot, encoding="unicode")  # with absolute paths of meshes
-    elements = {joint.get("name", ""): joint for joint in robot.findall("joint")}
-    plain = _read(robot, path)
-    model = _rebuild(plain, pairs, elements, refinements, _ordered(plain, order, order_of), path)
+    model = _model_of(robot, root, pairs, refinements, inertias, order, order_of, path)
     slip_speeds = _put_numbers(model, refinements)
     try:
         put_inertias(model, inertias)
@@ -282,61 +258,6 @@ def tree_of(
             "collision_model": partial(geometry, "collision"), "inertias": inertias,
             "pairs": tuple(pairs[name] for name in list(model.names)[1:]), "urdf": whole,
             "slip_speeds": slip_speeds}, mimics
-
-
-def _plain(element: ET.Element) -> ET.Element:
-    """Return a joint without mimic and limits; a continuous one as a revolute one."""
-    kind = element.get("type", "")
-    joint = ET.Element("joint", {**element.attrib, "type": PAIR_OF_URDF_TYPE.get(kind, kind)})
-    for part in element:
-        if part.tag in ("parent", "child"):
-            joint.append(part)
-        elif part.tag == "axis" and kind != "fixed":
-            values = np.array([float(word) for word in part.get("xyz", "").split()])
-            largest = float(np.abs(values).max(initial=0.0))
-            if largest >= LARGEST_AXIS:  # the URDF reader adds up squares
-                part = ET.Element("axis", xyz=numbers_text(values / largest))
-            joint.append(_normal(part))
-        elif part.tag == "origin":
-            joint.append(_normal(part))
-    ET.SubElement(joint, "limit", lower="-1", upper="1", effort="1", velocity="1")
-    return joint
-
-
-def _normal(element: ET.Element) -> ET.Element:
-    """Return an element without denormal numbers, which the URDF reader refuses."""
-    least = sys.float_info.min
-    return ET.Element(element.tag, {
-        key: " ".join(["0" if abs(float(word)) < least else word for word in text.split()])
-        for key, text in element.items() if key in NUMBERS})
-
-
-def _whole(inertial: ET.Element) -> ET.Element:
-    """Return an <inertial> in which nothing is missing."""
-    whole = ET.Element("inertial")
-    whole.extend(map(_normal, inertial.findall("origin")[:1]))
-    for tag, key in INERTIAL:
-        own, stated = whole.find(tag), inertial.find(tag)
-        element = ET.SubElement(whole, tag) if own is None else own
-        element.set(key, "0" if stated is None else _normal(stated).get(key, "0"))
-    return whole
-
-
-def _read(robot: ET.Element, path: Path) -> pin.Model:
-    """Return Pinocchio's model of a URDF without its shapes."""
-    bare = ET.Element("robot", name=robot.get("name") or path.stem)
-    for element in robot:
-        if element.tag == "link":
-            link = ET.SubElement(bare, "link", name=element.get("name", ""))
-            for inertial in element.findall("inertial")[:1]:
-                link.append(_whole(inertial))
-        elif element.tag == "joint":
-            bare.append(_plain(element))
-    try:
-        return pin.buildModelFromXML(ET.tostring(bare, encoding="unicode"))
-    except Exception as error:
-        reason = " ".join(str(error).split())
-        raise MechanismFileError(f"{path}: Pinocchio cannot read it: {reason}") from error
 
 
 def _joint_pairs(
@@ -366,47 +287,63 @@ def _joint_pairs(
                 f"does not contain a {pair} pair; make it \"floating\" there"
             )
         pairs[name] = pair or PAIR_OF_URDF_TYPE.get(kind, kind)
-        if given and pairs[name] == "fixed" and (given.resistances or given.limits):
-            key = next(iter({**given.resistances, **given.limits}))
+        if given and pairs[name] == "fixed" and given.numbers:
             raise MechanismFileError(
-                f"{given.where}: {key}: joint {name!r} is fixed and has nothing that could "
-                "resist or be limited; take the key out"
-            )
+                f"{given.where}: {next(iter(given.numbers))}: joint {name!r} is fixed and has "
+                "nothing that could resist or be limited; take the key out")
         if pairs[name] == "fixed":
             joint.set("type", "fixed")
     return pairs
 
 
-def _rebuild(
-    model: pin.Model,
-    pairs: Mapping[str, str],
-    elements: Mapping[str, ET.Element],
-    refinements: Mapping[str, JointRefinement],
-    order: Sequence[int],
-    path: Path,
+def _model_of(
+    robot: ET.Element, root: str, pairs: Mapping[str, str],
+    refinements: Mapping[str, JointRefinement], inertias: Mapping[str, pin.Inertia],
+    order: Sequence[str], order_of: str, path: Path,
 ) -> pin.Model:
-    """Return a copy of `model` with every joint replaced by the model of its pair, in order."""
-    new = pin.Model()
-    new.name, new.gravity = model.name, model.gravity
-    indices = {0: 0}
-    for i in order:
-        name = model.names[i]
-        pair = PAIRS[pairs[name]]
-        where = f"{path}: joint {name!r}"
-        refined = refinements.get(name, JointRefinement())
-        axis, axis2 = joint_axes(pair, elements[name], refined, where)
+    """Return the open tree, its frames numbered as Pinocchio's reader of URDF numbers them."""
+    elements = {joint.get("name", ""): joint for joint in robot.findall("joint")}
+    hangs = _hanging(robot, root, pairs, path)
+    model, ids = pin.Model(), {UNIVERSE: 0}
+    model.name = robot.get("name") or path.stem
+    above = {name: on for name, (on, _) in hangs.items() if pairs[name] != "fixed"}
+    for name in _ordered(above, order, order_of):
+        pair, refined = PAIRS[pairs[name]], refinements.get(name, JointRefinement())
+        axis, axis2 = joint_axes(pair, elements[name], refined, f"{path}: joint {name!r}")
         assert pair.joint is not None
-        kind = elements[name].get("type", "")
-        as_read = PAIR_OF_URDF_TYPE.get(kind, kind) == pairs[name] \
-            and pairs[name] in ("revolute", "prismatic") and refined.axis is None
-        joint = model.joints[i] if as_read else pair.joint(axis, axis2, refined.lead)
-        indices[i] = new.addJoint(indices[model.parents[i]], joint, model.jointPlacements[i], name,
-                                 *stated_limits(elements[name], joint.nq, joint.nv))
-    new.lowerVelocityLimit = -new.upperVelocityLimit  # addJoint of Pinocchio 4.1 stores the upper
-    for frame in list(model.frames)[1:]:
-        frame.parentJoint = indices[frame.parentJoint]
-        new.addFrame(frame, False)
-    return new
+        joint = pair.joint(axis, axis2, refined.lead)
+        ids[name] = model.addJoint(ids[above[name]], joint, hangs[name][1], name,
+                                   *stated_limits(elements[name], joint.nq, joint.nv).values())
+    model.lowerVelocityLimit = -model.upperVelocityLimit  # Pinocchio 4.1 stores the upper one
+    here, none = pin.SE3.Identity(), pin.Inertia.Zero()
+    frames = {root: model.addFrame(pin.Frame(
+        root, 0, 0, here, pin.FrameType.BODY, inertias.get(root, none)), False)}
+    for name, element in ((name, elements[name]) for name in hangs):
+        is_fixed = pairs[name] == "fixed"
+        on, at = hangs[name] if is_fixed else (name, here)
+        kind = pin.FrameType.FIXED_JOINT if is_fixed else pin.FrameType.JOINT
+        parent, child = frames[end_of(element, "parent")], end_of(element, "child")
+        fixed = inertias.get(child, none) if is_fixed else none  # as Pinocchio notes them
+        own = model.addFrame(pin.Frame(name, ids[on], parent, at, kind, fixed), False)
+        frames[child] = model.addFrame(
+            pin.Frame(child, ids[on], own, at, pin.FrameType.BODY), False)
+    return model
+
+
+def _hanging(
+    robot: ET.Element, root: str, pairs: Mapping[str, str], path: Path
+) -> dict[str, tuple[str, pin.SE3]]:
+    """Return for each joint the next one above it that moves, and its placement there."""
+    elements = {joint.get("name", ""): joint for joint in robot.findall("joint")}
+    links = {root: (UNIVERSE, pin.SE3.Identity())}
+    hangs = {}
+    for name in urdf_order(robot):
+        on, at = links[end_of(elements[name], "parent")]
+        at = at * placement(elements[name].find("origin"), f"{path}: joint {name!r}")
+        hangs[name] = on, at
+        links[end_of(elements[name], "child")] = hangs[name] if pairs[name] == "fixed" else (
+            name, pin.SE3.Identity())
+    return hangs
 
 
 def urdf_order(robot: ET.Element) -> list[str]:
@@ -425,24 +362,22 @@ def urdf_order(robot: ET.Element) -> list[str]:
     return names
 
 
-def _ordered(model: pin.Model, order: Sequence[str], where: str) -> list[int]:
-    """Return the joints of a model in the given order."""
-    names = list(model.names)
+def _ordered(above: Mapping[str, str], order: Sequence[str], where: str) -> list[str]:
+    """Return the joints that move, by the one that each hangs on, in the given order."""
     wanted = {name: k for k, name in enumerate(order)}
     if len(wanted) < len(order):
         raise MechanismFileError(f"{where}: order: a joint is named twice")
     for name in order:
-        if name not in names[1:]:
+        if name not in above:
             raise MechanismFileError(f"{where}: order: no joint that moves is named {name!r}; "
-                                     f"{suggestion(name, names[1:])}")
-    numbers = sorted(range(1, model.njoints), key=lambda i: wanted.get(names[i], -1))
-    positions = {joint: k for k, joint in enumerate(numbers)}
-    for joint in numbers:
-        parent = model.parents[joint]
-        if parent and positions[parent] > positions[joint]:
-            raise MechanismFileError(f"{where}: order: {names[joint]!r} comes before "
-                                     f"{names[parent]!r}, on which it hangs")
-    return numbers
+                                     f"{suggestion(name, above)}")
+    names = sorted(above, key=lambda name: wanted.get(name, -1))
+    positions = {name: k for k, name in enumerate(names)}
+    for name in names:
+        if positions.get(above[name], -1) > positions[name]:
+            raise MechanismFileError(f"{where}: order: {name!r} comes before {above[name]!r}, on "
+                                     "which it hangs")
+    return names
 
 
 def joint_axes(
@@ -481,8 +416,8 @@ def joint_axes(
     return axis, axis2
 
 
-def stated_limits(element: ET.Element, nq: int, nv: int) -> tuple[Array, ...]:
-    """Return the bounds that a URDF states for a joint, in the order of `pin.Model.addJoint`.
+def stated_limits(element: ET.Element, nq: int, nv: int) -> dict[str, Array]:
+    """Return what a URDF states for a joint's arrays in `pin.Model`, in the order of `addJoint`.
 
     A number holds for every coordinate; positions of several, or of a continuous joint, have none.
     """
@@ -499,52 +434,48 @@ def stated_limits(element: ET.Element, nq: int, nv: int) -> tuple[Array, ...]:
     lower = scalar(limit, "lower", 0.0 - free) if bounded else -math.inf
     upper = scalar(limit, "upper", free) if bounded else math.inf
     friction, damping = scalar(dynamics, "friction", 0.0), scalar(dynamics, "damping", 0.0)
-    return (
-        np.full(nv, -effort), np.full(nv, effort), np.full(nv, -velocity), np.full(nv, velocity),
-        np.full(nq, lower), np.full(nq, upper), np.zeros(nq),
-        np.full(nv, -friction), np.full(nv, friction), np.full(nv, damping),
-    )
+    return {
+        "lowerEffortLimit": np.full(nv, -effort), "upperEffortLimit": np.full(nv, effort),
+        "lowerVelocityLimit": np.full(nv, -velocity), "upperVelocityLimit": np.full(nv, velocity),
+        "lowerPositionLimit": np.full(nq, lower), "upperPositionLimit": np.full(nq, upper),
+        "positionLimitMargin": np.zeros(nq), "lowerDryFrictionLimit": np.full(nv, -friction),
+        "upperDryFrictionLimit": np.full(nv, friction), "damping": np.full(nv, damping)}
 
 
-def own_entries(model: pin.Model, joint: int, array: str) -> slice:
-    """Return the slice of a joint in one of the limits of a model."""
-    of_q = "Position" in array
+def own_entries(model: pin.Model, joint: int, key: str) -> slice:
+    """Return the slice of a joint in an array that a number of `NUMBERS` sets."""
+    of_q = key in ("lower", "upper")
     at, count = ((model.idx_qs, model.nqs) if of_q else (model.idx_vs, model.nvs))
     return slice(at[joint], at[joint] + count[joint])
 
 
 def _put_numbers(model: pin.Model, refinements: Mapping[str, JointRefinement]) -> Array:
-    """Put limits, in the order of `LIMITS`, and resistances of a mechanism file into a model.
+    """Put the numbers of a mechanism file into a model.
 
     Returns:
         (nv,) slip speeds, NaN where there are none.
     """
     slip_speeds = np.full(model.nv, math.nan)
-    of_resistances = {
-        "friction": ((model.upperDryFrictionLimit, 1.0), (model.lowerDryFrictionLimit, -1.0)),
-        "damping": ((model.damping, 1.0),), "armature": ((model.armature, 1.0),),
-        "slip_speed": ((slip_speeds, 1.0),)}
-    stated = {name: x for name, x in refinements.items() if x.limits or x.resistances}
-    for name, refined in stated.items():
+    for name, refined in refinements.items():
         joint = model.getJointId(name)
-        given = {key: refined.limits[key] for key in LIMITS if key in refined.limits}
-        for key, values in {**given, **refined.resistances}.items():
-            targets = of_resistances.get(key) or [
-                (getattr(model, array), factor) for array, factor in LIMITS[key].items()]
-            own = own_entries(model, joint, next(iter(LIMITS.get(key, {key: 1.0}))))
+        for key, values in refined.numbers.items():
+            own = own_entries(model, joint, key)
             count = own.stop - own.start
             if values.size not in (1, count):
                 raise MechanismFileError(
                     f"{refined.where}: {key} has {values.size} numbers; give one for all, or one "
                     f"for each of the {count} coordinate(s) of the joint")
-            for array, factor in targets:
-                array[own] = factor * values
-        for kind in ("Position", "Velocity", "Effort") if refined.limits else ():
-            own = own_entries(model, joint, kind)
-            if np.any(getattr(model, f"lower{kind}Limit")[own]
-                      > getattr(model, f"upper{kind}Limit")[own]):
-                raise MechanismFileError(
-                    f"{refined.where}: a lower {kind.lower()} limit is above the upper one")
+            if key == "slip_speed":
+                slip_speeds[own] = values
+            for array, factor in NUMBERS[key].items():
+                getattr(model, array)[own] = factor * values
+        for kind, key in (("Position", "lower"), ("Velocity", "velocity"), ("Effort", "effort")):
+            if refined.numbers.keys() & LIMITS.keys():
+                low, high = (getattr(model, f"{side}{kind}Limit")[own_entries(model, joint, key)]
+                             for side in ("lower", "upper"))
+                if np.any(low > high):
+                    raise MechanismFileError(f"{refined.where}: a lower {kind.lower()} limit is "
+                                             "above the upper one")
     return slip_speeds
 
 

@@ -16,9 +16,8 @@ from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.graph.joint_graph import WORLD, GraphJoint, JointGraph, Link, SpanningTree
 from spatial_pin.formats.graph.open_tree import open_tree
 from spatial_pin.formats.importers import Imported, Request
-from spatial_pin.formats.urdf.elements import go_on, inertial, numbers_text, origin, paint
+from spatial_pin.formats.urdf.elements import go_on, inertial, numbers_text, shape_element
 from spatial_pin.formats.urdf.geometry import SOLIDS
-from spatial_pin.formats.urdf.urdf_model import LIGHTEST
 from spatial_pin.formats.usd.usd_stage import (
     DEGREE,
     UsdStage,
@@ -134,14 +133,9 @@ def link_elements(stage: UsdStage, body: Body, bodies: dict[str, Body]
         if solid is None:
             omitted += bool(kinds)
             continue
-        for kind in kinds:
-            element = ET.Element(kind, name=prim.GetName())
-            element.append(origin(solid[1]))
-            ET.SubElement(element, "geometry").append(solid[0])
-            colour = _colour(prim) if kind == "visual" else None
-            if colour is not None:
-                paint(element, colour)
-            elements.append(element)
+        elements += [shape_element(kind, solid[1], solid[0],
+                                   _colour(prim) if kind == "visual" else None,
+                                   name=prim.GetName()) for kind in kinds]
     if omitted:
         stage.notices.append(f"{omitted} shape(s) of {body.name!r} are not drawn: meshes and "
                              "others that URDF has no shape for")
@@ -190,9 +184,6 @@ def inertia_of(stage: UsdStage, body: Body, bodies: dict[str, Body]) -> pin.Iner
         return None
     with np.errstate(over="ignore", invalid="ignore"):
         matrix = turn @ np.diag(moments * stage.kilogram * stage.metre ** 2) @ turn.T
-    if not np.all(np.abs(matrix) <= 1.0 / LIGHTEST):
-        raise MechanismFileError(f"{stage.where}: {body.prim.GetPath()}: its moments of inertia "
-                                 "leave the range of numbers")
     return inertia_as_given(stage.kilogram * mass, at, matrix)
 
 

@@ -9,13 +9,11 @@
 #undef PART
 #undef SPREAD
 #undef SHARED
-#undef WITHIN
 #undef larger_number
 #define Number Lane
 #define N_PARTS LANES
 #define PART(x, i) ((x)[i])
 #define SPREAD(x) ((x) - (Lane){0}) /* also of what is a lane */
-#define WITHIN static inline __attribute__((always_inline))
 #define SHARED WITHIN
 
 #undef Evaluated
@@ -33,7 +31,8 @@
 #define product3 lanes_product3
 #define quaternion_rotation lanes_quaternion_rotation
 #define times_pure lanes_times_pure
-#include "vectors3.h"
+#define polynomial_at lanes_polynomial_at
+#include "formulas.h"
 #undef add3
 #undef multiple3
 #define add3(factor, a, out) lanes_add3(SPREAD(factor), a, out)

@@ -43,21 +43,7 @@ static inline int are_finite(const Real *a, Int n)
     return 1;
 }
 
-/* Value and first two derivatives (3) of a polynomial, by ascending powers, at x. */
-static inline void polynomial_at(const Real *c, Int degree, Real x, Real *out)
-{
-    Real value = c[degree], first = 0.0, half = 0.0;
-    for (Int d = degree - 1; d >= 0; d--) {
-        half = half * x + first;
-        first = first * x + value;
-        value = value * x + c[d];
-    }
-    out[0] = value;
-    out[1] = first;
-    out[2] = 2.0 * half;
-}
-
-/* ---- of three: of single numbers here, side by side in side_by_side.h ---- */
+/* ---- of single numbers here, of several in side_by_side.h ---- */
 
 #define Number Real
 #define N_PARTS 1 /* configurations at once */
@@ -65,14 +51,15 @@ static inline void polynomial_at(const Real *c, Int degree, Real x, Real *out)
 #define SPREAD(x) (x)
 #define SHARED
 #define larger_number larger_of
-#define WITHIN static inline
+#define WITHIN static inline __attribute__((always_inline))
+
 static inline void sine_and_cosine(Real angle, Real *sine, Real *cosine)
 {
     *sine = sin(angle);
     *cosine = cos(angle);
 }
 
-#include "vectors3.h"
+#include "formulas.h"
 
 /* out = Rᵀ v */
 static inline void rotate_back3(const Real *R, const Real *v, Real *out)

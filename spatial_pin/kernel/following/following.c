@@ -19,7 +19,8 @@ static Path *path_of(Kernel *k)
         return path;
     if (!(path = kernel_memory(k, 1, sizeof *path)))
         return NULL;
-    Real *from = kernel_reals(k, 4 * point_numbers(k) + 4 * k->nv + k->nq * (BETWEEN_DEGREE + 1));
+    const Int entries = (k->nq + k->n_angles) * (BETWEEN_DEGREE + 1);
+    Real *from = kernel_reals(k, 4 * point_numbers(k) + 4 * k->nv + entries);
     Int *chosen = kernel_ints(k, k->nv);
     path->curve = kernel_memory(k, k->n_idle, sizeof *path->curve);
     if (!kernel_had_memory(k) || prescribed_create(k, &path->prescribed) != DONE)
@@ -107,7 +108,7 @@ static int start(Path *path, const Real *angles)
     if (code == DONE && k->system.pivot_ratio < TOLERANCE_NEAR_SINGULAR)
         code = UNSAFE;
     if (code == DONE)
-        code = point_rates(k, &path->prescribed, here);
+        code = path_rates(path, here);
     if (code == DONE && path->task.here.estimate)
         probe_errors(path);
     keep_choice(path);

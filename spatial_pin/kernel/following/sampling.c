@@ -132,26 +132,20 @@ static Int last_within(Path *path, const Real *values, Int i, Int end)
 }
 
 /* Write rows from i to before `last`, at values between a point and the present one. Their closure error
-   is a bound; angles of screws are those of each sample. */
-static void put_between(Path *path, const Point *from, const Real *values, const Real *estimate,
-                        const PathRows *rows, Int i, Int last)
+   is a bound. */
+static void put_between(Path *path, const Real *values, const Real *estimate, const PathRows *rows, Int i,
+                        Int last)
 {
     Kernel *k = path->k;
-    const Point *to = path->here;
+    for (Int row = i; row < last; row += LANES)
+        between_at(k, &path->between, values + row, last - row < LANES ? last - row : LANES,
+                   rows->q + row * k->nq, rows->t + row * k->nv, rows->c + row * k->nv,
+                   rows->angles + row * k->n_angles);
     for (Int row = i; row < last; row++) {
-        Real *q = rows->q + row * k->nq;
-        between_at(k, &path->between, values[row], q, rows->t + row * k->nv, rows->c + row * k->nv);
         prescribe(&path->prescribed, values[row]);
-        prescribed_put(&path->prescribed, q);
+        prescribed_put(&path->prescribed, rows->q + row * k->nq);
         rows->error[row] = path->between_open;
         memcpy(rows->estimate + 3 * row, estimate, 3 * sizeof *estimate);
-    }
-    for (Int row = i; row < (k->n_angles ? last : i); row++) {
-        const Real part = (values[row] - from->s) / (to->s - from->s);
-        for (Int x = 0; x < k->n_angles; x++)
-            k->angle_reference[x] = from->angle[x] + part * (to->angle[x] - from->angle[x]);
-        equations_values(k, rows->q + row * k->nq);
-        memcpy(rows->angles + row * k->n_angles, k->angle, (size_t)k->n_angles * sizeof *k->angle);
     }
 }
 
@@ -182,7 +176,7 @@ static Int follow_between(Path *path, const Real *values, Int i, Int last, const
         go_back(path, third, from);
         return 0;
     }
-    put_between(path, from, values, estimate, rows, i, last);
+    put_between(path, values, estimate, rows, i, last);
     const int code = put_row(path, rows, last);
     for (int x = 0; x < 3; x++) /* which a probe far back may not know */
         rows->estimate[3 * last + x] = larger_of(rows->estimate[3 * last + x], estimate[x]);

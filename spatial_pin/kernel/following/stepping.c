@@ -256,7 +256,7 @@ static int arrive(Path *path, Real way)
         is_new = is_new_choice(path);
     }
     if (code == DONE)
-        code = point_rates(k, &path->prescribed, next);
+        code = path_rates(path, next);
     if (code == DONE && !is_explained(path))
         code = UNSAFE;
     if (code == DONE && k->n_idle && path->accuracy.corrections)
@@ -334,7 +334,7 @@ int turn_into(Path *path, Real sense)
     prescribe(p, path->here->s);
     int code = stand_again(path);
     if (code == DONE)
-        code = point_rates(path->k, p, path->here);
+        code = path_rates(path, path->here);
     path->has_before = path->zero_known = 0;
     p->piece = code == DONE ? piece : last;
     return code;

@@ -56,26 +56,28 @@ Int between_make(const Kernel *k, const Point *third, const Point *a, const Poin
     const int is_near = third && fabs(r) < FARTHEST_NODE && fabs(h) < third_reaches(third, a, h);
     Real square = 0.0;
     p->s = a->s, p->h = h, p->degree = is_near ? BETWEEN_DEGREE : 5;
-    for (Int j = 1; j < k->n_joints; j++)
+    for (Int i = 0; i < k->nq + k->n_angles; i++) {
+        Real *c = p->coefficient + i * (BETWEEN_DEGREE + 1);
+        memset(c + 6, 0, 3 * sizeof *c);
+        quintic(a, b, h, i, c);
+    }
+    for (Int j = 1; j < k->n_joints && is_near; j++)
         for (Int x = 0; x < joint_nq(k->kind[j]); x++) {
             const Int i = k->iq[j] + x, turning = k->kind[j] == FREE ? 3 : 0;
             const int is_entry = joint_nv(k->kind[j]) > 1 && x >= turning; /* of a quaternion */
-            Real *c = p->coefficient + i * (BETWEEN_DEGREE + 1);
-            memset(c + 6, 0, 3 * sizeof *c);
-            quintic(a, b, h, i, c);
-            if (!is_near)
-                continue;
             const Real by = is_entry ? 2.0 : 1.0 / k->scale[k->iv[j] + x];
-            const Real added = by * through_third(third, h, r, i, c);
+            const Real added = by * through_third(third, h, r, i, p->coefficient + i * (BETWEEN_DEGREE + 1));
             square += added * added;
         }
+    for (Int i = k->nq; i < k->nq + k->n_angles && is_near; i++)
+        through_third(third, h, r, i, p->coefficient + i * (BETWEEN_DEGREE + 1));
     p->third = sqrt(square);
     return p->degree;
 }
 
 /* Angular velocity and acceleration in the body's axes of a quaternion that is of length one but
  * for the error of the polynomials: w = 2 x̄ x', alpha = 2 x̄ x''. */
-static void pure_product(const Real *x, const Real *rate, Real *out)
+WITHIN void pure_product(const Real *x, const Real *rate, Real *out)
 {
     Real across[3];
     cross3(x, rate, across);
@@ -84,7 +86,7 @@ static void pure_product(const Real *x, const Real *rate, Real *out)
 }
 
 /* Joint rates of one joint from its entries of q and their derivatives. */
-static void joint_rates(Int kind, const Real *q, const Real *first, const Real *second, Real *t,
+WITHIN void joint_rates(Int kind, const Real *q, const Real *first, const Real *second, Real *t,
                         Real *c)
 {
     if (joint_nv(kind) == 1) {
@@ -105,28 +107,44 @@ static void joint_rates(Int kind, const Real *q, const Real *first, const Real *
     add3(-1.0, turning, c);
 }
 
-/* One joint at u, by the polynomials of its entries. */
-static void joint_at(const Kernel *k, Int j, const Real *coefficient, Int degree, Real u, Real h, Real *q,
-                     Real *t, Real *c)
+/* ---- a few values at once ---- */
+
+#include "side_by_side.h"
+
+/* One joint at n values of u, by the polynomials of its entries. */
+WITHIN void joint_at(const Kernel *k, Int j, const Real *coefficient, Int degree, Lane u, Int n, Real h,
+                     Real *q, Real *t, Real *c)
 {
-    const Int n = joint_nq(k->kind[j]);
-    const Real by = 1.0 / h;
-    Real x[7], rate[7], bend[7], at[3];
-    for (Int i = 0; i < n; i++) {
-        polynomial_at(coefficient + i * (BETWEEN_DEGREE + 1), degree, u, at);
-        q[k->iq[j] + i] = x[i] = at[0];
-        rate[i] = at[1] * by;
-        bend[i] = at[2] * by * by;
+    const Int nq = joint_nq(k->kind[j]);
+    Lane at[7][3];
+    for (Int i = 0; i < nq; i++) {
+        polynomial_at(coefficient + i * (BETWEEN_DEGREE + 1), degree, u, at[i]);
+        at[i][1] /= h;
+        at[i][2] /= h * h;
     }
-    joint_rates(k->kind[j], x, rate, bend, t + k->iv[j], c + k->iv[j]);
+    for (Int l = 0; l < n; l++) {
+        Real *x = q + l * k->nq + k->iq[j], rate[7], bend[7];
+        for (Int i = 0; i < nq; i++)
+            x[i] = at[i][0][l], rate[i] = at[i][1][l], bend[i] = at[i][2][l];
+        joint_rates(k->kind[j], x, rate, bend, t + l * k->nv + k->iv[j], c + l * k->nv + k->iv[j]);
+    }
 }
 
-void between_at(const Kernel *k, const Between *p, Real s, Real *q, Real *t, Real *c)
+FOR_WIDE void between_at(const Kernel *k, const Between *p, const Real *s, Int n, Real *q, Real *t, Real *c,
+                         Real *angle)
 {
-    const Real u = (s - p->s) / p->h;
+    Lane u, at[3];
+    for (Int l = 0; l < LANES; l++)
+        u[l] = (s[l < n ? l : n - 1] - p->s) / p->h;
     for (Int j = 1; j < k->n_joints; j++)
-        joint_at(k, j, p->coefficient + k->iq[j] * (BETWEEN_DEGREE + 1), p->degree, u, p->h, q, t, c);
-    tree_normalize(k, q);
+        joint_at(k, j, p->coefficient + k->iq[j] * (BETWEEN_DEGREE + 1), p->degree, u, n, p->h, q, t, c);
+    for (Int l = 0; l < n && k->nq > k->nv; l++)
+        tree_normalize(k, q + l * k->nq);
+    for (Int i = 0; i < k->n_angles; i++) {
+        polynomial_at(p->coefficient + (k->nq + i) * (BETWEEN_DEGREE + 1), p->degree, u, at);
+        for (Int l = 0; l < n; l++)
+            angle[l * k->n_angles + i] = at[0][l];
+    }
 }
 
 void point_between(const Kernel *k, const Point *a, const Point *b, Real s, Real *q, Real *t, Real *c)
@@ -136,7 +154,7 @@ void point_between(const Kernel *k, const Point *a, const Point *b, Real s, Real
     for (Int j = 1; j < k->n_joints; j++) {
         for (Int i = 0; i < joint_nq(k->kind[j]); i++)
             quintic(a, b, h, k->iq[j] + i, own + i * (BETWEEN_DEGREE + 1));
-        joint_at(k, j, own, 5, u, h, q, t, c);
+        joint_at(k, j, own, 5, SPREAD(u), 1, h, q, t, c);
     }
     tree_normalize(k, q);
 }

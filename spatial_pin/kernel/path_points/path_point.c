@@ -13,7 +13,7 @@ static Int axis_numbers(const Kernel *k)
 
 Int point_numbers(const Kernel *k)
 {
-    return 3 * k->nq + 2 * k->nv + 2 * k->n_angles + axis_numbers(k);
+    return 3 * (k->nq + k->n_angles) + 2 * k->nv + axis_numbers(k);
 }
 
 static Real *carve(Real **from, Int n)
@@ -25,13 +25,13 @@ static Real *carve(Real **from, Int n)
 
 void point_carve(const Kernel *k, Real **from, Point *point)
 {
-    point->q = carve(from, k->nq);
-    point->first = carve(from, k->nq);
-    point->second = carve(from, k->nq);
+    point->q = carve(from, k->nq + k->n_angles);
+    point->first = carve(from, k->nq + k->n_angles);
+    point->second = carve(from, k->nq + k->n_angles);
     point->t = carve(from, k->nv);
     point->c = carve(from, k->nv);
-    point->angle = carve(from, k->n_angles);
-    point->angle_rate = carve(from, k->n_angles);
+    point->angle = point->q + k->nq;
+    point->angle_rate = point->first + k->nq;
     point->axis = (IdleAxis *)carve(from, axis_numbers(k));
 }
 
@@ -53,6 +53,17 @@ int point_rates(Kernel *k, const Prescribed *prescribed, Point *point)
     point->pace = sqrt(squares[0]);
     point->bend = sqrt(squares[1]);
     return isfinite(point->pace + point->bend) ? DONE : NOT_FINITE;
+}
+
+void point_bend_angles(Kernel *k, Point *point)
+{
+    for (Int i = 0; i < k->n_angles; i++) {
+        Real bend = k->angles.bias[i];
+        equations_angle_row(k, i, k->right);
+        for (Int v = 0; v < k->nv; v++)
+            bend += k->right[v] * point->c[v] / k->scale[v];
+        point->second[k->nq + i] = bend;
+    }
 }
 
 Real point_way(const Kernel *k, const Point *point, Real h)

@@ -7,9 +7,9 @@
 
 typedef struct {
     Real s;                   /* the path's parameter, as a rule the driver's value */
-    Real *q, *first, *second; /* configuration, derivatives of its entries by s */
+    Real *q, *first, *second; /* configuration, derivatives of its entries by s; behind them the angles' */
     Real *t, *c;              /* first and second derivative by s, joint rates */
-    Real *angle, *angle_rate; /* of screws, counting turns */
+    Real *angle, *angle_rate; /* of screws, counting turns: the entries behind those of q, first */
     IdleAxis *axis;           /* of links with an idle rotation */
     Real pace, bend;          /* norms of t and c, scaled */
     Real size;                /* of the determinant: its binary logarithm */
@@ -23,6 +23,9 @@ void point_carve(const Kernel *k, Real **from, Point *point);
 /* All that follows from q and the prescribed values there, where the kernel is evaluated and factored.
  * DONE, or NOT_FINITE where rates are no numbers. */
 int point_rates(Kernel *k, const Prescribed *prescribed, Point *point);
+
+/* Second derivatives of its angles, after its rates. */
+void point_bend_angles(Kernel *k, Point *point);
 
 /* Norm of the scaled way of the joints over a step h, by Taylor's series to second order. */
 Real point_way(const Kernel *k, const Point *point, Real h);

@@ -120,7 +120,7 @@ int take_idle_back(Path *path, Real way)
         equations_values(k, path->next->q);
         int code = factor_at_path_point(k);
         if (code == DONE)
-            code = point_rates(k, &path->prescribed, path->next);
+            code = path_rates(path, path->next);
         if (code != DONE || most <= IDLE_SMALL)
             return code;
     }

@@ -14,7 +14,8 @@ from spatial_pin._support.lazy import Workspaces
 from spatial_pin.assembly.holding import BASE
 from spatial_pin.assembly.state import State
 from spatial_pin.continuation.branch_points import passage
-from spatial_pin.continuation.path_tracker import PathTracker, Stopped
+from spatial_pin.continuation.path_tracker import PathTracker
+from spatial_pin.continuation.pseudo_arclength import Stopped
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.inverse_kinematics.reach import reach
 from spatial_pin.inverse_kinematics.targets import Residual, Target
@@ -148,7 +149,7 @@ class Jog:
     def _tracker(self, state: State, driven: Sequence[Coordinate]) -> Iterator[PathTracker]:
         """Acquire a tracker on the branch of a state, the first coordinate driven."""
         with Workspaces() as workspaces:
-            yield PathTracker.at(state, driven, None, self._accuracy, workspaces)
+            yield PathTracker.at(state, driven, self._accuracy, workspaces)
 
     def _go(self, tracker: PathTracker, value: float) -> JogStop | None:
         """Follow a branch to a value, straight on where it crosses another one."""
@@ -157,18 +158,17 @@ class Jog:
                 tracker.reach(value)
             except Stopped as stopped:
                 self._keep(tracker)
-                track = passage(tracker, stopped.arrival)
+                track = passage(tracker, stopped)
                 if track is None:
-                    arrival = stopped.arrival
                     self.state = tracker.here.state(tracker.mechanism)
-                    if not arrival.runs_away and arrival.kind != "lost":
+                    if not stopped.runs_away and stopped.kind != "lost":
                         evaluation = tracker.evaluation
                         evaluation.angle_reference[:] = self.state.angles
-                        evaluation.update(arrival.q)
-                        self.state = State(self.mechanism, arrival.q, angles=evaluation.angles,
+                        evaluation.update(stopped.q)
+                        self.state = State(self.mechanism, stopped.q, angles=evaluation.angles,
                                            closure_error=evaluation.closure_error)
-                    kind = "limit" if arrival.runs_away else arrival.kind
-                    return JogStop(kind, float(arrival.value))
+                    kind = "limit" if stopped.runs_away else stopped.kind
+                    return JogStop(kind, float(stopped.value))
                 tracker.move_to(track.point_at(value))
             if tracker.here.s == value:
                 break

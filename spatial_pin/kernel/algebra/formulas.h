@@ -1,4 +1,4 @@
-/* Vectors of three Numbers, and rotations, stored by columns: R[3 * c + i] is entry i of column c.
+/* Vectors of three Numbers, polynomials, and rotations, stored by columns: R[3 * c + i] is entry i of column c.
  *
  * It is included once for every kind of Number. */
 
@@ -74,4 +74,18 @@ WITHIN void times_pure(const Number *quaternion, const Number *w, Number *out)
     cross3(quaternion, w, out);
     add3(quaternion[3], w, out);
     out[3] = -dot3(quaternion, w);
+}
+
+/* Value and first two derivatives (3) of a polynomial, by ascending powers, at x. */
+WITHIN void polynomial_at(const Real *c, Int degree, Number x, Number *out)
+{
+    Number value = SPREAD(c[degree]), first = SPREAD(0.0), half = SPREAD(0.0);
+    for (Int d = degree - 1; d >= 0; d--) {
+        half = half * x + first;
+        first = first * x + value;
+        value = value * x + c[d];
+    }
+    out[0] = value;
+    out[1] = first;
+    out[2] = 2.0 * half;
 }
