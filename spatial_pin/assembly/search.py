@@ -265,14 +265,14 @@ def _starts_worth_trying(problem: AssemblyProblem, q: Array) -> int:
     free = problem.free_without(name for name in problem.given if name not in pinned)
     if not problem.has_digits(q):
         return MAX_STARTS
-    there, error, _ = problem.closed(q, free, pinned)
-    if not error <= ACCEPTED:
+    result = problem.closed(q, free, pinned)
+    if not result.error <= ACCEPTED:
         return MAX_STARTS
-    problem.evaluation.update(there)
+    problem.evaluation.update(result.q)
     if not can_be_fixed(problem.evaluation, free, problem.standing, pinned):
         return 1
     there, _ = least_motion(
-        problem.evaluation, there, free, problem.standing, problem.tolerance, pinned)
+        problem.evaluation, result.q, free, problem.standing, problem.tolerance, pinned)
     moved = deviations(problem.mechanism, there, problem.standing)
     far = max((abs(by) / sizes[table[name].v] for name, by in moved.items()), default=0.0)
     return FEW_STARTS if far < OUT_OF_REACH else MAX_STARTS

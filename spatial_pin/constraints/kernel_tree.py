@@ -44,7 +44,7 @@ def is_in_kernel(model: pin.Model) -> bool:
 
 def is_large(model: pin.Model) -> bool:
     """Whether a tree is large, and has branches that do not depend on each other."""
-    return is_in_kernel(model) and len(model.children[0]) >= BRANCHES
+    return model.nv >= WHOLE and len(model.children[0]) >= BRANCHES
 
 
 class TreePlacements:

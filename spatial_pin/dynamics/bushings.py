@@ -155,7 +155,7 @@ class Bushing(NamedTuple):
         `values` (2, 12) are its products and their rates, `by_q` (2, 12, nv) their derivatives;
         `slopes_of` returns those of its law at its name, component and rate.
         """
-        x, slopes, bent = self._functions(values[0])
+        x, slopes, bent = pose_by_products(values[0])
         rows = slopes @ by_q[0]  # (6, nv)
         turned = np.einsum("imn,n->im", bent, values[1])  # rate of the slopes
         rates_by_q, rates = slopes @ by_q[1] + turned @ by_q[0], slopes @ values[1]
@@ -168,25 +168,26 @@ class Bushing(NamedTuple):
         return (-force @ slopes, -slopes.T @ changes - along @ by_q[0],
                 -slopes.T @ damping @ rows)
 
-    def _functions(self, values: Array) -> tuple[Array, Array, Array]:
-        """Return x (6,), and its derivatives (6, 12) and (6, 12, 12) by the products."""
-        slopes, bent = np.zeros((6, 12)), np.zeros((6, 12, 12))
-        slopes[:3, :3] = np.eye(3)
-        entries = values[3:].reshape(3, 3)
-        g, g1, g2 = angle_over_sine(0.5 * (np.trace(entries) - 1.0))
-        cosine = np.zeros(12)
-        cosine[[3, 7, 11]] = 0.5
-        x = np.zeros(6)
-        x[:3] = values[:3]
-        for k, (plus, minus) in enumerate(SINES):
-            sine = np.zeros(12)
-            sine[3 + 3 * plus[0] + plus[1]], sine[3 + 3 * minus[0] + minus[1]] = 0.5, -0.5
-            s = float(sine @ values)
-            x[3 + k] = g * s
-            slopes[3 + k] = g1 * s * cosine + g * sine
-            bent[3 + k] = g2 * s * np.outer(cosine, cosine) + g1 * (
-                np.outer(cosine, sine) + np.outer(sine, cosine))
-        return x, slopes, bent
+
+def pose_by_products(values: Array) -> tuple[Array, Array, Array]:
+    """Return the pose x (6,) of a bushing by its products (12,), and two derivatives."""
+    slopes, bent = np.zeros((6, 12)), np.zeros((6, 12, 12))
+    slopes[:3, :3] = np.eye(3)
+    entries = values[3:].reshape(3, 3)
+    g, g1, g2 = angle_over_sine(0.5 * (np.trace(entries) - 1.0))
+    cosine = np.zeros(12)
+    cosine[[3, 7, 11]] = 0.5
+    x = np.zeros(6)
+    x[:3] = values[:3]
+    for k, (plus, minus) in enumerate(SINES):
+        sine = np.zeros(12)
+        sine[3 + 3 * plus[0] + plus[1]], sine[3 + 3 * minus[0] + minus[1]] = 0.5, -0.5
+        s = float(sine @ values)
+        x[3 + k] = g * s
+        slopes[3 + k] = g1 * s * cosine + g * sine
+        bent[3 + k] = g2 * s * np.outer(cosine, cosine) + g1 * (
+            np.outer(cosine, sine) + np.outer(sine, cosine))
+    return x, slopes, bent
 
 
 def bushing_matrix(numbers: object) -> Array:

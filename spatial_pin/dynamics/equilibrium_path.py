@@ -243,81 +243,82 @@ class LoadPath:
                 return None
         return None
 
-    # ---------------------------------------------------------------- events of the path
-
-    def steps(self, first: LoadPoint, ends: tuple[float, float]) -> Iterator[LoadPoint]:
-        """Yield the points of the path until the factor is the last one, and there exactly.
-
-        Or until it is far from its range.
-
-        Raises:
-            SingularError: the path cannot be followed further.
-        """
-        point, length = first, FIRST_LENGTH
-        while True:
-            there = self.corrected(point, point.tangent, length, point.tangent)
-            if there is None or there.tangent @ point.tangent < BENT:
-                length *= 0.5
-                if length < SMALLEST_LENGTH:
-                    raise SingularError(
-                        f"mechanism {self.mechanism.name!r}: the poses at rest cannot be followed "
-                        f"beyond load factor {point.factor:.6g}, {point.state}", state=point.state)
-                continue
-            if (there.factor - ends[1]) * (ends[0] - ends[1]) <= 0.0:
-                row = np.append(np.zeros(len(point.tangent) - 1), 1.0)
-                last = self.corrected(
-                    point, row, (ends[1] - point.factor) / self.unit, there.tangent)
-                yield there if last is None else last._replace(factor=ends[1])
-                return
-            yield there
-            point = there
-            if abs(there.factor - ends[1]) > MOST_RANGES * abs(ends[0] - ends[1]):
-                return
-            if there.corrections <= FEW_CORRECTIONS:
-                length = min(1.5 * length, LARGEST_LENGTH)
-            elif there.corrections > MANY_CORRECTIONS:
-                length *= 0.6
-
-    def comes_back(self, origin: LoadPoint, before: LoadPoint, after: LoadPoint) -> bool:
-        """Whether a path passes a pose again between two points, in the sense that it had there."""
-        if origin.tangent @ before.tangent < BENT:
-            return False
-        length = float(self._displacement(before, origin) @ before.tangent)
-        if not 0.0 <= length <= float(self._displacement(before, after) @ before.tangent):
-            return False
-        there = self.corrected(before, before.tangent, length, before.tangent)
-        return there is not None and float(
-            np.abs(self._displacement(there, origin)).max()) < AT_ORIGIN
-
-    def _displacement(self, start: LoadPoint, end: LoadPoint) -> Array:
+    def displacement(self, start: LoadPoint, end: LoadPoint) -> Array:
         """Return how far (nv + 1,) one point is from another, whole turns of angles apart."""
         return np.append(turn_free_difference(self.mechanism, start.state.q, end.state.q),
                          (end.factor - start.factor) / self.unit)
 
-    def critical_point(
-        self, before: LoadPoint, after: LoadPoint, row: int
-    ) -> tuple[Event, LoadPoint] | None:
-        """Return the limit or branch point between two points, and the pose there."""
-        turns = before.tangent[-1] * after.tangent[-1] < 0.0
-        if not turns and before.negatives == after.negatives:
-            return None
-        which = min(before.negatives, after.negatives)
-        whole = float(before.tangent @ self._displacement(before, after))
 
-        def at(part: float) -> LoadPoint:
-            point = self.corrected(before, before.tangent, part * whole, before.tangent)
-            return after if point is None else point
+def steps(path: LoadPath, first: LoadPoint, ends: tuple[float, float]) -> Iterator[LoadPoint]:
+    """Yield the points of the path until the factor is the last one, and there exactly.
 
-        def value(point: LoadPoint) -> float:
-            return float(point.tangent[-1] if turns else point.stiffnesses[which])
+    Or until it is far from its range.
 
-        part = sign_change(lambda x: value(at(x)) if x else value(before), 0.0, 1.0,
-                           value(before), value(after))
-        there = at(part) if 0.0 < part < 1.0 else after if part else before
-        kind = "limit point" if turns else "branch point"
-        text = ("the load factor turns back" if turns else
-                "another path of poses at rest crosses: the mechanism buckles")
-        return Event(kind, float(there.factor), row, f"{text} at {there.factor:.9g}"), there
+    Raises:
+        SingularError: the path cannot be followed further.
+    """
+    point, length = first, FIRST_LENGTH
+    while True:
+        there = path.corrected(point, point.tangent, length, point.tangent)
+        if there is None or there.tangent @ point.tangent < BENT:
+            length *= 0.5
+            if length < SMALLEST_LENGTH:
+                raise SingularError(
+                    f"mechanism {path.mechanism.name!r}: the poses at rest cannot be followed "
+                    f"beyond load factor {point.factor:.6g}, {point.state}", state=point.state)
+            continue
+        if (there.factor - ends[1]) * (ends[0] - ends[1]) <= 0.0:
+            row = np.append(np.zeros(len(point.tangent) - 1), 1.0)
+            last = path.corrected(
+                point, row, (ends[1] - point.factor) / path.unit, there.tangent)
+            yield there if last is None else last._replace(factor=ends[1])
+            return
+        yield there
+        point = there
+        if abs(there.factor - ends[1]) > MOST_RANGES * abs(ends[0] - ends[1]):
+            return
+        if there.corrections <= FEW_CORRECTIONS:
+            length = min(1.5 * length, LARGEST_LENGTH)
+        elif there.corrections > MANY_CORRECTIONS:
+            length *= 0.6
+
+
+def comes_back(path: LoadPath, origin: LoadPoint, before: LoadPoint, after: LoadPoint) -> bool:
+    """Whether a path passes a pose again between two points, in the sense that it had there."""
+    if origin.tangent @ before.tangent < BENT:
+        return False
+    length = float(path.displacement(before, origin) @ before.tangent)
+    if not 0.0 <= length <= float(path.displacement(before, after) @ before.tangent):
+        return False
+    there = path.corrected(before, before.tangent, length, before.tangent)
+    return there is not None and float(
+        np.abs(path.displacement(there, origin)).max()) < AT_ORIGIN
+
+
+def critical_point(
+    path: LoadPath, before: LoadPoint, after: LoadPoint, row: int
+) -> tuple[Event, LoadPoint] | None:
+    """Return the limit or branch point between two points, and the pose there."""
+    turns = before.tangent[-1] * after.tangent[-1] < 0.0
+    if not turns and before.negatives == after.negatives:
+        return None
+    which = min(before.negatives, after.negatives)
+    whole = float(before.tangent @ path.displacement(before, after))
+
+    def at(part: float) -> LoadPoint:
+        point = path.corrected(before, before.tangent, part * whole, before.tangent)
+        return after if point is None else point
+
+    def value(point: LoadPoint) -> float:
+        return float(point.tangent[-1] if turns else point.stiffnesses[which])
+
+    part = sign_change(lambda x: value(at(x)) if x else value(before), 0.0, 1.0,
+                       value(before), value(after))
+    there = at(part) if 0.0 < part < 1.0 else after if part else before
+    kind = "limit point" if turns else "branch point"
+    text = ("the load factor turns back" if turns else
+            "another path of poses at rest crosses: the mechanism buckles")
+    return Event(kind, float(there.factor), row, f"{text} at {there.factor:.9g}"), there
 
 
 @checked
@@ -397,14 +398,14 @@ def _along(
     path: LoadPath, first: LoadPoint, ends: tuple[float, float], branch: int
 ) -> tuple[list[LoadPoint], list[Event]]:
     points, events, crossed = [first], list[Event](), 0
-    going, origin, since, end = path.steps(first, ends), first, 1, ""
+    going, origin, since, end = steps(path, first, ends), first, 1, ""
     while (there := next(going, None)) is not None and len(points) < MOST_POSES:
-        if len(points) > since + 1 and path.comes_back(origin, points[-1], there):
+        if len(points) > since + 1 and comes_back(path, origin, points[-1], there):
             points.append(origin)
             end = ": the path is closed, and is where it began"
             break
         leaves = crossed and points[-1] is origin  # the branch point itself has been met
-        met = None if leaves else path.critical_point(points[-1], there, len(points))
+        met = None if leaves else critical_point(path, points[-1], there, len(points))
         if met is not None:
             event, at = met
             events.append(event)
@@ -417,7 +418,7 @@ def _along(
                 origin = at._replace(tangent=mode)
                 points = [x for x in points if x is not at] + [origin]
                 since = len(points)
-                going = path.steps(origin, ends)
+                going = steps(path, origin, ends)
                 continue
         points.append(there)
     if points[-1].factor != ends[1]:
@@ -461,7 +462,7 @@ def _over(
                         limit=float(point.state.q[coordinate.q]),
                         motion=_motion(path, points, events, over))
                 continue
-            met = path.critical_point(point, there, len(points))
+            met = critical_point(path, point, there, len(points))
             if met is not None:
                 event, passed = met
                 events.append(event._replace(

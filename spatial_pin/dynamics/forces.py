@@ -32,6 +32,7 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 class LineSpring(NamedTuple):
     """A spring between points of two bodies, in the frames of their joints."""
 
+    mechanism: Mechanism
     name: str
     bodies: tuple[int, int]
     points: tuple[Array, Array]
@@ -39,6 +40,59 @@ class LineSpring(NamedTuple):
     law: Law
     energy: Callable[[float], float] | None
     is_linear: bool
+
+    def between(self, placements: Array) -> tuple[float, Array, Array]:
+        """Return its length, the unit vector along it, and its second end.
+
+        Length and vector are zero if its ends coincide within round-off.
+        """
+        first, second = (x @ placements[i] for i, x in zip(self.bodies, self.points, strict=True))
+        d = second - first
+        length = float(np.sqrt(d @ d))
+        size = self.mechanism.characteristic_length + float(np.abs(second).max())
+        if length <= TOLERANCES.last_digit * size:
+            return 0.0, np.zeros(3), second
+        return length, d / length, second
+
+    def row(self, evaluation: LoopEquations) -> tuple[Array, float, Array]:
+        """Return d(length)/dv (nv,), the length, and the unit wrench of lengthening (6,)."""
+        length, along, end = self.between(evaluation.placements)
+        (x, y, z), (a, b, c) = end.tolist(), along.tolist()  # np.cross takes ten times as long
+        wrench = np.array([a, b, c, y * c - z * b, z * a - x * c, x * b - y * a])
+        jacobian = joint_jacobian(evaluation.data, evaluation.model.nv)
+        return (wrench @ jacobian) * self.sign, length, wrench
+
+    def pull(self, evaluation: LoopEquations, v: Array) -> tuple[float, Array]:
+        """Return its force, and the unit wrench of lengthening (6,).
+
+        Where its ends coincide, they part in the direction of their motion.
+        """
+        row, length, wrench = self.row(evaluation)
+        if length:
+            return self.law(length, float(row @ v)), wrench
+        x, y, z = (self.points[1] @ evaluation.placements[self.bodies[1]]).tolist()
+        along = np.array([[1.0, 0.0, 0.0, 0.0, z, -y], [0.0, 1.0, 0.0, -z, 0.0, x],
+                          [0.0, 0.0, 1.0, y, -x, 0.0]])  # unit forces at the point
+        parting = (along @ joint_jacobian(evaluation.data, evaluation.model.nv)) * self.sign
+        if not self.can_part(parting):
+            return 0.0, wrench
+        if force := self.law(0.0, 0.0):
+            raise self.without_direction(f"force of {force:.6g} N")
+        motion = parting @ v
+        pace = float(np.sqrt(motion @ motion))
+        return (self.law(0.0, pace), motion @ along / pace) if pace else (0.0, wrench)
+
+    def can_part(self, parting: Array) -> bool:
+        """Whether velocities move its ends apart, by the derivatives (3, nv) of their offset."""
+        size = self.mechanism.characteristic_length * TOLERANCES.tight
+        return bool(np.abs(parting).max(initial=0.0) > size)
+
+    def without_direction(self, what: str) -> SpatialPinError:
+        """Return the error of a spring whose force or damping has no direction."""
+        return SpatialPinError(
+            f"mechanism {self.mechanism.name!r}: the two frames of spring {self.name!r} coincide, "
+            f"where its {what} has no direction: start where its frames are apart, or give it a "
+            "joint instead of frames")
 
 
 class JointSpring(NamedTuple):
@@ -120,8 +174,8 @@ class Forces:
         supports = constraints_of(m).supports
         sign = supports[i2] - supports[i1]
         points = tuple(np.append(x.translation, 1.0) for x in (m1, m2))
-        self.lines.append(LineSpring(spring.name, (i1, i2), points, sign, law, energy,  # type: ignore[arg-type]
-                               is_linear))
+        self.lines.append(LineSpring(m, spring.name, (i1, i2), points, sign, law, energy,  # type: ignore[arg-type]
+                                     is_linear))
 
     @property
     def on_frames(self) -> bool:
@@ -183,7 +237,7 @@ class Forces:
             wrench = bushing.wrench(evaluation.placements, twists)
             on_bodies += [(bushing.bodies[0], -wrench), (bushing.bodies[1], wrench)]
         for line in self.lines:
-            force, wrench = self._pull(evaluation, line, v)
+            force, wrench = line.pull(evaluation, v)
             on_bodies += [(line.bodies[0], force * wrench), (line.bodies[1], -force * wrench)]
         return on_bodies
 
@@ -192,67 +246,11 @@ class Forces:
         total = sum(bushing.energy(evaluation.placements) for bushing in self.bushings)
         for line in self.lines:
             if line.energy:
-                total += line.energy(self.row(evaluation, line)[1])
+                total += line.energy(line.between(evaluation.placements)[0])
         for turn in self.turns:
             if turn.energy:
                 total += turn.energy(float(q[turn.q]))
         return total
-
-    def line_between(self, first: Array, second: Array) -> tuple[float, Array]:
-        """Return the distance of two points (3,) and the unit vector from the first to the second.
-
-        Both are zero if the points coincide within round-off.
-        """
-        d = second - first
-        length = float(np.sqrt(d @ d))
-        size = self.mechanism.characteristic_length + float(np.abs(second).max())
-        if length <= TOLERANCES.last_digit * size:
-            return 0.0, np.zeros(3)
-        return length, d / length
-
-    def _pull(
-        self, evaluation: LoopEquations, line: LineSpring, v: Array
-    ) -> tuple[float, Array]:
-        """Return the force of a spring, and the unit wrench of lengthening (6,).
-
-        Where the frames coincide, they part in the direction of their motion.
-        """
-        row, length, wrench = self.row(evaluation, line)
-        if length:
-            return line.law(length, float(row @ v)), wrench
-        x, y, z = (line.points[1] @ evaluation.placements[line.bodies[1]]).tolist()
-        along = np.array([[1.0, 0.0, 0.0, 0.0, z, -y], [0.0, 1.0, 0.0, -z, 0.0, x],
-                          [0.0, 0.0, 1.0, y, -x, 0.0]])  # unit forces at the point
-        parting = (along @ joint_jacobian(evaluation.data, evaluation.model.nv)) * line.sign
-        if not self.can_part(parting):
-            return 0.0, wrench
-        if force := line.law(0.0, 0.0):
-            raise self.without_direction(line.name, f"force of {force:.6g} N")
-        motion = parting @ v
-        pace = float(np.sqrt(motion @ motion))
-        return (line.law(0.0, pace), motion @ along / pace) if pace else (0.0, wrench)
-
-    def can_part(self, parting: Array) -> bool:
-        """Whether velocities move two points apart, by the derivatives (3, nv) of their offset."""
-        size = self.mechanism.characteristic_length * TOLERANCES.tight
-        return bool(np.abs(parting).max(initial=0.0) > size)
-
-    def without_direction(self, name: str, what: str) -> SpatialPinError:
-        """Return the error of a spring whose force or damping has no direction."""
-        return SpatialPinError(
-            f"mechanism {self.mechanism.name!r}: the two frames of spring {name!r} coincide, where "
-            f"its {what} has no direction: start where its frames are apart, or give it a joint "
-            "instead of frames")
-
-    def row(self, evaluation: LoopEquations, line: LineSpring) -> tuple[Array, float, Array]:
-        """Return d(length)/dv (nv,), the length, and the unit wrench of lengthening (6,)."""
-        g = evaluation.placements
-        first, second = (x @ g[i] for i, x in zip(line.bodies, line.points, strict=True))
-        length, n = self.line_between(first, second)
-        (x, y, z), (a, b, c) = second.tolist(), n.tolist()  # np.cross takes ten times as long
-        wrench = np.array([a, b, c, y * c - z * b, z * a - x * c, x * b - y * a])
-        jacobian = joint_jacobian(evaluation.data, evaluation.model.nv)
-        return (wrench @ jacobian) * line.sign, length, wrench
 
 
 def warn_of_no_inertia(

@@ -81,16 +81,7 @@ class Actuation:
         return np.array([self.generalised(e, nv) for e in efforts]).reshape(-1, nv)
 
 
-def actuation_of(
-    mechanism: Mechanism, actuated: Iterable[str] | Mapping[str, float] | None
-) -> Actuation:
-    """Return the actuators of a mechanism, by default its drivers: these are made once."""
-    return Actuation(mechanism, actuated) if actuated is not None else _drivers(mechanism)
-
-
-@made_once
-def _drivers(mechanism: Mechanism) -> Actuation:
-    return Actuation(mechanism)
+drivers_of = made_once(Actuation)  # all drivers of a mechanism are its actuators by default
 
 
 class Efforts(Dynamics):
@@ -170,16 +161,15 @@ def balance(equations: Equations, actuation: Actuation) -> tuple[Array, Array, A
         SingularError: the loops have lost rank, or a passive freedom has no inertia.
     """
     a, kkt, state = equations.state.a, equations.core_kkt, equations.state
-    if not equations.is_rounded:
-        solution = kkt.efforts_of(
-            state.q, state.v, a, equations.angle_reference, equations.given, actuation.columns)
-        if solution is not None:
-            equations.check_rank(kkt.rank)
-            if state.mechanism.passives:
-                a = kkt.a.copy()
-            return solution, a, kkt.closures.copy(), kkt.error_of_tree
+    solution = kkt.efforts_of(
+        state.q, state.v, a, equations.angle_reference, equations.given, actuation.columns)
+    if solution is not None:
+        equations.ranks.check(kkt.rank)
+        if state.mechanism.passives:
+            a = kkt.a.copy()
+        return solution, a, kkt.closures.copy(), kkt.error_of_tree
     freedoms, rank = _freedoms(equations, actuation)
-    equations.check_rank(rank)
+    equations.ranks.check(rank)
     scale = equations.scale
     if len(freedoms):
         pull = freedoms[:, actuation.columns]

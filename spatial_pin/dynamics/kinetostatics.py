@@ -17,7 +17,13 @@ from spatial_pin._support.columns import Quantity, Tabular, read_only
 from spatial_pin._support.lazy import acquired
 from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
-from spatial_pin.dynamics.inverse import Efforts, actuation_of, balance, internal_efforts
+from spatial_pin.dynamics.inverse import (
+    Actuation,
+    Efforts,
+    balance,
+    drivers_of,
+    internal_efforts,
+)
 from spatial_pin.dynamics.lift_off import lift_offs
 from spatial_pin.dynamics.loaded_samples import (
     External,
@@ -255,7 +261,8 @@ def kinetostatics(
         >>> print(f"at most {loads.efforts['crank'].max():.3f} N·m")
         at most 2.142 N·m
     """
-    actuation = actuation_of(_moved(mechanism, motion), actuated)
+    moved = _moved(mechanism, motion)
+    actuation = drivers_of(moved) if actuated is None else Actuation(moved, actuated)
 
     def solve(samples: LoadedSamples) -> None:
         equations, columns = samples.equations, actuation.columns
@@ -351,7 +358,7 @@ def inverse_dynamics(
                              slip_speed=slip_speed)
     state = moving_in_time(mechanism, state)
     mechanism, load = state.mechanism, (external, laws, slip_speed)
-    actuation = actuation_of(mechanism, actuated)
+    actuation = drivers_of(mechanism) if actuated is None else Actuation(mechanism, actuated)
     warn_of_no_inertia(mechanism, external=external)
     with acquired(mechanism, Equations) as equations:
         equations.update(state, *load)

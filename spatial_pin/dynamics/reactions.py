@@ -112,20 +112,19 @@ class Pairs:
             given: (..., njoints, 6) other wrenches on bodies: springs, forces from outside.
             effort: (..., nv) efforts at joints.
         """
-        on_bodies = given + np.zeros((*multipliers.shape[:-1], 1, 1))
-        closed = [_borne(poses.rows, multipliers, rows) for _, rows, _, _ in self.closed]
-        for (_, _, (first, second), _), wrench in zip(self.closed, closed, strict=True):
-            on_bodies[..., first, :] -= wrench
-            on_bodies[..., second, :] += wrench
-        for at, (row, _, (first, second)) in enumerate(
-                self.other_body_products, start=multipliers.shape[-1]):
-            wrench = multipliers[..., row, None] * poses.rows[..., at, :]
-            on_bodies[..., first, :] -= wrench
-            on_bodies[..., second, :] += wrench
+        closed = [(multipliers[..., None, own] @ poses.rows[..., own, :])[..., 0, :]
+                  for _, own, _, _ in self.closed]
         coupled = [c.wrench(poses.placements, multipliers) for c in self.couplings]
-        for c, wrench in zip(self.couplings, coupled, strict=True):
-            on_bodies[..., c.bodies[0], :] -= wrench
-            on_bodies[..., c.bodies[1], :] += wrench
+        acting = [*zip([bodies for _, _, bodies, _ in self.closed], closed, strict=True),
+                  *zip([c.bodies for c in self.couplings], coupled, strict=True)]
+        for at, (row, _, bodies) in enumerate(
+                self.other_body_products, start=multipliers.shape[-1]):
+            acting.append((bodies, multipliers[..., row, None] * poses.rows[..., at, :]))
+        on_bodies = given + np.zeros((*multipliers.shape[:-1], 1, 1))
+        for (first, second), wrench in acting:
+            on_bodies[..., first, :] -= wrench
+            on_bodies[..., second, :] += wrench
+        for c in self.couplings:
             effort = effort - multipliers[..., c.at, None] * c.row
         forces = transmitted.copy()
         forces[..., 3:] += cross(poses.placements[..., 3, :], forces[..., :3])
@@ -246,11 +245,6 @@ def _levels(parents: list[int]) -> list[tuple[NDArray[np.intp], NDArray[np.intp]
         if deep:
             levels[-deep].append(joint)
     return [(np.array(joints), np.array([parents[i] for i in joints])) for joints in levels]
-
-
-def _borne(rows: Array, multipliers: Array, part: slice) -> Array:
-    """Return the wrench (..., 6) on body 2 of the closure with these rows, at the world origin."""
-    return (multipliers[..., None, part] @ rows[..., part, :])[..., 0, :]
 
 
 def _moved(wrench: Array, point: Array) -> Array:

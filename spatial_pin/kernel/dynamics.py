@@ -67,10 +67,9 @@ class KernelDynamics:
             laws; (n, 3) values, rates and accelerations of the prescribed coordinates, of t; and
             scaled accelerations (n,) of the free coordinates, of (t, q, v, a, angles), where masses
             differ much, None where they differ too much.
-        start: reference of the independent coordinates: a closed configuration (nq,), the angles
-            (n_angles,) of screw closures, angular velocities about their lines of bodies that spin
-            freely [rad/s], velocity entries of the independent coordinates, and the independent
-            closure equations.
+        start: reference of the independent coordinates: closed configuration (nq,), angles of
+            screw closures, angular velocities about their lines of bodies that spin freely [rad/s],
+            velocity entries of the independent coordinates, independent closure equations.
 
     Attributes:
         handle: of the C structure.

@@ -10,11 +10,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -98,73 +96,6 @@ def fall_energy(model: pin.Model, height: float) -> float:
     """Return the energy [J] that all bodies of a tree release in a fall over a height [m]."""
     return float(np.linalg.norm(model.gravity.linear)) * height * sum(
         body.mass for body in model.inertias)
-
-
-def depth_first(model: pin.Model) -> list[int]:
-    """Return the joints of a tree, each followed by its descendants."""
-    order, stack = [], [int(i) for i in reversed(model.children[0])]
-    while stack:
-        order.append(stack.pop())
-        stack += [int(i) for i in reversed(model.children[order[-1]])]
-    return order
-
-
-def part_of(
-    whole: pin.Model, joints: list[int]
-) -> tuple[pin.Model, NDArray[np.intp], NDArray[np.intp]]:
-    """Return a tree of joints, with all before them, in an order; and its indices in q and v."""
-    model, own = pin.Model(), {0: 0}
-    model.gravity = whole.gravity
-    for i in joints:
-        own[i] = model.addJoint(own[whole.parents[i]], whole.joints[i].extract(),
-                                whole.jointPlacements[i], whole.names[i])
-        model.inertias[own[i]] = whole.inertias[i]
-    q, v = (np.array([first[i] + k for i in joints for k in range(n[i])], np.intp) for first, n in (
-        (whole.idx_qs, whole.nqs), (whole.idx_vs, whole.nvs)))
-    model.armature = whole.armature[v]
-    return model, q, v
-
-
-class MassMatrix:
-    """`pin.crba` for bodies of any mass and joints in any order.
-
-    Pinocchio's takes what a joint carries for the joints right behind it, and is wrong, without a
-    word, for a tree whose joints are not in the order of its branches.
-
-    Attributes:
-        model: the tree, its masses counted in `unit` [kg].
-    """
-
-    def __init__(self, model: pin.Model) -> None:
-        self._whole, self._order = model, depth_first(model)
-        self._own: tuple[NDArray[np.intp], NDArray[np.intp]] | None = None
-        if self._order != sorted(self._order):
-            model, *own = part_of(model, self._order)
-            self._own = own[0], own[1]
-        self.model, self.unit = model, 1.0
-        masses = [x.mass for x in model.inertias if x.mass > 0.0]
-        if masses and (min(masses) < UNSCALED or max(masses) > TOLERANCES.largest):
-            self.unit = _unit(masses)
-            self.model = model.copy()
-            for i, inertia in enumerate(model.inertias):
-                self.model.inertias[i] = _times(inertia, 1.0 / self.unit)
-            self.model.armature = model.armature / self.unit
-
-    @cached_property
-    def _data(self) -> pin.Data:  # which has 6 nv³ numbers: made where masses are wanted
-        return self.model.createData()
-
-    def __call__(self, q: Array) -> Array:
-        """Return the mass matrix (nv, nv) at a configuration q (nq,), overwritten by the next."""
-        if self._own:  # joints are not in the order of its branches
-            for own, joint in enumerate(self._order, start=1):  # they may have been changed
-                self.model.inertias[own] = _times(self._whole.inertias[joint], 1.0 / self.unit)
-            order = np.argsort(self._own[1])
-            mass: Array = pin.crba(self.model, self._data, q[self._own[0]])
-            mass = mass[np.ix_(order, order)]
-        else:
-            mass = pin.crba(self.model, self._data, q)
-        return mass if self.unit == 1.0 else mass * self.unit
 
 
 class KineticEnergy:

@@ -183,20 +183,22 @@ def closure_geometry(
 
 def revolute_joint(axis: Array, *_: object) -> pin.JointModel:
     """Return the cheapest one-coordinate revolute joint about the unit vector `axis`."""
-    for e, model in zip((X, Y, Z), (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ),
-                        strict=True):
-        if np.array_equal(axis, e):
-            return model()
-    return pin.JointModelRevoluteUnaligned(axis)
+    return _along_an_axis(axis, (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ),
+                          pin.JointModelRevoluteUnaligned)
 
 
 def prismatic_joint(axis: Array, *_: object) -> pin.JointModel:
     """Return the cheapest prismatic joint along the unit vector `axis`."""
-    for e, model in zip((X, Y, Z), (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ),
-                        strict=True):
-        if np.array_equal(axis, e):
+    return _along_an_axis(axis, (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ),
+                          pin.JointModelPrismaticUnaligned)
+
+
+def _along_an_axis(axis: Array, aligned: tuple[Any, ...], other: Any) -> pin.JointModel:
+    """Return the joint of x, y or z, if the axis is that as nearly as Pinocchio's readers ask."""
+    for e, model in zip((X, Y, Z), aligned, strict=True):
+        if np.abs(axis - e).max() <= TOLERANCES.tight:
             return model()
-    return pin.JointModelPrismaticUnaligned(axis)
+    return other(axis)
 
 
 def _composite(*joints: pin.JointModel) -> pin.JointModel:

@@ -10,8 +10,8 @@ from the differences of its own accelerations on trees with composite joints, an
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from functools import cached_property, partial
+from collections.abc import Callable, Iterable, Mapping
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from spatial_pin._support.checks import checked
 from spatial_pin._support.lazy import acquired
 from spatial_pin.assembly.state import State, angles_of, at_sample, moving_in_time, pieces
-from spatial_pin.constraints.trees import tree_of_single_joints
+from spatial_pin.constraints.trees import single_jointed
 from spatial_pin.dynamics.derivatives.reaction_derivatives import Linear, ReactionChanges
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives, products_of
 from spatial_pin.dynamics.derivatives.spring_derivatives import ExternalWrenches, Slopes, Springs
@@ -70,11 +70,10 @@ class Derivatives:
         self, a: Linear, rows: NDArray[np.intp], multipliers: Linear,
         reactions: Callable[[], tuple[dict[str, Linear], Linear]],
     ) -> None:
+        self._a, self.rows, self._multipliers = a, rows, multipliers
         self.a, self.a_by_q, self.a_by_v, self.a_by_effort = a
-        self.rows = rows
-        self.multipliers, self.multipliers_by_q = multipliers.value, multipliers.by_q
-        self.multipliers_by_v, self.multipliers_by_effort = (
-            multipliers.by_v, multipliers.by_effort)
+        (self.multipliers, self.multipliers_by_q, self.multipliers_by_v,
+         self.multipliers_by_effort) = multipliers
         self._reactions = reactions
 
     @cached_property
@@ -102,30 +101,6 @@ class Derivatives:
         nv, of_many = self.a.shape[-1], f" at {len(self.a)} samples" if self.a.ndim > 1 else ""
         return (f"Derivatives({nv} accelerations, {self.rows.shape[-1]} multipliers and the "
                 f"reactions by {nv} q, v and efforts{of_many})")
-
-
-def _one_by_one(
-    mechanism: Mechanism, motion: Motion, efforts: Mapping[str, Array], load: Load,
-    samples: Iterable[int],
-) -> Iterator[Derivatives]:
-    """Yield the derivatives at samples of a motion, each by itself."""
-    external, laws, slopes, slip_speed = load
-    forces = forces_at(mechanism, motion, external)
-    for k in samples:
-        state = motion.state(k)
-        with at_sample(k):
-            yield dynamics_derivatives(
-                mechanism, state, {name: float(x[k]) for name, x in efforts.items()},
-                external=forces(k, state) if forces else None, laws=laws, slopes=slopes,
-                slip_speed=slip_speed)
-
-
-def _reactions_over(
-    one_by_one: Callable[[Iterable[int]], Iterator[Derivatives]], n: int
-) -> tuple[dict[str, Linear], Linear]:
-    """Return the reactions by pair and the wrench on the fixed link at n samples."""
-    pairs, ground = zip(*((x.reactions, x.on_ground) for x in one_by_one(range(n))), strict=True)
-    return {name: stacked(x[name] for x in pairs) for name in pairs[0]}, stacked(ground)
 
 
 def stacked(parts: Iterable[Linear]) -> Linear:
@@ -190,7 +165,7 @@ def dynamics_derivatives(
         if found:
             a, closures, error, rank = (found.a[0], found.closures[0], found.facts.item(ERROR),
                                         int(found.facts.item(RANK)))
-            equations.check_rank(rank)
+            equations.ranks.check(rank)
         else:
             a, closures, error = equations.solve(effort + equations.given)
             undetermined = equations.undetermined
@@ -220,41 +195,59 @@ def _over(
     n = len(motion)
     if not n:
         raise SpatialPinError(f"mechanism {mechanism.name!r}: the motion has no samples")
-    acting = efforts_over(mechanism, motion, efforts)
-    one_by_one = partial(_one_by_one, mechanism, motion, acting, load)
-    external, laws, slopes, slip_speed = load
-    moved = exact_mechanism(motion.state(0))
-    effort, v = np.zeros((2, n, moved.model.nv))
-    for name, x in acting.items():
-        effort[:, moved.driven_coordinate(name).v] += x
-    if motion.per == "s":
-        v = motion.v
-    parts = list[tuple[Any, ...]]()
+    moved, (external, laws, slopes, slip_speed) = exact_mechanism(motion.state(0)), load
+    acting, forces = efforts_over(mechanism, motion, efforts), forces_at(
+        mechanism, motion, external)
+
+    def alone(k: int) -> Derivatives:
+        state = motion.state(k)
+        with at_sample(k):
+            return dynamics_derivatives(
+                mechanism, state, {name: float(x[k]) for name, x in acting.items()},
+                external=forces(k, state) if forces else None, laws=laws, slopes=slopes,
+                slip_speed=slip_speed)
+
+    def reactions() -> tuple[dict[str, Linear], Linear]:
+        pairs, ground = zip(*((x.reactions, x.on_ground) for x in map(alone, range(n))),
+                            strict=True)
+        return {name: stacked(x[name] for x in pairs) for name in pairs[0]}, stacked(ground)
+
+    parts = list[tuple[Linear, NDArray[np.intp], Linear]]()
     for at in pieces(motion):
         at = slice(at.start, min(at.stop, n))
-        with acquired(moved, Equations) as equations:
-            equations.update(motion.state(at.start), None, laws, slip_speed)
-            found = None if external else _together(
-                equations, Springs(equations.springs, laws, slopes), motion.q[at], v[at],
-                angles_of(motion)[at], effort[at])
-            if found:
-                ranks = found.facts[:, RANK].astype(np.int64)
-                equations.check_ranks(ranks, motion.q[at], motion[at].state)
-        if found:
-            rows = found.chosen[:, : ranks[0]]
-            by = np.take_along_axis(found.multipliers_by, rows[:, None, None], axis=3)
-            parts.append((Linear(found.a, *found.a_by.mT.swapaxes(0, 1)), rows, Linear(
-                np.take_along_axis(found.multipliers, rows, axis=1), *by.mT.swapaxes(0, 1))))
-            continue
-        each = [*one_by_one(range(at.start, at.stop))]
-        a, multipliers = (stacked(Linear(*(getattr(x, name) for name in (
-            of, f"{of}_by_q", f"{of}_by_v", f"{of}_by_effort"))) for x in each)
-            for of in ("a", "multipliers"))
-        parts.append((a, np.stack([x.rows for x in each]), multipliers))
-    a, multipliers = (Linear(*map(np.concatenate, zip(*(part[k] for part in parts), strict=True)))
-                      for k in (0, 2))
-    return Derivatives(a, np.concatenate([part[1] for part in parts]), multipliers,
-                       partial(_reactions_over, one_by_one, n))
+        part = None if external else _piece(moved, motion, at, acting, load)
+        if part is None:
+            each = [alone(k) for k in range(at.start, at.stop)]
+            part = (stacked(x._a for x in each), np.stack([x.rows for x in each]),
+                    stacked(x._multipliers for x in each))
+        parts.append(part)
+    a, rows, multipliers = zip(*parts, strict=True)
+    return Derivatives(Linear(*map(np.concatenate, zip(*a, strict=True))), np.concatenate(rows),
+                       Linear(*map(np.concatenate, zip(*multipliers, strict=True))), reactions)
+
+
+def _piece(
+    moved: Mechanism, motion: Motion, at: slice, acting: Mapping[str, Array], load: Load
+) -> tuple[Linear, NDArray[np.intp], Linear] | None:
+    """Return the derivatives of a piece of a motion, by the kernel; None where it cannot."""
+    _, laws, slopes, slip_speed = load
+    effort, v = np.zeros((2, at.stop - at.start, moved.model.nv))
+    for name, x in acting.items():
+        effort[:, moved.driven_coordinate(name).v] += x[at]
+    if motion.per == "s":
+        v = motion.v[at]
+    with acquired(moved, Equations) as equations:
+        equations.update(motion.state(at.start), None, laws, slip_speed)
+        found = _together(equations, Springs(equations.springs, laws, slopes), motion.q[at], v,
+                          angles_of(motion)[at], effort)
+        if found is None:
+            return None
+        ranks = found.facts[:, RANK].astype(np.int64)
+        equations.ranks.check_many(ranks, motion.q[at], motion[at].state)
+    rows = found.chosen[:, : ranks[0]]
+    by = np.take_along_axis(found.multipliers_by, rows[:, None, None], axis=3)
+    return (Linear(found.a, *found.a_by.mT.swapaxes(0, 1)), rows, Linear(
+        np.take_along_axis(found.multipliers, rows, axis=1), *by.mT.swapaxes(0, 1)))
 
 
 def _together(
@@ -273,7 +266,7 @@ def _together(
     if forces.exist:
         turning = np.array([springs.turned(*x) for x in zip(q, v, strict=True)])
         effort, slopes = effort - turning[:, 0], turning[:, 1:]
-    with tree_of_single_joints(equations.mechanism) as tree:
+    with acquired(equations.mechanism, single_jointed) as tree:
         found = equations.core_kkt.of_many(
             q, v, angles, effort, changes=(tree, products_of(equations.mechanism), slopes))
     facts = found.facts.T.tolist()

@@ -10,12 +10,12 @@ from functools import cached_property
 
 import numpy as np
 
-from spatial_pin._support.lazy import made_once
+from spatial_pin._support.lazy import acquired, made_once
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.composed_equations import Composed, composed_of
 from spatial_pin.constraints.composite_joints import split_of
 from spatial_pin.constraints.kernel_tree import TreeProducts
-from spatial_pin.constraints.trees import Motion, TreeMotion, tree_of_single_joints
+from spatial_pin.constraints.trees import Motion, TreeMotion, single_jointed
 from spatial_pin.dynamics.forces import Forces
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
@@ -56,7 +56,7 @@ class RowDerivatives:
 
     @cached_property
     def _evaluated(self) -> tuple[Array, Array, Array]:
-        with tree_of_single_joints(self.mechanism) as tree:
+        with acquired(self.mechanism, single_jointed) as tree:
             products = tree.products(*self.motion, self.of_products)
         products[0][0, : self.closed] -= self.constraints.constants[: self.closed]
         return products
@@ -69,7 +69,7 @@ class RowDerivatives:
     @cached_property
     def placements(self) -> Array:
         """(njoints, 4, 3) columns of the rotation, then the position, of each joint."""
-        with tree_of_single_joints(self.mechanism) as tree:
+        with acquired(self.mechanism, single_jointed) as tree:
             tree.update(self.motion[0])
             return tree.placements[split_of(self.mechanism).joint]
 
@@ -83,7 +83,7 @@ class RowDerivatives:
             out: (2, nv, nv) zeros, to be filled with the transposed derivatives by q and by v.
         """
         bent = np.zeros((self.nv, self.nv)) if weights.size else None
-        with tree_of_single_joints(self.mechanism) as tree:
+        with acquired(self.mechanism, single_jointed) as tree:
             tree.derivatives(*self.motion, outside, out, self.of_products, weights, bent)
         if bent is not None:
             out[0] -= bent.T
@@ -177,5 +177,5 @@ def products_of(mechanism: Mechanism) -> TreeProducts:
         more = bushing.products
         a += more[0]
         b += more[1]
-    with tree_of_single_joints(mechanism) as tree:
+    with acquired(mechanism, single_jointed) as tree:
         return tree.packed_products(split_of(mechanism).joint, a, b)

@@ -61,13 +61,8 @@ class Springs:
             the joint's own coordinate and velocity.
         bushings: in the order of `forces.bushings`, the derivatives (12, nv) of their products by
             q, then what `Bushing.force_derivatives` returns.
-        undirected: a spring whose damping has no direction, and is left out; else "".
+        undirected: a spring whose damping has no direction, and is left out; else None.
     """
-
-    lines: list[SpringForce]
-    turning: Array
-    bushings: list[tuple[Array, Array, Array, Array]]
-    undirected = ""
 
     def __init__(
         self, forces: Forces, laws: Mapping[str, Law] | None = None,
@@ -108,11 +103,11 @@ class Springs:
         Raises:
             SpatialPinError: a spring has no length, and its force no direction.
         """
-        self.lines, self.bushings, self.undirected = [], [], ""
+        self.lines: list[SpringForce] = []
+        self.undirected: LineSpring | None = None
         self.turning = self.turned(*rows.motion[:2])
         for at, line in enumerate(self.forces.lines, start=rows.closed):
-            length, along = self.forces.line_between(*(
-                x @ rows.placements[i] for i, x in zip(line.bodies, line.points, strict=True)))
+            length, along, _ = line.between(rows.placements)
             if not length:
                 self.lines.append(self._at_a_point(line, rows, at, motions))
                 continue
@@ -155,18 +150,17 @@ class Springs:
                       np.zeros((rows.nv, 3)))
         moved = parting if motions is None else motions @ parting
         none, pace = np.zeros(rows.nv), float(np.sqrt(max(rows.values[2][at], 0.0)))
-        if not self.forces.can_part(moved):
+        if not line.can_part(moved):
             return SpringForce(0.0, 0.0, none, np.zeros(3), none, none)
         force = line.law(0.0, 0.0)
         stiffness, damping = self._slopes(line.name, 0.0, 0.0)
         if force or any(line.law(0.0, rate) for rate in (pace, -pace)):
-            raise self.forces.without_direction(
-                line.name, f"force of {force:.6g} N" if force else "damping")
+            raise line.without_direction(f"force of {force:.6g} N" if force else "damping")
         if not damping:
             return SpringForce(0.0, stiffness, none, np.zeros(3), none, none)
         svd = decompose(moved)
         if svd.s.size > 1 and svd.s[1] > ONE_LINE * svd.s[0]:
-            self.undirected = line.name
+            self.undirected = line
             return SpringForce(0.0, stiffness, none, np.zeros(3), none, none)
         along = svd.vt[0]
         row = parting @ along
@@ -175,7 +169,7 @@ class Springs:
     def refuse_undirected(self) -> None:
         """Raise an error if the damping of a spring has no direction, and was left out."""
         if self.undirected:
-            raise self.forces.without_direction(self.undirected, "damping")
+            raise self.undirected.without_direction("damping")
 
     @property
     def pulls(self) -> Array:

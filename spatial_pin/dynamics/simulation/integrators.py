@@ -140,14 +140,45 @@ def first_step(
     return min(unit * min(100.0 * trial, step), span)
 
 
+class Stagnation:
+    """Detects that steps only creep on, and where.
+
+    Attributes:
+        largest: (2,) pivot of the equations and step [s], the largest so far.
+    """
+
+    def __init__(self, most_steps: int) -> None:
+        self.largest: Array = np.zeros(2)
+        self._most_steps, self._creeping, self._standing = most_steps, 0, 0
+
+    def note_kernel_steps(self, steps: int, largest: Array) -> None:
+        """Record steps in the kernel, which checks their lengths itself."""
+        if steps > 1:
+            self._creeping = self._standing = 0
+        self.largest = largest
+
+    def creeps(self, pivot: float, step: float) -> bool:
+        """Whether steps shorten towards a singular configuration, or are too short to end."""
+        sizes = np.array([pivot, step])
+        self.largest = np.maximum(self.largest, sizes)
+        creeps = bool(np.all(sizes < NEAR * self.largest))
+        self._creeping = self._creeping + 1 if creeps else 0
+        stands = step * self._most_steps < NOWHERE * self.largest[1]
+        self._standing = self._standing + 1 if stands else 0
+        return self._creeping > CREEPING or self._standing > STANDING
+
+    def is_short(self, time: float) -> bool:
+        """Whether a time [s] is negligible relative to the longest step so far."""
+        return bool(time <= NEAR**2 * self.largest[1])
+
+
 class Stepping:
     """The integrator in use: the one given, or by turns an explicit and an implicit one.
 
-    It also checks the lengths of the steps, and detects stagnation.
+    It also checks the number of the steps.
 
     Attributes:
         used: names of the integrators that have taken steps.
-        largest: (2,) pivot of the equations and step [s], the largest so far.
     """
 
     def __init__(self, problem: Problem, accuracy: Accuracy, end: float) -> None:
@@ -155,8 +186,6 @@ class Stepping:
         self._chosen, self._method = accuracy.integrator, ""
         self._easy, self._has_warned = 0, False
         self.used: list[str] = []
-        self.largest: Array = np.zeros(2)
-        self._creeping = self._standing = 0
 
     def begin(
         self, system: IndependentFormulation, t: float, y: Array, longest: float = np.inf,
@@ -262,26 +291,6 @@ class Stepping:
             return made(system, t, y, self._end, **more)
         # LSODA does not see NaN, but shortens its step for HUGE
         return made(lambda t, y: np.nan_to_num(system(t, y), nan=HUGE), t, y, self._end, **more)
-
-    def note_kernel_steps(self, steps: int, largest: Array) -> None:
-        """Record steps in the kernel, which checks their lengths itself."""
-        if steps > 1:
-            self._creeping = self._standing = 0
-        self.largest = largest
-
-    def creeps(self, pivot: float, step: float) -> bool:
-        """Whether steps shorten towards a singular configuration, or are too short to end."""
-        sizes = np.array([pivot, step])
-        self.largest = np.maximum(self.largest, sizes)
-        creeps = bool(np.all(sizes < NEAR * self.largest))
-        self._creeping = self._creeping + 1 if creeps else 0
-        stands = step * self._accuracy.most_steps < NOWHERE * self.largest[1]
-        self._standing = self._standing + 1 if stands else 0
-        return self._creeping > CREEPING or self._standing > STANDING
-
-    def is_short(self, time: float) -> bool:
-        """Whether a time [s] is negligible relative to the longest step so far."""
-        return bool(time <= NEAR**2 * self.largest[1])
 
     def steps_at_once(self, steps: int) -> int:
         """Return the number of steps before the next check of the limit."""

@@ -48,7 +48,7 @@ from spatial_pin.dynamics.simulation.formulations import (
     OpenLoopsError,
     ProjectedFormulation,
 )
-from spatial_pin.dynamics.simulation.integrators import Stepping
+from spatial_pin.dynamics.simulation.integrators import Stagnation, Stepping
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.simulation.result import (
     ByDriver,
@@ -312,7 +312,8 @@ class Run:
         self.y: Array = np.empty(0)
         self.record = record = Record(problem, times, detector)
         self._stepping = Stepping(problem, accuracy, self._end)
-        self._in_use = EquationsInUse(problem, accuracy, state, record, self._stepping)
+        self._stagnation = Stagnation(accuracy.most_steps)
+        self._in_use = EquationsInUse(problem, accuracy, state, record, self._stagnation)
         self._solver: Any = None
         self._is_short = False
         self._gap = allowed_from(state, gap_allowed(problem.mechanism, accuracy))
@@ -416,7 +417,7 @@ class Run:
             solver.steps, record.filled, 0, system.patience)
         run.most = (1 if self._problem.mechanism.whole is not None
                     else self._stepping.steps_at_once(record.steps))
-        run.largest_pivot, run.largest_step = self._stepping.largest
+        run.largest_pivot, run.largest_step = self._stagnation.largest
         try:
             why = solver.run(run)
         finally:
@@ -424,7 +425,7 @@ class Run:
         for x, row in zip(run.crossed[: run.n_crossed], run.crossed_row, strict=False):
             record.note_crossing(system.coordinate_at(x), row)
         taken = solver.steps - before
-        self._stepping.note_kernel_steps(taken, np.array([run.largest_pivot, run.largest_step]))
+        self._stagnation.note_kernel_steps(taken, np.array([run.largest_pivot, run.largest_step]))
         record.steps += taken if why in ROUTINE else max(taken - 1, 0)
         if why in ROUTINE:
             self._stepping.note_integrator(system, solver)
@@ -441,7 +442,7 @@ class Run:
         Raises:
             SingularError: steps only creep on.
         """
-        system, solver, stepping = self._system, self._solver, self._stepping
+        system, solver = self._system, self._solver
         if isinstance(system, ProjectedFormulation):
             opened = system.settle(solver)
             if opened > 1.0:
@@ -450,12 +451,12 @@ class Run:
             if self._is_short and opened < LITTLE:
                 solver.max_step = min(2.0 * solver.max_step, self._accuracy.step or np.inf)
             self.record.balance.check(solver.t, system.energies(solver.t, solver.y))
-        if stepping.creeps(system.kernel.pivot, solver.t - solver.t_old):
+        if self._stagnation.creeps(system.kernel.pivot, solver.t - solver.t_old):
             raise self._in_use.singular(self.t, system.state(solver.t, solver.y))
-        stepping.note_integrator(system, solver)
+        self._stepping.note_integrator(system, solver)
         try:
             stops = self.record.add_step(
-                IntegrationStep(system, solver), float(stepping.largest[1]), before)
+                IntegrationStep(system, solver), float(self._stagnation.largest[1]), before)
         except OpenLoopsError:
             return None
         self.t, self.y = solver.t, solver.y
@@ -506,7 +507,7 @@ class Run:
     @property
     def longest_step(self) -> float:
         """The longest step so far [s]; 0 where there was none."""
-        return float(self._stepping.largest[1])
+        return float(self._stagnation.largest[1])
 
     def motion(self) -> Simulation:
         """Return the samples so far."""
@@ -523,10 +524,10 @@ class EquationsInUse:
 
     def __init__(
         self, problem: Problem, accuracy: Accuracy, first: State, record: Record,
-        stepping: Stepping,
+        stagnation: Stagnation,
     ) -> None:
         self._problem, self._accuracy, self.first = problem, accuracy, first
-        self._record, self._stepping = record, stepping
+        self._record, self._stagnation = record, stagnation
         self._system: IndependentFormulation | None = None
         self._projections: list[Projection] = []  # of the equations of motion used before
         self._evaluations = 0  # of these
@@ -587,15 +588,15 @@ class EquationsInUse:
             self._note_start(system, t)
             return system, renewed
         if failed:  # a method that failed at the present time is given up
-            if not self._stepping.is_short(t - self._failed_at):
+            if not self._stagnation.is_short(t - self._failed_at):
                 self._failed_at = t
                 self._given_up.clear()
-            if system.is_unchanged_by_restart or self._stepping.is_short(t - self._started_at):
+            if system.is_unchanged_by_restart or self._stagnation.is_short(t - self._started_at):
                 self._given_up.add((type(system), tuple(system.free)))
         try:
             fresh = self.begin(t, state, self._given_up if failed else frozenset())
         except SingularError as error:
-            if self._stepping.is_short(t):  # the error of a start
+            if self._stagnation.is_short(t):  # the error of a start
                 raise
             raise self.singular(t, state) from error
         return fresh, fresh.unknowns(state.v, float(y[-1]) if self._problem.works else 0.0)
