@@ -242,7 +242,7 @@ class Constraints:
             self.occurring[equation, v] = True
         self.tied = np.any(self.occurring[: self.n_closure], axis=0)
         self.plain = np.flatnonzero(self.product >= 0)
-        self.of_joints = np.array(sorted({x for x, _, _ in self.coordinates}), np.intp)
+        self.of_joints = np.array([*dict.fromkeys(x for x, _, _ in self.coordinates)], np.intp)
 
     def _add_equation(self, closure: Closure, equation: ConstraintEquation) -> int:
         """Add a closure equation; return the product that it is, less a constant, or -1."""
