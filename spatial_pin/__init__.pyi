@@ -118,12 +118,13 @@ from .rates.jacobians import (
 from .rates.jerks import Jerks as Jerks, solve_jerks as solve_jerks
 from .rates.rates import solve_rates as solve_rates
 from .rates.transmission import Transmission as Transmission, transmission as transmission
-from .reduction.losses import (
+from .reduction.building import Omission as Omission
+from .reduction.reduce import (
     Difference as Difference,
-    Omission as Omission,
+    Reduced as Reduced,
     Verification as Verification,
+    reduce as reduce,
 )
-from .reduction.reduce import Reduced as Reduced, reduce as reduce
 from .settings import Accuracy as Accuracy
 from .synthesis import goals as goals
 from .synthesis.defects import Defect as Defect

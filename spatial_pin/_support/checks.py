@@ -40,6 +40,14 @@ def as_array(values: Any, what: str) -> Array:
     raise ValueError(f"{what} must be finite numbers, not {_beginning(values)}")
 
 
+def numbers_or_none(values: Any) -> Array:
+    """Return `values` as float64 of the shape they have, of shape (0, 0) if they are no numbers."""
+    try:
+        return np.array(values, float)
+    except (TypeError, ValueError):
+        return np.empty((0, 0))
+
+
 def _beginning(values: Any) -> str:
     try:
         return str(values)[:60]

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.constraints.vector_products import unit_length
+from spatial_pin.constraints.compiled_equations import unit_length
 from spatial_pin.mechanism.equations import (
     Angle,
     Bearing,

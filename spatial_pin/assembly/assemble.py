@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any
 from weakref import WeakSet
 
@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin._support.checks import checked, mapping
+from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.assembly_problem import ACCEPTED, AssemblyProblem, deviations
 from spatial_pin.assembly.close import beyond_words, closed
-from spatial_pin.assembly.holding import BASE, Hold, fixed_base_entries, free_velocities, held_by
+from spatial_pin.assembly.holding import Hold, fixed_base_entries, free_velocities, held_by
 from spatial_pin.assembly.redundant_equations import (
     allowed_from,
     gap_allowed,
@@ -23,7 +24,6 @@ from spatial_pin.assembly.start_values import (
     Guess,
     read_guess,
     turn_free_difference,
-    turns_of_others,
     with_followed_turns,
 )
 from spatial_pin.assembly.state import NO_ANGLES, State, made, of_mechanism
@@ -127,10 +127,8 @@ def assemble(
         words = "; ".join(beyond_words(mechanism, state.q, name) for name in state.beyond_limits)
         warn(f"mechanism {mechanism.name!r} stands beyond joint limits: {words} "
              "(assemble(limits=True) keeps them)")
-    if isinstance(guess, State) and guess.mechanism is state.mechanism and not (
-            state.released or is_small_move(mechanism, guess.q, state.q)):
-        standing = set(mechanism.drivers) - set((free,) if isinstance(free, str) else free)
-        changed = branch_changed(guess, state, [*mapping(drivers, "drivers"), *sorted(standing)])
+    if isinstance(guess, State) and guess.mechanism is state.mechanism and not state.released:
+        changed = branch_changed(guess, state, drivers or (), free)
         if changed:
             warn(changed)
     return state
@@ -190,25 +188,19 @@ def assembly_problem(
     elif (exact := without_rounded_equations(mechanism, gap)) is not None:
         mechanism = exact
     start = read_guess(mechanism, guess)
-    driver_values = standing = _default_values(
-        mechanism, held, guess, start, free, taken_along=release)
+    driver_values = standing = default_driver_values(
+        mechanism, held, start, free, taken_along=release)
     beginning = mechanism.start(held) if guess is None else None
     if beginning is not None:
         start, table = read_guess(mechanism, beginning), mechanism.coordinate_table
         standing = {name: coordinate_value(mechanism, table[name], start.q)
                     for name in driver_values}
     angles, lost = NO_ANGLES, tuple[str, ...]()
-    of_guess = guess.angles if isinstance(guess, State) else None
-    named = start.names if isinstance(guess, Mapping) else ()
-    if constraints_of(mechanism).counts_turns:
-        start, angles, lost = with_followed_turns(
-            mechanism, held, start, of_guess, standing, named)
-    problem = AssemblyProblem(mechanism, held, standing, start, tolerance, gap, angles)
-    problem.driver_values, problem.lost = driver_values, lost
-    if held and mechanism.closures:
-        problem.with_turns = turns_of_others(
-            mechanism, start.q, problem.goal, problem.free_set.fixed, named, of_guess)
-    return problem
+    constraints = constraints_of(mechanism)
+    if constraints.angles or constraints.coordinates:  # what counts turns
+        start, angles, lost = with_followed_turns(mechanism, held, start, standing)
+    return AssemblyProblem(mechanism, held, standing, start, tolerance, gap, angles,
+                           driver_values=driver_values, lost=lost)
 
 
 def solved(
@@ -226,8 +218,8 @@ def solved(
         result = problem.closed_at_once()
     q, seen = result or _searched(problem, limits, release)
     lost = problem.lost
-    if problem.with_turns is not None:
-        q, others = problem.with_turns(q)
+    if with_turns := problem.with_turns():
+        q, others = with_turns(q)
         seen, lost = problem.examined(q), tuple(dict.fromkeys((*lost, *others)))
     if problem.lost:
         warn(f"mechanism {mechanism.name!r}: turns of {', '.join(problem.lost)} may be lost: "
@@ -273,29 +265,17 @@ def warn_of_rounding(state: State) -> None:
 
 
 def default_driver_values(
-    mechanism: Mechanism,
-    held: Iterable[str],
-    guess: Mapping[str, Any] | State | Array | None = None,
-    free: Iterable[str] = (),
+    mechanism: Mechanism, held: Iterable[str], start: Guess, free: Iterable[str] = (),
+    taken_along: bool = True,
 ) -> dict[str, float]:
-    """Return default values of the drivers without a given value, by coordinate [rad, m].
+    """Return values of the drivers without a given value, from a guess, by coordinate [rad, m].
 
-    The guess is the caller's, else the file's, else neutral; drivers in `free` are not fixed.
+    Drivers in `free` are not fixed. With `taken_along`, other joints of the guess move drivers that
+    it does not name.
 
     Raises:
         UnknownNameError: a name does not exist.
         ValueError: `free` names something other than a driver, or a fixed driver.
-    """
-    return _default_values(mechanism, held, guess, read_guess(mechanism, guess), free)
-
-
-def _default_values(
-    mechanism: Mechanism, held: Iterable[str], guess: Any, start: Guess, free: Iterable[str],
-    taken_along: bool = True,
-) -> dict[str, float]:
-    """Return `default_driver_values` from a guess that is read already.
-
-    With `taken_along`, other joints of the guess move drivers that it does not name.
     """
     drivers, loose = driver_coordinates(mechanism).values(), list[str]()
     for name in (free,) if isinstance(free, str) else free:
@@ -306,26 +286,27 @@ def _default_values(
         if coordinate.name in held:
             raise ValueError(f"free: {name!r} is given a value too")
         loose.append(coordinate.name)
-    standing = [c.name for c in drivers if c.name not in held and c.name not in loose]
-    if not standing:
-        return {}
-    values = {c.name: coordinate_value(mechanism, c, start.q) for c in drivers}
-    if taken_along and not {*standing}.issubset(start.names):
-        spoken = {*joint_values(mechanism, mechanism.guess), *start.names}
-        silent = [name for name in values if name not in spoken]
-        if spoken - set(values) and not set(silent).isdisjoint(standing):
-            values |= _at_home(mechanism, guess, start, values, silent)
-    return {name: values[name] for name in standing}
+    standing = [c for c in drivers if c.name not in held and c.name not in loose]
+    values = {c.name: coordinate_value(mechanism, c, start.q) for c in standing}
+    if values and taken_along and not values.keys() <= {*start.names} and (
+            home := _at_home(start)):
+        values |= {name: x for name, x in home.items() if name in values}
+    return values
 
 
-def _at_home(
-    mechanism: Mechanism, guess: Any, start: Guess, drivers: Mapping[str, float],
-    silent: Sequence[str],
-) -> dict[str, float]:
-    """Return values of drivers that the guess does not name: neutral, if the loops close.
+@made_once
+def _at_home(start: Guess) -> dict[str, float]:
+    """Return values of the drivers that a guess does not name: neutral, if the loops close.
 
     Otherwise the loops give them: the guess may name the platform and not the legs.
     """
+    mechanism = start.mechanism
+    drivers = {c.name: coordinate_value(mechanism, c, start.q)
+               for c in driver_coordinates(mechanism).values()}
+    spoken = {*joint_values(mechanism, mechanism.guess), *start.names}
+    silent = [name for name in drivers if name not in spoken]
+    if not silent or spoken <= drivers.keys():
+        return {}
     accuracy, angles = accuracy_of(None), np.zeros(constraints_of(mechanism).n_angles)
     problem = AssemblyProblem(
         mechanism, {}, drivers, start, accuracy.tolerance, accuracy.gap, angles)
@@ -335,31 +316,29 @@ def _at_home(
     if search.best is not None:
         return {}
     try:
-        home = assembled(mechanism, {}, guess, free=silent)
+        home = assembled(mechanism, {}, start.given, free=silent)
     except AssemblyError:
         return {}
     return {name: home.coordinate(name).value for name in silent}
 
 
-def is_small_move(mechanism: Mechanism, q: Array, other: Array) -> bool:
-    """Whether no joint moves by `SAME_BRANCH` between two configurations, at first sight.
-
-    A joint moves by twice the change of its quaternion, and a bit more.
-    """
-    change, size = other - q, min(mechanism.characteristic_length, 1.0)
-    return 9.0 * float(change @ change) <= (SAME_BRANCH * size) ** 2
-
-
-def branch_changed(guess: State, reached: State, held: Iterable[str]) -> str:
+def branch_changed(
+    guess: State, reached: State, drivers: Iterable[str], free: Iterable[str]
+) -> str:
     """Return a sentence if loops have left the branch of a guess; else "".
 
-    The fixed coordinates move straight from their values in the guess to the new ones, with loops
-    closed in short steps. Loops that end elsewhere are on another branch. Small motions are not
-    checked. `held` are coordinates with values, and fixed drivers.
+    The fixed coordinates, these and drivers that are not `free`, move straight from their values in
+    the guess to the new ones, with loops closed in short steps. Loops that end elsewhere are on
+    another branch. Small motions are not checked.
     """
-    mechanism = reached.mechanism
-    if np.abs(turn_free_difference(mechanism, guess.q, reached.q)).max(initial=0.0) <= SAME_BRANCH:
+    mechanism, change = reached.mechanism, reached.q - guess.q
+    size = SAME_BRANCH * min(mechanism.characteristic_length, 1.0)
+    # a joint moves by twice the change of its quaternion, and a bit more
+    if 9.0 * float(change @ change) <= size * size or np.abs(turn_free_difference(
+            mechanism, guess.q, reached.q)).max(initial=0.0) <= SAME_BRANCH:
         return ""
+    standing = set(mechanism.drivers) - set((free,) if isinstance(free, str) else free)
+    held = [*drivers, *sorted(standing)]
     table = mechanism.coordinate_table
     names = list(dict.fromkeys(mechanism.prescribed_coordinate(name).name for name in held))
     still = fixed_base_entries(mechanism, (table[name] for name in names))
@@ -477,8 +456,7 @@ def held_coordinates(
 ) -> list[Coordinate]:
     """Return the coordinates of `hold`, except free bases and coordinates with a value."""
     given = [mechanism.prescribed_coordinate(name) for name in values]
-    held = held_by(mechanism, hold, given)
-    base = held_by(mechanism, BASE, given).entries
+    held, base = held_by(mechanism, hold, given), fixed_base_entries(mechanism, given)
     return [c for c in mechanism.coordinate_table.values()
             if ((c.q >= 0 and c.v in held.entries and c.v not in base) or c in held.coordinates)
             and c not in given]

@@ -18,7 +18,6 @@ from spatial_pin.assembly.holding import (
     fixed_base_entries,
     free_velocities,
     loop_groups,
-    loose_entries,
     part_of,
 )
 from spatial_pin.assembly.redundant_equations import NEARLY_OPEN
@@ -33,13 +32,13 @@ from spatial_pin.assembly.start_values import (
     periodic,
     start_spread,
     turn_free_difference,
+    turns_of_others,
 )
 from spatial_pin.assembly.state import all_angles
 from spatial_pin.kernel.closer import (
     LOOSE,
     MOST_GROUPS,
     NAMED,
-    Closed,
     Closer,
     ClosureResult,
     ClosureSettings,
@@ -101,30 +100,30 @@ def free_set(
     Drivers in `let_go` may move, as little as possible; `named` are coordinates that the guess
     names. `still` are other fixed velocity entries, by default those of the free bases.
     """
-    table, joints = mechanism.coordinate_table, by_joint(mechanism)
+    table, model = mechanism.coordinate_table, mechanism.model
     own = [name for name in named if name not in held]
-    pinned = tuple(name for name in held if table[name].q < 0)
+    fixed, pinned = (tuple(name for name in held if (table[name].q >= 0) is is_entry)
+                     for is_entry in (True, False))
     if still is None:
         still = fixed_base_entries(mechanism, (table[name] for name in (*held, *let_go)))
-    free = free_velocities(mechanism, still, (name for name in held if name not in pinned))
+    free = free_velocities(mechanism, still, fixed)
     first = free & free_velocities(mechanism, still, own)
     has_first = bool(first.any()) and not np.array_equal(first, free)
-    loose = [c.name for c in table.values() if c.v in loose_entries(mechanism)]
-    kinds = entry_kinds(mechanism, held, [*own, *loose])  # loose ones count the guess's turns
-    balls = dict.fromkeys(table[name].joint for name in own if table[name].q < 0)
-    is_whole = all(mechanism.pair_of(joint) == "spherical"
-                   and all(c.name in own for c in joints[joint]) for joint in balls)
-    if is_whole:
-        kinds[[mechanism.model.idx_qs[mechanism.joint_id(joint)] for joint in balls]] = NAMED
     groups = loop_groups(mechanism, tuple(np.flatnonzero(~free).tolist()))
-    spread = start_spread(
-        mechanism, held, own, (*still, *loose_entries(mechanism)), groups)
+    loose = [c for c in table.values() if not any(group.entries[c.v] for group in groups)]
+    # loose ones count the guess's turns
+    kinds = entry_kinds(mechanism, held, [*own, *(c.name for c in loose)])
+    balls = dict.fromkeys(table[name].joint for name in own if table[name].q < 0)
+    is_whole = all(c.name in own for joint in balls for c in by_joint(mechanism)[joint])
+    if is_whole:
+        kinds[[model.idx_qs[mechanism.joint_id(joint)]
+               + 3 * (mechanism.pair_of(joint) == "floating") for joint in balls]] = NAMED
+    spread = start_spread(mechanism, held, own, (*still, *(c.v for c in loose)), groups)
     for array in (free, first, kinds):
         array.flags.writeable = False
     settings = ClosureSettings(
         free, first if has_first else None, tolerance, DAMPED_STEPS, TOLERANCES.rank, kinds,
         position_limits(mechanism), spread and spread.first, not first.any())
-    fixed = tuple(name for name in held if name not in pinned)
     return FreeSet(settings, fixed, pinned, still, is_whole, spread, groups,
                    [table[name].q for name in held],
                    float(mechanism.velocity_scale.min(initial=1.0)) / COORDINATE_ERROR)
@@ -140,23 +139,22 @@ class AssemblyProblem:
     fixed velocity entries, by default those of free bases. `reference` (n_angles,) is what angles
     of screws are unwrapped from; `workspaces` are those of a problem that this one is part of.
 
+    `driver_values` are wanted values of drivers without a given value, which stand elsewhere if a
+    larger mechanism has it so.
+
     Attributes:
         lost: coordinates with a warning, see `State.lost_turns`.
-        with_turns: see `turns_of_others`; None if nothing is set far from the guess.
-        driver_values: wanted values of drivers without a given value, by coordinate.
         known: results of `reached` for the goal and further starts, if known.
     """
 
     known: list[ClosureResult] | None = None
-    lost: tuple[str, ...] = ()
-    with_turns: Callable[[Array], tuple[Array, tuple[str, ...]]] | None = None
-    driver_values: Mapping[str, float] = NOTHING
 
     def __init__(
         self, mechanism: Mechanism, held: Mapping[str, float], standing: Mapping[str, float],
         guess: Guess, tolerance: float, gap: float, reference: Array,
         let_go: Mapping[str, float] = NOTHING, still: tuple[int, ...] | None = None,
-        workspaces: Workspaces | None = None,
+        workspaces: Workspaces | None = None, driver_values: Mapping[str, float] = NOTHING,
+        lost: tuple[str, ...] = (),
     ) -> None:
         self.mechanism, self.reference = mechanism, reference
         if workspaces is not None:
@@ -164,18 +162,26 @@ class AssemblyProblem:
         self.given, self.standing = held, standing
         self.held, self.let_go = {**held, **standing}, let_go
         self.tolerance, self.gap = tolerance, gap
-        self._cut = mechanism.selection.cut if mechanism.selection else 0.0
+        self.driver_values, self.lost = driver_values, lost
         self.free_set = free_set(
             mechanism, tuple(self.held), tuple(self.let_go), guess.names, still, tolerance)
-        self.pinned = ({name: self.held[name] for name in self.free_set.pinned}
-                       if self.free_set.pinned else NOTHING)
         self.settings, self._guess, self._stands = self.free_set.settings, guess, still or ()
-        if self.pinned:
+        self.pinned = NOTHING
+        if self.free_set.pinned:
+            self.pinned = {name: self.held[name] for name in self.free_set.pinned}
             self.goal = with_values(mechanism, guess.q, self.held)
         else:
             self.goal = guess.q.copy()
             for at, value in zip(self.free_set.indices, self.held.values(), strict=True):
                 self.goal[at] = value
+
+    def _changed(
+        self, held: Mapping[str, float], standing: Mapping[str, float], guess: Guess,
+        let_go: Mapping[str, float] = NOTHING, still: tuple[int, ...] | None = None,
+    ) -> AssemblyProblem:
+        """Return the same with other coordinates fixed, and another guess."""
+        return AssemblyProblem(self.mechanism, held, standing, guess, self.tolerance, self.gap,
+                               self.reference, let_go, still, self.workspaces)
 
     def part(self, group: LoopGroup) -> AssemblyProblem:
         """Return the problem of a group of loops, all other joints fixed at the guess."""
@@ -183,34 +189,29 @@ class AssemblyProblem:
         table = self.mechanism.coordinate_table
         standing, let_go = ({name: x for name, x in some.items() if group.entries[table[name].v]}
                             for some in (self.standing, self.let_go))
-        part = AssemblyProblem(
+        return AssemblyProblem(
             part_of(self.mechanism, group.closures), self.given, standing, self._guess,
             self.tolerance, self.gap, self.reference[group.angles], let_go,
             tuple(sorted(still)), self.workspaces)
-        part._cut = self._cut
-        return part
+
+    @property
+    def _near_standing(self) -> Guess:
+        """The guess with fixed drivers at their values, which are named too."""
+        return Guess(self.mechanism, with_values(self.mechanism, self._guess.q, self.standing),
+                     {**self.standing, **self._guess.values})
 
     def released(self) -> AssemblyProblem:
         """Return the same with drivers released: as near as possible to their values."""
-        mechanism, guess = self.mechanism, self._guess
-        goal = Guess(mechanism, with_values(mechanism, guess.q, self.standing),
-                     {**self.standing, **guess.values})
-        return AssemblyProblem(mechanism, self.given, {}, goal, self.tolerance, self.gap,
-                               self.reference, self.driver_values, workspaces=self.workspaces)
+        return self._changed(self.given, {}, self._near_standing, self.driver_values)
 
     def without_standing(self, moving: Iterable[str]) -> AssemblyProblem:
         """Return the same with drivers free that coordinates with values surely move.
 
         Their values here are named in its guess: the nearest configuration is best.
         """
-        mechanism, guess = self.mechanism, self._guess
-        goal = Guess(mechanism, with_values(mechanism, guess.q, self.standing),
-                     {**self.standing, **guess.values})
-        table = driver_coordinates(mechanism)
-        moved = {table[name].name for name in moving}
+        moved = [driver_coordinates(self.mechanism)[name].name for name in moving]
         standing = {name: x for name, x in self.standing.items() if name not in moved}
-        return AssemblyProblem(
-            mechanism, self.given, standing, goal, self.tolerance, self.gap, self.reference)
+        return self._changed(self.given, standing, self._near_standing)
 
     @property
     def unreleased(self) -> Array:
@@ -221,18 +222,19 @@ class AssemblyProblem:
         """Return the same with released drivers fixed at their values in q (nq,)."""
         table = self.mechanism.coordinate_table
         standing = {name: coordinate_value(self.mechanism, table[name], q) for name in self.let_go}
-        return AssemblyProblem(
-            self.mechanism, self.given, standing, self._guess, self.tolerance, self.gap,
-            self.reference, still=self.free_set.still, workspaces=self.workspaces)
+        return self._changed(self.given, standing, self._guess, still=self.free_set.still)
 
     def nearest_to(self, q: Array) -> AssemblyProblem:
         """Return the same with nothing fixed: it starts at q (nq,), and nearest to it is best."""
         named = {**self.named, **self.held}
-        return AssemblyProblem(
-            self.mechanism, {}, {}, Guess(self.mechanism, with_values(self.mechanism, q, named),
-                                          named),
-            self.tolerance, self.gap, self.reference, still=self.free_set.still,
-            workspaces=self.workspaces)
+        guess = Guess(self.mechanism, with_values(self.mechanism, q, named), named)
+        return self._changed({}, {}, guess, still=self.free_set.still)
+
+    def with_turns(self) -> Callable[[Array], tuple[Array, tuple[str, ...]]] | None:
+        """See `turns_of_others`; None if nothing is set far from the guess."""
+        if not (self.given and self.mechanism.closures):
+            return None
+        return turns_of_others(self.mechanism, self._guess, self.goal, self.free_set.fixed)
 
     @cached_property
     def workspaces(self) -> Workspaces:
@@ -289,8 +291,7 @@ class AssemblyProblem:
 
     def is_for_kernel(self) -> bool:
         """Whether the kernel may judge its results from the guess by itself."""
-        return (not self.pinned and self.goal.size > 0 and self.has_digits(self.goal)
-                and self.can_perturb())
+        return not self.pinned and self.has_digits(self.goal) and self.can_perturb()
 
     def set_task(self, closer: Closer) -> None:
         """Set the task of a closer: all loops at once, with perturbed starts."""
@@ -301,28 +302,25 @@ class AssemblyProblem:
 
         None if a result needs a judgement: the results are then `known`.
         """
-        if self.pinned or not self.goal.size or not self.has_digits(self.goal):
-            return None
         is_compared = self.can_perturb()  # else its distance is not that of the kernel
-        if not is_compared and (self.mechanism.whole is not None or self.let_go
-                                or not self.settings.are_all_named):
+        if self.pinned or not self.has_digits(self.goal) or not (is_compared or (
+                self.mechanism.whole is None and self.settings.are_all_named)):
             return None
         with closer_of(self.mechanism) as closer:
             results = closer.solve(
                 [self.goal], self.settings, self.goal, self.reference, perturbed=is_compared)
             best = results[0]
-            if best.is_unique:
-                return best.q, best.examined or closer.examine(best.q, self.reference)
-            if not is_compared:
-                return None
-            self.known = results
-            for result in results:
-                if result.error <= ACCEPTED and not result.may_be_mirrored:
-                    best = result if is_nearer(result.distance, best.distance) else best
-                elif result is best or result.error <= max(self.gap, OPEN):  # no rounding is more
+            if not best.is_unique:
+                if not is_compared:
                     return None
-            if len(self.free_set.groups) > MOST_GROUPS and best.distance > NEAR_GUESS:
-                return None  # each group of loops may have a nearer place
+                self.known = results
+                for result in results:
+                    if result.error <= ACCEPTED and not result.may_be_mirrored:
+                        best = result if is_nearer(result.distance, best.distance) else best
+                    elif result is best or result.error <= max(self.gap, OPEN):
+                        return None  # no rounding is more
+                if len(self.free_set.groups) > MOST_GROUPS and best.distance > NEAR_GUESS:
+                    return None  # each group of loops may have a nearer place
             return best.q, best.examined or closer.examine(best.q, self.reference)
 
     def reached(self, starts: Sequence[Array], shaken: bool = False) -> Iterable[ClosureResult]:
@@ -347,12 +345,13 @@ class AssemblyProblem:
     def closed(
         self, q: Array, free: NDArray[np.bool_], pinned: Mapping[str, float],
         tolerance: float | None = None,
-    ) -> Closed:
+    ) -> ClosureResult:
         """Close the loops from q (nq,), first all equations as well as possible."""
         tolerance = tolerance or self.tolerance
         if self.whole is not None:
+            assert self.mechanism.selection is not None
             q = closed(self.whole.mechanism, q, free, self.whole.angle_reference, tolerance,
-                       pinned=pinned, cut=self._cut).q
+                       pinned=pinned, cut=self.mechanism.selection.cut).q
         return closed(self.mechanism, q, free, self.reference, tolerance, pinned=pinned)
 
     def least(

@@ -10,12 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.constraints.composed_equations import (
-    ImplicitAngles,
-    QuantityIndex,
-    implicit_angles,
-)
+from spatial_pin.constraints.compiled_equations import ANGLE, PRODUCT, constraints_of
+from spatial_pin.constraints.composed_equations import ImplicitAngles, Indexed, implicit_angles
 from spatial_pin.mechanism.coordinates import CoordinateRates
 from spatial_pin.mechanism.curves import CurveShape, curves_in
 from spatial_pin.mechanism.equations import (
@@ -140,27 +136,28 @@ def parameters_of(
     """
     root = next(x.argument.of for _, factors in closure.rows[0].terms for x in factors
                 if isinstance(x, FunctionOf) and isinstance(x.argument, Parameter))
-    known: dict[str, Series] = {"product": [], "coordinate": [], "angle": [
-        Taylor([x, *[0.0 * x] * (len(position[0].values) - 1)]) for x in near[: len(root.spans)]]}
+    products, parameters = list[Taylor](), [
+        Taylor([x, *[0.0 * x] * (len(position[0].values) - 1)]) for x in near[: len(root.spans)]]
     index_of: dict[int, int] = {}
 
-    def index(x: Quantity) -> QuantityIndex:
+    def index(x: Quantity) -> Indexed:
         if isinstance(x, FunctionOf):
-            return index(x.argument)._replace(function=x.function)
+            return *index(x.argument)[:2], x.function
         if isinstance(x, Parameter):
-            return QuantityIndex("angle", x.which)
+            return ANGLE, x.which, None
         assert isinstance(x, Displacement | Cosine)
         if id(x) not in index_of:
             index_of[id(x)] = len(index_of)
-            known["product"].append(
+            products.append(
                 _combined(x.u, position) - x.offset if isinstance(x, Displacement)
                 else _combined(x.u, [_combined(x.w, row) for row in rotation]))
-        return QuantityIndex("product", index_of[id(x)])
+        return PRODUCT, index_of[id(x)], None
 
     sums = tuple(tuple((number, tuple(map(index, factors))) for number, factors in of.terms)
                  for of in root.definition)
-    implicit_angles(ImplicitAngles(0, sums, root.spans, root.is_periodic), known)
-    return known["angle"]
+    implicit_angles(ImplicitAngles(0, sums, root.spans, root.is_periodic),
+                    (products, [], parameters))
+    return parameters
 
 
 class ContactShape(NamedTuple):

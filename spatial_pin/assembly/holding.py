@@ -63,7 +63,8 @@ def free_bases(mechanism: Mechanism) -> tuple[str, ...]:
 
     If every body has a floating joint of its own, there is none.
     """
-    return () if all(pair == "floating" for pair in mechanism.pairs) else untied(mechanism)
+    floating = mechanism.pairs.count("floating")
+    return untied(mechanism) if 0 < floating < len(mechanism.pairs) else ()
 
 
 @made_once
@@ -210,22 +211,25 @@ def loop_groups(mechanism: Mechanism, held: tuple[int, ...]) -> tuple[LoopGroup,
 
     Closures with no common entries but `held`, the fixed velocity entries, are independent.
     """
-    known, entries = _entries_of_closures(mechanism)
-    moved = entries.copy()
+    constraints, names = constraints_of(mechanism), list(
+        dict.fromkeys(c.name for c in mechanism.closures))  # one may have two parts
+    entries = np.zeros((len(names), mechanism.model.nv), dtype=bool)
+    row = dict(zip(names, entries, strict=True))
+    for label, own in zip(constraints.labels, constraints.occurring, strict=False):
+        row[label.closure] |= own
+    moved, group = entries.copy(), np.arange(len(names))
     moved[:, list(held)] = False
-    group = np.arange(len(entries))
     for column in moved.T:
         joined = group[column]
         if joined.size:
             group[np.isin(group, joined)] = joined.min()
-    constraints, groups = constraints_of(mechanism), []
+    groups = []
     for number in np.unique(group):
         chosen = np.flatnonzero(group == number)
-        names = tuple(known[k] for k in chosen)
-        own: NDArray[np.bool_] = np.any(entries[chosen], axis=0)
+        closures = tuple(names[k] for k in chosen)
         angles = [k for k, x in enumerate(constraints.angles)
-                  if constraints.labels[x.equation].closure in names]
-        groups.append(LoopGroup(names, own, angles))
+                  if constraints.labels[x.equation].closure in closures]
+        groups.append(LoopGroup(closures, np.any(entries[chosen], axis=0), angles))
     return tuple(groups)
 
 
@@ -238,27 +242,6 @@ def configuration_indices(mechanism: Mechanism, group: LoopGroup) -> list[int]:
             i = mechanism.joint_id(joint)
             indices += range(model.idx_qs[i], model.idx_qs[i] + model.nqs[i])
     return indices
-
-
-@made_once
-def _entries_of_closures(mechanism: Mechanism) -> tuple[list[str], NDArray[np.bool_]]:
-    """Return names of closures, and (closures, nv) the velocities in their equations.
-
-    Each name is there once, though a closure may have two parts.
-    """
-    constraints, names = constraints_of(mechanism), list(
-        dict.fromkeys(c.name for c in mechanism.closures))
-    entries = np.zeros((len(names), mechanism.model.nv), dtype=bool)
-    row = dict(zip(names, entries, strict=True))
-    for label, own in zip(constraints.labels, constraints.occurring, strict=False):
-        row[label.closure] |= own
-    return names, entries
-
-
-@made_once
-def loose_entries(mechanism: Mechanism) -> tuple[int, ...]:
-    """Return the velocities that are in no closure equation."""
-    return tuple(np.flatnonzero(~_entries_of_closures(mechanism)[1].any(axis=0)).tolist())
 
 
 @made_once

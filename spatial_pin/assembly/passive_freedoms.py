@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from spatial_pin._support.lazy import made_once
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.kernel.loop_equations import LoopEquations
-from spatial_pin.mechanism.coordinates import driver_coordinates
+from spatial_pin.mechanism.coordinates import by_joint, driver_coordinates
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Closure, Coordinate
 from spatial_pin.numerics.linalg import Array, decompose
@@ -34,34 +34,29 @@ HINGES = {"revolute": 1, "universal": 2}  # pairs of a chain, with their number 
 WITHOUT_MASS = 1e-6
 
 
-def rigid_groups(
-    mechanism: Mechanism, driven: Iterable[Coordinate] | None = None
-) -> list[int]:
+@made_once
+def rigid_groups(mechanism: Mechanism, fixed: frozenset[str]) -> list[int]:
     """Return for every body (by its joint's index) the first body that is rigidly connected to it.
 
-    The halves of a driven telescopic leg are one body while the driver is fixed; so are those of a
-    welded rod. Prescribed coordinates are by default the drivers.
+    The halves of a telescopic leg are one body while its coordinate is among the `fixed` ones; so
+    are those of a welded rod.
     """
-    if driven is None:
-        driven = list(driver_coordinates(mechanism).values())
-    return _groups(mechanism, frozenset(c.name for c in driven))
-
-
-@made_once
-def _groups(mechanism: Mechanism, driven: frozenset[str]) -> list[int]:
     model = mechanism.model
-    names: dict[str, list[str]] = {}
-    for c in mechanism.coordinate_table.values():
-        names.setdefault(c.joint, []).append(c.name)
     groups = list(range(model.njoints))
     for i in range(1, model.njoints):
-        if driven.issuperset(names[model.names[i]]):
+        if fixed.issuperset(c.name for c in by_joint(mechanism)[model.names[i]]):
             groups[i] = groups[model.parents[i]]
     for closure in mechanism.closures:
         if closure.type in WELDS and closure.equations is None:
             low, high = sorted(groups[mechanism.frame_on_joint(f)[0]] for f in closure.frames)
             groups = [low if g == high else g for g in groups]
     return groups
+
+
+def _names(mechanism: Mechanism, driven: Iterable[Coordinate] | None) -> frozenset[str]:
+    """Return the names of prescribed coordinates, by default the drivers."""
+    driven = driver_coordinates(mechanism).values() if driven is None else driven
+    return frozenset(c.name for c in driven)
 
 
 def is_in_loop(mechanism: Mechanism, joint: str) -> bool:
@@ -72,7 +67,7 @@ def is_in_loop(mechanism: Mechanism, joint: str) -> bool:
 @made_once
 def _in_loops(mechanism: Mechanism) -> list[bool]:
     """Return `is_in_loop` for every body (by its joint's index)."""
-    groups = np.array(rigid_groups(mechanism))
+    groups = np.array(rigid_groups(mechanism, _names(mechanism, None)))
     pairs = np.bincount([groups[body] for ends in _pairs(mechanism) for body in ends
                          if groups[ends[0]] != groups[ends[1]]], minlength=len(groups))
     carries: list[bool] = (pairs[groups] > 1).tolist()
@@ -121,21 +116,24 @@ def massless_inner_links(mechanism: Mechanism) -> frozenset[int]:
 @made_once
 def balls_of_hinges(mechanism: Mechanism) -> list[Ball]:
     """Return the balls modelled as hinges about three axes, whatever the inner masses."""
-    inside, groups = _between_hinges(mechanism), list[set[int]]()
-    for ends, _ in _kinds_of_pairs(mechanism):
-        joined = {*ends} & inside
-        if joined:
-            near = [group for group in groups if group & joined]
-            groups = [group for group in groups if not group & joined]
-            groups.append(joined.union(*near))
-    balls = []
-    for group in groups:
+    inside, balls = _between_hinges(mechanism), []
+    for group in _connected({*ends} & inside for ends in _pairs(mechanism)):
         hinges = [(ends, kind) for ends, kind in _kinds_of_pairs(mechanism) if group & {*ends}]
         axes = sum(HINGES[kind] for _, kind in hinges)
         outer = [body for ends, _ in hinges for body in ends if body not in group]
         if axes == 3 and len(outer) == 2:
             balls.append(Ball((outer[0], outer[1]), frozenset(group)))
     return balls
+
+
+def _connected(links: Iterable[set[int]]) -> list[set[int]]:
+    """Return the sets that remain when those with a common element are joined."""
+    joined: list[set[int]] = []
+    for link in links:
+        near = [x for x in joined if x & link]
+        joined = [x for x in joined if not x & link]
+        joined += [link.union(*near)] if link else []
+    return joined
 
 
 @made_once
@@ -244,17 +242,14 @@ def passive_freedoms(
     """
     mechanism = evaluation.mechanism
     twists = _twists(evaluation, null_space)
-    groups = np.array(rigid_groups(mechanism, driven))
+    groups = np.array(rigid_groups(mechanism, _names(mechanism, driven)))
     moves = np.append(False, np.abs(twists).max(axis=(1, 2), initial=0.0) > RESTING)
     links: list[tuple[int, ...]] = [
         (group,) for group in sorted(set(groups[moves].tolist()) - {0})]
-    rods: list[set[int]] = []  # of several groups of bodies, that slide on each other
-    for ends, kind in _kinds_of_pairs(mechanism):
-        joined = set(groups[list(ends)].tolist())
-        if kind == "prismatic" and len(joined) == 2 and 0 not in joined:
-            near = [x for x in rods if x & joined]
-            rods = [x for x in rods if not x & joined]
-            rods.append(joined.union(*near))
+    slides = [set(groups[list(ends)].tolist()) for ends, kind in _kinds_of_pairs(mechanism)
+              if kind == "prismatic"]
+    # of several groups of bodies, that slide on each other
+    rods = _connected(x for x in slides if len(x) == 2 and 0 not in x)
     links += [tuple(sorted(x)) for x in rods
               if _is_rod(mechanism, min(x)) and moves[list(x)].all()]
     freedoms: list[tuple[str, Array]] = []

@@ -30,11 +30,11 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.close import DAMPED_STEPS, close
-from spatial_pin.assembly.state import State, carried_angles
+from spatial_pin.assembly.start_values import read_guess
+from spatial_pin.assembly.state import State, carried_angles, gap_of
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.kernel.closer import closer_of
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
-from spatial_pin.mechanism.coordinates import joint_values, with_values
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import SelectedEquations
 from spatial_pin.numerics.linalg import (
@@ -136,7 +136,7 @@ def without_rounded_equations(mechanism: Mechanism, gap: float) -> Mechanism | N
             return None
         # are equations clearly independent, or do they follow from others, at a pose near the
         # guess? not at the guess: loops that fit as drawn fit there however rounded numbers are
-        start = closer.close(_guess(mechanism), *how).q
+        start = closer.close(read_guess(mechanism, None).q, *how).q
         for _ in range(ALONG_PROBES):
             q, ahead = start, rng.uniform(-1.0, 1.0, len(free))
             for _ in range(STEPS_TO_POSE):  # the first finds a direction that the loops leave free
@@ -193,10 +193,6 @@ def with_independent_equations(mechanism: Mechanism, accuracy: Accuracy | None =
     return without_rounded_equations(mechanism, gap_allowed(mechanism, accuracy)) or mechanism
 
 
-def _guess(mechanism: Mechanism) -> Array:
-    return with_values(mechanism, mechanism.neutral, joint_values(mechanism, mechanism.guess))
-
-
 def allowed_from(state: State, gap: float) -> float:
     """Return the gap for motions from a state: `gap`, or more if the state has it already."""
     return max(gap, GAPS_WIDE * float(state.gap))
@@ -211,11 +207,10 @@ def _selected(evaluation: LoopEquations, gap: float) -> SelectedEquations | None
     """Return the remaining equations if the numbers of others are rounded; None: all."""
     cut = min(GAPS_WIDE * gap, WIDEST_GAP)
     mechanism, rng = evaluation.mechanism, np.random.default_rng(20111)
-    guess, first = _guess(mechanism), None
-    for k in range(START_SAMPLES):  # from the guess of the file, and from others
-        shaken = rng.uniform(-1.0, 1.0, evaluation.model.nv) * mechanism.velocity_scale * min(k, 3)
-        start = pin.integrate(evaluation.model, guess, shaken)
-        first = first or _sample(evaluation, start, cut, gap)
+    guess, scale = read_guess(mechanism, None).q, mechanism.velocity_scale
+    starts = (pin.integrate(evaluation.model, guess, min(k, 3) * scale * rng.uniform(
+        -1.0, 1.0, len(scale))) for k in range(START_SAMPLES))  # the guess of the file, and others
+    first = next(filter(None, (_sample(evaluation, q, cut, gap) for q in starts)), None)
     if first is None:
         return None
     # another branch may have a smaller gap than the guess, but the loops are not drawn there
@@ -233,22 +228,16 @@ def _selected(evaluation: LoopEquations, gap: float) -> SelectedEquations | None
         return None
     if _moves_with_all(evaluation, samples, rank, soft):
         return None
-    near = [list(takewhile(lambda y: _rank(y.s, CLEAR_OF_CUT * cut) == rank,
-                           _oriented(first, x, rank)))
+    near = [_regular(_oriented(first, x, rank), rank, cut)
             for x in _nearby(evaluation, first, cut, gap)]
     selected = (_independent(mechanism, near, _oriented(first, samples, rank))[0] if rank else
             SelectedEquations(((),) * len(mechanism.closures), ((),) * len(mechanism.closures)))
-    if _opens_nearby(evaluation, mechanism.with_equations(selected),
-                     _oriented(first, [first], rank)[0], gap):
+    reduced = mechanism.with_equations(selected)
+    if _opens_nearby(evaluation, reduced, _oriented(first, [first], rank)[0], gap):
         return None
-    evaluation.update(worst.q)
-    opened = {label.closure: 0.0 for label in evaluation.constraints.labels}
-    for label, row in zip(evaluation.constraints.labels, evaluation.residual, strict=True):
-        opened[label.closure] = max(opened[label.closure], abs(float(row)))
     least = max(ABOVE * max(soft, worst.error), TOLERANCES.rank)
-    return selected._replace(cut=min(least, cut), opened=tuple(
-        (c.name, opened[c.name])
-        for c, n in zip(mechanism.closures, selected.counts(), strict=True) if n < c.n_rows))
+    opened = gap_of(reduced, worst.q, np.zeros(constraints_of(reduced).n_angles)).closures
+    return selected._replace(cut=min(least, cut), opened=tuple(opened.items()))
 
 
 def _moves_with_all(
@@ -296,14 +285,22 @@ def _rank(s: Array, cut: float) -> int:
     return int(np.count_nonzero(s > cut * s[0])) if s.size else 0
 
 
+def _regular(path: list[Sample], rank: int, cut: float) -> list[Sample]:
+    """Return the samples of a path up to the first whose equations lose their rank."""
+    return list(takewhile(lambda x: _rank(x.s, CLEAR_OF_CUT * cut) == rank, path))
+
+
 def _sample(evaluation: LoopEquations, q: Array, cut: float, gap: float) -> Sample | None:
     """Close the loops from q (nq,) as well as possible; None if the gap remains exceeded."""
-    free = np.ones(evaluation.model.nv, dtype=bool)
-    q, error = close(evaluation, q, free, CLOSED, cut=cut)
-    if error > gap or evaluation.mirrored():
-        return None
+    q, error = close(evaluation, q, np.ones(evaluation.model.nv, dtype=bool), CLOSED, cut=cut)
+    return None if error > gap or evaluation.mirrored() else _sample_at(evaluation, q)
+
+
+def _sample_at(evaluation: LoopEquations, q: Array) -> Sample:
+    """Return the sample of a configuration (nq,), as it is."""
+    evaluation.update(q)
     jacobian = evaluation.jacobian[: evaluation.constraints.n_closure].copy()
-    return Sample(q, jacobian, singular_values(jacobian), error)
+    return Sample(q, jacobian, singular_values(jacobian), evaluation.closure_error)
 
 
 def _nearby(
@@ -350,11 +347,7 @@ def _opens_nearby(whole: LoopEquations, reduced: Mechanism, first: Sample, gap: 
 
         def closed(q: Array) -> Sample | None:
             q, error = close(evaluation, q, free, CLOSED)
-            if error > CLOSED:
-                return None
-            whole.update(q)
-            rows = whole.jacobian[: whole.constraints.n_closure]
-            return Sample(q, rows, singular_values(rows), whole.closure_error)
+            return None if error > CLOSED else _sample_at(whole, q)
 
         start, _ = close(evaluation, first.q, free, CLOSED)
         tangents = null_space(evaluation.jacobian[:n], TOLERANCES.rank)
@@ -416,19 +409,14 @@ def independent_along(
         return mechanism, None
     with loops_of(whole, carried_angles(mechanism, angles, whole)) as every, loops_of(
             mechanism, angles) as evaluation:
-        path, before = [], []
-        for k, point in list(_dense(mechanism, q))[-MOST_SAMPLED:]:
-            every.update(point)
-            jacobian = every.jacobian[: every.constraints.n_closure].copy()
-            path.append(Sample(point, jacobian, singular_values(jacobian), every.closure_error))
-            before.append(k)
-        path = list(takewhile(lambda x: _rank(x.s, CLEAR_OF_CUT * cut) == rank,
-                              _oriented(path[0], path, rank)))
+        dense = list(_dense(mechanism, q))[-MOST_SAMPLED:]
+        path = [_sample_at(every, point) for _, point in dense]
+        path = _regular(_oriented(path[0], path, rank), rank, cut)
         if not path:
             return mechanism, None
         along = _signed_independence(evaluation, path)
         bad = np.flatnonzero(along < USELESS)
-        n, worth = before[bad[0]] if bad.size else None, max(0.0, float(along.min()))
+        n, worth = dense[bad[0]][0] if bad.size else None, max(0.0, float(along.min()))
         if worth >= FAIR and not opens:
             return mechanism, n
         travelled = (pin.difference(whole.model, x, q[-1]) / whole.velocity_scale
@@ -464,15 +452,11 @@ def independence_at(mechanism: Mechanism, q: Array, angles: Array) -> tuple[floa
     rank = sum(selection.counts())
     with loops_of(whole, carried_angles(mechanism, angles, whole)) as every, loops_of(
             mechanism, angles) as evaluation:
-        every.update(q)
-        jacobian, error = every.jacobian[: every.constraints.n_closure], every.closure_error
-        svd = decompose(jacobian)
-        if not rank or not svd.s[rank - 1] > 0.0:
-            return float(not rank), error
-        sample = Sample(q, jacobian, svd.s, error, svd.vt[:rank])
-        evaluation.update(q)
-        own = evaluation.jacobian[: evaluation.constraints.n_closure]
-        return float(abs(_independence([own], [sample])[0])), error
+        sample = _sample_at(every, q)
+        if not rank or not sample.s[rank - 1] > 0.0:
+            return float(not rank), sample.error
+        path = _oriented(sample, [sample], rank)
+        return float(abs(_signed_independence(evaluation, path)[0])), sample.error
 
 
 def _walk(

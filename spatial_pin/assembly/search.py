@@ -28,9 +28,8 @@ from spatial_pin.assembly.redundant_equations import clearly_above, gap_words
 from spatial_pin.assembly.start_values import COORDINATE_ERROR, MAX_STARTS, NEAR_GUESS, starts_from
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.constraints.vector_products import opposite_axes
 from spatial_pin.errors import AssemblyError
-from spatial_pin.kernel.closer import AT_ONCE, ClosureResult, Examined
+from spatial_pin.kernel.closer import AT_ONCE, ClosureResult, Examined, opposite_axes
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.coordinates import coordinate_value, with_values
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -266,14 +265,14 @@ def _starts_worth_trying(problem: AssemblyProblem, q: Array) -> int:
     free = problem.free_without(name for name in problem.given if name not in pinned)
     if not problem.has_digits(q):
         return MAX_STARTS
-    there, error, _ = problem.closed(q, free, pinned)
-    if not error <= ACCEPTED:
+    result = problem.closed(q, free, pinned)
+    if not result.error <= ACCEPTED:
         return MAX_STARTS
-    problem.evaluation.update(there)
+    problem.evaluation.update(result.q)
     if not can_be_fixed(problem.evaluation, free, problem.standing, pinned):
         return 1
     there, _ = least_motion(
-        problem.evaluation, there, free, problem.standing, problem.tolerance, pinned)
+        problem.evaluation, result.q, free, problem.standing, problem.tolerance, pinned)
     moved = deviations(problem.mechanism, there, problem.standing)
     far = max((abs(by) / sizes[table[name].v] for name, by in moved.items()), default=0.0)
     return FEW_STARTS if far < OUT_OF_REACH else MAX_STARTS
@@ -327,8 +326,8 @@ def _gap_words(search: Search, error: float, q: Array, worst: str) -> str:
     words = (f"closure {worst!r} stays open by {gap} (closure error {error:.1e}), the smallest gap "
              "found; ") + (_too_large(mechanism, q) if large else _open_words(search, q, worst))
     constraints = constraints_of(mechanism)
-    by_path = [constraints.labels[x.equation].closure for x, turns in zip(
-        constraints.angles, constraints.turns, strict=True) if not turns.are_all]
+    by_path = [constraints.labels[x.equation].closure for x in constraints.angles
+               if not x.is_of_joints]
     if worst in by_path and next(c for c in mechanism.closures if c.name == worst).type == "screw":
         words += ("; its joints do not tell how often this screw has turned, so that it is "
                   "assembled within half a turn of the guess: sweep to further turns, or put the "

@@ -9,7 +9,7 @@ if they are set more than a turn from the guess.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -82,19 +82,28 @@ class Guess:
 
     Attributes:
         names: of these coordinates.
+        given: what the caller gave; None: nothing.
+        explicit: coordinates that the caller gave a value, turns included.
     """
 
     def __init__(
-        self, mechanism: Mechanism, q: Array, values: Mapping[str, float] | None = None
+        self, mechanism: Mechanism, q: Array, values: Mapping[str, float] | None = None,
+        given: Mapping[str, Any] | State | Array | None = None, explicit: tuple[str, ...] = (),
     ) -> None:
-        self.mechanism, self.q, self._values = mechanism, q, values
+        self.mechanism, self.q = mechanism, q
         self.names = mechanism.coordinates if values is None else tuple(values)
+        self.given, self.explicit = given, explicit
+        if values is not None:
+            self.values = values
+
+    @property
+    def angles(self) -> Array | None:
+        """(n_angles,) of screws there [rad]; None: from the joints."""
+        return self.given.angles if isinstance(self.given, State) else None
 
     @cached_property
     def values(self) -> Mapping[str, float]:
         """Named values, by coordinate [rad, m]."""
-        if self._values is not None:
-            return self._values
         entries, mechanism = self.q.tolist(), self.mechanism
         named = {c.name: entries[c.q] for c in mechanism.coordinate_table.values() if c.q >= 0}
         for joint, components in by_joint(mechanism).items():
@@ -110,6 +119,7 @@ def read_guess(
     mechanism: Mechanism, guess: Mapping[str, Any] | State | Array | None
 ) -> Guess:
     """Return the guess, by default the file's; angles with too many turns are reduced."""
+    named: dict[str, float] | None = None
     if guess is None:
         return _guess_of_file(mechanism, dict(mechanism.guess))
     if isinstance(guess, State):
@@ -119,12 +129,12 @@ def read_guess(
                 f"the guess is a state of mechanism {own.name!r}, which has other coordinates than "
                 f"{mechanism.name!r}")
         turns_in_space = mechanism.model.nq != mechanism.model.nv
-        q, named = pin.normalize(mechanism.model, guess.q) if turns_in_space else guess.q, None
+        q = pin.normalize(mechanism.model, guess.q) if turns_in_space else guess.q
     elif isinstance(guess, Mapping):
         base, named = joint_values(mechanism, mechanism.guess), joint_values(mechanism, guess)
         q = with_values(mechanism, mechanism.neutral, base | named)
     else:
-        q, named = finite_array(guess, (mechanism.model.nq,), "guess q"), None
+        q = finite_array(guess, (mechanism.model.nq,), "guess q")
         if not pin.isNormalized(mechanism.model, q, 0.5):
             raise ValueError("guess q has a quaternion whose length is far from 1")
         q = pin.normalize(mechanism.model, q)
@@ -135,15 +145,15 @@ def read_guess(
             if COORDINATE_ERROR * abs(entries[c.q]) > OPEN:
                 q[c.q] = math.atan2(math.sin(entries[c.q]), math.cos(entries[c.q]))
                 if named and c.name in named:
-                    named = {**named, c.name: float(q[c.q])}
-    return Guess(mechanism, q, named)
+                    named[c.name] = float(q[c.q])
+    return Guess(mechanism, q, named, guess, tuple(named or ()))
 
 
 @made_anew  # as anybody may change it
 def _guess_of_file(mechanism: Mechanism, guess: Mapping[str, Any]) -> Guess:
     start = read_guess(mechanism, guess)
     start.q.flags.writeable = False
-    return start
+    return Guess(mechanism, start.q, start.values)
 
 
 class StartSpread(NamedTuple):
@@ -185,16 +195,16 @@ def start_spread(
     size = np.array([np.where(is_named, shake, reach) * sizes for shake in (0.0, 1.0, np.pi)])
     steps = np.random.default_rng(20110).uniform(-1.0, 1.0, (MAX_STARTS - 1, len(sizes)))
     steps *= size[phase]
-    first, group = steps[:AT_ONCE], np.zeros(len(sizes), np.int64)
-    by_group = first[None]  # of each group of loops by itself, if these are few
-    if len(groups) > MOST_GROUPS:
-        by_group = np.empty((0, *first.shape))
-    elif len(groups) > 1:
-        by_group = np.array([first * own.entries for own in groups])
+    first, group, n = steps[:AT_ONCE], np.zeros(len(sizes), np.int64), max(len(groups), 1)
+    if n > MOST_GROUPS:  # not each by itself
+        n = 0
+    elif n > 1:
+        first = np.concatenate([first * own.entries for own in groups])
         for k, own in enumerate(groups):
             group[own.entries] = k
-    return StartSpread(phase > 0, steps, PerturbedStarts(by_group, NEAR_GUESS, group),
-                   [name for name in named if table[name].unit == "m"])
+    starts = PerturbedStarts(NEAR_GUESS, first[: n * AT_ONCE].copy(),
+                             np.repeat(np.arange(n), AT_ONCE), group)
+    return StartSpread(phase > 0, steps, starts, [x for x in named if table[x].unit == "m"])
 
 
 def starts_from(
@@ -229,8 +239,8 @@ def periodic(mechanism: Mechanism) -> list[Coordinate]:
     """Return the periodic angles: no closure counts their turns."""
     coupled = [mechanism.coordinate(j).name for c in mechanism.closures for j in c.joints]
     counted = np.zeros(mechanism.model.nq, dtype=bool)
-    for turns in constraints_of(mechanism).turns:
-        counted |= turns.are_all & (turns.row != 0.0)
+    for angle in constraints_of(mechanism).angles:
+        counted |= angle.is_of_joints & (angle.row != 0.0)
     return [
         c for c in mechanism.coordinate_table.values()
         if c.unit == "rad" and c.q >= 0 and c.name not in coupled and not counted[c.q]
@@ -275,7 +285,6 @@ def nearest_turn(
         return closer.judge(q, 0.0, reference).q
 
 
-@made_once
 def turning_with(
     mechanism: Mechanism, fixed: tuple[str, ...]
 ) -> tuple[NDArray[np.intp], Array]:
@@ -287,8 +296,8 @@ def turning_with(
     Returns:
         Indices in q (m,); and (m, nq) by how much each turns as the others do.
     """
-    unknown = {c.q for c in periodic(mechanism)} - {
-        mechanism.coordinate_table[name].q for name in fixed}
+    given = [mechanism.coordinate_table[name].q for name in fixed]
+    unknown = [c.q for c in periodic(mechanism) if c.q not in given]
     hinges, nq = _hinges(mechanism) if unknown else [], mechanism.model.nq
     known = [link for q, one, two, axis1, axis2 in hinges if q not in unknown
              for link in ((q, 1.0, one, two, axis1, axis2), (q, -1.0, two, one, axis2, axis1))]
@@ -356,16 +365,16 @@ def uncounted(
     fixed = {table[name].v for name in held if table[name].q >= 0}
     tied = [{mechanism.coordinate(name).v for name in c.joints} for c in mechanism.closures]
     entry_of = {c.q: c.v for c in table.values() if c.q >= 0}
-    tied += [{entry_of[q] for q in np.flatnonzero(turns.row).tolist()}
-             for turns in constraints.turns if turns.are_all]
+    tied += [{entry_of[q] for q in np.flatnonzero(angle.row).tolist()}
+             for angle in constraints.angles if angle.is_of_joints]
     known = set(fixed)
     for _ in tied:  # coordinates that a counting closure ties to a known one
         for ends in tied:
             known |= ends if ends & known else set()
     angles = {c.v for c in table.values() if c.unit == "rad"}
     hidden = set().union(*tied) & angles - known
-    by_path = {constraints.labels[x.equation].closure for x, turns in zip(
-        constraints.angles, constraints.turns, strict=True) if not turns.are_all}
+    by_path = {constraints.labels[x.equation].closure for x in constraints.angles
+               if not x.is_of_joints}
     entries: set[int] = set()
     for group in loop_groups(mechanism, tuple(sorted(fixed))):
         own = set(np.flatnonzero(group.entries).tolist())
@@ -376,14 +385,11 @@ def uncounted(
 
 
 def with_followed_turns(
-    mechanism: Mechanism, held: Mapping[str, float], start: Guess, angles: Array | None,
-    standing: Iterable[str], named: Collection[str],
+    mechanism: Mechanism, held: Mapping[str, float], start: Guess, standing: Iterable[str]
 ) -> tuple[Guess, Array, tuple[str, ...]]:
     """Return the guess, or the configuration followed from it if turns would be lost otherwise.
 
-    Coordinates in `held` have given values, those in `standing` are fixed at the guess, those in
-    `named` have explicit values in it, turns included. `angles` (n_angles,) is its unwrapping
-    reference of screws [rad]; None: from the joints.
+    Coordinates in `held` have given values, those in `standing` are fixed at the guess.
 
     Returns:
         The start of an assembly; the unwrapping reference (n_angles,) of screws [rad]; and
@@ -393,14 +399,14 @@ def with_followed_turns(
     fixed = tuple(name for name in (*held, *standing) if table[name].q >= 0)
     hidden, others = uncounted(mechanism, fixed)
     goal = with_values(mechanism, start.q, held)
-    first, turned = _screws(mechanism, start.q, angles)
+    first, turned = _screws(mechanism, start.q, start.angles)
     direct = first + turned @ (goal - start.q)
     by = {name: abs(float(goal[table[name].q] - start.q[table[name].q])) for name in hidden}
     if max(by.values(), default=0.0) < FAR:
         return start, direct, ()
     still = fixed_base_entries(mechanism, (table[name] for name in held))
     free = free_velocities(mechanism, still, fixed)
-    if not set(named).isdisjoint(others):  # it says how often each joint has turned
+    if not set(start.explicit).isdisjoint(others):  # it says how often each joint has turned
         fitting = _closed(mechanism, goal, free, direct)
         if fitting is not None and _moved(mechanism, goal, fitting[0]) < FAR:
             return start, direct, ()
@@ -410,13 +416,13 @@ def with_followed_turns(
     q, reference = there
     names = dict.fromkeys((*start.names, *others))
     values = {name: coordinate_value(mechanism, table[name], q) for name in names}
-    return Guess(mechanism, q, values), reference, ()
+    return Guess(mechanism, q, values, start.given, start.explicit), reference, ()
 
 
 def _screws(mechanism: Mechanism, q: Array, angles: Array | None) -> tuple[Array, Array]:
     """Return the angles of screws at a guess (nq,), and (n_angles, nq) their coefficients."""
-    counted = constraints_of(mechanism).turns
-    turned = np.array([turns.row for turns in counted]).reshape(len(counted), len(q))
+    counted = constraints_of(mechanism).angles
+    turned = np.array([angle.row for angle in counted]).reshape(len(counted), len(q))
     return (turned @ q if angles is None or len(angles) != len(counted) else angles), turned
 
 
@@ -432,18 +438,16 @@ def _winding(
         than the fixed ones.
     """
     table = mechanism.coordinate_table
-    explicit = {table[name].q for name in named}
+    explicit = [table[name].q for name in named]
     alike, rows = turning_with(mechanism, fixed)
-    is_open = np.array([q not in explicit for q in alike], dtype=bool)
     lower, upper = position_limits(mechanism)
-    free = [c for c in periodic(mechanism) if c.q not in {*explicit, *alike} and c.name not in fixed
+    free = [c for c in periodic(mechanism) if c.q not in (*explicit, *alike) and c.name not in fixed
             and not lower[c.q] < upper[c.q] < math.inf]
-    held = {table[name].v for name in fixed}
-    entries: set[int] = set()
-    for group in loop_groups(mechanism, tuple(sorted(held))):
-        if any(group.entries[c.v] for c in free):
-            entries |= set(np.flatnonzero(group.entries).tolist()) & held
-    angles = tuple(name for name in fixed if table[name].v in entries and table[name].unit == "rad")
+    groups = loop_groups(mechanism, tuple(sorted(table[name].v for name in fixed)))
+    wound = [x.entries for x in groups if any(x.entries[c.v] for c in free)]
+    angles = tuple(name for name in fixed if table[name].unit == "rad" and any(
+        entries[table[name].v] for entries in wound))
+    is_open = np.array([q not in explicit for q in alike], dtype=bool)
     alike, rows = alike[is_open], rows[is_open]
     known = [table[name].q for name in fixed]  # counted ones only when the loops are closed
     waits = bool(np.delete(rows, known, axis=1).any())
@@ -451,21 +455,18 @@ def _winding(
 
 
 def turns_of_others(
-    mechanism: Mechanism, start: Array, goal: Array, fixed: tuple[str, ...],
-    named: tuple[str, ...], angles: Array | None,
+    mechanism: Mechanism, guess: Guess, goal: Array, fixed: tuple[str, ...]
 ) -> Callable[[Array], tuple[Array, tuple[str, ...]]] | None:
     """Return a function that gives hinges the turns that no closure counts.
 
-    `start` (nq,) is the guess, `goal` the same with the fixed coordinates at their values; `named`
-    coordinates have explicit values in the guess, turns included. `angles` (n_angles,) are those of
-    screws at the guess [rad]; None: from the joints.
+    `goal` (nq,) is the guess with the fixed coordinates at their values.
 
     Returns:
         A function of a closed configuration (nq,): the same with turns, and fixed angles whose
         turns others may have lost. None if nothing is set so far from the guess.
     """
-    table = mechanism.coordinate_table
-    followed, winding, alike, rows, waits = _winding(mechanism, fixed, named)
+    table, start = mechanism.coordinate_table, guess.q
+    followed, winding, alike, rows, waits = _winding(mechanism, fixed, guess.explicit)
     far = tuple([name for name in followed if abs(
         goal.item(table[name].q) - start.item(table[name].q)) > OVER_A_TURN])
     if not (far or waits or (
@@ -485,7 +486,8 @@ def turns_of_others(
         if far:
             free = free_velocities(mechanism, fixed_base_entries(
                 mechanism, (table[name] for name in fixed)), fixed)
-            there = _followed(mechanism, start, q, free, _screws(mechanism, start, angles)[0])
+            there = _followed(
+                mechanism, start, q, free, _screws(mechanism, start, guess.angles)[0])
             if there is None or np.abs(
                     turn_free_difference(mechanism, there[0], q)).max() > SAME_CONFIGURATION:
                 lost += far

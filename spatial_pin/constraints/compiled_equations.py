@@ -1,6 +1,6 @@
-"""The closure equations of a mechanism, compiled once to flat arrays.
+"""The closure equations of a mechanism, compiled once to what the kernel's arrays are made of.
 
-Every equation that is one product of vectors A and B is
+Vectors are fixed in bodies: directions, and points. A product of sums A and B of such vectors has
 
     value      r = A . B - c
     derivative J = sign * scale * (W J6),  W = (f B, X x B)
@@ -8,33 +8,23 @@ Every equation that is one product of vectors A and B is
 where W is its wrench at the world origin, J6 Pinocchio's world joint Jacobian and sign is +1 (-1)
 for the freedoms that move body 2 (body 1) only. Lengths are divided by the characteristic length.
 
-All others are composed: sums of numbers times products, angles that count turns, joint coordinates
-and functions of these (`composed_equations`). A resolved passive freedom is the absolute rotation
-of a body about a line fixed in it.
+An equation is one product, or a sum of terms: numbers times products, angles that count turns,
+joint coordinates and functions of these. A resolved passive freedom is the absolute rotation of a
+body about a line fixed in it.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from functools import cached_property
 from itertools import takewhile
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import made_once
-from spatial_pin.constraints.composed_equations import (
-    CompiledTerm,
-    Composed,
-    Equation,
-    ImplicitAngles,
-    QuantityIndex,
-)
 from spatial_pin.constraints.composite_joints import split_of
-from spatial_pin.constraints.vector_products import Products, matrix_of
+from spatial_pin.mechanism.coordinates import joint_values, with_values
 from spatial_pin.mechanism.equations import (
     FIRST_TWO,
     Angle,
@@ -51,12 +41,15 @@ from spatial_pin.mechanism.equations import (
     ScalarProduct,
     Square,
 )
-from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mechanism.parts import Closure, Coordinate
+from spatial_pin.mechanism.mechanism import Mechanism, point_on_body
+from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.numerics.piecewise import ROOT, Piecewise
-from spatial_pin.numerics.taylor import Taylor
+from spatial_pin.numerics.piecewise import ROOT, Function, Piecewise
 
+PRODUCT, COORDINATE, ANGLE = range(3)  # kinds of quantities, see `kernel.h`
+Factor = tuple[int, int, int]  # kind and number of a quantity, and number of its function or -1
+Sum = list[tuple[float, list[Factor]]]  # terms: a number, and quantities that it is times
+SHORT = 1e-3  # distance relative to the characteristic length below which it is no unit
 # Sine of an angle of two axes that are one direction: files have some digits, and turns are whole
 NEARLY_PARALLEL = 0.05
 HALF_TURN_NOISE = 1e-9  # rad by which half a turn may be missed and is still +pi, not -pi
@@ -65,18 +58,316 @@ HALF_TURN_NOISE = 1e-9  # rad by which half a turn may be missed and is still +p
 LARGE_RATIO = 100.0
 
 
-class Turns(NamedTuple):
-    """Coordinates that count the turns of a screw closure.
+class EquationLabel(NamedTuple):
+    """The name of an equation's closure, and the number of the equation in it."""
+
+    closure: str
+    equation: int
+
+
+class CountedAngle(NamedTuple):
+    """An angle that counts turns.
 
     Attributes:
-        row: (nq,) coefficients of coordinates in the angle of its frames.
+        equation: that it is of.
+        name: its closure, which equation of the closure's type, and which angle there: what it has
+            in every mechanism with that closure, whatever other equations are left out.
+        sine: number of the product that is its sine, before its cosine; -1 where sums define it.
+        row: (nq,) coefficients of coordinates that count its turns.
         offset: the angle where these are zero [rad].
-        are_all: whether the angle depends on these coordinates alone.
+        is_of_joints: whether it depends on these coordinates alone.
     """
 
+    equation: int
+    name: tuple[str, int, int]
+    sine: int
     row: Array
     offset: float
-    are_all: bool
+    is_of_joints: bool
+
+
+class _FrameOnBody(NamedTuple):
+    """A frame as it is fixed in the body of a joint."""
+
+    frame: int
+    joint: int
+    rotation: Array
+    origin: Array
+
+
+class _Products:
+    """Collects products of vectors that are fixed in bodies, see `Constraints`."""
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        self.mechanism, self.scale = mechanism, 1.0 / mechanism.characteristic_length
+        self.vectors: list[tuple[int, int, int, Array]] = []
+        self.rows: list[tuple[Any, ...]] = []  # parts, factors, constant, force, joints, equation
+        self.of_other_bodies: list[tuple[int, int, tuple[int, int]]] = []
+        self.idle_axes: list[tuple[int, Array]] = []
+        self._frames: dict[str, _FrameOnBody] = {}
+        self._known: dict[tuple[int, bytes, int], int] = {}  # vectors
+        model = mechanism.model
+        self.supports = np.zeros((model.njoints, model.nv))
+        for i in range(1, model.njoints):
+            self.supports[i] = self.supports[model.parents[i]]
+            self.supports[i, model.idx_vs[i] : model.idx_vs[i] + model.nvs[i]] = 1.0
+
+    def add(
+        self, equation: int, closure: Closure, product: ScalarProduct | PointDistance,
+        constant: float = 0.0,
+    ) -> int:
+        """Add the product of two frames of a closure, less a constant; return its number."""
+        names, scale = (*closure.frames, *closure.between), self.scale
+        one, two = (self._frame(names[k]) for k in product.frames)
+        parts: tuple[int, ...]
+        if isinstance(product, Cosine):
+            along = self._vector(two, two.rotation @ product.w)
+            parts = along, -1, self._vector(one, one.rotation @ product.u), -1, along
+            factors, force = (1.0, 0.0, 1.0, 0.0, 1.0), 0.0
+        else:
+            second, first = (self._vector(frame, frame.origin, 1) for frame in (two, one))
+            if isinstance(product, Displacement):  # it acts where the direction is not fixed
+                of, at = (two, first) if product.of_second else (one, second)
+                parts = second, first, self._vector(of, of.rotation @ product.u), -1, at
+                factors, force = (1.0, -1.0, scale, 0.0, 1.0), 1.0
+                constant += product.offset
+            else:
+                half = scale**2 if isinstance(product, PointDistance) else 0.5 * scale / (
+                    product.length or unit_length(self.mechanism, closure))
+                parts = second, first, second, first, second
+                factors, force = (1.0, -1.0, half, -half, 2.0), 2.0
+            constant *= scale
+        joints, number = (one.joint, two.joint), len(self.rows)
+        if product.frames != FIRST_TWO:
+            self.of_other_bodies.append((equation, number, joints))
+        self.rows.append((parts, factors, constant, force, joints, equation))
+        return number
+
+    def add_rotation(self, equation: int, body: str, axis: tuple[str, str]) -> None:
+        """Add the rotation of a body about the line through two points fixed in it."""
+        joint = self._frame(body).joint
+        a, b = (point_on_body(self.mechanism, joint, name) for name in axis)
+        direction = (b - a) / np.linalg.norm(b - a)
+        self.idle_axes.append((joint, direction))
+        along = self._vector((-len(self.idle_axes), joint), direction)
+        self.rows.append(((-1, -1, along, -1, -1), (0.0, 0.0, 1.0, 0.0, 0.0), 0.0, 0.0,
+                          (0, joint), equation))
+
+    def _frame(self, name: str) -> _FrameOnBody:
+        """Return a frame of the tree, on the ground relative to the centre."""
+        if name not in self._frames:
+            joint, placement = self.mechanism.centred_frame(name)
+            self._frames[name] = _FrameOnBody(
+                self.mechanism.frame_id(name), joint, placement.rotation.copy(),
+                placement.translation.copy())
+        return self._frames[name]
+
+    def _vector(
+        self, of: _FrameOnBody | tuple[int, int], local: Array, is_point: int = 0
+    ) -> int:
+        """Return the number of a vector (3,) in the axes of a joint, fixed in a frame of it."""
+        frame, joint = of[:2]
+        key = frame, local.tobytes(), is_point
+        if self._known.setdefault(key, len(self.vectors)) == len(self.vectors):
+            self.vectors.append((frame, joint, is_point, local))
+        return self._known[key]
+
+
+class Constraints:
+    """The compiled closure equations of a mechanism.
+
+    Attributes:
+        labels: closure and equation of each of the `n_closure` closure equations, which those of
+            `n_passive` resolved freedoms follow.
+        n_products: of them that have products; those of joint coordinates alone come last.
+        product: (n_closure,) the product that an equation is, or -1; `plain`: which are products.
+        sums: terms of each that is a sum.
+        occurring: (n_closure + n_passive, nv) whether a coordinate occurs in an equation; `tied`:
+            (nv,) in a closure equation.
+        vectors: fixed in bodies: frame of the model (of an idle rotation's axis, which runs through
+            two points, -1 less its number), joint, 1 for a point, and (3,) in the joint's axes.
+        parts, part_factors: (n, 5) vectors of each product, two of A, two of B, and X; -1: none.
+        constants: (n,) c of each product; passive ones are last, from `passive_at` on.
+        factors: (n, 1) f of each.
+        equation_of: (n,) the equation that it is of.
+        other_body_products: equation, product and joints of products that act on other bodies than
+            the closure's first two.
+        signs: (n, nv) sign * scale of each.
+        coordinates: equation, and entries of q and v, of each joint coordinate in the sums;
+            `of_joints`: the equations.
+        angles: the `n_angles` angles that count turns.
+        implicit: first of the angles that sums define, first of these in `defining`, and the sums.
+        functions: of quantities.
+        idle_axes: joint and unit axis in its frame (3,) of each resolved passive freedom.
+        supports: (njoints, nv) 1 for the freedoms that move the body of each joint.
+    """
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        self.mechanism, self._products = mechanism, (products := _Products(mechanism))
+        self.scale, self.vectors = products.scale, products.vectors
+        self.supports = products.supports
+        self.other_body_products, self.idle_axes = products.of_other_bodies, products.idle_axes
+        self.coordinates: list[tuple[int, int, int]] = []
+        self.angles: list[CountedAngle] = []
+        self.implicit: list[tuple[int, int, ImplicitParameters]] = []
+        self.functions: list[Function] = []
+        self.sums: list[Sum] = []
+        self.defining: list[Sum] = []
+        self._known: dict[Any, int] = {}  # numbers of what occurs again
+        rows = [(all(isinstance(getattr(x, "argument", x), JointCoordinate)
+                     for _, factors in row.terms for x in factors), c, k, row)
+                for c in mechanism.closures for k, row in enumerate(c.rows)]
+        self.n_products = sum(not of_joints for of_joints, *_ in rows)
+        rows.sort(key=lambda row: row[0])
+        self.labels = tuple(EquationLabel(c.name, k) for _, c, k, _ in rows)
+        self.product = np.array([self._add_equation(c, row) for _, c, _, row in rows], np.intp)
+        self.passive_at = len(products.rows)
+        for number, passive in enumerate(mechanism.passives, start=len(rows)):
+            products.add_rotation(number, passive.body, passive.axis)
+        self.n_closure, self.n_passive = len(rows), len(self.idle_axes)
+        self.n_angles = len(self.angles)
+        parts, factors, constants, forces, joints, equations = (
+            zip(*products.rows, strict=True) if products.rows else [()] * 6)
+        self.parts = np.array(parts, np.int64).reshape(-1, 5)
+        self.part_factors = np.array(factors, float).reshape(-1, 5)
+        self.constants, self.factors = np.array(constants), np.array(forces).reshape(-1, 1)
+        self.equation_of = np.array(equations, np.intp)
+        one, two = self.supports[np.array(joints, np.intp).reshape(-1, 2).T]
+        self.signs = (two - one) * mechanism.velocity_scale
+        moved, entry = np.nonzero(self.signs)
+        self.occurring = np.zeros((self.n_closure + self.n_passive, len(self.signs.T)), bool)
+        self.occurring[self.equation_of[moved], entry] = True
+        for equation, _, v in self.coordinates:
+            self.occurring[equation, v] = True
+        self.tied = np.any(self.occurring[: self.n_closure], axis=0)
+        self.plain = np.flatnonzero(self.product >= 0)
+        self.of_joints = np.array(sorted({x for x, _, _ in self.coordinates}), np.intp)
+
+    def _add_equation(self, closure: Closure, equation: ConstraintEquation) -> int:
+        """Add a closure equation; return the product that it is, less a constant, or -1."""
+        (weight, factors), *rest = equation.terms
+        if weight == 1.0 and len(factors) == 1 and isinstance(factors[0], ScalarProduct) and (
+                factors[0].frames == FIRST_TWO) and not any(factors for _, factors in rest):
+            constant = -sum(number for number, _ in rest)
+            self.sums.append([])
+            return self._products.add(len(self.sums) - 1, closure, factors[0], constant)
+        size = 1.0 if len(self.sums) < self.n_products else _size(
+            self.mechanism, closure, equation)
+        self.sums.append(self._sum(closure, equation, size))
+        return -1
+
+    def _sum(self, closure: Closure, equation: ConstraintEquation, size: float = 1.0) -> Sum:
+        """Return the terms of a sum, times a size."""
+        terms = []
+        for weight, quantities in equation.terms:
+            lengths = sum(isinstance(x, Displacement | Square | PointDistance) for x in quantities)
+            if weight or quantities:
+                terms.append((size * weight * self.scale ** (equation.is_length - lengths),
+                              [self._factor(closure, x) for x in quantities]))
+        return terms
+
+    def _factor(self, closure: Closure, x: Quantity) -> Factor:
+        """Return kind, number and function of a quantity; it is added where it is new."""
+        at = len(self.sums)
+        function: Function | None = ROOT if isinstance(x, PointDistance) else None
+        if isinstance(x, FunctionOf):
+            function, x = x.function, x.argument
+            if isinstance(x, Displacement) and isinstance(function, Piecewise):
+                function = function.of_scaled(self.scale)
+        f = -1
+        if function is not None:
+            f = self._known.setdefault(id(function), len(self.functions))
+            if f == len(self.functions):
+                self.functions.append(function)
+        if isinstance(x, JointCoordinate):
+            coordinate = self.mechanism.coordinate(closure.joints[x.joint])
+            self.coordinates.append((at, coordinate.q, coordinate.v))
+            return COORDINATE, len(self.coordinates) - 1, f
+        if isinstance(x, Parameter):
+            return ANGLE, self._parameters(closure, x.of) + x.which, f
+        if isinstance(x, Angle | Bearing):
+            return ANGLE, self._angle(closure, x), f
+        if (at, id(x)) not in self._known:
+            self._known[at, id(x)] = self._products.add(at, closure, x)
+        return PRODUCT, self._known[at, id(x)], f
+
+    def _angle(self, closure: Closure, x: Angle | Bearing) -> int:
+        """Add an angle, its sine and its cosine; return its number."""
+        at, turns, both = len(self.sums), None, list[ScalarProduct]()
+        if isinstance(x, Angle):
+            turns = turns_of(self.mechanism, closure, x)
+            both += [Cosine(x.axes1[:, k], x.axes2[:, 0], x.frames) for k in (1, 0)]
+        else:  # of a point that moves: turns are counted along a path
+            both += [Displacement(u, x.frames, float(u @ x.centre))
+                     for u in (x.axes[:, 1], x.axes[:, 0])]
+        sine, _ = (self._products.add(at, closure, product) for product in both)
+        return self._add_angle(closure, sine, turns)
+
+    def _parameters(self, closure: Closure, root: ImplicitParameters) -> int:
+        """Return the number of the first angle that sums define; they are added where new."""
+        at, first = len(self.sums), len(self.angles)
+        if self._known.setdefault((at, id(root)), first) == first:
+            for _ in root.spans:
+                self._add_angle(closure, -1)
+            sums = [self._sum(closure, x) for x in root.definition]
+            self.implicit.append((first, len(self.defining), root))
+            self.defining += sums
+        return self._known[at, id(root)]
+
+    def _add_angle(
+        self, closure: Closure, sine: int, turns: tuple[Array, float, bool] | None = None
+    ) -> int:
+        """Add an angle of a closure's equation; return its number."""
+        at = len(self.sums)
+        row, which = self.labels[at].equation, sum(x.equation == at for x in self.angles)
+        row = row if closure.equations is None else closure.equations[row]
+        turns = turns or (np.zeros(self.mechanism.model.nq), 0.0, False)
+        self.angles.append(CountedAngle(at, (closure.name, row, which), sine, *turns))
+        return len(self.angles) - 1
+
+
+def _size(mechanism: Mechanism, closure: Closure, equation: ConstraintEquation) -> float:
+    """Return the factor of an equation of joint coordinates alone.
+
+    That is the size of its last coordinate. Where ratios are large, it is the one of the joint that
+    moves less, to a power of two, which changes no digit of a solution: else digits would seem lost
+    where the other ones move fast.
+    """
+    scale = 1.0 / mechanism.characteristic_length
+    sizes = [1.0 if mechanism.coordinate(name).unit == "rad" else scale for name in closure.joints]
+    largest = max((abs(weight) / sizes[x[0].joint] for weight, x in equation.terms
+                   if len(x) == 1 and isinstance(x[0], JointCoordinate)), default=0.0)
+    if largest * sizes[-1] <= LARGE_RATIO:
+        return sizes[-1]
+    return float(2.0 ** round(-math.log2(largest)))
+
+
+@made_once
+def constraints_of(mechanism: Mechanism) -> Constraints:
+    """Return the compiled constraints of a mechanism, made once."""
+    return Constraints(mechanism)
+
+
+def unit_length(mechanism: Mechanism, closure: Closure) -> float:
+    """Return the unit [m] of a distance between other frames: theirs in the guess.
+
+    So the equation is the difference of the lengths near there. Where that is next to nothing it is
+    the characteristic length.
+    """
+    model, size = mechanism.centred_model, mechanism.characteristic_length
+    q = with_values(mechanism, mechanism.neutral, joint_values(mechanism, mechanism.guess))
+    ends = []
+    for joint, placement in map(mechanism.centred_frame, closure.between):
+        for i in reversed(list(model.supports[joint])[1:]):  # a `pin.Data` of many loops is large
+            own = model.joints[i].createData()
+            model.joints[i].calc(own, q)
+            placement = model.jointPlacements[i] * pin.SE3(own.M) * placement
+        ends.append(placement.translation)
+    length = float(np.linalg.norm(ends[1] - ends[0]))
+    return length if length > SHORT * size else size
+
+
+# ---------------------------------------------------------------- turns
 
 
 class _Hinge(NamedTuple):
@@ -98,18 +389,14 @@ class _Hinge(NamedTuple):
         return len(sines) == 1 and sines[0] < NEARLY_PARALLEL
 
 
-def turns_of(
-    mechanism: Mechanism, closure: Closure, angle: Angle | Bearing | Parameter
-) -> Turns:
-    """Return the coordinates that count the turns of an angle of a closure.
+def turns_of(mechanism: Mechanism, closure: Closure, angle: Angle) -> tuple[Array, float, bool]:
+    """Return which coordinates count the turns of an angle, see `CountedAngle`.
 
     Two frames tell their angle within a turn. Hinges next to either frame, but for slides, whose
     axes are that of the screw turn it by their own coordinates. Where the hinges between these are
     parallel to each other, nothing else turns it. Other trees may wind about the axis; there turns
     are counted along a path.
     """
-    if not isinstance(angle, Angle):  # of a point that moves: turns are counted along a path
-        return Turns(np.zeros(mechanism.model.nq), 0.0, False)
     model, carriers = split_of(mechanism)
     ends, frames = [], []
     for name in (closure.frames[k] for k in angle.frames):
@@ -131,8 +418,7 @@ def turns_of(
         sine, cosine = axis @ np.cross(u, w), u @ w - (axis @ u) * (axis @ w)
         two = pin.exp3(axis * math.atan2(sine, cosine)) @ two
     at_zero = math.atan2(one[:, 1] @ two[:, 0], one[:, 0] @ two[:, 0])
-    return Turns(row, at_zero if at_zero > HALF_TURN_NOISE - math.pi else at_zero + 2.0 * math.pi,
-                 are_all)
+    return row, at_zero if at_zero > HALF_TURN_NOISE - math.pi else at_zero + 2.0 * math.pi, are_all
 
 
 def _placement(model: pin.Model, joint: int) -> pin.SE3:
@@ -159,322 +445,3 @@ def _hinge(model: pin.Model, i: int, sense: int) -> _Hinge:
     turns = np.array(data.S).reshape(6, -1)[3:].T
     axes = turns[turns.any(axis=1)] @ _placement(model, i).rotation.T
     return _Hinge(int(model.idx_qs[i]), axes, sense)
-
-
-class EquationLabel(NamedTuple):
-    """The name of an equation's closure, and the number of the equation in it."""
-
-    closure: str
-    equation: int
-
-
-class OtherBodyProduct(NamedTuple):
-    """A product of an equation that acts on other bodies than the closure's first two.
-
-    Attributes:
-        equation: number of the equation.
-        product: number of the product.
-        joints: that carry its two bodies.
-    """
-
-    equation: int
-    product: int
-    joints: tuple[int, int]
-
-
-class CountedAngle(NamedTuple):
-    """An angle that counts turns.
-
-    Attributes:
-        equation: that it is of.
-        name: its closure, which equation of the closure's type, and which angle there: what it has
-            in every mechanism with that closure, whatever other equations are left out.
-    """
-
-    equation: int
-    name: tuple[str, int, int]
-
-
-class Constraints:
-    """The compiled closure equations of a mechanism.
-
-    Attributes:
-        labels: closure and equation of each of the `n_closure` closure equations.
-        n_closure: number of closure equations; those of `n_passive` resolved freedoms follow them.
-        n_products: of them that have products; those of joint coordinates alone come last.
-        n_wrenches: of `LoopEquations.row_wrenches`.
-        equations: the compiled equations, passive ones last.
-        plain: closure equations that are one product each; their numbers are its own.
-        composed: those that are more, alike ones together.
-        other_body_products: products that act on other bodies than the closure's first two.
-        angles: the `n_angles` angles that count turns.
-        turns: the joints that count the turns of each of them.
-        counts_turns: whether they, or couplings, count turns of joints.
-        of_joints: (k,) equations that coordinates of joints occur in as such.
-        idle_axes: joint and unit axis in its frame (3,) of each resolved passive freedom.
-        terms: of the vectors A, B and X of each product, see `Term`.
-        supports: (njoints, nv) 1 for the freedoms that move the body of each joint.
-    """
-
-    def __init__(self, mechanism: Mechanism) -> None:
-        self.mechanism = mechanism
-        products = Products(mechanism)
-        self.scale, self.supports = products.scale, products.supports
-        self.idle_axes = products.idle_axes
-        rows = [(EquationLabel(c.name, k), c, e)
-                for c in mechanism.closures for k, e in enumerate(c.rows)]
-        first = [_first_product(e) for _, _, e in rows]
-        rows = [r for r, p in zip(rows, first, strict=True) if p] + [
-            r for r, p in zip(rows, first, strict=True) if not p]
-        self.labels = tuple(label for label, _, _ in rows)
-        self.n_closure, self.n_products = len(rows), len(rows) - first.count(None)
-        for _, closure, equation in rows[: self.n_products]:
-            product = _first_product(equation)
-            assert product is not None
-            constant = _plain_constant(equation)
-            products.add(product, closure, 0.0 if constant is None else -constant)
-        self.other_body_products: list[OtherBodyProduct] = []
-        self.angles: list[CountedAngle] = []
-        self.turns = [turns_of(mechanism, c, x) for _, c, e in rows for x in _angles_of(e)]
-        self.counts_turns = bool(self.turns) or any(c.joints for c in mechanism.closures)
-        equations = [self._equation(at, closure, equation, products)
-                     for at, (_, closure, equation) in enumerate(rows)]
-        self.passive_at = len(products.constants)
-        for passive in mechanism.passives:
-            products.add_rotation(passive.body, passive.axis)
-        self.n_passive = len(self.idle_axes)
-        equations += [Equation((at,)) for at in range(self.passive_at, len(products.constants))]
-        self.equations = tuple(equations)
-        closed = self.equations[: self.n_closure]
-        self.plain = np.array([at for at, e in enumerate(closed) if not e.terms], np.intp)
-        self.of_joints = np.array([at for at, e in enumerate(closed) if e.coordinates], np.intp)
-        self.composed = Composed.of(closed)
-        self.n_wrenches = self.n_closure + len(self.other_body_products)
-        self.n_angles = len(self.angles)
-        model, r = mechanism.model, len(products.constants)
-        self.terms = products.a, products.b, products.x
-        self.c_abx = matrix_of(self.terms, model.njoints)
-        self.constants = np.array(products.constants)
-        self.factors = np.array(products.factors).reshape(-1, 1)
-        self.signs = np.array(products.signs).reshape(r, model.nv) * mechanism.velocity_scale
-        self.idle_bias = np.zeros((self.n_passive, 6 * model.njoints))
-        for bias, (joint, axis) in zip(self.idle_bias, self.idle_axes, strict=True):
-            bias[6 * joint + 3 : 6 * joint + 6] = axis
-
-    def _equation(
-        self, at: int, closure: Closure, equation: ConstraintEquation, products: Products
-    ) -> Equation:
-        """Return equation number `at`; products besides its first one are added."""
-        if _plain_constant(equation) is not None:
-            return Equation((at,))
-        made = _EquationBuilder(self.mechanism, closure, products, at, len(self.angles))
-        terms = made.terms_of(equation, self._size(closure, equation))
-        row = self.labels[at].equation
-        row = row if closure.equations is None else closure.equations[row]
-        self.angles += [CountedAngle(at, (closure.name, row, k)) for k in range(len(made.angles))]
-        names = (*closure.frames, *closure.between)
-        for k, (one, two) in made.other_body_products:
-            self.other_body_products.append(OtherBodyProduct(at, made.products[k], (
-                self.mechanism.frame_on_joint(names[one])[0],
-                self.mechanism.frame_on_joint(names[two])[0])))
-        return Equation(tuple(made.products), tuple(made.coordinates), tuple(made.angles), terms,
-                        tuple(k for k, _ in made.other_body_products), tuple(made.implicit))
-
-    def _size(self, closure: Closure, equation: ConstraintEquation) -> float:
-        """Return the factor of an equation of joint coordinates alone; 1 for others.
-
-        That is the size of its last coordinate. Where ratios are large, it is the one of the joint
-        that moves less, to a power of two, which changes no digit of a solution: else digits would
-        seem lost where the other ones move fast.
-        """
-        if _first_product(equation):
-            return 1.0
-        sizes = [1.0 if self.mechanism.coordinate(name).unit == "rad" else self.scale
-                 for name in closure.joints]
-        largest = max((abs(weight) / sizes[x[0].joint] for weight, x in equation.terms
-                       if len(x) == 1 and isinstance(x[0], JointCoordinate)), default=0.0)
-        if largest * sizes[-1] <= LARGE_RATIO:
-            return sizes[-1]
-        return float(2.0 ** round(-math.log2(largest)))
-
-    @cached_property
-    def tied(self) -> NDArray[np.bool_]:
-        """(nv,) which coordinates occur in closure equations."""
-        return np.any(self.occurring[: self.n_closure], axis=0)  # type: ignore[no-any-return]
-
-    @cached_property
-    def occurring(self) -> NDArray[np.bool_]:
-        """(n_closure + n_passive, nv) which coordinates occur in each equation."""
-        occurring = np.zeros((len(self.equations), self.mechanism.model.nv), bool)
-        for own, equation in zip(occurring, self.equations, strict=True):
-            own |= np.any(self.signs[list(equation.products)] != 0.0, axis=0)
-            own[[c.v for c in equation.coordinates]] = True
-        return occurring
-
-    def support(self, joint: int) -> Array:
-        """(nv,) 1 for the freedoms that move the body of `joint`."""
-        return self.supports[joint]
-
-
-class _EquationBuilder:
-    """Collects the quantities of one equation, numbered by kind."""
-
-    def __init__(
-        self, mechanism: Mechanism, closure: Closure, products: Products, first: int, angles: int
-    ) -> None:
-        self.mechanism, self.closure, self.all_products = mechanism, closure, products
-        self._first, self._angles_before = first, angles
-        self.products: list[int] = []
-        self.coordinates: list[Coordinate] = []
-        self.angles: list[tuple[int, int]] = []
-        self.other_body_products: list[tuple[int, tuple[int, int]]] = []
-        self.implicit: list[ImplicitAngles] = []
-        self._roots: dict[ImplicitParameters, int] = {}
-        self._product_indices: dict[int, int] = {}  # of products that occur again
-
-    def terms_of(self, equation: ConstraintEquation, size: float = 1.0) -> tuple[CompiledTerm, ...]:
-        """Add the quantities of a sum; return its terms."""
-        terms = []
-        for weight, quantities in equation.terms:
-            lengths = sum(isinstance(x, Displacement | Square | PointDistance) for x in quantities)
-            power = equation.is_length - lengths
-            if weight or quantities:
-                terms.append((size * weight * self.all_products.scale**power,
-                              tuple(self.index_of(x) for x in quantities)))
-        return tuple(terms)
-
-    def _implicit(self, root: ImplicitParameters) -> int:
-        """Add parameters to the angles of the equation; return the index of the first."""
-        if root not in self._roots:
-            first = self._roots[root] = len(self.angles)
-            self.angles += [(self._angles_before + first + k, -1) for k in range(len(root.spans))]
-            sums = tuple(self.terms_of(x) for x in root.definition)
-            self.implicit.append(ImplicitAngles(first, sums, root.spans, root.is_periodic))
-        return self._roots[root]
-
-    def index_of(self, quantity: Quantity) -> QuantityIndex:
-        """Add a quantity to the equation; return its index."""
-        if isinstance(quantity, FunctionOf):
-            function = quantity.function
-            if isinstance(quantity.argument, Displacement) and isinstance(function, Piecewise):
-                function = function.of_scaled(self.all_products.scale)
-            return self.index_of(quantity.argument)._replace(function=function)
-        if isinstance(quantity, JointCoordinate):
-            name = self.closure.joints[quantity.joint]
-            self.coordinates.append(self.mechanism.coordinate(name))
-            return QuantityIndex("coordinate", len(self.coordinates) - 1)
-        if isinstance(quantity, Parameter):
-            return QuantityIndex("angle", self._implicit(quantity.of) + quantity.which)
-        first = len(self.products)
-        if id(quantity) in self._product_indices:
-            return QuantityIndex("product", self._product_indices[id(quantity)])
-        for product in _products_of(quantity):
-            if product.frames != FIRST_TWO:
-                self.other_body_products.append((len(self.products), product.frames))
-            self.products.append(self.all_products.add(product, self.closure) if self.products
-                                 else self._first)
-        if not isinstance(quantity, Angle | Bearing):
-            root = ROOT if isinstance(quantity, PointDistance) else None
-            if isinstance(quantity, Displacement | Cosine):
-                self._product_indices[id(quantity)] = first
-            return QuantityIndex("product", first, root)
-        self.angles.append((self._angles_before + len(self.angles), first))
-        return QuantityIndex("angle", len(self.angles) - 1)
-
-
-def _products_of(quantity: Quantity) -> list[ScalarProduct | PointDistance]:
-    """Return the products that a quantity is made of; of an angle sine and cosine."""
-    if isinstance(quantity, FunctionOf):
-        return _products_of(quantity.argument)
-    if isinstance(quantity, Angle):
-        return [Cosine(u, quantity.axes2[:, 0], quantity.frames)
-                for u in (quantity.axes1[:, 1], quantity.axes1[:, 0])]
-    if isinstance(quantity, Bearing):
-        return [Displacement(u, quantity.frames, float(u @ quantity.centre))
-                for u in (quantity.axes[:, 1], quantity.axes[:, 0])]
-    return [] if isinstance(quantity, JointCoordinate | Parameter) else [quantity]
-
-
-def _first_product(equation: ConstraintEquation) -> ScalarProduct | PointDistance | None:
-    return next((p for _, factors in equation.terms for x in factors for p in _products_of(x)),
-                None)
-
-
-def _angles_of(equation: ConstraintEquation) -> list[Angle | Bearing | Parameter]:
-    """Return the angles of an equation, in the order of its terms, parameters once."""
-    bare = [x.argument if isinstance(x, FunctionOf) else x
-            for _, factors in equation.terms for x in factors]
-    angles: list[Angle | Bearing | Parameter] = []
-    for x in bare:
-        if isinstance(x, Angle | Bearing):
-            angles.append(x)
-        elif isinstance(x, Parameter) and x not in angles:
-            angles += x.of.parameters
-    return angles
-
-
-def _plain_constant(equation: ConstraintEquation) -> float | None:
-    """Return the constant of an equation that else is one product of two frames, or None."""
-    (weight, factors), *rest = equation.terms
-    is_plain = (weight == 1.0 and len(factors) == 1 and isinstance(factors[0], ScalarProduct)
-                and factors[0].frames == FIRST_TWO and not any(factors for _, factors in rest))
-    return sum(weight for weight, _ in rest) if is_plain else None
-
-
-@made_once
-def constraints_of(mechanism: Mechanism) -> Constraints:
-    """Return the compiled constraints of a mechanism, made once."""
-    return Constraints(mechanism)
-
-
-def composed_rates(
-    c: Constraints, products: Sequence[Array], coordinates: Sequence[Array], angles: Array
-) -> Array:
-    """Return the derivative (n_closure, ...) of the closure equations of the highest order given.
-
-    Args:
-        c: the equations.
-        products: (N, ...) derivatives 0, 1, ... of all products.
-        coordinates: q, v and further derivatives (nv, ...); zero where there are no more.
-        angles: (n_angles,) that counted ones are nearest to [rad].
-    """
-    order = len(products) - 1
-    out = np.zeros((c.n_closure, *products[0].shape[1:]))
-    out[: c.n_products] = products[order][: c.n_products]
-    for group in c.composed:
-        value, _ = group.values(group.inputs(products, coordinates), angles)
-        out[group.rows] = value.derivative(order)
-    return out
-
-
-def combined_wrenches(
-    c: Constraints, products: Sequence[Array], coordinates: Sequence[Array],
-    wrenches: Sequence[Array], angles: Array,
-) -> list[Array]:
-    """Return the wrenches of the equations; after them those that act on other bodies.
-
-    Args:
-        c: the equations.
-        products: (N, 1, ...) of the products, and a derivative of theirs if wanted.
-        coordinates: q (nq, 1, ...), and the same derivative of v's integral (nv, 1, ...).
-        wrenches: (N, 6, ...) of the products, or what else is linear in their derivatives; and
-            the same derivative of that.
-        angles: (n_angles,) that counted ones are nearest to [rad].
-
-    Returns:
-        As many as `wrenches`, (n_wrenches, 6, ...).
-    """
-    out = [np.zeros((c.n_wrenches, *w.shape[1:])) for w in wrenches]
-    for total, w in zip(out, wrenches, strict=True):
-        total[c.plain] = w[c.plain]
-    extra = {x.product: k for k, x in enumerate(c.other_body_products, start=c.n_closure)}
-    for group in c.composed:
-        if not len(group.products):
-            continue
-        slopes = group.slopes(products, coordinates, angles)[: len(group.products)]
-        for k, (at, slope) in enumerate(zip(group.products, slopes, strict=True)):
-            to = [extra[p] for p in at.tolist()] if k in group.other_body_products else group.rows
-            term = slope * Taylor.of([w[at] for w in wrenches])
-            for total, w in zip(out, term.values, strict=True):
-                total[to] += w
-    return out

@@ -1,26 +1,33 @@
-"""Closure equations that are sums of terms, not one product of vectors.
+"""Closure equations as results in Python need them: placed vectors, and sums of terms.
 
 Screws, couplings, distances as long as others: sums of numbers times products, angles, joint
-coordinates and functions. Their values, rates, derivatives and wrenches follow from Taylor series
-of the products and coordinates.
+coordinates and functions. Their rates, derivatives and wrenches follow from Taylor series of the
+products and coordinates.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.mechanism.parts import Coordinate
+from spatial_pin._support.lazy import made_once
+from spatial_pin.constraints.compiled_equations import (
+    ANGLE,
+    COORDINATE,
+    PRODUCT,
+    Constraints,
+    Sum,
+)
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.piecewise import Function
 from spatial_pin.numerics.taylor import Taylor, argument
 
 Ints = NDArray[np.intp]
+DENSE_LIMIT = 60_000  # entries of a matrix above which a sparse one is faster
 # Of Newton's method for parameters: as in the kernel (`implicit.c`).
 NEWTON_STEPS = 30
 LONGEST_STEP = 0.1  # of the span of a parameter
@@ -28,71 +35,25 @@ STEP_NOISE = 1e-13  # likewise: a step so short is the last one
 STARTS = 48, 16  # of one parameter, and along each of two
 ROUGH_STEPS, ROUGH = 8, 1e-3  # from these, and a step so short is on the way to a root
 
-
-class QuantityIndex(NamedTuple):
-    """The index of a quantity in an equation, and a function of the quantity.
-
-    Attributes:
-        kind: "product", "coordinate" or "angle".
-        at: index among the equation's quantities of this kind.
-        function: of it, or None for itself.
-    """
-
-    kind: str
-    at: int
-    function: Function | None = None
-
-
-CompiledTerm = tuple[float, tuple[QuantityIndex, ...]]
+# A quantity: its kind, its number among an equation's of this kind, and a function of it.
+Indexed = tuple[int, int, Function | None]
+Terms = tuple[tuple[Any, tuple[Indexed, ...]], ...]  # numbers, and quantities that they are times
+Known = Sequence[list[Taylor]]  # series of an equation's products, coordinates and angles
 
 
 class ImplicitAngles(NamedTuple):
-    """Angles of an equation that sums of its quantities define, compiled; as many vanish.
+    """Angles of an equation that sums of its quantities define; as many vanish.
 
     Attributes:
-        first: index of the first of them.
+        first: number of the first of them.
         sums: terms of these; of one that is positive at a root, and of one that is least there.
         spans, is_periodic: see `ImplicitParameters`.
     """
 
     first: int
-    sums: tuple[tuple[CompiledTerm, ...], ...]
+    sums: tuple[Terms, ...]
     spans: tuple[tuple[float, float], ...]
     is_periodic: tuple[bool, ...]
-
-
-class Equation(NamedTuple):
-    """One equation, compiled.
-
-    Attributes:
-        products: their numbers among all; of a plain equation the one that it is.
-        coordinates: of joints.
-        angles: number among all angles, and index of the sine in `products`, before the cosine.
-        terms: numbers with what they are multiplied by; none of a plain equation.
-        other_body_products: indices of products that act on other bodies than the closure's first
-            two.
-        implicit: angles that sums define, whose index of a sine is -1.
-    """
-
-    products: tuple[int, ...]
-    coordinates: tuple[Coordinate, ...] = ()
-    angles: tuple[tuple[int, int], ...] = ()
-    terms: tuple[CompiledTerm, ...] = ()
-    other_body_products: tuple[int, ...] = ()
-    implicit: tuple[ImplicitAngles, ...] = ()
-
-    @property
-    def sines_and_cosines(self) -> list[tuple[int, int]]:
-        """Products, by number, that are sine and cosine of its angles; of implicit ones any."""
-        return [(self.products[k], self.products[k + 1]) if k >= 0 else (self.products[0],) * 2
-                for _, k in self.angles]
-
-    @property
-    def form(self) -> tuple[object, ...]:
-        """Key of equations that can be evaluated together."""
-        return (len(self.products), len(self.coordinates), tuple(sine for _, sine in self.angles),
-                tuple(factors for _, factors in self.terms), self.other_body_products,
-                self.implicit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,47 +62,24 @@ class Composed:
 
     Attributes:
         rows: (m,) numbers among all equations.
-        equations: (m,) the compiled equations.
+        products: (p, m) numbers of their products.
+        coordinates: (c, m) indices of their coordinates in q, and in v.
+        angles: (k, m) numbers of their angles.
+        sines: (k,) which of their products are the sines of these, before the cosines; -1 of
+            implicit ones.
+        terms: the sums, with the numbers (m,) of each term.
+        implicit: angles that sums define.
+        other_body_products: which products act on other bodies than those of the closure.
     """
 
     rows: Ints
-    equations: tuple[Equation, ...]
-
-    @staticmethod
-    def of(equations: Sequence[Equation]) -> list[Composed]:
-        """Return the composed ones of some equations, grouped by form."""
-        alike: dict[tuple[object, ...], list[int]] = {}
-        for at, equation in enumerate(equations):
-            if equation.terms:
-                alike.setdefault(equation.form, []).append(at)
-        return [Composed(np.array(rows, np.intp), tuple(equations[at] for at in rows))
-                for rows in alike.values()]
-
-    @cached_property
-    def products(self) -> Ints:
-        """(p, m) numbers of their products."""
-        return np.array([e.products for e in self.equations], np.intp).T
-
-    @cached_property
-    def coordinates(self) -> tuple[Ints, Ints]:
-        """(c, m) indices of their coordinates in q, and in v."""
-        q, v = ([[getattr(c, at) for c in e.coordinates] for e in self.equations] for at in "qv")
-        return np.array(q, np.intp).T, np.array(v, np.intp).T
-
-    @cached_property
-    def angles(self) -> Ints:
-        """(k, m) numbers of their angles."""
-        return np.array([[number for number, _ in e.angles] for e in self.equations], np.intp).T
-
-    @cached_property
-    def weights(self) -> Array:
-        """(n_terms, m) numbers of their terms."""
-        return np.array([[weight for weight, _ in e.terms] for e in self.equations]).T
-
-    @property
-    def other_body_products(self) -> tuple[int, ...]:
-        """Places of products that act on other bodies than those of the closure."""
-        return self.equations[0].other_body_products
+    products: Ints
+    coordinates: tuple[Ints, Ints]
+    angles: Ints
+    sines: tuple[int, ...]
+    terms: Terms
+    implicit: tuple[ImplicitAngles, ...]
+    other_body_products: tuple[int, ...]
 
     def inputs(
         self, products: Sequence[Array], coordinates: Sequence[Array],
@@ -180,18 +118,16 @@ class Composed:
             inputs: products, then coordinates.
             reference: (n_angles, ...) that the angles are nearest to [rad].
         """
-        like, first = inputs[0].values[0], self.equations[0]
+        like, n = inputs[0].values[0], len(self.products)
         angles: list[Taylor] = []
-        for (_, sine), numbers in zip(first.angles, self.angles, strict=True):
+        for sine, numbers in zip(self.sines, self.angles, strict=True):
             near = _with_axes_of(reference[numbers], like)
             angles.append(argument(inputs[sine], inputs[sine + 1], near) if sine >= 0
                           else inputs[0] * 0.0 + near)
-        n = len(first.products)
-        known = {"product": inputs[:n], "coordinate": inputs[n:], "angle": angles}
-        for implicit in first.implicit:
+        known = inputs[:n], inputs[n:], angles
+        for implicit in self.implicit:
             implicit_angles(implicit, known)
-        terms = [(_with_axes_of(weight, like), factors)
-                 for weight, (_, factors) in zip(self.weights, first.terms, strict=True)]
+        terms = [(_with_axes_of(number, like), factors) for number, factors in self.terms]
         return _sums([terms], known)[0] + inputs[0] * 0.0, angles
 
     def slopes(
@@ -210,12 +146,72 @@ class Composed:
                         for x in value.changes]) for k in range(n)]
 
 
+@made_once
+def vector_matrix(c: Constraints) -> Any:
+    """Return what takes placements of joints, row by row, to A, B and X of all products.
+
+    (3 n, 4 njoints); the rows of a joint are three columns of its rotation, then its position. A
+    sparse matrix where it is large.
+    """
+    (n, _), part = c.parts.shape, c.parts.T
+    rows = (np.array([0, 0, 1, 1, 2])[:, None] * n + np.arange(n))[part >= 0]
+    vectors = [(4 * joint, *local, flag) for _, joint, flag, local in c.vectors]
+    own = np.array(vectors, float).reshape(-1, 5)[part[part >= 0]]
+    at = (own[:, :1].astype(np.intp) + np.arange(4)).ravel()
+    entries = (own[:, 1:] * c.part_factors.T[part >= 0][:, None]).ravel()
+    rows, shape = np.repeat(rows, 4), (3 * n, 4 * len(c.supports))
+    if shape[0] * shape[1] <= DENSE_LIMIT:
+        dense = np.zeros(shape)
+        np.add.at(dense, (rows, at), entries)
+        return dense
+    from scipy.sparse import csr_array  # imported on use: it takes a tenth of a second
+
+    sparse = csr_array((entries, (rows, at)), shape=shape)
+    sparse.eliminate_zeros()
+    return sparse
+
+
+@made_once
+def composed_of(c: Constraints) -> list[Composed]:
+    """Return the closure equations that are more than one product each, grouped by form."""
+    alike: dict[tuple[Any, ...], list[int]] = {}
+    starts: list[Ints] = [  # of each equation, in its products, coordinates and angles
+        np.searchsorted(equations, np.arange(c.n_closure + 1)) for equations in (
+            c.equation_of, [x[0] for x in c.coordinates], [x.equation for x in c.angles])]
+
+    def indexed(row: int, terms: Sum) -> Terms:
+        return tuple((number, tuple(
+            (kind, at - int(starts[kind][row]), c.functions[f] if f >= 0 else None)
+            for kind, at, f in factors)) for number, factors in terms)
+
+    for row in np.flatnonzero(c.product < 0).tolist():
+        (first, end), _, (angle, last) = (x[row : row + 2].tolist() for x in starts)
+        sines = tuple(x.sine - first if x.sine >= 0 else -1 for x in c.angles[angle:last])
+        implicit = tuple(ImplicitAngles(
+            at - angle, tuple(indexed(row, x) for x in c.defining[sum_ : sum_ + len(of.spans) + 2]),
+            of.spans, of.is_periodic) for at, sum_, of in c.implicit if angle <= at < last)
+        others = tuple(x - first for _, x, _ in c.other_body_products if first <= x < end)
+        form = (*(int(x[row + 1] - x[row]) for x in starts), sines,
+                tuple(factors for _, factors in indexed(row, c.sums[row])), implicit, others)
+        alike.setdefault(form, []).append(row)
+    entries = np.array(c.coordinates, np.intp).reshape(-1, 3)
+    groups = []
+    for (p, n, k, sines, factors, implicit, others), found in alike.items():
+        rows = np.array(found, np.intp)
+        products, coordinates, angles = (
+            x[rows] + np.arange(size)[:, None] for x, size in zip(starts, (p, n, k), strict=True))
+        numbers = np.array([[number for number, _ in c.sums[row]] for row in found]).T
+        groups.append(Composed(
+            rows, products, (entries[coordinates, 1], entries[coordinates, 2]), angles, sines,
+            tuple(zip(numbers, factors, strict=True)), implicit, others))
+    return groups
+
+
 def _sums(
-    of: Iterable[Iterable[tuple[Any, tuple[QuantityIndex, ...]]]],
-    known: Mapping[str, Sequence[Taylor]],
+    of: Iterable[Iterable[tuple[Any, tuple[Indexed, ...]]]], known: Known
 ) -> list[Any]:
     """Return sums of terms of quantities by kind; functions of these are evaluated once."""
-    evaluated: dict[QuantityIndex, Taylor] = {}
+    evaluated: dict[Indexed, Taylor] = {}
     totals = []
     for terms in of:
         total: Any = 0.0
@@ -223,15 +219,16 @@ def _sums(
             term: Any = weight
             for factor in factors:
                 if factor not in evaluated:
-                    x = known[factor.kind][factor.at]
-                    evaluated[factor] = factor.function(x) if factor.function else x
+                    kind, at, function = factor
+                    x = known[kind][at]
+                    evaluated[factor] = function(x) if function else x
                 term = evaluated[factor] * term
             total = term + total
         totals.append(total)
     return totals
 
 
-def implicit_angles(implicit: ImplicitAngles, known: dict[str, list[Taylor]]) -> None:
+def implicit_angles(implicit: ImplicitAngles, known: Known) -> None:
     """Find the series of angles that sums define, by Newton's method on series.
 
     Args:
@@ -240,35 +237,35 @@ def implicit_angles(implicit: ImplicitAngles, known: dict[str, list[Taylor]]) ->
             exchanged.
     """
     own = slice(implicit.first, implicit.first + len(implicit.spans))
-    still = {kind: [Taylor([x.values[0]]) for x in of] for kind, of in known.items()}
-    inputs = np.broadcast_shapes(*(np.shape(x.values[0]) for of in known.values() for x in of))
-    u = np.array([np.broadcast_to(x.values[0], inputs) for x in known["angle"][own]], float)
+    still = [[Taylor([x.values[0]]) for x in of] for of in known]
+    inputs = np.broadcast_shapes(*(np.shape(x.values[0]) for of in known for x in of))
+    u = np.array([np.broadcast_to(x.values[0], inputs) for x in known[ANGLE][own]], float)
     is_known = np.any(u != 0.0, axis=0)
     u, is_root = _roots(implicit, still, u) if np.any(is_known) else (u, is_known)
     if not np.all(is_root & is_known):
         u = np.where(is_root & is_known, u, _nearest_roots(implicit, still))
-    known["angle"][own] = [Taylor([x]) for x in u]
-    still["angle"][own] = known["angle"][own]
+    known[ANGLE][own] = [Taylor([x]) for x in u]
+    still[ANGLE][own] = known[ANGLE][own]
     _, slopes = _with_slopes(implicit, still, u)
     inverse = np.linalg.inv(np.moveaxis(slopes, (0, 1), (-2, -1)))
-    like = next(x for kind in ("product", "coordinate") for x in known[kind])
+    like = next(x for kind in (PRODUCT, COORDINATE) for x in known[kind])
     series = [like * 0.0 + x for x in u]
     for _ in range(len(like.values) + bool(like.changes)):
-        known["angle"][own] = series
+        known[ANGLE][own] = series
         sums = _sums(implicit.sums[: len(u)], known)
         series = [x - sum((g * inverse[..., k, m] for m, g in enumerate(sums)), 0.0)
                   for k, x in enumerate(series)]
-    known["angle"][own] = series
+    known[ANGLE][own] = series
 
 
 def _with_slopes(
-    implicit: ImplicitAngles, known: Mapping[str, Sequence[Taylor]], u: Array
+    implicit: ImplicitAngles, known: Known, u: Array
 ) -> tuple[Array, Array]:
     """Return the first m sums (m, ...) at angles (m, ...), and their slopes (m, m, ...)."""
     m, slopes, sums = len(u), [], [Taylor([0.0, 0.0])]
     for k in range(m):
-        seeded = {kind: [Taylor([x.values[0], 0.0]) for x in of] for kind, of in known.items()}
-        seeded["angle"][implicit.first : implicit.first + m] = [
+        seeded = [[Taylor([x.values[0], 0.0]) for x in of] for of in known]
+        seeded[ANGLE][implicit.first : implicit.first + m] = [
             Taylor([x, float(i == k)]) for i, x in enumerate(u)]
         sums = _sums(implicit.sums[:m], seeded)
         slopes.append([np.broadcast_to(x.values[1], u[0].shape) for x in sums])
@@ -277,18 +274,18 @@ def _with_slopes(
 
 
 def _judged(
-    implicit: ImplicitAngles, known: Mapping[str, Sequence[Taylor]], u: Array
+    implicit: ImplicitAngles, known: Known, u: Array
 ) -> tuple[Array, Array]:
     """Return the sum that is positive at a root, and the one that is least there, at angles."""
-    still = {kind: list(of) for kind, of in known.items()}
-    still["angle"][implicit.first : implicit.first + len(u)] = [Taylor([x]) for x in u]
+    still = [list(of) for of in known]
+    still[ANGLE][implicit.first : implicit.first + len(u)] = [Taylor([x]) for x in u]
     positive, least = (np.broadcast_to(x.values[0] if isinstance(x, Taylor) else x, u[0].shape)
                        for x in _sums(implicit.sums[len(u) :], still))
     return positive, least
 
 
 def _roots(
-    implicit: ImplicitAngles, known: Mapping[str, Sequence[Taylor]], u: Array,
+    implicit: ImplicitAngles, known: Known, u: Array,
     steps: int = NEWTON_STEPS, noise: float = STEP_NOISE,
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Return the roots (m, ...) that Newton's method finds from angles, and where it found one."""
@@ -312,14 +309,14 @@ def _roots(
 
 
 def _nearest_roots(
-    implicit: ImplicitAngles, known: Mapping[str, Sequence[Taylor]]
+    implicit: ImplicitAngles, known: Known
 ) -> Array:
     """Return of all the roots the ones (m, ...) at which the last sum is least in size."""
     m = len(implicit.spans)
     grid = np.meshgrid(*(np.linspace(low, high, STARTS[m - 1], endpoint=False)
                          for low, high in implicit.spans))
     starts = np.array([x.ravel() for x in grid])
-    shape = np.broadcast_shapes(*(np.shape(x.values[0]) for of in known.values() for x in of))
+    shape = np.broadcast_shapes(*(np.shape(x.values[0]) for of in known for x in of))
     starts = np.broadcast_to(starts.reshape(m, -1, *[1] * len(shape)),
                              (m, starts.shape[1], *shape)).copy()
     u, is_root = _roots(implicit, known, starts, ROUGH_STEPS, ROUGH)
@@ -334,3 +331,57 @@ def _nearest_roots(
 def _with_axes_of(x: Array, like: Array) -> Array:
     """Return an array (m, ...) with as many axes as another one, the missing ones last."""
     return x.reshape(x.shape + (1,) * (np.ndim(like) - x.ndim))
+
+
+def composed_rates(
+    c: Constraints, products: Sequence[Array], coordinates: Sequence[Array], angles: Array
+) -> Array:
+    """Return the derivative (n_closure, ...) of the closure equations of the highest order given.
+
+    Args:
+        c: the equations.
+        products: (N, ...) derivatives 0, 1, ... of all products.
+        coordinates: q, v and further derivatives (nv, ...); zero where there are no more.
+        angles: (n_angles,) that counted ones are nearest to [rad].
+    """
+    order = len(products) - 1
+    out = np.zeros((c.n_closure, *products[0].shape[1:]))
+    out[c.plain] = products[order][c.product[c.plain]]
+    for group in composed_of(c):
+        value, _ = group.values(group.inputs(products, coordinates), angles)
+        out[group.rows] = value.derivative(order)
+    return out
+
+
+def combined_wrenches(
+    c: Constraints, products: Sequence[Array], coordinates: Sequence[Array],
+    wrenches: Sequence[Array], angles: Array,
+) -> list[Array]:
+    """Return the wrenches of the equations; after them those that act on other bodies.
+
+    Args:
+        c: the equations.
+        products: (N, 1, ...) of the products, and a derivative of theirs if wanted.
+        coordinates: q (nq, 1, ...), and the same derivative of v's integral (nv, 1, ...).
+        wrenches: (N, 6, ...) of the products, or what else is linear in their derivatives; and
+            the same derivative of that.
+        angles: (n_angles,) that counted ones are nearest to [rad].
+
+    Returns:
+        As many as `wrenches`, (n_closure + len(other_body_products), 6, ...).
+    """
+    n = c.n_closure + len(c.other_body_products)
+    out = [np.zeros((n, *w.shape[1:])) for w in wrenches]
+    for total, w in zip(out, wrenches, strict=True):
+        total[c.plain] = w[c.product[c.plain]]
+    extra = {x: k for k, (_, x, _) in enumerate(c.other_body_products, start=c.n_closure)}
+    for group in composed_of(c):
+        if not len(group.products):
+            continue
+        slopes = group.slopes(products, coordinates, angles)[: len(group.products)]
+        for k, (at, slope) in enumerate(zip(group.products, slopes, strict=True)):
+            to = [extra[p] for p in at.tolist()] if k in group.other_body_products else group.rows
+            term = slope * Taylor.of([w[at] for w in wrenches])
+            for total, w in zip(out, term.values, strict=True):
+                total[to] += w
+    return out

@@ -182,9 +182,10 @@ class Branch:
         system.factor()
         if not system.pivot:
             system.select(q)
-        return self._solved(system, q, s)
+        return self.solved(system, q, s)
 
-    def _solved(self, system: SquareSystem, q: Array, s: float) -> PathPoint:
+    def solved(self, system: SquareSystem, q: Array, s: float) -> PathPoint:
+        """Return the point at a configuration, by a system that is factored there."""
         t = system.driver_rates() @ self.leading.rates(s)
         c = system.acceleration(q, t, self.leading.bends(s))
         evaluation = system.evaluation
@@ -233,15 +234,14 @@ class PathTracker(Branch):
 
     @classmethod
     def at(
-        cls, state: State, driven: Sequence[Coordinate], still: Sequence[int] | None,
-        accuracy: Accuracy, workspaces: Workspaces,
+        cls, state: State, driven: Sequence[Coordinate], accuracy: Accuracy, workspaces: Workspaces,
     ) -> PathTracker:
         """Return a tracker at a closed state, with prescribed coordinates, the driver first.
 
         Raises:
             SingularError: the prescribed coordinates do not determine the motion there.
         """
-        tracker = cls(state.mechanism, driven, still, accuracy, workspaces)
+        tracker = cls(state.mechanism, driven, None, accuracy, workspaces)
         tracker.state = state
         tracker.start()
         return tracker
@@ -319,7 +319,7 @@ class PathTracker(Branch):
         state, self._here = self.state, None
         self._path = self._path_from(state.q, state.angles, self._begin)
         if self._path is None:
-            self._here = self._solved(self.checked_system(state), state.q, self.leading.begin)
+            self._here = self.solved(self.checked_system(state), state.q, self.leading.begin)
 
     def by(self, law: Any) -> PathTracker:
         """Return a tracker at the same point, with another law of the same coordinates."""
@@ -392,93 +392,105 @@ class PathTracker(Branch):
             goal = value if stretches <= 1.0 else begin.s + (value - begin.s) / stretches
             # a stretch may be lost in the round-off of the driver's value
             if not stretches * STRETCH <= FARTHEST or goal == begin.s:
-                raise self._running_away(value) or Stopped(
-                    "lost", begin.q, begin.s, is_far=True)
+                raise _asymptote(self, value) or Stopped("lost", begin.q, begin.s, is_far=True)
             path = self._moving_path()
             if path is not None and path.go(goal):
                 continue
             if not self.has_arc_length:
-                raise self._end()
-            self._go_by_arc_length(begin, goal, value)
+                raise _end_without_arc_length(self)
+            self.move_to(_followed_by_arc_length(self, begin, goal, value))
 
-    def _end(self) -> Stopped:
-        """Return the end of the branch where pseudo-arclength cannot be used.
 
-        A driver is at its limit if joint rates per unit of its rate grow without bound.
-        """
-        here, mechanism, scale = self.here, self.mechanism, self.mechanism.velocity_scale
-        driver_speed = np.abs(self.leading.rates(here.s) / scale[[c.v for c in self.driven]]).max()
-        for joint in {c.joint for c in self.driven if c.q < 0 and c.unit == "rad"}:
-            vector = [coordinate_value(mechanism, c, here.q)
-                      for c in mechanism.coordinate_table.values()
-                      if c.joint == joint and c.unit == "rad"]
-            if np.linalg.norm(vector) > np.pi - TOLERANCES.half_precision:
-                return Stopped("half turn", here.q, here.s)
-        is_fast = np.abs(here.t / scale).max() > UNBOUND * driver_speed
-        return Stopped("limit" if is_fast else "lost", here.q, here.s)
+# ---------------------------------------------------------------- where the kernel stops
 
-    def _running_away(
-        self, goal: float, system: SquareSystem | None = None, end: Stopped | None = None
-    ) -> Stopped | None:
-        """Return the asymptote that ends the branch before a goal, or None.
 
-        `end` is where following the branch ended, default here; the evaluation expects angles as
-        they are there. The square system is by default that of the start, if none can be chosen
-        here.
-        """
-        here = self.here
-        if not self.has_arc_length:
-            return None
-        if system is None:
-            try:
-                system = self.system()
-            except SingularError:
-                system = self.system_at(self.state.q, self.state.angles)
-            self.evaluation.angle_reference[:] = here.angles
-        q, s = (here.q, here.s) if end is None else (end.q, end.value)
-        sizes = self.mechanism.velocity_scale[[c.v for c in self.driven]]
-        # joints have any pace there; the drivers' is a measure
-        pace = float(np.linalg.norm(self.leading.rates(s) / sizes))
-        curve = self.curve(system, TOLERANCES.round_off, pace)
-        return running_away(curve, curve.unknowns(q, s), goal)
+def _end_without_arc_length(tracker: PathTracker) -> Stopped:
+    """Return the end of a branch that is not followed by pseudo-arclength.
 
-    def _go_by_arc_length(self, clear: PathPoint, value: float, goal: float) -> None:
-        """Continue to a value on the way to the goal by pseudo-arclength.
+    A driver is at its limit if joint rates per unit of its rate grow without bound.
+    """
+    here, mechanism, driven = tracker.here, tracker.mechanism, tracker.driven
+    scale = mechanism.velocity_scale
+    for joint in {c.joint for c in driven if c.q < 0 and c.unit == "rad"}:
+        vector = [coordinate_value(mechanism, c, here.q)
+                  for c in mechanism.coordinate_table.values()
+                  if c.joint == joint and c.unit == "rad"]
+        if np.linalg.norm(vector) > np.pi - TOLERANCES.half_precision:
+            return Stopped("half turn", here.q, here.s)
+    driver_speed = np.abs(tracker.leading.rates(here.s) / scale[[c.v for c in driven]]).max()
+    is_fast = np.abs(here.t / scale).max() > UNBOUND * driver_speed
+    return Stopped("limit" if is_fast else "lost", here.q, here.s)
 
-        It finds the limit or passes the singular region, from the point `clear`, if near: that is
-        farther from the singularity ahead.
-        """
-        if self.distance(clear, self.here.s) < TOLERANCES.longest_step:
-            self.move_to(clear)
+
+def _followed_by_arc_length(
+    tracker: PathTracker, clear: PathPoint, value: float, goal: float
+) -> PathPoint:
+    """Return the point at a value on the way to a goal, which pseudo-arclength leads to.
+
+    It begins at the point `clear`, if near: that is farther from the singularity ahead.
+
+    Raises:
+        Stopped: a limit lies before it, branches cross, or a joint runs away.
+        SingularError: the driver does not determine the motion.
+    """
+    if tracker.distance(clear, tracker.here.s) < TOLERANCES.longest_step:
+        tracker.move_to(clear)
+    try:
+        system = tracker.system()
+    except SingularError:
+        tracker.move_to(clear)
         try:
-            system = self.system()
+            system = tracker.system()
         except SingularError:
-            self.move_to(clear)
-            try:
-                system = self.system()
-            except SingularError:
-                if end := self._running_away(goal):
-                    raise end from None
-                raise
-        if end := self._running_away(goal, system):
-            raise end
-        # few steps: open loops would hide where the branch turns, and redundant equations
-        wanted, here = min(self.accuracy.tolerance, TOLERANCES.tight), self.here
-        curve = self.curve(system, max(wanted, 1e-14))
-        try:
-            q = followed_to(curve, curve.unknowns(here.q, here.s), value, here.t)
-        except Stopped as stopped:
-            if stopped.kind == "lost" and (end := self._running_away(goal, system, stopped)):
+            if end := _asymptote(tracker, goal):
                 raise end from None
             raise
-        singular = Stopped("singular", q, value)
+    if end := _asymptote(tracker, goal, system):
+        raise end
+    # few steps: open loops would hide where the branch turns, and redundant equations
+    wanted, here = min(tracker.accuracy.tolerance, TOLERANCES.tight), tracker.here
+    curve = tracker.curve(system, max(wanted, 1e-14))
+    try:
+        q = followed_to(curve, curve.unknowns(here.q, here.s), value, here.t)
+    except Stopped as stopped:
+        if stopped.kind == "lost" and (end := _asymptote(tracker, goal, system, stopped)):
+            raise end from None
+        raise
+    singular = Stopped("singular", q, value)
+    try:
+        system.select(q)
+    except SingularError:
+        raise singular from None
+    if system.pivot < TOLERANCES.singular:
+        raise _asymptote(tracker, goal, system, singular) or singular
+    return tracker.solved(system, q, value)
+
+
+def _asymptote(
+    tracker: PathTracker, goal: float, system: SquareSystem | None = None,
+    end: Stopped | None = None,
+) -> Stopped | None:
+    """Return the asymptote that ends a branch before a goal, or None.
+
+    `end` is where following the branch ended, default the tracker's point; the evaluation expects
+    angles as they are there. The square system is by default that of the start, if none can be
+    chosen at the point.
+    """
+    here = tracker.here
+    if not tracker.has_arc_length:
+        return None
+    if system is None:
         try:
-            system.select(q)
+            system = tracker.system()
         except SingularError:
-            raise singular from None
-        if system.pivot < TOLERANCES.singular:
-            raise self._running_away(goal, system, singular) or singular
-        self.move_to(self._solved(system, q, value))
+            system = tracker.system_at(tracker.state.q, tracker.state.angles)
+        tracker.evaluation.angle_reference[:] = here.angles
+    q, s = (here.q, here.s) if end is None else (end.q, end.value)
+    sizes = tracker.mechanism.velocity_scale[[c.v for c in tracker.driven]]
+    # joints have any pace there; the drivers' is a measure
+    pace = float(np.linalg.norm(tracker.leading.rates(s) / sizes))
+    curve = tracker.curve(system, TOLERANCES.round_off, pace)
+    return running_away(curve, curve.unknowns(q, s), goal)
 
 
 def error_estimate(

@@ -18,7 +18,6 @@ from spatial_pin.assembly.close import scaled_row
 from spatial_pin.assembly.holding import fixed_base_entries
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.constraints.trees import TreeMotion
 from spatial_pin.dimensions.moved_geometry import MovedGeometry
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
 from spatial_pin.dynamics.forces import Forces
@@ -52,12 +51,7 @@ class InputChanges(NamedTuple):
     dimensions: Array
 
 
-class Changes(NamedTuple):
-    """Derivatives of q, v and a (nv, m) by the inputs, for the mechanism with added joints."""
-
-    q: Array
-    v: Array
-    a: Array
+Changes = tuple[Array, Array, Array]  # of q, v and a (nv, m), with added joints, by the inputs
 
 
 class ClosedDerivatives:
@@ -80,11 +74,6 @@ class ClosedDerivatives:
         self.scale = state.mechanism.velocity_scale
         self.by = [self.rows.changes(k) for k in range(3)]
 
-    @property
-    def bodies(self) -> TreeMotion:
-        """The bodies of the mechanism with added joints."""
-        return self.rows.bodies
-
     @cached_property
     def positions(self) -> Decomposition:
         """The closure equations, drivers and fixed entries, by scaled velocities."""
@@ -105,12 +94,13 @@ class ClosedDerivatives:
         axes = constraints_of(self.state.mechanism).idle_axes
         joints = self.geometry.joint[[joint for joint, _ in axes]]
         along = np.array([axis for _, axis in axes])[:, None]
+        bodies = self.rows.bodies
         first, second, paced, columns = (
-            (along @ x[:, 3:])[:, 0] for x in self.bodies.by_motion(joints))
-        carriers = self.bodies.joints[joints]
-        back = self.bodies.to_bodies(carriers)
+            (along @ x[:, 3:])[:, 0] for x in bodies.by_motion(joints))
+        carriers = bodies.joints[joints]
+        back = bodies.to_bodies(carriers)
         spins = np.stack([(back @ x[carriers][..., None])[:, 3:, 0]
-                          for x in (self.bodies.v, self.bodies.a)])
+                          for x in (bodies.v, bodies.a)])
         return columns, first, second, paced, spins
 
     @cached_property
@@ -159,7 +149,7 @@ class ClosedDerivatives:
         idle = self._idle_changes(given, q, v, 1)
         a[own] = self._solved(self._rates, [(self.by[2][0], q), (self.by[2][1], v)],
                               given.accelerations, written[1], idle)
-        return Changes(q, v, a)
+        return q, v, a
 
     def displacements(self, given: InputChanges) -> Array:
         """Return the changes of q alone by the inputs, and the freedoms that nothing determines.

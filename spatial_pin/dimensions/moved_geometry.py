@@ -19,7 +19,8 @@ from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.composite_joints import AXIAL, joint_kind
 from spatial_pin.constraints.trees import Motion
-from spatial_pin.dimensions.variants import PlacementBatch, TracedTree, Variants, copied
+from spatial_pin.dimensions.traced_tree import PlacementBatch, TracedTree, copied
+from spatial_pin.dimensions.variants import Variants
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.formats.xacro.xacro_arguments import written_dimensions
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -163,7 +164,7 @@ def _around(
         try:
             several = variants.several(
                 [dict(zip(variants.names, x, strict=True)) for x in every.T.tolist()],
-                with_masses and not variants.has_masses)
+                with_masses)
         except SpatialPinError as error:
             first = first or error
             continue

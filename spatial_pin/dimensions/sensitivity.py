@@ -20,13 +20,12 @@ from spatial_pin._support.checks import checked, names_of
 from spatial_pin.assembly.holding import BASE
 from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.dimensions.bounds import check_dimensions
-from spatial_pin.dimensions.changed_state import output_changes
+from spatial_pin.dimensions.changed_state import Load, output_changes
 from spatial_pin.dimensions.closed_derivatives import (
     ClosedDerivatives,
     InputChanges,
     fixed_entries,
 )
-from spatial_pin.dimensions.force_derivatives import Load
 from spatial_pin.dimensions.moved_geometry import (
     AROUND,
     EIGHTH,

@@ -1,58 +1,282 @@
-"""A mechanism at other dimensions, without expanding its xacro file again.
+"""A mechanism at other dimensions: as mechanisms, or as numbers of the kernel, many together.
 
-The file is expanded once with its dimensions traced (`formats.xacro.tracing`). A mechanism at other
-dimensions is then a copy with other placements of joints and frames, equal to a loaded one to a
-last digit or two. The mechanism is loaded if the file cannot be traced, or decides otherwise at
-those dimensions.
-
-Masses are traced likewise. Shapes cost as much as reading the expanded text: they come from the
-text with other numbers.
+A number of the kernel belongs to the placement of a joint or frame, which the traced file gives, or
+to a vector that is fixed in a frame, or it is a power of the characteristic length.
 """
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
-from collections.abc import Container, Iterable, Mapping, Sequence
-from dataclasses import fields
-from functools import partial
-from typing import Any, NamedTuple
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin._support.lazy import made_once
+from spatial_pin._support.lazy import acquired, cached_property
+from spatial_pin.assembly.state import center_of_mass
+from spatial_pin.constraints.compiled_equations import constraints_of
+from spatial_pin.constraints.composite_joints import split_of
 from spatial_pin.dimensions.homotopy import varied
+from spatial_pin.dimensions.traced_tree import (
+    PlacementBatch,
+    TracedGeometry,
+    TracedTree,
+    copied,
+    near_values,
+    traced_tree,
+)
 from spatial_pin.errors import SpatialPinError, warn
-from spatial_pin.formats.file_access import parse_urdf, shown
+from spatial_pin.formats.file_access import shown
 from spatial_pin.formats.files import load_expanded
 from spatial_pin.formats.importers import Request
-from spatial_pin.formats.xacro.expansion import expand, traced
-from spatial_pin.formats.xacro.tracing import depends
-from spatial_pin.formats.xacro.xacro_arguments import worked_out, written_dimensions
-from spatial_pin.mechanism.inertia import inertia_as_given, put_inertias
+from spatial_pin.formats.xacro.expansion import expand
+from spatial_pin.formats.xacro.xacro_arguments import written_dimensions
+from spatial_pin.kernel.dimensions import DimensionKernel, Numbers
+from spatial_pin.kernel.kernel import kernel_of, packed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import EPS, Array
 
-PLACEMENT_ROUND_OFF = 64 * EPS  # of the largest length: round-off of placements
-IDLE_STEP = 0.01  # relative step of a dimension, to find out whether its file changes
-WITHOUT_MOTION = ("visual", "collision", "dynamics", "safety_controller", "mass", "inertia")
-FIELDS = [field.name for field in fields(Mechanism) if field.init]
+# Step of a search relative to a dimension's size: second-order differences have an error of its
+# square, and round-off eps over it.
+STEP = EPS ** (1.0 / 3.0)
+Block = tuple[NDArray[np.int64], Array]  # indices of n numbers, and their values (m or 1, n)
+
+
+class DimensionNumbers:
+    """The kernel's numbers of a mechanism as functions of some of its dimensions.
+
+    Points are links, frames or joints, or `LINK.com`, of outputs.
+
+    Attributes:
+        base: nominal numbers, those of the points behind the kernel's.
+        joints: of the model, that carry the points.
+    """
+
+    def __init__(self, mechanism: Mechanism, tree: TracedTree, points: Iterable[str]) -> None:
+        self._mechanism, self._points = mechanism, list(points)
+        self._packed = packed(mechanism, True)
+        self._frames = [mechanism.frame_id(name.removesuffix(".com")) for name in self._points]
+        self.joints = [int(mechanism.model.frames[i].parentJoint) for i in self._frames]
+        # powers of the characteristic length that numbers go with: doubling it changes no digit
+        other = copied(mechanism)
+        other.__dict__["characteristic_length"] = 2.0 * mechanism.characteristic_length
+        one, two = self._packed.reals, packed(other, True).reals
+        changed, self._powers = one != two, np.zeros(len(one))
+        self._powers[changed] = np.log2(two[changed] / one[changed])
+        own, n = tree.own(), len(self._packed.reals)
+        ends = [self._offset(name, self.placed(own))[0] for name in self._points]
+        self.base = np.concatenate([self._packed.reals, *ends])
+        self._end = np.arange(n, len(self.base)).reshape(-1, 3)
+        self._span = _Span(mechanism, self.placed(own))
+
+    def at(self, geometry: TracedGeometry, rescaled: bool = True) -> Numbers:
+        """Return the numbers at m sets of dimensions, those of the points behind the kernel's.
+
+        `rescaled`: whether lengths are relative to the characteristic length of each set; else to
+        the nominal one.
+        """
+        geometry, blocks = self.placed(geometry), list[Block]()
+        if rescaled:
+            scaled = np.flatnonzero(self._powers)
+            ratio = self._span.at(geometry) / self._mechanism.characteristic_length
+            blocks.append((scaled, self.base[scaled] * ratio[:, None] ** self._powers[scaled]))
+        # placements of joints, which the kernel's have their axes along z in
+        carriers, turned = self._packed.carriers, self._packed.frames
+        split, at = split_of(self._mechanism).model, self._packed.indices()
+        for i, pose in geometry.joints.items():
+            first = int(carriers[i - 1]) + 1  # of the single joints that it is split into
+            own = self._mechanism.centred_model.jointPlacements[i]
+            rest = own.actInv(split.jointPlacements[first])
+            placed, above = pose @ PlacementBatch.of(rest), turned[split.parents[first]]
+            columns = (above.T @ placed.rotation @ turned[first]).transpose(0, 2, 1)
+            blocks += [(at.rotation[first].ravel(), columns.reshape(-1, 9)),
+                       (at.translation[first], placed.translation @ above)]
+        blocks += self._vector_blocks(geometry)
+        blocks += [
+            (end, self._offset(name, geometry))
+            for name, frame, end in zip(self._points, self._frames, self._end, strict=True)
+            if frame in geometry.frames or name.removesuffix(".com") in geometry.levers]
+        indices, values = zip(*blocks, strict=True) if blocks else ((), ())
+        every = [np.broadcast_to(x, (len(geometry.holds), x.shape[1])) for x in values]
+        return Numbers(self.base, np.concatenate([np.empty(0, np.int64), *indices]),
+                       np.concatenate([np.empty((len(geometry.holds), 0)), *every], axis=1))
+
+    def placed(self, geometry: TracedGeometry) -> TracedGeometry:
+        """Return the same geometry in the kernel's axes.
+
+        Axes of joints in their bodies are the nominal ones. Frames on the ground are relative to
+        the centre of the mechanism.
+        """
+        model, centre = self._mechanism.model, self._mechanism.centre
+        geometry = self.with_own_axes(geometry)
+        if not centre.any():
+            return geometry
+        joints, frames = ({i: x._replace(translation=x.translation - centre) if on_ground(i) else x
+                           for i, x in poses.items()} for poses, on_ground in (
+            (geometry.joints, lambda i: model.parents[i] == 0),
+            (geometry.frames, lambda i: model.frames[i].parentJoint == 0)))
+        return geometry._replace(joints=joints, frames=frames)
+
+    def with_own_axes(self, geometry: TracedGeometry) -> TracedGeometry:
+        """Return the same geometry with nominal axes of joints in their bodies.
+
+        The bodies' own axes turn instead: by Q in the joint's placement, and by its transpose in
+        everything on the body.
+        """
+        if not geometry.turns:
+            return geometry
+        model, joints, frames = self._mechanism.model, dict(geometry.joints), dict(geometry.frames)
+        for i, turn in geometry.turns.items():
+            back = PlacementBatch(turn.rotation.transpose(0, 2, 1), turn.translation)
+            joints[i] = joints.get(i, PlacementBatch.of(model.jointPlacements[i])) @ turn
+            for j in range(1, model.njoints):
+                if model.parents[j] == i:
+                    joints[j] = back @ joints.get(j, PlacementBatch.of(model.jointPlacements[j]))
+            for k, frame in enumerate(model.frames):
+                if frame.parentJoint == i:
+                    frames[k] = back @ geometry.frame(model, k)
+        return geometry._replace(joints=joints, frames=frames)
+
+    def _vector_blocks(self, geometry: TracedGeometry) -> Iterator[Block]:
+        """Yield the vectors of closure equations and the axes of idle rotations."""
+        model, local = self._mechanism.model, self._packed.parts().local
+        indices, fixed_in = self._packed.indices().local, self._packed.fixed_in.tolist()
+        for k, (frame, is_point) in enumerate(zip(fixed_in, self._packed.is_point, strict=True)):
+            if frame < 0:
+                passive = self._mechanism.passives[-1 - frame]
+                joint = self._mechanism.frame_on_joint(passive.body)[0]
+                axis = geometry.idle_axis(self._mechanism, joint, passive.axis)
+                yield indices[k], axis @ self._turned(joint)
+            elif frame in geometry.frames:
+                pose, own = geometry.frames[frame], self._turned(model.frames[frame].parentJoint)
+                fixed = model.frames[frame].placement.rotation.T @ own @ local[k]
+                yield indices[k], (pose.translation if is_point else pose.rotation @ fixed) @ own
+
+    def _turned(self, joint: int) -> Array:
+        """Return the axes of the kernel's joint (3, 3) in those of the joint of the model."""
+        return self._packed.frames[self._packed.carriers[joint]]
+
+    def _offset(self, name: str, geometry: TracedGeometry) -> Array:
+        """Return a point (m or 1, 3) in the axes of the kernel's joint that carries it [m]."""
+        link, frame = name.removesuffix(".com"), self._mechanism.frame_id(name.removesuffix(".com"))
+        pose = geometry.frame(self._mechanism.centred_model, frame)
+        offset = pose.translation
+        if link != name:
+            lever = center_of_mass(self._mechanism, link)[None]
+            offset = pose.act(geometry.levers.get(link, lever))
+        return offset @ self._turned(self._mechanism.model.frames[frame].parentJoint)
+
+
+class _Span:
+    """The characteristic length: the largest distance of two frames with all joints at zero."""
+
+    def __init__(self, mechanism: Mechanism, own: TracedGeometry) -> None:
+        self._model, self._counted = mechanism.centred_model, mechanism.extent.frames
+        points = self._points(own)
+        self._points_at_own = np.concatenate([np.broadcast_to(x, (1, 3)) for x in points])
+        self._distances = np.linalg.norm(
+            self._points_at_own[:, None] - self._points_at_own[None], axis=2)
+
+    def at(self, geometry: TracedGeometry) -> Array:
+        """Return (m,) the characteristic lengths [m].
+
+        Only pairs of points that are nearly the farthest at nominal dimensions can become it. The
+        limit is twice the displacement of both points and of the farthest pair.
+        """
+        points, m = self._points(geometry), len(geometry.holds)
+        moved = max(float(np.abs(x - own).max(initial=0.0))
+                    for x, own in zip(points, self._points_at_own, strict=True))
+        least = self._distances.max() - 4.0 * np.sqrt(3.0) * moved
+        squares = np.zeros(m)
+        for i, j in np.argwhere(np.triu(self._distances >= least, 1)):
+            apart = points[i] - points[j]
+            squares = np.maximum(squares, np.einsum("mi,mi->m", apart, apart))
+        return np.where(squares > 0.0, np.sqrt(squares), 1.0)
+
+    def _points(self, geometry: TracedGeometry) -> list[Array]:
+        """Return origins (m or 1, 3) of the counted frames with all joints at zero."""
+        model = self._model
+        joints = [PlacementBatch.of(pin.SE3.Identity())]
+        for i in range(1, model.njoints):
+            joints.append(joints[model.parents[i]] @ geometry.joint(model, i))
+        return [joints[frame.parentJoint].act(geometry.frame(model, i).translation)
+                for i, frame in enumerate(model.frames) if self._counted[i]]
+
+
+class DimensionBatch(NamedTuple):
+    """A mechanism at m sets of dimensions."""
+
+    holds: NDArray[np.bool_]  # (m,) whether there is such a mechanism
+    numbers: Numbers  # of the kernel, lengths relative to the nominal characteristic length
+    frames: dict[int, PlacementBatch]  # by number in the model, placements in their joints
+
+    def taken(self, k: NDArray[np.intp]) -> DimensionBatch:
+        """Return a selection (n,), with repetitions if wanted."""
+        base, indices, varied_numbers = self.numbers
+        frames = {i: PlacementBatch(*(x[k] if len(x) > 1 else x for x in pose))
+                  for i, pose in self.frames.items()}
+        return DimensionBatch(self.holds[k], Numbers(base, indices, varied_numbers[k]), frames)
+
+
+class EvaluatedBatch(NamedTuple):
+    """Poses of the bodies of m mechanisms, and their joint Jacobians."""
+
+    mechanism: Mechanism  # at nominal dimensions: for names and structure
+    members: DimensionBatch
+    q: Array  # (m, nq)
+    residual: Array  # (m, n_closure) closure equations
+    angles: Array  # (m, n_angles) of screw closures [rad]
+    turns: Array  # (m, n, 3, 3) of the kernel's joints in the world, by columns
+    translations: Array  # (m, n, 3) of these [m]
+    # (m, n_closure, nv) for v / `velocity_scale`; empty if not requested, like `columns`
+    jacobian: Array
+    # (m, 6, nv) of the joint Jacobian about the world origin, by v / `velocity_scale`
+    columns: Array
+
+    def frame(self, name: str) -> tuple[Array, Array]:
+        """Return rotations (m, 3, 3) and origins (m, 3) of a link, frame or joint in the world."""
+        i, numbers = self.mechanism.frame_id(name), packed(self.mechanism, True)
+        frame = self.mechanism.centred_model.frames[i]
+        own = self.members.frames.get(i) or PlacementBatch.of(frame.placement)
+        joint = numbers.carriers[frame.parentJoint]  # the kernel's
+        at = self.turns[:, joint].transpose(0, 2, 1)
+        at = (at.reshape(-1, 3) @ numbers.frames[joint].T).reshape(at.shape)
+        origin: Array = self.translations[:, joint] + np.einsum(
+            "mij,mj->mi", at, np.broadcast_to(own.translation, (len(at), 3)))
+        return at @ own.rotation, origin + self.mechanism.centre
+
+    def origin(self, name: str) -> Array:
+        """Return its origins (m, 3) alone."""
+        return self.frame(name)[1]
+
+    def frame_jacobian(self, name: str, origin: Array) -> Array:
+        """Return its Jacobian (m, 6, nv) at its origin (m, 3), world axes."""
+        joint = self.mechanism.model.frames[self.mechanism.frame_id(name)].parentJoint
+        jacobian = self.columns * constraints_of(self.mechanism).supports[joint]
+        arms = np.cross((origin - self.mechanism.centre)[:, :, None], jacobian[:, 3:], axis=1)
+        jacobian[:, :3] -= arms
+        return jacobian
 
 
 class Variants:
-    """A mechanism at other dimensions; for motion alone, masses stay nominal."""
+    """A mechanism at other values of some of its dimensions: one, several, or many in the kernel.
+
+    It is loaded again if its file cannot be traced, or decides otherwise at those dimensions.
+    """
 
     def __init__(self, mechanism: Mechanism, names: Iterable[str]) -> None:
         self.mechanism, self.names = mechanism, list(names)
 
-    def at(self, dimensions: Mapping[str, float], whole: bool = False) -> Mechanism:
-        """Return the mechanism at other dimensions, for its motion, or `whole` with its masses."""
-        return self.several([dimensions], whole)[0]
+    def at(self, dimensions: Mapping[str, float], with_masses: bool = False) -> Mechanism:
+        """Return the mechanism at other dimensions; for motion alone masses may stay nominal."""
+        return self.several([dimensions], with_masses)[0]
 
-    def several(self, many: Sequence[Mapping[str, float]], whole: bool = False) -> list[Mechanism]:
+    def several(
+        self, many: Sequence[Mapping[str, float]], with_masses: bool = False
+    ) -> list[Mechanism]:
         """Return the mechanisms at several sets of dimensions."""
-        if whole:
+        if with_masses and not self.has_masses:
             return [self.whole(x) for x in many]
         tree = self.tree
         if tree is None or tree.turns_axes or any(
@@ -80,7 +304,59 @@ class Variants:
     @property
     def tree(self) -> TracedTree | None:
         """The mechanism's traced tree; None if the file cannot be traced."""
-        return _traced(self.mechanism, tuple(self.names))
+        return traced_tree(self.mechanism, tuple(self.names))
+
+    def batch(self, dimensions: Array) -> DimensionBatch:
+        """Return the mechanism at dimensions (n, m), in the order of the names, for the kernel."""
+        if self.tree is None:
+            return self.loaded(dimensions)
+        with np.errstate(all="ignore"):  # of those that are none
+            geometry = self.tree.at(dimensions)
+            numbers = self._numbers.at(geometry, rescaled=False)
+            return DimensionBatch(geometry.holds & np.isfinite(numbers.varied).all(axis=1), numbers,
+                                  self._numbers.placed(geometry).frames)
+
+    @cached_property
+    def _numbers(self) -> DimensionNumbers:
+        assert self.tree is not None
+        return DimensionNumbers(self.mechanism, self.tree, [])
+
+    def loaded(self, dimensions: Array) -> DimensionBatch:
+        """Return mechanisms loaded one by one, for a file that cannot be traced."""
+        mechanism = self.mechanism
+        holds, reals = np.ones(dimensions.shape[1], dtype=bool), []
+        frames: list[list[PlacementBatch]] = []
+        for k, one in enumerate(dimensions.T):
+            try:
+                there = varied(mechanism, dict(zip(self.names, one.tolist(), strict=True)))
+                there.__dict__["extent"] = mechanism.extent
+                there.__dict__["characteristic_length"] = mechanism.characteristic_length
+                own = packed(there, True).reals
+                holds[k] = len(own) == len(packed(mechanism, True).reals)
+            except SpatialPinError:
+                holds[k] = False
+            if not holds[k]:
+                there, own = mechanism, packed(mechanism, True).reals
+            reals.append(own)
+            frames.append([PlacementBatch.of(x.placement) for x in there.centred_model.frames])
+        placed = {i: PlacementBatch(*(np.concatenate(x) for x in zip(*several, strict=True)))
+                  for i, several in enumerate(zip(*frames, strict=True))}
+        base = packed(mechanism, True).reals
+        return DimensionBatch(holds, Numbers(base, np.arange(len(base)), np.array(reals)), placed)
+
+    def bodies(
+        self, members: DimensionBatch, q: Array, angles: Array, with_jacobian: bool = True
+    ) -> EvaluatedBatch:
+        """Evaluate m of them at configurations q (m, nq), with unwrapping references `angles`."""
+        with acquired(self.mechanism, DimensionKernel) as kernel:
+            found = kernel.evaluate(q, angles, members.numbers, with_jacobian)
+        return EvaluatedBatch(self.mechanism, members, q, *found[:-1],
+                              found[-1] * self.mechanism.velocity_scale)
+
+    def displaced(self, q: Array, steps: Array) -> Array:
+        """Return configurations (m, nq) moved by joint displacements (m, nv)."""
+        with kernel_of(self.mechanism) as kernel:
+            return kernel.displaced(q, steps)
 
 
 def idle_dimensions(
@@ -100,15 +376,11 @@ def idle_dimensions(
     for name in selected if texts is None else ():
         try:
             changes[name] = len({expand(Request.of(mechanism, mechanism.tree, {name: value}))
-                                 for value in _near(mechanism.dimensions[name])}) > 1
+                                 for value in near_values(mechanism.dimensions[name])}) > 1
         except SpatialPinError:  # a value that it cannot have is a change
             changes[name] = True
     changes |= dict.fromkeys(written_dimensions(mechanism.content, selected), True)
     return tuple(name for name in selected if not changes[name])
-
-
-def _near(own: float) -> list[float]:
-    return [own + k * IDLE_STEP * (abs(own) or 1.0) for k in (0, -1, 1)]
 
 
 def tell_idle(
@@ -120,364 +392,3 @@ def tell_idle(
         warn(f"mechanism {mechanism.name!r}: {', '.join(idle)} "
              f"change{'s' * (len(idle) == 1)} nothing in {shown(str(mechanism.tree))}: "
              "nothing of what the file describes depends on it")
-
-
-def copied(mechanism: Mechanism, **changed: Any) -> Mechanism:
-    """Return a mechanism with the same parts except the changed ones."""
-    own = mechanism.__dict__  # geometry is left unread
-    given = {name: own[name] if name[-6:] == "_model" else getattr(mechanism, name)
-             for name in FIELDS}
-    return Mechanism(**{**given, **changed})
-
-
-@made_once
-def _traced(mechanism: Mechanism, names: tuple[str, ...]) -> TracedTree | None:
-    try:
-        return TracedTree(mechanism, names)
-    except (_Untraced, SpatialPinError, ValueError):  # a reference within a longer word
-        return None
-
-
-class _Untraced(Exception):
-    """A part of a mechanism does not follow from the dimensions."""
-
-
-class PlacementBatch(NamedTuple):
-    """Placements at m sets of dimensions, or a constant one."""
-
-    rotation: Array  # (m or 1, 3, 3)
-    translation: Array  # (m or 1, 3) [m]
-
-    @classmethod
-    def of(cls, placement: pin.SE3) -> PlacementBatch:
-        """Return a constant placement."""
-        return cls(placement.rotation[None], placement.translation[None])
-
-    @classmethod
-    def from_origin(cls, xyz: Array, rpy: Array) -> PlacementBatch:
-        """Return placements from origins (m or 1, 3) and roll, pitch, yaw (m or 1, 3)."""
-        (a, b, c), (s, t, u) = np.cos(rpy.T), np.sin(rpy.T)  # yaw after pitch after roll
-        return cls(np.array([[c * b, c * t * s - u * a, c * t * a + u * s],
-                             [u * b, u * t * s + c * a, u * t * a - c * s],
-                             [-t, b * s, b * a]]).transpose(2, 0, 1), xyz)
-
-    def at(self, k: int) -> pin.SE3:
-        """Return the placement at one set of dimensions."""
-        return pin.SE3(*(x[k if len(x) > 1 else 0] for x in self))
-
-    def act(self, points: Array) -> Array:
-        """Return points (m or 1, 3) in the parent's axes, from its own axes."""
-        m = max(len(self.rotation), len(points))
-        turned = np.einsum("mij,mj->mi", np.broadcast_to(self.rotation, (m, 3, 3)),
-                           np.broadcast_to(points, (m, 3)))
-        return turned + self.translation
-
-    def __matmul__(self, other: PlacementBatch) -> PlacementBatch:
-        return PlacementBatch(self.rotation @ other.rotation, self.act(other.translation))
-
-
-class TracedGeometry(NamedTuple):
-    """Geometry at m sets of dimensions; constant parts are left out."""
-
-    holds: NDArray[np.bool_]  # (m,) whether the file's decisions are the same there
-    joints: dict[int, PlacementBatch]  # by number in the model, placements in their parents
-    frames: dict[int, PlacementBatch]
-    turns: dict[int, PlacementBatch]  # by joint, the least rotations from its nominal axis
-    levers: dict[str, Array]  # (m or 1, 3) by link, its centre of mass [m]
-    limits: dict[tuple[str, int], Array]  # (m,) by bound ("lower" or "upper") and index in q
-    inertials: Array  # (k, m) numbers of the inertias of links; empty if not requested
-
-    def joint(self, model: pin.Model, i: int) -> PlacementBatch:
-        """Return the placements of a joint in its parent."""
-        return self.joints.get(i, PlacementBatch.of(model.jointPlacements[i]))
-
-    def frame(self, model: pin.Model, k: int) -> PlacementBatch:
-        """Return the placements of a frame in its joint."""
-        return self.frames.get(k, PlacementBatch.of(model.frames[k].placement))
-
-    def idle_axis(self, mechanism: Mechanism, joint: int, ends: Iterable[str]) -> Array:
-        """Return the unit axis (m or 1, 3) of an idle rotation between two points on a joint."""
-        model, points = mechanism.model, []
-        for name in ends:  # as `vector_products.point_on_body`
-            k = mechanism.frame_id(name)
-            own = model.frames[k].parentJoint
-            points.append(self.frame(model, k) if own == joint else self.joint(model, own))
-        axis = points[1].translation - points[0].translation
-        return axis / np.linalg.norm(axis, axis=1, keepdims=True)
-
-
-class _Words(NamedTuple):
-    """Numbers of an attribute."""
-
-    values: Array  # (k,) at nominal dimensions
-    indices: NDArray[np.intp]  # (k,) index of each among the traced numbers, -1 for a constant
-
-    def at(self, numbers: Array) -> Array:
-        """Return the numbers (m or 1, k) from traced numbers (n, m)."""
-        if not self.vary:
-            return self.values[None]
-        return np.where(self.indices >= 0, numbers[self.indices].T, self.values)
-
-    @property
-    def vary(self) -> bool:
-        """Whether one of them depends on dimensions."""
-        return bool(np.any(self.indices >= 0))
-
-
-class TracedText:
-    """The expanded text of a tree, with its numbers as functions of dimensions.
-
-    Attributes:
-        dimensions: nominal values of the traced dimensions.
-    """
-
-    def __init__(self, mechanism: Mechanism, names: Iterable[str]) -> None:
-        m, file = mechanism, mechanism.tree
-        self.dimensions = {name: m.dimensions[name] for name in names}
-        if file is None or file.suffix != ".xacro" or not self.dimensions or written_dimensions(
-                m.content, self.dimensions):
-            raise _Untraced
-        text, self._tape = traced(Request.of(m, file), self.dimensions)
-        self._mechanism, self._tape_rows = mechanism, [0]
-        self._origins: dict[str, tuple[_Words, _Words]] = {}
-        self._axes: dict[int, _Words] = {}
-        self._levers: dict[str, _Words] = {}
-        self._inertial_tape_rows = [0]
-        self._inertials: dict[str, dict[tuple[str, str], _Words]] = {}  # by tag and attribute
-        self._limits: dict[str, list[_Words]] = {}
-        self._pieces = self._tape.pieces(text)
-        for element in parse_urdf(text, file):
-            name = element.get("name", "")
-            rest = [part for part in element if not self._read_part(element.tag, name, part)]
-            if depends(name) or any(depends(
-                    [text for x in one.iter() for text in (x.text or "", x.tail or "",
-                                                           *x.attrib.values())]) for one in rest):
-                raise _Untraced
-        if not self._tape.is_whole:
-            raise _Untraced
-
-    def _read_part(self, of: str, name: str, part: ET.Element) -> bool:
-        """Read a part of a link or joint; return whether it is fully known."""
-        if (of, part.tag) == ("joint", "origin"):
-            self._origins[name] = self._words(part, "xyz"), self._words(part, "rpy")
-        elif (of, part.tag) == ("joint", "axis"):
-            self._read_axis(name, self._words(part, "xyz"))
-        elif (of, part.tag) == ("joint", "limit"):
-            self._limits[name] = [self._words(part, key) for key in ("lower", "upper")]
-        elif (of, part.tag) == ("link", "inertial"):
-            if name in self._mechanism.content.get("masses", ()):
-                return True  # that of the mechanism file counts
-            self._inertials[name] = {
-                (element.tag, key): self._words(element, key, self._inertial_tape_rows)
-                for element in part.iter() for key in element.attrib}
-            origin = part.find("origin")
-            if origin is not None:
-                self._levers[name] = self._words(origin, "xyz")
-        else:
-            return part.tag in WITHOUT_MOTION
-        return True
-
-    def _read_axis(self, joint: str, words: _Words) -> None:
-        """Record a traced axis; refuse one that is not the joint's axis."""
-        if not words.vary:
-            return
-        model = self._mechanism.model
-        i = model.getJointId(joint) if model.existJointName(joint) else 0
-        name = model.joints[i].shortname().removeprefix("JointModel")
-        if model.joints[i].nv != 1 or name[0] not in "RP":  # it turns about none, and slides so
-            raise _Untraced
-        own = model.joints[i].extract()
-        axis = np.array(own.axis) if hasattr(own, "axis") else np.eye(3)["XYZ".index(name[-1])]
-        if np.abs(axis - _unit(words.values)).max() > PLACEMENT_ROUND_OFF:
-            raise _Untraced
-        self._axes[i] = words
-
-    def _words(self, element: ET.Element, key: str, at: list[int] | None = None) -> _Words:
-        known = self._tape_rows if at is None else at
-        words = element.get(key, "0 0 0" if key in ("xyz", "rpy") else "0").split()
-        values, indices = [], []
-        for word in words:
-            number = self._tape.read(word)
-            values.append(float(word if number is None else number))
-            indices.append(-1 if number is None else len(known))
-            known += [] if number is None else [number.row]
-        return _Words(np.array(values), np.array(indices, dtype=np.intp))
-
-
-class TracedTree(TracedText):
-    """A mechanism's tree at other dimensions.
-
-    Attributes:
-        has_masses: whether masses are traced too.
-    """
-
-    def __init__(self, mechanism: Mechanism, names: Iterable[str]) -> None:
-        super().__init__(mechanism, names)
-        # a model that the text alone does not give, such as one with turned joints, is refused
-        model, own = mechanism.model, self.own()
-        old = [*model.jointPlacements], [frame.placement for frame in model.frames]
-        size = max(float(np.abs(x.translation).max()) for x in (*old[0], *old[1]))
-        if not own.holds[0] or any(
-                np.abs(new.translation - was[i].translation).max() > PLACEMENT_ROUND_OFF * size
-                or np.abs(new.rotation - was[i].rotation).max() > PLACEMENT_ROUND_OFF
-                for was, new_ones in zip(old, (own.joints, own.frames), strict=True)
-                for i, new in new_ones.items()):
-            raise _Untraced
-        known = mechanism.inertias
-        self.has_masses = all(
-            name in known and several[0].isApprox(known[name], PLACEMENT_ROUND_OFF)
-            for name, several in self.inertias_at(own.inertials).items())
-
-    @property
-    def turns_axes(self) -> bool:
-        """Whether axes of joints depend on dimensions, which a copy of a model cannot have."""
-        return bool(self._axes)
-
-    def own(self) -> TracedGeometry:
-        """Return the nominal geometry."""
-        return self.at(np.array([[*self.dimensions.values()]]).T, with_masses=True)
-
-    def at(self, given: Array, with_masses: bool = False) -> TracedGeometry:
-        """Return the geometry at dimensions (k, m), in the order of `dimensions`."""
-        n, heavy = len(self._tape_rows), self._inertial_tape_rows if with_masses else []
-        numbers, holds = self._tape.at(np.asarray(given, np.float64), [*self._tape_rows, *heavy])
-        numbers, inertials = numbers[:n], numbers[n:]
-        model, limits = self._mechanism.model, dict[tuple[str, int], Array]()
-        for name, ends in self._limits.items():
-            joint = model.joints[model.getJointId(name)] if model.existJointName(name) else None
-            for bound, word in zip(("lower", "upper"), ends, strict=True):
-                if word.vary and joint is not None and joint.nq == 1 and (
-                        getattr(model, f"{bound}PositionLimit")[joint.idx_q] == word.values[0]):
-                    limits[bound, joint.idx_q] = word.at(numbers)[:, 0]
-        return TracedGeometry(
-            holds, *self._placed(numbers),
-            {i: _turning(_unit(words.values), _unit(words.at(numbers)))
-             for i, words in self._axes.items()},
-            {name: words.at(numbers) for name, words in self._levers.items() if words.vary},
-            limits, inertials)
-
-    def text_at(self, dimensions: Mapping[str, float]) -> str | None:
-        """Return the expanded text at other dimensions.
-
-        Returns:
-            None if it is not known: the file decides otherwise there, or they are not its
-            dimensions.
-        """
-        if self._pieces is None or not dimensions.keys() <= self.dimensions.keys():
-            return None
-        between, rows = self._pieces
-        given = np.array([[dimensions.get(name, x)] for name, x in self.dimensions.items()])
-        numbers, holds = self._tape.at(given, rows)
-        if not holds[0]:
-            return None
-        words = [repr(x) for x in numbers[:, 0].tolist()]
-        return "".join(x for pair in zip(between, [*words, ""], strict=True) for x in pair)
-
-    def texts_change(self, names: Sequence[str]) -> dict[str, bool] | None:
-        """Return by dimension whether the expanded text changes near its value.
-
-        Returns:
-            None if that is not known.
-        """
-        if self._pieces is None:
-            return None
-        own = [*self.dimensions.values()]
-        given = np.array([[own] * 3] * len(names), dtype=float).reshape(len(names), 3, len(own))
-        for k, name in enumerate(names):
-            given[k, :, [*self.dimensions].index(name)] = _near(self.dimensions[name])
-        numbers, holds = self._tape.at(given.reshape(-1, len(own)).T, self._pieces[1])
-        several = numbers.reshape(-1, len(names), 3)
-        changes = np.any(several != several[:, :, :1], axis=(0, 2)) | ~holds.reshape(-1, 3).all(1)
-        return dict(zip(names, changes.tolist(), strict=True))
-
-    def inertias_at(self, numbers: Array) -> dict[str, list[pin.Inertia]]:
-        """Return the inertias of links that depend on dimensions, from traced numbers (k, m).
-
-        There are m of each, or one.
-        """
-        inertias = {}
-        for name, words in self._inertials.items():
-            if not any(x.vary for x in words.values()):
-                continue
-            known = {key: x.at(numbers) for key, x in words.items()}
-            xyz, rpy = (known.get(("origin", key), np.zeros((1, 3))) for key in ("xyz", "rpy"))
-            mass, *entries = (known.get(key, np.zeros((1, 1)))[:, 0] for key in (
-                ("mass", "value"), *(("inertia", f"i{k}") for k in SYMMETRIC)))
-            matrix = np.empty((max(map(len, entries)), 3, 3))
-            for (i, j), x in zip(SYMMETRIC.values(), entries, strict=True):
-                matrix[:, i, j] = matrix[:, j, i] = x
-            turn = PlacementBatch.from_origin(xyz, rpy).rotation
-            parts = mass, xyz, turn @ matrix @ turn.transpose(0, 2, 1)
-            inertias[name] = [inertia_as_given(*(x[k % len(x)] for x in parts))
-                              for k in range(max(map(len, parts)))]
-        return inertias
-
-    def mechanism_at(
-        self, dimensions: Mapping[str, float], geometry: TracedGeometry, k: int
-    ) -> Mechanism:
-        """Return the mechanism at the k-th of several sets of dimensions."""
-        m = self._mechanism
-        model, inertias = m.model.copy(), dict(m.inertias)
-        for i, pose in geometry.joints.items():
-            model.jointPlacements[i] = pose.at(k)
-        for i, pose in geometry.frames.items():
-            model.frames[i].placement = pose.at(k)
-        for (bound, index), values in geometry.limits.items():
-            getattr(model, f"{bound}PositionLimit")[index] = values[k]
-        for name, lever in geometry.levers.items():
-            if name in inertias:
-                inertias[name] = inertia_as_given(
-                    inertias[name].mass, lever[k], inertias[name].inertia)
-        if self.has_masses:
-            inertias |= {name: x[0] for name, x in self.inertias_at(
-                geometry.inertials[:, k : k + 1]).items()}
-            put_inertias(model, inertias)
-        other = copied(m, model=model, inertias=inertias,
-                       parameters={**m.parameters, **dimensions})
-        other.__dict__["dimensions"] = {**m.dimensions, **dimensions}
-        written = m.content.get("guess", {})
-        if m.path and m.tree and written and written.keys() == m.guess.keys():
-            other.__dict__["guess"] = partial(worked_out, written, m.path, "guess",
-                                              Request.of(other, m.tree))
-        return other
-
-    def _placed(
-        self, numbers: Array
-    ) -> tuple[dict[int, PlacementBatch], dict[int, PlacementBatch]]:
-        """Return placements of joints in their parents, and of frames in their joints."""
-        model, joints, frames = self._mechanism.model, {}, dict[int, PlacementBatch]()
-        was = [frame.placement for frame in model.frames]
-        for i, frame in enumerate(model.frames):
-            above, is_joint = frame.parentFrame, frame.type == pin.FrameType.JOINT
-            words = self._origins.get(frame.name, ()) if frame.type in ORIGINS else ()
-            if not any(w.vary for w in words) and (above not in frames or not i):
-                continue
-            old = model.jointPlacements[frame.parentJoint] if is_joint else was[i]
-            own = (PlacementBatch.from_origin(*(w.at(numbers) for w in words)) if words
-                   else PlacementBatch.of(was[above].actInv(old)))
-            pose = frames.get(above, PlacementBatch.of(was[above])) @ own
-            if is_joint:
-                joints[frame.parentJoint] = pose
-            else:
-                frames[i] = pose
-        return joints, frames
-
-
-# entries of an inertia
-SYMMETRIC = {"xx": (0, 0), "xy": (0, 1), "yy": (1, 1), "xz": (0, 2), "yz": (1, 2), "zz": (2, 2)}
-ORIGINS = (pin.FrameType.JOINT, pin.FrameType.FIXED_JOINT)
-
-
-def _turning(axis: Array, others: Array) -> PlacementBatch:
-    """Return the least rotations from a unit axis (3,) to others (m, 3)."""
-    across = np.cross(axis, others)
-    x, y, z = across.T
-    skew = np.zeros((len(others), 3, 3))
-    skew[:, 0, 1], skew[:, 0, 2], skew[:, 1, 2] = -z, y, -x
-    skew -= skew.transpose(0, 2, 1)
-    part = 1.0 / (1.0 + others @ axis)
-    return PlacementBatch(np.eye(3) + skew + part[:, None, None] * (skew @ skew), np.zeros((1, 3)))
-
-
-def _unit(vectors: Array) -> Array:
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)

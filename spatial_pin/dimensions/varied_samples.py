@@ -20,9 +20,9 @@ from spatial_pin.assembly.close import DAMPED_STEPS
 from spatial_pin.assembly.holding import fixed_base_entries
 from spatial_pin.assembly.start_values import periodic
 from spatial_pin.assembly.state import FrameMotion, State
-from spatial_pin.dimensions.dimension_batch import DimensionNumbers
 from spatial_pin.dimensions.homotopy import followed
-from spatial_pin.dimensions.variants import TracedGeometry, TracedTree, Variants
+from spatial_pin.dimensions.traced_tree import TracedGeometry, TracedTree
+from spatial_pin.dimensions.variants import DimensionNumbers, Variants
 from spatial_pin.dynamics.force_outputs import NamedOutputs
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.dimensions import ClosedSamples, DimensionKernel, Numbers

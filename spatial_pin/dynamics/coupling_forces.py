@@ -127,10 +127,10 @@ def coupling_forces(mechanism: Mechanism) -> list[CouplingForce]:
         if closure.frames or not closure.joints:
             continue
         at = next(k for k, label in enumerate(constraints.labels) if label.closure == closure.name)
-        equation, row = constraints.equations[at], np.zeros(mechanism.model.nv)
-        for weight, factors in equation.terms:
-            if len(factors) == 1 and factors[0].function is None:
-                row[equation.coordinates[factors[0].at].v] = weight
+        row = np.zeros(mechanism.model.nv)
+        for weight, factors in constraints.sums[at]:
+            if len(factors) == 1 and factors[0][2] < 0:  # a coordinate, not a function of it
+                row[constraints.coordinates[factors[0][1]][2]] = weight
         first, last = (mechanism.joint_id(mechanism.coordinate(closure.joints[k]).joint)
                        for k in (0, -1))
         path = closure.acts_at

@@ -171,8 +171,8 @@ class Forces:
                 spring.name, coordinate.q, coordinate.v, law, energy, is_linear))
             return
         (i1, m1), (i2, m2) = (m.centred_frame(f) for f in spring.frames)
-        support = constraints_of(m).support
-        sign = support(i2) - support(i1)
+        supports = constraints_of(m).supports
+        sign = supports[i2] - supports[i1]
         points = tuple(np.append(x.translation, 1.0) for x in (m1, m2))
         self.lines.append(LineSpring(m, spring.name, (i1, i2), points, sign, law, energy,  # type: ignore[arg-type]
                                      is_linear))
@@ -350,5 +350,5 @@ def generalised(evaluation: LoopEquations, wrenches: list[tuple[int, Array]]) ->
     total = np.zeros(evaluation.model.nv)
     jacobian = joint_jacobian(evaluation.data, evaluation.model.nv)
     for joint, wrench in wrenches:
-        total += (wrench @ jacobian) * evaluation.constraints.support(joint)
+        total += (wrench @ jacobian) * evaluation.constraints.supports[joint]
     return total

@@ -202,13 +202,13 @@ class Trust:
     packages: Mapping[str, Path] = field(default_factory=dict)
     trusted: bool = False
 
-    @classmethod
+    @staticmethod
     def of(
-        cls, file: Path, packages: Mapping[str, Path] = NO_PACKAGES, trusted: bool = False
+        file: Path, packages: Mapping[str, Path] = NO_PACKAGES, trusted: bool = False
     ) -> Trust:
         """Return the rule for files that a file, or the files of a folder, may name."""
         folder = file if os.path.isdir(file) else file.parent
-        return cls(folder.resolve(), packages, trusted)
+        return Trust(folder.resolve(), packages, trusted)
 
     def resolved(self, name: Path | str) -> Path:
         """Return where a file lies that may be read if it is there."""
@@ -306,6 +306,17 @@ def parse_toml(text: str, path: Path) -> dict[str, Any]:
         raise MechanismFileError(
             f"{shown(path)}: line {len(lines)}: {key}: a whole number of thousands of digits; "
             "numbers end at 1e308") from error
+
+
+def texts_in(value: Any) -> Iterator[str]:
+    """Yield all texts in tables, lists and texts."""
+    waiting = [value]
+    while waiting:
+        element = waiting.pop()
+        if isinstance(element, str):
+            yield element
+        elif isinstance(element, dict | list | tuple):
+            waiting += element.values() if isinstance(element, dict) else element
 
 
 def toml_text(content: dict[str, Any], prefix: str = "") -> str:

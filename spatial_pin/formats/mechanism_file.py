@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin._support.checks import numbers_or_none
 from spatial_pin.errors import MechanismFileError, Mistakes, suggestion
 from spatial_pin.formats.checked_tables import BELONGS, BETWEEN, TOP, TomlTable, key_hint
 from spatial_pin.formats.file_access import Trust, read_text
@@ -393,10 +394,7 @@ def _law(table: TomlTable, spec: MechanismSpec) -> Any:
 def _mass(name: str, table: TomlTable) -> pin.Inertia:
     mass, given = table.number("mass", least=0.0), table.get("inertia", 0.0)
     com = table.vector("com") if "com" in table else np.zeros(3)
-    try:
-        array = np.array(given, float)
-    except (TypeError, ValueError):
-        array = np.empty(0)
+    array = numbers_or_none(given)
     if array.shape not in ((), (3,), (3, 3)) or not np.isfinite(array).all():
         table.fail("inertia", "is one number, three, or three lists of three [kg·m²]")
     matrix = array if array.ndim == 2 else np.diag(np.broadcast_to(array, 3))

@@ -77,8 +77,7 @@ class ClosedRows:
                 assert self.variants is not None
                 try:
                     mechanism = self.variants.at(
-                        dict(zip(self.dimensions, x, strict=True)),
-                        with_masses and not self.variants.has_masses)
+                        dict(zip(self.dimensions, x, strict=True)), with_masses)
                 except SpatialPinError as error:
                     raise _unreached(int(at[0]), str(error)) from error
                 with suppress(SpatialPinError):  # drivers may not have the guess's values there

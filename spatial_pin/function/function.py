@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 from spatial_pin._support.checks import as_array, checked, finite_array, names_of
 from spatial_pin.assembly.link_angle import link_angle
 from spatial_pin.assembly.state import State, center_of_mass
-from spatial_pin.dimensions.changed_state import output_changes
+from spatial_pin.dimensions.changed_state import Load, output_changes
 from spatial_pin.dimensions.closed_derivatives import (
     ClosedDerivatives,
     InputChanges,
     OpenedError,
 )
-from spatial_pin.dimensions.force_derivatives import Load
 from spatial_pin.dimensions.moved_geometry import MovedGeometry, moved_geometry
 from spatial_pin.dynamics.coupling_forces import coupling_forces
 from spatial_pin.dynamics.force_outputs import rule_of

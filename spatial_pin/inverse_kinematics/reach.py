@@ -136,11 +136,12 @@ def _nearest(
         met = closer.meet(start.q, _free(mechanism, held.entries), start.angles, rows, REACH_STEPS)
         if met is None:
             return None
-        (q, error, may_be_mirrored), off, angles = met
-        if may_be_mirrored or error > TOLERANCES.closed or off > exact_for(mechanism) or (
-                limits and not is_within_limits(mechanism, q)):
+        found, angles = met
+        if found.may_be_mirrored or found.error > TOLERANCES.closed or (
+                found.distance > exact_for(mechanism)) or (
+                limits and not is_within_limits(mechanism, found.q)):
             return None
-        return State(mechanism, q, closure_error=error, angles=angles)
+        return State(mechanism, found.q, closure_error=found.error, angles=angles)
 
 
 @made_once

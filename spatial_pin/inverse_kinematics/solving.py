@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from spatial_pin.assembly.close import LimitedJoints, closed
 from spatial_pin.inverse_kinematics.targets import CoordinateValue, Residual, Target
-from spatial_pin.kernel.closer import Closed
+from spatial_pin.kernel.closer import ClosureResult
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.joint_limits import JointLimit
 from spatial_pin.numerics.least_squares import (
@@ -52,7 +52,7 @@ class Constrained(LimitedJoints):
         self.tolerance = tolerance
         # the last residuals, with configuration and targets: they are needed again and again
         self._known: list[tuple[Array, Sequence[Target], tuple[Array, Array]]] = []
-        self._last: Closed | None = None  # where closing led
+        self._last: ClosureResult | None = None  # where closing led
 
     def residual(self, q: Array, targets: Sequence[Target]) -> tuple[Array, Array]:
         """Return weighted residuals (k,) and derivatives (k, nv) for scaled velocities."""

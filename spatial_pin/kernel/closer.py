@@ -8,18 +8,18 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin._support.lazy import acquired
-from spatial_pin.constraints.vector_products import TANGENT, axis_pairs
+from spatial_pin._support.lazy import acquired, made_once
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.library import INT, POINTER, REAL, address, check
-from spatial_pin.mechanism.equations import Cosine
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import NOT_FINITE, Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
+TANGENT = "tangent"  # `Pair.aligned` of a direction along that of a curve
 AGREEING = {"z": 1, "xyz": 3}  # axes that must point the same way, by `Pair.aligned`
 EQUATIONS = {1: 2, 3: 3}  # of directions that say so
 NAMED, FIXED, TURNS = 1, 2, 4  # kinds of an entry of q; TURNS: whole turns mean nothing
@@ -33,27 +33,13 @@ MORE_TARGETS = 6  # rows of targets besides one for each velocity, see closing.c
 KernelTarget = tuple[Sequence[int], Sequence[float]]  # kind and indices, then numbers
 
 
-class Closed(NamedTuple):
-    """The result of closing loops.
-
-    Attributes:
-        q: the configuration (nq,).
-        error: its closure error.
-        may_be_mirrored: False if the axes that closures make parallel point the same way.
-    """
-
-    q: Array
-    error: float
-    may_be_mirrored: bool
-
-
 class Examined(NamedTuple):
     """Properties of a configuration.
 
     Attributes:
         error: its closure error.
         angles: (n_angles,) of screw closures, counting turns [rad].
-        may_be_mirrored: as of `Closed`.
+        may_be_mirrored: as of `ClosureResult`.
         least: of its closure equations, the columns of their derivatives made alike: the length
             of the remainder of the last one that is independent, relative to the first one's.
         dependent: likewise of the longest of those that follow from others.
@@ -67,13 +53,14 @@ class Examined(NamedTuple):
 
 
 class ClosureResult(NamedTuple):
-    """The result of closing loops with named coordinates.
+    """A configuration whose loops are closed, or as well as they could be.
 
     Attributes:
-        q: the configuration (nq,), whole turns taken off its angles.
-        error, may_be_mirrored: as of `Closed`.
+        q: the configuration (nq,), whole turns taken off its angles where coordinates are named.
+        error: its closure error.
+        may_be_mirrored: False if the axes that closures make parallel point the same way.
         distance: from the named values, but of components of balls and floating joints [rad,
-            characteristic lengths].
+            characteristic lengths]; of targets: the length of their residuals.
         examined: its properties, where one start alone has led to a closed configuration.
         is_unique: whether it is certain that no other closed configuration is as near to its start.
     """
@@ -81,7 +68,7 @@ class ClosureResult(NamedTuple):
     q: Array
     error: float
     may_be_mirrored: bool
-    distance: float
+    distance: float = 0.0
     examined: Examined | None = None
     is_unique: bool = False
 
@@ -129,21 +116,21 @@ class ClosureTask(ctypes.Structure):
         ("targets", TargetsStruct), ("unique", INT)]
 
 
-class PerturbedStarts:
+class PerturbedStarts(NamedTuple):
     """Further starts, if the first one does not lead near the named values.
 
-    Args:
-        steps: (m, `AT_ONCE`, nv) joint displacements from the first start, of each of m groups of
-            loops: while one is displaced the others stand.
+    Attributes:
         near: a distance from the named values that is accepted.
+        steps: (m, nv) joint displacements from the first start, `AT_ONCE` of each group of loops:
+            while one is displaced the others stand.
+        moved: (m,) the group that each displaces.
         group: (nv,) the group that each velocity is of.
     """
 
-    def __init__(self, steps: Array, near: float, group: NDArray[np.int64]) -> None:
-        self.near, self.steps = near, steps.reshape(-1, len(group)).copy()
-        moved = np.repeat(np.arange(len(steps)), len(self.steps) // max(len(steps), 1))
-        self._alive = moved, group.copy()  # as long as C reads them
-        self.addresses = address(self.steps), *map(address, self._alive)
+    near: float
+    steps: Array
+    moved: NDArray[np.int64]
+    group: NDArray[np.int64]
 
 
 class ClosureSettings(NamedTuple):
@@ -235,7 +222,8 @@ class Closer:
             if settings.first is not None:
                 self._first[:], task.first = settings.first, self._at_first
             if starts is not None:
-                task.near, (task.steps, task.moved, task.group) = starts.near, starts.addresses
+                task.near = starts.near
+                task.steps, task.moved, task.group = map(address, starts[1:])
             if settings.kinds is not None:
                 self._kinds[:], task.facts = settings.kinds, self._at_facts
                 task.named = NamedStruct(
@@ -260,14 +248,15 @@ class Closer:
         errors = self._errors[: self._task.m].tolist()
         if not all(map(math.isfinite, errors)):
             raise SingularError(NOT_FINITE)
-        examined = self._examined() if self._facts.item(0) < np.inf else None
+        is_judged = self._settings is not None and self._settings.kinds is not None
+        examined = self._examined() if is_judged and self._facts.item(0) < np.inf else None
         is_unique = bool(self._task.unique)
         return [ClosureResult(self._q[k].copy(), error, self._may_be_mirrored(k),
                               self._distances.item(k), None if k else examined, not k and is_unique)
                 for k, error in enumerate(errors)]
 
     def solve(
-        self, q: Sequence[Array], settings: ClosureSettings, value: Array,
+        self, q: Sequence[Array], settings: ClosureSettings, value: Array | None = None,
         reference: Array | float = 0.0, pinned: Iterable[float] = (), perturbed: bool = False,
     ) -> list[ClosureResult]:
         """Close the loops; arguments as of `set_task`, raises as `results`."""
@@ -278,22 +267,13 @@ class Closer:
     def close(
         self, q: Array, free: NDArray[np.bool_], reference: Array | float, tolerance: float,
         iterations: int, pinned: Iterable[float], cut: float,
-        first: NDArray[np.bool_] | None = None,
-    ) -> Closed:
+    ) -> ClosureResult:
         """Close the loops from q (nq,), to the least residual that is reached.
 
-        The other arguments are those of `ClosureSettings` and `set_task`.
-
-        Raises:
-            SingularError: positions have grown beyond all numbers.
+        The other arguments are those of `ClosureSettings` and `set_task`; raises as `results`.
         """
-        self.set_task([q], ClosureSettings(free, first, tolerance, iterations, cut), None,
-                      reference, pinned)
-        check(self._library.closer_close(self.handle, self.at_task))
-        error = self._errors.item(0)
-        if not math.isfinite(error):
-            raise SingularError(NOT_FINITE)
-        return Closed(self._q[0].copy(), error, self._may_be_mirrored())
+        settings = ClosureSettings(free, None, tolerance, iterations, cut)
+        return self.solve([q], settings, None, reference, pinned)[0]
 
     def prepared(
         self, q: Array, reference: Array, free: NDArray[np.bool_], tolerance: float,
@@ -325,7 +305,7 @@ class Closer:
     def meet(
         self, q: Array, free: NDArray[np.bool_], reference: Array, targets: Sequence[KernelTarget],
         iterations: int,
-    ) -> tuple[Closed, float, Array] | None:
+    ) -> tuple[ClosureResult, Array] | None:
         """Close the loops from q (nq,) where targets are met, by the least displacement.
 
         Args:
@@ -336,9 +316,9 @@ class Closer:
             iterations: damped steps at most.
 
         Returns:
-            The configuration, the length of the targets' residuals, and the angles (n_angles,) of
-            screws, counting turns [rad]. None where there are more targets than it takes, where
-            they are not met from there, or only just at the end of their reach.
+            The result, and the angles (n_angles,) of screws, counting turns [rad]. None where there
+            are more targets than it takes, where they are not met from there, or only just at the
+            end of their reach.
         """
         if len(targets) > len(self._of):
             return None
@@ -350,8 +330,8 @@ class Closer:
         code = self._library.closer_close(self.handle, self.at_task)
         self._task.targets.n = 0
         return None if code else (
-            Closed(self._q[0], self._errors.item(0), self._may_be_mirrored()),
-            self._distances.item(0), self._angles)
+            ClosureResult(self._q[0], self._errors.item(0), self._may_be_mirrored(),
+                          self._distances.item(0)), self._angles)
 
     def judge(self, q: Array, reference: Array | float, named: NamedCoordinates) -> ClosureResult:
         """Return q (nq,), whole turns taken off its angles, and its properties."""
@@ -403,10 +383,12 @@ def _created(
     """Return the structure in C, and the order of pinned coordinates in it."""
     mechanism, packed = kernel.mechanism, kernel.packed
     turning, rotations, at = set[str](), list[tuple[int, int]](), 0
+    equations = kernel.constraints
+    is_direction = np.array([x >= 0 and not equations.factors[x, 0] for x in equations.product])
     for closure in mechanism.closures:  # those with all equations of directions
         if not closure.frames:
             continue
-        rows = at + np.flatnonzero([isinstance(row.first, Cosine) for row in closure.rows])
+        rows = at + np.flatnonzero(is_direction[at : at + closure.n_rows])
         at += closure.n_rows
         axes = AGREEING.get(closure.pair.aligned, 0)
         if axes and len(rows) == EQUATIONS[axes] and not closure.sums:
@@ -437,3 +419,42 @@ def _created(
         kernel.handle, address(columns), columns.shape[1], address(table), len(table),
         address(bodies), address(directions), len(bodies) // 2, ctypes.byref(handle)))
     return handle, order
+
+
+def opposite_axes(mechanism: Mechanism, data: pin.Data) -> dict[str, bool]:
+    """Return closures whose axes do not point the same way, and whether half a turn helps.
+
+    Closed equations leave them parallel, opposite, or (three equations of rotation) interchanged:
+    then half a turn of one of the frames is not what makes them one.
+    """
+    opposite = {}
+    for name, ends in axis_pairs(mechanism):
+        one, two = (data.oMi[joint].rotation @ axes for joint, axes in ends)
+        cosines = np.vecdot(one.T, two.T)
+        if np.any(cosines < 0.5):
+            opposite[name] = bool(np.all(np.abs(cosines) > 0.5))
+    for closure in mechanism.closures:
+        if closure.pair.aligned == TANGENT:
+            frames = map(mechanism.centred_frame, closure.frames)
+            first, second = (data.oMi[joint] * placement for joint, placement in frames)
+            seen = first.actInv(second)
+            if closure.numbers["curve"].tangent(seen.translation) @ seen.rotation[:, 2] < 0.0:
+                opposite[closure.name] = True
+    return opposite
+
+
+@made_once
+def axis_pairs(mechanism: Mechanism) -> list[tuple[str, list[tuple[int, Array]]]]:
+    """Return closures with axes: name, and of each end its joint and axes (3, n) fixed to it."""
+    pairs = []
+    for closure in mechanism.closures:
+        if not closure.pair.aligned or closure.pair.aligned == TANGENT:
+            continue
+        geometry, first = closure.geometry, 2 if closure.pair.aligned == "z" else 0
+        ends = [
+            (joint, (placement.rotation @ axes)[:, first:])
+            for (joint, placement), axes in zip(
+                map(mechanism.centred_frame, closure.frames), (geometry.axes1, geometry.axes2),
+                strict=True)]
+        pairs.append((closure.name, ends))
+    return pairs

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import ctypes
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import accumulate, pairwise
 from typing import Any, NamedTuple
 
@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import acquired, made_anew, made_once
-from spatial_pin.constraints.compiled_equations import Constraints, constraints_of
-from spatial_pin.constraints.composed_equations import CompiledTerm, Equation, QuantityIndex
+from spatial_pin.constraints.compiled_equations import COORDINATE, Constraints, constraints_of
 from spatial_pin.constraints.composite_joints import TreeArrays, split_of
 from spatial_pin.kernel.library import (
     BAD_ARRAYS,
@@ -36,7 +35,6 @@ from spatial_pin.numerics.piecewise import ROOT, CalledFunction, SquareRoot
 
 Ints = NDArray[np.int64]
 PRODUCT, SUM, IDLE = range(3)  # kinds of equations, see `kernel.h`
-QUANTITIES = ("product", "coordinate", "angle")  # kinds, in the order of `kernel.h`
 
 
 class Parts(NamedTuple):
@@ -67,9 +65,8 @@ class Packed(NamedTuple):
         frames: (n, 3, 3) rotations from the axes of the split model's joints to the kernel's:
             Pinocchio's joint rotation is the kernel's times the transpose.
         carriers: (njoints,) joint of the kernel that carries the body of each joint of the model.
-        fixed_in: (n_vectors,) what each vector is fixed in: `frame` of its `Term`.
+        fixed_in: (n_vectors,) what each vector is fixed in, see `Constraints.vectors`.
         is_point: (n_vectors,) whether it leads to a point, or is a direction.
-        called: functions in code, by their number among those of the equations.
     """
 
     ints: Ints
@@ -78,7 +75,6 @@ class Packed(NamedTuple):
     carriers: NDArray[np.intp]
     fixed_in: Ints
     is_point: NDArray[np.bool_]
-    called: Mapping[int, CalledFunction]
 
     def parts(self) -> Parts:
         """Return views of the numbers, one kind after the other."""
@@ -103,41 +99,66 @@ def packed(mechanism: Mechanism, idle: bool) -> Packed:
         mechanism: the mechanism.
         idle: whether the equations of idle rotations belong to it; forces know none.
     """
-    constraints = constraints_of(mechanism)
-    model, carriers = split_of(mechanism)
-    tree = TreeArrays(model)
-    vectors = _VectorTable(constraints, tree.frames, carriers)
-    moved, freedoms = np.nonzero(constraints.signs)  # product and freedom of each of their supports
-    supports = np.searchsorted(moved, np.arange(len(constraints.constants) + 1))
-    n_idle = constraints.n_passive if idle else 0
-    n = constraints.n_closure + n_idle
-    sums = _Sums(constraints.equations[:n])
-    patterns = [np.flatnonzero(row) for row in constraints.occurring[:n]]
-    kinds = [SUM if e.terms else PRODUCT for e in constraints.equations[: constraints.n_closure]]
-    product = [-1 if e.terms else e.products[0] for e in constraints.equations[:n]]
-    starts = np.cumsum([0] + [len(p) for p in patterns])
-    turning = [np.where(turns.are_all, turns.row, 0.0) for turns in constraints.turns]
-    turned = [np.flatnonzero(row) for row in turning]  # entries of q that count each angle's turns
-    head = [model.njoints, model.nq, model.nv, len(vectors.body), len(constraints.constants),
-            constraints.n_closure, n_idle, constraints.n_angles,
-            len(freedoms), starts[-1], sum(map(len, turned)), len(sums.numbers),
-            len(sums.kinds), len(sums.shapes), len(sums.implicit), sums.n_defining]
-    directions = [x for e in constraints.equations for x in e.sines_and_cosines]
+    c, (model, carriers) = constraints_of(mechanism), split_of(mechanism)
+    tree, n_idle = TreeArrays(model), c.n_passive if idle else 0
+    fixed_in, joints, is_point, local = zip(*c.vectors, strict=True) if c.vectors else [()] * 4
+    bodies = carriers[np.array(joints, np.intp)]
+    parts, factors = ([x[:, :2], x[:, 2:4], x[:, 4]] for x in (c.parts, c.part_factors))
+    moved, freedoms = np.nonzero(c.signs)  # product and freedom of each of their supports
+    counts, ints, reals = _packed_equations(c, n_idle)
+    head = [model.njoints, model.nq, model.nv, len(bodies), len(c.constants), c.n_closure, n_idle,
+            c.n_angles, len(freedoms), *counts]
     return Packed(
-        _joined(np.int64, head, tree.kind, tree.parent, tree.iq, tree.iv, vectors.body,
-                vectors.flag, *vectors.numbers, supports, freedoms, kinds, [IDLE] * n_idle, product,
-                directions, sums.implicit, sums.terms, sums.factors, sums.kinds, sums.indices,
-                sums.function, sums.shapes, starts, *patterns,
-                np.cumsum([0, *map(len, turned)]), *turned),
+        _joined(np.int64, head, tree.kind, tree.parent, tree.iq, tree.iv, bodies, is_point, *parts,
+                np.searchsorted(moved, np.arange(len(c.constants) + 1)), freedoms, *ints),
         _joined(float, tree.rotation, tree.translation, tree.pitch, tree.mass, tree.com,
-                tree.inertia, model.gravity.linear, mechanism.velocity_scale, vectors.local,
-                *vectors.factors, constraints.constants, constraints.factors,
-                constraints.signs[moved, freedoms], [turns.offset for turns in constraints.turns],
-                *(row[at] for row, at in zip(turning, turned, strict=True)), sums.spans,
-                sums.numbers,
-                *sums.functions),
-        tree.frames, carriers, np.array(vectors.fixed_in, np.int64),
-        np.array(vectors.flag, bool), sums.called)
+                tree.inertia, model.gravity.linear, mechanism.velocity_scale,
+                np.array(local).reshape(-1, 1, 3) @ tree.frames[bodies],  # in the turned axes
+                *factors, c.constants, c.factors, c.signs[moved, freedoms], *reals),
+        tree.frames, carriers, np.array(fixed_in, np.int64), np.array(is_point, bool))
+
+
+def _packed_equations(c: Constraints, n_idle: int) -> tuple[list[int], list[Any], list[Any]]:
+    """Return counts, structure and numbers of equations, but for those of the products."""
+    kinds = [SUM if product < 0 else PRODUCT for product in c.product] + [IDLE] * n_idle
+    product = [*c.product, *range(c.passive_at, c.passive_at + n_idle)]
+    patterns = [np.flatnonzero(row) for row in c.occurring[: len(kinds)]]
+    # sine and cosine of angles (where sums define these, any product), what counts their turns
+    directions = [(x.sine, x.sine + 1) if x.sine >= 0 else
+                  (np.searchsorted(c.equation_of, x.equation),) * 2 for x in c.angles]
+    spins = [np.flatnonzero(x.row * x.is_of_joints) for x in c.angles]
+    implicit = [(angle, len(of.spans), len(kinds) + first,
+                 sum(periodic << k for k, periodic in enumerate(of.is_periodic)))
+                for angle, first, of in c.implicit]
+    sums = [*c.sums, *([] for _ in range(n_idle)), *c.defining]
+    terms = [term for terms in sums for term in terms]
+    factors = [factor for _, factors in terms for factor in factors]
+    entries = [c.coordinates[at][1:] if kind == COORDINATE else (at, 0) for kind, at, _ in factors]
+    shapes, functions, first = list[tuple[int, ...]](), list[Array](), 0
+    for f in c.functions:  # see `piecewise.h`
+        if isinstance(f, SquareRoot | CalledFunction):
+            shapes.append((first, 0, int(f is not ROOT), 0))
+        else:
+            pieces, width = f.coefficients.shape
+            shapes.append((first, pieces, width - 1, int(f.is_periodic)))
+            functions.append(np.concatenate([f.breaks, f.coefficients.ravel(), [f.rise]]))
+            first += len(functions[-1])
+    counts = [sum(map(len, patterns)), sum(map(len, spins)), len(terms), len(factors), len(shapes),
+              len(implicit), len(c.defining)]
+    ints = [kinds, product, directions, implicit,
+            _starts(sums), _starts([own for _, own in terms]),
+            [kind for kind, _, _ in factors], entries, [f for _, _, f in factors], shapes,
+            _starts(patterns), *patterns, _starts(spins), *spins]
+    reals = [[x.offset for x in c.angles],
+             *(x.row[at] for x, at in zip(c.angles, spins, strict=True)),
+             [(*of.spans[0], *of.spans[-1]) for _, _, of in c.implicit],
+             [number for number, _ in terms], *functions]
+    return counts, ints, reals
+
+
+def _starts(rows: Sequence[Any]) -> list[int]:
+    """Return where each of some rows begins when they are joined, and where the last ends."""
+    return [*accumulate(map(len, rows), initial=0)]
 
 
 class FrameInKernel(NamedTuple):
@@ -192,114 +213,6 @@ def _joined(kind: type, *parts: Any) -> Any:
     return np.concatenate([np.asarray(p, kind).ravel() for p in parts])
 
 
-class _VectorTable:
-    """Vectors fixed in bodies, those of a frame once: at other dimensions frames move apart.
-
-    Attributes:
-        fixed_in, body, flag, local: of each vector, see `Packed` and `kernel.h`.
-        numbers, factors: of the vectors A, B and X of all products.
-    """
-
-    def __init__(
-        self, constraints: Constraints, frames: Array, carriers: NDArray[np.intp]
-    ) -> None:
-        self.fixed_in: list[int] = []
-        self.body: list[int] = []
-        self.flag: list[int] = []
-        self.local: list[Array] = []
-        self.numbers: list[Ints] = []
-        self.factors: list[Array] = []
-        known: dict[tuple[int, bytes, float], int] = {}
-        for vectors, width in zip(constraints.terms, (2, 2, 1), strict=True):
-            number = np.full((len(vectors), width), -1, np.int64)
-            factors = np.zeros((len(vectors), width))
-            for i, terms in enumerate(vectors):
-                for k, (factor, joint, local, flag, frame) in enumerate(terms):
-                    key = frame, np.asarray(local, float).tobytes(), flag
-                    if key not in known:
-                        known[key] = len(self.body)
-                        self.fixed_in.append(frame)
-                        self.body.append(int(carriers[joint]))
-                        self.flag.append(int(flag))
-                        self.local.append(frames[self.body[-1]].T @ local)
-                    number[i, k], factors[i, k] = known[key], factor
-            self.numbers.append(number)
-            self.factors.append(factors)
-
-
-class _Sums:
-    """Arrays of equations that are sums of terms, see `kernel.h`.
-
-    Attributes:
-        terms, factors: where the terms of an equation and the quantities of a term begin.
-        numbers: of terms.
-        kinds, places, function: of quantities; the number of their function, or -1.
-        shapes, functions: of functions; numbers of those that are piecewise polynomials.
-        called: functions in code, by their number among all.
-        implicit, spans: of angles that sums define; these sums follow the equations.
-        n_defining: their number.
-    """
-
-    def __init__(self, equations: Sequence[Equation]) -> None:
-        self.terms, self.factors = [0], [0]
-        self.numbers: list[float] = []
-        self.kinds: list[int] = []
-        self.indices: list[tuple[int, int]] = []
-        self.function: list[int] = []
-        self.shapes: list[tuple[int, ...]] = []
-        self.functions: list[Array] = []
-        self.called: dict[int, CalledFunction] = {}
-        self.implicit: list[tuple[int, ...]] = []
-        self.spans: list[tuple[float, ...]] = []
-        self._known: dict[int, int] = {}
-        for equation in equations:
-            self._add_sum(equation, equation.terms)
-        for equation in equations:
-            for x in equation.implicit:
-                which = sum(periodic << k for k, periodic in enumerate(x.is_periodic))
-                self.implicit.append((equation.angles[x.first][0], len(x.spans),
-                                      len(self.terms) - 1, which))
-                self.spans.append((*x.spans[0], *x.spans[-1]))
-                for terms in x.sums:
-                    self._add_sum(equation, terms)
-        self.n_defining = len(self.terms) - 1 - len(equations)
-
-    def _add_sum(self, equation: Equation, terms: Sequence[CompiledTerm]) -> None:
-        for number, factors in terms:
-            self.numbers.append(number)
-            for factor in factors:
-                self._add(equation, factor)
-            self.factors.append(len(self.kinds))
-        self.terms.append(len(self.numbers))
-
-    def _add(self, equation: Equation, factor: QuantityIndex) -> None:
-        """Add a quantity, and the function of it if there is one."""
-        if factor.kind == "coordinate":
-            coordinate = equation.coordinates[factor.at]
-            entry = coordinate.q, coordinate.v
-        else:
-            entry = (equation.angles[factor.at][0] if factor.kind == "angle"
-                     else equation.products[factor.at]), 0
-        self.kinds.append(QUANTITIES.index(factor.kind))
-        self.indices.append(entry)
-        f = factor.function
-        if f is not None and id(f) in self._known:
-            self.function.append(self._known[id(f)])
-            return
-        self.function.append(-1 if f is None else len(self.shapes))
-        if f is not None:
-            self._known[id(f)] = len(self.shapes)
-        if isinstance(f, SquareRoot | CalledFunction):  # see `piecewise.h`
-            if isinstance(f, CalledFunction):
-                self.called[len(self.shapes)] = f
-            self.shapes.append((sum(map(len, self.functions)), 0, int(f is not ROOT), 0))
-        elif f is not None:
-            pieces, width = f.coefficients.shape
-            first = sum(map(len, self.functions))
-            self.shapes.append((first, pieces, width - 1, int(f.is_periodic)))
-            self.functions.append(np.concatenate([f.breaks, f.coefficients.ravel(), [f.rise]]))
-
-
 def numbers(array: Array, shape: tuple[int, ...]) -> Array:
     """Return an array as contiguous doubles of a shape, as C reads it; copied if it is read-only.
 
@@ -347,9 +260,8 @@ class Kernel:
         self.library = library()
         handle = ctypes.c_void_p()
         ints, reals = self.packed.ints, self.packed.reals
-        called = np.zeros(max(self.packed.called, default=-1) + 1, np.intp)
-        for number, function in self.packed.called.items():
-            called[number] = function.address
+        called = np.array([f.address if isinstance(f, CalledFunction) else 0 for f in c.functions],
+                          np.intp)  # functions in code
         check(self.library.kernel_create(
             address(ints), len(ints), address(reals), len(reals), address(called), len(called),
             ctypes.byref(handle)))

@@ -15,14 +15,15 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin._support.lazy import acquired
-from spatial_pin.constraints.compiled_equations import (
-    Constraints,
+from spatial_pin.constraints.compiled_equations import Constraints, constraints_of
+from spatial_pin.constraints.composed_equations import (
     combined_wrenches,
-    constraints_of,
+    composed_of,
+    vector_matrix,
 )
 from spatial_pin.constraints.kernel_tree import KernelTree
 from spatial_pin.constraints.trees import Tree, tree_of
-from spatial_pin.constraints.vector_products import opposite_axes
+from spatial_pin.kernel.closer import opposite_axes
 from spatial_pin.kernel.kernel import EvaluationStruct, Kernel, numbers
 from spatial_pin.kernel.library import address
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -129,7 +130,7 @@ class LoopEquations:
 
     def body_jacobian(self, joint: int) -> Array:
         """Return the world Jacobian (6, nv) of the body of a joint."""
-        return self._tree.columns * self.constraints.support(joint)
+        return self._tree.columns * self.constraints.supports[joint]
 
     def frame_jacobian(self, frame: int) -> Array:
         """Return the Jacobian (6, nv) of a frame at its origin, world axes."""
@@ -148,7 +149,7 @@ class LoopEquations:
     # ------------------------------------------------------------ forces of the equations
 
     def row_wrenches(self) -> Array:
-        """Return (n_wrenches, 6) force on body 2 per unit of each equation, and its moment.
+        """Return (n, 6) force on body 2 per unit of each equation, and its moment.
 
         World axes, the moment about the world origin; an equation's derivative is its wrench times
         the twist of body 2 relative to body 1. Joint coordinates act on joints, see `joint_rows`.
@@ -185,23 +186,23 @@ def twist_derivatives(
     signs = c.signs[:, at, None, None] / mechanism.velocity_scale[at]
     (moved,) = combined_wrenches(c, [values.T[:, None]], [q.T[:, None]],
                                  [signs * np.moveaxis(wrenches, 0, 2)], angles.T[:, None])
-    for k, other in enumerate(c.other_body_products, start=c.n_closure):
-        moved[other.equation] += moved[k]
+    for k, (equation, _, _) in enumerate(c.other_body_products, start=c.n_closure):
+        moved[equation] += moved[k]
     return moved[: c.n_closure].transpose(2, 0, 1)
 
 
 def _products_at(c: Constraints, placements: Array) -> tuple[Array, Array]:
     """Return all products (m, n) at many placements, and their wrenches (m, n, 6)."""
-    rows = placements.reshape(len(placements), -1, 3)
-    is_dense = isinstance(c.c_abx, np.ndarray)
-    vectors = c.c_abx @ rows if is_dense else np.stack([c.c_abx @ g for g in rows])
+    rows, matrix = placements.reshape(len(placements), -1, 3), vector_matrix(c)
+    is_dense = isinstance(matrix, np.ndarray)
+    vectors = matrix @ rows if is_dense else np.stack([matrix @ g for g in rows])
     a, b, x = np.moveaxis(vectors.reshape(len(rows), 3, -1, 3), 1, 0)
     wrenches = np.concatenate([b * c.factors, np.cross(x, b)], axis=2)
     return np.vecdot(a, b) - c.constants, wrenches
 
 
 def row_wrenches(c: Constraints, placements: Array, q: Array, angles: Array) -> Array:
-    """Return `LoopEquations.row_wrenches` (m, n_wrenches, 6) at many configurations.
+    """Return `LoopEquations.row_wrenches` (m, n, 6) at many configurations.
 
     Args:
         c: the equations.
@@ -219,7 +220,7 @@ def joint_rows(c: Constraints, placements: Array, q: Array, angles: Array) -> Ar
     """Return `LoopEquations.joint_rows` (m, k, nv) at many configurations, see `row_wrenches`."""
     values, m = _products_at(c, placements)[0].T[:, None], len(q)
     forces = np.zeros((c.n_closure, c.signs.shape[1], m))
-    for group in c.composed:
+    for group in composed_of(c):
         slopes = group.slopes([values], [q.T[:, None]], angles.T[:, None])[len(group.products) :]
         for v, slope in zip(group.coordinates[1], slopes, strict=True):
             forces[group.rows, v] += np.broadcast_to(

@@ -84,7 +84,7 @@ class RateSolver:
 
     def __init__(self, kernel: Kernel, driven: Sequence[int], n_moving: int) -> None:
         self._library, handle, nv = kernel.library, ctypes.c_void_p(), kernel.nv
-        self.n_driven, self.nv, self._n_passive = len(driven), nv, kernel.n_passive
+        self.n_driven, self.nv = len(driven), nv
         self._n_equations = kernel.n_closure + kernel.n_passive
         at = np.array(driven, np.int64)
         check(self._library.rates_create(
@@ -209,12 +209,6 @@ class RateSolver:
                 self._library.rates_answer(*call)
 
         return work
-
-    def idle(self) -> Array:
-        """Return joint velocities (n_passive, nv) of idle rotations, see `prepared_idle`."""
-        out = np.empty((self._n_passive, self.nv))
-        self.prepared_idle(out)()
-        return out
 
     def answer(
         self, derivative: Array | None, drive: Array | None = None, v: Array | None = None

@@ -79,6 +79,14 @@ def _closure(
     return replace(made, equations=tuple(int(x) for x in chosen))
 
 
+def _possible(closure: Closure) -> Closure:
+    """Return a closure whose numbers fit together."""
+    fault = closure.pair.fault(closure)
+    if fault:
+        raise ValueError(" ".join(fault))
+    return closure
+
+
 def _axis(values: ArrayLike | None, what: str) -> Array | None:
     if values is None:
         return None
@@ -495,11 +503,8 @@ def coupling(joint_1: str | None = None, joint_2: str | None = None, ratio: floa
             if function is not None or len(numbers) > 2:
                 raise TypeError("a coupling by ratios has teeth or strands, one of the two")
             numbers[key] = read(path)
-    made = Closure(_name(name), COUPLING, joints=tuple(map(str, names)), numbers=numbers)
-    fault = made.pair.fault(made)
-    if fault:
-        raise ValueError(" ".join(fault))
-    return made
+    return _possible(Closure(
+        _name(name), COUPLING, joints=tuple(map(str, names)), numbers=numbers))
 
 
 def _coupling_numbers(
@@ -594,12 +599,8 @@ def cam(frame_1: FrameSpec, frame_2: FrameSpec, curve: CurveShape, follower: Map
         >>> sp.closures.cam("cam", "rod", profile, {"roller": 0.008}).n_rows
         1
     """
-    made = Closure(_name(name), "cam", frames=_frame_pair((frame_1, frame_2)), numbers={
-        "curve": _curve(curve), "follower": follower_of(follower)})
-    fault = made.pair.fault(made)
-    if fault:
-        raise ValueError(" ".join(fault))
-    return made
+    return _possible(Closure(_name(name), "cam", frames=_frame_pair((frame_1, frame_2)), numbers={
+        "curve": _curve(curve), "follower": follower_of(follower)}))
 
 
 def frame_on_curve(frame_1: FrameSpec, frame_2: FrameSpec, curve: CurveShape,
@@ -653,12 +654,9 @@ def curve_on_curve(frame_1: FrameSpec, frame_2: FrameSpec, curves: Sequence[Curv
     """
     if len(curves) != 2:
         raise ValueError(f"curves: two curves touch, not {len(curves)}")
-    made = Closure(_name(name), "curve_on_curve", frames=_frame_pair((frame_1, frame_2)),
-                   numbers={"curves": TouchingCurves(_curve(curves[0]), _curve(curves[1]))})
-    fault = made.pair.fault(made)
-    if fault:
-        raise ValueError(" ".join(fault))
-    return made
+    return _possible(Closure(
+        _name(name), "curve_on_curve", frames=_frame_pair((frame_1, frame_2)),
+        numbers={"curves": TouchingCurves(_curve(curves[0]), _curve(curves[1]))}))
 
 
 def _curve(curve: Any) -> CurveShape:

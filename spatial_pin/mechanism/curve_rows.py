@@ -26,7 +26,6 @@ from spatial_pin.mechanism.equations import (
     Parameter,
     Quantity,
     Term,
-    dot,
 )
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.piecewise import Piecewise
@@ -113,7 +112,7 @@ def along_curve(curve: CurveShape, z: Array) -> Rows:
         return (ConstraintEquation(((1.0, (zx, c)), (1.0, (zy, s)))),
                 ConstraintEquation(((rise, (zx, s)), (-rise, (zy, c)), (radius, (zz,)))))
     if curve.at is None and curve.path is None:  # a line
-        return dot(curve.axes[:, 0], z), dot(curve.axes[:, 1], z)
+        return tuple(ConstraintEquation(((1.0, (x,)),)) for x in (zx, zy))
     if curve.at is not None:
         turn = Bearing(curve.axes, curve.centre)
         nx, ny = (FunctionOf(f, turn) for f in curve.normals)

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from spatial_pin._support.checks import finite_array, finite_number, positive_number
+from spatial_pin._support.lazy import made_once
 from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.piecewise import Piecewise, quintic_spline
 from spatial_pin.numerics.taylor import Taylor, argument
@@ -193,6 +194,7 @@ class CurveShape:
             at = x1 + (y - y1) / (y2 - y1) * (x2 - x1)
         return float(np.mean(np.sum(crosses & (x < at), axis=1) % 2))
 
+    @made_once
     def radial(self, offset: float = 0.0) -> tuple[Piecewise, Piecewise]:
         """Return the squared distance [m^2] and the arc length [m] by direction from the centre.
 
@@ -211,11 +213,7 @@ class CurveShape:
                                  "the path of its centre has cusps (undercut)")
             return px, py, px * px + py * py
 
-        known = self.__dict__.setdefault("_radial", {})
-        if offset not in known:
-            known[offset] = self._by_direction(seen)
-        pieces: tuple[Piecewise, Piecewise] = known[offset]
-        return pieces
+        return self._by_direction(seen)
 
     @cached_property
     def normals(self) -> tuple[Piecewise, Piecewise]:
@@ -228,6 +226,7 @@ class CurveShape:
 
         return self._by_direction(part(0))[0], self._by_direction(part(1))[0]
 
+    @made_once
     def support(self) -> tuple[Piecewise, Piecewise]:
         """Return the distance [m] of its tangent and the arc length [m], by outward normal.
 
@@ -241,10 +240,7 @@ class CurveShape:
             distance = (_first(x, size) * dy + _first(y, size) * dx * -1.0) * size
             return dy, dx * -1.0, distance
 
-        if "_support" not in self.__dict__:
-            self.__dict__["_support"] = self._by_direction(normal)
-        pieces: tuple[Piecewise, Piecewise] = self.__dict__["_support"]
-        return pieces
+        return self._by_direction(normal)
 
     def _at(self, u: Array, within: Array) -> Array:
         assert self.at is not None

@@ -26,8 +26,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-import numpy as np
-
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.piecewise import Function
 
@@ -162,37 +160,6 @@ class ConstraintEquation:
     terms: tuple[Term, ...]
     is_length: bool = False
 
-    @property
-    def first(self) -> Quantity:
-        """The first quantity of its first term."""
-        return self.terms[0][1][0]
-
-
-def point(u: Array) -> ConstraintEquation:
-    """Return the equation u . d = 0."""
-    return ConstraintEquation(((1.0, (Displacement(u),)),), is_length=True)
-
-
-def dot(u: Array, w: Array, cosine: float = 0.0) -> ConstraintEquation:
-    """Return the equation u . w = cosine."""
-    constant: tuple[Term, ...] = ((-cosine, ()),) if cosine else ()
-    return ConstraintEquation(((1.0, (Cosine(u, w),)), *constant))
-
-
-def distance(length: float) -> ConstraintEquation:
-    """Return the equation (d . d - L^2) / 2L = 0; L = 0: the distance of the other two frames."""
-    if length:
-        terms: tuple[Term, ...] = (1.0, (Square(length),)), (-0.5 * length, ())
-    else:
-        terms = (1.0, (Square(None),)), (-1.0, (Square(None, (2, 3)),))
-    return ConstraintEquation(terms, is_length=True)
-
-
-def screw(axes1: Array, axes2: Array, pitch: float) -> ConstraintEquation:
-    """Return the equation slide = pitch [m/rad] * angle about z; `axes` (3, 3) hold x, y, z."""
-    terms = (1.0, (Displacement(axes1[:, 2]),)), (-pitch, (Angle(axes1, axes2),))
-    return ConstraintEquation(terms, is_length=True)
-
 
 def combined(
     equations: Sequence[ConstraintEquation], weights: Sequence[float]
@@ -204,7 +171,7 @@ def combined(
 
 
 def linear_ratios(equation: ConstraintEquation) -> tuple[dict[int, float], float] | None:
-    """Return ratio by joint, and offset, of an equation as `linear` makes them; None of others."""
+    """Return ratio by joint, and offset, of a sum of joint coordinates; None of others."""
     ratios, offset = {}, 0.0
     for number, factors in equation.terms:
         if not factors:
@@ -214,9 +181,3 @@ def linear_ratios(equation: ConstraintEquation) -> tuple[dict[int, float], float
         else:
             return None
     return ratios, offset
-
-
-def linear(ratios: Array, offset: float = 0.0) -> ConstraintEquation:
-    """Return the equation of joint coordinates: sum of ratio * coordinate + offset = 0."""
-    terms = [(float(ratio), (JointCoordinate(k),)) for k, ratio in enumerate(np.asarray(ratios))]
-    return ConstraintEquation((*terms, (offset, ())))

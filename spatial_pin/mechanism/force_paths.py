@@ -25,6 +25,7 @@ from typing import Any
 
 import numpy as np
 
+from spatial_pin._support.checks import numbers_or_none
 from spatial_pin.numerics.linalg import Array
 
 # Largest angles [rad]: teeth have pressure angles of 45 degrees at most, worms leads of a degree.
@@ -135,10 +136,7 @@ def _frame(table: Mapping[str, Any]) -> str:
 
 
 def _numbers(table: Mapping[str, Any], key: str, shape: tuple[int, ...]) -> Array:
-    try:
-        numbers = np.array(table.get(key), float)
-    except (TypeError, ValueError):
-        numbers = np.empty(0)
+    numbers = numbers_or_none(table.get(key))
     if numbers.shape != shape or not np.isfinite(numbers).all():
         many = "three finite numbers are" if shape == (3,) else "a finite number is"
         raise ValueError(f"{key}: {many} needed, not {str(table.get(key))[:60]}")

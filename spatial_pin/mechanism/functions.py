@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from spatial_pin._support.checks import numbers_or_none
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.piecewise import CalledFunction, Piecewise, quintic_spline
 
@@ -135,10 +136,7 @@ def function_of(given: Any, context: Any = None) -> CoordinateFunction:
 
 
 def _numbers(values: Any, what: str, axes: int) -> Array:
-    try:
-        numbers = np.array(values, float)
-    except (TypeError, ValueError):
-        numbers = np.empty(0)
+    numbers = numbers_or_none(values)
     if numbers.ndim != axes or not numbers.size or not np.isfinite(numbers).all():
         raise ValueError(f"{what}: finite numbers are needed, not {str(values)[:60]}")
     return numbers

@@ -437,7 +437,8 @@ class Mechanism:
     @cached_property
     def centred_model(self) -> pin.Model:
         """The open tree relative to the `centre`; `model` itself where that is the origin."""
-        return centred(self.model, self.centre) if self.centre.any() else self.model
+        centre = self.extent.centre
+        return centred(self.model, centre) if centre.any() else self.model
 
     def centred_frame(self, name: str) -> tuple[int, pin.SE3]:
         """Return the same as `frame_on_joint`, but on the ground relative to the `centre`."""
@@ -599,23 +600,15 @@ for _name in ("visual_model", "collision_model", "dimensions", "guess"):
     setattr(Mechanism, _name, _LazyField(_name))
 
 
-def looked_up(lookup: Any, name: str, where: str) -> Any:
-    """Return the result of a look-up by name; the error for an unknown name has `where`."""
-    try:
-        return lookup(name)
-    except SpatialPinError as error:
-        raise MechanismFileError(f"{where}{error}") from error
-
-
 def point_on_body(mechanism: Mechanism, body: int, name: str, where: str = "") -> Array:
     """Return the point `name` (a frame, or the centre of a joint) in the axes of joint `body`."""
-    frame = looked_up(mechanism.frame_id, name, where)
-    joint, placement = mechanism.frame_on_joint(name)
+    model = mechanism.model
+    frame = model.frames[mechanism.frame_id(name)]
+    joint = frame.parentJoint
     if joint == body:
-        return placement.translation.copy()
-    on_parent = mechanism.model.frames[frame].type == pin.FrameType.JOINT
-    if on_parent and mechanism.model.parents[joint] == body:
-        return mechanism.model.jointPlacements[joint].translation.copy()
+        return frame.placement.translation.copy()
+    if frame.type == pin.FrameType.JOINT and model.parents[joint] == body:
+        return model.jointPlacements[joint].translation.copy()
     raise MechanismFileError(f"{where}{name!r} is not a point of that body")
 
 

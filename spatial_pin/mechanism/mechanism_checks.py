@@ -13,7 +13,7 @@ import pinocchio as pin
 from spatial_pin._support.lazy import made_once
 from spatial_pin.errors import MechanismFileError, Mistakes, SpatialPinError
 from spatial_pin.mechanism.coordinates import joint_values, with_values
-from spatial_pin.mechanism.mechanism import Mechanism, looked_up, point_on_body, rigid_distance
+from spatial_pin.mechanism.mechanism import Mechanism, point_on_body, rigid_distance
 from spatial_pin.mechanism.parts import Closure, Driver, Passive, Spring
 from spatial_pin.numerics.linalg import EPS, Array
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -76,7 +76,7 @@ def _check_spring(mechanism: Mechanism, spring: Spring, where: str) -> None:
             "body"
         )
     if spring.joint is not None:
-        coordinate = looked_up(mechanism.prescribed_coordinate, spring.joint, f"{where}: ")
+        coordinate = _looked_up(mechanism.prescribed_coordinate, spring.joint, f"{where}: ")
         if spring.free_length and coordinate.unit == "rad":
             raise MechanismFileError(
                 f"{where}: {spring.joint!r} turns; give free_angle, not free_length")
@@ -91,7 +91,7 @@ def _check_driver(mechanism: Mechanism, driver: Driver, driven: dict[str, str], 
             f"{here}.joint: {driver.joint!r} is a driver, not a joint or coordinate; "
             f"there are: {', '.join(table)}"
         )
-    looked_up(mechanism.prescribed_coordinate, driver.joint, f"{here}.joint: ")
+    _looked_up(mechanism.prescribed_coordinate, driver.joint, f"{here}.joint: ")
     if driver.name in table and driver.name != driver.joint:
         raise MechanismFileError(
             f"{here}: has the name of another coordinate than its own, {driver.joint!r}"
@@ -110,7 +110,7 @@ def _check_closure(mechanism: Mechanism, closure: Closure, where: str) -> None:
             raise MechanismFileError(f"{where}: couples {name!r} with itself")
     ids = _bodies(mechanism, closure.frames, f"{where}: frames: ")
     if closure.acts_at is not None and closure.acts_at.frame:
-        looked_up(mechanism.frame_id, closure.acts_at.frame, f"{where}: frame: ")
+        _looked_up(mechanism.frame_id, closure.acts_at.frame, f"{where}: frame: ")
     if closure.pair.has_more and closure.frames:
         _check_rope(mechanism, closure, ids, where)
         return
@@ -150,20 +150,30 @@ def _bodies(mechanism: Mechanism, frames: tuple[str, ...], where: str) -> list[i
     return [joint for joint, _ in _all_looked_up(mechanism.frame_on_joint, frames, where)]
 
 
+def _looked_up(lookup: Any, name: str, where: str) -> Any:
+    """Return the result of a look-up by name; the error for an unknown name has `where`."""
+    try:
+        return lookup(name)
+    except SpatialPinError as error:
+        raise MechanismFileError(f"{where}{error}") from error
+
+
 def _all_looked_up(lookup: Any, names: Iterable[str], where: str) -> list[Any]:
     """Return the results of a look-up by names; the error has a mistake for each that fails."""
     named_ones, mistakes = [], Mistakes(where)
     for name in names:
         with mistakes.each():
-            named_ones.append(looked_up(lookup, name, where))
+            named_ones.append(_looked_up(lookup, name, where))
     mistakes.raise_all()
     return named_ones
 
 
 def _check_passive(mechanism: Mechanism, passive: Passive, where: str) -> None:
-    body = looked_up(mechanism.frame_on_joint, passive.body, f"{where}.body: ")[0]
+    body = _looked_up(mechanism.frame_on_joint, passive.body, f"{where}.body: ")[0]
     if body == 0:
         raise MechanismFileError(f"{where}.body: {passive.body!r} is fixed to the ground")
+    for name in passive.axis:
+        _looked_up(mechanism.frame_id, name, f"{where}.axis: ")
     points = [point_on_body(mechanism, body, name, f"{where}.axis: ") for name in passive.axis]
     if np.linalg.norm(points[1] - points[0]) < TOLERANCES.tight * mechanism.characteristic_length:
         raise MechanismFileError(

@@ -21,10 +21,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
@@ -32,21 +32,23 @@ import pinocchio as pin
 from spatial_pin.mechanism.curve_rows import along_curve, follows, on_curve, touching
 from spatial_pin.mechanism.curves import CurveShape, follower_of, named_curve, two_curves
 from spatial_pin.mechanism.equations import (
+    Angle,
     ConstraintEquation,
+    Cosine,
+    Displacement,
     FunctionOf,
     JointCoordinate,
     PointDistance,
-    distance,
-    dot,
-    linear,
-    point,
-    screw,
+    Square,
 )
 from spatial_pin.mechanism.force_paths import strands_of, teeth_of
 from spatial_pin.mechanism.functions import function_of
 from spatial_pin.numerics.linalg import EPS, Array
 from spatial_pin.numerics.taylor import Taylor
 from spatial_pin.numerics.tolerances import TOLERANCES
+
+if TYPE_CHECKING:  # which has a Pair
+    from spatial_pin.mechanism.parts import Closure
 
 X, Y, Z = np.eye(3)
 
@@ -66,26 +68,6 @@ class PairGeometry:
     axes2: Array
     length: float = 0.0
     lead: float = 0.0
-
-
-class ClosureData(Protocol):
-    """The data of a closure's equations; `Closure` has them."""
-
-    @property
-    def geometry(self) -> PairGeometry:
-        """Axes, length and lead."""
-
-    @property
-    def numbers(self) -> Mapping[str, Any]:
-        """Its numbers, or (n,) of lists, by their keys in a mechanism file."""
-
-    @property
-    def frames(self) -> tuple[str, ...]:
-        """Names of frames."""
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """Names of joint coordinates."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +98,7 @@ class Pair:
     """One entry of `PAIRS`; see the module's docstring."""
 
     freedom: int
-    rows: Callable[[ClosureData], tuple[ConstraintEquation, ...]] | None
+    rows: Callable[[Closure], tuple[ConstraintEquation, ...]] | None
     joint: Callable[[Array, Array, float], pin.JointModel] | None = None
     coordinates: tuple[tuple[str, str], ...] = ()
     aligned: str = ""
@@ -130,8 +112,8 @@ class Pair:
     n_joints: int = 0  # whose coordinates are in its equations
     has_more: bool = False  # frames, or joints where it has no frames
     keys: tuple[Key, ...] = ()  # besides axes, length and lead
-    fault: Callable[[ClosureData], tuple[str, str] | None] = lambda _: None
-    at_guess: Callable[[ClosureData, pin.SE3, bool], dict[str, Any]] | None = None
+    fault: Callable[[Closure], tuple[str, str] | None] = lambda _: None
+    at_guess: Callable[[Closure, pin.SE3, bool], dict[str, Any]] | None = None
 
     @cached_property
     def is_linear(self) -> bool:
@@ -215,52 +197,71 @@ def _planar_joint(axis: Array, *_: object) -> pin.JointModel:
 Rows = tuple[ConstraintEquation, ...]
 
 
-def _coincident(c: ClosureData) -> Rows:
-    return tuple(point(u) for u in c.geometry.axes1.T)
+def _in_planes(*normals: Array) -> Rows:
+    """Return equations u . d = 0: origin 2 in planes through origin 1."""
+    return tuple(ConstraintEquation(((1.0, (Displacement(u),)),), is_length=True) for u in normals)
 
 
-def _on_line(c: ClosureData) -> Rows:
-    return point(c.geometry.axes1[:, 0]), point(c.geometry.axes1[:, 1])
+def _at_right_angles(*directions: tuple[Array, Array]) -> Rows:
+    """Return equations u . w = 0 of directions in frame 1 and in frame 2."""
+    return tuple(ConstraintEquation(((1.0, (Cosine(u, w),)),)) for u, w in directions)
 
 
-def _on_plane(c: ClosureData) -> Rows:
-    return (point(c.geometry.axes1[:, 2]),)
+def _coincident(c: Closure) -> Rows:
+    return _in_planes(*c.geometry.axes1.T)
 
 
-def _parallel(c: ClosureData) -> Rows:
-    z2 = c.geometry.axes2[:, 2]
-    return dot(c.geometry.axes1[:, 0], z2), dot(c.geometry.axes1[:, 1], z2)
+def _on_line(c: Closure) -> Rows:
+    return _in_planes(*c.geometry.axes1.T[:2])
 
 
-def _same_orientation(c: ClosureData) -> Rows:
+def _on_plane(c: Closure) -> Rows:
+    return _in_planes(c.geometry.axes1[:, 2])
+
+
+def _parallel(c: Closure) -> Rows:
+    (x1, y1, _), z2 = c.geometry.axes1.T, c.geometry.axes2[:, 2]
+    return _at_right_angles((x1, z2), (y1, z2))
+
+
+def _same_orientation(c: Closure) -> Rows:
     (x1, y1, z1), (x2, y2, z2) = c.geometry.axes1.T, c.geometry.axes2.T
-    return dot(x1, y2), dot(y1, z2), dot(z1, x2)
+    return _at_right_angles((x1, y2), (y1, z2), (z1, x2))
 
 
-def _perpendicular(c: ClosureData) -> Rows:
-    return (dot(c.geometry.axes1[:, 2], c.geometry.axes2[:, 2]),)
+def _perpendicular(c: Closure) -> Rows:
+    return _at_right_angles((c.geometry.axes1[:, 2], c.geometry.axes2[:, 2]))
 
 
-def _distance(c: ClosureData) -> Rows:
-    return (distance(c.geometry.length),)
+def _distance(c: Closure) -> Rows:
+    """(d . d - L^2) / 2L = 0; L = 0: the distance of the other two frames."""
+    length = c.geometry.length
+    other = (-0.5 * length, ()) if length else (-1.0, (Square(None, (2, 3)),))
+    return (ConstraintEquation(((1.0, (Square(length or None),)), other), is_length=True),)
 
 
-def _screw(c: ClosureData) -> Rows:
-    return (screw(c.geometry.axes1, c.geometry.axes2, c.geometry.lead / (2.0 * np.pi)),)
+def _screw(c: Closure) -> Rows:
+    """The slide is what the pitch [m/rad] makes of the angle about z."""
+    one, two = c.geometry.axes1, c.geometry.axes2
+    turning = (-c.geometry.lead / (2.0 * np.pi), (Angle(one, two),))
+    return (ConstraintEquation(((1.0, (Displacement(one[:, 2]),)), turning), is_length=True),)
 
 
-def _coupling(c: ClosureData) -> Rows:
+def _coupling(c: Closure) -> Rows:
     """Equations of the unit of the last coordinate."""
     if "function" in c.numbers:
         of = FunctionOf(c.numbers["function"].curve, JointCoordinate(0))
         return (ConstraintEquation(((1.0, (JointCoordinate(1),)), (-1.0, (of,)))),)
     if "ratios" in c.numbers:
-        ratios = c.numbers["ratios"]
-        return (linear(ratios / ratios[-1], c.numbers["offset"] / ratios[-1]),)
-    return (linear(np.array([-c.numbers["ratio"], 1.0]), -c.numbers["offset"]),)
+        last = c.numbers["ratios"][-1]
+        ratios, offset = c.numbers["ratios"] / last, c.numbers["offset"] / last
+    else:
+        ratios, offset = [-c.numbers["ratio"], 1.0], -c.numbers["offset"]
+    terms = ((float(ratio), (JointCoordinate(k),)) for k, ratio in enumerate(ratios))
+    return (ConstraintEquation((*terms, (offset, ()))),)
 
 
-def _fault_of_coupling(c: ClosureData) -> tuple[str, str] | None:
+def _fault_of_coupling(c: Closure) -> tuple[str, str] | None:
     n, ratios = len(c.joints), c.numbers.get("ratios")
     if ratios is None:
         one = "function" if "function" in c.numbers else "ratio"
@@ -273,18 +274,18 @@ def _fault_of_coupling(c: ClosureData) -> tuple[str, str] | None:
     return None
 
 
-def _frame_on_curve(c: ClosureData) -> Rows:
+def _frame_on_curve(c: Closure) -> Rows:
     curve = c.numbers["curve"]
     return *on_curve(curve), *along_curve(curve, Z)
 
 
-def _cam(c: ClosureData) -> Rows:
+def _cam(c: Closure) -> Rows:
     follower = c.numbers["follower"]
     across = Z if follower.flat is None else axes_from_z(follower.flat)[:, 0]
     return follows(c.numbers["curve"], follower, across)
 
 
-def _fault_of_cam(c: ClosureData) -> tuple[str, str] | None:
+def _fault_of_cam(c: Closure) -> tuple[str, str] | None:
     """Whether a cam is a profile that its follower fits."""
     fault = _fault_of_profile(c.numbers["curve"])
     if fault:
@@ -296,7 +297,7 @@ def _fault_of_cam(c: ClosureData) -> tuple[str, str] | None:
     return None
 
 
-def _fault_of_profiles(c: ClosureData) -> tuple[str, str] | None:
+def _fault_of_profiles(c: Closure) -> tuple[str, str] | None:
     """Whether both curves are profiles."""
     curves = c.numbers["curves"]
     fault = _fault_of_profile(curves.one) or _fault_of_profile(curves.two)
@@ -309,7 +310,7 @@ def _fault_of_profile(curve: CurveShape) -> str:
     return "of a cam crosses itself" if curve.path is not None and curve.crosses_itself() else ""
 
 
-def _sided_follower(c: ClosureData, placed: pin.SE3, has_guess: bool) -> dict[str, Any]:
+def _sided_follower(c: Closure, placed: pin.SE3, has_guess: bool) -> dict[str, Any]:
     """Return the follower on the side of its cam that the guess shows, a roller without outside."""
     curve, follower = c.numbers["curve"], c.numbers["follower"]
     apart, side = placed.translation - curve.centre, 1
@@ -325,7 +326,7 @@ def _sided_follower(c: ClosureData, placed: pin.SE3, has_guess: bool) -> dict[st
     return {"follower": replace(follower, side=side)}
 
 
-def _sided_profiles(c: ClosureData, placed: pin.SE3, has_guess: bool) -> dict[str, Any]:
+def _sided_profiles(c: Closure, placed: pin.SE3, has_guess: bool) -> dict[str, Any]:
     """Return two profiles, one inside the other where the guess shows most of it there."""
     both, back = c.numbers["curves"], placed.inverse()
     nested = has_guess and max(
@@ -334,17 +335,17 @@ def _sided_profiles(c: ClosureData, placed: pin.SE3, has_guess: bool) -> dict[st
     return {"curves": replace(both, side=-1 if nested else 1)} if has_guess else {}
 
 
-def _rope(c: ClosureData) -> Rows:
+def _rope(c: Closure) -> Rows:
     parts = ((1.0, (PointDistance((k, k + 1)),)) for k in range(len(c.frames) - 1))
     return (ConstraintEquation((*parts, (-c.numbers["length"], ())), is_length=True),)
 
 
-def _fault_of_rope(c: ClosureData) -> tuple[str, str] | None:
+def _fault_of_rope(c: Closure) -> tuple[str, str] | None:
     return None if c.numbers["length"] > 0.0 else (
         "length", f"is {c.numbers['length']} m; it must be positive")
 
 
-def _stack(*parts: Callable[[ClosureData], Rows]) -> Callable[[ClosureData], Rows]:
+def _stack(*parts: Callable[[Closure], Rows]) -> Callable[[Closure], Rows]:
     return lambda c: tuple(row for part in parts for row in part(c))
 
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin._support.checks import finite_array, finite_number
+from spatial_pin._support.checks import finite_array, finite_number, numbers_or_none
 from spatial_pin._support.lazy import by_new_name, cached_property
 from spatial_pin.errors import MechanismFileError, UnknownNameError
 from spatial_pin.mechanism.equations import ConstraintEquation, combined
@@ -229,14 +229,6 @@ class Driver:
     joint: str
 
 
-def _numbers(values: Any) -> Any:
-    """Return an array of numbers; one of shape (0, 0) where they are none."""
-    try:
-        return np.array(values, float)
-    except (TypeError, ValueError):
-        return np.empty((0, 0))
-
-
 @dataclass(frozen=True)
 class Spring:
     """A spring and damper between two frames, or about or along a joint.
@@ -295,7 +287,7 @@ class Spring:
             raise ValueError(f"spring {self.name!r} is tension_only or compression_only: one of "
                              "the two")
         if len(self.law):
-            points = _numbers(self.law)
+            points = numbers_or_none(self.law)
             if points.shape != (len(self.law), 2) or len(points) < 2 or not (
                     np.isfinite(points).all() and np.all(np.diff(points[:, 0]) > 0.0)):
                 raise ValueError(f"law of spring {self.name!r} needs two points or more of two "
@@ -321,7 +313,7 @@ class Spring:
             raise ValueError(f"spring {self.name!r}: a bushing joins two frames, and has no law, "
                              "free length or side of its own")
         for what in ("stiffness", "damping"):
-            given = _numbers(getattr(self, what))
+            given = numbers_or_none(getattr(self, what))
             if given.shape == () and not given:
                 continue
             matrix = np.diag(given) if given.shape == (6,) else given
@@ -336,7 +328,7 @@ class Spring:
             rows = given.tolist()
             object.__setattr__(self, what,
                                tuple(rows) if given.ndim == 1 else tuple(map(tuple, rows)))
-        preload = _numbers(self.preload)
+        preload = numbers_or_none(self.preload)
         if preload.shape not in ((0,), (6,)) or not np.isfinite(preload).all():
             raise ValueError(f"preload of spring {self.name!r}: six numbers are needed")
         object.__setattr__(self, "preload", tuple(preload.tolist()))

@@ -138,8 +138,9 @@ def groups_of(mechanism: Mechanism, held: Iterable[str]) -> tuple[LoopGroup, ...
     """Return the groups of loops with fixed coordinates; () if other coordinates are free too."""
     fixed = {mechanism.coordinate_table[name].v for name in held}
     groups = loop_groups(mechanism, tuple(sorted(fixed)))
-    tied = np.any([group.entries for group in groups], axis=0) if groups else np.zeros(0, bool)
-    return groups if len(groups) > 1 and fixed.issuperset(np.flatnonzero(~tied).tolist()) else ()
+    is_free = [v not in fixed and not any(group.entries[v] for group in groups)
+               for v in range(mechanism.model.nv)]
+    return groups if len(groups) > 1 and not any(is_free) else ()
 
 
 def modes_of_groups(
@@ -318,10 +319,10 @@ def _held(
     """Return the fixed coordinates: named ones, drivers at the guess, a free base."""
     held = {mechanism.driven_coordinate(name).name: finite_number(value, f"driver {name!r}")
             for name, value in named.items()}
-    standing = default_driver_values(mechanism, held, mechanism.start(held), free)
+    start = read_guess(mechanism, mechanism.start(held))
+    standing = default_driver_values(mechanism, held, start, free)
     if bases := free_bases(mechanism):
-        q = read_guess(mechanism, mechanism.start(held)).q
-        held |= {c.name: coordinate_value(mechanism, c, q)
+        held |= {c.name: coordinate_value(mechanism, c, start.q)
                  for c in mechanism.coordinate_table.values() if c.joint in bases}
     for name in standing:
         mechanism.driven_coordinate(name)  # refuses components of balls and floating joints

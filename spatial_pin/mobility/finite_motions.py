@@ -167,22 +167,21 @@ def _closed(evaluation: LoopEquations, q: Array, free: NDArray[np.bool_]) -> tup
     restored after each step. The evaluation is changed.
     """
     mechanism, reference = evaluation.mechanism, evaluation.angle_reference
-    result, error, _ = closed(mechanism, q, free, reference, TOLERANCES.round_off)
+    result = closed(mechanism, q, free, reference, TOLERANCES.round_off)
     n, scale = evaluation.constraints.n_closure, mechanism.velocity_scale
     for _ in range(MOST_SLIDES):
-        if error <= STAYS_CLOSED:
+        if result.error <= STAYS_CLOSED:
             break
-        evaluation.update(result)
+        evaluation.update(result.q)
         svd = decompose(evaluation.jacobian[:n, free])
         weak = np.flatnonzero(svd.s[: svd.rank] < TOLERANCES.well_conditioned * svd.s[0])
         back = np.zeros(len(scale))
         back[free] = -svd.vt[weak].T @ (svd.u[:, weak].T @ evaluation.residual / svd.s[weak])
         if not 0.0 < np.linalg.norm(back) < PATH_LENGTH:
             break
-        slid, remaining, _ = closed(
-            mechanism, pin.integrate(evaluation.model, result, scale * back), free, reference,
-            TOLERANCES.round_off, cut=TOLERANCES.well_conditioned)
-        if remaining > SLID * error:
+        slid = closed(mechanism, pin.integrate(evaluation.model, result.q, scale * back), free,
+                      reference, TOLERANCES.round_off, cut=TOLERANCES.well_conditioned)
+        if slid.error > SLID * result.error:
             break
-        result, error = slid, remaining
-    return result, error
+        result = slid
+    return result.q, result.error

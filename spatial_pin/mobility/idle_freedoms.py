@@ -17,8 +17,8 @@ from spatial_pin.assembly.passive_freedoms import (
     moved_bodies,
     passive_freedoms,
 )
-from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.kernel.loop_equations import LoopEquations
+from spatial_pin.mechanism.coordinates import driver_coordinates
 from spatial_pin.numerics.linalg import Array, common_rows, decompose, null_space
 from spatial_pin.numerics.tolerances import TOLERANCES
 
@@ -67,43 +67,29 @@ class PassiveFreedom(NamedTuple):
         return self.text
 
 
-def passive_freedoms_at(
-    evaluation: LoopEquations, q: Array, held: Iterable[int] = ()
-) -> list[tuple[str, Array]]:
-    """Return (joint name, (k, nv) velocities) of passive links at a closed q.
-
-    A link on one pair only is not in a loop and not passive. Velocity entries in `held` are fixed.
-    """
-    mechanism = evaluation.mechanism
-    scale, n = mechanism.velocity_scale, evaluation.constraints.n_closure
-    evaluation.update(q)
-    if not n:
-        return []
-    driven = [mechanism.coordinate(d.joint) for d in mechanism.drivers.values()]
-    drive = [scaled_row(mechanism, c, q) for c in driven]
-    drive += list(np.eye(len(scale))[[*fixed_base_entries(mechanism, driven), *held]])
-    tangents = scale * null_space(np.vstack([evaluation.jacobian[:n], *drive]),
-                                  TOLERANCES.half_precision)
-    if not len(tangents):
-        return []
-    return [(joint, velocities) for joint, velocities in passive_freedoms(evaluation, tangents)
-            if is_in_loop(mechanism, joint)]
-
-
 def idle_freedoms(
     evaluation: LoopEquations, q: Array, held: Iterable[int] = ()
 ) -> list[tuple[str, Array]]:
     """Return (joint name, (k, nv) velocities) of links that move idly about or along own axes.
 
-    `held` are indices in the velocity vector of other fixed coordinates. The evaluation is left at
-    q.
+    q (nq,) is closed. A link on one pair only is not in a loop and does not idle. `held` are
+    indices in the velocity vector of other fixed coordinates. The evaluation is left at q.
     """
-    freedoms = []
-    for joint, velocities in passive_freedoms_at(evaluation, q, held):
-        motions = _spins_and_slides(evaluation, joint, velocities)
-        if _idles(evaluation, q, joint, motions):
-            freedoms.append((joint, motions))
-        evaluation.update(q)
+    mechanism, n = evaluation.mechanism, evaluation.constraints.n_closure
+    evaluation.update(q)
+    driven = list(driver_coordinates(mechanism).values())
+    still = [*fixed_base_entries(mechanism, driven), *held]
+    rows = [*(scaled_row(mechanism, c, q) for c in driven), *np.eye(evaluation.model.nv)[still]]
+    tangents = null_space(np.vstack([evaluation.jacobian[:n], *rows]), TOLERANCES.half_precision)
+    freedoms: list[tuple[str, Array]] = []
+    if not n or not len(tangents):
+        return freedoms
+    for joint, velocities in passive_freedoms(evaluation, mechanism.velocity_scale * tangents):
+        if is_in_loop(mechanism, joint):
+            motions = _spins_and_slides(evaluation, joint, velocities)
+            if _idles(evaluation, q, joint, motions):
+                freedoms.append((joint, motions))
+            evaluation.update(q)
     return freedoms
 
 
@@ -113,8 +99,7 @@ def _spins_and_slides(evaluation: LoopEquations, joint: str, velocities: Array) 
     Spins are about axes of its own, as far as possible, whatever the axes of the world.
     """
     mechanism, i = evaluation.mechanism, evaluation.mechanism.joint_id(joint)
-    columns = joint_jacobian(evaluation.data, evaluation.model.nv)
-    columns = columns * evaluation.constraints.support(i)
+    columns = evaluation.body_jacobian(i)
     rotation = evaluation.data.oMi[i].rotation
     moves, turns = ((velocities @ part.T) @ rotation for part in (columns[:3], columns[3:]))
     moves = moves / mechanism.characteristic_length
@@ -168,9 +153,7 @@ def _gone(evaluation: LoopEquations, q: Array, joint: str, v: Array) -> tuple[Ar
     mechanism, i = evaluation.mechanism, evaluation.mechanism.joint_id(joint)
     size = np.array([1.0 / mechanism.characteristic_length] * 3 + [1.0] * 3)
     evaluation.update(q)
-    twist = joint_jacobian(evaluation.data, evaluation.model.nv) @ (
-        v * evaluation.constraints.support(i))
-    paced = v / max(float(np.linalg.norm(size * twist)), 1e-300)
+    paced = v / max(float(np.linalg.norm(size * (evaluation.body_jacobian(i) @ v))), 1e-300)
     return pin.integrate(evaluation.model, q, IDLE_MOTION * paced), paced
 
 
@@ -187,12 +170,12 @@ def _goes_on(evaluation: LoopEquations, q: Array, joint: str, v: Array) -> bool:
     if inner_links_of_balls(mechanism).isdisjoint(moved):
         evaluation.update(there)
         return bool(evaluation.closure_error < ALGEBRA_TOLERANCE)
-    twist = joint_jacobian(evaluation.data, model.nv) @ (v * evaluation.constraints.support(body))
+    twist = evaluation.body_jacobian(body) @ v
     rest = [k for k in range(1, model.njoints) if k not in moved]
     before, poses = evaluation.data.oMi[body].copy(), evaluation.placements[rest].copy()
     hinges = {model.names[k] for k in range(1, model.njoints)
               if k in moved or model.parents[k] in moved}
-    driven = {mechanism.coordinate(d.joint) for d in mechanism.drivers.values()}
+    driven = driver_coordinates(mechanism).values()
     free = np.zeros(model.nv, dtype=bool)
     free[[c.v for c in mechanism.coordinate_table.values()
           if c.joint in hinges and c not in driven]] = True
@@ -210,7 +193,7 @@ def described(evaluation: LoopEquations, joint: str, v: Array) -> PassiveFreedom
     """Return the motion v (nv,) of one body as a passive freedom."""
     mechanism, model = evaluation.mechanism, evaluation.model
     i = mechanism.joint_id(joint)
-    twist = joint_jacobian(evaluation.data, model.nv) @ (v * evaluation.constraints.support(i))
+    twist = evaluation.body_jacobian(i) @ v
     link = next(f.name for f in model.frames
                 if f.type == pin.FrameType.BODY and f.parentJoint == i)
     spin = float(np.linalg.norm(twist[3:])) * mechanism.characteristic_length

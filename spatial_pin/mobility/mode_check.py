@@ -15,7 +15,6 @@ from spatial_pin.assembly.close import close
 from spatial_pin.assembly.passive_freedoms import moved_bodies, uncounted_links
 from spatial_pin.assembly.start_values import nearest_turn, turn_free_difference
 from spatial_pin.assembly.state import State, gap_of
-from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
@@ -208,44 +207,28 @@ def rows_of(marks: Mapping[int, BodyMark], n_joints: int, length: float) -> Arra
 def resting(evaluation: LoopEquations, idle: list[tuple[str, Array]]) -> dict[int, BodyMark]:
     """Return the features at rest of bodies with passive freedoms."""
     mechanism, marks = evaluation.mechanism, {}
+    model, scale = mechanism.centred_model, evaluation.constraints.scale
     for _, velocities in idle:
         for body in moved_bodies(evaluation, velocities):
-            model = mechanism.centred_model
-            centres = [np.zeros(3)]  # the centres of its pairs
-            centres += [model.jointPlacements[i].translation for i in range(1, model.njoints)
+            points = [np.zeros(3)]  # its origin, and the centres of its pairs
+            points += [model.jointPlacements[i].translation for i in range(1, model.njoints)
                        if model.parents[i] == body]
             for closure in mechanism.closures:
                 placed = map(mechanism.centred_frame, (*closure.frames, *closure.between))
-                centres += [M.translation for joint, M in placed if joint == body]
-            points = np.array(centres)
-            speeds = _speeds(evaluation, body, points, velocities)
-            speeds = np.abs(speeds.reshape(len(velocities), len(points), 3)).max(axis=(0, 2))
-            twists = _twists(evaluation, body, velocities)
-            slide = _speeds(evaluation, body, np.zeros((1, 3)), velocities)
-            fastest = float(max(np.abs(twists[:, 3:]).max(), np.abs(slide).max()))
+                points += [M.translation for joint, M in placed if joint == body]
+            at = evaluation.data.oMi[body]
+            positions = points @ at.rotation.T + at.translation
+            twists = velocities @ evaluation.body_jacobian(body).T
             spins = twists[:, 3:]
+            speeds = scale * np.abs(
+                twists[:, None, :3] + np.cross(spins[:, None], positions)).max(axis=(0, 2))
+            fastest = float(max(np.abs(spins).max(), speeds[0]))
             axes = row_space(spins[np.abs(spins).max(axis=1) > IDLE * fastest], IDLE)
             steady = np.eye(3)  # directions that stay as they are
             if len(axes):
-                rotation = evaluation.data.oMi[body].rotation
-                steady = axes @ rotation if len(axes) == 1 else np.empty((0, 3))
-            marks[body] = BodyMark(points[speeds <= IDLE * fastest], steady)
+                steady = axes @ at.rotation if len(axes) == 1 else np.empty((0, 3))
+            marks[body] = BodyMark(np.array(points)[speeds <= IDLE * fastest], steady)
     return marks
-
-
-def _twists(evaluation: LoopEquations, body: int, velocities: Array) -> Array:
-    """Return (k, 6) twists of a body about the world origin for joint velocities (k, nv)."""
-    columns = joint_jacobian(evaluation.data, evaluation.model.nv)
-    return velocities @ (columns * evaluation.constraints.support(body)).T
-
-
-def _speeds(evaluation: LoopEquations, body: int, points: Array, velocities: Array) -> Array:
-    """Return (k, 3 points) velocities of points of a body [characteristic lengths]."""
-    placement = evaluation.data.oMi[body]
-    positions = points @ placement.rotation.T + placement.translation
-    twists = _twists(evaluation, body, velocities)
-    speeds = twists[:, None, :3] + np.cross(twists[:, None, 3:], positions[None])
-    return speeds.reshape(len(velocities), -1) * evaluation.constraints.scale
 
 
 # ---------------------------------------------------------------- the check

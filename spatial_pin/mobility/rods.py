@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.constraints.vector_products import SHORT
+from spatial_pin.constraints.compiled_equations import SHORT
 from spatial_pin.mechanism.coordinates import with_values
-from spatial_pin.mechanism.equations import ConstraintEquation, dot
+from spatial_pin.mechanism.equations import ConstraintEquation, Cosine
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PairGeometry
 from spatial_pin.mechanism.parts import Closure
@@ -187,8 +187,9 @@ class Aligned(Closure):
     def rows(self) -> tuple[ConstraintEquation, ...]:
         """Its scalar equations, and cosine one for each pair of axes."""
         axes = ["xyz".index(axis) for axis in self.pair.aligned]
-        return (*super().rows, *(dot(self.geometry.axes1[:, k], self.geometry.axes2[:, k], 1.0)
-                                 for k in axes))
+        both = ((self.geometry.axes1[:, k], self.geometry.axes2[:, k]) for k in axes)
+        return (*super().rows, *(ConstraintEquation(((1.0, (Cosine(u, w),)), (-1.0, ())))
+                                 for u, w in both))
 
 
 class Core(NamedTuple):

@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from spatial_pin._support.checks import checked
+from spatial_pin._support.lazy import Workspaces
 from spatial_pin.assembly.holding import BASE, Hold
-from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
-from spatial_pin.continuation.asymptotes import running_away
 from spatial_pin.continuation.initial_tangent import (
     body_placements,
     non_spinning_bodies,
     system_at,
 )
-from spatial_pin.continuation.pseudo_arclength import Stopped, followed_to
-from spatial_pin.continuation.solution_curve import SolutionCurve
+from spatial_pin.continuation.path_tracker import PathTracker
+from spatial_pin.continuation.pseudo_arclength import Stopped
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.joint_limits import joint_limits
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.motion.limit_events import joint_limits_passed, passed_at_start
 from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array
@@ -129,11 +130,9 @@ def limits(
         (-2.4751, 2.4751, 'rad', False)
     """
     system, state, moved = system_at(mechanism, driver, guess, hold)
-    coordinate = system.driven[0]
-    start = float(state.q[coordinate.q])
+    coordinate, bodies = system.driven[0], non_spinning_bodies(system)
     span = TURN if coordinate.unit == "rad" else FARTHEST_SLIDE * mechanism.characteristic_length
-    direction = system.driver_rates()[:, 0]
-    ends = [_bound(system, state, start, sense, span, direction) for sense in (-1.0, 1.0)]
+    ends = [_bound(state, coordinate, moved.hold, bodies, sense * span) for sense in (-1.0, 1.0)]
     turns = coordinate.unit == "rad" and all(end.kind == "none" for end in ends)
     limit_range = Range(driver, ends[0], ends[1], coordinate.unit, turns)
     mechanism = state.mechanism
@@ -151,34 +150,37 @@ def limits(
 
 
 def _bound(
-    system: SquareSystem, state: State, start: float, sense: float, span: float, direction: Array
+    state: State, driver: Coordinate, hold: Hold, bodies: list[int], span: float
 ) -> Bound:
-    """Follow span after span up to a limit, or until a turn ends in its first configuration."""
-    tolerance = Accuracy.named("engineering").tolerance
-    evaluation = system.evaluation
-    evaluation.angle_reference[:] = state.angles
-    evaluation.update(state.q)
-    bodies = non_spinning_bodies(system)
-    placement, angles, q = body_placements(evaluation, bodies), evaluation.angles.copy(), state.q
-    for k in range(1, MOST_TURNS + 1):
-        curve, goal = SolutionCurve(system, tolerance), start + sense * k * span
-        try:
-            q = followed_to(curve, q, goal, direction)
-        except Stopped as stopped:
-            if stopped.kind != "lost":
-                return Bound(stopped.value, stopped.kind)
-            end = running_away(curve, stopped.q, goal)
-            return Bound(end.value, f"{end.runs_away} runs away") if end else (
-                Bound(stopped.value, "not followed further"))
-        evaluation.update(q)
-        moved = np.abs(body_placements(evaluation, bodies) - placement).max(initial=0.0)
-        repeats = moved < TOLERANCES.half_precision
-        if system.driven[0].unit != "rad" or (repeats and np.allclose(evaluation.angles, angles)):
-            return Bound(sense * np.inf, "none")
-        evaluation.angle_reference[:] = evaluation.angles
-        system.select(q)
-        direction = system.driver_rates()[:, 0]
-    return Bound(start + sense * MOST_TURNS * span, "not followed further")
+    """Follow span after span up to a limit, or until a turn ends in its first configuration.
+
+    `bodies` are those that come back with the loops.
+    """
+    with Workspaces() as workspaces:
+        tracker = PathTracker.along(
+            state, [driver.name], hold, Accuracy.named("engineering"), workspaces)
+        evaluation = tracker.evaluation
+
+        def places() -> Array:
+            here = tracker.here
+            evaluation.angle_reference[:] = here.angles
+            evaluation.update(here.q)
+            return body_placements(evaluation, bodies)
+
+        start, first = tracker.here.s, places()
+        for k in range(1, MOST_TURNS + 1):
+            try:
+                tracker.reach(start + k * span)
+            except Stopped as stopped:
+                kind = "not followed further" if stopped.kind == "lost" else stopped.kind
+                if stopped.runs_away:
+                    kind = f"{stopped.runs_away} runs away"
+                return Bound(stopped.value, kind)
+            moved = np.abs(places() - first).max(initial=0.0)
+            if driver.unit != "rad" or (moved < TOLERANCES.half_precision and np.allclose(
+                    tracker.here.angles, state.angles)):
+                return Bound(math.copysign(math.inf, span), "none")
+    return Bound(start + MOST_TURNS * span, "not followed further")
 
 
 def _nearer(

@@ -221,7 +221,7 @@ def _followed(
             first = held_values(mechanism, {**given, **first}) if given else first
             problem = assembly_problem(
                 mechanism, first, guess, tolerance, gap_allowed(mechanism, accuracy))
-            judged = ways is not None or problem.with_turns is not None
+            judged = ways is not None or problem.with_turns() is not None
             started = None if judged or not problem.is_for_kernel() else (
                 PathTracker.from_guess(problem, names, held, accuracy, workspaces,
                                        values[: chunk_of(mechanism)], n))

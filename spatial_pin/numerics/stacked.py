@@ -56,17 +56,7 @@ def damped_solutions(a: Array, b: Array, damping: Array) -> Array:
     return np.einsum("mkn,mk->mn", vt, parts * np.einsum("mik,mi->mk", u, b))
 
 
-def null_spaces(a: Array) -> Array:
-    """Return orthonormal rows (m, n, n) that a (m, k, n) takes to zero, among rows of zeros."""
-    m, k, n = a.shape
-    square = np.zeros((m, max(k, n), n))
-    square[:, :k] = a
-    _, s, vt = np.linalg.svd(square, full_matrices=False)
-    free = s <= TOLERANCES.singular * s[:, :1]
-    return vt * free[:, :, None]
-
-
-def padded_null_spaces(a: Array) -> Array:
+def padded_null_spaces(a: Array, tolerance: float = TOLERANCES.rank) -> Array:
     """Return orthonormal rows (m, n, n) that span the null space of each a (m, k, n), or are zero.
 
     With the ranks that `linalg.decompose` tells.
@@ -75,7 +65,7 @@ def padded_null_spaces(a: Array) -> Array:
     if not k or not n:
         return np.broadcast_to(np.eye(n), (m, n, n))
     _, s, vt = np.linalg.svd(a, full_matrices=k < n)
-    return vt * (np.arange(n) >= _ranks(s))[:, :, None]
+    return vt * (np.arange(n) >= _ranks(s, tolerance))[:, :, None]
 
 
 def padded_row_spaces(a: Array) -> Array:
@@ -86,9 +76,9 @@ def padded_row_spaces(a: Array) -> Array:
     return vt * (np.arange(s.shape[1]) < _ranks(s))[:, :, None]
 
 
-def _ranks(s: Array) -> NDArray[np.intp]:
+def _ranks(s: Array, tolerance: float = TOLERANCES.rank) -> NDArray[np.intp]:
     """Return the ranks (m, 1) of matrices by their singular values (m, k)."""
-    return np.count_nonzero(s > np.maximum(TOLERANCES.rank * s[:, :1], TOLERANCES.zero),
+    return np.count_nonzero(s > np.maximum(tolerance * s[:, :1], TOLERANCES.zero),
                             axis=1, keepdims=True)
 
 

@@ -16,7 +16,7 @@ from spatial_pin._support.brief import words
 from spatial_pin._support.checks import checked, finite_number
 from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State, center_of_mass, mass_shares, of_mechanism
-from spatial_pin.constraints.compiled_equations import composed_rates
+from spatial_pin.constraints.composed_equations import composed_rates, vector_matrix
 from spatial_pin.constraints.pinocchio_views import TWIST_MATRIX
 from spatial_pin.constraints.trees import TreeMotion
 from spatial_pin.errors import SpatialPinError
@@ -185,13 +185,14 @@ def solve_jerks(
         twists, accels = evaluation.move(state.q, state.v, state.a)
         flat = [g.reshape(-1, 3) for g in placement_rates(
             evaluation.placements, twists, accels, bodies)]
-        n = len(c.constants)
-        a, b = ([c.c_abx[part] @ g for g in flat] for part in (slice(0, n), slice(n, 2 * n)))
+        n, matrix = len(c.constants), vector_matrix(c)
+        a, b = ([matrix[part] @ g for g in flat] for part in (slice(0, n), slice(n, 2 * n)))
         products = [sum(binomial * np.vecdot(a[order - k], b[k])  # of a . b [Leibniz]
                         for k, binomial in enumerate(BINOMIALS[order])) for order in range(4)]
         products[0] = products[0] - c.constants
+        idle = [axis @ bodies[joint, 3:] for joint, axis in c.idle_axes]
         rows = composed_rates(c, products, [state.q, state.v, state.a], state.angles)
-        j = rates.answer(np.concatenate([rows, c.idle_bias @ bodies.reshape(-1)]), drive)
+        j = rates.answer(np.concatenate([rows, idle]), drive)
     return Jerks(state, j, bodies + columns @ j)
 
 

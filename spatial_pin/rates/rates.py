@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, overload
 
@@ -246,7 +245,7 @@ def solve_rates(
     state = samples
     clear = _solved(state, speeds, accelerations, hold)
     v, a, facts = clear or _solved_by_trial(state, speeds, accelerations, hold)
-    if not math.isfinite(v.dot(a)):  # it is, but for rates as large as that
+    if not (is_finite(v) and is_finite(a)):
         check_finite(v, a, f"speeds {dict(speeds)} and accelerations {dict(accelerations)}")
     if clear is None:
         check_rates(state, v)

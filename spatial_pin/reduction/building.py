@@ -1,10 +1,10 @@
-"""Building a reduced mechanism from its parts."""
+"""Building a reduced mechanism from its parts, and what it leaves out."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -12,6 +12,7 @@ import pinocchio as pin
 from spatial_pin.formats.pinocchio_model.from_model import LinkTree, urdf_of
 from spatial_pin.formats.pinocchio_model.pair_tree import copy_numbers
 from spatial_pin.formats.urdf.elements import fresh
+from spatial_pin.mechanism.joint_limits import joint_limits
 from spatial_pin.mechanism.mechanism import Mechanism, point_on_body, rigid_distance
 from spatial_pin.mechanism.mechanism_checks import check_mechanism
 from spatial_pin.mechanism.pairs import PAIRS, Z, closure_geometry
@@ -26,7 +27,30 @@ from spatial_pin.reduction.relations import (
     open_configurations,
 )
 
-Omitted = tuple[str, str, str]
+
+class Omission(NamedTuple):
+    """A removed part of a reduced mechanism.
+
+    Attributes:
+        what: "geometry", "inertia", "spring", "joint", "branch", "loop", "link", "leg",
+            "equations", "joint limits" or "passive freedom".
+        name: of the part; empty for several parts.
+        why: the reason in words.
+
+    Example:
+        >>> small = sp.reduce(sp.load("rssr"), "rocker_pin")
+        >>> [omission.what for omission in small.omissions]
+        ['geometry', 'inertia', 'link', 'passive freedom']
+        >>> small.omissions[2].name
+        'coupler'
+    """
+
+    what: str
+    name: str
+    why: str
+
+    def __str__(self) -> str:
+        return f"{self.what}{f' {self.name}' if self.name else ''}: {self.why}"
 
 
 class ReducedModel:
@@ -63,7 +87,7 @@ class ReducedModel:
         self.masses: list[tuple[str, BodyFrame, float]] = []
         self.turns: dict[str, Array] = {}  # of closures' axes
         self.equations: dict[str, tuple[int, ...]] = {}  # that are needed, where not all are
-        self.notes: list[Omitted] = []
+        self.notes: list[Omission] = []
         free = np.zeros(mechanism.model.nv)
         for i in self.moving:
             free[influence.columns[i]] = 1.0
@@ -278,3 +302,45 @@ def _closure(name: str, made: Relation, tree: ReducedTree) -> Closure:
     ends = tuple(tree.add(f"{name}_end_{k}", frame) for k, frame in enumerate(made.between, 1))
     geometry = closure_geometry(PAIRS[made.type], Z, Z, length=0.0 if ends else made.length)
     return Closure(name, made.type, frames, geometry, between=ends)
+
+
+def omissions(model: ReducedModel, locked: frozenset[int]) -> Iterator[Omission]:
+    """Yield the removed parts with reasons."""
+    full = model.full
+    if len(full.visual_model.geometryObjects) + len(full.collision_model.geometryObjects):
+        yield Omission("geometry", "", "shapes to draw and to collide")
+    if not model.dynamics:
+        heavy = [n for n in full.inertias if n not in model.requested.frames]
+        if heavy:
+            yield Omission("inertia", "", f"of {len(heavy)} links: only the motion is wanted")
+        for spring in full.springs:
+            yield Omission("spring", spring.name, "only the motion is wanted")
+    yield from _lost_parts(model, locked)
+    yield from model.notes
+    passed = dict.fromkeys(
+        x.name for x in joint_limits(full)
+        if full.joint_id(full.coordinate(x.name).joint) not in model.moving | locked)
+    if passed:
+        yield Omission("joint limits", "", f"of {', '.join(passed)}: where one is passed, the full "
+                                           "mechanism says so and this one does not")
+    for passive in full.passives:
+        if not model.keeps_spin(passive):
+            yield Omission("passive freedom", passive.name, f"of {passive.body}, which is left out")
+
+
+def _lost_parts(model: ReducedModel, locked: frozenset[int]) -> Iterator[Omission]:
+    """Yield the removed loops, then the removed joints."""
+    for k, closure in enumerate(model.full.closures):
+        if k not in model.needed.closures:
+            yield Omission("loop", closure.name, (
+                "no output depends on it (at "
+                f"{len(model.influence.configurations)} generic configurations); where it "
+                "cannot close, the full mechanism stops and this one does not"))
+    names, welded = model.full.model.names, model.needed.welded - locked
+    yield from (Omission("joint", names[i], "locked: welded") for i in sorted(locked))
+    yield from (Omission("joint", names[i], "welded: no wanted output moves with it")
+                for i in sorted(welded))
+    gone = [names[i] for i in range(1, model.full.model.njoints)
+            if i not in model.needed.moving | welded | locked]
+    if gone:
+        yield Omission("branch", "", f"no output depends on: {', '.join(gone)}")

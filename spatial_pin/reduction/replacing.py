@@ -14,7 +14,7 @@ from spatial_pin.mechanism.parts import Closure
 from spatial_pin.mechanism.resistance import resists
 from spatial_pin.numerics.linalg import Array, null_space
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.reduction.building import ReducedModel, built
+from spatial_pin.reduction.building import Omission, ReducedModel, built
 from spatial_pin.reduction.relations import (
     BodyFrame,
     Pin,
@@ -48,7 +48,7 @@ def drop_equations(model: ReducedModel) -> None:
             continue
         model.equations[closure.name] = needed
         gone = len(slopes) - len(needed)
-        model.notes.append((
+        model.notes.append(Omission(
             "equations", closure.name,
             f"{gone} of {len(slopes)} hold wherever its joints stand"
             + "; nothing is left of it" * (not needed)))
@@ -198,7 +198,7 @@ def may_go(model: ReducedModel, i: int, pins: list[Pin]) -> bool:
     for frame, mass in zip(pins, ((1.0 - part) * body.mass, part * body.mass), strict=True):
         if mass > 0.0 and frame.body:
             model.masses.append((f"{link}_mass", BodyFrame(frame.body, frame.centre), mass))
-    model.notes.append((
+    model.notes.append(Omission(
         "inertia", link,
         f"{body.mass:.6g} kg lumped at the centres of its two pairs; inertia across the rod "
         f"becomes {lumped:.4g} instead of {across:.4g} kg·m², about it 0 instead of {spin:.4g}"
@@ -290,7 +290,7 @@ def _record(
     others = " and ".join(repr(names[i]) for i in inner)
     words = " and ".join(_words(one, others, len(inner)) for one in made)
     closed = " and ".join(repr(c.name) for c in own)
-    model.notes.append((what, link, (
+    model.notes.append(Omission(what, link, (
         f"its pairs ({pins[0].kind} and {pins[1].kind}; joint {names[joint]!r}, closure "
         f"{closed}) stand for one relation: {words}{reach(*pins)}")))
 

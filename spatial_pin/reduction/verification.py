@@ -22,8 +22,7 @@ from spatial_pin.motion.outputs import is_force
 from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.reduction.influence import RequestedOutputs, requested_outputs
-from spatial_pin.reduction.losses import Difference, Verification
-from spatial_pin.reduction.reduce import Reduced
+from spatial_pin.reduction.reduce import Difference, Reduced, Verification
 
 VALUES = 361  # default number of driver values: a degree apart over a turn
 LIMIT_MARGIN = 0.05  # part of a driver's range left out near a limit, where rates are infinite

@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.dimensions.dimension_batch import DimensionBatch, DimensionFamily
+from spatial_pin.dimensions.variants import DimensionBatch, Variants
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.curve_matching import Movable, lengths_along, matches
 from spatial_pin.numerics.linalg import Array, pseudo_inverses
@@ -69,7 +69,7 @@ def _extrapolated(mechanism: Mechanism, last: Array, before: Array) -> Array:
 
 
 def _nearly_closed(
-    family: DimensionFamily, members: DimensionBatch, samples: GoalStates, steps: int, driver: int
+    family: Variants, members: DimensionBatch, samples: GoalStates, steps: int, driver: int
 ) -> tuple[GoalStates, NDArray[np.intp]]:
     """Return configurations after Newton steps with a fixed driver, and which are nearly closed.
 
@@ -113,7 +113,7 @@ class CurveDatabase:
         self.number, self.goal = paths[0]
         if not np.ptp(self.goal.points, axis=0).any():
             raise ValueError("method 'atlas' is for a path; its points are all at one place")
-        self.curves = CURVES if problem.family.is_traced else LOADED
+        self.curves = LOADED if problem.family.tree is None else CURVES
         mechanism = problem.mechanism
         names = list(mechanism.drivers)
         if len(names) != 1 or mechanism.driven_coordinate(names[0]).unit != "rad":
@@ -162,7 +162,7 @@ class CurveDatabase:
         Half of the curves begin at the nominal state, half at random configurations, since a
         mechanism may have several assembly modes.
         """
-        members = self.p.family.at(x[:, : self.p.n].T)
+        members = self.p.family.batch(x[:, : self.p.n].T)
         x, members = x[members.holds], members.taken(np.flatnonzero(members.holds))
         state, m = self.p.nominal(), len(x)
         q = np.repeat(state.q[None], m, axis=0)

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.start_values import nearest_turn
 from spatial_pin.assembly.state import State
-from spatial_pin.dimensions.dimension_batch import DimensionFamily
 from spatial_pin.dimensions.homotopy import followed
+from spatial_pin.dimensions.variants import Variants
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.joint_limits import beyond_limits
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -61,17 +61,17 @@ class Candidate:
         self._motions: dict[Any, tuple[Motion, bool]] = {}
 
     @classmethod
-    def of(cls, family: DimensionFamily, dimensions: Array, near: State, samples: Any) -> Candidate:
+    def of(cls, family: Variants, dimensions: Array, near: State, samples: Any) -> Candidate:
         """Return the candidate at dimensions."""
         names = dict(zip(family.names, dimensions.tolist(), strict=True))
-        there = family.variants.at(names)
+        there = family.at(names)
         if samples:
             states = [State(there, in_own_turn(there, q), closure_error=0.0, angles=a)
                       for s in samples for q, a in zip(s.q, s.angles, strict=True)]
         else:
             states = [_closed(there, near)]
-        return cls(there, tuple(states), lambda: family.variants.whole(names),
-                   family.variants.has_masses)
+        return cls(there, tuple(states), lambda: family.whole(names),
+                   family.has_masses)
 
     @cached_property
     def whole(self) -> Mechanism:
@@ -166,7 +166,6 @@ SMOOTH = 2.0  # ratio of curvatures at two distances up to which a peak is smoot
 BEYOND = 0.25  # in units of the demand: a part met by more than this is not refined
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
 class Demand(Goal):
     """A goal for the whole mechanism."""
 

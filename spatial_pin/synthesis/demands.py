@@ -124,7 +124,6 @@ class DeadCentres(MotionDemand):
 REGULAR = 1e-4
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
 class FullTurn(MotionDemand):
     """A driver that turns fully."""
 
@@ -188,7 +187,6 @@ class LeastTransmission(MotionDemand):
             some.mechanism, some.q, some.angles))
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
 class WithinLimits(MotionDemand):
     """No joint beyond its limits, the driver excepted."""
 
@@ -273,7 +271,6 @@ class MostSize(AtMost, MotionDemand):
         return self.worst(motion, beyond)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
 class MostMass(AtMost):
     """The mass of all moving links."""
 

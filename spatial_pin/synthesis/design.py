@@ -14,8 +14,7 @@ from spatial_pin._support.checks import checked, whole_number
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State
 from spatial_pin.dimensions.bounds import bounds_of
-from spatial_pin.dimensions.dimension_batch import EvaluatedBatch
-from spatial_pin.dimensions.variants import tell_idle
+from spatial_pin.dimensions.variants import EvaluatedBatch, tell_idle
 from spatial_pin.errors import unless_cut
 from spatial_pin.mechanism.coordinates import require_mechanism
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -24,7 +23,7 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.synthesis.demands import Swing
 from spatial_pin.synthesis.design_problem import ProblemSpec
 from spatial_pin.synthesis.global_search import searched
-from spatial_pin.synthesis.precision import FunctionGoal, Goal, PathGoal, PosesGoal, Precision
+from spatial_pin.synthesis.precision import Goal, PathGoal, PosesGoal, Precision
 from spatial_pin.synthesis.ranked_designs import Designs, designs_of
 
 
@@ -85,32 +84,20 @@ def _pairs(mechanism: Mechanism, first: Precision, second: Precision) -> Iterato
     """Yield numbers of samples with equal drivers and different targets."""
     names = {mechanism.driven_coordinate(name).name: name for name in first.drivers}
     others = {mechanism.driven_coordinate(name).name: name for name in second.drivers}
-    if names.keys() != others.keys() or _what(first) != _what(second):
+    if names.keys() != others.keys() or first.name != second.name:
         return
     here = np.array([first.drivers[name] for name in names.values()]).T
     there = np.array([second.drivers[others[name]] for name in names]).T
     size = max(1.0, mechanism.characteristic_length)
+    wanted, other = (goal.targets(mechanism, np.empty(0)).reshape(len(goal), -1)
+                     for goal in (first, second))
     for i, j in itertools.product(range(len(first)), range(len(second))):
-        away = _target(first, i) - _target(second, j)
+        away = wanted[i] - other[j]
         if len(away) == 1:  # angles, the only single numbers, are the same but for whole turns
             away = 2.0 * np.sin(0.5 * away)
         if np.abs(here[i] - there[j]).max() <= TOLERANCES.round_off and (
                 np.abs(away).max() > TOLERANCES.tight * size):
             yield i, j
-
-
-def _what(goal: Precision) -> tuple[type, str]:
-    name = goal.output if isinstance(goal, FunctionGoal) else str(getattr(goal, "frame", ""))
-    return type(goal), name
-
-
-def _target(goal: Precision, i: int) -> Array:
-    if isinstance(goal, PosesGoal):
-        return np.concatenate([goal.points[i], goal.rotations[i].ravel()])
-    if isinstance(goal, PathGoal):
-        return goal.points[i]
-    assert isinstance(goal, FunctionGoal)
-    return goal.values[i : i + 1]
 
 
 @checked

@@ -7,7 +7,8 @@ Lagrangians [Hestenes1969; Powell1969].
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.assembly.state import State
-from spatial_pin.dimensions.dimension_batch import STEP
+from spatial_pin.dimensions.variants import STEP
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.numerics.least_squares import LeastSquares, minimised
 from spatial_pin.numerics.linalg import Array
@@ -37,8 +38,6 @@ IDLE_PENALTIES = 3  # updates without halving the error after which exact goals 
 DEMANDED_STEP = 0.1
 OPEN = "the loops do not close"
 
-OfNumbers = Callable[[Array], Array]
-
 
 @dataclass(frozen=True, eq=False)
 class LocalSolution:
@@ -49,7 +48,7 @@ class LocalSolution:
     cost: float
     hard: float  # largest residual of exact goals
     samples: tuple[GoalStates, ...]  # configurations of every goal of precision
-    evaluations: int  # sets of dimensions tried
+    evaluations: int = 0  # sets of dimensions tried
     why: str = ""  # error message if nothing closes or a demand cannot be judged
     others: tuple[LocalSolution, ...] = ()  # other solutions from the same start
 
@@ -87,11 +86,14 @@ class DesignProblem(DesignSpace):
         self, x: Array, near: list[GoalStates], weights: Sequence[float]
     ) -> LocalSolution:
         """Return the local solution near configurations, with penalties of open loops."""
-        fit = LocalFit(self)
+        before, here = self.tried, x
         try:
-            return fit.solved(x, near, weights)
+            for weight in weights if self.inner_problems else ():
+                here, near = LooseFit(self, near, weight).solved(here)
+            solution = ExactFit(self, near, here).solution()
         except SpatialPinError as error:  # nothing closes there, or a demand cannot be judged
-            return LocalSolution(x, np.inf, np.inf, (), fit.evaluations, str(error))
+            solution = LocalSolution(x, np.inf, np.inf, (), 0, str(error))
+        return replace(solution, evaluations=self.tried - before)
 
     def solve(self, x: Array, rng: np.random.Generator | None = None) -> LocalSolution:
         """Return the local solution from a start: random configurations, or those of the guess.
@@ -99,6 +101,7 @@ class DesignProblem(DesignSpace):
         If all goals are exact and missed, a batch of random starts is fitted together. The result
         is then the first of their distinct solutions, with the others.
         """
+        before = self.tried
         try:
             near = self.start_states(x, rng)
         except SpatialPinError as error:
@@ -114,8 +117,7 @@ class DesignProblem(DesignSpace):
         tried = [self.solve_from(starts.x[i], starts.of(i), ()) for i in starts.best()]
         good = [one for one in tried if one.is_one]
         first = good[0] if good else min([solution, *tried], key=lambda one: one.hard)
-        evaluations = starts.evaluations + sum(one.evaluations for one in (solution, *tried))
-        return replace(first, others=tuple(good[1:]), evaluations=evaluations)
+        return replace(first, others=tuple(good[1:]), evaluations=self.tried - before)
 
     def value(self, x: Array) -> float:
         """Return the cost at x with penalised open loops, from the nominal state.
@@ -138,66 +140,30 @@ class DesignProblem(DesignSpace):
         return total
 
 
-class LocalFit:
-    """Fits the unknowns of a problem from one start.
+class LocalFit(LeastSquares):
+    """A fit of the unknowns of a problem, between their bounds.
 
     Attributes:
-        evaluations: sets of dimensions tried.
+        near: configurations by goal, from which those at other unknowns are found.
     """
 
-    def __init__(self, problem: DesignSpace) -> None:
-        self.p, self.evaluations = problem, 0
-        self._near: list[GoalStates] = []
-        self._parts = list(zip(problem.inner_problems, problem.own, strict=True))
+    bends, tolerance = False, TOLERANCES.last_digit
 
-    def solved(
-        self, x: Array, near: list[GoalStates], weights: Sequence[float]
-    ) -> LocalSolution:
-        """Return the solution from x and nearby configurations, with penalties of open loops."""
-        self._near = near
-        if self._parts:
-            for weight in weights:
-                x = self.loosely(x, weight)
-        return _Exactly(self, x).solution()
+    def __init__(self, problem: DesignSpace, near: list[GoalStates]) -> None:
+        self.p, self.near = problem, near
+        self.parts = list(zip(problem.inner_problems, problem.own, strict=True))
+        self.moves, self.sizes = np.ones(len(problem.sizes), dtype=bool), problem.sizes
+        self.ends = np.stack([problem.lower, problem.upper])
+        if problem.demands:
+            self.longest = DEMANDED_STEP
 
-    def loosely(self, x: Array, weight: float) -> Array:
-        """Return x with the least sum of penalised open loops and goal errors."""
-        p = self.p
-        settled: dict[bytes, list[GoalStates]] = {}
+    @abstractmethod
+    def slopes(self, x: Array) -> Array:
+        """Return the derivatives of the residuals; later configurations are found from here."""
 
-        def at(x: Array) -> list[GoalStates]:
-            if x.tobytes() not in settled:
-                settled.clear()
-                self.evaluations += 1
-                members = p.members(x)
-                settled[x.tobytes()] = [
-                    s.loosely(members, near, x[own], weight / weight_of(s.goal))
-                    for (s, own), near in zip(self._parts, self._near, strict=True)]
-            return settled[x.tobytes()]
-
-        def residual(x: Array) -> Array:
-            members = p.members(x)
-            if not members.holds.all():
-                return np.full(n_rows, np.inf)
-            return np.concatenate([
-                (weight_of(s.goal) * s.loose_residual(members, samples, x[own],
-                                                      weight / weight_of(s.goal))).ravel()
-                for (s, own), samples in zip(self._parts, at(x), strict=True)])
-
-        def slopes(x: Array) -> Array:
-            self._near = at(x)
-            members, (around, widths) = p.members(x), p.around(x)
-            return np.concatenate([
-                weight_of(s.goal) * self.columns(own, s.loose_slopes(
-                    members, around, widths, samples, x[own], weight / weight_of(s.goal)))
-                for (s, own), samples in zip(self._parts, self._near, strict=True)])
-
-        n_rows = 0
-        n_rows = len(residual(x))
-        numbers = BoundedNumbers(p, residual, slopes, LOOSE_EVALUATIONS, LOOSE_GAIN)
-        x = minimised(numbers, x, {}).at.x
-        self._near = at(x)
-        return x
+    def jacobian(self, x: Array) -> Array:
+        """See `LeastSquares`."""
+        return self.slopes(x) * self.sizes
 
     def columns(self, own: slice, slopes: Array) -> Array:
         """Return derivatives (k r, n) for all unknowns, from (k, r, .) for those of a goal."""
@@ -207,46 +173,72 @@ class LocalFit:
         return out
 
 
-class BoundedNumbers(LeastSquares):
-    """Unknowns between bounds, with residuals given as functions."""
+class LooseFit(LocalFit):
+    """The fit with a penalty of open loops."""
 
-    bends, tolerance = False, TOLERANCES.last_digit
+    most, gain = LOOSE_EVALUATIONS, LOOSE_GAIN
 
-    def __init__(
-        self, problem: DesignSpace, residual: OfNumbers, slopes: OfNumbers, most: int, gain: float
-    ) -> None:
-        self._residual, self._slopes = residual, slopes
-        self.most, self.gain, self.moves = most, gain, np.ones(len(problem.sizes), dtype=bool)
-        self.sizes, self.ends = problem.sizes, np.stack([problem.lower, problem.upper])
-        if problem.demands:
-            self.longest = DEMANDED_STEP
+    def __init__(self, problem: DesignSpace, near: list[GoalStates], weight: float) -> None:
+        super().__init__(problem, near)
+        self._weights = [weight_of(inner.goal) for inner in problem.inner_problems]
+        self._penalties = [weight / own for own in self._weights]
+        self._last: tuple[bytes, list[GoalStates]] = b"", []
+
+    def _states(self, x: Array) -> list[GoalStates]:
+        """Return the best configurations at x by goal."""
+        if self._last[0] != x.tobytes():
+            self.p.tried += 1
+            members = self.p.members(x)
+            self._last = x.tobytes(), [
+                inner.loosely(members, near, x[own], penalty) for (inner, own), near, penalty in
+                zip(self.parts, self.near, self._penalties, strict=True)]
+        return self._last[1]
 
     def residual(self, x: Array) -> Array:
-        """See `LeastSquares`; infinite where loops do not close."""
-        return self._residual(x)
-
-    def jacobian(self, x: Array) -> Array:
         """See `LeastSquares`."""
-        return self._slopes(x) * self.sizes
+        members = self.p.members(x)
+        if not members.holds.all():
+            return np.array([np.inf])
+        return np.concatenate([
+            (weight * inner.loose_residual(members, states, x[own], penalty)).ravel()
+            for (inner, own), states, weight, penalty in zip(
+                self.parts, self._states(x), self._weights, self._penalties, strict=True)])
+
+    def slopes(self, x: Array) -> Array:
+        """See `LocalFit`."""
+        self.near = self._states(x)
+        members, (around, widths) = self.p.members(x), self.p.around(x)
+        return np.concatenate([
+            weight * self.columns(own, inner.loose_slopes(
+                members, around, widths, states, x[own], penalty))
+            for (inner, own), states, weight, penalty in zip(
+                self.parts, self.near, self._weights, self._penalties, strict=True)])
+
+    def solved(self, x: Array) -> tuple[Array, list[GoalStates]]:
+        """Return x with the least sum of penalised open loops and goal errors, and its states."""
+        x = minimised(self, x, {}).at.x
+        return x, self._states(x)
 
 
-class _Exactly:
-    """The fit with closed loops.
+class ExactFit(LocalFit):
+    """The fit with closed loops, from x (n,).
 
     Residuals are those of goals of precision, then of demands. An exact residual r adds
     penalty r² / 2 + multiplier r to the cost. Demands are inequalities r <= 0.
     """
 
-    def __init__(self, fit: LocalFit, x: Array) -> None:
-        self.fit, self.p, self.x = fit, fit.p, x
-        self._memo: dict[bytes, tuple[list[GoalStates], Array] | None] = {}
+    most = EXACT_EVALUATIONS
+
+    def __init__(self, problem: DesignSpace, near: list[GoalStates], x: Array) -> None:
+        super().__init__(problem, near)
+        self.x = x
+        self._last: tuple[bytes, tuple[list[GoalStates], Array] | None] = b"", None
         self._counts: list[int] = []
-        self._state = fit.p.nominal()  # where the mechanisms of demands are followed from
+        self._state = problem.nominal()  # where the mechanisms of demands are followed from
         self._why = ""  # the last configurations were none
-        first = self._at(x)
-        if first is None:
+        if self._at(x) is None:
             raise SpatialPinError(self._why)
-        goals = [s.goal for s, _ in fit._parts]
+        goals = [inner.goal for inner in problem.inner_problems]
         every = [*goals, *self.p.demands]
         repeats = [g.count * g.width for g in goals] + self._counts
         self.weights = np.repeat([weight_of(g) for g in every], repeats)
@@ -258,20 +250,18 @@ class _Exactly:
 
     def _at(self, x: Array) -> tuple[list[GoalStates], Array] | None:
         """Return configurations and residuals of x; None if loops do not close."""
-        key = x.tobytes()
-        if key not in self._memo:
-            self._memo.clear()
-            self._memo[key] = self._evaluated(x)
-        return self._memo[key]
+        if self._last[0] != x.tobytes():
+            self._last = x.tobytes(), self._evaluated(x)
+        return self._last[1]
 
     def _evaluated(self, x: Array) -> tuple[list[GoalStates], Array] | None:
-        p, fit, samples, residuals = self.p, self.fit, list[GoalStates](), list[Array]()
-        fit.evaluations += 1
+        p, samples, residuals = self.p, list[GoalStates](), list[Array]()
+        p.tried += 1
         members = p.members(x)
         if not members.holds.all():
             self._why = OPEN
             return None
-        for (inner, own), near in zip(fit._parts, fit._near, strict=True):
+        for (inner, own), near in zip(self.parts, self.near, strict=True):
             there, residual, is_closed = inner.exactly(members, near, x[own])
             if not is_closed.all():
                 self._why = OPEN
@@ -301,18 +291,18 @@ class _Exactly:
         return np.where(counts, factor * shifted, 0.0), counts
 
     def residual(self, x: Array) -> Array:
-        """Return the residuals; infinite if loops do not close."""
+        """See `LeastSquares`; infinite if loops do not close."""
         here = self._at(x)
         return np.full(len(self.weights), np.inf) if here is None else self._shaped(here[1])[0]
 
     def slopes(self, x: Array) -> Array:
-        """Return their derivatives; those of demands by differences of closed configurations."""
+        """See `LocalFit`; those of demands by differences of closed configurations."""
         here = self._at(x)
         assert here is not None
-        fit, (samples, raw), first = self.fit, here, len(here[1]) - sum(self._counts)
-        fit._near, members, (around, widths) = samples, self.p.members(x), self.p.around(x)
-        rows = [fit.columns(own, s.slopes(members, around, widths, at, x[own]))
-                for (s, own), at in zip(fit._parts, samples, strict=True)]
+        (samples, raw), first = here, len(here[1]) - sum(self._counts)
+        self.near, members, (around, widths) = samples, self.p.members(x), self.p.around(x)
+        rows = [self.columns(own, s.slopes(members, around, widths, at, x[own]))
+                for (s, own), at in zip(self.parts, samples, strict=True)]
         columns = []
         for i, step in enumerate(STEP * self.p.sizes if self.p.demands else ()):
             there = step * np.eye(len(x))[i]
@@ -343,11 +333,11 @@ class _Exactly:
         missed = np.where(self.one_sided, np.maximum(raw, 0.0), raw)
         cost = float(np.sum((self.weights * missed)[~self.exact] ** 2))
         return LocalSolution(self.x, cost, float(np.abs(missed[self.exact]).max(initial=0.0)),
-                             tuple(samples), self.fit.evaluations)
+                             tuple(samples))
 
     def _fitted(self, gain: float) -> tuple[list[GoalStates], Array]:
-        numbers = BoundedNumbers(self.p, self.residual, self.slopes, EXACT_EVALUATIONS, gain)
-        self.x = minimised(numbers, self.x, {}).at.x
+        self.gain = gain
+        self.x = minimised(self, self.x, {}).at.x
         here = self._at(self.x)
         if here is None:
             raise SpatialPinError(self._why)

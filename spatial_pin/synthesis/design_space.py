@@ -11,12 +11,7 @@ import numpy as np
 
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State
-from spatial_pin.dimensions.dimension_batch import (
-    STEP,
-    DimensionBatch,
-    DimensionFamily,
-    EvaluatedBatch,
-)
+from spatial_pin.dimensions.variants import STEP, DimensionBatch, EvaluatedBatch, Variants
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.sweep import sweep
@@ -44,6 +39,7 @@ class DesignSpace:
         start: (n,) their values at the first start.
         inner_problems: one for each goal of precision; own: their unknowns, as slices.
         demands: the other goals.
+        tried: number of sets of dimensions that were tried until now.
     """
 
     def __init__(
@@ -51,11 +47,11 @@ class DesignSpace:
         bounds: Mapping[str, tuple[float, float]], guess: Guess = None,
     ) -> None:
         self.mechanism, self.goals = mechanism, tuple(goals)
-        self.family = DimensionFamily(mechanism, bounds)
+        self.family = Variants(mechanism, bounds)
         self.inner_problems = [InnerProblem(self.family, g) for g in goals
                                if isinstance(g, Precision)]
         self.demands = [g for g in goals if isinstance(g, Demand)]
-        self._guess = guess
+        self._guess, self.tried = guess, 0
         self._nominal: State | None = None
         self._last: tuple[bytes, tuple[DimensionBatch, DimensionBatch]] | None = None
         own = [f"{s.goal.name}: {name}" for s in self.inner_problems for name in s.names]
@@ -108,7 +104,7 @@ class DesignSpace:
         """Return mechanisms at random dimensions and random configurations, with open loops."""
         rng = np.random.default_rng(0)
         x = np.array([self._between(rng.uniform(size=self.n)) for _ in range(BATCH)]).T
-        members = self.family.at(x)
+        members = self.family.batch(x)
         members = members.taken(np.flatnonzero(members.holds))
         state = self.nominal()
         q = spread(self.mechanism, state.q, len(members.holds), rng)
@@ -177,7 +173,7 @@ class DesignSpace:
         here = x[: self.n, None]
         if self._last is None or self._last[0] != here.tobytes():
             steps = np.diag(STEP * self.sizes[: self.n])
-            every = self.family.at(np.concatenate([here, here + steps, here - steps], axis=1))
+            every = self.family.batch(np.concatenate([here, here + steps, here - steps], axis=1))
             self._last = here.tobytes(), (every.taken(np.array([0])),
                                           every.taken(np.arange(1, 2 * self.n + 1)))
         return self._last[1]

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
+import pickle
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from errno import ENOENT
 from functools import lru_cache
 from pathlib import Path, PurePath
@@ -212,9 +213,8 @@ def searched(
     if seed < 0:
         raise ValueError(f"seed is {seed}; it is a whole number from 0 up")
     problem = spec.make()
-    key = fingerprint(spec, problem.mechanism, method, seed)
-    with Checkpoint(key, resume) as checkpoint:
-        work = GlobalSearch(spec, key, problem, executor, checkpoint)
+    with Checkpoint(fingerprint(spec, problem.mechanism, method, seed), resume) as checkpoint:
+        work = GlobalSearch(spec, problem, executor, checkpoint)
         is_whole = False
         try:
             work.run(method, 1 if method == "local" else starts, seed, progress)
@@ -239,10 +239,10 @@ class GlobalSearch:
     """
 
     def __init__(
-        self, spec: ProblemSpec, key: str, problem: DesignProblem, executor: Executor | None,
+        self, spec: ProblemSpec, problem: DesignProblem, executor: Executor | None,
         checkpoint: Checkpoint,
     ) -> None:
-        self._spec, self._key, self._problem = spec, key, problem
+        self._spec, self._problem = pickle.dumps(spec), problem
         self._executor, self._checkpoint, self.curves = executor, checkpoint, 0
 
     def run(self, method: str, starts: int, seed: int, progress: bool) -> None:
@@ -277,7 +277,7 @@ class GlobalSearch:
         if self._executor is None:
             return in_order(None, work, [(self._problem, job) for job in jobs])
         return in_order(self._executor, _in_worker,
-                        [(work, self._spec, self._key, job) for job in jobs])
+                        [(work, self._spec, job) for job in jobs])
 
     def _evolved(self, rng: np.random.Generator, starts: int, progress: bool) -> list[Array]:
         """Return the best points of an evolution, far from each other.
@@ -326,22 +326,15 @@ def _apart(candidates: Array, values: Array, most: int) -> list[Array]:
     return apart
 
 
-def _in_worker(work: Callable[..., Any], spec: ProblemSpec, key: str, job: Any) -> Any:
+def _in_worker(work: Callable[..., Any], spec: bytes, job: Any) -> Any:
     """Do a job in another process or thread, which builds the problem once."""
-    return work(_made(_Keyed(key, spec), get_ident()), job)
-
-
-@dataclass(frozen=True)
-class _Keyed:
-    """A specification that is compared by its key."""
-
-    key: str
-    spec: ProblemSpec = field(compare=False)
+    return work(_made(spec, get_ident()), job)
 
 
 @lru_cache(maxsize=8)
-def _made(keyed: _Keyed, thread: int) -> DesignProblem:
-    return keyed.spec.make()
+def _made(spec: bytes, thread: int) -> DesignProblem:
+    problem: DesignProblem = pickle.loads(spec).make()
+    return problem
 
 
 def _batch(problem: DesignProblem, seed: np.random.SeedSequence) -> list[AtlasStart]:

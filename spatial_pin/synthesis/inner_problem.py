@@ -16,10 +16,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.dimensions.dimension_batch import DimensionBatch, DimensionFamily, EvaluatedBatch
+from spatial_pin.dimensions.variants import DimensionBatch, EvaluatedBatch, Variants
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array, pseudo_inverses
-from spatial_pin.numerics.stacked import damped_solutions, levenberg, null_spaces, projected
+from spatial_pin.numerics.stacked import damped_solutions, levenberg, padded_null_spaces, projected
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.synthesis.precision import Precision, simple
 
@@ -87,7 +87,7 @@ class GoalEquations:
         names: of the goal's own numbers.
     """
 
-    def __init__(self, family: DimensionFamily, goal: Precision) -> None:
+    def __init__(self, family: Variants, goal: Precision) -> None:
         self.family, self.goal = family, goal
         mechanism = family.mechanism
         goal.check(mechanism)
@@ -291,7 +291,7 @@ class InnerProblem(GoalEquations):
         held, wanted = self._at_rest(members, around, widths, samples, own)
         held = np.concatenate([held, rows.held_own], axis=2)
         wanted = np.concatenate([wanted, rows.wanted_own], axis=2)
-        motions = null_spaces(rows.held_moves)
+        motions = padded_null_spaces(rows.held_moves, TOLERANCES.singular)
         along = -pseudo_inverses(rows.held_moves, TOLERANCES.singular) @ held
         whole = wanted + rows.wanted_moves @ along
         return projected(whole, rows.wanted_moves @ motions.transpose(0, 2, 1), rows.wanted)
@@ -324,7 +324,7 @@ class _Along(NamedTuple):
         """Return them from equations."""
         inverse = pseudo_inverses(rows.held_moves, TOLERANCES.singular)
         back = -np.einsum("mvh,mh->mv", inverse, rows.held)
-        motions = null_spaces(rows.held_moves)
+        motions = padded_null_spaces(rows.held_moves, TOLERANCES.singular)
         rest = rows.wanted + np.einsum("mrv,mv->mr", rows.wanted_moves, back)
         return cls(back, motions, rest, rows.wanted_moves @ motions.transpose(0, 2, 1),
                    np.einsum("mr,mr->m", rest, rest), rows.open)

@@ -9,18 +9,18 @@ one.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.dimensions.dimension_batch import DimensionBatch
+from spatial_pin.dimensions.variants import DimensionBatch
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.stacked import levenberg
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.synthesis.design_space import DesignSpace
-from spatial_pin.synthesis.inner_problem import GoalStates, InnerProblem, spread
+from spatial_pin.synthesis.inner_problem import GoalStates, spread
 
 BATCH_STEPS = 120  # Levenberg steps: half of the successful starts need 70
 BATCH_DAMPING = 1e-2  # relative to equations of order one
@@ -51,11 +51,10 @@ class BatchedStarts:
         x: (M, n) unknowns.
         samples: configurations by goal, those (M k, .) of the first start first.
         cost: (M,) sum of squares of loop and goal errors.
-        evaluations: sets of dimensions tried.
     """
 
     def __init__(self, problem: DesignSpace, x: Array, rng: np.random.Generator) -> None:
-        self._p, self.x, self.evaluations = problem, x, 0
+        self._p, self.x = problem, x
         state, mechanism, m = problem.nominal(), problem.mechanism, len(x)
         self._counts = [s.goal.count for s in problem.inner_problems]
         self.samples = []
@@ -79,17 +78,22 @@ class BatchedStarts:
             steps, moved = _steps([StartEquations(*(part[rows] for part in e)) for e in every],
                                   damping)
             there = np.clip(self.x[rows] + p.sizes * steps, p.lower, p.upper)
-            samples = [self._moved(s, k, rows, part) for s, k, part in
-                       zip(self.samples, self._counts, moved, strict=True)]
+            samples = []
+            for s, k, part in zip(self.samples, self._counts, moved, strict=True):
+                some = s.taken(_rows(rows, k))
+                turned = part.reshape(len(some.q), -1) * p.mechanism.velocity_scale
+                samples.append(some._replace(q=p.family.displaced(
+                    some.q, np.ascontiguousarray(turned))))
             values, samples = self._values(there, samples)
             cost = _cost(values)
             better = cost < self.cost[rows]
             self.x[rows[better]], self.cost[rows[better]] = there[better], cost[better]
-            self.samples = [_put(s, k, new, rows, better) for s, k, new in
-                            zip(self.samples, self._counts, samples, strict=True)]
+            for old, k, new in zip(self.samples, self._counts, samples, strict=True):
+                at, where = _rows(rows[better], k), np.repeat(better, k)
+                old.q[at], old.angles[at] = new.q[where], new.angles[where]
             if better.any():
-                for e, new in zip(every, self._equations(rows[better]), strict=True):
-                    for part, renewed in zip(e, new, strict=True):
+                for e, fresh in zip(every, self._equations(rows[better]), strict=True):
+                    for part, renewed in zip(e, fresh, strict=True):
                         part[rows[better]] = renewed
             return better, self.cost[rows] < TOLERANCES.tight**2
 
@@ -120,10 +124,11 @@ class BatchedStarts:
 
     def _values(self, x: Array, samples: list[GoalStates]) -> tuple[list[Array], list[GoalStates]]:
         """Return residuals (m, k, r) by goal at unknowns (m, n), and configurations."""
-        self.evaluations += len(x)
-        members = self._p.family.at(x[:, : self._p.n].T)
+        self._p.tried += len(x)
+        members = self._p.family.batch(x[:, : self._p.n].T)
         residuals, there = [], []
-        for inner, own, k, some in self._goals(samples):
+        for inner, own, k, some in zip(
+                self._p.inner_problems, self._p.own, self._counts, samples, strict=True):
             each = members.taken(np.repeat(np.arange(len(x)), k))
             values, angles = _all(inner.equations, each, some, x[:, own], k)
             values = values.reshape(len(x), k, -1)
@@ -132,23 +137,19 @@ class BatchedStarts:
             there.append(some._replace(angles=angles))
         return residuals, there
 
-    def _goals(
-        self, samples: list[GoalStates]
-    ) -> Iterator[tuple[InnerProblem, slice, int, GoalStates]]:
-        yield from zip(self._p.inner_problems, self._p.own, self._counts, samples, strict=True)
-
     def _equations(self, rows: NDArray[np.intp]) -> list[StartEquations]:
         p, x, n = self._p, self.x[rows], self._p.n
         sizes = p.sizes[:n]
         ahead = np.repeat(x[:, :n], n + 1, axis=0).reshape(len(x), n + 1, n)
         inward = np.where(x[:, :n] + AHEAD * sizes > p.upper[:n], -AHEAD, AHEAD)
         ahead[:, np.arange(1, n + 1), np.arange(n)] += inward * sizes
-        members = p.family.at(ahead.reshape(-1, n).T)
+        members = p.family.batch(ahead.reshape(-1, n).T)
         here = np.arange(len(x)) * (n + 1)
         around = (here[:, None] + np.arange(1, n + 1)).ravel()
         equations = []
-        samples = [_some(s, k, rows) for s, k in zip(self.samples, self._counts, strict=True)]
-        for inner, own, k, some in self._goals(samples):
+        for inner, own, k, every_one in zip(
+                p.inner_problems, p.own, self._counts, self.samples, strict=True):
+            some = every_one.taken(_rows(rows, k))
             value, moves, by_own = _all(
                 lambda *a, s=inner: s.rows(*a)[0].together(1.0),
                 members.taken(np.repeat(here, k)), some, x[:, own], k)
@@ -166,14 +167,6 @@ class BatchedStarts:
         held = ((x <= p.lower) & (rise > 0.0)) | ((x >= p.upper) & (rise < 0.0))
         return [e._replace(numbers=np.where(held[:, None, None], 0.0, e.numbers))
                 for e in equations]
-
-    def _moved(
-        self, samples: GoalStates, k: int, rows: NDArray[np.intp], steps: Array
-    ) -> GoalStates:
-        some = _some(samples, k, rows)
-        scale = self._p.mechanism.velocity_scale
-        return some._replace(q=self._p.family.displaced(
-            some.q, np.ascontiguousarray(steps.reshape(len(some.q), -1) * scale)))
 
 
 def _cost(values: list[Array]) -> Array:
@@ -220,15 +213,6 @@ def _all(
     return [np.concatenate(part) for part in zip(*parts, strict=True)]
 
 
-def _some(samples: GoalStates, k: int, rows: NDArray[np.intp]) -> GoalStates:
-    return samples.taken((rows[:, None] * k + np.arange(k)).ravel())
-
-
-def _put(
-    samples: GoalStates, k: int, new: GoalStates, rows: NDArray[np.intp], better: NDArray[np.bool_]
-) -> GoalStates:
-    """Return configurations, replaced by new ones at better starts."""
-    at = (rows[:, None] * k + np.arange(k))[better].ravel()
-    q, angles = samples.q.copy(), samples.angles.copy()
-    q[at], angles[at] = (a[np.repeat(better, k)] for a in new[:2])
-    return GoalStates(q, angles, samples.at)
+def _rows(starts: NDArray[np.intp], k: int) -> NDArray[np.intp]:
+    """Return the places of the configurations of starts, k for each."""
+    return (starts[:, None] * k + np.arange(k)).ravel()

@@ -19,7 +19,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.dimensions.dimension_batch import EvaluatedBatch
+from spatial_pin.dimensions.variants import EvaluatedBatch
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array, whole_turns

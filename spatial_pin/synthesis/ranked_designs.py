@@ -399,7 +399,7 @@ def design_of(problem: DesignProblem, solution: LocalSolution) -> Design:
     """Return a solution as a design, its mechanism loaded and closed."""
     n = problem.n
     dimensions = dict(zip(problem.names[:n], solution.x[:n].tolist(), strict=True))
-    there = problem.family.variants.whole(dimensions) if dimensions else problem.mechanism
+    there = problem.family.whole(dimensions) if dimensions else problem.mechanism
     met, errors, numbers = list[Met](), dict[str, GoalError](), dict[str, float]()
     members, end = problem.members(solution.x), n
     for inner, samples in zip(problem.inner_problems, solution.samples, strict=True):

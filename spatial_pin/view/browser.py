@@ -1,4 +1,4 @@
-"""A browser without a window that is driven from here: it opens, answers, clicks, photographs.
+"""A browser without a window that is driven from here: it opens, answers, photographs.
 
 It speaks the Chrome DevTools protocol over two pipes: messages end with a zero byte.
 """
@@ -185,12 +185,6 @@ class Browser:
         self.evaluate(NEXT_PICTURE)
         shot = self.call("Page.captureScreenshot", format="png", optimizeForSpeed=True)
         return base64.b64decode(shot["data"])
-
-    def click(self, x: float, y: float) -> None:
-        """Click at a point of the page [pixels from its left and upper edge]."""
-        for kind, pressed in (("mouseMoved", 0), ("mousePressed", 1), ("mouseReleased", 1)):
-            self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, clickCount=pressed,
-                      button="left" if pressed else "none")
 
     # ------------------------------------------------------------ the end
 

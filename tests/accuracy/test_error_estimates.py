@@ -56,6 +56,16 @@ def test_the_error_of_a_sweep_bounds_the_true_one(name, error):
         assert motion.error.largest <= max(error, 1e-9)
 
 
+@pytest.mark.parametrize("error", [1e-3, 1e-5, 1e-6, 1e-7])
+def test_what_a_coupler_turns_about_itself_between_points_is_told(error):
+    """No closure shows it."""
+    values = np.linspace(0.0, 2.0 * np.pi, 151)
+    motion, exact = (sp.sweep(library("rssr"), "crank", values, accuracy=accuracy)
+                     for accuracy in (sp.Accuracy.for_error(error), REFERENCE))
+    for one, true in zip(motion.error[:3], true_errors(motion, exact), strict=True):
+        assert true <= one
+
+
 @pytest.mark.parametrize("name", ["four_bar", "rssr", "stewart"])
 @pytest.mark.parametrize("error", [1e-4, 1e-6])
 def test_the_error_of_interpolated_samples_is_no_exaggeration(name, error):

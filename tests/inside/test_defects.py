@@ -10,8 +10,7 @@ from crank_rockers import ends, limited_four_bar, of_limits
 from variety import few, first
 
 import spatial_pin as sp
-from spatial_pin.synthesis.circuits import Circuit
-from spatial_pin.synthesis.defects import defects
+from spatial_pin.synthesis.defects import Circuit, defects
 from spatial_pin.synthesis.demand import Candidate, in_own_turn
 
 CRANK_ROCKER = {"r1": 0.30, "r2": 0.10, "r3": 0.28, "r4": 0.24}

@@ -24,8 +24,7 @@ from spatial_pin.dynamics.inverse import Actuation, balance, internal_efforts
 from spatial_pin.dynamics.solvers.equations_of_motion import DOUBTFUL, Equations
 from spatial_pin.dynamics.solvers.least_constraint import Bounded, LeastConstraint
 from spatial_pin.kernel.loop_equations import LoopEquations
-from spatial_pin.numerics.linalg import decompose, null_space
-from spatial_pin.numerics.sparse_spaces import SparseSpaces
+from spatial_pin.numerics.linalg import SparseSpaces, decompose, null_space
 
 OVERCONSTRAINED = ["bennett", "bricard", "double_cardan", "four_bar", "hooke_joint", "peaucellier",
                    "sarrus", "spherical_four_bar", "watt_six_bar"]

@@ -20,7 +20,8 @@ from scipy.interpolate import PPoly, make_interp_spline
 import spatial_pin as sp
 from spatial_pin.accuracy.extended import Extended
 from spatial_pin.cli import main
-from spatial_pin.constraints.compiled_equations import Constraints, composed_rates
+from spatial_pin.constraints.compiled_equations import ANGLE, COORDINATE, PRODUCT, Constraints
+from spatial_pin.constraints.composed_equations import composed_rates
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.kernel import kernel
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_at
@@ -227,19 +228,18 @@ def test_an_equation_may_multiply_quantities(tmp_path, joint):
         q, v = asked_at(mechanism, rng)
         check_derivatives(LoopEquations(mechanism), q, v)
         assert_same_as_pinocchio(mechanism, q, v)
-    (e,) = Constraints(mechanism).equations
+    (terms,) = Constraints(mechanism).sums
     p = rng.normal(size=(4, 3))  # of its products, derivatives 0 to 3: the rule of Leibniz
     third = p[3, 1] * p[0, 2] + 3 * (p[2, 1] * p[1, 2] + p[1, 1] * p[2, 2]) + p[0, 1] * p[3, 2]
     found = composed_rates(Constraints(mechanism), list(p), [], np.zeros(1))
-    assert found == pytest.approx(p[3, 0] + e.terms[1][0] * third, rel=1e-14)
+    assert found == pytest.approx(p[3, 0] + terms[1][0] * third, rel=1e-14)
 
 
 def test_the_kinds_of_quantities_are_numbered_as_in_the_kernel():
     text = (ROOT / "spatial_pin" / "kernel" / "core" / "kernel.h").read_text()
     for name, code in (("PRODUCT", kernel.PRODUCT), ("SUM", kernel.SUM), ("IDLE", kernel.IDLE),
-                       *zip(("OF_PRODUCT", "COORDINATE", "ANGLE"), range(3), strict=True)):
+                       ("OF_PRODUCT", PRODUCT), ("COORDINATE", COORDINATE), ("ANGLE", ANGLE)):
         assert f" {name} = {code}" in text
-    assert kernel.QUANTITIES == ("product", "coordinate", "angle")
 
 
 def among_others(folder) -> sp.Mechanism:
@@ -296,7 +296,7 @@ def test_equations_are_right_in_any_company(tmp_path):
     ends = [(k, k, [mechanism.frame_on_joint(f)[0] for f in closure.frames[:2]])
             for closure in mechanism.closures if closure.frames
             for k in [labels.index(closure.name)]]
-    ends += [(x.equation, c.n_closure + k, x.joints) for k, x in enumerate(c.other_body_products)]
+    ends += [(row, c.n_closure + k, both) for k, (row, _, both) in enumerate(c.other_body_products)]
     for row, wrench, (one, two) in ends:
         work[row] += (pulls[wrench] @ columns) * (support[two] - support[one])
     work[c.of_joints] += rows.joint_rows()

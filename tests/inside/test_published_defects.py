@@ -16,8 +16,7 @@ import synthesis_forms as forms
 from variety import few
 
 import spatial_pin as sp
-from spatial_pin.synthesis.circuits import Circuit
-from spatial_pin.synthesis.defects import defects
+from spatial_pin.synthesis.defects import Circuit, defects
 
 LINE = forms.CASES["line_of_five"]
 GRAVE = ("circuit", "branch", "order")

@@ -13,12 +13,12 @@ from variety import few, first
 
 import spatial_pin as sp
 from spatial_pin.dimensions.bounds import bounds_of
-from spatial_pin.dimensions.dimension_batch import DimensionFamily
+from spatial_pin.dimensions.variants import Variants
 from spatial_pin.synthesis import curve_atlas as atlas, demand, global_search as search
 from spatial_pin.synthesis.curve_atlas import CurveDatabase
 from spatial_pin.synthesis.demand import Candidate, smooth_peak
 from spatial_pin.synthesis.design import refuse_off_plane
-from spatial_pin.synthesis.design_problem import DesignProblem, LocalFit, _Exactly
+from spatial_pin.synthesis.design_problem import DesignProblem, ExactFit
 from spatial_pin.view.scene.look import overlaid
 
 goals = sp.goals
@@ -34,8 +34,8 @@ def test_slopes_of_goals_are_those_of_their_residuals(make):
     values = np.array([0.3, 1.3, 2.6])
     states = [sp.assemble(mechanism, {"crank": x}) for x in values]
     goal = make([x.placement("coupler") for x in states], {"crank": values})
-    family = DimensionFamily(mechanism, ["r2"])
-    members = family.at(np.full((1, 3), 0.1))
+    family = Variants(mechanism, ["r2"])
+    members = family.batch(np.full((1, 3), 0.1))
     at, nv = np.arange(3), mechanism.model.nv
     rng = np.random.default_rng(1)
     own = 0.3 * rng.standard_normal(len(goal.own_names))
@@ -143,10 +143,8 @@ def test_the_gradient_of_demands_and_goals_is_that_of_what_is_made_least():
     problem = DesignProblem(mechanism, [
         goals.path("coupler_b", [[0.05, 0.0, 0.25], [0.1, 0.0, 0.3]], placement=True, scale=True),
         goals.size(0.3, weight=2.0)], {"r2": (0.05, 0.2), "r3": (0.2, 0.4)})
-    fit = LocalFit(problem)
     x = problem.start + 0.01
-    fit._near = problem.start_states(x, None)
-    exact = _Exactly(fit, x)
+    exact = ExactFit(problem, problem.start_states(x, None), x)
     gradient, step = exact.slopes(x).T @ exact.residual(x), 1e-6
     for k in range(len(x)):
         ends = [exact.residual(x + sign * step * np.eye(len(x))[k]) for sign in (1.0, -1.0)]

@@ -11,9 +11,8 @@ from kernel_checks import evaluated
 
 import spatial_pin as sp
 from spatial_pin.dimensions import sensitivity, variants
-from spatial_pin.dimensions.dimension_batch import DimensionNumbers
 from spatial_pin.dimensions.homotopy import varied
-from spatial_pin.dimensions.variants import Variants
+from spatial_pin.dimensions.variants import DimensionNumbers, Variants
 from spatial_pin.formats.xacro.tracing import NUMPY, Tape, Traced, depends
 from spatial_pin.kernel.kernel import Kernel, address, packed
 

@@ -12,7 +12,7 @@ import pytest
 from spatial_pin.view.browser import NEXT_PICTURE, Browser, find_browser
 from spatial_pin.view.pictures import READY, open_page, shoot
 
-__all__ = ["NEXT_PICTURE", "READY", "Browser", "browser", "complaints", "find_browser",
+__all__ = ["NEXT_PICTURE", "READY", "Browser", "browser", "click_at", "complaints", "find_browser",
            "needs_browser", "one_browser", "open_page", "shoot"]
 
 needs_browser = pytest.mark.skipif(
@@ -25,6 +25,13 @@ def one_browser() -> Iterator[Browser]:
     """The browser of all tests; each makes its page as large as it needs it."""
     with Browser() as browser:
         yield browser
+
+
+def click_at(browser: Browser, x: float, y: float) -> None:
+    """Click at a point of the page [pixels from its left and upper edge]."""
+    for kind, pressed in (("mouseMoved", 0), ("mousePressed", 1), ("mouseReleased", 1)):
+        browser.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, clickCount=pressed,
+                     button="left" if pressed else "none")
 
 
 def complaints(browser: Browser) -> list[str]:

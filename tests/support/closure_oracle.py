@@ -13,12 +13,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from spatial_pin.constraints.compiled_equations import (
-    Constraints,
+from spatial_pin.constraints.compiled_equations import Constraints
+from spatial_pin.constraints.composed_equations import (
+    Composed,
     combined_wrenches,
+    composed_of,
     composed_rates,
+    vector_matrix,
 )
-from spatial_pin.constraints.composed_equations import Composed
 from spatial_pin.constraints.pinocchio_views import TWIST_MATRIX
 from spatial_pin.constraints.trees import tree_of
 from spatial_pin.numerics.linalg import Array
@@ -39,23 +41,25 @@ class Evaluation:
 
     def vectors(self, placements: Array) -> Array:
         """Return A, B and X (3, n, 3) of all products, or a rate of theirs."""
-        found: Array = (self.constraints.c_abx @ placements.reshape(-1, 3)).reshape(3, -1, 3)
+        matrix = vector_matrix(self.constraints)
+        found: Array = (matrix @ placements.reshape(-1, 3)).reshape(3, -1, 3)
         return found
 
     def update(self, q: Array) -> None:
         """Evaluate `residual` and `jacobian` at the configuration q (nq,)."""
-        c, p, self.q = self.constraints, self.constraints.n_products, q
+        c, self.q = self.constraints, q
+        plain, own = c.plain, c.product[c.plain]
         self.tree.update(q)
         a, b, x = self.vectors(self.tree.placements)
         self.values = np.vecdot(a, b) - c.constants
         self.wrenches = np.hstack([b * c.factors, np.cross(x, b)])
         self.wrenches[c.passive_at :, 3:] = b[c.passive_at :]  # a rate about a line
         products, size = self.wrenches @ self.tree.columns * c.signs, c.mechanism.velocity_scale
-        self.residual[:p], self.jacobian[:p] = self.values[:p], products[:p]
+        self.residual[plain], self.jacobian[plain] = self.values[own], products[own]
         self.jacobian[c.n_closure :] = products[c.passive_at :]
-        near = np.array([turns.row @ q + turns.offset if turns.are_all else angle for turns, angle
-                         in zip(c.turns, self.angle_reference, strict=True)])
-        for group in c.composed:
+        near = np.array([x.row @ q + x.offset if x.is_of_joints else angle for x, angle
+                         in zip(c.angles, self.angle_reference, strict=True)])
+        for group in composed_of(c):
             inputs = group.seeded([self.values[:, None]], [q[:, None]])
             value, angles = group.values(inputs, near)
             self.residual[group.rows] = value.values[0][:, 0]
@@ -90,7 +94,8 @@ class Evaluation:
         first = np.vecdot(a1, b) + np.vecdot(a, b1)
         bias = np.vecdot(a2, b) + 2.0 * np.vecdot(a1, b1) + np.vecdot(a, b2)
         rows = composed_rates(c, [self.values, first, bias], [q, v], self.angles)
-        return np.concatenate([rows, c.idle_bias @ tree.accelerations.reshape(-1)])
+        idle = [axis @ tree.accelerations[joint, 3:] for joint, axis in c.idle_axes]
+        return np.concatenate([rows, idle])
 
 
 def composed_rows(group: Composed, slopes: Array, products: Array, scale: Array) -> Array:

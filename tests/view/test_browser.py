@@ -4,7 +4,7 @@ import importlib.util
 
 import numpy as np
 import pytest
-from chromium import READY, needs_browser, open_page, shoot
+from chromium import READY, click_at, needs_browser, open_page, shoot
 from folders import ROOT
 from images import colour_mask, data_of, ink, middle, page, pixels
 from pictured import photograph, swept
@@ -41,18 +41,18 @@ def test_player_pauses_plays_and_seeks_when_it_is_clicked(browser, tmp_path):
         return box["x"] + part * box["width"], box["y"] + 0.5 * box["height"]
 
     assert browser.evaluate("animator.playing")
-    browser.click(*middle_of("#player button"))
+    click_at(browser, *middle_of("#player button"))
     assert not browser.evaluate("animator.playing")
     stopped = browser.evaluate("animator.time")
     browser.screenshot()
     assert browser.evaluate("animator.time") == stopped
-    browser.click(*middle_of("#player input", 0.75))
+    click_at(browser, *middle_of("#player input", 0.75))
     duration = browser.evaluate("animator.duration")
     assert browser.evaluate("animator.time") == pytest.approx(0.75 * duration, rel=0.03)
     browser.screenshot()
     degrees = np.rad2deg(0.3 + browser.evaluate("animator.time"))
     assert f"crank = {degrees:.1f}°" in browser.evaluate("document.body.innerText")
-    browser.click(*middle_of("#player button"))
+    click_at(browser, *middle_of("#player button"))
     before = browser.evaluate("animator.time")
     browser.wait_until(f"animator.time > {before}")
 
@@ -132,7 +132,7 @@ def test_cursor_of_the_curves_of_a_report_follows_the_picture_and_moves_it(brows
     box = browser.evaluate("figures[1].svg.getBoundingClientRect().toJSON()")
     left2, top2, width2, height2, *_ = browser.evaluate("figures[1].panels[0]")
     across = box["x"] + (left2 + 0.6 * width2) * box["width"]
-    browser.click(across, box["y"] + (top2 + 0.5 * height2) * box["height"])
+    click_at(browser, across, box["y"] + (top2 + 0.5 * height2) * box["height"])
     assert browser.evaluate("frames[0].filmTime()") == pytest.approx(0.6 * 2 * np.pi, abs=0.02)
     browser.wait_until(f"Math.abs({line}.x - {at(0.3 + 0.6 * 2 * np.pi)}) < 3")
     assert browser.evaluate("figures.every(f => f.lines.every(l => !l.hidden))")

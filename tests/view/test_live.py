@@ -15,7 +15,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from chromium import Browser, needs_browser
+from chromium import Browser, click_at, needs_browser
 from images import ink, page, pixels
 from live_pages import (
     LONGEST_QUESTION,
@@ -811,7 +811,7 @@ def test_curves_grow_while_the_mechanism_is_moved(browser):
         assert browser.evaluate("panels[0].values[0].textContent") == f"{rocker[-1]:.5g} °"
         # the mechanism goes where one clicks in a curve
         box = box_of(browser, "panels[0].svg")
-        browser.click(box["x"] + 0.3 * box["width"], box["y"] + 40)
+        click_at(browser, box["x"] + 0.3 * box["width"], box["y"] + 40)
         browser.wait_until("!asking")
         now = browser.evaluate("dials[0].value")
         assert x[0] < now < 0.5 * (x[0] + x[-1])

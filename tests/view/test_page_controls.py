@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from chromium import NEXT_PICTURE, READY, Browser, needs_browser
+from chromium import NEXT_PICTURE, READY, Browser, click_at, needs_browser
 from images import colour_mask, data_of, middle, pixels
 from variety import few
 
@@ -128,7 +128,7 @@ def click(browser: Browser, selector: str, across: float = 0.5) -> None:
     browser.evaluate("met = new Promise(done => addEventListener('click', () => done(true), "
                      "{capture: true, once: true})); 1")
     b = box(browser, selector)
-    browser.click(b["x"] + across * b["width"], b["y"] + b["height"] / 2)
+    click_at(browser, b["x"] + across * b["width"], b["y"] + b["height"] / 2)
     browser.evaluate("met")
 
 
@@ -365,7 +365,7 @@ def test_distance_between_two_points_moves_with_the_bodies(page, motion):
     key(page, "m")
     ends = [where(page, "crank"), where(page, "rocker")]
     for x, y in ends:
-        page.click(x, y)
+        click_at(page, x, y)
     page.wait_until("document.querySelectorAll('#ruler text').length === 4")
     distance = "Math.hypot(...inMetres(...ruler.picks.map(inWorld)))"
     first = page.evaluate(distance)
@@ -394,7 +394,7 @@ def test_ruler_snaps_to_the_middles_of_pairs_and_says_so(page, motion):
     point_at(page, *near(page, middle_of("rocker_pin")))
     assert page.evaluate("pointed.textContent") == "middle of rocker_pin (revolute)"
     for name in ("rocker_pin", "ball_a"):
-        page.click(*near(page, middle_of(name)))
+        click_at(page, *near(page, middle_of(name)))
     from_, to = (motion.frame(n).position[17] for n in ("rocker_pin", "ball_a"))
     np.testing.assert_allclose(page.evaluate("inMetres(...spanned(ruler.picks))"), to - from_,
                                atol=1e-6)
@@ -418,7 +418,7 @@ def test_ruler_takes_what_it_says(page, motion, kind):
     }})()""")
     point_at(page, x, y)
     assert page.evaluate("pointed.textContent").startswith(kind)
-    page.click(x, y)
+    click_at(page, x, y)
     off = page.evaluate("((x, y) => offPointer(ruler.picks[0], x, y))" + f"({x}, {y})")
     assert off <= (1.0 if kind == "surface of " else 11.0)
 
@@ -490,7 +490,7 @@ def numbers(text: str) -> list[float]:
 @pytest.mark.slow
 def test_inspector_tells_where_a_link_is_and_what_it_weighs(page, motion):
     key(page, "i")
-    page.click(*where(page, "coupler"))
+    click_at(page, *where(page, "coupler"))
     page.evaluate("go(film.seconds[23]); viewer.render(); 1")
     said = told(page)
     assert page.evaluate("whose.value") == "link coupler"
@@ -628,7 +628,7 @@ def test_curve_is_the_output_and_its_cursor_moves_both_ways(page, motion, second
     assert page.evaluate("panels[0].values[0].textContent") == f"{values[20]:.5g} °"
     cursor = page.evaluate("Number(panels[0].cursor.getAttribute('x1'))")
     b = box(page, "#curves svg")
-    page.click(b["x"] + cursor + 0.2 * b["width"], b["y"] + 40)
+    click_at(page, b["x"] + cursor + 0.2 * b["width"], b["y"] + 40)
     turned = np.rad2deg(2 * np.pi) * 0.2 * b["width"] / (b["width"] - 54)
     page.screenshot()
     crank = float(page.evaluate("outputs[0].textContent").removeprefix("crank = ")[:-1])
@@ -872,7 +872,7 @@ def test_camera_goes_with_a_link(page):
     page.evaluate("go(2.5); viewer.render(); 1")
     assert np.hypot(*np.subtract(page.evaluate(middle_of), seen)) > 20
     click(page, "[data-opens=chase]")
-    page.click(*where(page, "coupler"))
+    click_at(page, *where(page, "coupler"))
     for seconds in (0.5, 2.5, 4.0):
         page.evaluate(f"go({seconds}); viewer.render(); 1")
         page.screenshot()
@@ -924,7 +924,7 @@ def test_axes_of_the_world_are_drawn_as_they_are_seen(page):
     key(page, "5")
     page.screenshot()
     knob = page.evaluate("ends[4].knob.getBoundingClientRect().toJSON()")
-    page.click(knob["x"] + knob["width"] / 2, knob["y"] + knob["height"] / 2)
+    click_at(page, knob["x"] + knob["width"] / 2, knob["y"] + knob["height"] / 2)
     up = page.evaluate("viewer.camera.position.clone().sub(viewer.controls.target).normalize().y")
     assert up == pytest.approx(1.0, abs=1e-5)
 

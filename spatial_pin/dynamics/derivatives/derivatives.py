@@ -259,7 +259,8 @@ def _together(
     loops, the loops have several ranks, or accelerations are doubtful.
     """
     c, forces = equations.constraints, springs.forces
-    if c.composed or forces.on_frames or not equations.n_closure or equations.tree.has_limbs:
+    if (len(c.plain) < c.n_closure or forces.on_frames or not equations.n_closure
+            or equations.tree.has_limbs):
         return None
     slopes = None
     if forces.exist:

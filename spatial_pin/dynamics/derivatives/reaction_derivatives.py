@@ -18,7 +18,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin._support.brief import brief
-from spatial_pin.constraints.compiled_equations import combined_wrenches
+from spatial_pin.constraints.composed_equations import combined_wrenches, vector_matrix
 from spatial_pin.constraints.trees import motion_cross, skewed, twist_matrices
 from spatial_pin.dynamics.coupling_forces import CouplingForce
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
@@ -187,11 +187,11 @@ class ReactionChanges:
     def _of_closures(self, pairs: Pairs) -> tuple[list[Array], Array]:
         """Return the wrenches of the closures on their second bodies, and those on all bodies."""
         c, nv = self.rows.constraints, self.nv
-        n = len(c.constants)
+        n, matrix = len(c.constants), vector_matrix(c)
         values = self.rows.values[0][:n]
-        b, x = (c.c_abx @ self.rows.placements.reshape(-1, 3))[n:].reshape(2, n, 3)
+        b, x = (matrix @ self.rows.placements.reshape(-1, 3))[n:].reshape(2, n, 3)
         changed = np.moveaxis(self.placements_by_q, 0, -3).reshape(nv, -1, 3)
-        db, dx = np.stack([(c.c_abx @ g)[n:] for g in changed], axis=1).reshape(2, n, nv, 3)
+        db, dx = np.stack([(matrix @ g)[n:] for g in changed], axis=1).reshape(2, n, nv, 3)
         wrenches = np.hstack([b * c.factors, np.cross(x, b)])
         by_q = np.concatenate([
             db * c.factors[:, :, None],

@@ -12,7 +12,7 @@ import numpy as np
 
 from spatial_pin._support.lazy import acquired, made_once
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.constraints.composed_equations import Composed
+from spatial_pin.constraints.composed_equations import Composed, composed_of
 from spatial_pin.constraints.composite_joints import split_of
 from spatial_pin.constraints.kernel_tree import TreeProducts
 from spatial_pin.constraints.trees import Motion, TreeMotion, single_jointed
@@ -91,15 +91,15 @@ class RowDerivatives:
     def changes(self, order: int) -> tuple[Array, Array]:
         """Return the derivatives (n_closure, nv) of the rows' rates of an order, in q and in v."""
         c = self.constraints
-        if not c.composed:
+        if not composed_of(c):
             return self.by_q[order][: c.n_closure], self.by_v[order][: c.n_closure]
         out = np.zeros((2, c.n_closure, self.nv))
         values, motion = ([x[:, None] for x in part] for part in (self.values, self.motion))
         for k, change in enumerate((self.by_q, self.by_v)):
-            out[k, : c.n_products] = change[order][: c.n_products]
+            out[k, c.plain] = change[order][c.product[c.plain]]
             moved = [np.zeros((self.nv, self.nv))] * 3
             moved[k] = np.eye(self.nv)
-            for group in c.composed:
+            for group in composed_of(c):
                 inputs = group.inputs(values, motion, list(change), moved)
                 out[k, group.rows] = group.values(inputs, self.angles)[0].change(order)
         return out[0], out[1]
@@ -111,7 +111,7 @@ class RowDerivatives:
         """
         c = self.constraints
         rows, changes = np.zeros((c.n_closure, self.nv)), np.zeros((c.n_closure, self.nv, self.nv))
-        for group in c.composed:
+        for group in composed_of(c):
             slopes = self._slopes(group)[len(group.products) :]
             for v, (by, change) in zip(group.coordinates[1], slopes, strict=True):
                 np.add.at(rows, (group.rows, v), by)
@@ -138,12 +138,12 @@ class RowDerivatives:
             pulls: of the springs, by half their squared lengths, and by the products of bushings.
         """
         c = self.constraints
-        if not (c.composed or len(pulls)):
+        if not (composed_of(c) or len(pulls)):
             return multipliers, None
         by_q = self.by_q[0]
         weights, total = np.zeros(len(by_q)), np.zeros((self.nv, self.nv))
-        weights[c.plain], weights[self.closed :] = multipliers[c.plain], pulls
-        for group in c.composed:
+        weights[c.product[c.plain]], weights[self.closed :] = multipliers[c.plain], pulls
+        for group in composed_of(c):
             own, slopes = multipliers[group.rows], self._slopes(group)
             for at, (by, change) in zip(group.products, slopes, strict=False):
                 np.add.at(weights, at, own * by)
@@ -159,12 +159,14 @@ def products_of(mechanism: Mechanism) -> TreeProducts:
     """Return the products of closure rows, of springs between frames, and of bushings."""
     c, forces = constraints_of(mechanism), Forces(mechanism)
     a, b = list[Coefficients](), list[Coefficients]()
-    for vectors, given in ((a, c.terms[0]), (b, c.terms[1])):
-        for terms in given[: c.passive_at]:
+    for numbers, factors in zip(c.parts[: c.passive_at], c.part_factors, strict=False):
+        for vectors, own in ((a, slice(0, 2)), (b, slice(2, 4))):
             vectors.append({})
-            for term in terms:
-                part = term.factor * np.append(term.local, term.flag)
-                vectors[-1][term.joint] = vectors[-1].get(term.joint, 0.0) + part
+            for number, factor in zip(numbers[own].tolist(), factors[own], strict=True):
+                if number >= 0:
+                    _, joint, flag, local = c.vectors[number]
+                    vectors[-1][joint] = vectors[-1].get(joint, 0.0) + factor * np.append(
+                        local, flag)
     for line in forces.lines:
         ends: Coefficients = {}
         for sense, i, point in zip((-1.0, 1.0), line.bodies, line.points, strict=True):

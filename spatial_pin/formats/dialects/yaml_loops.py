@@ -214,8 +214,7 @@ def read_closures(path: Path, reading: RobotReading) -> None:
         return
     for key, kind in zip(LOOPS, ("revolute", "revolute", "spherical"), strict=True):
         for k, content in enumerate(lists[key]):
-            entry = _LoopEntry(content, f"{key}[{k}]", path, reading)
-            (entry.close_hinge if key == "closures" else entry.close_pair)(kind)
+            _close(content, kind, f"{path.name}: {key}[{k}]", reading, key != "closures")
     for name in lists["ball_upgrades"]:
         reading.joint(name, f"ball_upgrades of {path.name}")
         reading.refine(name, type="spherical")
@@ -231,47 +230,35 @@ def read_closures(path: Path, reading: RobotReading) -> None:
                                             "a copy or an approximation of it")
 
 
-class _LoopEntry:
-    """One loop of the file."""
+def _close(given: Any, kind: str, where: str, reading: RobotReading, by_links: bool) -> None:
+    """Close a loop whose point is given on both links, or with its axis in the root's axes."""
+    content, source = given if isinstance(given, dict) else {}, where.partition(":")[0]
 
-    def __init__(self, content: Any, where: str, path: Path, reading: RobotReading) -> None:
-        self.content = content if isinstance(content, dict) else {}
-        self.where, self.reading, self.source = f"{path.name}: {where}", reading, path.name
+    def link(key: str) -> str:
+        name = content.get(key)
+        if name == ROOT and ROOT not in reading.links:
+            name = reading.root
+        return reading.link(name if isinstance(name, str) else None, where)
 
-    def link(self, key: str) -> str:
-        name = self.content.get(key)
-        if name == ROOT and ROOT not in self.reading.links:
-            name = self.reading.root
-        return self.reading.link(name if isinstance(name, str) else None, self.where)
-
-    def vector(self, key: str) -> Array:
-        value = self.content.get(key)
-        numbers = isinstance(value, list) and len(value) == 3 and all(
-            isinstance(x, int | float) and abs(x) <= LARGEST_COORDINATE for x in value)
-        if not numbers:
-            raise MechanismFileError(f"{shown(self.reading.path)}: {self.where}: {key} must be "
-                                     "three finite numbers")
+    def vector(key: str) -> Array:
+        value = content.get(key)
+        if not (isinstance(value, list) and len(value) == 3 and all(
+                isinstance(x, int | float) and abs(x) <= LARGEST_COORDINATE for x in value)):
+            raise MechanismFileError(f"{shown(reading.path)}: {where}: {key} must be three finite "
+                                     "numbers")
         return np.array(value, dtype=float)
 
-    def close_hinge(self, kind: str) -> None:
-        """Close a loop whose point and axis are in the axes of the root."""
-        links, world = [self.link("link_a"), self.link("link_b")], self.reading.world
-        at = pin.SE3(np.eye(3), self.vector("point"))
-        axis = self.reading.unit(self.vector("axis"), self.where)
-        self.close(kind, [(link, world[link].actInv(at)) for link in links], (axis, axis))
-
-    def close_pair(self, kind: str) -> None:
-        """Close a loop whose point is given on both links."""
-        links, world = [self.link("parent"), self.link("child")], self.reading.world
-        ends = [(link, pin.SE3(np.eye(3), self.vector(f"{side}_xyz")))
-                for link, side in zip(links, ("parent", "child"), strict=True)]
-        axes = None
-        if kind == "revolute":
-            axis = self.reading.unit(self.vector("axis"), self.where)
-            axes = axis, world[links[1]].rotation.T @ world[links[0]].rotation @ axis
-        self.close(kind, ends, axes)
-
-    def close(self, kind: str, ends: list[tuple[str, pin.SE3]],
-              axes: tuple[Array, Array] | None) -> None:
-        name = str(self.content.get("name") or "__".join(link for link, _ in ends))
-        self.reading.close(name, kind, self.source, ends, axes)
+    world, axes = reading.world, None
+    if by_links:
+        links = [link("parent"), link("child")]
+        ends = [(name, pin.SE3(np.eye(3), vector(f"{side}_xyz")))
+                for name, side in zip(links, ("parent", "child"), strict=True)]
+    else:
+        links, at = [link("link_a"), link("link_b")], pin.SE3(np.eye(3), vector("point"))
+        ends = [(name, world[name].actInv(at)) for name in links]
+    if kind == "revolute":
+        one = other = reading.unit(vector("axis"), where)
+        if by_links:
+            other = world[links[1]].rotation.T @ world[links[0]].rotation @ one
+        axes = one, other
+    reading.close(str(content.get("name") or "__".join(links)), kind, source, ends, axes)

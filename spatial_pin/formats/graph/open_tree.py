@@ -17,6 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError
+from spatial_pin.formats.file_access import texts_in
 from spatial_pin.formats.graph.joint_graph import WORLD, GraphJoint, JointGraph, Link, SpanningTree
 from spatial_pin.formats.importers import Faults, Imported
 from spatial_pin.formats.urdf.elements import (
@@ -35,6 +36,7 @@ from spatial_pin.formats.urdf.urdf_model import (
     check_joint,
     check_structure,
     joint_axes,
+    urdf_order,
 )
 from spatial_pin.mechanism.pairs import PAIRS, axes_from_z
 from spatial_pin.numerics.linalg import whole_turns
@@ -341,19 +343,9 @@ def without_loops(
     """
     check_structure(robot, path)
     elements = robot.findall("joint")
-    links = [x.get("name", "") for x in robot.findall("link")]
-    ends = [(end_of(joint, "parent"), end_of(joint, "child")) for joint in elements]
-    below: dict[str, list[str]] = {}
-    for parent, child in ends:
-        below.setdefault(parent, []).append(child)
-    children = {child for _, child in ends}
-    reached = [link for link in links if link not in children]
-    for link in reached:
-        reached += below.get(link, [])
-        if len(reached) > len(links):
-            break
-    if sorted(reached) == sorted(links):
-        return None  # one path from the ground to every link: a tree
+    children = {end_of(joint, "child") for joint in elements}
+    if len(children) == len(elements) == len(urdf_order(robot)):
+        return None  # no link has two parents, and each hangs on a root: a tree
     joints = []
     for element in elements:
         where = f"{path}: joint {element.get('name')!r}"
@@ -365,7 +357,7 @@ def without_loops(
             return None  # which the reader of URDF refuses by name
         joints.append(_joint(element, pair, refined, where))
     needed = frozenset(_named(robot, content)) & {joint.name for joint in joints}
-    bodies = tuple(_link(element, set(_texts(content))) for element in robot.findall("link"))
+    bodies = tuple(_link(element, set(texts_in(content))) for element in robot.findall("link"))
     graph = JointGraph(bodies, tuple(joints), loose=False, needed=needed)
     return open_tree(graph, str(path), content, robot=robot)
 
@@ -418,17 +410,6 @@ def named_coordinates(content: Mapping[str, Any]) -> Iterator[str]:
     tables = [*content.get("closures", ()), *content.get("springs", ()),
               *content.get("drivers", {}).values()]
     texts = [text for table in tables for key in ("joint", "joints")
-             for text in _texts(table.get(key) if isinstance(table, dict) else None)]
+             for text in texts_in(table.get(key) if isinstance(table, dict) else None)]
     for text in (*texts, *content.get("guess", {})):
         yield from (text, text.rpartition(".")[0])
-
-
-def _texts(value: Any) -> Iterator[str]:
-    """Yield all texts in tables, lists and texts."""
-    waiting = [value]
-    while waiting:
-        element = waiting.pop()
-        if isinstance(element, str):
-            yield element
-        elif isinstance(element, dict | list | tuple):
-            waiting += element.values() if isinstance(element, dict) else element

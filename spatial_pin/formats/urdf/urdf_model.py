@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import product
@@ -72,7 +72,7 @@ NUMBERS = {**RESISTANCES, **LIMITS}
 
 
 def check_structure(robot: ET.Element, path: Path) -> None:
-    """Refuse links and joints that do not make a graph."""
+    """Refuse links and joints that do not make a graph, or have names that nothing can ask for."""
     if robot.tag != "robot":
         raise MechanismFileError(f"{path}: the root element is <{robot.tag}>, not <robot>")
     links = by_name(robot.findall("link"), "link", path)
@@ -80,7 +80,15 @@ def check_structure(robot: ET.Element, path: Path) -> None:
         raise MechanismFileError(f"{path}: no <link>")
     joints = robot.findall("joint")
     by_name(joints, "joint", path)
-    _check_names(links, joints, path)
+    named = [("joint", joint.get("name", "")) for joint in joints] + [("link", x) for x in links]
+    odd = [(len(name), kind, name) for kind, name in named if not name.isprintable()]
+    if odd:  # the shortest: importers call others after it
+        _, kind, name = min(odd)
+        raise MechanismFileError(f"{path}: a {kind} is named {name!r}; a name is text that can be "
+                                 "read")
+    if any(joint.get("name") == UNIVERSE and joint.get("type") != "fixed" for joint in joints):
+        raise MechanismFileError(f"{path}: a joint is named {UNIVERSE!r}, which is Pinocchio's "
+                                 "name of the ground; rename it")
     for joint in joints:
         for role in ("parent", "child"):
             link = end_of(joint, role)
@@ -118,19 +126,6 @@ def _make_one_tree(robot: ET.Element, faults: Faults) -> str:
             joint_element(robot, _free(f"{world}_to_{root}", taken), "fixed", world, root)
             faults.note("no parent, fixed to the ground at its origin", f"link {root!r}")
     return world
-
-
-def _check_names(links: Iterable[str], joints: Sequence[ET.Element], path: Path) -> None:
-    """Refuse names that nothing can ask for: those of control characters, and Pinocchio's own."""
-    named = [("joint", joint.get("name", "")) for joint in joints] + [("link", x) for x in links]
-    odd = [(len(name), kind, name) for kind, name in named if not name.isprintable()]
-    if odd:  # the shortest: importers call others after it
-        _, kind, name = min(odd)
-        raise MechanismFileError(f"{path}: a {kind} is named {name!r}; a name is text that can be "
-                                 "read")
-    if any(joint.get("name") == UNIVERSE and joint.get("type") != "fixed" for joint in joints):
-        raise MechanismFileError(f"{path}: a joint is named {UNIVERSE!r}, which is Pinocchio's "
-                                 "name of the ground; rename it")
 
 
 def _free(name: str, taken: Container[str]) -> str:

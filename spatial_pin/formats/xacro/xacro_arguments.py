@@ -11,7 +11,7 @@ from typing import Any
 from xml.dom import minidom
 
 from spatial_pin.errors import MechanismFileError
-from spatial_pin.formats.file_access import shown
+from spatial_pin.formats.file_access import shown, texts_in
 from spatial_pin.formats.importers import Request
 from spatial_pin.formats.xacro.expansion import Expansion, arguments_of, xacro_text
 
@@ -58,17 +58,23 @@ def _is_number(value: Any) -> bool:
         return False
 
 
+SECTIONS = "joints", "closures", "curves", "springs", "masses"  # of a mechanism file, with numbers
+WRITTEN = re.compile(r"^\s*\$\{[^}]*\}\s*$")  # an expression in the place of a number
+ANYWHERE = re.compile(r"\$")  # the same, or `$(arg name)`, or a part of a text
+
+
 def worked_out(
-    table: Mapping[str, Any], where: Path, name: str, request: Request
+    table: Mapping[str, Any], where: Path, name: str, request: Request,
+    written: re.Pattern[str] = ANYWHERE,
 ) -> dict[str, Any]:
-    """Return a table with numbers in the place of texts with `${...}`.
+    """Return a table with numbers in the place of texts that are `written` as expressions.
 
     The file `where` has it under a name; names in the texts are arguments of the request's file.
 
     Raises:
         MechanismFileError: a text is no expression of the arguments, or its value no number.
     """
-    if not any(map(_is_written, table.values())):
+    if not any(map(written.search, texts_in(table))):
         return dict(table)
     texts, expansion = arguments(request), Expansion(replace(request, path=where))
     known = f"dimensions are: {', '.join(texts)}" if texts else "no dimensions"
@@ -76,10 +82,10 @@ def worked_out(
 
     def number(key: str, value: Any) -> Any:
         if isinstance(value, list):
-            return [number(key, x) for x in value]
+            return [number(f"{key}[{k}]", x) for k, x in enumerate(value)]
         if isinstance(value, dict):
             return {k: number(f"{key}.{k}", x) for k, x in value.items()}
-        if not _is_written(value):
+        if not (isinstance(value, str) and written.search(value)):
             return value
         try:
             result = expansion.eval_text(value, names)
@@ -104,50 +110,13 @@ def worked_out(
     return dict(expansion.guarded(run))
 
 
-SECTIONS = "joints", "closures", "curves", "springs", "masses"  # of a mechanism file, with numbers
-WRITTEN = re.compile(r"\s*\$\{[^}]*\}\s*")
-
-
-def expressions_in(content: Mapping[str, Any]) -> dict[str, str]:
-    """Return the numbers of a mechanism file that are written as `${...}`, by their places."""
-    expressions: dict[str, str] = {}
-    waiting: list[tuple[str, Any]] = [(key, content.get(key)) for key in SECTIONS]
-    while waiting:
-        key_path, value = waiting.pop()
-        if isinstance(value, str) and WRITTEN.fullmatch(value):
-            expressions[key_path] = value
-        if isinstance(value, dict):
-            waiting += [(f"{key_path}.{key}", x) for key, x in value.items()]
-        elif isinstance(value, list):
-            waiting += [(f"{key_path}[{k}]", x) for k, x in enumerate(value)]
-    return expressions
+def with_numbers(content: Mapping[str, Any], where: Path, request: Request) -> dict[str, Any]:
+    """Return the content of the file `where` with numbers in the place of `${...}`."""
+    own = {key: content[key] for key in SECTIONS if key in content}
+    return {**content, **worked_out(own, where, "numbers", request, WRITTEN)}
 
 
 def written_dimensions(content: Mapping[str, Any], names: Iterable[str]) -> set[str]:
     """Return the dimensions, of some, that numbers of a mechanism file itself follow from."""
-    texts = " ".join(expressions_in(content).values())
+    texts = " ".join(filter(WRITTEN.search, texts_in([content.get(key) for key in SECTIONS])))
     return {name for name in names if re.search(rf"\b{re.escape(name)}\b", texts)}
-
-
-def with_numbers(content: Mapping[str, Any], where: Path, request: Request) -> dict[str, Any]:
-    """Return the content of the file `where` with numbers in the place of `${...}`."""
-    written = expressions_in(content)
-    if not written:
-        return dict(content)
-    numbers = worked_out(written, where, "numbers", request)
-
-    def replaced(key_path: str, value: Any) -> Any:
-        if isinstance(value, dict):
-            return {key: replaced(f"{key_path}.{key}", x) for key, x in value.items()}
-        if isinstance(value, list):
-            return [replaced(f"{key_path}[{k}]", x) for k, x in enumerate(value)]
-        return numbers.get(key_path, value)
-
-    return {key: replaced(key, x) if key in SECTIONS else x for key, x in content.items()}
-
-
-def _is_written(value: Any) -> bool:
-    """Whether a value is, or contains, an expression."""
-    if isinstance(value, list | dict):
-        return any(map(_is_written, value if isinstance(value, list) else value.values()))
-    return isinstance(value, str) and "$" in value

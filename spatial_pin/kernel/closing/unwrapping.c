@@ -43,20 +43,24 @@ static Real square_between(const Real *one, const Real *two)
     return angle * angle;
 }
 
-/* How far q (nq) is from the named values: angles, and lengths by the size of a unit of each; of
-   floating joints nothing is named here. A turn that limits ask for is no way. */
+/* How far q (nq) is from the named values: angles, and lengths by the size of a unit of each. Floating joints
+   have all components named, as their orientation is, or none. A turn that limits ask for is no way. */
 Real named_distance(const Kernel *k, const Named *named, const Real *q)
 {
     Real sum = 0.0;
-    for (Int j = 0; j < k->n_joints; j++) {
-        const Int at = k->iq[j];
-        if (j == 0 || k->kind[j] == FREE || !(named->kinds[at] & NAMED))
+    for (Int j = 1; j < k->n_joints; j++) {
+        const Int at = k->iq[j], turning = at + (k->kind[j] == FREE ? 3 : 0);
+        if (!(named->kinds[turning] & NAMED))
             continue;
-        Real gap = q[at] - named->value[at];
-        if (named->kinds[at] & TURNS)
-            gap -= WHOLE_TURN * floor(gap / WHOLE_TURN + 0.5);
-        gap /= k->scale[k->iv[j]];
-        sum += k->kind[j] == BALL ? square_between(q + at, named->value + at) : gap * gap;
+        if (k->kind[j] >= BALL)
+            sum += square_between(q + turning, named->value + turning);
+        for (Int i = at; i < (k->kind[j] >= BALL ? turning : at + 1); i++) {
+            Real gap = q[i] - named->value[i];
+            if (named->kinds[i] & TURNS)
+                gap -= WHOLE_TURN * floor(gap / WHOLE_TURN + 0.5);
+            gap /= k->scale[k->iv[j] + i - at];
+            sum += gap * gap;
+        }
     }
     return sqrt(sum);
 }

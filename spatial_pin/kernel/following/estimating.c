@@ -20,7 +20,9 @@
 #define OPEN_TIMES 3.0         /* times a residual: it may point where the equations are weak, example or not */
 #define PROBED_POINTS 256        /* points whose errors are estimated by one of them, */
 #define MUCH 1.5         /* unless rates have grown by so much, or pivots fallen */
-#define SURE_TIMES 2.0         /* times the error in the middle, which factors of the end tell */
+#define SURE_TIMES 2.0         /* times the error in the middle: it may be largest elsewhere */
+#define BEND_BY_MISSED 16.0 /* second derivative of (u (1 - u))^3 in the middle by its value is -24; with a third
+                               point 0.4 steps before, -16.6 */
 #define REMEMBERED 0.25  /* of the derivative before: in the middle it may just pass zero */
 #define AIM 0.5          /* of the error allowed: it may grow from one step to the next */
 #define STRAIGHT_BEND 1e-2 /* second derivative by the square of the rates below which a path is straight */
@@ -167,8 +169,24 @@ static Real estimate_point(Path *path, Real *estimate)
 
 void estimate_here(Path *path, Real *estimate) { estimate_point(path, estimate); }
 
-/* The error of q in the middle of an interpolated step, scaled: by one correction there, with the
-   factors of its end. */
+/* The error of q in the middle of a step h, scaled, by that of second derivatives there: it is what a correction
+   finds, and idle rotations as well, which no residual shows. */
+static Real missing_by_bend(Path *path, Real h)
+{
+    Kernel *k = path->k;
+    const Point *middle = &path->middle;
+    Real square = 0.0;
+    system_put_accelerations(k, middle->t, path->prescribed.bend);
+    system_solve(k, k->right);
+    for (Int v = 0; v < k->nv; v++) {
+        const Real off = k->right[v] - middle->c[v] / k->scale[v];
+        square += off * off;
+    }
+    return sqrt(square) * h * h / BEND_BY_MISSED;
+}
+
+/* The error of q in the middle of an interpolated step, scaled, by one correction there: with its own factors,
+   as those of an end may magnify errors less. INFINITY where it is singular. */
 static Real missing_in_middle(Path *path, const Point *from)
 {
     Kernel *k = path->k;
@@ -178,8 +196,12 @@ static Real missing_in_middle(Path *path, const Point *from)
     prescribe(&path->prescribed, s);
     prescribed_put(&path->prescribed, middle->q);
     equations_values(k, middle->q);
+    equations_jacobian(k, &k->equations.system);
     path->stale = 1;
-    return solve_correction(k, NULL);
+    if (system_factor(k) != DONE)
+        return INFINITY;
+    const Real corrected = solve_correction(k, NULL);
+    return k->n_idle ? larger_of(corrected, missing_by_bend(path, to->s - from->s)) : corrected;
 }
 
 static Real largest_rate(const Kernel *k, const Real *rate)
@@ -204,6 +226,10 @@ Real estimate_between(Path *path, const Point *third, const Point *from, Real *e
     Int degree = between_make(k, third, from, to, &path->between);
     const Missed *m = MISSED + (degree == BETWEEN_DEGREE);
     const Real missing = missing_in_middle(path, from), grown = pow(way, m->order + 2.0);
+    if (!isfinite(missing)) {
+        path->between_way = 0.5 * way;
+        return INFINITY;
+    }
     Real e = larger_of(missing, degree == path->degree ? REMEMBERED * path->missed * grown : 0.0);
     const Real open = missing > 0.0 ? equations_error(k) / missing : 0.0;
     const Real t = h * larger_of(largest_rate(k, from->t), largest_rate(k, to->t)); /* of one joint */

@@ -20,7 +20,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin._support.checks import checked, plain_text
-from spatial_pin._support.output_files import named_path, write_text
+from spatial_pin._support.output_files import literal, named_path, write_text
 from spatial_pin.assembly.state import State
 from spatial_pin.dynamics.force_outputs import with_force_values
 from spatial_pin.dynamics.kinetostatics import Kinetostatics
@@ -33,17 +33,22 @@ from spatial_pin.motion.dead_centres import known_dead_centres
 from spatial_pin.motion.motion import Motion, Output
 from spatial_pin.motion.report import info
 from spatial_pin.motion.summary import EFFORTS
+from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.synthesis.ranked_designs import Design, Designs
+from spatial_pin.synthesis.precision import FunctionGoal, PathGoal, PosesGoal
+from spatial_pin.synthesis.ranked_designs import Design, Designs, Met
 from spatial_pin.view.page.cards import PagePath
-from spatial_pin.view.page.designed import goals_page
 from spatial_pin.view.page.html import page, script_of
 from spatial_pin.view.page.markup import filled, number, paragraph, section, table, template, tiny
-from spatial_pin.view.page.plots import abscissa, default_outputs, plot, svg
+from spatial_pin.view.page.plots import COLOURS, abscissa, default_outputs, plot, style, svg
 from spatial_pin.view.scene.film import loads, not_shown
 from spatial_pin.view.scene.look import Look, overlaid
 
 FIGURE_WIDTH, PANEL, LOWEST = 7.5, 1.4, 2.4  # of a figure, of each panel of it; least height [in]
+TARGET = "#141419"  # the colour of targets, in the picture too
+FUNCTION_HEIGHT = 2.8  # of the figure of a function [in]
+ALONG_AXIS = 0.999  # part of a direction along a world axis from which on it is called by that
+LEAST_HEIGHT, MOST_HEIGHT = 2.4, 6.0  # height of the figure of a path [in]
 COUNTED_AT = 0.29  # part of a motion after which its freedoms are counted: no round driver value
 
 
@@ -158,6 +163,115 @@ def _view(subject: Subject) -> str:
         hint += "Drag in a curve below to move the mechanism."
     hint = f'<figcaption class="screen">{hint}</figcaption>'
     return f'<figure><div class="view">{frame}</div>{hint}</figure>'
+
+
+def goals_page(design: Design, motion: Motion | None) -> str:
+    """Return dimensions, errors and defects as tables, and functions as curves."""
+    on = design.at_bounds
+    dimensions = [(name, f"its {on[name]}" if name in on else "", number(x), number(low),
+                   number(high)) for (name, x), (low, high) in zip(
+                       design.dimensions.items(), design.bounds.values(), strict=True)]
+    errors = [(name, str(e.samples), *(f"{tiny(x)} {e.unit}".strip() for x in (e.rms, e.most)))
+              for name, e in design.errors.items()]
+    heads = ("dimension", "on a bound", "value [m, rad]", "least", "most")
+    parts = [table(heads, dimensions, numbers=3), table(
+        ("goal", "samples", "root mean square", "largest error"), errors, numbers=3)]
+    parts += [paragraph(f"{x.kind.capitalize()}: {x.text}.") for x in design.defects]
+    if not design.defects:
+        parts.append(paragraph("Circuit, branch, order and transmission are as they should be."))
+    if motion is not None:
+        parts += [_curve(met, motion) for met in design.met
+                  if isinstance(met.goal, FunctionGoal) and met.driver == motion.driver_name]
+        parts += [_path(met, motion) for met in design.met
+                  if isinstance(met.goal, PathGoal | PosesGoal)]
+    return "".join(parts)
+
+
+def _curve(met: Met, motion: Motion) -> str:
+    """Return the curve of an output with its target values."""
+    assert isinstance(met.goal, FunctionGoal) and met.driver is not None
+    output = met.goal.output
+    figure = plot(motion, output, title="")
+    figure.set_size_inches(FIGURE_WIDTH, FUNCTION_HEIGHT)
+    _, over, unit = abscissa(motion)
+    if over == motion.driver_name:
+        values = np.array([state.coordinate(met.driver).value for state in met.states])
+        axes, targets = figure.axes[0], met.targets
+        if unit == "°":
+            values = _about(np.rad2deg(values), np.rad2deg(motion.swept))
+        if motion.mechanism.prescribed_coordinate(output).unit == "rad":
+            line = np.asarray(axes.lines[0].get_ydata(), dtype=float)
+            targets = _about(np.rad2deg(targets), line)
+        points = axes.plot(values, targets, "o", color=TARGET, markersize=5,
+                          label=literal(f"targets of {output}"))
+        axes.legend(handles=points, loc="lower right", bbox_to_anchor=(1.0, 0.99), fontsize=9,
+                    frameon=False)
+    drawing = svg(figure, f"{output} of {motion.mechanism.name}, with its targets")
+    return f"<figure>{drawing}</figure>"
+
+
+def _path(met: Met, motion: Motion) -> str:
+    """Return the path of a frame with its target points, as seen across it."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    assert isinstance(met.goal, PathGoal | PosesGoal)
+    frame = met.goal.frame
+    points = met.targets if isinstance(met.goal, PathGoal) else met.targets[:, :3, 3]
+    there = np.array([state.placement(frame).translation for state in met.states])
+    path = motion.frame(frame).position
+    every = np.concatenate([path, points])
+    middle, (across, up) = every.mean(axis=0), _best_view(every)
+    x, y = (every - middle) @ across, (every - middle) @ up
+    height = float(np.clip(FIGURE_WIDTH * np.ptp(y) / max(float(np.ptp(x)), 1e-12),
+                           LEAST_HEIGHT, MOST_HEIGHT))
+    figure = Figure(figsize=(FIGURE_WIDTH, height + 0.6), dpi=150, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    axes.plot(x[: len(path)], y[: len(path)], color=COLOURS[0], label=literal(f"path of {frame}"))
+    for target, point in zip(points, there, strict=True):
+        ends = np.array([target, point]) - middle
+        axes.plot(ends @ across, ends @ up, color=COLOURS[1], linewidth=1.0)
+    axes.plot(x[len(path):], y[len(path):], "o", color=TARGET, markersize=5, label="targets")
+    axes.set_xlabel(_direction(across))
+    axes.set_ylabel(_direction(up))
+    style(axes)
+    axes.margins(0.05)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.99), ncols=2, fontsize=9, frameon=False)
+    drawing = svg(figure, f"path of {frame} of {motion.mechanism.name}, with its targets")
+    return (f"<figure>{drawing}<figcaption>Lengths are in metres, from the middle of the path."
+            "</figcaption></figure>")
+
+
+def _best_view(points: Array) -> tuple[Array, Array]:
+    """Return the directions to the right and up (3,) in which points (N, 3) are seen best.
+
+    World axes are taken where the points lie across one of them.
+    """
+    away = points - points.mean(axis=0)
+    spread = np.linalg.eigh(away.T @ away)[1].T[::-1]
+    normal = spread[2]
+    k = int(np.argmax(np.abs(normal)))
+    if abs(normal[k]) > ALONG_AXIS:
+        i, j = ((1, 2), (0, 2), (0, 1))[k]
+        return np.eye(3)[i], np.eye(3)[j]
+    across, up = (v * np.sign(v[np.argmax(np.abs(v))]) for v in spread[:2])
+    return across, up
+
+
+def _direction(axis: Array) -> str:
+    """Return the name of a direction of the world."""
+    k = int(np.argmax(np.abs(axis)))
+    if abs(axis[k]) > ALONG_AXIS:
+        return f"{'xyz'[k]} [m]"
+    return "along ({:.2f}, {:.2f}, {:.2f}) [m]".format(*axis)
+
+
+def _about(degrees: np.ndarray, curve: np.ndarray) -> np.ndarray:
+    """Return angles (k,) by whole turns nearest to the range of a curve's."""
+    middle = 0.5 * (curve.min() + curve.max())
+    return degrees - 360.0 * np.round((degrees - middle) / 360.0)
 
 
 def _design(subject: Subject) -> str | None:

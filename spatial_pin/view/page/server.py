@@ -80,7 +80,12 @@ class _Handler(BaseHTTPRequestHandler):
             if not 0 <= length <= LONGEST_QUESTION:  # also when it is missing
                 self.send_error(413)
                 return
-            answer = _answer(service, self.rfile.read(length))
+            try:  # nothing may end the server
+                answer = service.answer(json.loads(self.rfile.read(length)))
+            except (SpatialPinError, ValueError) as error:
+                answer = {"error": str(error)}
+            except Exception as error:
+                answer = {"error": f"{type(error).__name__}: {error}"}
             self._send("application/json", json.dumps(answer, allow_nan=False).encode())
 
     def _host(self) -> str | None:
@@ -99,16 +104,6 @@ class _Handler(BaseHTTPRequestHandler):
 
     def log_message(self, format: str, *args: Any) -> None:
         """Say nothing on stderr."""
-
-
-def _answer(service: Service, question: bytes) -> Any:
-    """Return the answer to a question, or {"error": words}: nothing may end the server."""
-    try:
-        return service.answer(json.loads(question))
-    except (SpatialPinError, ValueError) as error:
-        return {"error": str(error)}
-    except Exception as error:
-        return {"error": f"{type(error).__name__}: {error}"}
 
 
 class _Server(ThreadingHTTPServer):

@@ -45,7 +45,7 @@ def _pair_gap(stage: Stage, closure: Closure, residual: Array) -> ClosureGap:
     lengths = residual * mechanism.characteristic_length
     offset, angular = np.zeros_like(apart), np.zeros(len(apart))
     for row, off in zip(closure.rows, lengths.T, strict=True):
-        first = row.first
+        _, (first, *_) = row.terms[0]
         if isinstance(first, Square):  # along the line between the frames
             far, length = np.linalg.norm(apart, axis=1), closure.geometry.length
             if closure.between:  # the length is that between other frames

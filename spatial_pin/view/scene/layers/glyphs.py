@@ -9,6 +9,7 @@ to origin 2. A universal joint has its pin 1 along z of frame 1, its pin 2 along
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -281,20 +282,6 @@ def _site(stage: Stage, pair: PairAxes, unit: float) -> Site:
                 (float(away.min()), float(away.max())))
 
 
-def _item(stage: Stage, pair: PairAxes, k: int, piece: Piece, through: bool) -> Item:
-    name, title = f"{pair.kind} {pair.name} {k}", f"{pair.name}: {pair.kind}"
-    *rgb, opacity = MOVES if piece.on == "second" else CARRIES
-    colour = (*rgb, THROUGH if through else opacity)
-    if piece.on == "between":
-        o1, o2 = _origins(stage, pair)
-        return Item(name, piece.solid, colour, track=rod_between(o1, o2), through=through,
-                    called=title)
-    side = 0 if piece.on == "first" else 1
-    joint, frame = pair.joints[side], pair.frames[side]
-    return Item(name, piece.solid, colour, joint, frame, through=through, called=title,
-                axial=pair.kind in AXIAL)
-
-
 def _held(stage: Stage, pair: PairAxes, piece: Piece) -> Array:
     """Return the points of a piece that a picture must hold, shape (K, 3) [m]."""
     (low, high, r), (x, y) = piece.span, piece.middle
@@ -315,6 +302,16 @@ def glyphs(stage: Stage, through: bool) -> Layer:
     for pair, unit in zip(pairs, _units(stage, pairs), strict=True):
         make = GLYPHS.get(pair.kind)
         for k, piece in enumerate(make(_site(stage, pair, unit)) if make else ()):
-            items.append(_item(stage, pair, k, piece, through))
+            *rgb, opacity = MOVES if piece.on == "second" else CARRIES
+            item = Item(f"{pair.kind} {pair.name} {k}", piece.solid,
+                        (*rgb, THROUGH if through else opacity), through=through,
+                        called=f"{pair.name}: {pair.kind}")
+            if piece.on == "between":
+                item = replace(item, track=rod_between(*_origins(stage, pair)))
+            else:
+                side = 0 if piece.on == "first" else 1
+                item = replace(item, joint=pair.joints[side], placement=pair.frames[side],
+                               axial=pair.kind in AXIAL)
+            items.append(item)
             points.append(_held(stage, pair, piece))
     return Layer(tuple(items), np.concatenate(points))

@@ -91,11 +91,6 @@ def bodies(stage: Stage) -> Layer:
 # ---------------------------------------------------------------- sticks
 
 
-def skeleton(model: pin.Model) -> pin.GeometryModel:
-    """Return a geometry model of sticks; a body without extent is a ball."""
-    return _sticks(model, range(model.njoints))
-
-
 def with_skeleton(
     model: pin.Model, geometry: pin.GeometryModel | None, wanted: bool | None
 ) -> list[pin.GeometryObject]:
@@ -115,19 +110,19 @@ def with_skeleton(
     if all(model.joints[j].shortname() == FLOATING for j in model.children[0]):
         drawn.add(0)
     missing = [j for j in range(model.njoints) if j not in drawn]
-    sticks = list(_sticks(model, missing).geometryObjects) if wanted is None else []
+    sticks = list(skeleton(model, missing).geometryObjects) if wanted is None else []
     return own + [s for s in sticks
                   if isinstance(s.geometry, coal.Capsule) or model.inertias[s.parentJoint].mass > 0]
 
 
-def _sticks(model: pin.Model, joints: Iterable[int]) -> pin.GeometryModel:
-    """Return the sticks of some joints' bodies."""
+def skeleton(model: pin.Model, joints: Iterable[int] | None = None) -> pin.GeometryModel:
+    """Return the sticks of some joints' bodies, default all; a body without extent is a ball."""
     placed = [(model.parents[j], model.jointPlacements[j]) for j in range(1, model.njoints)]
     placed += [(f.parentJoint, f.placement) for f in model.frames]
     ends = [(int(j), M.translation.copy()) for j, M in placed]  # the next joints, and every frame
     longest = max((float(np.linalg.norm(p)) for _, p in ends), default=0.0) or 1.0
     geometry = pin.GeometryModel()
-    for j in joints:
+    for j in range(model.njoints) if joints is None else joints:
         thickness = THICKNESS * longest * (1.0 + SPREAD * (GOLDEN * j % 1.0))
         points: list[Array] = []  # those that are further from 0, and from those before
         for joint, p in ends:
