@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spatial_pin.assembly.close import scaled_row
 from spatial_pin.assembly.holding import fixed_base_entries
@@ -120,6 +121,13 @@ class SquareSystem:
     def driven_entries(self) -> list[int]:
         """Indices of the driven coordinates in the velocity vector."""
         return [c.v for c in self.driven]
+
+    @property
+    def free(self) -> NDArray[np.bool_]:
+        """(nv,) the velocities that are not prescribed."""
+        free = np.ones(len(self.scale), dtype=bool)
+        free[[*self.driven_entries, *self.still]] = False
+        return free
 
     @property
     def chosen(self) -> Chosen:

@@ -263,9 +263,7 @@ def _with_bends(smoothed: Passage, tracker: PathTracker) -> Passage | None:
             return None
     q = exact.by_drivers(high)[0]
     system = tracker.system_at(q, exact.angles(high))
-    free = np.ones(len(system.scale), dtype=bool)
-    free[[*system.driven_entries, *system.still]] = False
-    q = close(system.evaluation, q, free, ROUND_OFF)[0]
+    q = close(system.evaluation, q, system.free, ROUND_OFF)[0]
     behind = tracker.point_at(q, high, system.evaluation.angles.copy(), system)
     return exact._replace(
         branch_points=[nearest(leading, smooth, x) for x in smoothed.branch_points],

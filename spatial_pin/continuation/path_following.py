@@ -152,7 +152,7 @@ def _follow(
             stopped.sample = k
             k = _pass_branch_point(tracker, values, samples, stopped, crossed)
         else:
-            _put(samples, k, tracker.here)
+            samples.put(k, tracker.here[1:])
             k += 1
         yield k
 
@@ -160,13 +160,6 @@ def _follow(
 def chunk_of(mechanism: Mechanism) -> int:
     """Return how many samples are followed at a time."""
     return max(CHUNK // max(mechanism.model.nv, 1), 1)
-
-
-def _put(samples: PathSamples, k: int, point: PathPoint) -> None:
-    """Write a point into sample k."""
-    samples.q[k], samples.t[k], samples.c[k] = point.q, point.t, point.c
-    samples.error[k], samples.estimate[k], samples.angles[k] = (
-        point.error, point.estimate, point.angles)
 
 
 def _pass_branch_point(
@@ -198,5 +191,5 @@ def _pass_branch_point(
                     value - stopped.value):  # no nearer than before
                 raise stopped
             return at
-        _put(samples, at, tracker.here)
+        samples.put(at, tracker.here[1:])
     return len(values)

@@ -1,7 +1,10 @@
 """The path tracker: a point on a branch that moves to given values of the driver.
 
-The kernel follows regular stretches with the driver as parameter. Where it stops, pseudo-arclength
-continuation passes the singular region or finds the end of the branch.
+`PathTracker.reach` tells the method. The kernel follows regular stretches with the driver as
+parameter. Where it stops, pseudo-arclength continuation passes the singular region, or finds what
+ends the branch: the driver turns back, branches cross, or a joint runs away while the driver comes
+to an asymptote. `Stopped` is raised with that. `path_following` moves a tracker through many
+values, and straight on through branch points.
 """
 
 from __future__ import annotations
@@ -17,7 +20,7 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import Workspaces, made_once
 from spatial_pin.assembly.assembly_problem import OPEN, AssemblyProblem
-from spatial_pin.assembly.holding import Hold, divided, fixed_base_entries
+from spatial_pin.assembly.holding import Hold, divided, fixed_base_entries, hold_names
 from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
 from spatial_pin.continuation.asymptotes import running_away
@@ -260,7 +263,7 @@ class PathTracker(Branch):
             SingularError: the prescribed coordinates do not determine the motion there.
         """
         mechanism = state.mechanism
-        driven, still = usual_prescription(mechanism, names, hold)
+        driven, still = usual_prescription(mechanism, tuple(names), hold_names(hold))
         tracker = cls(mechanism, driven, still, accuracy, workspaces, law, begin)
         tracker.state = state
         tracker._path = tracker._path_from(state.q, state.angles, begin, may_be_passive=False)

@@ -12,19 +12,17 @@ from typing import NamedTuple
 import numpy as np
 
 from spatial_pin.assembly.close import close
-from spatial_pin.continuation.singular_points import distance_after, located_singularity
+from spatial_pin.continuation.singular_points import (
+    LARGEST_STEP,
+    SMALLEST_STEP,
+    distance_after,
+    located_singularity,
+)
 from spatial_pin.continuation.solution_curve import CurvePoint, SolutionCurve
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.roots import sign_change
-from spatial_pin.numerics.tolerances import TOLERANCES
 
 FIRST_STEP = 1e-3  # rad or characteristic lengths. Steps double, so that seven lead to the largest
-# Rad or characteristic lengths: below the longest step of a path, since it is used where longer
-# ones fail.
-LARGEST_STEP = 0.1
-# Where steps as short as this still fail, the branch is lost: configurations nearer to each other
-# than the root of round-off, 1.5e-8, may tell nothing of a singularity between them.
-SMALLEST_STEP = TOLERANCES.nothing
 # Least cosine between the tangents at the two ends of a step, 11 degrees: a branch that crosses at
 # a larger angle is never taken by mistake.
 STRAIGHT = 0.98
@@ -66,13 +64,11 @@ class PredictedStep(NamedTuple):
     """A predicted step along a curve, not yet taken.
 
     Attributes:
-        kind: "regular", or where none is possible "branch point", or "lost".
         x: (n,) unknowns where it ends.
         t: (m,) scaled unit tangent there.
         length: its length [rad, characteristic lengths].
     """
 
-    kind: str
     x: Array
     t: Array
     length: float
@@ -102,21 +98,24 @@ class ArcLengthPath:
         It goes no further than half the way to a singularity: two branch points in one step would
         not be noticed. Nor nearer than configurations tell a singularity from one beside it: what
         loops are left open by parts branches that cross, and a curve turns from one into the other.
+
+        Raises:
+            Stopped: none is possible: branches cross ahead, or the curve was lost.
         """
         curve, point = self.curve, self.point
         if self.distance < NEAREST_BRANCH_POINT * np.sqrt(curve.tolerance):
-            return PredictedStep("branch point", point.x, point.t, 0.0)
+            raise branch_point_near(curve, point, point.x)
         length = min(length, 0.5 * self.distance)
         smallest = min(length, SMALLEST_STEP)
         while length >= smallest:
             x = curve.ahead(point, length)
             t, sign = curve.direction(x, point.t) if x is not None else (point.t, 0)
             if x is not None and sign == point.sign and t @ point.t >= STRAIGHT:
-                return PredictedStep("regular", x, t, length)
+                return PredictedStep(x, t, length)
             length *= 0.5
             if length < NEAR_BRANCH_POINT and x is not None and sign != point.sign:
-                return PredictedStep("branch point", point.x, point.t, 0.0)
-        return PredictedStep("lost", point.x, point.t, 0.0)
+                raise branch_point_near(curve, point, point.x)
+        raise _lost(curve, point)
 
     def turning_point(self, step: PredictedStep) -> PredictedStep | None:
         """Return the part of a step up to a turning point of the parameter, if there is one."""
@@ -130,16 +129,19 @@ class ArcLengthPath:
             return curve.slope(curve.direction(x, point.t)[0]) if x is not None else np.nan
 
         length = _root(slope, step.length)
-        return PredictedStep("regular", _point_at(curve, point, length), step.t, length)
+        return PredictedStep(_point_at(curve, point, length), step.t, length)
 
-    def take(self, step: PredictedStep) -> bool:
-        """Move by a step; False, and nothing moves, where branches cross at its end."""
+    def take(self, step: PredictedStep) -> None:
+        """Move by a step.
+
+        Raises:
+            Stopped: branches cross at its end; nothing moves.
+        """
         point = self.curve.settle(step.x, step.t)
         if point is None:
-            return False
+            raise branch_point_near(self.curve, self.point, step.x)
         self.distance = distance_after(self.point, point, step.length)
         self.point = point
-        return True
 
 
 def followed_to(curve: SolutionCurve, x: Array, target: float, direction: Array) -> Array:
@@ -158,22 +160,16 @@ def followed_to(curve: SolutionCurve, x: Array, target: float, direction: Array)
     path = ArcLengthPath(curve, point)
     length = min(FIRST_STEP, 0.1 * point.sigma)
     for _ in range(MOST_STEPS):
-        point, step = path.point, path.ahead(length)
-        if step.kind == "lost":
-            break
-        if step.kind == "branch point":
-            raise branch_point_near(curve, point, point.x)
+        step = path.ahead(length)
         turn = path.turning_point(step)
         for end in (step,) if turn is None else (turn, step):
             if heading * (curve.value(end.x) - target) >= 0.0:
-                return _closed_at(curve, point, end.length, target)
+                return _closed_at(curve, path.point, end.length, target)
         if turn is not None:
             raise Stopped("limit", curve.configuration(turn.x), curve.value(turn.x))
-        if not path.take(step):
-            raise branch_point_near(curve, point, step.x)
+        path.take(step)
         length = min(2.0 * step.length, LARGEST_STEP)
-    x = path.point.x
-    raise Stopped("lost", curve.configuration(x), curve.value(x))
+    raise _lost(curve, path.point)
 
 
 def _closed_at(curve: SolutionCurve, point: CurvePoint, length: float, target: float) -> Array:
@@ -187,9 +183,8 @@ def _closed_at(curve: SolutionCurve, point: CurvePoint, length: float, target: f
 
     ahead, evaluation = _point_at(curve, point, _root(gap, length)), curve.evaluation
     curve.put(ahead, target)
-    free = np.ones(evaluation.model.nv, dtype=bool)
-    free[[*curve.system.driven_entries, *curve.system.still]] = False
-    q, error = close(evaluation, curve.configuration(ahead), free, curve.tolerance)
+    q, error = close(
+        evaluation, curve.configuration(ahead), curve.system.free, curve.tolerance)
     if error > 1e-11:
         raise Stopped("lost", q, target)
     x = curve.unknowns(q, target)
@@ -202,6 +197,10 @@ def branch_point_near(curve: SolutionCurve, point: CurvePoint, x: Array) -> Stop
     """Return that the branch ends at the branch point ahead of a point, at x if there is none."""
     kind, value = located_singularity(curve, point) or ("branch point", curve.value(x))
     return Stopped(kind, curve.configuration(x), value)
+
+
+def _lost(curve: SolutionCurve, point: CurvePoint) -> Stopped:
+    return Stopped("lost", curve.configuration(point.x), curve.value(point.x))
 
 
 def _point_at(curve: SolutionCurve, point: CurvePoint, length: float) -> Array:

@@ -16,7 +16,12 @@ from spatial_pin.continuation.solution_curve import CurvePoint, SolutionCurve, m
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-LARGEST_STEP, SMALLEST_STEP = 0.1, TOLERANCES.nothing  # as of `pseudo_arclength`
+# Rad or characteristic lengths: below the longest step of a path, since it is used where longer
+# ones fail.
+LARGEST_STEP = 0.1
+# Where steps as short as this still fail, the branch is lost: configurations nearer to each other
+# than the root of round-off, 1.5e-8, may tell nothing of a singularity between them.
+SMALLEST_STEP = TOLERANCES.nothing
 # Least and greatest distance from which a branch point is located [rad, characteristic lengths]:
 # nearer round-off grows, farther the series does not converge.
 VIEW = 8e-3, 2e-2

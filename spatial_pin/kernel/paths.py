@@ -59,6 +59,11 @@ class PathSamples(NamedTuple):
         """Return the samples from `first` to before `last`, as views."""
         return PathSamples(*(part[first:last] for part in self))
 
+    def put(self, k: int, parts: Iterable[Array | float]) -> None:
+        """Write sample k, in parts in the order of the attributes."""
+        for own, part in zip(self, parts, strict=True):
+            own[k] = part
+
 
 class Polynomials(NamedTuple):
     """Piecewise polynomials of a path's parameter, for the driven coordinates.

@@ -244,6 +244,8 @@ class _Cloud:
         The parents of all levels are known before any row is solved: threads find those of later
         levels while rows of earlier ones are solved.
         """
+        from scipy.spatial import cKDTree  # on use: it takes a tenth of a second
+
         n = len(self.points) - 1
         order, number = morton_order(self.points[:n]), np.arange(1, n + 1)
         levels, before = np.bitwise_and(number, -number), np.array([n])
@@ -251,33 +253,30 @@ class _Cloud:
         for size in 2 ** np.arange(int(n).bit_length())[::-1]:
             jobs.append((before, order[levels == size]))
             before = np.concatenate(jobs[-1])
-        yield from in_order(pool, self._set_parents, jobs)
 
-    def _set_parents(self, before: Rows, rows: Rows) -> Rows:
-        """Set the parents of rows, the nearest ones of those before, and return the rows.
+        def with_parents(before: Rows, rows: Rows) -> Rows:
+            # threads of the query itself would go on in memory that is free after Ctrl-C
+            self.scattered.parent[rows] = before[cKDTree(self.points[before]).query(
+                self.points[rows])[1]]
+            return rows
 
-        Threads of `cKDTree.query` itself would go on in memory that is free after Ctrl-C.
-        """
-        from scipy.spatial import cKDTree  # on use: it takes a tenth of a second
-
-        self.scattered.parent[rows] = before[cKDTree(self.points[before]).query(
-            self.points[rows])[1]]
-        return rows
+        yield from in_order(pool, with_parents, jobs)
 
     def _follow(self, pool: Any, rows: Rows, is_last: bool = False) -> None:
         """Follow rows from their parents, which are solved before."""
         most = max(PIECE // max(self.mechanism.model.nv, 1), 1)
         n = min(max(FEWEST, -(-len(rows) // (SHARES * self._threads))), most)
-        jobs = [(np.ascontiguousarray(rows[k : k + n]), is_last) for k in range(0, len(rows), n)]
-        for _ in in_order(pool if len(jobs) > 1 else None, self._follow_piece, jobs):
-            pass
 
-    def _follow_piece(self, rows: Rows, is_last: bool) -> None:
-        path = self._paths.pop()
-        try:
-            path.scatter(self.scattered, rows, self._standing, is_last)
-        finally:
-            self._paths.append(path)
+        def follow_piece(some: Rows) -> None:
+            path = self._paths.pop()
+            try:
+                path.scatter(self.scattered, some, self._standing, is_last)
+            finally:
+                self._paths.append(path)
+
+        jobs = [(np.ascontiguousarray(rows[k : k + n]),) for k in range(0, len(rows), n)]
+        for _ in in_order(pool if len(jobs) > 1 else None, follow_piece, jobs):
+            pass
 
     # ------------------------------------------------------------ rows that were not reached
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from spatial_pin.continuation.initial_tangent import (
     system_at,
 )
 from spatial_pin.continuation.path_tracker import error_estimate
-from spatial_pin.continuation.pseudo_arclength import ArcLengthPath
+from spatial_pin.continuation.pseudo_arclength import ArcLengthPath, Stopped
 from spatial_pin.continuation.singular_points import distance_ahead, located_singularity
 from spatial_pin.continuation.solution_curve import CurvePoint, SolutionCurve
 from spatial_pin.errors import SingularError
@@ -108,17 +109,16 @@ def trace(
 def _advance(path: ArcLengthPath, length: float, samples: _TracedSamples) -> bool:
     """Move to the next sample and record limits; False if a branch point lies before it."""
     rest, longest = length, length
-    while rest > TOLERANCES.tight * length:
-        step = path.ahead(min(longest, rest))
-        if step.kind != "regular":
-            return False
-        turn = path.turning_point(step)
-        if turn is not None:
-            samples.note("limit", path.curve.value(turn.x))
-        if not path.take(step):
-            return False
-        longest, rest = step.length, rest - step.length
-    return True
+    with suppress(Stopped):
+        while rest > TOLERANCES.tight * length:
+            step = path.ahead(min(longest, rest))
+            turn = path.turning_point(step)
+            if turn is not None:
+                samples.note("limit", path.curve.value(turn.x))
+            path.take(step)
+            longest, rest = step.length, rest - step.length
+        return True
+    return False
 
 
 class _TracedSamples:

@@ -177,7 +177,7 @@ def part_moving_with(state: State, names: Sequence[str], hold: Hold) -> PartMoti
     mechanism = state.mechanism
     own = hold_names(hold)
     everything = PartMotion(state, hold, own, state, [])
-    driven, still = usual_prescription(mechanism, names, hold)
+    driven, still = usual_prescription(mechanism, tuple(names), own)
     n = len(wanted_coordinates(mechanism, names))
     fixed = (*still, *velocity_indices(driven[n:]))
     part = part_for(mechanism, tuple(c.v for c in driven[:n]), tuple(sorted(fixed)))

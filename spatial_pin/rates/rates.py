@@ -23,6 +23,7 @@ from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_at, loops_of
 from spatial_pin.kernel.rate_solver import Chosen
+from spatial_pin.mechanism.coordinates import driver_coordinates
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import EPS, Array, decompose, independent_rows, rank
@@ -57,7 +58,7 @@ def prescribed_at(state: State, names: Iterable[str], hold: Hold = BASE) -> list
     given by `holding.divided`.
     """
     names = list(names)
-    usual, still = usual_prescription(state.mechanism, names, hold)
+    usual, still = usual_prescription(state.mechanism, tuple(names), hold_names(hold))
     try:
         chosen_at(state, Prescription(usual, len(usual), still))
         return usual
@@ -91,21 +92,15 @@ def prescribed_at(state: State, names: Iterable[str], hold: Hold = BASE) -> list
     return chosen if whole else usual
 
 
-def usual_prescription(
-    mechanism: Mechanism, names: Iterable[str], hold: Hold = BASE
-) -> tuple[list[Coordinate], tuple[int, ...]]:
-    """Return prescribed coordinates, in a regular state, and fixed velocity entries."""
-    driven, still = _prescribed_first(mechanism, tuple(names), hold_names(hold))
-    return [*driven], still
-
-
 @made_once
-def _prescribed_first(
+def usual_prescription(
     mechanism: Mechanism, names: tuple[str, ...], hold: tuple[str, ...]
 ) -> tuple[list[Coordinate], tuple[int, ...]]:
+    """Return prescribed coordinates, in a regular state, and fixed velocity entries."""
     wanted = wanted_coordinates(mechanism, names)
-    usual = driven_coordinates(mechanism, [c.name for c in wanted])
-    return divided(mechanism, [*wanted, *(c for c in usual if c not in wanted)], hold)
+    drivers = driver_coordinates(mechanism).values()
+    others = [c for c in drivers if c not in wanted] if set(wanted) <= set(drivers) else []
+    return divided(mechanism, [*wanted, *others], hold)
 
 
 def wanted_coordinates(mechanism: Mechanism, names: Iterable[str]) -> list[Coordinate]:
