@@ -399,7 +399,7 @@ class KernelTree:
         return values, by_q, by_v
 
     @made_once
-    def mass_entries(self, all_joints: bool = True) -> MassEntries:
+    def mass_entries(self, all_joints: bool) -> MassEntries:
         """Return rows, columns and indices in `masses` of all entries that can be other than zero.
 
         Of the core alone the others are units, each with a number of its own behind those of
@@ -434,7 +434,7 @@ class KernelTree:
 
     def mass_matrix(self, q: Array) -> Array:
         """Return the mass matrix (nv, nv) at q (nq,)."""
-        rows, columns, indices = self.mass_entries()
+        rows, columns, indices = self.mass_entries(True)
         numbers, matrix = np.empty(len(rows)), np.zeros((self.model.nv, self.model.nv))
         self.masses(q, numbers)
         matrix[rows, columns] = numbers[indices]
