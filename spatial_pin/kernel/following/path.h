@@ -44,12 +44,19 @@ typedef struct Path {
     Real open;      /* residual of equations left out that no other choice makes smaller */
 } Path;
 
+/* All that follows from a point that is evaluated and factored, as far as samples near it need it. */
+static inline int path_rates(Path *path, Point *point)
+{
+    const int code = point_rates(path->k, &path->prescribed, point);
+    if (code == DONE && path->accuracy.between > 0.0)
+        point_bend_angles(path->k, point);
+    return code;
+}
+
 /* ---- stepping.c ---- */
 /* Step to a value of s in the piece in use: DONE, or why not; then nothing has changed, but for what
    is `stale`. */
 int step(Path *path, Real target);
-/* All that follows from a point that is evaluated and factored, as far as samples near it need it. */
-int path_rates(Path *path, Point *point);
 /* Evaluate and factor at `here` again, with the current piece of the drivers' laws. */
 int stand_again(Path *path);
 /* Let the piece that begins at `here` in the sense of a number be in use there. */

@@ -238,14 +238,6 @@ static int is_explained(const Path *path)
            missed <= TOLERANCE_UNEXPLAINED * TOLERANCE_UNEXPLAINED * moved + MISSED;
 }
 
-int path_rates(Path *path, Point *point)
-{
-    const int code = point_rates(path->k, &path->prescribed, point);
-    if (code == DONE && path->accuracy.between > 0.0)
-        point_bend_angles(path->k, point);
-    return code;
-}
-
 /* ---- one step, whole or not at all ---- */
 
 /* The verdict on the corrected `next`: DONE if it lies on the same stretch of the same path. */
