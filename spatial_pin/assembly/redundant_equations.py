@@ -638,9 +638,9 @@ def _choice(
     """Return the equations that are independent at all samples as well as can be; their `_worth`.
 
     All choices are looked at if they are few; else those that are best at one of them, or at all.
-    Equations whose weight is `KEPT` are among them if that is good enough. `jacobians` (N, n, nv)
-    are at all samples of the paths, in this order. The last path is the motion all through, the
-    others are near the guess.
+    Equations whose weight is `PREFERRED` are among them if that is good enough. `jacobians`
+    (N, n, nv) are at all samples of the paths, in this order. The last path is the motion all
+    through, the others are near the guess.
     """
     n, rank = len(weights), len(paths[-1][0].rows)
     if comb(n, rank) <= FEW_CHOICES:

@@ -164,12 +164,12 @@ def balance(equations: Equations, actuation: Actuation) -> tuple[Array, Array, A
     solution = kkt.efforts_of(
         state.q, state.v, a, equations.angle_reference, equations.given, actuation.columns)
     if solution is not None:
-        equations.check_rank(kkt.rank)
+        equations.ranks.check(kkt.rank)
         if state.mechanism.passives:
             a = kkt.a.copy()
         return solution, a, kkt.closures.copy(), kkt.error_of_tree
     freedoms, rank = _freedoms(equations, actuation)
-    equations.check_rank(rank)
+    equations.ranks.check(rank)
     scale = equations.scale
     if len(freedoms):
         pull = freedoms[:, actuation.columns]

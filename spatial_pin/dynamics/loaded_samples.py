@@ -192,7 +192,7 @@ class LoadedSamples:
         equations, at = self.equations, piece.at
         self.error[at] = solution.facts[:, ERROR]
         ranks, n = solution.facts[:, RANK].astype(np.int64), equations.n_closure
-        equations.check_ranks(ranks, piece.q, lambda k: self.state(at.start + k))
+        equations.ranks.check_many(ranks, piece.q, lambda k: self.state(at.start + k))
         has_redundant = bool(n) and ranks.min() < n
         poses, rows, stresses = self._bear(
             piece, at_joints, a, solution.closures, None if has_redundant else solution.multipliers)

@@ -96,7 +96,13 @@ def drawn_tree(
 def spanning_tree(drawing: DrawnFile, rest: Mapping[str, Any], where: str) -> SpanningTree:
     """Return a drawing's spanning tree, in which coordinates are that something refers to."""
     links = [Link(name, massless=False) for name in drawing.bodies]
-    joints = [_graph_joint(name, joint) for name, joint in drawing.joints.items()]
+    joints = []
+    for name, joint in drawing.joints.items():  # of limits and resistances only that there are any
+        lower, upper = (0.0 if key in joint.more else x for key, x in (
+            ("lower", -math.inf), ("upper", math.inf)))
+        resists = float(any(key in joint.more for key in RESISTANCES))
+        joints.append(GraphJoint(name, joint.type, *map(_world, joint.between),
+                                 lower=lower, upper=upper, damping=resists))
     joints += [GraphJoint(name, "distance", _world(drawing.points[one][0]),
                           _world(drawing.points[two][0]))
                for name, (one, two) in drawing.rods.items()]
@@ -112,14 +118,6 @@ def spanning_tree(drawing: DrawnFile, rest: Mapping[str, Any], where: str) -> Sp
                 "driver, gear, spring, coupling or guess refers to its coordinate, as to those of "
                 "all other joints of the loop; take one of them out")
     return tree
-
-
-def _graph_joint(name: str, joint: DrawnJoint) -> GraphJoint:
-    lower, upper = (0.0 if key in joint.more else x for key, x in (  # whether it has limits
-        ("lower", -math.inf), ("upper", math.inf)))
-    resists = float(any(key in joint.more for key in RESISTANCES))
-    one, two = map(_world, joint.between)
-    return GraphJoint(name, joint.type, one, two, lower=lower, upper=upper, damping=resists)
 
 
 def _check_joined(joints: Sequence[GraphJoint], bodies: Sequence[str], where: str) -> None:

@@ -20,6 +20,7 @@ from types import MappingProxyType
 from typing import Any
 from xml.parsers.expat import errors
 
+from spatial_pin._support.lazy import cached_property
 from spatial_pin.errors import MechanismFileError
 
 if sys.platform == "win32":
@@ -176,14 +177,6 @@ def _manifest_name(folder: Path) -> str:
     return match[1] if match else ""
 
 
-def is_installed(folder: Path, packages: Mapping[str, Path]) -> bool:
-    """Return whether a folder is the library, or a package, which has a manifest or is named."""
-    listed = (root for variable in (*OF_PACKAGES, *OF_MODELS) for root in _listed(variable))
-    return is_file(folder / MANIFEST) or any(
-        root.resolve() in (folder, *folder.parents)
-        for root in (library_folder(), Path(__file__).parent, *listed, *packages.values()))
-
-
 @dataclass(frozen=True)
 class Trust:
     """The one rule for every file that a file of a mechanism names.
@@ -210,14 +203,23 @@ class Trust:
         folder = file if os.path.isdir(file) else file.parent
         return Trust(folder.resolve(), packages, trusted)
 
+    @cached_property
+    def _installed(self) -> list[Path]:
+        """The library, and folders that hold packages or are named as one, resolved."""
+        listed = (root for variable in (*OF_PACKAGES, *OF_MODELS) for root in _listed(variable))
+        return [root.resolve() for root in (
+            library_folder(), Path(__file__).parent, *listed, *self.packages.values())]
+
     def resolved(self, name: Path | str) -> Path:
         """Return where a file lies that may be read if it is there."""
         try:
             path = Path(name).resolve()
         except (OSError, ValueError, RuntimeError) as error:  # too long a name, a loop of links
             raise MechanismFileError(f"{shown(name)}: {error}") from error
+        folders = path.parents
         if not (self.trusted or path.is_relative_to(self.home)
-                or any(is_installed(parent, self.packages) for parent in path.parents)):
+                or any(root in folders for root in self._installed)
+                or any(is_file(folder / MANIFEST) for folder in folders)):
             raise MechanismFileError(f"{shown(name)} lies neither below {shown(self.home)} nor in "
                                      f"an installed package; {REMEDY}")
         return path

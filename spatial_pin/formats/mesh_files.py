@@ -21,7 +21,14 @@ import numpy as np
 
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats import mesh_reader
-from spatial_pin.formats.file_access import REMEDY, Trust, is_file, package_folders, shown
+from spatial_pin.formats.file_access import (
+    REMEDY,
+    Trust,
+    check_file,
+    is_file,
+    package_folders,
+    shown,
+)
 from spatial_pin.numerics.linalg import Array
 
 Colours = tuple[tuple[int, tuple[float, ...] | None], ...]  # of triangles that follow each other
@@ -106,13 +113,11 @@ def _outcome(folder: Path, k: int, name: str) -> tuple[Array, Array] | str:
 
 def mesh_file(name: str, folder: Path, trust: Trust) -> Path | str:
     """Return where a mesh of a URDF lies, or why it may not be read, "" if it is not there."""
-    package = package_of(name)
-    if package is None:
-        candidates = [folder / name.removeprefix("file://")]
-    else:
-        candidates = [root / package[1]
-                      for root in package_folders(package[0], folder, trust.packages)]
-    reason = ""
+    package, reason = package_of(name), ""
+    candidates: Iterable[Path] = [folder / name.removeprefix("file://")]
+    if package is not None:
+        candidates = (root / package[1]
+                      for root in package_folders(package[0], folder, trust.packages))
     for file in filter(is_file, candidates):
         try:
             path = trust.resolved(file)
@@ -120,9 +125,11 @@ def mesh_file(name: str, folder: Path, trust: Trust) -> Path | str:
             reason = OUTSIDE
             continue
         try:
-            return trust.checked(path)
+            check_file(path)
         except MechanismFileError as error:
             reason = str(error)
+        else:
+            return path
     return reason
 
 

@@ -283,29 +283,25 @@ class ControlLoop:
         return end.closure_error
 
     def _finish(self, error: float) -> None:
-        """Work out what belongs to the next configuration; it is taken when all of it is known."""
+        """Work out what belongs to the next configuration; it is taken when all of it is known.
+
+        Raises:
+            SingularError: the drivers do not determine the rates.
+        """
         self._driven[0, 0, : len(self.drivers)] = self._speeds
         for work in self._tasks:
             work()
-        if self._code[0] != DONE:
-            self._solve_by_trial(error)
-        self._find_efforts()
-        self._all[:], self.closure_error = self._next, error
-        self.rate_error = self._facts.item(1)
-
-    def _solve_by_trial(self, error: float) -> None:
-        """Solve with equations chosen here, if it is not clear which ones are independent.
-
-        Raises:
-            SingularError: none are.
-        """
-        angles = self._next_angles if self._angles.size else None
-        state = State(self.mechanism, self._ahead, closure_error=error, angles=angles)
-        for work in self._rate_tasks(chosen_at(state, self._given)):
-            work()
+        if self._code[0] != DONE:  # it is not clear which equations are independent: choose here
+            angles = self._next_angles if self._angles.size else None
+            state = State(self.mechanism, self._ahead, closure_error=error, angles=angles)
+            for work in self._rate_tasks(chosen_at(state, self._given)):
+                work()
         if self._code[0] != DONE:
             raise SingularError(f"mechanism {self.mechanism.name!r}: the rates are not determined, "
                                 "or larger than numbers can be")
+        self._find_efforts()
+        self._all[:], self.closure_error = self._next, error
+        self.rate_error = self._facts.item(1)
 
     def _find_efforts(self) -> None:
         """Project inertia and forces on the drivers' motions, idle rotations left to themselves."""
@@ -320,7 +316,11 @@ class ControlLoop:
             self._take_forces_on_frames()
         if self._forces.exist:
             for row, v in zip(needed, self._motions[0], strict=True):
-                self._take_forces_at_joints(v, row)
+                for at, damping, friction, slip in self._resisting:
+                    rate = v.item(at)
+                    row[at] += damping * rate + friction * math.tanh(rate / slip)
+                for turn in self._forces.turns:
+                    row[turn.v] += turn.law(self._ahead.item(turn.q), v.item(turn.v))
         self._tree.masses(self._ahead, self._entries)
         self._entries.take(self._places, out=self._mass, mode="clip")
         np.matmul(self._mass, first, out=moved)
@@ -359,14 +359,6 @@ class ControlLoop:
             for row in self._needed:
                 row -= (motion @ row) * self._load
             self._moved_mass -= self._load[:, None] * (motion @ self._moved_mass)
-
-    def _take_forces_at_joints(self, v: Array, needed: Array) -> None:
-        """Take the forces of resistance, and of springs about joints, from needed ones (nv,)."""
-        for at, damping, friction, slip in self._resisting:
-            rate = v.item(at)
-            needed[at] += damping * rate + friction * math.tanh(rate / slip)
-        for turn in self._forces.turns:
-            needed[turn.v] += turn.law(self._ahead.item(turn.q), v.item(turn.v))
 
     def _take_forces_on_frames(self) -> None:
         """Take those of springs on frames: with laws, or where frames coincide."""

@@ -518,12 +518,11 @@ def spline(points: ArrayLike, closed: bool = True) -> CurveShape:
     shift = u[-1]
     if closed:
         shape = [Piecewise(breaks + shift, c, True) for c in turned]
-        path = CurvePath.of(tuple(shape), (shift, 2.0 * shift), cells + shift)
     else:
         extra = STRAIGHT_PART * u[-1]
         shape = [_with_straight_ends(breaks + shift, c, extra) for c in turned]
         cells = np.concatenate([[-2.0 * extra, -extra], cells, u[-1] + [extra, 2.0 * extra]])
-        path = CurvePath.of(tuple(shape), (shift, 2.0 * shift), cells + shift)
+    path = CurvePath.of(tuple(shape), (shift, 2.0 * shift), cells + shift)
     return CurveShape({"points": p.tolist(), "closed": closed}, axes, centre, path=path,
                       end=path.length)
 

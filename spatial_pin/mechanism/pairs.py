@@ -21,10 +21,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -47,9 +47,6 @@ from spatial_pin.numerics.linalg import EPS, Array
 from spatial_pin.numerics.taylor import Taylor
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-if TYPE_CHECKING:  # which has a Pair
-    from spatial_pin.mechanism.parts import Closure
-
 X, Y, Z = np.eye(3)
 
 
@@ -68,6 +65,26 @@ class PairGeometry:
     axes2: Array
     length: float = 0.0
     lead: float = 0.0
+
+
+class ClosureData(Protocol):
+    """The data of a closure's equations; `Closure` has them."""
+
+    @property
+    def geometry(self) -> PairGeometry:
+        """Axes, length and lead."""
+
+    @property
+    def numbers(self) -> Mapping[str, Any]:
+        """Its numbers, or (n,) of lists, by their keys in a mechanism file."""
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Names of frames."""
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of joint coordinates."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +115,7 @@ class Pair:
     """One entry of `PAIRS`; see the module's docstring."""
 
     freedom: int
-    rows: Callable[[Closure], tuple[ConstraintEquation, ...]] | None
+    rows: Callable[[ClosureData], tuple[ConstraintEquation, ...]] | None
     joint: Callable[[Array, Array, float], pin.JointModel] | None = None
     coordinates: tuple[tuple[str, str], ...] = ()
     aligned: str = ""
@@ -112,8 +129,8 @@ class Pair:
     n_joints: int = 0  # whose coordinates are in its equations
     has_more: bool = False  # frames, or joints where it has no frames
     keys: tuple[Key, ...] = ()  # besides axes, length and lead
-    fault: Callable[[Closure], tuple[str, str] | None] = lambda _: None
-    at_guess: Callable[[Closure, pin.SE3, bool], dict[str, Any]] | None = None
+    fault: Callable[[ClosureData], tuple[str, str] | None] = lambda _: None
+    at_guess: Callable[[ClosureData, pin.SE3, bool], dict[str, Any]] | None = None
 
     @cached_property
     def is_linear(self) -> bool:
@@ -166,20 +183,22 @@ def closure_geometry(
 
 def revolute_joint(axis: Array, *_: object) -> pin.JointModel:
     """Return the cheapest one-coordinate revolute joint about the unit vector `axis`."""
-    for e, model in zip((X, Y, Z), (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ),
-                        strict=True):
-        if np.array_equal(axis, e):
-            return model()
-    return pin.JointModelRevoluteUnaligned(axis)
+    return _along_an_axis(axis, (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ),
+                          pin.JointModelRevoluteUnaligned)
 
 
 def prismatic_joint(axis: Array, *_: object) -> pin.JointModel:
     """Return the cheapest prismatic joint along the unit vector `axis`."""
-    for e, model in zip((X, Y, Z), (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ),
-                        strict=True):
-        if np.array_equal(axis, e):
+    return _along_an_axis(axis, (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ),
+                          pin.JointModelPrismaticUnaligned)
+
+
+def _along_an_axis(axis: Array, aligned: tuple[Any, ...], other: Any) -> pin.JointModel:
+    """Return the joint of x, y or z, if the axis is that as nearly as Pinocchio's readers ask."""
+    for e, model in zip((X, Y, Z), aligned, strict=True):
+        if np.abs(axis - e).max() <= TOLERANCES.tight:
             return model()
-    return pin.JointModelPrismaticUnaligned(axis)
+    return other(axis)
 
 
 def _composite(*joints: pin.JointModel) -> pin.JointModel:
@@ -207,47 +226,47 @@ def _at_right_angles(*directions: tuple[Array, Array]) -> Rows:
     return tuple(ConstraintEquation(((1.0, (Cosine(u, w),)),)) for u, w in directions)
 
 
-def _coincident(c: Closure) -> Rows:
+def _coincident(c: ClosureData) -> Rows:
     return _in_planes(*c.geometry.axes1.T)
 
 
-def _on_line(c: Closure) -> Rows:
+def _on_line(c: ClosureData) -> Rows:
     return _in_planes(*c.geometry.axes1.T[:2])
 
 
-def _on_plane(c: Closure) -> Rows:
+def _on_plane(c: ClosureData) -> Rows:
     return _in_planes(c.geometry.axes1[:, 2])
 
 
-def _parallel(c: Closure) -> Rows:
+def _parallel(c: ClosureData) -> Rows:
     (x1, y1, _), z2 = c.geometry.axes1.T, c.geometry.axes2[:, 2]
     return _at_right_angles((x1, z2), (y1, z2))
 
 
-def _same_orientation(c: Closure) -> Rows:
+def _same_orientation(c: ClosureData) -> Rows:
     (x1, y1, z1), (x2, y2, z2) = c.geometry.axes1.T, c.geometry.axes2.T
     return _at_right_angles((x1, y2), (y1, z2), (z1, x2))
 
 
-def _perpendicular(c: Closure) -> Rows:
+def _perpendicular(c: ClosureData) -> Rows:
     return _at_right_angles((c.geometry.axes1[:, 2], c.geometry.axes2[:, 2]))
 
 
-def _distance(c: Closure) -> Rows:
+def _distance(c: ClosureData) -> Rows:
     """(d . d - L^2) / 2L = 0; L = 0: the distance of the other two frames."""
     length = c.geometry.length
     other = (-0.5 * length, ()) if length else (-1.0, (Square(None, (2, 3)),))
     return (ConstraintEquation(((1.0, (Square(length or None),)), other), is_length=True),)
 
 
-def _screw(c: Closure) -> Rows:
+def _screw(c: ClosureData) -> Rows:
     """The slide is what the pitch [m/rad] makes of the angle about z."""
     one, two = c.geometry.axes1, c.geometry.axes2
     turning = (-c.geometry.lead / (2.0 * np.pi), (Angle(one, two),))
     return (ConstraintEquation(((1.0, (Displacement(one[:, 2]),)), turning), is_length=True),)
 
 
-def _coupling(c: Closure) -> Rows:
+def _coupling(c: ClosureData) -> Rows:
     """Equations of the unit of the last coordinate."""
     if "function" in c.numbers:
         of = FunctionOf(c.numbers["function"].curve, JointCoordinate(0))
@@ -261,7 +280,7 @@ def _coupling(c: Closure) -> Rows:
     return (ConstraintEquation((*terms, (offset, ()))),)
 
 
-def _fault_of_coupling(c: Closure) -> tuple[str, str] | None:
+def _fault_of_coupling(c: ClosureData) -> tuple[str, str] | None:
     n, ratios = len(c.joints), c.numbers.get("ratios")
     if ratios is None:
         one = "function" if "function" in c.numbers else "ratio"
@@ -274,18 +293,18 @@ def _fault_of_coupling(c: Closure) -> tuple[str, str] | None:
     return None
 
 
-def _frame_on_curve(c: Closure) -> Rows:
+def _frame_on_curve(c: ClosureData) -> Rows:
     curve = c.numbers["curve"]
     return *on_curve(curve), *along_curve(curve, Z)
 
 
-def _cam(c: Closure) -> Rows:
+def _cam(c: ClosureData) -> Rows:
     follower = c.numbers["follower"]
     across = Z if follower.flat is None else axes_from_z(follower.flat)[:, 0]
     return follows(c.numbers["curve"], follower, across)
 
 
-def _fault_of_cam(c: Closure) -> tuple[str, str] | None:
+def _fault_of_cam(c: ClosureData) -> tuple[str, str] | None:
     """Whether a cam is a profile that its follower fits."""
     fault = _fault_of_profile(c.numbers["curve"])
     if fault:
@@ -297,7 +316,7 @@ def _fault_of_cam(c: Closure) -> tuple[str, str] | None:
     return None
 
 
-def _fault_of_profiles(c: Closure) -> tuple[str, str] | None:
+def _fault_of_profiles(c: ClosureData) -> tuple[str, str] | None:
     """Whether both curves are profiles."""
     curves = c.numbers["curves"]
     fault = _fault_of_profile(curves.one) or _fault_of_profile(curves.two)
@@ -310,7 +329,7 @@ def _fault_of_profile(curve: CurveShape) -> str:
     return "of a cam crosses itself" if curve.path is not None and curve.crosses_itself() else ""
 
 
-def _sided_follower(c: Closure, placed: pin.SE3, has_guess: bool) -> dict[str, Any]:
+def _sided_follower(c: ClosureData, placed: pin.SE3, has_guess: bool) -> dict[str, Any]:
     """Return the follower on the side of its cam that the guess shows, a roller without outside."""
     curve, follower = c.numbers["curve"], c.numbers["follower"]
     apart, side = placed.translation - curve.centre, 1
@@ -326,7 +345,7 @@ def _sided_follower(c: Closure, placed: pin.SE3, has_guess: bool) -> dict[str, A
     return {"follower": replace(follower, side=side)}
 
 
-def _sided_profiles(c: Closure, placed: pin.SE3, has_guess: bool) -> dict[str, Any]:
+def _sided_profiles(c: ClosureData, placed: pin.SE3, has_guess: bool) -> dict[str, Any]:
     """Return two profiles, one inside the other where the guess shows most of it there."""
     both, back = c.numbers["curves"], placed.inverse()
     nested = has_guess and max(
@@ -335,17 +354,17 @@ def _sided_profiles(c: Closure, placed: pin.SE3, has_guess: bool) -> dict[str, A
     return {"curves": replace(both, side=-1 if nested else 1)} if has_guess else {}
 
 
-def _rope(c: Closure) -> Rows:
+def _rope(c: ClosureData) -> Rows:
     parts = ((1.0, (PointDistance((k, k + 1)),)) for k in range(len(c.frames) - 1))
     return (ConstraintEquation((*parts, (-c.numbers["length"], ())), is_length=True),)
 
 
-def _fault_of_rope(c: Closure) -> tuple[str, str] | None:
+def _fault_of_rope(c: ClosureData) -> tuple[str, str] | None:
     return None if c.numbers["length"] > 0.0 else (
         "length", f"is {c.numbers['length']} m; it must be positive")
 
 
-def _stack(*parts: Callable[[Closure], Rows]) -> Callable[[Closure], Rows]:
+def _stack(*parts: Callable[[ClosureData], Rows]) -> Callable[[ClosureData], Rows]:
     return lambda c: tuple(row for part in parts for row in part(c))
 
 

@@ -81,7 +81,7 @@ def given_to_users() -> dict[type, str]:
 
 
 # how a closure is made up of equations, and where a machine is: data of the library, not an answer
-INSIDE = {"ConstraintEquation", "Extent", "Key", "Pair", "PairGeometry",
+INSIDE = {"ClosureData", "ConstraintEquation", "Extent", "Key", "Pair", "PairGeometry",
           "SelectedEquations"}
 
 

@@ -165,7 +165,7 @@ def dynamics_derivatives(
         if found:
             a, closures, error, rank = (found.a[0], found.closures[0], found.facts.item(ERROR),
                                         int(found.facts.item(RANK)))
-            equations.check_rank(rank)
+            equations.ranks.check(rank)
         else:
             a, closures, error = equations.solve(effort + equations.given)
             undetermined = equations.undetermined
@@ -243,7 +243,7 @@ def _piece(
         if found is None:
             return None
         ranks = found.facts[:, RANK].astype(np.int64)
-        equations.check_ranks(ranks, motion.q[at], motion[at].state)
+        equations.ranks.check_many(ranks, motion.q[at], motion[at].state)
     rows = found.chosen[:, : ranks[0]]
     by = np.take_along_axis(found.multipliers_by, rows[:, None, None], axis=3)
     return (Linear(found.a, *found.a_by.mT.swapaxes(0, 1)), rows, Linear(

@@ -123,7 +123,7 @@ class SmallMotions:
         with acquired(mechanism, Equations) as equations:
             equations.move_to(state)
             n = equations.n_closure
-            equations.check_rank(equations.spaces.rank if n else 0)
+            equations.ranks.check(equations.spaces.rank if n else 0)
             svd = decompose(loads.rows(equations.evaluation))
             pace, scale = loads.pace(), self._scale
             v = scale * svd.minimum_norm(np.append(np.zeros(n), pace))

@@ -40,6 +40,7 @@ class Loops:
         scale: (nv,) velocity of a unit of each scaled unknown.
         is_large: whether it is treated as a large one.
         rest: (nv,) zeros.
+        ranks: refuses States in which the loops have lost rank.
     """
 
     def __init__(self, mechanism: Mechanism, large: bool | None = None) -> None:
@@ -49,9 +50,7 @@ class Loops:
         self.is_large = is_large(self.model) if large is None else large
         self.rest = np.zeros(self.model.nv)
         self._no_angles = np.zeros(self.constraints.n_angles)  # of a State that was made without
-        self._regular: Regular | None = None
-        self._last_rank_at: State | None = None  # where the rank was computed last
-        self._last_rank = 0
+        self.ranks = RankCheck(self)
         self._spaces: Decomposition | SparseSpaces | None = None
         self._tied_freedoms: tuple[Array, int] | None = None
         self._rank: int | None = None
@@ -137,7 +136,7 @@ class Loops:
         and where it is uncertain which equations are independent.
         """
         if self._spaces is None and self.is_sparse:
-            self._rest_without_masses()
+            self.rest_without_masses()
             kkt, n = self.kkt, self.n_closure
 
             def nearest(motions: Array) -> Array:
@@ -151,11 +150,6 @@ class Loops:
             svd = full_decomposition(self.scaled)
             self._spaces = svd if self._rank is None else svd._replace(rank=self._rank)
         return self._spaces
-
-    @property
-    def is_rounded(self) -> bool:
-        """Whether the State is one of a file with rounded numbers."""
-        return self._rank is not None
 
     @property
     def is_sparse(self) -> bool:
@@ -204,72 +198,7 @@ class Loops:
         sizes = np.abs(motions).max(axis=0, initial=0.0)
         return [c for c, s in zip(self.mechanism.coordinates, sizes, strict=True) if s > 1e-6]
 
-    # ------------------------------------------------------------ rank
-
-    def keep_ranks(self, ranks: NDArray[np.int64], q: Array) -> NDArray[np.bool_]:
-        """Whether the equations surely keep each rank near q (n, nq), by known bounds."""
-        kept = np.asarray(has_constant_rank(self.mechanism, self.n_closure, ranks))
-        if self._regular is not None and not kept.all():
-            kept |= self._regular.holds(self.mechanism, q, ranks)
-        return kept
-
-    def check_ranks(
-        self, ranks: NDArray[np.int64], q: Array, state: Callable[[int], State]
-    ) -> None:
-        """Do `check_rank` at each q (n, nq), whose State is made where it is needed."""
-        k = 0
-        while not (kept := self.keep_ranks(ranks[k:], q[k:])).all():
-            k += int(kept.argmin())
-            self.move_to(state(k))
-            self.check_rank(int(ranks[k]))
-            k += 1
-
-    def check_rank(self, rank: int) -> None:
-        """Refuse configurations in which the loops have lost rank.
-
-        Raises:
-            SingularError: they have; the motion is not determined by the forces.
-        """
-        if self._last_rank_at is self.state and self._last_rank == rank:
-            return
-        if has_constant_rank(self.mechanism, self.n_closure, rank) or (
-                self.keep_ranks(np.array([rank]), self.state.q[None])[0]):
-            self._last_rank_at, self._last_rank = self.state, rank
-            return
-        if self.is_large and self.model.nv > PROBED:
-            self._check_second_order(rank)
-            return
-        with loops_of(self.mechanism, self.angle_reference) as evaluation:
-            lost = rank_loss(evaluation, self.state.q, rank)
-            self._regular = evaluation.regular
-            if lost:
-                why = lost_rank_words(evaluation, self.state.q, lost, "forces")
-                raise SingularError(
-                    f"mechanism {self.mechanism.name!r}: {self.state}: {why}", state=self.state)
-
-    def _check_second_order(self, rank: int) -> None:
-        """Refuse a configuration where redundant equations become independent nearby.
-
-        They do if J a = -gamma(v) has no solution for a motion v that the loops allow
-        [ConnellyWhiteley1996]; a random v is tried.
-        """
-        random = np.random.default_rng(3).standard_normal(len(self.scale))
-        motion = self._rest_without_masses(force=random / self.scale).copy()
-        if self.kkt.pivot >= TOLERANCES.rank:
-            a = self._rest_without_masses(v=motion)
-            rows, columns, values = self.kkt.entries
-            gamma = self.evaluation.bias(self.state.q, motion)[: self.n_closure]
-            terms, fastest = values * (a / self.scale)[columns], np.abs(motion / self.scale).max()
-            lacking = np.abs(np.bincount(rows, terms, self.n_closure) + gamma)  # J a + gamma
-            size = max(float(np.abs(terms).max()), float(fastest) ** 2)
-            if float(lacking.max()) / size > FOLLOWS:
-                raise SingularError(
-                    f"mechanism {self.mechanism.name!r}: {self.state}: singular configuration: the "
-                    "loops lose independent equations there, so that the forces do not determine "
-                    "the motion; start beside this configuration", state=self.state)
-        self._regular = Regular(self.state.q.copy(), rank, 0.0)
-
-    def _rest_without_masses(self, v: Array | None = None, force: Array | None = None) -> Array:
+    def rest_without_masses(self, v: Array | None = None, force: Array | None = None) -> Array:
         """Solve the KKT system with a unit mass matrix of the scaled velocities."""
         rows, columns, at = self.tree.mass_entries()
         own = rows == columns
@@ -278,3 +207,82 @@ class Loops:
         rest = self.rest
         return self.kkt.accelerations(self.state.q, rest if v is None else v, self.angle_reference,
                                       rest if force is None else force, rest)
+
+
+class RankCheck:
+    """Refuses configurations in which the loops have lost rank.
+
+    Args:
+        loops: whose State it is.
+    """
+
+    def __init__(self, loops: Loops) -> None:
+        self._loops, self._mechanism = loops, loops.mechanism
+        self._regular: Regular | None = None
+        self._last_at: State | None = None  # where the rank was checked last
+        self._last = 0
+
+    def check_many(
+        self, ranks: NDArray[np.int64], q: Array, state: Callable[[int], State]
+    ) -> None:
+        """Do `check` of each rank at q (n, nq), whose State is made where it is needed."""
+        k = 0
+        while not (kept := self._keep(ranks[k:], q[k:])).all():
+            k += int(kept.argmin())
+            self._loops.move_to(state(k))
+            self.check(int(ranks[k]))
+            k += 1
+
+    def _keep(self, ranks: NDArray[np.int64], q: Array) -> NDArray[np.bool_]:
+        """Whether the equations surely keep each rank near q (n, nq), by known bounds."""
+        kept = np.asarray(has_constant_rank(self._mechanism, self._loops.n_closure, ranks))
+        if self._regular is not None and not kept.all():
+            kept |= self._regular.holds(self._mechanism, q, ranks)
+        return kept
+
+    def check(self, rank: int) -> None:
+        """Refuse the State if its loops, of this rank, have lost some.
+
+        Raises:
+            SingularError: they have; the motion is not determined by the forces.
+        """
+        loops, state = self._loops, self._loops.state
+        if self._last_at is state and self._last == rank:
+            return
+        if has_constant_rank(self._mechanism, loops.n_closure, rank) or (
+                self._keep(np.array([rank]), state.q[None])[0]):
+            self._last_at, self._last = state, rank
+            return
+        if loops.is_large and loops.model.nv > PROBED:
+            self._check_second_order(rank)
+            return
+        with loops_of(self._mechanism, loops.angle_reference) as evaluation:
+            lost = rank_loss(evaluation, state.q, rank)
+            self._regular = evaluation.regular
+            if lost:
+                why = lost_rank_words(evaluation, state.q, lost, "forces")
+                raise SingularError(
+                    f"mechanism {self._mechanism.name!r}: {state}: {why}", state=state)
+
+    def _check_second_order(self, rank: int) -> None:
+        """Refuse a configuration where redundant equations become independent nearby.
+
+        They do if J a = -gamma(v) has no solution for a motion v that the loops allow
+        [ConnellyWhiteley1996]; a random v is tried.
+        """
+        loops, state, scale = self._loops, self._loops.state, self._loops.scale
+        random = np.random.default_rng(3).standard_normal(len(scale))
+        motion = loops.rest_without_masses(force=random / scale).copy()
+        if loops.kkt.pivot >= TOLERANCES.rank:
+            a = loops.rest_without_masses(v=motion)
+            rows, columns, values = loops.kkt.entries
+            gamma = loops.evaluation.bias(state.q, motion)[: loops.n_closure]
+            terms, fastest = values * (a / scale)[columns], np.abs(motion / scale).max()
+            lacking = np.abs(np.bincount(rows, terms, loops.n_closure) + gamma)  # J a + gamma
+            size = max(float(np.abs(terms).max()), float(fastest) ** 2)
+            if float(lacking.max()) / size > FOLLOWS:
+                raise SingularError(
+                    f"mechanism {self._mechanism.name!r}: {state}: singular configuration: the "
+                    "loops lose independent equations there, so that the forces do not determine "
+                    "the motion; start beside this configuration", state=state)
+        self._regular = Regular(state.q.copy(), rank, 0.0)

@@ -82,7 +82,7 @@ class MotionEquations(Loops):
         if not kkt.of_tree(state.q, state.v, self.angle_reference, given):
             return self._solved_with_all_joints(given)
         if not is_open:
-            self.check_rank(kkt.rank)
+            self.ranks.check(kkt.rank)
         if self.is_large:
             is_accurate = is_open or kkt.pivot >= TOLERANCES.rank
         elif kkt.error_of_tree <= DOUBTFUL:
@@ -104,7 +104,7 @@ class MotionEquations(Loops):
         closures, error = kkt.closures.copy(), kkt.error
         # the least constraint is dense: of a large tree only where the KKT system is singular
         is_accurate = kkt.pivot >= TOLERANCES.rank if self.is_large else error <= DOUBTFUL
-        self.check_rank(kkt.rank)
+        self.ranks.check(kkt.rank)
         if is_accurate:
             return a, closures, error
         if is_in_kernel(self.model) and not self.is_large and kkt.pivot >= TOLERANCES.zero:

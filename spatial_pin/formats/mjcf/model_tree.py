@@ -214,7 +214,7 @@ def _add_geom(reading: MjcfReading, geom: int) -> None:
     solid = _solid(reading, geom)
     if solid is None:
         return
-    tag, sizes, inner = solid
+    element, inner = solid
     link = reading.links[model.geom_bodyid[geom]]
     placement = pose(model.geom_pos[geom], model.geom_quat[geom]) * inner
     touches = bool(model.geom_contype[geom] or model.geom_conaffinity[geom])
@@ -223,41 +223,36 @@ def _add_geom(reading: MjcfReading, geom: int) -> None:
         if material >= 0 and np.array_equal(colour, GREY):
             colour = np.array(model.mat_rgba[material], dtype=float)
         reading.urdf.add(link, shape_element(
-            "visual", placement, ET.Element(tag, sizes), colour, f"rgba {numbers_text(colour)}",
-            overrides=True))
+            "visual", placement, element, colour, f"rgba {numbers_text(colour)}", overrides=True))
     if touches:
-        reading.urdf.add(link, shape_element("collision", placement, ET.Element(tag, sizes)))
+        reading.urdf.add(link, shape_element("collision", placement, element))
 
 
-def _solid(reading: MjcfReading, geom: int) -> tuple[str, dict[str, str], pin.SE3] | None:
-    """Return URDF element, its attributes and its placement in the geom; None for no solid."""
+def _solid(reading: MjcfReading, geom: int) -> tuple[ET.Element, pin.SE3] | None:
+    """Return URDF element and its placement in the geom; None for what URDF does not have."""
     model, kinds, here = reading.model, reading.mujoco.mjtGeom, pin.SE3.Identity()
     kind, size = model.geom_type[geom], model.geom_size[geom]
     if kind == kinds.mjGEOM_SPHERE:
-        return "sphere", {"radius": numbers_text(size[:1])}, here
+        return ET.Element("sphere", radius=numbers_text(size[:1])), here
     if kind == kinds.mjGEOM_BOX:
-        return "box", {"size": numbers_text(2.0 * size)}, here
+        return ET.Element("box", size=numbers_text(2.0 * size)), here
     if kind == kinds.mjGEOM_CYLINDER or kind == kinds.mjGEOM_CAPSULE:
-        tag = "cylinder" if kind == kinds.mjGEOM_CYLINDER else "capsule"
-        sizes = {"radius": numbers_text(size[:1]), "length": numbers_text(2.0 * size[1:2])}
-        return tag, sizes, here
+        return ET.Element("cylinder" if kind == kinds.mjGEOM_CYLINDER else "capsule",
+                          radius=numbers_text(size[:1]), length=numbers_text(2.0 * size[1:2])), here
     if kind == kinds.mjGEOM_ELLIPSOID:
-        return "mesh", {"filename": str(SPHERE), "scale": numbers_text(size)}, here
-    return _mesh(reading, geom) if kind == kinds.mjGEOM_MESH else None
-
-
-def _mesh(reading: MjcfReading, geom: int) -> tuple[str, dict[str, str], pin.SE3] | None:
-    model, mesh = reading.model, reading.model.geom_dataid[geom]
-    name = model.mesh(mesh).name
-    file, scale, placement, fault = reading.meshes[name]
+        return ET.Element("mesh", filename=str(SPHERE), scale=numbers_text(size)), here
+    if kind != kinds.mjGEOM_MESH:
+        return None
+    mesh = model.geom_dataid[geom]
+    file, scale, placement, fault = reading.meshes[name := model.mesh(mesh).name]
     if file is None:
         sentence = f"mesh {name!r} is left out: {fault}"
         if fault and sentence not in reading.notices:
             reading.notices.append(sentence)
         return None
     centred = pose(model.mesh_pos[mesh], model.mesh_quat[mesh])  # by MuJoCo
-    sizes = {"filename": str(file), "scale": numbers_text(scale)}
-    return "mesh", sizes, centred.inverse() * placement
+    element = ET.Element("mesh", filename=str(file), scale=numbers_text(scale))
+    return element, centred.inverse() * placement
 
 
 def fixed_lengths(reading: MjcfReading, tendon: int) -> dict[int, float]:

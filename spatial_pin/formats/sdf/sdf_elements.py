@@ -29,9 +29,8 @@ TRUE = ("1", "true")
 MOMENTS = {"ixx": 1.0, "ixy": 0.0, "ixz": 0.0, "iyy": 1.0, "iyz": 0.0, "izz": 1.0}  # by default
 SIZES = {  # of shapes, with SDFormat's defaults
     "box": {"size": "1 1 1"}, "sphere": {"radius": "1"}, "cylinder": {"radius": "1", "length": "1"},
-    "capsule": {"radius": "0.5", "length": "1"},
+    "capsule": {"radius": "0.5", "length": "1"}, "ellipsoid": {"radii": "1 1 1"},
 }
-ELLIPSOID = {"radii": "1 1 1"}
 WATER = 1000.0  # kg/m³, SDFormat's density of a shape
 SOLIDS: dict[str, Callable[..., tuple[float, pin.Inertia]]] = {  # volume, inertia of 1 kg
     "box": lambda x, y, z: (x * y * z, pin.Inertia.FromBox(1.0, x, y, z)),
@@ -217,25 +216,26 @@ def _of_shapes(
             omitted.append(f"the mass of collision {shape.get('name', '')!r} of link "
                             f"{link.get('name')!r} (its volume is not known)")
             continue
-        default = SIZES.get(str(stated.tag), ELLIPSOID)
-        size = [x for key, text in default.items() for x in number_list(
-            stated.findtext(key, text), len(text.split()), f"{name}: <{key}>").tolist()]
-        volume, inertia = make(*size)
+        volume, inertia = make(*np.concatenate(list(_sizes(stated, name).values())).tolist())
         density = number(shape, "density", by_default, name)
         part = pin.Inertia(density * volume, inertia.lever, density * volume * inertia.inertia)
         whole += placement_of(shape.find("pose"), name).act(part)
     return whole
 
 
+def _sizes(solid: ET.Element, where: str) -> dict[str, Array]:
+    """Return the numbers of a simple shape, by their names."""
+    return {key: number_list(solid.findtext(key, default), len(default.split()),
+                             f"{where}: <{key}>") for key, default in SIZES[solid.tag].items()}
+
+
 def _solid(solid: ET.Element | None, where: str) -> ET.Element | None:
     """Return the shape, None where URDF has none."""
-    if solid is None:
+    if solid is None or solid.tag == "ellipsoid":
         return None
     if solid.tag in SIZES:
-        return ET.Element(str(solid.tag), {
-            key: numbers_text(number_list(solid.findtext(key, default), len(default.split()),
-                                          f"{where}: <{key}>"))
-            for key, default in SIZES[str(solid.tag)].items()})
+        sizes = _sizes(solid, where).items()
+        return ET.Element(solid.tag, {key: numbers_text(x) for key, x in sizes})
     if solid.tag == "mesh" and solid.find("submesh") is None:
         uri = (solid.findtext("uri") or "").strip()
         element = ET.Element("mesh", filename=uri)

@@ -18,7 +18,6 @@ from spatial_pin.formats.graph.open_tree import open_tree
 from spatial_pin.formats.importers import Imported, Request
 from spatial_pin.formats.urdf.elements import go_on, inertial, numbers_text, shape_element
 from spatial_pin.formats.urdf.geometry import SOLIDS
-from spatial_pin.formats.urdf.urdf_model import LIGHTEST
 from spatial_pin.formats.usd.usd_stage import (
     DEGREE,
     UsdStage,
@@ -185,9 +184,6 @@ def inertia_of(stage: UsdStage, body: Body, bodies: dict[str, Body]) -> pin.Iner
         return None
     with np.errstate(over="ignore", invalid="ignore"):
         matrix = turn @ np.diag(moments * stage.kilogram * stage.metre ** 2) @ turn.T
-    if not np.all(np.abs(matrix) <= 1.0 / LIGHTEST):
-        raise MechanismFileError(f"{stage.where}: {body.prim.GetPath()}: its moments of inertia "
-                                 "leave the range of numbers")
     return inertia_as_given(stage.kilogram * mass, at, matrix)
 
 
