@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.brief import brief
 from spatial_pin._support.lazy import Workspaces, made_anew, made_once
+from spatial_pin.assembly.state import State
 from spatial_pin.continuation.path_tracker import PathTracker
 from spatial_pin.continuation.pseudo_arclength import Stopped
 from spatial_pin.errors import SpatialPinError
@@ -247,8 +248,10 @@ def _followed(motion: Motion, limit: JointLimit, k: int, ends: _Ends) -> float |
     """
     first, last = motion.swept[k : k + 2].tolist()
     sense = float(np.sign(last - first))
+    start = State(motion.mechanism, motion.q[k], closure_error=motion.closure_error[k],
+                  angles=motion.angles[k])
     with Workspaces() as workspaces:
-        tracker = PathTracker.along(motion.state(k), [motion.driver_name], motion.held,
+        tracker = PathTracker.along(start, [motion.driver_name], motion.held,
                                     Accuracy.named("reference"), workspaces)
 
         def at(value: float) -> tuple[Array, Array]:
