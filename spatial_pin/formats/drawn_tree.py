@@ -97,12 +97,12 @@ def spanning_tree(drawing: DrawnFile, rest: Mapping[str, Any], where: str) -> Sp
     """Return a drawing's spanning tree, in which coordinates are that something refers to."""
     links = [Link(name, massless=False) for name in drawing.bodies]
     joints = []
-    for name, joint in drawing.joints.items():  # of limits and resistances only that there are any
-        lower, upper = (0.0 if key in joint.more else x for key, x in (
-            ("lower", -math.inf), ("upper", math.inf)))
-        resists = float(any(key in joint.more for key in RESISTANCES))
-        joints.append(GraphJoint(name, joint.type, *map(_world, joint.between),
-                                 lower=lower, upper=upper, damping=resists))
+    for name, drawn in drawing.joints.items():  # of limits and resistances only that there are any
+        (one, two), more = drawn.between, drawn.more
+        joints.append(GraphJoint(
+            name, drawn.type, _world(one), _world(two),
+            lower=0.0 if "lower" in more else -math.inf, upper=0.0 if "upper" in more else math.inf,
+            damping=float(any(key in more for key in RESISTANCES))))
     joints += [GraphJoint(name, "distance", _world(drawing.points[one][0]),
                           _world(drawing.points[two][0]))
                for name, (one, two) in drawing.rods.items()]

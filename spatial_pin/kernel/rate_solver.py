@@ -20,6 +20,8 @@ from spatial_pin.kernel.library import (
 )
 from spatial_pin.numerics.linalg import Array
 
+DETERMINED = DONE, NOT_FINITE  # codes of configurations with rates, also infinite ones
+
 
 class Chosen(NamedTuple):
     """Equations that determine the rates where it is not clear which are independent.
@@ -109,14 +111,16 @@ class RateSolver:
         `rows`, without an axis of configurations.
         """
         key = wanted, frame and frame.joint, v is None
-        if key not in self._of_one:  # the same task again and again
+        known = self._of_one.get(key)
+        if known is None:  # the same task again and again
             room, local, motion = self._room(1, wanted), np.empty(3), np.empty((1, self.nv))
             at = frame and frame._replace(origin=local)
-            self._of_one[key] = (local, motion, room.codes, [getattr(room, x)[0] for x in wanted],
-                                 *self._task(self._q[None], self._reference[None], room, at,
-                                             motion if v is not None else None,
-                                             self._rates if "v" in wanted else None))
-        local, motion, codes, results, task, at_task, _ = self._of_one[key]
+            known = self._of_one[key] = (
+                local, motion, room.codes, [getattr(room, x)[0] for x in wanted],
+                *self._task(self._q[None], self._reference[None], room, at,
+                            motion if v is not None else None,
+                            self._rates if "v" in wanted else None))
+        local, motion, codes, results, task, at_task, _ = known
         self._q[:], self._reference[:] = q, reference
         if frame is not None:
             local[:] = frame.origin
@@ -125,7 +129,7 @@ class RateSolver:
         alive = _choose(task, chosen)
         check(self._library.rates_solve(self._handle, at_task))
         del alive
-        return [x.copy() for x in results] if codes.item() in (DONE, NOT_FINITE) else None
+        return [x.copy() for x in results] if codes.item() in DETERMINED else None
 
     def rows(
         self, q: Array, reference: Array, wanted: tuple[str, ...], *,

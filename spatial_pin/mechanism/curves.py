@@ -614,7 +614,7 @@ def _profile(p: Array, chords: Array) -> CurveShape:
     cells = np.unique(np.concatenate([np.linspace(a, b, max(2, 1 + CELLS // len(p)))
                                       for a, b in pairwise(u)]))
     made = CurveShape({"points": p.tolist(), "closed": True}, axes, middle, at, cells)
-    made.radial()
+    made.radial(0.0)
     return made
 
 

@@ -456,22 +456,25 @@ class Motion(Samples, Tabular):
         if len(self.rate_errors):
             lost = float(self.rate_errors[row])
         elif self.driver is not None:
-            lost = partial(self._rate_error, self.driver, row)
+            lost = partial(self._rate_error, row)
         return State(self.mechanism, self.q[row], self.v[row], self.a[row],
                      closure_error=self.closure_error[row],
                      angles=self.angles[row] if self.angles.size else None, rate_error=lost,
                      in_time=self.per == "s")
 
-    def _rate_error(self, swept: Array, row: int, state: State) -> float:
-        """Return the round-off of the rates of a sample; a driver has these values (N,)."""
+    def _rate_error(self, row: int, state: State) -> float:
+        """Return the round-off of the rates of a sample."""
         from spatial_pin.rates.rates import rate_error
 
+        return rate_error(self.driver_name, self._is_solved(row), state, self.held)
+
+    def _is_solved(self, row: int) -> bool:
+        """Whether rates of a sample were solved there, not continued across a branch point."""
         # tangents of a traced curve are solved up to a branch point, and behind it
         size = self.mechanism.velocity_scale[self.mechanism.coordinate(self.driver_name).v]
-        is_solved = self.per == "length" or not any(
+        return self.per == "length" or not any(
             e.kind == "branch point" and e.row < len(self)
-            and abs(e.value - swept[row]) < ACROSS * size for e in self.events)
-        return rate_error(self.driver_name, is_solved, state, self.held)
+            and abs(e.value - self.swept[row]) < ACROSS * size for e in self.events)
 
     @cached_property
     def _bodies(self) -> Any:

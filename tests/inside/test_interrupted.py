@@ -355,7 +355,7 @@ def test_samples_that_were_drawn_before_tell_of_the_tolerance(part, monkeypatch,
     words = ["tolerance", "rssr", "rocker_pin", "--deviation", "b=1mm", "--samples", "40"]
     if part == "together":
         monkeypatch.setattr(tolerance, "SOLVED_TOGETHER", 10)
-        monkeypatch.setattr(VariedSamples, "geometry", interrupting(VariedSamples.geometry, 4))
+        monkeypatch.setattr(VariedSamples, "geometry", interrupting(VariedSamples.geometry, 3))
     else:
         monkeypatch.setattr(VariedSamples, "of", lambda *_: None)
         monkeypatch.setattr(tolerance, "_sample", interrupting(tolerance._sample, 22))

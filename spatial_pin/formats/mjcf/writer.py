@@ -30,7 +30,7 @@ from spatial_pin.mechanism.coordinates import joint_values, with_values
 from spatial_pin.mechanism.inertia import inertia_as_given
 from spatial_pin.mechanism.mechanism import Mechanism, rigid_distance
 from spatial_pin.mechanism.mechanism_checks import refuse_negative_inertias
-from spatial_pin.mechanism.pairs import COUPLING, axes_from_z
+from spatial_pin.mechanism.pairs import COUPLING, PAIRS, axes_from_z
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -165,23 +165,18 @@ class MjcfJoint(NamedTuple):
 
 
 def parts_of(name: str, pair: str, axis: Array, axis2: Array) -> list[MjcfJoint]:
-    """Return the joints that a pair is made of, in order."""
-    x, y, z = np.eye(3)
-    if pair in ("revolute", "prismatic"):
-        return [MjcfJoint(name, HINGE if pair == "revolute" else SLIDE, axis)]
-    if pair in ("cylindrical", "screw"):
-        turn = f"{name}.angle" if pair == "cylindrical" else name
-        return [MjcfJoint(turn, HINGE, axis), MjcfJoint(f"{name}.slide", SLIDE, axis)]
-    if pair == "universal":
-        return [MjcfJoint(f"{name}.first", HINGE, axis), MjcfJoint(f"{name}.second", HINGE, axis2)]
-    if pair == "planar":
-        along, across, normal = axes_from_z(axis).T
-        return [MjcfJoint(f"{name}.x", SLIDE, along), MjcfJoint(f"{name}.y", SLIDE, across),
-                MjcfJoint(f"{name}.angle", HINGE, normal)]
+    """Return the joints that a pair is made of, in order, named as its coordinates."""
+    if pair == "screw":
+        return [MjcfJoint(name, HINGE, axis), MjcfJoint(f"{name}.slide", SLIDE, axis)]
     if pair == "spherical":
         return [MjcfJoint(name, BALL, np.zeros(3))]
-    return [*(MjcfJoint(f"{name}.{k}", SLIDE, e) for k, e in (("x", x), ("y", y), ("z", z))),
-            MjcfJoint(f"{name}.turn", BALL, np.zeros(3))]
+    if pair == "floating":
+        slides = zip("xyz", np.eye(3), strict=True)
+        return [*(MjcfJoint(f"{name}.{k}", SLIDE, e) for k, e in slides),
+                MjcfJoint(f"{name}.turn", BALL, np.zeros(3))]
+    axes = {"universal": [axis, axis2], "planar": list(axes_from_z(axis).T)}.get(pair, [axis, axis])
+    return [MjcfJoint(f"{name}.{suffix}" if suffix else name, HINGE if unit == "rad" else SLIDE, e)
+            for (suffix, unit), e in zip(PAIRS[pair].coordinates, axes, strict=False)]
 
 
 def add_joints(document: MjcfDocument, i: int, body: ET.Element, q: Array) -> None:

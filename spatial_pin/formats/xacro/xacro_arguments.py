@@ -8,14 +8,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
-from xml.dom import minidom
 
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.file_access import shown, texts_in
 from spatial_pin.formats.importers import Request
 from spatial_pin.formats.xacro.expansion import Expansion, arguments_of, xacro_text
-
-EMPTY = '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"/>'
 
 
 def dimensions(request: Request) -> dict[str, float]:
@@ -30,25 +27,17 @@ def arguments(request: Request) -> dict[str, str]:
     texts = {name: xacro_text(given.get(name, text)) for name, text in defaults.items()}
     if all(map(_is_number, texts.values())):
         return texts
-    # given or by defaults that are evaluated as in a file
-    document = minidom.parseString(EMPTY)
-    root = document.documentElement
-    assert root is not None
-    for name, default in defaults.items():
-        for tag, key, text in (("xacro:arg", "default", default),
-                               ("dimension", "value", f"$(arg {name})")):
-            holder = document.createElement(tag)
-            holder.setAttribute("name", name)
-            holder.setAttribute(key, text)
-            root.appendChild(holder)
 
-    def process(xacro: Any) -> None:
+    def run(xacro: Any) -> dict[str, str]:
+        """Evaluate the defaults one after the other, as in a file."""
         xacro.init_stacks(str(expansion.path))
-        xacro.process_doc(document, mappings={name: texts[name] for name in given})
+        known = xacro.substitution_args_context["arg"] = {name: texts[name] for name in given}
+        for name, default in defaults.items():
+            if name not in known:
+                known[name] = str(expansion.eval_text(default, xacro._global_symbols))
+        return {name: known[name] for name in defaults}
 
-    expansion.guarded(process)
-    elements = document.getElementsByTagName("dimension")
-    return {e.getAttribute("name"): e.getAttribute("value") for e in elements}
+    return dict(expansion.guarded(run))
 
 
 def _is_number(value: Any) -> bool:
