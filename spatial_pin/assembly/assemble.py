@@ -287,9 +287,10 @@ def default_driver_values(
             raise ValueError(f"free: {name!r} is given a value too")
         loose.append(coordinate.name)
     standing = [c for c in drivers if c.name not in held and c.name not in loose]
+    if not standing:
+        return {}
     values = {c.name: coordinate_value(mechanism, c, start.q) for c in standing}
-    if values and taken_along and not values.keys() <= {*start.names} and (
-            home := _at_home(start)):
+    if taken_along and not values.keys() <= {*start.names} and (home := _at_home(start)):
         values |= {name: x for name, x in home.items() if name in values}
     return values
 
