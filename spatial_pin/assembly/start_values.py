@@ -21,7 +21,7 @@ from spatial_pin.assembly.close import closed
 from spatial_pin.assembly.holding import LoopGroup, fixed_base_entries, free_velocities, loop_groups
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import NEARLY_PARALLEL, constraints_of
-from spatial_pin.constraints.composite_joints import SCREW, SLIDE, TURN, joint_kind, split_of
+from spatial_pin.constraints.composite_joints import AXES, SCREW, SLIDE, TURN, single_joints
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.closer import (
     AT_ONCE,
@@ -325,25 +325,24 @@ def _hinges(mechanism: Mechanism) -> list[tuple[int, int, int, Array, Array]]:
     Of each its index in q, the numbers of the two bodies, or of others parallel to them, and the
     axis (3,) in the axes of each.
     """
-    model, carriers = split_of(mechanism)
+    tree = single_joints(mechanism)
     parallel: list[tuple[int, int, Array]] = []  # two joints' bodies, rotation of 2 relative to 1
     hinges = []
-    for i in range(1, model.njoints):
-        kind, axis, _ = joint_kind(model.joints[i].extract())
-        parent, rotation = int(model.parents[i]), np.array(model.jointPlacements[i].rotation)
+    for i, (kind, parent) in enumerate(zip(tree.kind.tolist(), tree.parent.tolist(), strict=True)):
+        rotation = tree.rotation[i].T
         if kind == SLIDE:
             parallel.append((parent, i, rotation))
-        elif kind in (TURN, SCREW) and axis is not None:
-            hinges.append((int(model.idx_qs[i]), parent, i, rotation @ axis, axis))
+        elif kind in (TURN, SCREW):
+            hinges.append((int(tree.iq[i]), parent, i, rotation[:, 2], AXES[2]))
     for c in (mechanism.whole or mechanism).closures:
         first = PARALLEL_FRAMES.get(c.type)
         if first is None or max(c.equations or (first,)) < first:
             continue
         (one, at_one), (two, at_two) = (mechanism.frame_on_joint(name) for name in c.frames)
-        parallel.append((int(carriers[one]), int(carriers[two]),
-                         at_one.rotation @ c.geometry.axes1
-                         @ (at_two.rotation @ c.geometry.axes2).T))
-    body, turned = np.arange(model.njoints), [np.eye(3)] * model.njoints
+        one, two = int(tree.carriers[one]), int(tree.carriers[two])
+        parallel.append((one, two, tree.frames[one].T @ at_one.rotation @ c.geometry.axes1
+                         @ (tree.frames[two].T @ at_two.rotation @ c.geometry.axes2).T))
+    body, turned = np.arange(len(tree.kind)), [AXES] * len(tree.kind)
     for one, two, rotation in parallel:
         joined, onto = turned[one] @ rotation @ turned[two].T, body[one]
         for i in np.flatnonzero(body == body[two]).tolist() if body[two] != onto else ():

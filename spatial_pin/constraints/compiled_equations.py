@@ -23,7 +23,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin._support.lazy import made_once
-from spatial_pin.constraints.composite_joints import split_of
+from spatial_pin.constraints.composite_joints import AXES, SCREW, SLIDE, TURN, single_joints
 from spatial_pin.mechanism.coordinates import joint_values, with_values
 from spatial_pin.mechanism.equations import (
     FIRST_TWO,
@@ -52,6 +52,7 @@ Sum = list[tuple[float, list[Factor]]]  # terms: a number, and quantities that i
 SHORT = 1e-3  # distance relative to the characteristic length below which it is no unit
 # Sine of an angle of two axes that are one direction: files have some digits, and turns are whole
 NEARLY_PARALLEL = 0.05
+ANY = np.full(3, np.nan)  # axis of a ball: it is parallel to no other
 HALF_TURN_NOISE = 1e-9  # rad by which half a turn may be missed and is still +pi, not -pi
 # Ratio of a coupling, of coordinates relative to their sizes, beyond which it is an equation of the
 # joint that moves less: gears have less.
@@ -241,7 +242,7 @@ class Constraints:
             self.occurring[equation, v] = True
         self.tied = np.any(self.occurring[: self.n_closure], axis=0)
         self.plain = np.flatnonzero(self.product >= 0)
-        self.of_joints = np.array(sorted({x for x, _, _ in self.coordinates}), np.intp)
+        self.of_joints = np.array([*dict.fromkeys(x for x, _, _ in self.coordinates)], np.intp)
 
     def _add_equation(self, closure: Closure, equation: ConstraintEquation) -> int:
         """Add a closure equation; return the product that it is, less a constant, or -1."""
@@ -370,25 +371,6 @@ def unit_length(mechanism: Mechanism, closure: Closure) -> float:
 # ---------------------------------------------------------------- turns
 
 
-class _Hinge(NamedTuple):
-    """A joint between two bodies, at neutral.
-
-    Attributes:
-        q: its index in the configuration.
-        axes: (k, 3) that it turns about, world axes; none of a slide.
-        sense: 1 if it moves body 2, -1 if it moves body 1.
-    """
-
-    q: int
-    axes: Array
-    sense: int
-
-    def is_about(self, axis: Array) -> bool:
-        """Whether it turns about an axis (3,) alone."""
-        sines = np.linalg.norm(np.cross(self.axes, axis), axis=1)
-        return len(sines) == 1 and sines[0] < NEARLY_PARALLEL
-
-
 def turns_of(mechanism: Mechanism, closure: Closure, angle: Angle) -> tuple[Array, float, bool]:
     """Return which coordinates count the turns of an angle, see `CountedAngle`.
 
@@ -397,51 +379,39 @@ def turns_of(mechanism: Mechanism, closure: Closure, angle: Angle) -> tuple[Arra
     parallel to each other, nothing else turns it. Other trees may wind about the axis; there turns
     are counted along a path.
     """
-    model, carriers = split_of(mechanism)
-    ends, frames = [], []
+    tree, world, frames, chains = single_joints(mechanism), [AXES], [], []
+    for parent, rotation in zip(tree.parent[1:], tree.rotation[1:], strict=True):  # at neutral
+        world.append(world[parent] @ rotation.T)
     for name in (closure.frames[k] for k in angle.frames):
         joint, placement = mechanism.frame_on_joint(name)
-        ends.append(int(carriers[joint]))
-        frames.append(_placement(model, ends[-1]).rotation @ placement.rotation)
+        i = int(tree.carriers[joint])
+        frames.append(world[i] @ tree.frames[i].T @ placement.rotation)
+        chains.append([i])
+        while i:
+            i = int(tree.parent[i])
+            chains[-1].append(i)
     one, two = frames[0] @ angle.axes1, frames[1] @ angle.axes2
-    hinges = _between(model, *ends)
-    first = list(takewhile(lambda x: x.is_about(one[:, 2]), hinges))
+    between = [(i, -1) for i in chains[0] if i not in chains[1]] + [
+        (i, 1) for i in chains[1][::-1] if i not in chains[0]]
+    hinges = [(int(tree.iq[i]), world[i][:, 2] if tree.kind[i] in (TURN, SCREW) else ANY, sense)
+              for i, sense in between if tree.kind[i] != SLIDE]
+
+    def is_about(own: Array, axis: Array) -> bool:
+        return bool(np.linalg.norm(np.cross(own, axis)) < NEARLY_PARALLEL)
+
+    first = list(takewhile(lambda x: is_about(x[1], one[:, 2]), hinges))
     rest = hinges[len(first) :][::-1]
-    last = list(takewhile(lambda x: x.is_about(two[:, 2]), rest))
+    last = list(takewhile(lambda x: is_about(x[1], two[:, 2]), rest))
     row = np.zeros(mechanism.model.nq)
-    for hinge, axis in [*((x, one[:, 2]) for x in first), *((x, two[:, 2]) for x in last)]:
-        row[hinge.q] += hinge.sense * math.copysign(1.0, float(hinge.axes[0] @ axis))
-    middle = rest[len(last) :]
-    are_all = bool(first or last) and all(x.is_about(middle[0].axes[0]) for x in middle)
-    if middle and are_all:
-        axis, u, w = middle[0].axes[0], two[:, 2], one[:, 2]  # takes u nearest to w about it
+    for chosen, axis in ((first, one[:, 2]), (last, two[:, 2])):
+        for q, own, sense in chosen:
+            row[q] += sense * math.copysign(1.0, float(own @ axis))
+    middle = [own for _, own, _ in rest[len(last) :]]
+    is_of_joints = bool(first or last) and all(is_about(own, middle[0]) for own in middle)
+    if middle and is_of_joints:
+        axis, u, w = middle[0], two[:, 2], one[:, 2]  # takes u nearest to w about it
         sine, cosine = axis @ np.cross(u, w), u @ w - (axis @ u) * (axis @ w)
         two = pin.exp3(axis * math.atan2(sine, cosine)) @ two
     at_zero = math.atan2(one[:, 1] @ two[:, 0], one[:, 0] @ two[:, 0])
-    return row, at_zero if at_zero > HALF_TURN_NOISE - math.pi else at_zero + 2.0 * math.pi, are_all
-
-
-def _placement(model: pin.Model, joint: int) -> pin.SE3:
-    """Return the placement of a joint at neutral, without a `pin.Data`, which may be large."""
-    placement = pin.SE3.Identity()
-    for i in list(model.supports[joint])[1:]:
-        placement = placement * model.jointPlacements[i]
-    return placement
-
-
-def _between(model: pin.Model, one: int, two: int) -> list[_Hinge]:
-    """Return the joints that turn a body relative to another, from body 1 to body 2."""
-    ways = [list(model.supports[body]) for body in (one, two)]
-    shared = sum(1 for a, b in zip(*ways, strict=False) if a == b)
-    up = [_hinge(model, i, -1) for i in ways[0][shared:][::-1]]
-    down = [_hinge(model, i, 1) for i in ways[1][shared:]]
-    return [hinge for hinge in [*up, *down] if len(hinge.axes)]
-
-
-def _hinge(model: pin.Model, i: int, sense: int) -> _Hinge:
-    joint = model.joints[i]
-    data = joint.createData()
-    joint.calc(data, pin.neutral(model))
-    turns = np.array(data.S).reshape(6, -1)[3:].T
-    axes = turns[turns.any(axis=1)] @ _placement(model, i).rotation.T
-    return _Hinge(int(model.idx_qs[i]), axes, sense)
+    at_zero += 0.0 if at_zero > HALF_TURN_NOISE - math.pi else 2.0 * math.pi
+    return row, at_zero, is_of_joints

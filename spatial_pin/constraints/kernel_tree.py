@@ -17,7 +17,13 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import made_once
-from spatial_pin.constraints.composite_joints import TreeArrays, split, split_of
+from spatial_pin.constraints.composite_joints import (
+    TreeArrays,
+    in_kernel,
+    inertias,
+    split,
+    split_of,
+)
 from spatial_pin.kernel.library import DONE, INT, POINTER, REAL, SINGULAR, address, check, library
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
@@ -29,7 +35,6 @@ PackedSprings = Callable[
     [NDArray[np.intp], Array], tuple[Sequence[NDArray[np.int64]], Sequence[Array]]]
 WHOLE = 60  # freedoms from which on the kernel moves a tree: a `pin.Data` has 10 MB there
 BRANCHES = 4  # at the ground, from which on each subtree is small beside the tree
-SYMMETRIC = np.array([4, 5, 7, 5, 6, 8, 7, 8, 9])  # indices of a (3, 3) inertia in `inertias`
 
 
 def is_in_kernel(model: pin.Model) -> bool:
@@ -40,18 +45,6 @@ def is_in_kernel(model: pin.Model) -> bool:
 def is_large(model: pin.Model) -> bool:
     """Whether a tree is large, and has branches that do not depend on each other."""
     return model.nv >= WHOLE and len(model.children[0]) >= BRANCHES
-
-
-def inertias(model: pin.Model) -> Array:
-    """Return a view (njoints, 10) on inertias: mass, lever, then xx, xy, yy, xz, yz, zz about it.
-
-    It sees later changes.
-    """
-    first, second = (model.inertias[i].lever for i in (0, min(1, model.njoints - 1)))
-    at, after = (x.__array_interface__["data"][0] for x in (first, second))
-    n, each = model.njoints, (after - at or 80) // 8
-    room = (ctypes.c_double * (n * each)).from_address(at - 8)
-    return np.frombuffer(room, float).reshape(n, each)[:, :10]
 
 
 class TreePlacements:
@@ -190,12 +183,7 @@ class KernelTree:
         if now == self._masses:
             return
         self._masses, n = now, self._split.njoints
-        own, given = self._tree.frames[self._heavy], self._inertias
-        mass, com, inertia = np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3, 3))
-        mass[self._heavy] = given[:, 0]
-        com[self._heavy] = (own.mT @ given[:, 1:4, None])[..., 0]
-        inertia[self._heavy] = own.mT @ given[:, SYMMETRIC].reshape(-1, 3, 3) @ own
-        mass[0], com[0], inertia[0] = 0.0, 0.0, 0.0
+        mass, com, inertia = in_kernel(self._inertias, self._tree.frames, self._heavy)
         first = 13 * n
         self._reals[first : first + 13 * n + 3] = np.concatenate(
             [mass, com.ravel(), inertia.ravel(), gravity])
@@ -411,7 +399,7 @@ class KernelTree:
         return values, by_q, by_v
 
     @made_once
-    def mass_entries(self, all_joints: bool = True) -> MassEntries:
+    def mass_entries(self, all_joints: bool) -> MassEntries:
         """Return rows, columns and indices in `masses` of all entries that can be other than zero.
 
         Of the core alone the others are units, each with a number of its own behind those of
@@ -446,7 +434,7 @@ class KernelTree:
 
     def mass_matrix(self, q: Array) -> Array:
         """Return the mass matrix (nv, nv) at q (nq,)."""
-        rows, columns, indices = self.mass_entries()
+        rows, columns, indices = self.mass_entries(True)
         numbers, matrix = np.empty(len(rows)), np.zeros((self.model.nv, self.model.nv))
         self.masses(q, numbers)
         matrix[rows, columns] = numbers[indices]

@@ -117,7 +117,7 @@ class TracedGeometry(NamedTuple):
     def idle_axis(self, mechanism: Mechanism, joint: int, ends: Iterable[str]) -> Array:
         """Return the unit axis (m or 1, 3) of an idle rotation between two points on a joint."""
         model, points = mechanism.model, []
-        for name in ends:  # as `vector_products.point_on_body`
+        for name in ends:  # as `mechanism.point_on_body`
             k = mechanism.frame_id(name)
             own = model.frames[k].parentJoint
             points.append(self.frame(model, k) if own == joint else self.joint(model, own))

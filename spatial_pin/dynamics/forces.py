@@ -133,6 +133,7 @@ class Forces:
     Attributes:
         resistance: damping and dry friction of the joints.
         exist: whether there is any spring, or any resistance.
+        numbers: stiffness, damping and free length of each spring, by name.
     """
 
     def __init__(
@@ -153,6 +154,7 @@ class Forces:
         for spring in mechanism.springs:
             self._add(spring, laws.get(spring.name))
         self.exist = bool(mechanism.springs or self.resistance)
+        self.numbers = {s.name: (s.stiffness, s.damping, s.free) for s in mechanism.springs}
 
     def _add(self, spring: Spring, law: Law | None) -> None:
         m = self.mechanism
@@ -203,7 +205,6 @@ class Forces:
             free length (n, 3), and numbers of bushings (m, 103), see bushings.c.
         """
         lines, bushings = self.lines, self.bushings
-        numbers = {s.name: (s.stiffness, s.damping, s.free) for s in self.mechanism.springs}
         ends = [(carriers[j], x[:3]) for line in lines
                 for j, x in zip(line.bodies, line.points, strict=True)]
         ints: list[Any] = [
@@ -214,8 +215,9 @@ class Forces:
             *(frames[carriers[j]].T @ y for j, m in zip(x.bodies, x.placements, strict=True)
               for y in (*m.rotation.T, m.translation)),
             x.stiffness.ravel(), x.damping.ravel(), x.preload, [x.stored])]
-        reals: list[Any] = [[frames[j].T @ x for j, x in ends], [numbers[x.name] for x in lines],
-                            np.concatenate(parts) if parts else []]
+        reals: list[Any] = [
+            [frames[j].T @ x for j, x in ends], [self.numbers[x.name] for x in lines],
+            np.concatenate(parts) if parts else []]
         return [np.array(x, np.int64) for x in ints], [np.array(x, float) for x in reals]
 
     def generalised(self, evaluation: LoopEquations, q: Array, v: Array) -> Array:

@@ -81,7 +81,10 @@ class Actuation:
         return np.array([self.generalised(e, nv) for e in efforts]).reshape(-1, nv)
 
 
-drivers_of = made_once(Actuation)  # all drivers of a mechanism are its actuators by default
+@made_once
+def drivers_of(mechanism: Mechanism) -> Actuation:
+    """Return the drivers of a mechanism as its actuators."""
+    return Actuation(mechanism)
 
 
 class Efforts(Dynamics):

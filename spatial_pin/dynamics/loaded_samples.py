@@ -145,7 +145,8 @@ class LoadedSamples:
                 is_found = not packed.coincide()
             if is_found:
                 wrenches[:] = found
-                for joint in {i for x in (*springs.lines, *springs.bushings) for i in x.bodies}:
+                bodies = {i for x in springs.lines for i in x.bodies}
+                for joint in bodies.union(*(x.bodies for x in springs.bushings)):
                     own = (found[:, joint, None] @ columns)[:, 0]
                     given += own * equations.constraints.supports[joint]
             for row in range(0 if is_found else k):

@@ -142,7 +142,7 @@ class ControlLoop:
         self._idle = np.zeros((self._kernel.n_passive, nv))
         self._motions, self._needed = np.zeros((2, 2, nv)), np.zeros((2, nv))
         self._configurations = np.zeros((2, nq))
-        rows, columns, indices = self._tree.mass_entries()
+        rows, columns, indices = self._tree.mass_entries(True)
         self._entries, self._places = np.zeros(len(rows) + 1), np.full((nv, nv), len(rows))
         self._places[rows, columns] = indices
         self._mass, self._moved_mass = np.zeros((nv, nv)), np.zeros((nv, n))

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import acquired, made_anew, made_once
 from spatial_pin.constraints.compiled_equations import COORDINATE, Constraints, constraints_of
-from spatial_pin.constraints.composite_joints import TreeArrays, split_of
+from spatial_pin.constraints.composite_joints import in_kernel, inertias, single_joints
 from spatial_pin.kernel.library import (
     BAD_ARRAYS,
     DONE,
@@ -99,14 +99,14 @@ def packed(mechanism: Mechanism, idle: bool) -> Packed:
         mechanism: the mechanism.
         idle: whether the equations of idle rotations belong to it; forces know none.
     """
-    c, (model, carriers) = constraints_of(mechanism), split_of(mechanism)
-    tree, n_idle = TreeArrays(model), c.n_passive if idle else 0
+    c, model = constraints_of(mechanism), mechanism.centred_model
+    tree, n_idle = single_joints(mechanism), c.n_passive if idle else 0
     fixed_in, joints, is_point, local = zip(*c.vectors, strict=True) if c.vectors else [()] * 4
-    bodies = carriers[np.array(joints, np.intp)]
+    bodies = tree.carriers[np.array(joints, np.intp)]
     parts, factors = ([x[:, :2], x[:, 2:4], x[:, 4]] for x in (c.parts, c.part_factors))
     moved, freedoms = np.nonzero(c.signs)  # product and freedom of each of their supports
     counts, ints, reals = _packed_equations(c, n_idle)
-    head = [model.njoints, model.nq, model.nv, len(bodies), len(c.constants), c.n_closure, n_idle,
+    head = [len(tree.kind), model.nq, model.nv, len(bodies), len(c.constants), c.n_closure, n_idle,
             c.n_angles, len(freedoms), *counts]
     return Packed(
         _joined(np.int64, head, tree.kind, tree.parent, tree.iq, tree.iv, bodies, is_point, *parts,
@@ -115,7 +115,7 @@ def packed(mechanism: Mechanism, idle: bool) -> Packed:
                 tree.inertia, model.gravity.linear, mechanism.velocity_scale,
                 np.array(local).reshape(-1, 1, 3) @ tree.frames[bodies],  # in the turned axes
                 *factors, c.constants, c.factors, c.signs[moved, freedoms], *reals),
-        tree.frames, carriers, np.array(fixed_in, np.int64), np.array(is_point, bool))
+        tree.frames, tree.carriers, np.array(fixed_in, np.int64), np.array(is_point, bool))
 
 
 def _packed_equations(c: Constraints, n_idle: int) -> tuple[list[int], list[Any], list[Any]]:
@@ -191,8 +191,8 @@ def with_masses(mechanism: Mechanism) -> Packed:
     They are those of the last call where masses and gravity are: these are seldom changed.
     """
     model = mechanism.model
-    masses = np.array([body.toDynamicParameters() for body in model.inertias]).tobytes()
-    return _with_masses(mechanism, masses + model.gravity.linear.tobytes())
+    return _with_masses(
+        mechanism, inertias(model).tobytes() + model.gravity.linear.tobytes())
 
 
 @made_anew
@@ -200,11 +200,7 @@ def _with_masses(mechanism: Mechanism, masses: bytes) -> Packed:
     model, arrays = mechanism.model, packed(mechanism, False)
     arrays = arrays._replace(reals=arrays.reals.copy())
     _, _, mass, com, inertia, gravity, _ = arrays.parts()
-    for joint, body in enumerate(model.inertias):
-        if joint:
-            i = arrays.carriers[joint]
-            own = arrays.frames[i]
-            mass[i], com[i], inertia[i] = body.mass, own.T @ body.lever, own.T @ body.inertia @ own
+    mass[:], com[:], inertia[:] = in_kernel(inertias(model), arrays.frames, arrays.carriers)
     gravity[:] = model.gravity.linear
     return arrays
 

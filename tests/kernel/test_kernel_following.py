@@ -209,6 +209,29 @@ def test_links_do_not_turn_idly_on_the_way_there_and_back():
     np.testing.assert_allclose(way.q[80], way.q[0], rtol=0, atol=3e-14)
 
 
+@pytest.mark.parametrize("name", ["rssr", "swash_plate"])
+@pytest.mark.parametrize("n", [6, 900])
+def test_the_first_step_back_is_no_longer_than_two_points_tell(name, n):
+    mechanism = library(name)
+    away = np.linspace(0.0, 2.0, n)
+    way = sp.sweep(mechanism, next(iter(mechanism.drivers)), [*away, *away[-2::-1]])
+    np.testing.assert_allclose(way.q[n - 1:], way.q[n - 1::-1], rtol=0, atol=6e-14)
+
+
+@pytest.mark.parametrize("name", each(mechanisms.KNOWN))
+def test_close_samples_are_what_distant_ones_are(tmp_path, name):
+    known = mechanisms.KNOWN[name]
+    mechanism = known.build(tmp_path)
+    values = np.linspace(known.values[0], known.values[-1], 481)
+    keys = {"hold": known.hold} if known.hold else {}
+    close = sp.sweep(mechanism, known.driver, values, **keys)
+    distant = sp.sweep(mechanism, known.driver, values[::48], **keys)
+    for field, by in (("q", 1e-13), ("v", 1e-12), ("a", 1e-10)):
+        one, two = getattr(close, field)[::48], getattr(distant, field)
+        np.testing.assert_allclose(one, two, rtol=0, atol=by * (1 + np.abs(two).max()))
+    assert close.closure_error.max() < 1e-13 * (1 + np.abs(values).max())
+
+
 @pytest.mark.delicate
 def test_redundant_equations_are_chosen_anew_on_the_way(monkeypatch):
     """Those of Bennett's linkage that serve at the start are dependent elsewhere."""

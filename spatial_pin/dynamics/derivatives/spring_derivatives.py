@@ -9,10 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from itertools import count
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from spatial_pin._support.checks import finite_array
 from spatial_pin.constraints.composite_joints import split_of
@@ -228,7 +227,7 @@ def extrapolated(difference: Callable[[float], float], step: float, ratio: float
 class ExternalWrenches:
     """Wrenches at frames, world axes, as forces on joints."""
 
-    def __init__(self, mechanism: Mechanism, external: Mapping[str, pin.Force] | None) -> None:
+    def __init__(self, mechanism: Mechanism, external: Any) -> None:
         self.given = [(*mechanism.centred_frame(name), force)
                       for name, force in (external or {}).items()]
         self._moving = [x for x in self.given if x[0]]

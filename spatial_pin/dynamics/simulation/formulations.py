@@ -65,7 +65,6 @@ def force_arrays(
     resistance, carriers = problem.forces.resistance, problem.packed.carriers
     lines, turns, bushings = (
         problem.forces.lines, problem.forces.turns, problem.forces.bushings)
-    numbers = {s.name: (s.stiffness, s.damping, s.free) for s in problem.mechanism.springs}
     (line_bodies, line_laws, *of_bushings), (points, line_numbers, bushing_numbers) = (
         problem.forces.packed(carriers, problem.packed.frames))
     ints: list[Any] = [
@@ -76,7 +75,8 @@ def force_arrays(
     reals: list[Any] = [
         [tolerance], resistance.damping, resistance.friction,
         resistance.slip_speed, problem.model.armature, problem.constant,
-        spins.axes, points, line_numbers, [numbers[x.name] for x in turns], bushing_numbers]
+        spins.axes, points, line_numbers, [problem.forces.numbers[x.name] for x in turns],
+        bushing_numbers]
     return (np.concatenate([np.asarray(x, np.int64).ravel() for x in ints]),
             np.concatenate([np.asarray(x, float).ravel() for x in reals]))
 

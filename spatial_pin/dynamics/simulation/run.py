@@ -322,7 +322,7 @@ class Run:
             address(record.times), len(record.times), 0, SampleStruct(*map(address, record.room)),
             allowed=float(accuracy.most_steps), looks=detector.always,
             n_limits=len(detector.bounds["limit_q"]), between=problem.between,
-            **{name: address(x) for name, x in detector.bounds.items()})
+            **dict(zip(detector.bounds, map(address, detector.bounds.values()), strict=True)))
 
     def follow(self) -> Iterator[float]:
         """Take steps until the end; yields the time after each accepted step."""
@@ -511,8 +511,7 @@ class Run:
 
     def motion(self) -> Simulation:
         """Return the samples so far."""
-        in_use = self._in_use
-        return self.record.motion(in_use.evaluations, in_use.projection, self._stepping.used)
+        return self.record.motion(*self._in_use.cost(), self._stepping.used)
 
 
 class EquationsInUse:
@@ -621,19 +620,14 @@ class EquationsInUse:
             return "the loops cannot be closed there as on the way to it"
         return why_it_ends(self._problem, self._accuracy, self.first, t, state)
 
-    @property
-    def evaluations(self) -> int:
-        """How often equations of motion were evaluated."""
-        return self._evaluations + (self._system.kernel.evaluations if self._system else 0)
-
-    @property
-    def projection(self) -> Projection | None:
-        """The cost of the projections; None without them."""
+    def cost(self) -> tuple[int, Projection | None]:
+        """Return how often equations of motion were evaluated, and the cost of projections."""
+        evaluations = self._evaluations + (self._system.kernel.evaluations if self._system else 0)
         if not isinstance(self._system, ProjectedFormulation):
-            return None
+            return evaluations, None
         parts = [*self._projections, self._system.projection]
         seconds = sum(part.seconds for part in parts)
-        return Projection(
+        return evaluations, Projection(
             sum(part.steps for part in parts), sum(part.corrections for part in parts),
             max(part.opened for part in parts), seconds,
             seconds / (time.perf_counter() - self._clock))

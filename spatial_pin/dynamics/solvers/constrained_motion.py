@@ -81,7 +81,7 @@ class Loops:
     @cached_property
     def kkt(self) -> KKT:
         """The KKT system of all joints."""
-        return KKT(self.mechanism, self.tree.mass_entries())
+        return KKT(self.mechanism, self.tree.mass_entries(True))
 
     @cached_property
     def core_kkt(self) -> KKT:
@@ -200,7 +200,7 @@ class Loops:
 
     def rest_without_masses(self, v: Array | None = None, force: Array | None = None) -> Array:
         """Solve the KKT system with a unit mass matrix of the scaled velocities."""
-        rows, columns, at = self.tree.mass_entries()
+        rows, columns, at = self.tree.mass_entries(True)
         own = rows == columns
         self.kkt.mass[:] = 0.0
         self.kkt.mass[at[own]] = self.scale[rows[own]] ** -2.0

@@ -4,7 +4,7 @@
 
 #include "vectors.h"
 
-enum { LANES = 4 }; /* configurations, or right sides, at once */
+#define LANES 4 /* configurations at once */
 typedef Real Lane __attribute__((vector_size(LANES * sizeof(Real)), aligned(sizeof(Real))));
 
 /* Functions compiled twice, where the system chooses one for the processor: with vectors of four, or of two.
@@ -14,8 +14,5 @@ typedef Real Lane __attribute__((vector_size(LANES * sizeof(Real)), aligned(size
 #else
 #define FOR_WIDE
 #endif
-
-/* What becomes part of these. */
-#define WITHIN static inline __attribute__((always_inline))
 
 #endif

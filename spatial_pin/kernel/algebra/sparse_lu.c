@@ -535,19 +535,17 @@ static void note_changes(SparseLU *lu)
     }
 }
 
+#include "elimination.h"
+
 int lu_factor(SparseLU *lu, const Real *entry)
 {
-    Real *value = lu->value, least = INFINITY, most = 0.0, grown = 0.0;
-    const Int *target = lu->target;
-    memset(value, 0, (size_t)lu->n_values * sizeof *value);
-    for (Int e = 0; e < lu->n_entries; e++)
-        value[lu->position[e]] = entry[e];
+    const Real grown = find_factors(lu, entry, lu->value, lu->inverse);
+    Real least = INFINITY, most = 0.0;
     lu->sign = lu->parity;
     lu->mantissa = 1.0;
     lu->exponent = 0;
     for (Int step = 0; step < lu->n; step++) {
-        const Real pivot = value[lu->pivot_at[step]], size = fabs(pivot);
-        const Int first = lu->upper_start[step], end = lu->upper_start[step + 1];
+        const Real pivot = lu->value[lu->pivot_at[step]], size = fabs(pivot);
         if (!(size > 0.0) || !isfinite(size)) {
             lu->sign = lu->ratio = 0.0;
             lu->least_change = -INFINITY, lu->most_change = INFINITY;
@@ -558,39 +556,15 @@ int lu_factor(SparseLU *lu, const Real *entry)
         least = smaller_of(least, size);
         most = larger_of(most, size);
         multiply_determinant(lu, size);
-        lu->inverse[step] = 1.0 / pivot;
-        for (Int u = first; u < end; u++)
-            grown = larger_of(grown, fabs(value[lu->upper_at[u]] * lu->inverse[step]));
-        for (Int l = lu->lower_start[step]; l < lu->lower_start[step + 1]; l++) {
-            const Real factor = value[lu->lower_at[l]] *= lu->inverse[step];
-            for (Int u = first; u < end; u++)
-                value[*target++] -= factor * value[lu->upper_at[u]];
-        }
     }
     note_changes(lu);
     lu->ratio = lu->n ? least / most : 1.0;
     if (lu->first_ratio == 0.0)
         lu->first_ratio = lu->ratio;
-    return grown < GROWN && lu->ratio > SHRUNK * lu->first_ratio ? 1 : -1;
+    return grown < GROWN * GROWN && lu->ratio > SHRUNK * lu->first_ratio ? 1 : -1;
 }
 
-void lu_solve(const SparseLU *lu, Real *x)
-{
-    Real *y = lu->work;
-    memcpy(y, x, (size_t)lu->n * sizeof *y);
-    for (Int step = 0; step < lu->n; step++) {
-        const Real known = y[lu->pivot_row[step]];
-        if (known != 0.0)
-            for (Int l = lu->lower_start[step]; l < lu->lower_start[step + 1]; l++)
-                y[lu->lower_row[l]] -= lu->value[lu->lower_at[l]] * known;
-    }
-    for (Int step = lu->n - 1; step >= 0; step--) {
-        Real sum = y[lu->pivot_row[step]];
-        for (Int u = lu->upper_start[step]; u < lu->upper_start[step + 1]; u++)
-            sum -= lu->value[lu->upper_at[u]] * x[lu->upper_column[u]];
-        x[lu->pivot_column[step]] = sum * lu->inverse[step];
-    }
-}
+void lu_solve(const SparseLU *lu, Real *x) { substitute(lu, lu->value, lu->inverse, lu->work, x); }
 
 /* ---- several matrices side by side ---- */
 
@@ -613,57 +587,33 @@ static int make_room(LaneFactors *f, Int room)
     return 1;
 }
 
+#include "side_by_side.h"
+#define find_factors lanes_find_factors
+#define substitute lanes_substitute
+#include "elimination.h"
+
 FOR_WIDE int lu_factor_lanes(const SparseLU *lu, const Lane *entry, LaneFactors *f)
 {
-    Real least[LANES], most[LANES] = {0.0}, sign[LANES];
-    Lane grown = {0};
-    const Int *target = lu->target;
+    const Real shrunk = SHRUNK * lu->first_ratio;
+    Lane least = SPREAD(-INFINITY), most = {0}; /* squares of pivots, the least with its sign changed */
+    LaneMask signs = {0};
     if (!make_room(f, lu->n_values > lu->n ? lu->n_values : lu->n))
         return 0;
-    Lane *value = f->value;
-    memset(value, 0, (size_t)lu->n_values * sizeof *value);
-    for (Int e = 0; e < lu->n_entries; e++)
-        value[lu->position[e]] = entry[e];
-    for (int l = 0; l < LANES; l++)
-        least[l] = INFINITY, sign[l] = lu->parity;
+    const Lane grown = find_factors(lu, entry, f->value, f->inverse);
     for (Int step = 0; step < lu->n; step++) {
-        const Lane pivot = value[lu->pivot_at[step]], inverse = f->inverse[step] = 1.0 / pivot;
-        const Int first = lu->upper_start[step], end = lu->upper_start[step + 1];
-        for (int l = 0; l < LANES; l++) {
-            least[l] = smaller_of(least[l], fabs(pivot[l]));
-            most[l] = larger_of(most[l], fabs(pivot[l]));
-            sign[l] = pivot[l] < 0.0 ? -sign[l] : sign[l];
-        }
-        for (Int u = first; u < end; u++) {
-            const Lane part = value[lu->upper_at[u]] * inverse;
-            grown += part * part; /* no less than the largest square */
-        }
-        for (Int l = lu->lower_start[step]; l < lu->lower_start[step + 1]; l++) {
-            const Lane factor = value[lu->lower_at[l]] *= inverse;
-            for (Int u = first; u < end; u++)
-                value[*target++] -= factor * value[lu->upper_at[u]];
-        }
+        const Lane pivot = f->value[lu->pivot_at[step]], square = pivot * pivot;
+        least = larger_number(least, -square);
+        most = larger_number(most, square);
+        signs ^= (LaneMask)pivot;
     }
     for (int l = 0; l < LANES; l++)
-        if (!(least[l] > SHRUNK * lu->first_ratio * most[l]) || !(grown[l] < GROWN * GROWN) ||
-            !(sign[l] == lu->sign))
+        if (!(grown[l] < GROWN * GROWN) || !(-least[l] > shrunk * shrunk * most[l]) ||
+            (signs[l] < 0 ? -lu->parity : lu->parity) != lu->sign)
             return 0;
     return 1;
 }
 
 FOR_WIDE void lu_solve_lanes(const SparseLU *lu, const LaneFactors *f, Lane *x)
 {
-    Lane *y = f->work;
-    memcpy(y, x, (size_t)lu->n * sizeof *y);
-    for (Int step = 0; step < lu->n; step++) {
-        const Lane known = y[lu->pivot_row[step]];
-        for (Int l = lu->lower_start[step]; l < lu->lower_start[step + 1]; l++)
-            y[lu->lower_row[l]] -= f->value[lu->lower_at[l]] * known;
-    }
-    for (Int step = lu->n - 1; step >= 0; step--) {
-        Lane sum = y[lu->pivot_row[step]];
-        for (Int u = lu->upper_start[step]; u < lu->upper_start[step + 1]; u++)
-            sum -= f->value[lu->upper_at[u]] * x[lu->upper_column[u]];
-        x[lu->pivot_column[step]] = sum * f->inverse[step];
-    }
+    substitute(lu, f->value, f->inverse, f->work, x);
 }

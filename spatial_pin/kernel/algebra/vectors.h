@@ -1,5 +1,7 @@
-/* Vectors, of three and of n, and rotations, stored by columns: R[3 * c + i] is entry i of
- * column c. */
+/* Vectors, of three and of n, and rotations.
+ *
+ * Formulas that lanes (side_by_side.h) share are written in `Number`, of N_PARTS parts, PART(x, i); SPREAD(x)
+ * is a single one in all parts. SHARED functions are static there, those WITHIN others are anyway. */
 #ifndef SPATIAL_PIN_VECTORS_H
 #define SPATIAL_PIN_VECTORS_H
 
@@ -41,44 +43,23 @@ static inline int are_finite(const Real *a, Int n)
     return 1;
 }
 
-static inline Real dot3(const Real *a, const Real *b)
+/* ---- of single numbers here, of several in side_by_side.h ---- */
+
+#define Number Real
+#define N_PARTS 1 /* configurations at once */
+#define PART(x, i) (x)
+#define SPREAD(x) (x)
+#define SHARED
+#define larger_number larger_of
+#define WITHIN static inline __attribute__((always_inline))
+
+static inline void sine_and_cosine(Real angle, Real *sine, Real *cosine)
 {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    *sine = sin(angle);
+    *cosine = cos(angle);
 }
 
-static inline void cross3(const Real *a, const Real *b, Real *out)
-{
-    const Real x = a[1] * b[2] - a[2] * b[1];
-    const Real y = a[2] * b[0] - a[0] * b[2];
-    const Real z = a[0] * b[1] - a[1] * b[0];
-    out[0] = x;
-    out[1] = y;
-    out[2] = z;
-}
-
-static inline void copy3(const Real *a, Real *out)
-{
-    out[0] = a[0];
-    out[1] = a[1];
-    out[2] = a[2];
-}
-
-static inline void zero3(Real *out) { out[0] = out[1] = out[2] = 0.0; }
-
-/* out += factor * a */
-static inline void add3(Real factor, const Real *a, Real *out)
-{
-    out[0] += factor * a[0];
-    out[1] += factor * a[1];
-    out[2] += factor * a[2];
-}
-
-/* out = R v */
-static inline void rotate3(const Real *R, const Real *v, Real *restrict out)
-{
-    for (int i = 0; i < 3; i++)
-        out[i] = R[i] * v[0] + R[3 + i] * v[1] + R[6 + i] * v[2];
-}
+#include "formulas.h"
 
 /* out = Rᵀ v */
 static inline void rotate_back3(const Real *R, const Real *v, Real *out)
@@ -87,13 +68,6 @@ static inline void rotate_back3(const Real *R, const Real *v, Real *out)
     out[0] = x;
     out[1] = y;
     out[2] = z;
-}
-
-/* out = A B, both rotations */
-static inline void product3(const Real *A, const Real *B, Real *out)
-{
-    for (int c = 0; c < 3; c++)
-        rotate3(A, B + 3 * c, out + 3 * c);
 }
 
 #endif

@@ -12,71 +12,222 @@
 
 /* ---- products ---- */
 
-static inline void sum_of_terms(const Real *vectors, const Int *term, const Real *factor, Real *out)
+WITHIN void sum_of_terms(const Number *vectors, const Int *term, const Real *factor, Number *out)
 {
-    Real sum[3] = {0.0, 0.0, 0.0};
-    for (int t = 0; t < 2; t++)
-        if (term[t] >= 0)
-            add3(factor[t], vectors + 3 * term[t], sum);
-    copy3(sum, out);
+    zero3(out);
+    if (term[0] >= 0)
+        multiple3(factor[0], vectors + 3 * term[0], out);
+    if (term[1] >= 0)
+        add3(factor[1], vectors + 3 * term[1], out);
 }
 
 /* Derivatives of product i for the freedoms of its support, in their order. */
-static void product_row(const Kernel *k, Int i, const Real *force, const Real *moment, Real *out)
+WITHIN void product_row(const Evaluated *s, Int i, const Number *force, const Number *moment, Number *out)
 {
+    const Kernel *k = kernel_of(s);
     for (Int t = k->products.support_start[i]; t < k->products.support_start[i + 1]; t++) {
         const Int v = k->products.support_v[t];
         *out++ = k->products.support_sign[t] *
-                 (dot3(force, k->linear + 3 * v) + dot3(moment, k->angular + 3 * v));
+                 (dot3(force, s->linear + 3 * v) + dot3(moment, s->angular + 3 * v));
     }
 }
 
 /* Move the scratch row into the pattern of an equation, and leave it zero. */
-static void store_row(Kernel *k, Int equation)
+WITHIN void store_row(Evaluated *s, Int equation)
 {
+    const Kernel *k = kernel_of(s);
     for (Int e = k->entry_start[equation]; e < k->entry_start[equation + 1]; e++) {
-        k->entry[e] = k->equations.row[k->entry_v[e]];
-        k->equations.row[k->entry_v[e]] = 0.0;
+        s->entry[e] = s->equations.row[k->entry_v[e]];
+        s->equations.row[k->entry_v[e]] = SPREAD(0.0);
     }
 }
 
 /* ---- the kinds ---- */
 
-static void value_of(Kernel *k, Int equation)
+WITHIN void value_of(Evaluated *s, Int equation)
 {
+    const Kernel *k = kernel_of(s);
     if (k->equations.kind[equation] == PRODUCT)
-        k->residual[equation] = k->products.value[k->equations.product[equation]];
+        s->residual[equation] = s->products.value[k->equations.product[equation]];
     else if (k->equations.kind[equation] == SUM)
-        k->residual[equation] = sum_value(k, equation); /* an idle rotation has no value, only a rate */
+        s->residual[equation] = sum_value(s, equation); /* an idle rotation has no value, only a rate */
 }
 
-static void jacobian_of(Kernel *k, Int equation)
+WITHIN void jacobian_of(Evaluated *s, Int equation)
 {
+    const Kernel *k = kernel_of(s);
     const Int kind = k->equations.kind[equation], product = k->equations.product[equation];
-    Real force[3] = {0.0, 0.0, 0.0}, moment[3];
+    Number force[3], moment[3];
     if (kind == SUM) {
-        sum_add_row(k, equation);
-        store_row(k, equation);
+        sum_add_row(s, equation);
+        store_row(s, equation);
         return;
     }
+    zero3(force);
     if (kind == PRODUCT)
-        product_wrench(k, product, force, moment);
-    product_row(k, product, force, kind == PRODUCT ? moment : k->products.B + 3 * product,
-                k->entry + k->entry_start[equation]);
+        product_wrench(s, product, force, moment);
+    product_row(s, product, force, kind == PRODUCT ? moment : s->products.B + 3 * product,
+                s->entry + k->entry_start[equation]);
 }
 
-static void bias_of(Kernel *k, Int equation, const Real *v)
+WITHIN void bias_of(Evaluated *s, Int equation, const Number *v)
 {
+    const Kernel *k = kernel_of(s);
     const Int kind = k->equations.kind[equation], product = k->equations.product[equation];
-    Real rate;
+    Number rate;
     if (kind == SUM) {
-        sum_rates(k, equation, v, &rate, k->equations.bias + equation);
+        sum_rates(s, equation, v, &rate, s->equations.bias + equation);
     } else if (kind == PRODUCT) {
-        k->equations.bias[equation] = k->products.bias[product];
+        s->equations.bias[equation] = s->products.bias[product];
     } else {
         const Int body = k->vectors.body[k->products.b_term[2 * product]];
-        k->equations.bias[equation] = dot3(k->products.B + 3 * product, k->alpha + 3 * body);
+        s->equations.bias[equation] = dot3(s->products.B + 3 * product, s->alpha + 3 * body);
     }
+}
+
+/* ---- all equations ---- */
+
+WITHIN void place_vector(Evaluated *s, Int i)
+{
+    const Kernel *k = kernel_of(s);
+    const Int body = k->vectors.body[i];
+    Number turned[3];
+    rotate3(s->R + 9 * body, s->vectors.local + 3 * i, turned);
+    if (k->vectors.flag[i])
+        add3(1.0, s->p + 3 * body, turned);
+    copy3(turned, s->vectors.value + 3 * i);
+}
+
+SHARED void equations_place_ground(Evaluated *s)
+{
+    const Kernel *k = kernel_of(s);
+    for (Int i = 0; i < k->vectors.n; i++)
+        if (!k->vectors.body[i])
+            place_vector(s, i);
+}
+
+SHARED void equations_residuals(Evaluated *s, const Parts *of)
+{
+    const Kernel *k = kernel_of(s);
+    const Products *all = &k->products;
+    for (Int i = 0; i < of->n_vectors; i++)
+        place_vector(s, of->vector[i]);
+    for (Int p = 0; p < of->n_products; p++) {
+        const Int i = of->product[p];
+        Number *A = s->products.A + 3 * i, *B = s->products.B + 3 * i;
+        sum_of_terms(s->vectors.value, all->a_term + 2 * i, all->a_factor + 2 * i, A);
+        sum_of_terms(s->vectors.value, all->b_term + 2 * i, all->b_factor + 2 * i, B);
+        s->products.value[i] = dot3(A, B) - all->constant[i];
+    }
+    if (of != &k->equations.rest)
+        angles_place(s);
+    for (Int e = 0; e < of->n_equations; e++)
+        value_of(s, of->equation[e]);
+}
+
+SHARED void equations_jacobian(Evaluated *s, const Parts *of)
+{
+    tree_columns(s);
+    for (Int e = 0; e < of->n_equations; e++)
+        jacobian_of(s, of->equation[e]);
+}
+
+/* First and second derivatives of the vectors, without those of the joint velocities. */
+WITHIN void vector_rates(Evaluated *s, const Parts *of)
+{
+    const Kernel *k = kernel_of(s);
+    for (Int at = 0; at < of->n_vectors; at++) {
+        const Int i = of->vector[at];
+        const Int body = 3 * k->vectors.body[i];
+        Number arm[3], more[3], rate[3], bias[3];
+        rotate3(s->R + 3 * body, s->vectors.local + 3 * i, arm);
+        cross3(s->omega + body, arm, rate);
+        cross3(s->omega + body, rate, bias);
+        cross3(s->alpha + body, arm, more);
+        add3(1.0, more, bias);
+        if (k->vectors.flag[i]) {
+            add3(1.0, s->velocity + body, rate);
+            add3(1.0, s->acceleration + body, bias);
+        }
+        copy3(rate, s->vectors.rate + 3 * i);
+        copy3(bias, s->vectors.bias + 3 * i);
+    }
+}
+
+SHARED void equations_bias(Evaluated *s, const Parts *of, const Number *v)
+{
+    const Kernel *k = kernel_of(s);
+    const Products *all = &k->products;
+    const Number *rate = s->vectors.rate, *bias = s->vectors.bias;
+    tree_rates(s, v);
+    vector_rates(s, of);
+    for (Int p = 0; p < of->n_products; p++) {
+        const Int i = of->product[p], *a = all->a_term + 2 * i, *b = all->b_term + 2 * i;
+        const Number *A = s->products.A + 3 * i, *B = s->products.B + 3 * i;
+        const Real *fa = all->a_factor + 2 * i, *fb = all->b_factor + 2 * i;
+        Number dA[3], dB[3], ddA[3], ddB[3];
+        sum_of_terms(rate, a, fa, dA);
+        sum_of_terms(rate, b, fb, dB);
+        sum_of_terms(bias, a, fa, ddA);
+        sum_of_terms(bias, b, fb, ddB);
+        s->products.rate[i] = dot3(dA, B) + dot3(A, dB);
+        s->products.bias[i] = dot3(ddA, B) + 2.0 * dot3(dA, dB) + dot3(A, ddB);
+    }
+    if (of != &k->equations.rest)
+        angles_rates(s, v);
+    for (Int e = 0; e < of->n_equations; e++)
+        bias_of(s, of->equation[e], v);
+}
+
+#if N_PARTS == 1
+
+void equations_values(Kernel *k, const Real *q)
+{
+    tree_place(k, q);
+    equations_residuals(k, &k->equations.all);
+}
+
+void equations_values_near(Kernel *k, const Real *q, const Real *reference)
+{
+    if (k->n_angles) /* else there may be no array */
+        memmove(k->angle_reference, reference, (size_t)k->n_angles * sizeof *reference);
+    equations_values(k, q);
+}
+
+void equations_angle_row(Kernel *k, Int angle, Real *row)
+{
+    angle_add_row(k, angle);
+    for (Int v = 0; v < k->nv; v++) {
+        row[v] = k->equations.row[v];
+        k->equations.row[v] = 0.0;
+    }
+}
+
+void equations_close_turns(Kernel *k, const Real *q)
+{
+    equations_values(k, q);
+    if (!k->n_angles)
+        return;
+    memcpy(k->angle_reference, k->angle, (size_t)k->n_angles * sizeof *k->angle);
+    for (Int e = 0; e < k->n_closure; e++) {
+        const Int end = k->equations.term_start[e + 1];
+        for (Int t = k->equations.term_start[e]; t < end; t++) {
+            const Int i = k->equations.factor_start[t];
+            if (i < k->equations.factor_start[t + 1] && k->quantities.kind[i] == ANGLE &&
+                k->quantities.function[i] < 0) {
+                const Real slope = product_without(k, t, i, -1);
+                k->angle_reference[k->quantities.at[2 * i]] -=
+                    slope != 0.0 ? k->residual[e] / slope : 0.0;
+                break; /* one angle of an equation closes it */
+            }
+        }
+    }
+    equations_values(k, q);
+}
+
+Real equations_error(const Kernel *k)
+{
+    return largest(k->residual, k->n_closure);
 }
 
 /* ---- what Python's arrays must satisfy ---- */
@@ -300,140 +451,4 @@ void equations_begin(Kernel *k)
     equations_place_ground(k);
 }
 
-/* ---- all equations ---- */
-
-static inline void place_vector(Kernel *k, Int i)
-{
-    const Int body = k->vectors.body[i];
-    Real turned[3];
-    rotate3(k->R + 9 * body, k->vectors.local + 3 * i, turned);
-    if (k->vectors.flag[i])
-        add3(1.0, k->p + 3 * body, turned);
-    copy3(turned, k->vectors.value + 3 * i);
-}
-
-void equations_place_ground(Kernel *k)
-{
-    for (Int i = 0; i < k->vectors.n; i++)
-        if (!k->vectors.body[i])
-            place_vector(k, i);
-}
-
-void equations_residuals(Kernel *k, const Parts *of)
-{
-    for (Int i = 0; i < of->n_vectors; i++)
-        place_vector(k, of->vector[i]);
-    const Products *all = &k->products;
-    for (Int p = 0; p < of->n_products; p++) {
-        const Int i = of->product[p];
-        Real *A = all->A + 3 * i, *B = all->B + 3 * i;
-        sum_of_terms(k->vectors.value, all->a_term + 2 * i, all->a_factor + 2 * i, A);
-        sum_of_terms(k->vectors.value, all->b_term + 2 * i, all->b_factor + 2 * i, B);
-        all->value[i] = dot3(A, B) - all->constant[i];
-    }
-    if (of != &k->equations.rest)
-        angles_place(k);
-    for (Int e = 0; e < of->n_equations; e++)
-        value_of(k, of->equation[e]);
-}
-
-void equations_values(Kernel *k, const Real *q)
-{
-    tree_place(k, q);
-    equations_residuals(k, &k->equations.all);
-}
-
-void equations_values_near(Kernel *k, const Real *q, const Real *reference)
-{
-    if (k->n_angles) /* else there may be no array */
-        memmove(k->angle_reference, reference, (size_t)k->n_angles * sizeof *reference);
-    equations_values(k, q);
-}
-
-void equations_angle_row(Kernel *k, Int angle, Real *row)
-{
-    angle_add_row(k, angle);
-    for (Int v = 0; v < k->nv; v++) {
-        row[v] = k->equations.row[v];
-        k->equations.row[v] = 0.0;
-    }
-}
-
-void equations_close_turns(Kernel *k, const Real *q)
-{
-    equations_values(k, q);
-    if (!k->n_angles)
-        return;
-    memcpy(k->angle_reference, k->angle, (size_t)k->n_angles * sizeof *k->angle);
-    for (Int e = 0; e < k->n_closure; e++) {
-        const Int end = k->equations.term_start[e + 1];
-        for (Int t = k->equations.term_start[e]; t < end; t++) {
-            const Int i = k->equations.factor_start[t];
-            if (i < k->equations.factor_start[t + 1] && k->quantities.kind[i] == ANGLE &&
-                k->quantities.function[i] < 0) {
-                const Real slope = product_without(k, t, i, -1);
-                k->angle_reference[k->quantities.at[2 * i]] -=
-                    slope != 0.0 ? k->residual[e] / slope : 0.0;
-                break; /* one angle of an equation closes it */
-            }
-        }
-    }
-    equations_values(k, q);
-}
-
-void equations_jacobian(Kernel *k, const Parts *of)
-{
-    tree_columns(k);
-    for (Int e = 0; e < of->n_equations; e++)
-        jacobian_of(k, of->equation[e]);
-}
-
-/* First and second derivatives of the vectors, without those of the joint velocities. */
-static void vector_rates(Kernel *k, const Parts *of)
-{
-    for (Int at = 0; at < of->n_vectors; at++) {
-        const Int i = of->vector[at];
-        const Int body = 3 * k->vectors.body[i];
-        Real arm[3], more[3], rate[3], bias[3];
-        rotate3(k->R + 3 * body, k->vectors.local + 3 * i, arm);
-        cross3(k->omega + body, arm, rate);
-        cross3(k->omega + body, rate, bias);
-        cross3(k->alpha + body, arm, more);
-        add3(1.0, more, bias);
-        if (k->vectors.flag[i]) {
-            add3(1.0, k->velocity + body, rate);
-            add3(1.0, k->acceleration + body, bias);
-        }
-        copy3(rate, k->vectors.rate + 3 * i);
-        copy3(bias, k->vectors.bias + 3 * i);
-    }
-}
-
-void equations_bias(Kernel *k, const Parts *of, const Real *v)
-{
-    tree_rates(k, v);
-    vector_rates(k, of);
-    const Products *all = &k->products;
-    const Real *rate = k->vectors.rate, *bias = k->vectors.bias;
-    for (Int p = 0; p < of->n_products; p++) {
-        const Int i = of->product[p], *a = all->a_term + 2 * i, *b = all->b_term + 2 * i;
-        const Real *A = all->A + 3 * i, *B = all->B + 3 * i;
-        const Real *fa = all->a_factor + 2 * i, *fb = all->b_factor + 2 * i;
-        Real dA[3], dB[3], ddA[3], ddB[3];
-        sum_of_terms(rate, a, fa, dA);
-        sum_of_terms(rate, b, fb, dB);
-        sum_of_terms(bias, a, fa, ddA);
-        sum_of_terms(bias, b, fb, ddB);
-        all->rate[i] = dot3(dA, B) + dot3(A, dB);
-        all->bias[i] = dot3(ddA, B) + 2.0 * dot3(dA, dB) + dot3(A, ddB);
-    }
-    if (of != &k->equations.rest)
-        angles_rates(k, v);
-    for (Int e = 0; e < of->n_equations; e++)
-        bias_of(k, of->equation[e], v);
-}
-
-Real equations_error(const Kernel *k)
-{
-    return largest(k->residual, k->n_closure);
-}
+#endif

@@ -220,6 +220,10 @@ typedef struct Kernel {
     Memory memory;
 } Kernel;
 
+/* What formulas evaluate, and the mechanism that it is of: side by side they are two, see side_by_side.h. */
+#define Evaluated Kernel
+#define kernel_of(s) (s)
+
 /* ---- model.c ---- */
 /* Make a kernel of two arrays, in the order in which read_structure and read_numbers read them, and of
    the caller's functions (n_called), NULL for those that have numbers. DONE, BAD_ARRAYS, NO_MEMORY. */
@@ -241,7 +245,6 @@ void tree_rates(Kernel *k, const Real *v);
 void tree_accelerate(Kernel *k, const Real *a); /* what joint accelerations add, after tree_rates */
 void tree_integrate(const Kernel *k, Real *q, const Real *step);   /* as pin.integrate */
 void tree_normalize(const Kernel *k, Real *q);
-void quaternion_rotation(const Real *quaternion, Real *R); /* of length one; by columns */
 /* first and second derivatives of the entries of q at joint rates v and accelerations a */
 void tree_entry_rates(const Kernel *k, const Real *q, const Real *v, const Real *a, Real *first,
                       Real *second);
@@ -336,13 +339,17 @@ void system_solve(const Kernel *k, Real *x);
    `left_out` tells how independent the others are. */
 int system_reselect(Kernel *k);
 int system_choose(Kernel *k, const Int *chosen); /* these (n_chosen) instead */
+/* Add a factor times second derivatives of the chosen equations and of idle rotations, at joint rates v, to
+   right sides. */
+void system_add_bias(Kernel *k, const Real *v, Real factor, Real *right);
 /* Right sides, in k->right, of rates where driven coordinates have these (n_driven); and of accelerations
    where joints have velocities v (nv). The others are zero. */
 void system_put_rates(Kernel *k, const Real *rate);
 void system_put_accelerations(Kernel *k, const Real *v, const Real *acceleration);
 /* dq/ds and d2q/ds2 (joint rates), at a factored point, where driven coordinates have derivatives
-   `rate` and `bend` (n_driven) by s */
-void system_path_rates(Kernel *k, const Real *rate, const Real *bend, Real *first, Real *second);
+   `rate` and `bend` (n_driven) by s; and the squares (2) of their scaled sizes */
+void system_path_rates(Kernel *k, const Real *rate, const Real *bend, Real *first, Real *second,
+                       Real *squares);
 Int driven_at(const Kernel *k, Int i); /* the velocity entry of a driven coordinate */
 
 #endif

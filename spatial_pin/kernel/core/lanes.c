@@ -1,11 +1,10 @@
-/* Configurations side by side: placements, equations, their derivatives and the square system.
- *
- * The formulas are those of tree.c, equations.c and system.c, where they are explained; no branch depends
- * on a number. */
+/* Configurations side by side: the formulas of tree.c, sums.c, equations.c and system.c, compiled once
+ * more. No branch depends on a number. */
 #include <string.h>
 
 #include "lanes.h"
 #include "memory.h"
+#include "side_by_side.h"
 
 /* ---- sine and cosine ---- */
 
@@ -13,11 +12,11 @@
 
 /* Both of an angle, by its nearest multiple of pi / 2 in two parts, the first of which has 33 bits, and the
    polynomials of least error of fdlibm [Ng1992]. */
-WITHIN void sine_and_cosine(const Lane *angle, Lane *sine, Lane *cosine)
+WITHIN void lanes_sine_and_cosine(Lane angle, Lane *sine, Lane *cosine)
 {
     static const Real whole = 6755399441055744.0; /* 1.5 * 2^52: what is added to it is rounded */
-    const Lane n = (*angle * 6.36619772367581382433e-01 + whole) - whole;
-    const Lane x = (*angle - n * 1.57079632673412561417e+00) - n * 6.07710050650619224932e-11;
+    const Lane n = (angle * 6.36619772367581382433e-01 + whole) - whole;
+    const Lane x = (angle - n * 1.57079632673412561417e+00) - n * 6.07710050650619224932e-11;
     const Lane z = x * x, half = 0.5 * z, w = 1.0 - half;
     const Lane s = x + z * x * (-1.66666666666666324348e-01 + z * (8.33333333332248946124e-03 + z *
         (-1.98412698298579493134e-04 + z * (2.75573137070700676789e-06 + z *
@@ -33,371 +32,114 @@ WITHIN void sine_and_cosine(const Lane *angle, Lane *sine, Lane *cosine)
     *sine = cosine_of * s + sine_of * c;
     *cosine = cosine_of * c - sine_of * s;
     for (int l = 0; l < LANES; l++)
-        if (!(fabs((*angle)[l]) < MOST_TURNED))
-            (*sine)[l] = sin((*angle)[l]), (*cosine)[l] = cos((*angle)[l]);
+        if (!(fabs(angle[l]) < MOST_TURNED))
+            (*sine)[l] = sin(angle[l]), (*cosine)[l] = cos(angle[l]);
 }
 
-/* ---- vectors of three ---- */
+/* ---- formulas ---- */
 
-WITHIN void put3(const Real *x, Lane *out)
+#define sine_and_cosine lanes_sine_and_cosine
+#define tree_place lanes_tree_place
+#define tree_columns lanes_tree_columns
+#define tree_rates lanes_tree_rates
+#define tree_normalize lanes_tree_normalize
+#include "tree.c"
+
+#define product_wrench lanes_product_wrench
+#define angles_place lanes_angles_place
+#define angles_rates lanes_angles_rates
+#define product_without lanes_product_without
+#define sum_value lanes_sum_value
+#define sum_add_row lanes_sum_add_row
+#define sum_rates lanes_sum_rates
+#define is_one_of lanes_is_one_of
+#include "sums.c"
+
+#define equations_place_ground lanes_equations_place_ground
+#define equations_residuals lanes_equations_residuals
+#define equations_jacobian lanes_equations_jacobian
+#define equations_bias lanes_equations_bias
+#include "equations.c"
+
+#define driven_at lanes_driven_at
+#define system_solve lanes_solve
+#define system_put_rates lanes_system_put_rates
+#define system_add_bias lanes_system_add_bias
+#define system_put_accelerations lanes_system_put_accelerations
+#define system_path_rates lanes_system_path_rates
+#include "system.c"
+
+FOR_WIDE void lanes_residuals(Abreast *s, const Parts *of)
 {
-    for (int i = 0; i < 3; i++)
-        out[i] = (Lane){0} + x[i];
+    if (of != &s->k->equations.rest)
+        tree_place(s, s->next);
+    equations_residuals(s, of);
 }
 
-WITHIN void sum3(const Lane *x, Lane *out)
+FOR_WIDE int lanes_factor(Abreast *s)
 {
-    for (int i = 0; i < 3; i++)
-        out[i] += x[i];
+    equations_jacobian(s, &s->k->equations.system);
+    put_values(s, s->matrix);
+    return lu_factor_lanes(s->k->system.lu, s->matrix, &s->factors);
 }
 
-WITHIN void multiple3(const Lane *factor, const Lane *x, Lane *out)
+void lanes_solve(const Abreast *s, Lane *x) { lu_solve_lanes(s->k->system.lu, &s->factors, x); }
+
+FOR_WIDE void lanes_path_rates(Abreast *s, Lane *squares)
 {
-    for (int i = 0; i < 3; i++)
-        out[i] = *factor * x[i];
+    const Lane *rate = s->prescribed + s->k->system.n_driven;
+    system_path_rates(s, rate, rate + s->k->system.n_driven, s->t, s->c, squares);
 }
 
-WITHIN void cross(const Lane *a, const Lane *b, Lane *out)
-{
-    const Lane x = a[1] * b[2] - a[2] * b[1], y = a[2] * b[0] - a[0] * b[2];
-    out[2] = a[0] * b[1] - a[1] * b[0];
-    out[0] = x, out[1] = y;
-}
+FOR_WIDE void lanes_normalize(Abreast *s) { tree_normalize(s->k, s->next); }
 
-/* out += a x b */
-WITHIN void add_cross(const Lane *a, const Lane *b, Lane *out)
+FOR_WIDE void lanes_move(Abreast *s)
 {
-    Lane x[3];
-    cross(a, b, x);
-    sum3(x, out);
-}
-
-/* out = R v, of a vector of numbers, and of one of lanes */
-WITHIN void turned_numbers(const Lane *R, const Real *v, Lane *out)
-{
-    for (int i = 0; i < 3; i++)
-        out[i] = R[i] * v[0] + R[3 + i] * v[1] + R[6 + i] * v[2];
-}
-
-WITHIN void turned(const Lane *R, const Lane *v, Lane *out)
-{
-    for (int i = 0; i < 3; i++)
-        out[i] = R[i] * v[0] + R[3 + i] * v[1] + R[6 + i] * v[2];
-}
-
-/* ---- the tree ---- */
-
-WITHIN void rotation_of(const Lane *quaternion, Lane *R)
-{
-    const Lane x = quaternion[0], y = quaternion[1], z = quaternion[2], w = quaternion[3];
-    const Lane xx = 2.0 * x * x, yy = 2.0 * y * y, zz = 2.0 * z * z;
-    const Lane xy = 2.0 * x * y, xz = 2.0 * x * z, yz = 2.0 * y * z;
-    const Lane wx = 2.0 * w * x, wy = 2.0 * w * y, wz = 2.0 * w * z;
-    R[0] = 1.0 - yy - zz, R[1] = xy + wz, R[2] = xz - wy;
-    R[3] = xy - wz, R[4] = 1.0 - xx - zz, R[5] = yz + wx;
-    R[6] = xz + wy, R[7] = yz - wx, R[8] = 1.0 - xx - yy;
-}
-
-WITHIN const Lane *fixed_placement(const Kernel *k, const Abreast *s, Int j, Lane *p, Lane *own)
-{
-    const Int up = k->parent[j];
-    const Lane *parent = s->R + 9 * up;
-    if (up == 0)
-        put3(k->translation + 3 * j, p);
-    else {
-        turned_numbers(parent, k->translation + 3 * j, p);
-        sum3(s->p + 3 * up, p);
-        if (k->plain[j])
-            return parent;
-    }
-    for (int c = 0; c < 3; c++)
-        if (up == 0)
-            put3(k->rotation + 9 * j + 3 * c, own + 3 * c);
-        else
-            turned_numbers(parent, k->rotation + 9 * j + 3 * c, own + 3 * c);
-    return own;
-}
-
-WITHIN void place_joint(const Kernel *k, Abreast *s, Int j)
-{
-    const Lane *x = s->q + k->iq[j];
-    Lane *R = s->R + 9 * j, *p = s->p + 3 * j, own[9], free[9], sine, cosine, slide;
-    const Lane *fixed = fixed_placement(k, s, j, p, own);
-    switch (k->kind[j]) {
-    case SLIDE:
-        memcpy(R, fixed, 9 * sizeof *R);
-        break;
-    case TURN:
-    case SCREW:
-        sine_and_cosine(x, &sine, &cosine);
-        for (int i = 0; i < 3; i++) {
-            R[i] = cosine * fixed[i] + sine * fixed[3 + i];
-            R[3 + i] = cosine * fixed[3 + i] - sine * fixed[i];
-            R[6 + i] = fixed[6 + i];
-        }
-        break;
-    case FREE:
-        for (int i = 0; i < 3; i++)
-            p[i] += x[0] * fixed[i] + x[1] * fixed[3 + i] + x[2] * fixed[6 + i];
-        x += 3;
-        /* fall through */
-    default:
-        rotation_of(x, free);
-        for (int c = 0; c < 3; c++)
-            turned(fixed, free + 3 * c, R + 3 * c);
-    }
-    if (k->kind[j] == SLIDE || k->kind[j] == SCREW) {
-        slide = k->pitch[j] * x[0];
-        for (int i = 0; i < 3; i++)
-            p[i] += slide * R[6 + i];
-    }
-}
-
-WITHIN void place_columns(const Kernel *k, Abreast *s)
-{
+    const Kernel *k = s->k;
     for (Int j = 1; j < k->n_joints; j++) {
-        const Lane *R = s->R + 9 * j, *p = s->p + 3 * j;
-        Lane *linear = s->linear + 3 * k->iv[j], *angular = s->angular + 3 * k->iv[j];
-        const Int kind = k->kind[j], first = kind >= BALL ? 0 : 2;
-        if (kind == FREE) {
-            memcpy(linear, R, 9 * sizeof *R);
-            linear += 9, angular += 9;
-        }
-        for (Int c = first; c < 3 && kind != SLIDE; c++) {
-            memcpy(angular + 3 * (c - first), R + 3 * c, 3 * sizeof *R);
-            cross(p, R + 3 * c, linear + 3 * (c - first));
-        }
-        for (int i = 0; i < 3 && (kind == SLIDE || kind == SCREW); i++)
-            linear[i] = k->pitch[j] * R[6 + i] + (kind == SLIDE ? (Lane){0} : linear[i]);
-    }
-}
-
-WITHIN void joint_rate(const Kernel *k, const Abreast *s, Int j, Lane *slide, Lane *turn)
-{
-    const Lane *R = s->R + 9 * j, *x = s->t + k->iv[j];
-    const Int kind = k->kind[j];
-    const Lane none = {0}, sliding = kind == SLIDE || kind == SCREW ? k->pitch[j] * x[0] : none;
-    const Lane turning = kind == SLIDE ? none : x[0];
-    if (kind < BALL) {
-        multiple3(&sliding, R + 6, slide);
-        multiple3(&turning, R + 6, turn);
-        return;
-    }
-    slide[0] = slide[1] = slide[2] = none;
-    if (kind == FREE)
-        turned(R, x, slide);
-    turned(R, x + (kind == FREE ? 3 : 0), turn);
-}
-
-WITHIN void tree_rates_of(const Kernel *k, Abreast *s)
-{
-    for (Int j = 1; j < k->n_joints; j++) {
-        const Int up = 3 * k->parent[j], at = 3 * j;
-        Lane arm[3], swing[3], slide[3], turn[3];
-        Lane *omega = s->omega + at, *velocity = s->velocity + at;
-        Lane *alpha = s->alpha + at, *acceleration = s->acceleration + at;
-        joint_rate(k, s, j, slide, turn);
-        if (up == 0) {
-            memcpy(velocity, slide, sizeof slide);
-            memcpy(omega, turn, sizeof turn);
-            cross(turn, slide, acceleration);
-            alpha[0] = alpha[1] = alpha[2] = (Lane){0};
-            continue;
-        }
-        for (int i = 0; i < 3; i++)
-            arm[i] = s->p[at + i] - s->p[up + i];
-        cross(s->omega + up, arm, swing);
-        cross(s->omega + up, turn, alpha);
-        sum3(s->alpha + up, alpha);
-        for (int i = 0; i < 3; i++) {
-            omega[i] = s->omega[up + i] + turn[i];
-            velocity[i] = s->velocity[up + i] + swing[i] + slide[i];
-            acceleration[i] = s->acceleration[up + i];
-            swing[i] += slide[i];
-        }
-        add_cross(s->alpha + up, arm, acceleration);
-        add_cross(s->omega + up, swing, acceleration);
-        if (k->kind[j] != TURN)
-            add_cross(omega, slide, acceleration);
-    }
-}
-
-FOR_WIDE void lanes_normalize(const Kernel *k, Abreast *s)
-{
-    for (Int j = 1; j < k->n_joints; j++) {
-        Lane *x = s->q + k->iq[j] + (k->kind[j] == FREE ? 3 : 0), size;
-        if (k->kind[j] < BALL)
-            continue;
-        size = x[0] * x[0] + x[1] * x[1] + x[2] * x[2] + x[3] * x[3];
-        for (int l = 0; l < LANES; l++)
-            size[l] = sqrt(size[l]);
-        for (int i = 0; i < 4; i++)
-            x[i] /= size;
-    }
-}
-
-FOR_WIDE void lanes_move(const Kernel *k, Abreast *s)
-{
-    for (Int j = 1; j < k->n_joints; j++) {
-        Lane *x = s->q + k->iq[j], *w = s->right + k->iv[j], R[9], slide[3], change[4];
+        Lane *x = s->next + k->iq[j], *w = s->right + k->iv[j], R[9], slide[3], change[4];
         if (k->kind[j] < BALL) {
             x[0] += w[0];
             continue;
         }
         if (k->kind[j] == FREE) {
-            rotation_of(x + 3, R);
-            turned(R, w, slide);
-            sum3(slide, x);
+            quaternion_rotation(x + 3, R);
+            rotate3(R, w, slide);
+            add3(1.0, slide, x);
             x += 3, w += 3;
         }
-        cross(x, w, change);
-        for (int i = 0; i < 3; i++)
-            change[i] += x[3] * w[i];
-        change[3] = -(x[0] * w[0] + x[1] * w[1] + x[2] * w[2]);
+        times_pure(x, w, change);
         for (int i = 0; i < 4; i++)
             x[i] += 0.5 * change[i];
     }
-    lanes_normalize(k, s);
-}
-
-/* ---- equations ---- */
-
-WITHIN void sum_of_terms(const Lane *vectors, const Int *term, const Real *factor, Lane *out)
-{
-    for (int i = 0; i < 3; i++)
-        out[i] = term[0] >= 0 ? factor[0] * vectors[3 * term[0] + i] : (Lane){0};
-    for (int i = 0; i < 3 && term[1] >= 0; i++)
-        out[i] += factor[1] * vectors[3 * term[1] + i];
-}
-
-FOR_WIDE void lanes_residuals(const Kernel *k, Abreast *s, const Parts *of, int all)
-{
-    const Products *products = &k->products;
-    for (Int j = 1; j < k->n_joints && of != &k->equations.rest; j++)
-        if (all || !s->stands[j])
-            place_joint(k, s, j);
-    for (Int x = 0; x < of->n_vectors; x++) {
-        const Int i = of->vector[x], body = k->vectors.body[i];
-        turned_numbers(s->R + 9 * body, k->vectors.local + 3 * i, s->vector + 3 * i);
-        if (k->vectors.flag[i])
-            sum3(s->p + 3 * body, s->vector + 3 * i);
-    }
-    for (Int x = 0; x < of->n_products; x++) {
-        const Int i = of->product[x];
-        sum_of_terms(s->vector, products->a_term + 2 * i, products->a_factor + 2 * i, s->A + 3 * i);
-        sum_of_terms(s->vector, products->b_term + 2 * i, products->b_factor + 2 * i, s->B + 3 * i);
-    }
-    for (Int x = 0; x < of->n_equations; x++) {
-        const Int i = k->equations.product[of->equation[x]];
-        const Lane *A = s->A + 3 * i, *B = s->B + 3 * i;
-        s->residual[of->equation[x]] =
-            A[0] * B[0] + A[1] * B[1] + A[2] * B[2] - products->constant[i];
-    }
-}
-
-WITHIN Lane *product_row(const Kernel *k, const Abreast *s, Int i, Lane *to)
-{
-    const Lane *B = s->B + 3 * i;
-    const Int x = k->products.x_term[i];
-    Lane moment[3] = {{0}, {0}, {0}};
-    if (x >= 0) {
-        cross(s->vector + 3 * x, B, moment);
-        for (int c = 0; c < 3; c++)
-            moment[c] *= k->products.x_factor[i];
-    }
-    for (Int e = k->products.support_start[i]; e < k->products.support_start[i + 1]; e++) {
-        const Lane *l = s->linear + 3 * k->products.support_v[e];
-        const Lane *w = s->angular + 3 * k->products.support_v[e];
-        *to++ = k->products.support_sign[e] *
-                (k->products.force[i] * (B[0] * l[0] + B[1] * l[1] + B[2] * l[2]) +
-                 (moment[0] * w[0] + moment[1] * w[1] + moment[2] * w[2]));
-    }
-    return to;
-}
-
-FOR_WIDE void lanes_bias(const Kernel *k, Abreast *s)
-{
-    const Parts *of = &k->equations.system;
-    const Products *products = &k->products;
-    tree_rates_of(k, s);
-    for (Int x = 0; x < of->n_vectors; x++) {
-        const Int i = 3 * of->vector[x], body = 3 * k->vectors.body[of->vector[x]];
-        const Int is_point = k->vectors.flag[of->vector[x]];
-        Lane arm[3];
-        for (int c = 0; c < 3; c++)
-            arm[c] = is_point ? s->vector[i + c] - s->p[body + c] : s->vector[i + c];
-        cross(s->omega + body, arm, s->rate + i);
-        cross(s->omega + body, s->rate + i, s->bias + i);
-        add_cross(s->alpha + body, arm, s->bias + i);
-        if (is_point) {
-            sum3(s->velocity + body, s->rate + i);
-            sum3(s->acceleration + body, s->bias + i);
-        }
-    }
-    for (Int x = 0; x < of->n_equations; x++) {
-        const Int i = k->equations.product[of->equation[x]];
-        const Int *a = products->a_term + 2 * i, *b = products->b_term + 2 * i;
-        const Real *fa = products->a_factor + 2 * i, *fb = products->b_factor + 2 * i;
-        const Lane *A = s->A + 3 * i, *B = s->B + 3 * i;
-        Lane dA[3], dB[3], ddA[3], ddB[3], sum = {0};
-        sum_of_terms(s->rate, a, fa, dA);
-        sum_of_terms(s->rate, b, fb, dB);
-        sum_of_terms(s->bias, a, fa, ddA);
-        sum_of_terms(s->bias, b, fb, ddB);
-        for (int c = 0; c < 3; c++)
-            sum += ddA[c] * B[c] + 2.0 * dA[c] * dB[c] + A[c] * ddB[c];
-        s->equation_bias[of->equation[x]] = sum;
-    }
-}
-
-/* ---- the square system ---- */
-
-FOR_WIDE int lanes_factor(const Kernel *k, Abreast *s)
-{
-    const Entries *matrix = &k->system.matrix;
-    Lane *to = s->entry;
-    place_columns(k, s);
-    for (Int i = 0; i < k->system.n_chosen; i++)
-        to = product_row(k, s, k->equations.product[k->system.chosen[i]], to);
-    for (Int e = to - s->entry; e < matrix->n; e++)
-        s->entry[e] = (Lane){0} + matrix->value[e];
-    return lu_factor_lanes(k->system.lu, s->entry, &s->factors);
-}
-
-void lanes_solve(const Kernel *k, Abreast *s)
-{
-    lu_solve_lanes(k->system.lu, &s->factors, s->right);
+    tree_normalize(k, s->next);
 }
 
 /* ---- room ---- */
 
-int lanes_know(const Kernel *k)
+WITHIN void spread(const Real *from, Int n, Lane *to)
 {
-    if (k->n_angles || k->n_idle || k->system.n_fill || k->system.n_pins)
-        return 0;
-    for (Int i = 0; i < k->n_closure; i++)
-        if (k->equations.kind[i] != PRODUCT)
-            return 0;
-    return 1;
+    for (Int i = 0; i < n; i++)
+        to[i] = SPREAD(from[i]);
 }
 
-void lanes_begin(const Kernel *k, Abreast *s)
+void lanes_begin(Abreast *s)
 {
-    s->stands[0] = 1;
-    for (Int j = 1; j < k->n_joints; j++) {
-        s->stands[j] = 0;
-        for (Int i = 0; i < k->system.n_driven; i++)
-            if (k->system.driven[i] == k->iv[j] && joint_nv(k->kind[j]) == 1)
-                s->stands[j] = s->stands[k->parent[j]];
-    }
-    for (Int i = 0; i < k->vectors.n; i++)
-        if (!k->vectors.body[i])
-            put3(k->vectors.value + 3 * i, s->vector + 3 * i);
+    const Kernel *k = s->k;
+    spread(k->rotation, 9 * k->n_joints, s->rotation);
+    spread(k->translation, 3 * k->n_joints, s->translation);
+    spread(k->vectors.local, 3 * k->vectors.n, s->vectors.local);
+    spread(k->R, 9, s->R); /* the ground */
+    for (Int f = 0; f < k->quantities.n_functions; f++)
+        s->quantities.last[4 * f] = SPREAD(NAN);
+    s->is_placed = 0;
+    equations_place_ground(s);
 }
 
 Abreast *lanes_of(Kernel *k)
 {
-    const Int n = k->n_joints, nv = k->nv, np = k->products.n, vectors = 3 * k->vectors.n;
+    const Int n = k->n_joints, nv = k->nv, np = k->products.n, ne = k->n_equations;
+    const Int vectors = 3 * k->vectors.n, na = k->n_angles, nx = k->quantities.n;
     Abreast *s = k->memory.lanes;
     if (s || !(s = kernel_memory(k, 1, sizeof *s)))
         return s;
@@ -405,15 +147,25 @@ Abreast *lanes_of(Kernel *k)
         Lane **to;
         Int count;
     } fields[] = {
-        {&s->q, k->nq}, {&s->R, 9 * n}, {&s->p, 3 * n}, {&s->linear, 3 * nv}, {&s->angular, 3 * nv},
+        {&s->rotation, 9 * n}, {&s->translation, 3 * n}, {&s->q, k->nq}, {&s->next, k->nq},
+        {&s->R, 9 * n}, {&s->p, 3 * n}, {&s->linear, 3 * nv}, {&s->angular, 3 * nv},
         {&s->omega, 3 * n}, {&s->velocity, 3 * n}, {&s->alpha, 3 * n}, {&s->acceleration, 3 * n},
-        {&s->vector, vectors}, {&s->rate, vectors}, {&s->bias, vectors}, {&s->A, 3 * np},
-        {&s->B, 3 * np}, {&s->residual, k->n_closure}, {&s->equation_bias, k->n_closure},
-        {&s->entry, k->entry_start[k->n_equations] + 3 * nv}, {&s->right, nv}, {&s->t, nv}, {&s->c, nv},
-        {&s->prescribed, 3 * nv},
+        {&s->entry, k->entry_start[ne]}, {&s->residual, k->n_closure}, {&s->angle, na},
+        {&s->angle_reference, na}, {&s->right, nv}, {&s->vectors.local, vectors},
+        {&s->vectors.value, vectors}, {&s->vectors.rate, vectors}, {&s->vectors.bias, vectors},
+        {&s->products.A, 3 * np}, {&s->products.B, 3 * np}, {&s->products.value, np},
+        {&s->products.rate, np}, {&s->products.bias, np}, {&s->products.weight, np},
+        {&s->angles.rate, na}, {&s->angles.bias, na}, {&s->angles.weight, na},
+        {&s->quantities.last, 4 * k->quantities.n_functions}, {&s->quantities.value, nx},
+        {&s->quantities.rate, nx}, {&s->quantities.bias, nx}, {&s->quantities.slope, nx},
+        {&s->quantities.bend, nx}, {&s->equations.bias, ne}, {&s->equations.row, nv},
+        {&s->matrix, k->entry_start[ne] + 3 * nv}, {&s->t, nv}, {&s->c, nv}, {&s->prescribed, 3 * nv},
     };
     for (size_t i = 0; i < sizeof fields / sizeof *fields; i++)
         *fields[i].to = kernel_memory(k, fields[i].count, sizeof(Lane));
-    s->stands = kernel_ints(k, n);
+    s->products.weighted = kernel_ints(k, np);
+    s->products.is_weighted = kernel_memory(k, np, 1);
+    s->moves = kernel_ints(k, n);
+    s->k = k;
     return k->memory.lanes = kernel_had_memory(k) ? s : NULL;
 }

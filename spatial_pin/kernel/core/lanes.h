@@ -5,36 +5,62 @@
 
 #include "kernel.h"
 
-/* A mechanism's evaluation at several configurations: as the arrays of Kernel, which see. */
+/* A mechanism's evaluation at several configurations: what a Kernel has of one, by the same names. */
+typedef struct {
+    Lane *local; /* those of the kernel, in all lanes */
+    Lane *value, *rate, *bias;
+} LaneVectors;
+
+typedef struct {
+    Lane *A, *B, *value, *rate, *bias, *weight;
+    Int *weighted, n_weighted;
+    char *is_weighted;
+} LaneProducts;
+
+typedef struct {
+    Lane *rate, *bias, *weight;
+} LaneAngles;
+
+typedef struct {
+    Lane *last, *value, *rate, *bias, *slope, *bend;
+} LaneQuantities;
+
+typedef struct {
+    Lane *bias, *row;
+} LaneEquations;
+
 typedef struct Abreast {
+    const Kernel *k;
+    Lane *rotation, *translation;    /* likewise */
+    Int *moves, is_placed;
     Lane *q, *R, *p, *linear, *angular, *omega, *velocity, *alpha, *acceleration;
-    Lane *vector, *rate, *bias;      /* of vectors */
-    Lane *A, *B;                     /* of products */
-    Lane *residual, *equation_bias;
-    Lane *entry;                     /* of the matrix of the square system, in its order */
-    Lane *right;                     /* (nv) right sides, then solutions */
+    Lane *entry, *residual, *angle, *angle_reference, *right;
+    LaneVectors vectors;
+    LaneProducts products;
+    LaneAngles angles;
+    LaneQuantities quantities;
+    LaneEquations equations;
+    Lane *matrix;                    /* of the square system, in the order of its entries */
     LaneFactors factors;
-    Lane *t, *c, *prescribed;        /* (nv) of a path; (3 nv) values and derivatives of what is driven */
-    Int *stands;                     /* (n_joints) whether corrections leave a joint where it is */
+    Lane *next;                      /* (nq) a configuration to be evaluated */
+    Lane *t, *c;                     /* (nv) of a path */
+    Lane *prescribed;                /* (3 n_driven) values, rates and bends of what is driven */
 } Abreast;
 
 /* The lanes of a kernel, made once; NULL if there is no memory. */
 Abreast *lanes_of(Kernel *k);
-/* Whether a system's equations are all products, which lanes know. */
-int lanes_know(const Kernel *k);
-/* What follows from the system that is set, and from the ground. */
-void lanes_begin(const Kernel *k, Abreast *s);
-/* Placements, and the vectors, products and residuals of equations, at q; with `all` of the joints, else of
-   those that corrections move. */
-void lanes_residuals(const Kernel *k, Abreast *s, const Parts *of, int all);
+/* What follows from the numbers of the kernel. */
+void lanes_begin(Abreast *s);
+/* Residuals of equations, of the system at s->next, or of its rest where the system was evaluated last. */
+void lanes_residuals(Abreast *s, const Parts *of);
 /* The matrix of the system, factored in the order that the kernel's has: 0 where that is no good one for a
    lane, or where a determinant has another sign. */
-int lanes_factor(const Kernel *k, Abreast *s);
-void lanes_solve(const Kernel *k, Abreast *s);
-/* Second derivatives of the system's equations at joint rates t, at zero joint acceleration. */
-void lanes_bias(const Kernel *k, Abreast *s);
-/* q moved by joint displacements s->right, so small that their squares matter little. */
-void lanes_move(const Kernel *k, Abreast *s);
-void lanes_normalize(const Kernel *k, Abreast *s);
+int lanes_factor(Abreast *s);
+void lanes_solve(const Abreast *s, Lane *x);
+/* s->t and s->c by `system_path_rates`, at a factored point. */
+void lanes_path_rates(Abreast *s, Lane *squares);
+/* s->next moved by joint displacements s->right, so small that their squares matter little. */
+void lanes_move(Abreast *s);
+void lanes_normalize(Abreast *s);
 
 #endif

@@ -23,27 +23,24 @@ static Int piece_of(const Real *breaks, Int n, Real x, Int before)
 }
 
 /* The square root, or a function of the caller's. */
-static void other_function_at(const Int *shape, Called called, Real x, Real *value, Real *slope,
-                              Real *bend)
+static void other_function_at(const Int *shape, Called called, Real x, Real *out)
 {
     if (shape[CALLED]) {
-        Real found[3] = {NAN, NAN, NAN};
+        out[0] = out[1] = out[2] = NAN;
         if (called)
-            called(x, found);
-        *value = found[0], *slope = found[1], *bend = found[2];
+            called(x, out);
         return;
     }
-    *value = sqrt(x);
-    *slope = 0.5 / *value;
-    *bend = -0.5 * *slope / x;
+    out[0] = sqrt(x);
+    out[1] = 0.5 / out[0];
+    out[2] = -0.5 * out[1] / x;
 }
 
-void piecewise_at(const Int *shape, const Real *numbers, Called called, Real x, Int *piece,
-                  Real *value, Real *slope, Real *bend)
+void piecewise_at(const Int *shape, const Real *numbers, Called called, Real x, Int *piece, Real *out)
 {
     const Int n = shape[PIECES], degree = shape[DEGREE];
     if (!n) {
-        other_function_at(shape, called, x, value, slope, bend);
+        other_function_at(shape, called, x, out);
         return;
     }
     const Real *breaks = numbers + shape[FIRST_NUMBER], *coefficients = breaks + n + 1;
@@ -51,17 +48,8 @@ void piecewise_at(const Int *shape, const Real *numbers, Called called, Real x, 
     const Real periods = shape[REPEATS] ? floor((x - breaks[0]) / period) : 0.0;
     x -= period * periods;
     *piece = piece_of(breaks, n, x, *piece);
-    const Real *c = coefficients + *piece * (degree + 1);
-    Real sum[3] = {c[degree], 0.0, 0.0};
-    x -= breaks[*piece];
-    for (Int k = degree - 1; k >= 0; k--) {
-        sum[2] = sum[2] * x + 2.0 * sum[1];
-        sum[1] = sum[1] * x + sum[0];
-        sum[0] = sum[0] * x + c[k];
-    }
-    *value = sum[0] + rise * periods;
-    *slope = sum[1];
-    *bend = sum[2];
+    polynomial_at(coefficients + *piece * (degree + 1), degree, x - breaks[*piece], out);
+    out[0] += rise * periods;
 }
 
 Int piecewise_size(const Int *shape, Int n)

@@ -13,11 +13,10 @@ enum { FIRST_NUMBER = 0, PIECES = 1, DEGREE = 2, CALLED = 2, REPEATS = 3, SHAPE 
 /* A function of the caller: x, and where to write the value and its first two derivatives. */
 typedef void (*Called)(Real, Real *);
 
-/* Value and first two derivatives at x; beyond its ends the last pieces go on, or it repeats. What
+/* Value and first two derivatives (3) at x; beyond its ends the last pieces go on, or it repeats. What
    is not there, as a function that the caller has not given, is NaN. `piece`: the one it was at
    before, and is at. */
-void piecewise_at(const Int *shape, const Real *numbers, Called called, Real x, Int *piece,
-                  Real *value, Real *slope, Real *bend);
+void piecewise_at(const Int *shape, const Real *numbers, Called called, Real x, Int *piece, Real *out);
 /* How many numbers n functions have; -1 if their shapes do not fit together. */
 Int piecewise_size(const Int *shape, Int n);
 

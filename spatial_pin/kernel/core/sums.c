@@ -15,156 +15,263 @@
 
 enum { MOST = 2, N_STARTS = 96, N_STARTS_OF_TWO = 16 };
 
+#if N_PARTS == 1
 static void implicit_place(Kernel *k);
 static void implicit_rates(Kernel *k, const Real *v);
 static void weigh_implicit(Kernel *k, Int angle, Real weight);
+#endif
 
 /* ---- products ---- */
 
 /* Force and moment about the world origin that a product exerts on its second body. */
-void product_wrench(const Kernel *k, Int i, Real *force, Real *moment)
+SHARED void product_wrench(const Evaluated *s, Int i, Number *force, Number *moment)
 {
-    const Real *B = k->products.B + 3 * i;
-    Real X[3] = {0.0, 0.0, 0.0};
+    const Kernel *k = kernel_of(s);
+    const Number *B = s->products.B + 3 * i;
+    Number X[3];
+    zero3(X);
     if (k->products.x_term[i] >= 0)
-        add3(k->products.x_factor[i], k->vectors.value + 3 * k->products.x_term[i], X);
+        add3(k->products.x_factor[i], s->vectors.value + 3 * k->products.x_term[i], X);
     cross3(X, B, moment);
-    zero3(force);
-    add3(k->products.force[i], B, force);
+    multiple3(k->products.force[i], B, force);
 }
 
 /* Weigh product i by factor in the row that is added up: terms share products. */
-static void weigh_product(Kernel *k, Int i, Real factor)
+WITHIN void weigh_product(Evaluated *s, Int i, Number factor)
 {
-    if (!k->products.is_weighted[i]) {
-        k->products.is_weighted[i] = 1;
-        k->products.weighted[k->products.n_weighted++] = i;
+    if (!s->products.is_weighted[i]) {
+        s->products.is_weighted[i] = 1;
+        s->products.weighted[s->products.n_weighted++] = i;
     }
-    k->products.weight[i] += factor;
+    s->products.weight[i] += factor;
 }
 
 /* Add the derivatives of the products, by their weights, to the scratch row over all freedoms. */
-static void add_weighted_products(Kernel *k)
+WITHIN void add_weighted_products(Evaluated *s)
 {
-    for (Int x = 0; x < k->products.n_weighted; x++) {
-        const Int i = k->products.weighted[x];
-        Real force[3], moment[3];
-        product_wrench(k, i, force, moment);
-        for (Int t = k->products.support_start[i]; t < k->products.support_start[i + 1]; t++) {
-            const Int v = k->products.support_v[t];
-            k->equations.row[v] += k->products.weight[i] * k->products.support_sign[t] *
-                         (dot3(force, k->linear + 3 * v) + dot3(moment, k->angular + 3 * v));
+    const Products *all = &kernel_of(s)->products;
+    for (Int x = 0; x < s->products.n_weighted; x++) {
+        const Int i = s->products.weighted[x];
+        Number force[3], moment[3];
+        product_wrench(s, i, force, moment);
+        for (Int t = all->support_start[i]; t < all->support_start[i + 1]; t++) {
+            const Int v = all->support_v[t];
+            s->equations.row[v] += s->products.weight[i] * all->support_sign[t] *
+                         (dot3(force, s->linear + 3 * v) + dot3(moment, s->angular + 3 * v));
         }
-        k->products.weight[i] = 0.0;
-        k->products.is_weighted[i] = 0;
+        s->products.weight[i] = SPREAD(0.0);
+        s->products.is_weighted[i] = 0;
     }
-    k->products.n_weighted = 0;
+    s->products.n_weighted = 0;
 }
 
 /* ---- quantities of sums ---- */
 
 /* What an angle is nearest to: coordinates tell how often it has turned, or else the reference does. */
-static Real near_angle(const Kernel *k, Int angle)
+WITHIN Number near_angle(const Evaluated *s, Int angle)
 {
-    const Int begin = k->angles.spin_start[angle], end = k->angles.spin_start[angle + 1];
-    Real near = begin < end ? k->angles.spin_offset[angle] : k->angle_reference[angle];
+    const Angles *all = &kernel_of(s)->angles;
+    const Int begin = all->spin_start[angle], end = all->spin_start[angle + 1];
+    Number near = begin < end ? SPREAD(all->spin_offset[angle]) : s->angle_reference[angle];
     for (Int i = begin; i < end; i++)
-        near += k->angles.spin_sign[i] * k->q[k->angles.spin_q[i]];
+        near += all->spin_sign[i] * s->q[all->spin_q[i]];
     return near;
 }
 
-void angles_place(Kernel *k)
+SHARED void angles_place(Evaluated *s)
 {
+    const Kernel *k = kernel_of(s);
     const Real around = 2.0 * PI;
     for (Int i = 0; i < k->n_angles; i++) {
         if (k->implicit.is_angle[i])
             continue;
-        const Int *of = k->angles.product + 2 * i;
-        const Real angle = atan2(k->products.value[of[0]], k->products.value[of[1]]);
-        k->angle[i] = angle + around * nearbyint((near_angle(k, i) - angle) / around);
+        const Number *value = s->products.value, near = near_angle(s, i);
+        const Int sine = k->angles.product[2 * i], cosine = k->angles.product[2 * i + 1];
+        for (int x = 0; x < N_PARTS; x++) {
+            const Real angle = atan2(PART(value[sine], x), PART(value[cosine], x));
+            PART(s->angle[i], x) = angle + around * nearbyint((PART(near, x) - angle) / around);
+        }
     }
-    implicit_place(k);
+#if N_PARTS == 1
+    implicit_place(s);
+#endif
 }
 
-void angles_rates(Kernel *k, const Real *v)
+SHARED void angles_rates(Evaluated *e, const Number *v)
 {
+    const Kernel *k = kernel_of(e);
     for (Int i = 0; i < k->n_angles; i++) {
         if (k->implicit.is_angle[i])
             continue;
         const Int sine = k->angles.product[2 * i], cosine = k->angles.product[2 * i + 1];
-        const Real s = k->products.value[sine], c = k->products.value[cosine], n = s * s + c * c;
-        const Real ds = k->products.rate[sine], dc = k->products.rate[cosine];
-        const Real dds = k->products.bias[sine], ddc = k->products.bias[cosine];
-        const Real rate = (c * ds - s * dc) / n;
-        k->angles.rate[i] = rate;
-        k->angles.bias[i] = (c * dds - s * ddc) / n - 2.0 * rate * (c * dc + s * ds) / n;
+        const Number s = e->products.value[sine], c = e->products.value[cosine], n = s * s + c * c;
+        const Number ds = e->products.rate[sine], dc = e->products.rate[cosine];
+        const Number dds = e->products.bias[sine], ddc = e->products.bias[cosine];
+        const Number rate = (c * ds - s * dc) / n;
+        e->angles.rate[i] = rate;
+        e->angles.bias[i] = (c * dds - s * ddc) / n - 2.0 * rate * (c * dc + s * ds) / n;
     }
-    implicit_rates(k, v);
+#if N_PARTS == 1
+    implicit_rates(e, v);
+#else
+    (void)v;
+#endif
 }
 
-static void place_quantity(Kernel *k, Int i)
+WITHIN void place_quantity(Evaluated *s, Int i)
 {
-    const Quantities *all = &k->quantities;
+    const Quantities *all = &kernel_of(s)->quantities;
     const Int kind = all->kind[i], at = all->at[2 * i], f = all->function[i];
-    const Real x = kind == COORDINATE ? k->q[at] : kind == ANGLE ? k->angle[at]
-                                                                 : k->products.value[at];
-    all->value[i] = x;
+    const Number x = kind == COORDINATE ? s->q[at] : kind == ANGLE ? s->angle[at]
+                                                                   : s->products.value[at];
+    s->quantities.value[i] = x;
     if (f < 0)
         return;
-    Real *last = all->last + 4 * f;
-    if (last[0] != x) {
-        piecewise_at(all->shape + SHAPE * f, all->number, all->called[f], x, all->piece + f,
-                     last + 1, last + 2, last + 3);
-        last[0] = x;
+    Number *last = s->quantities.last + 4 * f;
+    for (int w = 0; w < N_PARTS; w++) {
+        Real at_x[3];
+        if (PART(last[0], w) == PART(x, w))
+            continue;
+        piecewise_at(all->shape + SHAPE * f, all->number, all->called[f], PART(x, w), all->piece + f, at_x);
+        PART(last[0], w) = PART(x, w);
+        PART(last[1], w) = at_x[0], PART(last[2], w) = at_x[1], PART(last[3], w) = at_x[2];
     }
-    all->value[i] = last[1], all->slope[i] = last[2], all->bend[i] = last[3];
+    s->quantities.value[i] = last[1], s->quantities.slope[i] = last[2], s->quantities.bend[i] = last[3];
 }
 
-static void rate_quantity(Kernel *k, Int i, const Real *v)
+WITHIN void rate_quantity(Evaluated *s, Int i, const Number *v)
 {
-    const Quantities *all = &k->quantities;
+    const Quantities *all = &kernel_of(s)->quantities;
     const Int kind = all->kind[i], *at = all->at + 2 * i;
-    Real rate = v[at[1]], bias = 0.0;
+    Number rate = v[at[1]], bias = SPREAD(0.0);
     if (kind != COORDINATE) {
-        rate = kind == ANGLE ? k->angles.rate[at[0]] : k->products.rate[at[0]];
-        bias = kind == ANGLE ? k->angles.bias[at[0]] : k->products.bias[at[0]];
+        rate = kind == ANGLE ? s->angles.rate[at[0]] : s->products.rate[at[0]];
+        bias = kind == ANGLE ? s->angles.bias[at[0]] : s->products.bias[at[0]];
     }
     if (all->function[i] >= 0) {
-        bias = all->slope[i] * bias + all->bend[i] * rate * rate;
-        rate *= all->slope[i];
+        bias = s->quantities.slope[i] * bias + s->quantities.bend[i] * rate * rate;
+        rate *= s->quantities.slope[i];
     }
-    all->rate[i] = rate;
-    all->bias[i] = bias;
+    s->quantities.rate[i] = rate;
+    s->quantities.bias[i] = bias;
 }
 
 /* ---- sums: terms, each a number times quantities ---- */
 
 /* A term's number times its quantities but two of them (-1: none). */
-Real product_without(const Kernel *k, Int term, Int one, Int other)
+SHARED Number product_without(const Evaluated *s, Int term, Int one, Int other)
 {
-    const Int *start = k->equations.factor_start + term;
-    Real product = k->equations.term_number[term];
+    const Equations *all = &kernel_of(s)->equations;
+    const Int *start = all->factor_start + term;
+    Number product = SPREAD(all->term_number[term]);
     for (Int i = start[0]; i < start[1]; i++)
         if (i != one && i != other)
-            product *= k->quantities.value[i];
+            product *= s->quantities.value[i];
     return product;
 }
 
-Real sum_value(Kernel *k, Int i)
+SHARED Number sum_value(Evaluated *s, Int i)
 {
-    const Int *term = k->equations.term_start + i, *factor = k->equations.factor_start;
-    Real sum = 0.0;
+    const Equations *all = &kernel_of(s)->equations;
+    const Int *term = all->term_start + i, *factor = all->factor_start;
+    Number sum = SPREAD(0.0);
     for (Int t = term[0]; t < term[1]; t++) {
         for (Int x = factor[t]; x < factor[t + 1]; x++)
-            place_quantity(k, x);
-        sum += product_without(k, t, -1, -1);
+            place_quantity(s, x);
+        sum += product_without(s, t, -1, -1);
     }
     return sum;
 }
 
-int is_one_of(const Kernel *k, Int quantity, Int first, Int n)
+SHARED int is_one_of(const Kernel *k, Int quantity, Int first, Int n)
 {
     return k->quantities.kind[quantity] == ANGLE && within(k->quantities.at[2 * quantity] - first, n);
+}
+
+/* Weigh what a sum's terms are made of, but n angles from `first` on, in the row that is added up. */
+WITHIN void weigh_sum(Evaluated *s, Int sum, Number weight, Int first, Int n)
+{
+    const Kernel *k = kernel_of(s);
+    const Quantities *all = &k->quantities;
+    const Int *term = k->equations.term_start + sum, *factor = k->equations.factor_start;
+    for (Int t = term[0]; t < term[1]; t++)
+        for (Int i = factor[t]; i < factor[t + 1]; i++) {
+            if (is_one_of(k, i, first, n))
+                continue;
+            const Int *at = all->at + 2 * i;
+            Number own = weight * product_without(s, t, i, -1);
+            if (all->function[i] >= 0)
+                own *= s->quantities.slope[i];
+            if (all->kind[i] == COORDINATE)
+                s->equations.row[at[1]] += own * k->scale[at[1]];
+            else if (all->kind[i] == OF_PRODUCT)
+                weigh_product(s, at[0], own);
+            else
+                s->angles.weight[at[0]] += own;
+        }
+}
+
+/* Weigh what an angle is made of by the angle's own weight. */
+WITHIN void weigh_angle(Evaluated *e, Int angle)
+{
+    const Kernel *k = kernel_of(e);
+    const Number weight = e->angles.weight[angle];
+    e->angles.weight[angle] = SPREAD(0.0);
+#if N_PARTS == 1
+    if (weight == 0.0)
+        return;
+    if (k->implicit.is_angle[angle]) {
+        weigh_implicit(e, angle, weight);
+        return;
+    }
+#endif
+    const Int *of = k->angles.product + 2 * angle;
+    const Number s = e->products.value[of[0]], c = e->products.value[of[1]], square = s * s + c * c;
+    weigh_product(e, of[0], weight * c / square);
+    weigh_product(e, of[1], -weight * s / square);
+}
+
+SHARED void sum_add_row(Evaluated *s, Int sum)
+{
+    const Kernel *k = kernel_of(s);
+    const Int *term = k->equations.term_start + sum, *factor = k->equations.factor_start;
+    weigh_sum(s, sum, SPREAD(1.0), 0, 0);
+    for (Int i = factor[term[0]]; i < factor[term[1]]; i++)
+        if (k->quantities.kind[i] == ANGLE)
+            weigh_angle(s, k->quantities.at[2 * i]);
+    add_weighted_products(s);
+}
+
+SHARED void sum_rates(Evaluated *s, Int sum_at, const Number *v, Number *of_rate, Number *of_bias)
+{
+    const Equations *all = &kernel_of(s)->equations;
+    const Int *term = all->term_start + sum_at, *factor = all->factor_start;
+    const Number *rate = s->quantities.rate, *bias = s->quantities.bias;
+    Number sum = SPREAD(0.0), first = SPREAD(0.0);
+    for (Int t = term[0]; t < term[1]; t++) {
+        const Int begin = factor[t], end = factor[t + 1];
+        for (Int i = begin; i < end; i++)
+            rate_quantity(s, i, v);
+        for (Int i = begin; i < end; i++) {
+            const Number product = product_without(s, t, i, -1);
+            first += product * rate[i];
+            sum += product * bias[i];
+            for (Int j = begin; j < end; j++)
+                if (j != i)
+                    sum += product_without(s, t, i, j) * rate[i] * rate[j];
+        }
+    }
+    *of_rate = first;
+    *of_bias = sum;
+}
+
+#if N_PARTS == 1
+
+void angle_add_row(Kernel *k, Int angle)
+{
+    k->angles.weight[angle] = 1.0;
+    weigh_angle(k, angle);
+    add_weighted_products(k);
 }
 
 static void sum_slopes(const Kernel *k, Int sum, Int first, Int n, Real *slopes)
@@ -178,83 +285,6 @@ static void sum_slopes(const Kernel *k, Int sum, Int first, Int n, Real *slopes)
                 slopes[k->quantities.at[2 * i] - first] +=
                     product_without(k, t, i, -1) *
                     (k->quantities.function[i] >= 0 ? k->quantities.slope[i] : 1.0);
-}
-
-/* Weigh what a sum's terms are made of, but n angles from `first` on, in the row that is added up. */
-static void weigh_sum(Kernel *k, Int sum, Real weight, Int first, Int n)
-{
-    const Quantities *all = &k->quantities;
-    const Int *term = k->equations.term_start + sum, *factor = k->equations.factor_start;
-    for (Int t = term[0]; t < term[1]; t++)
-        for (Int i = factor[t]; i < factor[t + 1]; i++) {
-            if (is_one_of(k, i, first, n))
-                continue;
-            const Int *at = all->at + 2 * i;
-            const Real slope = all->function[i] >= 0 ? all->slope[i] : 1.0;
-            const Real own = weight * product_without(k, t, i, -1) * slope;
-            if (all->kind[i] == COORDINATE)
-                k->equations.row[at[1]] += own * k->scale[at[1]];
-            else if (all->kind[i] == OF_PRODUCT)
-                weigh_product(k, at[0], own);
-            else
-                k->angles.weight[at[0]] += own;
-        }
-}
-
-/* Weigh what an angle is made of by the angle's own weight. */
-static void weigh_angle(Kernel *k, Int angle)
-{
-    const Real weight = k->angles.weight[angle];
-    k->angles.weight[angle] = 0.0;
-    if (weight == 0.0)
-        return;
-    if (k->implicit.is_angle[angle]) {
-        weigh_implicit(k, angle, weight);
-        return;
-    }
-    const Int *of = k->angles.product + 2 * angle;
-    const Real s = k->products.value[of[0]], c = k->products.value[of[1]], square = s * s + c * c;
-    weigh_product(k, of[0], weight * c / square);
-    weigh_product(k, of[1], -weight * s / square);
-}
-
-void angle_add_row(Kernel *k, Int angle)
-{
-    k->angles.weight[angle] = 1.0;
-    weigh_angle(k, angle);
-    add_weighted_products(k);
-}
-
-void sum_add_row(Kernel *k, Int sum)
-{
-    const Int *term = k->equations.term_start + sum, *factor = k->equations.factor_start;
-    weigh_sum(k, sum, 1.0, 0, 0);
-    for (Int i = factor[term[0]]; i < factor[term[1]]; i++)
-        if (k->quantities.kind[i] == ANGLE)
-            weigh_angle(k, k->quantities.at[2 * i]);
-    add_weighted_products(k);
-}
-
-void sum_rates(Kernel *k, Int sum_at, const Real *v, Real *of_rate, Real *of_bias)
-{
-    const Int *term = k->equations.term_start + sum_at, *factor = k->equations.factor_start;
-    const Real *rate = k->quantities.rate, *bias = k->quantities.bias;
-    Real sum = 0.0, first = 0.0;
-    for (Int t = term[0]; t < term[1]; t++) {
-        const Int begin = factor[t], end = factor[t + 1];
-        for (Int i = begin; i < end; i++)
-            rate_quantity(k, i, v);
-        for (Int i = begin; i < end; i++) {
-            const Real product = product_without(k, t, i, -1);
-            first += product * rate[i];
-            sum += product * bias[i];
-            for (Int j = begin; j < end; j++)
-                if (j != i)
-                    sum += product_without(k, t, i, j) * rate[i] * rate[j];
-        }
-    }
-    *of_rate = first;
-    *of_bias = sum;
 }
 
 /* ---- angles that sums define ---- */
@@ -425,3 +455,5 @@ static void weigh_implicit(Kernel *k, Int angle, Real weight)
             weigh_sum(k, r.sum + x, -weight * r.inverse[(angle - r.first) * r.n + x], r.first, r.n);
     }
 }
+
+#endif

@@ -6,6 +6,97 @@
 #include "memory.h"
 #include "pins.h"
 
+SHARED Int driven_at(const Kernel *k, Int i) { return k->system.driven[i] % k->nv; }
+
+WITHIN Number *put_equation_values(const Evaluated *s, Int equation, Number *to)
+{
+    const Kernel *k = kernel_of(s);
+    for (Int e = k->entry_start[equation]; e < k->entry_start[equation + 1]; e++)
+        *to++ = s->entry[e];
+    return to;
+}
+
+/* Put what the matrix has at the evaluated point, in the order of its entries. */
+WITHIN void put_values(const Evaluated *s, Number *value)
+{
+    const Kernel *k = kernel_of(s);
+    Number *to = value;
+    for (Int i = 0; i < k->system.n_chosen; i++)
+        to = put_equation_values(s, k->system.chosen[i], to);
+    for (Int i = k->n_closure; i < k->n_equations; i++)
+        to = put_equation_values(s, i, to);
+#if N_PARTS == 1
+    for (Int i = 0; i < k->system.n_pins; i++)
+        pin_scaled_row(k, k->system.pin + i, value + k->system.pin_entry[i]);
+#else
+    for (Int e = to - value; e < k->system.matrix.n; e++)
+        value[e] = SPREAD(k->system.matrix.value[e]);
+#endif
+}
+
+#if N_PARTS == 1
+void system_solve(const Kernel *k, Real *x) { lu_solve(k->system.lu, x); }
+#endif
+
+SHARED void system_put_rates(Evaluated *s, const Number *rate)
+{
+    const Kernel *k = kernel_of(s);
+    Number *x = s->right + k->system.n_chosen + k->n_idle;
+    memset(s->right, 0, (size_t)k->nv * sizeof *x);
+    for (Int i = 0; i < k->system.n_driven; i++)
+        x[i] = rate[i] / k->scale[driven_at(k, i)];
+}
+
+SHARED void system_add_bias(Evaluated *s, const Number *v, Real factor, Number *right)
+{
+    const Kernel *k = kernel_of(s);
+    equations_bias(s, &k->equations.system, v);
+    for (Int i = 0; i < k->system.n_chosen; i++)
+        right[i] += factor * s->equations.bias[k->system.chosen[i]];
+    for (Int i = 0; i < k->n_idle; i++)
+        right[k->system.n_chosen + i] += factor * s->equations.bias[k->n_closure + i];
+}
+
+SHARED void system_put_accelerations(Evaluated *s, const Number *v, const Number *acceleration)
+{
+    system_put_rates(s, acceleration);
+    system_add_bias(s, v, -1.0, s->right);
+#if N_PARTS == 1
+    const Kernel *k = s;
+    for (Int i = 0; i < k->system.n_pins; i++) {
+        const Pin *pin = k->system.pin + i;
+        s->right[k->system.pin_row[i]] -= pin_bias(pin, k->q, v) / k->scale[pin->v + pin->component];
+    }
+#endif
+}
+
+/* Rates that are prescribed are so to the last digit. Returns the square of their scaled size. */
+WITHIN Number solve_rates(Evaluated *s, const Number *prescribed, Number *rates)
+{
+    const Kernel *k = kernel_of(s);
+    Number square = SPREAD(0.0);
+    system_solve(s, s->right);
+    for (Int v = 0; v < k->nv; v++) {
+        square += s->right[v] * s->right[v];
+        rates[v] = k->scale[v] * s->right[v];
+    }
+    for (Int i = 0; i < k->system.n_driven; i++)
+        if (k->system.driven[i] < k->nv)
+            rates[k->system.driven[i]] = prescribed[i];
+    return square;
+}
+
+SHARED void system_path_rates(Evaluated *s, const Number *rate, const Number *bend, Number *first,
+                              Number *second, Number *squares)
+{
+    system_put_rates(s, rate);
+    squares[0] = solve_rates(s, rate, first);
+    system_put_accelerations(s, first, bend);
+    squares[1] = solve_rates(s, bend, second);
+}
+
+#if N_PARTS == 1
+
 static int indices_are_sound(const Int *index, Int n, Int below)
 {
     for (Int i = 0; i < n; i++)
@@ -54,8 +145,6 @@ void system_put_fill(const Kernel *k, Int row, const Real *fill, Int n, Entries 
             if (fill[i * k->nv + v] != 0.0)
                 entries_put(to, row + i, v, fill[i * k->nv + v]);
 }
-
-Int driven_at(const Kernel *k, Int i) { return k->system.driven[i] % k->nv; }
 
 /* The matrix, whose values of equations and components are those of some point. */
 static int lay_out(Kernel *k)
@@ -114,32 +203,12 @@ int system_set(Kernel *k, const Int *chosen, Int n_chosen, const Int *driven, In
     return lay_out(k);
 }
 
-static Real *take_equation(const Kernel *k, Int equation, Real *to)
-{
-    for (Int e = k->entry_start[equation]; e < k->entry_start[equation + 1]; e++)
-        *to++ = k->entry[e];
-    return to;
-}
-
-/* Take the values at the evaluated point. */
-static void evaluate(Kernel *k)
-{
-    Real *to = k->system.matrix.value;
-    if (!k->system.matrix.n) /* there is no system yet */
-        return;
-    for (Int i = 0; i < k->system.n_chosen; i++)
-        to = take_equation(k, k->system.chosen[i], to);
-    for (Int i = k->n_closure; i < k->n_equations; i++)
-        to = take_equation(k, i, to);
-    for (Int i = 0; i < k->system.n_pins; i++)
-        pin_scaled_row(k, k->system.pin + i, k->system.matrix.value + k->system.pin_entry[i]);
-}
-
 /* Factor with the order there is; choose another where it has become a bad one. */
 int system_factor(Kernel *k)
 {
     k->system.factorisations++;
-    evaluate(k);
+    if (k->system.matrix.n) /* else there is no system yet */
+        put_values(k, k->system.matrix.value);
     for (int attempt = 0; attempt < 2; attempt++) {
         int code = DONE;
         if (attempt || !lu_has_order(k->system.lu)) {
@@ -155,11 +224,6 @@ int system_factor(Kernel *k)
             return DONE;
     }
     return SINGULAR;
-}
-
-void system_solve(const Kernel *k, Real *x)
-{
-    lu_solve(k->system.lu, x);
 }
 
 int system_choose(Kernel *k, const Int *chosen)
@@ -180,39 +244,4 @@ int system_reselect(Kernel *k)
     return rank == k->system.n_chosen ? system_choose(k, k->system.candidate) : SINGULAR;
 }
 
-void system_put_rates(Kernel *k, const Real *rate)
-{
-    Real *x = k->right + k->system.n_chosen + k->n_idle;
-    memset(k->right, 0, (size_t)k->nv * sizeof *x);
-    for (Int i = 0; i < k->system.n_driven; i++)
-        x[i] = rate[i] / k->scale[driven_at(k, i)];
-}
-
-void system_put_accelerations(Kernel *k, const Real *v, const Real *acceleration)
-{
-    equations_bias(k, &k->equations.system, v);
-    system_put_rates(k, acceleration);
-    for (Int i = 0; i < k->system.n_chosen; i++)
-        k->right[i] = -k->equations.bias[k->system.chosen[i]];
-    for (Int i = 0; i < k->n_idle; i++)
-        k->right[k->system.n_chosen + i] = -k->equations.bias[k->n_closure + i];
-    for (Int i = 0; i < k->system.n_pins; i++) {
-        const Pin *pin = k->system.pin + i;
-        k->right[k->system.pin_row[i]] -= pin_bias(pin, k->q, v) / k->scale[pin->v + pin->component];
-    }
-}
-
-static void solve_rates(Kernel *k, Real *rates)
-{
-    system_solve(k, k->right);
-    for (Int v = 0; v < k->nv; v++)
-        rates[v] = k->scale[v] * k->right[v];
-}
-
-void system_path_rates(Kernel *k, const Real *rate, const Real *bend, Real *first, Real *second)
-{
-    system_put_rates(k, rate);
-    solve_rates(k, first);
-    system_put_accelerations(k, first, bend);
-    solve_rates(k, second);
-}
+#endif

@@ -6,40 +6,30 @@
 
 #include "kernel.h"
 
-/* Columns of the rotation of a unit quaternion. */
-void quaternion_rotation(const Real *quaternion, Real *R)
-{
-    const Real x = quaternion[0], y = quaternion[1], z = quaternion[2], w = quaternion[3];
-    const Real xx = 2.0 * x * x, yy = 2.0 * y * y, zz = 2.0 * z * z;
-    const Real xy = 2.0 * x * y, xz = 2.0 * x * z, yz = 2.0 * y * z;
-    const Real wx = 2.0 * w * x, wy = 2.0 * w * y, wz = 2.0 * w * z;
-    R[0] = 1.0 - yy - zz, R[1] = xy + wz, R[2] = xz - wy;
-    R[3] = xy - wz, R[4] = 1.0 - xx - zz, R[5] = yz + wx;
-    R[6] = xz + wy, R[7] = yz - wx, R[8] = 1.0 - xx - yy;
-}
-
 /* Placement of the joint's frame before it moves: its origin, and its rotation: one that is there, or
    put into `own`. The world's frame changes nothing. */
-static const Real *fixed_placement(const Kernel *k, Int j, Real *p, Real *own)
+WITHIN const Number *fixed_placement(const Evaluated *s, Int j, Number *p, Number *own)
 {
+    const Kernel *k = kernel_of(s);
     const Int up = k->parent[j];
-    const Real *parent = k->R + 9 * up;
+    const Number *parent = s->R + 9 * up;
     if (up == 0) {
-        copy3(k->translation + 3 * j, p);
-        return k->rotation + 9 * j;
+        copy3(s->translation + 3 * j, p);
+        return s->rotation + 9 * j;
     }
-    rotate3(parent, k->translation + 3 * j, p);
-    add3(1.0, k->p + 3 * up, p);
+    rotate3(parent, s->translation + 3 * j, p);
+    add3(1.0, s->p + 3 * up, p);
     if (k->plain[j])
         return parent;
-    product3(parent, k->rotation + 9 * j, own);
+    product3(parent, s->rotation + 9 * j, own);
     return own;
 }
 
 /* R = fixed * rotation about z */
-static inline void turn_about_z(const Real *fixed, Real angle, Real *restrict R)
+WITHIN void turn_about_z(const Number *fixed, Number angle, Number *restrict R)
 {
-    const Real c = cos(angle), s = sin(angle);
+    Number s, c;
+    sine_and_cosine(angle, &s, &c);
     for (int i = 0; i < 3; i++) {
         R[i] = c * fixed[i] + s * fixed[3 + i];
         R[3 + i] = c * fixed[3 + i] - s * fixed[i];
@@ -48,7 +38,7 @@ static inline void turn_about_z(const Real *fixed, Real angle, Real *restrict R)
 }
 
 /* Whether entries are the same to the last bit. */
-static inline int are_same(const Real *a, const Real *b, Int n)
+WITHIN int are_same(const Number *a, const Number *b, Int n)
 {
     for (Int i = 0; i < n; i++)
         if (memcmp(a + i, b + i, sizeof *a) != 0)
@@ -58,18 +48,19 @@ static inline int are_same(const Real *a, const Real *b, Int n)
 
 /* Joints that have not moved, as those that are driven while others are corrected, and all
  * before them do, are placed already. */
-void tree_place(Kernel *k, const Real *q)
+SHARED void tree_place(Evaluated *s, const Number *q)
 {
-    const int is_placed = k->is_placed;
-    k->is_placed = 1;
+    const Kernel *k = kernel_of(s);
+    const int is_placed = s->is_placed;
+    s->is_placed = 1;
     for (Int j = 1; j < k->n_joints; j++) {
         const Int at = k->iq[j];
-        k->moves[j] = !is_placed || k->moves[k->parent[j]] ||
-                      !are_same(q + at, k->q + at, joint_nq(k->kind[j]));
-        if (!k->moves[j])
+        s->moves[j] = !is_placed || s->moves[k->parent[j]] ||
+                      !are_same(q + at, s->q + at, joint_nq(k->kind[j]));
+        if (!s->moves[j])
             continue;
-        Real *R = k->R + 9 * j, *p = k->p + 3 * j, turned[9], own[9];
-        const Real *x = q + at, *fixed = fixed_placement(k, j, p, turned);
+        Number *R = s->R + 9 * j, *p = s->p + 3 * j, turned[9], own[9];
+        const Number *x = q + at, *fixed = fixed_placement(s, j, p, turned);
         switch (k->kind[j]) {
         case SLIDE:
             for (int i = 0; i < 9; i++)
@@ -93,18 +84,18 @@ void tree_place(Kernel *k, const Real *q)
             product3(fixed, own, R);
         }
     }
-    memcpy(k->q, q, (size_t)k->nq * sizeof *q);
+    memcpy(s->q, q, (size_t)k->nq * sizeof *q);
 }
 
-void tree_columns(Kernel *k)
+SHARED void tree_columns(Evaluated *s)
 {
+    const Kernel *k = kernel_of(s);
     for (Int j = 1; j < k->n_joints; j++) {
-        const Real *R = k->R + 9 * j, *p = k->p + 3 * j;
-        Real *linear = k->linear + 3 * k->iv[j], *angular = k->angular + 3 * k->iv[j];
+        const Number *R = s->R + 9 * j, *p = s->p + 3 * j;
+        Number *linear = s->linear + 3 * k->iv[j], *angular = s->angular + 3 * k->iv[j];
         switch (k->kind[j]) {
         case SLIDE:
-            zero3(linear);
-            add3(k->pitch[j], R + 6, linear);
+            multiple3(k->pitch[j], R + 6, linear);
             break;
         case TURN:
         case SCREW:
@@ -128,20 +119,21 @@ void tree_columns(Kernel *k)
 }
 
 /* Velocity of the body relative to its parent: slide and turn, world axes. */
-static inline void joint_rate(const Kernel *k, Int j, const Real *v, Real *slide, Real *turn)
+WITHIN void joint_rate(const Evaluated *s, Int j, const Number *v, Number *slide, Number *turn)
 {
-    const Real *R = k->R + 9 * j, *x = v + k->iv[j];
+    const Kernel *k = kernel_of(s);
+    const Number *R = s->R + 9 * j, *x = v + k->iv[j];
     zero3(slide);
     zero3(turn);
     switch (k->kind[j]) {
     case TURN:
-        add3(x[0], R + 6, turn);
+        multiple3(x[0], R + 6, turn);
         break;
     case SCREW:
-        add3(x[0], R + 6, turn);
+        multiple3(x[0], R + 6, turn);
         /* fall through */
     case SLIDE:
-        add3(k->pitch[j] * x[0], R + 6, slide);
+        multiple3(k->pitch[j] * x[0], R + 6, slide);
         break;
     case FREE:
         rotate3(R, x, slide);
@@ -155,42 +147,64 @@ static inline void joint_rate(const Kernel *k, Int j, const Real *v, Real *slide
 /* With w the parent's angular velocity, r the arm from its origin to the joint's, u and t the
  * slide and turn of the joint:  velocity = vp + w x r + u,  acceleration = ap + alphap x r +
  * w x (w x r) + w x u + (w + t) x u,  omega = w + t,  alpha = alphap + w x t. */
-void tree_rates(Kernel *k, const Real *v)
+SHARED void tree_rates(Evaluated *s, const Number *v)
 {
+    const Kernel *k = kernel_of(s);
     for (Int j = 1; j < k->n_joints; j++) {
         const Int up = 3 * k->parent[j], at = 3 * j;
-        Real arm[3], swing[3], slide[3], turn[3], more[3], body[3];
-        Real *acceleration = k->acceleration + at;
-        joint_rate(k, j, v, slide, turn);
+        Number arm[3], swing[3], slide[3], turn[3], more[3], body[3];
+        Number *acceleration = s->acceleration + at;
+        joint_rate(s, j, v, slide, turn);
         if (up == 0) { /* the world does not move */
-            copy3(slide, k->velocity + at);
-            copy3(turn, k->omega + at);
+            copy3(slide, s->velocity + at);
+            copy3(turn, s->omega + at);
             cross3(turn, slide, acceleration);
-            zero3(k->alpha + at);
+            zero3(s->alpha + at);
             continue;
         }
-        copy3(k->p + at, arm);
-        add3(-1.0, k->p + up, arm);
-        cross3(k->omega + up, arm, swing);
-        copy3(k->velocity + up, k->velocity + at);
-        add3(1.0, swing, k->velocity + at);
-        add3(1.0, slide, k->velocity + at);
-        copy3(k->omega + up, body);
+        copy3(s->p + at, arm);
+        add3(-1.0, s->p + up, arm);
+        cross3(s->omega + up, arm, swing);
+        copy3(s->velocity + up, s->velocity + at);
+        add3(1.0, swing, s->velocity + at);
+        add3(1.0, slide, s->velocity + at);
+        copy3(s->omega + up, body);
         add3(1.0, turn, body);
-        copy3(k->acceleration + up, acceleration);
-        cross3(k->alpha + up, arm, more);
+        copy3(s->acceleration + up, acceleration);
+        cross3(s->alpha + up, arm, more);
         add3(1.0, more, acceleration);
         add3(1.0, slide, swing); /* w x (w x r) + w x u */
-        cross3(k->omega + up, swing, more);
+        cross3(s->omega + up, swing, more);
         add3(1.0, more, acceleration);
-        cross3(body, slide, more);
-        add3(1.0, more, acceleration);
-        cross3(k->omega + up, turn, more);
-        copy3(k->alpha + up, k->alpha + at);
-        add3(1.0, more, k->alpha + at);
-        copy3(body, k->omega + at);
+        if (k->kind[j] != TURN) {
+            cross3(body, slide, more);
+            add3(1.0, more, acceleration);
+        }
+        cross3(s->omega + up, turn, more);
+        copy3(s->alpha + up, s->alpha + at);
+        add3(1.0, more, s->alpha + at);
+        copy3(body, s->omega + at);
     }
 }
+
+WITHIN void normalize_quaternion(Number *x)
+{
+    const Number square = dot3(x, x) + x[3] * x[3];
+    Number size;
+    for (int i = 0; i < N_PARTS; i++)
+        PART(size, i) = sqrt(PART(square, i));
+    for (int i = 0; i < 4; i++)
+        x[i] /= size;
+}
+
+SHARED void tree_normalize(const Kernel *k, Number *q)
+{
+    for (Int j = 1; j < k->n_joints; j++)
+        if (k->kind[j] >= BALL)
+            normalize_quaternion(q + k->iq[j] + (k->kind[j] == FREE ? 3 : 0));
+}
+
+#if N_PARTS == 1
 
 /* They are linear: a joint adds du to the acceleration and dt to alpha of what it carries, besides
  * what reaches it from the ground. */
@@ -211,21 +225,6 @@ void tree_accelerate(Kernel *k, const Real *a)
         add3(1.0, slide, k->acceleration + 3 * j);
         add3(1.0, turn, k->alpha + 3 * j);
     }
-}
-
-/* out = quaternion * (w, 0) */
-static void times_pure(const Real *quaternion, const Real *w, Real *out)
-{
-    cross3(quaternion, w, out);
-    add3(quaternion[3], w, out);
-    out[3] = -dot3(quaternion, w);
-}
-
-static void normalize_quaternion(Real *x)
-{
-    const Real size = sqrt(dot3(x, x) + x[3] * x[3]);
-    for (int i = 0; i < 4; i++)
-        x[i] /= size;
 }
 
 /* b = (1 - cos t)/t² and c = (t - sin t)/t³ where t² is `square`; series for small angles. */
@@ -299,13 +298,6 @@ void tree_integrate(const Kernel *k, Real *q, const Real *step)
     }
 }
 
-void tree_normalize(const Kernel *k, Real *q)
-{
-    for (Int j = 1; j < k->n_joints; j++)
-        if (k->kind[j] >= BALL)
-            normalize_quaternion(q + k->iq[j] + (k->kind[j] == FREE ? 3 : 0));
-}
-
 /* Derivatives of a quaternion at the body's angular velocity w and acceleration alpha. */
 static void quaternion_rates(const Real *x, const Real *w, const Real *alpha, Real *first,
                              Real *second)
@@ -345,3 +337,5 @@ void tree_entry_rates(const Kernel *k, const Real *q, const Real *v, const Real 
         }
     }
 }
+
+#endif

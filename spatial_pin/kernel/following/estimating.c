@@ -42,17 +42,6 @@ typedef struct {
 } Missed;
 static const Missed MISSED[] = {{4.0, 3.43, 24.0, 12.0}, {7.0, 5.2, 41.0, 20.0}};
 
-/* Add the equations' change at rates (nv), times a factor, to a right side: of those in use, and of
-   idle rotations. */
-static void add_bias(Kernel *k, const Real *rates, Real factor, Real *right)
-{
-    equations_bias(k, &k->equations.system, rates);
-    for (Int i = 0; i < k->system.n_chosen; i++)
-        right[i] += factor * k->equations.bias[k->system.chosen[i]];
-    for (Int i = 0; i < k->n_idle; i++)
-        right[k->system.n_chosen + i] += factor * k->equations.bias[k->n_closure + i];
-}
-
 /* Add second derivatives along a and b (nv), scaled, times a factor, to a right side: by the polar form
    of the quadratic terms, (c(a + b) - c(a - b)) / 4. */
 static void add_second(Path *path, const Real *a, const Real *b, Real factor, Real *right)
@@ -62,7 +51,7 @@ static void add_second(Path *path, const Real *a, const Real *b, Real factor, Re
     for (int sign = 1; sign >= -1; sign -= 2) {
         for (Int v = 0; v < k->nv; v++)
             sum[v] = k->scale[v] * (a[v] + sign * b[v]);
-        add_bias(k, sum, 0.25 * sign * factor, right);
+        system_add_bias(k, sum, 0.25 * sign * factor, right);
     }
 }
 
@@ -72,13 +61,13 @@ static void subtract_third(Path *path, const Real *u, Real *right)
     Kernel *k = path->k;
     const Point *here = path->here;
     Real *q = path->middle.q, *step = path->middle.t;
-    add_bias(k, here->t, 1.0 / THIRD_STEP, right);
+    system_add_bias(k, here->t, 1.0 / THIRD_STEP, right);
     for (Int v = 0; v < k->nv; v++)
         step[v] = THIRD_STEP * k->scale[v] * u[v];
     memcpy(q, here->q, (size_t)k->nq * sizeof *q);
     tree_integrate(k, q, step);
     equations_values_near(k, q, here->angle);
-    add_bias(k, here->t, -1.0 / THIRD_STEP, right);
+    system_add_bias(k, here->t, -1.0 / THIRD_STEP, right);
     equations_values_near(k, here->q, here->angle);
 }
 

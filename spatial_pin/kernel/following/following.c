@@ -17,9 +17,12 @@ static Path *path_of(Kernel *k)
     Path *path = k->path;
     if (path)
         return path;
-    path = kernel_memory(k, 1, sizeof *path);
-    Real *from = kernel_reals(k, 4 * point_numbers(k) + 4 * k->nv + (k->nq + k->n_angles) * (BETWEEN_DEGREE + 1));
+    if (!(path = kernel_memory(k, 1, sizeof *path)))
+        return NULL;
+    const Int entries = (k->nq + k->n_angles) * (BETWEEN_DEGREE + 1);
+    Real *from = kernel_reals(k, 4 * point_numbers(k) + 4 * k->nv + entries);
     Int *chosen = kernel_ints(k, k->nv);
+    path->curve = kernel_memory(k, k->n_idle, sizeof *path->curve);
     if (!kernel_had_memory(k) || prescribed_create(k, &path->prescribed) != DONE)
         return NULL;
     for (int i = 0; i < 3; i++)

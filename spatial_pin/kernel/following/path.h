@@ -22,6 +22,7 @@ typedef struct Path {
     Point points[3], *here, *before, *next; /* `next` is the trial */
     Between between; /* polynomials of the last interpolated step */
     Point middle;   /* of that */
+    IdleCurve *curve; /* (n_idle) axes of links in the last step */
     int has_started; /* whether there is a point `here` */
     int goes_to_end; /* whether steps become as short as it takes, where the path ends */
     int has_before; /* whether there is a point before `here`, on the same stretch */
@@ -30,7 +31,7 @@ typedef struct Path {
     Real selected, selected_ratio; /* its size, and the ratio of pivots, where they were chosen */
     Real zero;      /* s where it would vanish as it last fell; infinite if it rose */
     int zero_known, stale; /* `stale`: the factors are of another point than `here` */
-    Real idle_way;  /* the joints' longest way in a step that idle rotations allow */
+    Real idle_way;  /* the joints' longest way in a step that idle rotations allow, with a point before */
     Real between_way; /* the joints' way between points that samples are interpolated between */
     Real abreast_way; /* the joints' way between points that samples are closed between */
     Real way;       /* the joints' way in the last step that was tried, by prediction */
@@ -44,12 +45,19 @@ typedef struct Path {
     Real open;      /* residual of equations left out that no other choice makes smaller */
 } Path;
 
+/* All that follows from a point that is evaluated and factored, as far as samples near it need it. */
+static inline int path_rates(Path *path, Point *point)
+{
+    const int code = point_rates(path->k, &path->prescribed, point);
+    if (code == DONE && path->accuracy.between > 0.0)
+        point_bend_angles(path->k, point);
+    return code;
+}
+
 /* ---- stepping.c ---- */
 /* Step to a value of s in the piece in use: DONE, or why not; then nothing has changed, but for what
    is `stale`. */
 int step(Path *path, Real target);
-/* All that follows from a point that is evaluated and factored, as far as samples near it need it. */
-int path_rates(Path *path, Point *point);
 /* Evaluate and factor at `here` again, with the current piece of the drivers' laws. */
 int stand_again(Path *path);
 /* Let the piece that begins at `here` in the sense of a number be in use there. */
@@ -60,9 +68,10 @@ Real round_off_of(const Kernel *k, const Real *q); /* closure error that it may 
 void keep_choice(Path *path); /* the equations in use are those at `here` */
 int has_redundant(const Kernel *k);
 Real distance_ahead(const Path *path, Real h); /* way of s to where the determinant vanishes, or inf */
-/* The change of s in which the joints go a way; the longest step that is worth an attempt. */
+/* The change of s in which the joints go a way; the longest step towards a value of s that is worth an
+   attempt. */
 Real step_of(const Path *path, Real way);
-Real longest_step(const Path *path);
+Real longest_step(const Path *path, Real target);
 
 /* ---- filling.c ---- */
 int factor_at_path_point(Kernel *k); /* where it is evaluated, passive freedoms as they are there */
@@ -70,6 +79,10 @@ int factor_at_path_point(Kernel *k); /* where it is evaluated, passive freedoms 
 /* ---- turning_back.c ---- */
 /* Turn links about their own axes to where no idle rotation leaves them in a step to `next`. */
 int take_idle_back(Path *path, Real way);
+/* Whether there is a point before on the way to a value of s, which tells how links turn; the longest way
+   there that idle rotations allow. */
+int third_tells(const Path *path, Real target);
+Real idle_way_to(const Path *path, Real target);
 
 /* ---- estimating.c ---- */
 /* See how errors are magnified where the path stands, at its factored point. */
@@ -87,12 +100,13 @@ Real estimate_at(Path *path, Real t, Real c, Real error, Real *estimate);
 Real estimate_between(Path *path, const Point *third, const Point *from, Real *estimate);
 
 /* ---- abreast.c ---- */
-/* Whether samples between points may be closed side by side: there are lanes for the equations. */
+/* Whether samples between points may be closed side by side. */
 int goes_abreast(Path *path);
-/* Write rows (n) from i on, at values between the present point and the one before its last step, each
+/* Write rows (n) from i on, at values between a point and the present one, to which one step has led, each
    closed by itself; `between` is their prediction. 0 where one of them does not close at once. The largest
    residual of predictions is `predicted`. */
-int close_abreast(Path *path, const Real *values, Int n, const PathRows *rows, Int i, Real *predicted);
+int close_abreast(Path *path, const Point *from, const Real *values, Int n, const PathRows *rows, Int i,
+                  Real *predicted);
 
 /* ---- sampling.c ---- */
 /* Go to a value of s by as many steps as the path needs, of equal length where they may be. */

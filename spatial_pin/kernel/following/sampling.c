@@ -26,16 +26,16 @@
 /* Go on to a value of s, by one piece of the drivers' laws. */
 static int reach_within(Path *path, Real target)
 {
-    const Real first = smaller_of(fabs(target - path->here->s), longest_step(path));
+    const Real first = smaller_of(fabs(target - path->here->s), longest_step(path, target));
     const int is_last = path->goes_to_end || path->k->system.n_pins;
     const Real least = first * exp2(is_last ? -LAST_HALVINGS : -MOST_HALVINGS);
     Real length = first;
     Int failed = 0;
-    if (!(fabs(target - path->here->s) <= FARTHEST_VALUE * longest_step(path)))
+    if (!(fabs(target - path->here->s) <= FARTHEST_VALUE * longest_step(path, target)))
         return UNSAFE;
     while (path->here->s != target) {
         const Real left = target - path->here->s;
-        const Real parts = ceil(fabs(left) / smaller_of(length, longest_step(path)) - 1e-9);
+        const Real parts = ceil(fabs(left) / smaller_of(length, longest_step(path, target)) - 1e-9);
         const Real goal = parts <= 1.0 ? target : path->here->s + left / parts;
         const Real tried = fabs(goal - path->here->s);
         const int code = goal != path->here->s ? step(path, goal) : UNSAFE;
@@ -110,7 +110,7 @@ static Int last_within(Path *path, const Real *values, Int i, Int end)
     if (i == end || sense == 0.0 || fabs(values[i + 1] - s) > wanted || turn_into(path, sense) != DONE)
         return i;
     const Real ends = piece_end(&path->prescribed, s, copysign(INFINITY, sense));
-    const Real longest = fmin(longest_step(path), wanted);
+    const Real longest = fmin(longest_step(path, values[i]), wanted);
     if (look_ahead(path, copysign(longest, sense)) != DONE)
         return i;
     Real most = fmin(fmin(longest, BETWEEN_NEARER * distance_ahead(path, sense)), fabs(ends - s));
@@ -190,7 +190,7 @@ static Int follow_between(Path *path, const Real *values, Int i, Int last, const
 static Int last_abreast(Path *path, const Real *values, Int i, Int n)
 {
     const Real s = path->here->s, sense = values[i] - s;
-    const Real longest = smaller_of(longest_step(path), step_of(path, path->abreast_way));
+    const Real longest = smaller_of(longest_step(path, values[i]), step_of(path, path->abreast_way));
     const Int few = i + LANES - 1;
     if (!(few < n) || !(fabs(values[few] - s) <= longest) || !lies_ahead(values, i, n, sense) ||
         turn_into(path, sense) != DONE || look_ahead(path, copysign(longest, sense)) != DONE)
@@ -217,7 +217,7 @@ static Int follow_abreast(Path *path, const Real *values, Int i, Int last, const
         return 0;
     }
     between_make(path->k, third, from, path->here, &path->between);
-    if (!close_abreast(path, values + i, last - i, rows, i, &predicted)) {
+    if (!close_abreast(path, from, values + i, last - i, rows, i, &predicted)) {
         path->abreast_way *= 0.5;
         go_back(path, third, from);
         return 0;

@@ -238,14 +238,6 @@ static int is_explained(const Path *path)
            missed <= TOLERANCE_UNEXPLAINED * TOLERANCE_UNEXPLAINED * moved + MISSED;
 }
 
-int path_rates(Path *path, Point *point)
-{
-    const int code = point_rates(path->k, &path->prescribed, point);
-    if (code == DONE && path->accuracy.between > 0.0)
-        point_bend_angles(path->k, point);
-    return code;
-}
-
 /* ---- one step, whole or not at all ---- */
 
 /* The verdict on the corrected `next`: DONE if it lies on the same stretch of the same path. */
@@ -288,7 +280,7 @@ static int try_step(Path *path, Real target)
     const Real h = target - path->here->s;
     Real way = path->prescribed.n_pieces ? point_reach(path->here, h)
                                          : point_way(path->k, path->here, h);
-    if (!(way <= TOLERANCE_LONGEST_STEP) || (path->k->n_idle && way > 1.1 * path->idle_way))
+    if (!(way <= TOLERANCE_LONGEST_STEP) || (path->k->n_idle && way > 1.1 * idle_way_to(path, target)))
         return UNSAFE;
     int code = look_ahead(path, h);
     if (code != DONE || fabs(h) > NEARER * distance_ahead(path, h))
@@ -365,8 +357,8 @@ int step(Path *path, Real target)
 
 Real step_of(const Path *path, Real way) { return way / (CURVED_WAY * path->here->pace); }
 
-Real longest_step(const Path *path)
+Real longest_step(const Path *path, Real target)
 {
     const Real most = TOLERANCE_LONGEST_STEP;
-    return step_of(path, path->k->n_idle ? fmin(most, path->idle_way) : most);
+    return step_of(path, path->k->n_idle ? fmin(most, idle_way_to(path, target)) : most);
 }

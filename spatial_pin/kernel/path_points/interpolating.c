@@ -22,20 +22,6 @@ static void quintic(const Point *a, const Point *b, Real h, Int i, Real *c)
     c[5] = 6.0 * value - 3.0 * slope + bend;
 }
 
-/* Value and first two derivatives by u of a polynomial. */
-static void polynomial(const Real *c, Int degree, Real u, Real *out)
-{
-    Real value = c[degree], first = 0.0, half = 0.0;
-    for (Int d = degree - 1; d >= 0; d--) {
-        half = half * u + first;
-        first = first * u + value;
-        value = value * u + c[d];
-    }
-    out[0] = value;
-    out[1] = first;
-    out[2] = 2.0 * half;
-}
-
 /* Let the polynomial go through a third point at u = -r too: what it misses there is that of
  * (u (1 - u))^3 times one of second degree, which is zero three times at either end. Returns the
  * largest of what that adds at the ends and in the middle, where (u (1 - u))^3 is 1/64. */
@@ -45,7 +31,7 @@ static Real through_third(const Point *third, Real h, Real r, Int i, Real *c)
     const Real w = g * g * g, first = 3.0 * g * g * slope;
     const Real second = 6.0 * g * (slope * slope - g);
     Real at[3], d[3];
-    polynomial(c, 5, -r, at);
+    polynomial_at(c, 5, -r, at);
     d[0] = (third->q[i] - at[0]) / w;
     d[1] = (h * third->first[i] - at[1] - first * d[0]) / w;
     d[2] = 0.5 * (h * h * third->second[i] - at[2] - second * d[0] - 2.0 * first * d[1]) / w;
@@ -121,19 +107,9 @@ WITHIN void joint_rates(Int kind, const Real *q, const Real *first, const Real *
     add3(-1.0, turning, c);
 }
 
-/* The same of a few values of u. */
-WITHIN void polynomials(const Real *c, Int degree, Lane u, Lane *out)
-{
-    Lane value = (Lane){0} + c[degree], first = {0}, half = {0};
-    for (Int d = degree - 1; d >= 0; d--) {
-        half = half * u + first;
-        first = first * u + value;
-        value = value * u + c[d];
-    }
-    out[0] = value;
-    out[1] = first;
-    out[2] = 2.0 * half;
-}
+/* ---- a few values at once ---- */
+
+#include "side_by_side.h"
 
 /* One joint at n values of u, by the polynomials of its entries. */
 WITHIN void joint_at(const Kernel *k, Int j, const Real *coefficient, Int degree, Lane u, Int n, Real h,
@@ -142,7 +118,7 @@ WITHIN void joint_at(const Kernel *k, Int j, const Real *coefficient, Int degree
     const Int nq = joint_nq(k->kind[j]);
     Lane at[7][3];
     for (Int i = 0; i < nq; i++) {
-        polynomials(coefficient + i * (BETWEEN_DEGREE + 1), degree, u, at[i]);
+        polynomial_at(coefficient + i * (BETWEEN_DEGREE + 1), degree, u, at[i]);
         at[i][1] /= h;
         at[i][2] /= h * h;
     }
@@ -165,7 +141,7 @@ FOR_WIDE void between_at(const Kernel *k, const Between *p, const Real *s, Int n
     for (Int l = 0; l < n && k->nq > k->nv; l++)
         tree_normalize(k, q + l * k->nq);
     for (Int i = 0; i < k->n_angles; i++) {
-        polynomials(p->coefficient + (k->nq + i) * (BETWEEN_DEGREE + 1), p->degree, u, at);
+        polynomial_at(p->coefficient + (k->nq + i) * (BETWEEN_DEGREE + 1), p->degree, u, at);
         for (Int l = 0; l < n; l++)
             angle[l * k->n_angles + i] = at[0][l];
     }
@@ -178,7 +154,7 @@ void point_between(const Kernel *k, const Point *a, const Point *b, Real s, Real
     for (Int j = 1; j < k->n_joints; j++) {
         for (Int i = 0; i < joint_nq(k->kind[j]); i++)
             quintic(a, b, h, k->iq[j] + i, own + i * (BETWEEN_DEGREE + 1));
-        joint_at(k, j, own, 5, (Lane){0} + u, 1, h, q, t, c);
+        joint_at(k, j, own, 5, SPREAD(u), 1, h, q, t, c);
     }
     tree_normalize(k, q);
 }

@@ -37,16 +37,10 @@ void point_carve(const Kernel *k, Real **from, Point *point)
 
 int point_rates(Kernel *k, const Prescribed *prescribed, Point *point)
 {
-    Real sum = 0.0, square = 0.0, second = 0.0;
+    Real squares[2];
     point->size = determinant_size(k);
     point->error = equations_error(k);
-    system_path_rates(k, prescribed->rate, prescribed->bend, point->t, point->c);
-    for (Int i = 0; i < k->system.n_driven; i++) { /* as prescribed, to the last digit */
-        if (k->system.driven[i] >= k->nv)
-            continue;
-        point->t[k->system.driven[i]] = prescribed->rate[i];
-        point->c[k->system.driven[i]] = prescribed->bend[i];
-    }
+    system_path_rates(k, prescribed->rate, prescribed->bend, point->t, point->c, squares);
     for (Int i = 0; i < k->n_angles; i++) {
         point->angle[i] = k->angle[i];
         point->angle_rate[i] = k->angles.rate[i]; /* at the rates t */
@@ -56,15 +50,9 @@ int point_rates(Kernel *k, const Prescribed *prescribed, Point *point)
     for (Int i = 0; i < k->n_idle; i++)
         idle_axis(k, i, point->axis + i);
     tree_entry_rates(k, point->q, point->t, point->c, point->first, point->second);
-    for (Int v = 0; v < k->nv; v++) {
-        sum += fabs(point->t[v]) + fabs(point->c[v]);
-        const Real t = point->t[v] / k->scale[v], c = point->c[v] / k->scale[v];
-        square += t * t;
-        second += c * c;
-    }
-    point->pace = sqrt(square);
-    point->bend = sqrt(second);
-    return isfinite(sum) ? DONE : NOT_FINITE;
+    point->pace = sqrt(squares[0]);
+    point->bend = sqrt(squares[1]);
+    return isfinite(point->pace + point->bend) ? DONE : NOT_FINITE;
 }
 
 void point_bend_angles(Kernel *k, Point *point)

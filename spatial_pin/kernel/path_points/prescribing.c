@@ -106,15 +106,9 @@ void prescribe(Prescribed *p, Real s)
     const Int order = p->degree + 1;
     const Real x = s - p->breaks[p->piece], *a = p->coefficient + p->piece * p->n * order;
     for (Int i = 0; i < p->n; i++, a += order) {
-        Real value = 0.0, rate = 0.0, half = 0.0;
-        for (Int d = p->degree; d >= 0; d--) { /* Horner's scheme of a value and its derivatives */
-            half = half * x + rate;
-            rate = rate * x + value;
-            value = value * x + a[d];
-        }
-        p->value[i] = value;
-        p->rate[i] = rate;
-        p->bend[i] = 2.0 * half;
+        Real at[3];
+        polynomial_at(a, p->degree, x, at);
+        p->value[i] = at[0], p->rate[i] = at[1], p->bend[i] = at[2];
     }
 }
 

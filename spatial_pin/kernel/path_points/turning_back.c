@@ -5,6 +5,7 @@
 #include "path.h"
 
 #define IDLE_SMALL 1e-8  /* rotation whose square is round-off */
+#define IDLE_NEXT 0.125  /* way of a step that is worth it to see what a third point tells */
 #define IDLE_PASSES 6    /* of turning links back that move other joints with them */
 
 /* Rates of a ball's joint once its body is turned by a rotation vector x (in body axes). */
@@ -56,16 +57,16 @@ static Real idle_displacement(Path *path, Real way, Real *error)
     const Point *before = path->before, *here = path->here;
     Real most = 0.0;
     memset(k->right, 0, (size_t)k->nv * sizeof *k->right);
+    const int three = way > IDLE_FIRST && third_tells(path, path->next->s); /* else two points are enough */
     for (Int i = 0; i < k->n_idle; i++) {
-        Real own;
-        const int three = path->has_before && way > IDLE_FIRST && /* else two points are enough */
-                          (here->s > before->s) == (path->next->s > here->s);
-        const Real turned = idle_turned(three ? before->axis + i : NULL, here->axis + i,
-                                        path->next->axis + i, here->s - before->s,
-                                        path->next->s - here->s, &own);
+        IdleAxis *to = path->next->axis + i;
+        IdleCurve *curve = path->curve + i;
+        idle_curve(three ? before->axis + i : NULL, here->axis + i, to, here->s - before->s,
+                   path->next->s - here->s, curve);
+        const Real turned = idle_turned(curve, to->e, to->mark, 1.0);
         k->right[k->system.n_chosen + i] = -turned;
-        idle_turn(path->next->axis + i, -turned);
-        *error = fmax(*error, own);
+        idle_turn(to, -turned);
+        *error = fmax(*error, idle_error(curve, to->e));
         if (!(fabs(turned) <= most))
             most = fabs(turned);
     }
@@ -75,11 +76,24 @@ static Real idle_displacement(Path *path, Real way, Real *error)
     return most;
 }
 
-/* Longest step that idle rotations allow next, from the error of this one, of ninth order. */
+int third_tells(const Path *path, Real target)
+{
+    const Point *before = path->before, *here = path->here;
+    return path->has_before && (here->s > before->s) == (target > here->s);
+}
+
+Real idle_way_to(const Path *path, Real target)
+{
+    const int is_fixed = path->accuracy.corrections >= 0; /* whatever that leaves */
+    return is_fixed || third_tells(path, target) ? path->idle_way : IDLE_FIRST;
+}
+
+/* Longest step that idle rotations allow next, from the error of this one, of ninth order. From now on
+   three points tell it. */
 static int is_exact(Path *path, Real way, Real error)
 {
     const Real part = path->accuracy.idle / fmax(error, 1e-30);
-    path->idle_way = fmax(way * fmin(fmax(0.9 * pow(part, 1.0 / 9.0), 0.5), 2.5), IDLE_FIRST);
+    path->idle_way = fmax(way * fmin(fmax(0.9 * pow(part, 1.0 / 9.0), 0.5), 2.5), IDLE_NEXT);
     return error <= 4.0 * path->accuracy.idle;
 }
 

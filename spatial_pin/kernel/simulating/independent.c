@@ -513,11 +513,9 @@ Real independent_pace(const Dynamics *d)
 void independent_bias(Dynamics *d, const Real *v, const Real *held_acceleration, Real *a)
 {
     Kernel *k = d->k;
-    equations_bias(k, &k->equations.system, v);
     Real *x = d->work.solved;
     memset(x, 0, (size_t)k->nv * sizeof *x);
-    for (Int i = 0; i < k->system.n_chosen; i++)
-        x[i] = -k->equations.bias[k->system.chosen[i]];
+    system_add_bias(k, v, -1.0, x);
     for (Int s = 0; s < d->spins.n; s++) {
         Real line[3];
         rotate3(k->R + 9 * d->spins.joint[s], d->spins.axis + 3 * s, line);
