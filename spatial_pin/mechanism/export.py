@@ -1,4 +1,4 @@
-"""The old module of `export_urdf`, which programs of users import; see `formats.mechanism_writer`."""
+"""The old module of `export_urdf`, which users import; see `formats.mechanism_writer`."""
 
 from __future__ import annotations
 
