@@ -249,9 +249,7 @@ class _ClosureSamples(NamedTuple):
 class Extended:
     """The closure equations of a mechanism in extended precision.
 
-    Attributes:
-        n_closure: number of closure equations.
-        n_spins: number of resolved passive freedoms.
+    `n_spins` is the number of resolved passive freedoms.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
@@ -274,7 +272,6 @@ class Extended:
             joint, _ = mechanism.frame_on_joint(passive.body)
             a, b = (point_on(mechanism, joint, name).astype(Long) for name in passive.axis)
             self._spins.append((joint, (b - a) / np.sqrt(((b - a) ** 2).sum())))
-        self.n_closure = sum(closure.n_rows for closure in mechanism.closures)
         self.n_spins = len(self._spins)
 
     def placements(self, q: Array, v: Array, a: Array) -> list[Array]:
@@ -306,9 +303,9 @@ class Extended:
             joints = [self.mechanism.coordinate(name) for name in closure.joints]
             known = [np.stack([q[:, c.q], v[:, c.v], a[:, c.v]]) for c in joints]
             for row in closure.rows:
-                given = _ClosureSamples(
+                samples = _ClosureSamples(
                     self.mechanism, closure, frames, known, counted, {}, len(q))
-                blocks.append(self._size(closure, row) * given.sum(row))
+                blocks.append(self._size(closure, row) * samples.sum(row))
         return np.stack(blocks, axis=-1) if blocks else np.zeros((3, len(q), 0), dtype=Long)
 
     def _size(self, closure: Closure, row: ConstraintEquation) -> Any:
