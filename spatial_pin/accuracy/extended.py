@@ -11,7 +11,7 @@ library's solvers use. With T the placement of a joint and X the 4 x 4 matrix of
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -163,8 +163,8 @@ class _ClosureSamples(NamedTuple):
 
     mechanism: Mechanism
     closure: Closure
-    frames: list[Array]
-    joints: list[Array]
+    frames: Sequence[Array]
+    joints: Sequence[Array]
     turns: Iterator[Array]
     parameters: dict[ImplicitParameters, list[Array]]
     n: int
