@@ -86,8 +86,8 @@ class LoadedSamples:
         self.equations, self.bearing = equations, bearing
         self._external = forces_at(mechanism, motion, external)
         n, nv, pairs = len(motion), bearing.model.nv, len(bearing.pairs.names)
-        rates = (motion.v, motion.a) if motion.per == "s" else np.zeros((2, n, nv))
-        self.v, self.given_a = rates
+        rest = np.zeros((n, nv))
+        self.v, self.given_a = (motion.v, motion.a) if motion.per == "s" else (rest, rest)
         self.efforts, self.a = np.empty((n, n_efforts)), np.empty((n, nv))
         self.multipliers, self.error = np.empty((n, bearing.n_closure)), np.empty(n)
         self.reactions, self.on_ground = np.empty((n, pairs, 6)), np.empty((n, 6))

@@ -140,7 +140,8 @@ def states(
         if cloud is None or not (cloud.scattered.part[:-1] >= 1.0).any():
             raise
         is_done = cloud.scattered.part[number] >= 1.0
-    samples, unreached = moved.of_whole(cloud.scattered.samples), cloud.unreached(list(values))
+    samples = moved.of_whole(cloud.scattered.samples)
+    unreached = _unreached(cloud, list(values), [mechanism.coordinate(x).unit for x in names])
     unreached |= _opened(state, samples, accuracy)
     n = len(table)
     v, a = np.zeros((2, n, state.mechanism.model.nv))
@@ -224,7 +225,7 @@ class _Cloud:
         part = np.zeros(n + 1)
         part[n] = 1.0
         self.scattered = Scattered(whole, np.full(n + 1, n), samples, part)
-        self._ends: dict[int, str] = {}  # of lines that were followed further, in words
+        self.ends: dict[int, str] = {}  # of lines to rows that are not reached, in words
 
     # ------------------------------------------------------------ rows, many at a time
 
@@ -232,35 +233,14 @@ class _Cloud:
         """Solve all rows; unreachable ones end at the nearest configuration on their line."""
         with ThreadPoolExecutor(self._threads) as executor:
             pool = executor if self._threads > 1 else None
-            for rows in self._levels(pool):
+            for rows in levels_of(self.points, self.scattered.parent, pool):
                 self._follow(pool, rows)
                 bar.update(len(rows))
             self._try_others(pool)
             self._pass_singular(pool)
-
-    def _levels(self, pool: Any) -> Iterator[Rows]:
-        """Yield all rows in levels of growing density, after setting their parents.
-
-        The parents of all levels are known before any row is solved: threads find those of later
-        levels while rows of earlier ones are solved.
-        """
-        from scipy.spatial import cKDTree  # on use: it takes a tenth of a second
-
-        n = len(self.points) - 1
-        order, number = morton_order(self.points[:n]), np.arange(1, n + 1)
-        levels, before = np.bitwise_and(number, -number), np.array([n])
-        jobs = list[tuple[Rows, Rows]]()
-        for size in 2 ** np.arange(int(n).bit_length())[::-1]:
-            jobs.append((before, order[levels == size]))
-            before = np.concatenate(jobs[-1])
-
-        def with_parents(before: Rows, rows: Rows) -> Rows:
-            # threads of the query itself would go on in memory that is free after Ctrl-C
-            self.scattered.parent[rows] = before[cKDTree(self.points[before]).query(
-                self.points[rows])[1]]
-            return rows
-
-        yield from in_order(pool, with_parents, jobs)
+        for row in self._unsolved().tolist():
+            if row not in self.ends:
+                self.ends[row] = ENDS["limit" if self._is_limit(row) else "singular"]
 
     def _follow(self, pool: Any, rows: Rows, is_last: bool = False) -> None:
         """Follow rows from their parents, which are solved before."""
@@ -353,7 +333,7 @@ class _Cloud:
             s.part[row] = 1.0
             return True
         end = passage.stop
-        self._ends[row] = "too far to be followed to" if end.is_far else ENDS[end.kind]
+        self.ends[row] = "too far to be followed to" if end.is_far else ENDS[end.kind]
         if end.value > s.part[row]:
             loops = loops_at(self.mechanism, end.q, s.samples.angles[row])
             s.samples.q[row], s.samples.error[row] = end.q, loops.closure_error
@@ -372,21 +352,45 @@ class _Cloud:
         distance = float(np.abs(self.points[row] - self.points[s.parent[row]]).max())
         return bend > 0.0 and float(t @ t) / (2.0 * bend) * distance < AT_LIMIT
 
-    def unreached(self, names: Sequence[str]) -> dict[int, str]:
-        """Return the reasons why rows are not reached, by row, with names and values."""
-        s, words = self.scattered, {}
-        units = [self.mechanism.coordinate(name).unit for name in self._names]
 
-        def at(values: Array) -> str:
-            return ", ".join(f"{name} = {x:.9g} {unit}" for name, x, unit in zip(
-                names, values.tolist(), units, strict=True))
+def _unreached(cloud: _Cloud, names: Sequence[str], units: Sequence[str]) -> dict[int, str]:
+    """Return the reasons why rows are not reached, by row, with names and values."""
+    s, words = cloud.scattered, {}
 
-        for row in self._unsolved().tolist():
-            parent, part = s.parent[row], s.part[row]
+    def at(values: Array) -> str:
+        return ", ".join(f"{name} = {x:.9g} {unit}" for name, x, unit in zip(
+            names, values.tolist(), units, strict=True))
+
+    for row, kind in cloud.ends.items():
+        parent, part = s.parent[row], s.part[row]
+        if part < 1.0:
             end = s.values[parent] + part * (s.values[row] - s.values[parent])
-            kind = self._ends.get(row) or ENDS["limit" if self._is_limit(row) else "singular"]
             words[row] = f"{at(s.values[row])} is out of reach: {kind} at {at(end)}"
-        return words
+    return words
+
+
+def levels_of(points: Array, parent: Rows, pool: Any) -> Iterator[Rows]:
+    """Yield rows of points (n + 1, k) in levels of growing density, after setting their parents.
+
+    The last point is solved. The parents of all levels are known before any row is solved: threads
+    of a pool find those of later levels while rows of earlier ones are solved.
+    """
+    from scipy.spatial import cKDTree  # on use: it takes a tenth of a second
+
+    n = len(points) - 1
+    order, number = morton_order(points[:n]), np.arange(1, n + 1)
+    levels, before = np.bitwise_and(number, -number), np.array([n])
+    jobs = list[tuple[Rows, Rows]]()
+    for size in 2 ** np.arange(int(n).bit_length())[::-1]:
+        jobs.append((before, order[levels == size]))
+        before = np.concatenate(jobs[-1])
+
+    def with_parents(before: Rows, rows: Rows) -> Rows:
+        # threads of the query itself would go on in memory that is free after Ctrl-C
+        parent[rows] = before[cKDTree(points[before]).query(points[rows])[1]]
+        return rows
+
+    return in_order(pool, with_parents, jobs)
 
 
 def morton_order(points: Array) -> Rows:
