@@ -183,17 +183,32 @@ def _first(
         raise
 
 
+def _paths_of(
+    state: State, names: Sequence[str], hold: Hold, accuracy: Accuracy, n: int,
+    workspaces: Workspaces,
+) -> tuple[list[Path], Array]:
+    """Return n paths of kernels from a state, and the values there of what they prescribe.
+
+    Values of the names are first (m,).
+    """
+    mechanism = state.mechanism
+    tracker = PathTracker.along(state, names, hold, accuracy, workspaces)
+    driven, still = tracker.driven, tracker.still
+    system = tracker.checked_system(state)
+    indices = prescribed_indices(mechanism.model.nv, driven, still)
+    values = {c.v: coordinate_value(mechanism, c, state.q)
+              for c in mechanism.coordinate_table.values() if c.q >= 0}
+    standing = [*(coordinate_value(mechanism, c, state.q) for c in driven),
+                *(values.get(v, 0.0) for v in still)]
+    return [Path(workspaces.acquire(kernel_of(mechanism)), system.equations, indices,
+                 system.passive, accuracy) for _ in range(n)], np.array(standing)
+
+
 class _Cloud:
     """Scattered values, each with the neighbour it is followed from, and their solver.
 
-    Args:
-        state: the first State, of the mechanism or of the part that moves.
-        names: coordinates that have values.
-        hold: what stands still besides.
-        table: (n, k) distinct values, in order.
-        accuracy: of the samples.
-        threads: how many.
-        workspaces: hold the kernels.
+    The first State is of the mechanism or of the part that moves; the table (n, k) has distinct
+    values of the coordinates of the names. Workspaces hold the kernels of the threads.
     """
 
     def __init__(
@@ -202,20 +217,12 @@ class _Cloud:
     ) -> None:
         mechanism = self.mechanism = state.mechanism
         self._names, self._hold, self._accuracy = names, hold, accuracy
-        tracker = PathTracker.along(state, names, hold, accuracy, workspaces)
-        driven, still = tracker.driven, tracker.still
-        system = tracker.checked_system(state)
-        indices = prescribed_indices(mechanism.model.nv, driven, still)
-        values = {c.v: coordinate_value(mechanism, c, state.q)
-                  for c in mechanism.coordinate_table.values() if c.q >= 0}
-        first = [coordinate_value(mechanism, c, state.q) for c in driven]
-        self._standing = np.array([*first, *(values.get(v, 0.0) for v in still)])
         n, k = table.shape
         self._threads = max(1, min(threads, n // FEWEST))
-        self._paths = [Path(workspaces.acquire(kernel_of(mechanism)), system.equations, indices,
-                            system.passive, accuracy) for _ in range(self._threads)]
-        sizes = mechanism.velocity_scale[[c.v for c in driven[:k]]]
-        whole = np.vstack([table, first[:k]])
+        self._paths, self._standing = _paths_of(
+            state, names, hold, accuracy, self._threads, workspaces)
+        whole = np.vstack([table, self._standing[:k]])
+        sizes = [mechanism.velocity_scale[mechanism.coordinate_table[name].v] for name in names]
         self.points: Array = whole / sizes
         samples = PathSamples.empty(n + 1, mechanism.model.nq, mechanism.model.nv,
                                     state.angles.size)
@@ -226,8 +233,6 @@ class _Cloud:
         part[n] = 1.0
         self.scattered = Scattered(whole, np.full(n + 1, n), samples, part)
         self.ends: dict[int, str] = {}  # of lines to rows that are not reached, in words
-
-    # ------------------------------------------------------------ rows, many at a time
 
     def solve(self, bar: Any) -> None:
         """Solve all rows; unreachable ones end at the nearest configuration on their line."""
@@ -258,10 +263,7 @@ class _Cloud:
         for _ in in_order(pool if len(jobs) > 1 else None, follow_piece, jobs):
             pass
 
-    # ------------------------------------------------------------ rows that were not reached
-
     def _unsolved(self) -> Rows:
-        """Return the rows that are not reached."""
         return np.flatnonzero(self.scattered.part < 1.0)
 
     def _try_others(self, pool: Any) -> None:
