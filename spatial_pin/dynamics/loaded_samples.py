@@ -72,8 +72,7 @@ class LoadedSamples:
         v, given_a: (N, nv) rates of the motion in time; zero where it is none.
         a, efforts, multipliers, error: (N, ...) of the samples that are done.
         reactions, unique: (N, pairs, 6); on_ground: (N, 6).
-        done: how many there are.
-        at: the sample that the equations are at.
+        done: how many there are; at: the sample that the equations are at.
     """
 
     def __init__(
@@ -135,7 +134,8 @@ class LoadedSamples:
                             bearing.n_closure and bearing.spaces.rank < bearing.n_closure):
                         self.unique[k] = list(bearing.unique(internal).values())
                     forces.append((at_joints, closures))
-                self._bear(piece, *map(np.array, zip(*forces, strict=True)), None)
+                joints, closed = map(np.array, zip(*forces, strict=True))
+                self._bear(piece, joints, closed, None)
             self.done = piece.at.stop
 
     def _loaded(self, at: slice) -> SampleBlock:
