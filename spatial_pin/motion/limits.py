@@ -35,8 +35,8 @@ FARTHEST_SLIDE = 20.0
 # After this many turns of a driver the search for a limit ends. Gear trains of the library repeat
 # after dozens of turns.
 MOST_TURNS = 100
-# The same where a joint has gone so far [rad or characteristic lengths]: a hundred turns for each of
-# these. By a cubic law of a coupling it would be millions.
+# The same where a joint has gone so far [rad or characteristic lengths]: a hundred turns for each
+# of these. By a cubic law of a coupling it would be millions.
 FARTHEST_JOINT = 2.0 * np.pi * 100 * MOST_TURNS
 SPAN_SAMPLES = 721  # samples of one turn: one per half degree
 # Distances to a bound at which samples are added, as parts of the range: each is half of the one
