@@ -159,7 +159,7 @@ def _joint_course(chain: Chain, first: int) -> Array:
         return slides
     turns = chain.turns[:, first:]
     if chain.axis is not None:
-        hinges = turns @ chain.axis[:, None]
+        hinges: Array = turns @ chain.axis[:, None]
     else:
         rotations = chain.table.rotations
         assert rotations is not None
