@@ -39,7 +39,7 @@ from fuzzing.generate import make
 
 import spatial_pin as sp
 from spatial_pin.accuracy.reference import Astray, SimulationReference, SweepReference
-from spatial_pin.accuracy.tasks import SWINGS, SimulationTask, SweepTask, Task, task_of
+from spatial_pin.accuracy.tasks import SHORTER, SWINGS, SimulationTask, SweepTask, Task, task_of
 from spatial_pin.dynamics.simulation.result import growth_lines
 
 ERRORS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-12)
@@ -54,7 +54,6 @@ SIZES = (11, 37, 121, 361, 1801)  # numbers of values of a sweep whose bounds ar
 TIMED = (361, 1801)
 RUNS = 9  # of which the least time counts
 RUNS_IN_TIME = 3  # the same of simulations, which are longer
-SHORTER = 0.8  # part of the time to where a simulation ends by itself
 LONG = 0.5  # s that a simulation may take; longer ones are left out
 GRAVITY = 9.81  # m/s², for the duration of those that have none
 BETTER = 1.15  # ratio of times, and of errors, by which a setting beats another one
