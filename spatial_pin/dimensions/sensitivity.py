@@ -278,8 +278,9 @@ class _Around:
                     load = Load.of_sample(drive.outputs_at(there).loads, 0, True)
                     there = there if drive.in_time else _at_rest(there)
                 speed = there.coordinate(drive.driver).rate
-                found = output_changes(ClosedDerivatives(self._geometry, there, driven, still),
-                                       given, load, some.values(), speed)
+                closed = ClosedDerivatives(self._geometry, there, driven, still)
+                closed.check_regular()
+                found = output_changes(closed, given, load, some.values(), speed)
             except SpatialPinError:
                 continue
             size = mechanism.characteristic_length
