@@ -6,6 +6,7 @@ component: `tip velocity x [m/s]`. What has no unit is in [-]; texts and counts 
 
 from __future__ import annotations
 
+import importlib
 import io
 import os
 import re
@@ -92,6 +93,14 @@ def chosen(
         if name not in quantities:
             raise UnknownNameError("column", name, quantities, f"{what}: ")
     return {name: quantities[name] for name in wanted}
+
+
+def _imported(package: str, method: str, install: str) -> Any:
+    try:
+        return importlib.import_module(package)
+    except ImportError as error:
+        raise SpatialPinError(f"{method} needs {package}: pip install {install}; to_csv and to_npz "
+                              "need nothing") from error
 
 
 class Tabular:
@@ -193,9 +202,7 @@ class Tabular:
         """
         return write_npz(path, self.columns(outputs))
 
-    def to_dataframe(
-        self, outputs: str | Iterable[str] | None = None
-    ) -> pandas.DataFrame:
+    def to_dataframe(self, outputs: str | Iterable[str] | None = None) -> pandas.DataFrame:
         """Return `columns` as a pandas DataFrame, a row for each sample.
 
         Its `attrs["units"]` are the units by heading.
@@ -213,15 +220,11 @@ class Tabular:
             >>> list(frame.columns), len(frame)
             (['time [s]', 'crank [rad]', 'rocker_pin [rad]'], 3)
         """
-        try:
-            import pandas
-        except ImportError as error:
-            raise SpatialPinError("to_dataframe needs pandas: pip install 'spatial_pin[pandas]'; "
-                                  "to_csv and to_npz need nothing") from error
+        pandas = _imported("pandas", "to_dataframe", "'spatial_pin[pandas]'")
         quantities = self.quantities(outputs)
         frame = pandas.DataFrame(flat(quantities))
-        frame.attrs["units"] = {head: unit for name, x in quantities.items()
-                                for head in flat({name: x}) for unit in (x.unit,)}
+        frame.attrs["units"] = {head: x.unit for name, x in quantities.items()
+                                for head in flat({name: x})}
         return frame
 
     def to_xarray(self, outputs: str | Iterable[str] | None = None) -> xarray.Dataset:
@@ -242,11 +245,7 @@ class Tabular:
             >>> found.dims, found.attrs["units"]
             (('sample', 'component'), 'm/s')
         """
-        try:
-            import xarray
-        except ImportError as error:
-            raise SpatialPinError("to_xarray needs xarray: pip install xarray; to_csv and to_npz "
-                                  "need nothing") from error
+        xarray = _imported("xarray", "to_xarray", "xarray")
         quantities = self.quantities(outputs)
         dimensions = ("sample", "component")
         data = xarray.Dataset({name: (dimensions[: x.ndim], np.array(x), {"units": unit})

@@ -11,7 +11,7 @@ library's solvers use. With T the placement of a joint and X the 4 x 4 matrix of
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,7 +19,6 @@ import pinocchio as pin
 
 from spatial_pin.constraints.compiled_equations import unit_length
 from spatial_pin.mechanism.equations import (
-    Angle,
     Bearing,
     ConstraintEquation,
     Cosine,
@@ -53,6 +52,20 @@ class _Joint(NamedTuple):
     v: int
     nq: int
     screws: Array
+
+    def elements(self, q: Array, v: Array, a: Array) -> list[Array]:
+        """Return the motions (3, N, 4, 4) with their rates whose product is that of the joint."""
+        if self.is_linear:
+            return [_moving(_about(s, q[:, self.q + k]), v[:, [self.v + k]] * s,
+                            a[:, [self.v + k]] * s)
+                    for k, s in enumerate(self.screws.T)]
+        end, count = self.q + self.nq, self.screws.shape[1]
+        t = _of_quaternions(q[:, end - 4 : end])
+        if count == 6:
+            t[:, :3, 3] = q[:, self.q : self.q + 3]
+        lead = np.zeros((len(q), 6 - count), dtype=Long)
+        moving = (np.hstack([lead, x[:, self.v : self.v + count]]) for x in (v, a))
+        return [_moving(t, *moving)]
 
 
 def _matrix(placement: pin.SE3) -> Array:
@@ -116,24 +129,15 @@ def _compose(a: Array, b: Array) -> Array:
                       wa * wb - (va * vb).sum(-1, keepdims=True)])
 
 
-class _RowInputs(NamedTuple):
-    """What a row of a closure is made of: its frames and joints with their rates, N samples.
-
-    Attributes:
-        closure: the closure.
-        frames: (3, N, 4, 4) placements.
-        joints: (3, N) coordinates.
-        turns: of its angles, in their order.
-        parameters: those found so far.
-        n: number of samples.
-    """
-
-    closure: Closure
-    frames: list[Array]
-    joints: list[Array]
-    turns: Iterator[Array]
-    parameters: dict[ImplicitParameters, list[Array]]
-    n: int
+def _argument(s: Array, c: Array, turns: Array) -> Array:
+    """Return the angle of sine and cosine, times any length, with their rates (3, N)."""
+    n = s[0] ** 2 + c[0] ** 2
+    turning = c[0] * s[1] - s[0] * c[1]
+    rate = turning / n
+    change = 2 * (s[0] * s[1] + c[0] * c[1])
+    value, turn = np.arctan2(s[0], c[0]), 8 * np.arctan(Long(1))
+    return np.stack([value + turn * np.round((turns - value) / turn), rate,
+                     (c[0] * s[2] - s[0] * c[2]) / n - rate * change / n])
 
 
 def _inverse(x: Array) -> Array:
@@ -145,12 +149,107 @@ def _inverse(x: Array) -> Array:
     return inverse
 
 
+class _ClosureSamples(NamedTuple):
+    """A closure at N samples, whose equations are made of its frames and joints with their rates.
+
+    Attributes:
+        mechanism, closure: the closure, and whose it is.
+        frames: (3, N, 4, 4) placements.
+        joints: (3, N) coordinates.
+        turns: of its angles, in their order.
+        parameters: those found so far.
+        n: number of samples.
+    """
+
+    mechanism: Mechanism
+    closure: Closure
+    frames: Sequence[Array]
+    joints: Sequence[Array]
+    turns: Iterator[Array]
+    parameters: dict[ImplicitParameters, list[Array]]
+    n: int
+
+    def sum(self, row: ConstraintEquation) -> Array:
+        """Return a sum of terms with its rates (3, N)."""
+        total = np.zeros((3, self.n), dtype=Long)
+        for number, factors in row.terms:
+            product = np.zeros((3, self.n), dtype=Long)
+            product[0] = Long(number)
+            for x in factors:
+                product = dot(product[..., None], self._quantity(x)[..., None])
+            total += product
+        return total
+
+    def _implicit(self, of: ImplicitParameters) -> list[Array]:
+        """Return parameters with their rates (3, N), by Newton's method from what they were.
+
+        A parameter that moves alone at a rate of 1 tells the slopes of the sums, and one that
+        stands still what else makes of them.
+        """
+        m, still = len(of.spans), self._replace(frames=[
+            x * np.array([1, 0, 0], dtype=Long)[:, None, None, None] for x in self.frames])
+        u = np.stack([np.array(next(self.turns), dtype=Long) for _ in range(m)])
+        inverse = np.zeros((self.n, m, m), dtype=Long)
+
+        def sums(of_what: _ClosureSamples, moving: Array) -> Array:
+            of_what.parameters[of] = list(moving)
+            return np.stack([of_what.sum(x) for x in of.definition[:m]])
+
+        for _ in range(LONG_PARTS):
+            slopes = []
+            for k in range(m):
+                moving = np.zeros((m, 3, self.n), dtype=Long)
+                moving[:, 0], moving[k, 1] = u, 1
+                slope = sums(still, moving)
+                slopes.append(slope[:, 1])
+            inverse = _inverse(np.stack(slopes, axis=1).transpose(2, 0, 1))
+            u = u - np.einsum("nij,jn->in", inverse, slope[:, 0])
+        moving = np.zeros((m, 3, self.n), dtype=Long)
+        moving[:, 0] = u
+        for order in (1, 2):
+            moving[:, order] = -np.einsum("nij,jn->in", inverse, sums(self, moving)[:, order])
+        self.parameters[of] = list(moving)
+        return self.parameters[of]
+
+    def _quantity(self, x: Quantity) -> Array:
+        """Return a quantity with its rates (3, N) [m, rad or 1]."""
+        if isinstance(x, JointCoordinate):
+            return self.joints[x.joint]
+        if isinstance(x, Parameter):
+            known = self.parameters.get(x.of)
+            return (self._implicit(x.of) if known is None else known)[x.which]
+        if isinstance(x, FunctionOf):
+            inner = self._quantity(x.argument)
+            series = x.function(Taylor([inner[0], Long(1), Long(0)]))
+            f = [series.derivative(k) for k in range(3)]
+            return np.stack([f[0], f[1] * inner[1], f[1] * inner[2] + f[2] * inner[1] ** 2])
+        one, two = (self.frames[k] for k in x.frames)
+        r1, r2, d = one[..., :3, :3], two[..., :3, :3], (two - one)[..., :3, 3]
+        if isinstance(x, Displacement):
+            along = (r2 if x.of_second else r1) @ x.u.astype(Long)
+            return dot(along, d) - np.array([[x.offset], [0], [0]], dtype=Long)
+        if isinstance(x, Bearing):
+            c, s = (dot(r1 @ u.astype(Long), d) - np.array([[u @ x.centre], [0], [0]], dtype=Long)
+                    for u in x.axes.T[:2])
+            return _argument(s, c, next(self.turns))
+        if isinstance(x, Cosine):
+            return dot(r1 @ x.u.astype(Long), r2 @ x.w.astype(Long))
+        if isinstance(x, PointDistance):
+            n, along, change = np.sqrt((d[0] ** 2).sum(-1)), *dot(d, d)[1:]
+            rate = along / (2 * n)
+            return np.stack([n, rate, change / (2 * n) - rate**2 / n])
+        if isinstance(x, Square):
+            length = unit_length(self.mechanism, self.closure) if x.length is None else x.length
+            return dot(d, d) / (2 * Long(length))
+        of = r2 @ x.axes2[:, 0].astype(Long)
+        c, s = (dot(r1 @ u.astype(Long), of) for u in x.axes1.T[:2])
+        return _argument(s, c, next(self.turns))
+
+
 class Extended:
     """The closure equations of a mechanism in extended precision.
 
-    Attributes:
-        n_closure: number of closure equations.
-        n_spins: number of resolved passive freedoms.
+    `n_spins` is the number of resolved passive freedoms.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
@@ -173,7 +272,6 @@ class Extended:
             joint, _ = mechanism.frame_on_joint(passive.body)
             a, b = (point_on(mechanism, joint, name).astype(Long) for name in passive.axis)
             self._spins.append((joint, (b - a) / np.sqrt(((b - a) ** 2).sum())))
-        self.n_closure = sum(closure.n_rows for closure in mechanism.closures)
         self.n_spins = len(self._spins)
 
     def placements(self, q: Array, v: Array, a: Array) -> list[Array]:
@@ -183,23 +281,10 @@ class Extended:
         poses = [still]
         for joint in self._joints:
             t = np.einsum("knij,jl->knil", poses[joint.parent], joint.placement)
-            for element in self._elements(joint, q, v, a):
+            for element in joint.elements(q, v, a):
                 t = times(t, element)
             poses.append(t)
         return poses
-
-    def _elements(self, joint: _Joint, q: Array, v: Array, a: Array) -> list[Array]:
-        if joint.is_linear:
-            return [_moving(_about(s, q[:, joint.q + k]), v[:, [joint.v + k]] * s,
-                            a[:, [joint.v + k]] * s)
-                    for k, s in enumerate(joint.screws.T)]
-        end, count = joint.q + joint.nq, joint.screws.shape[1]
-        t = _of_quaternions(q[:, end - 4 : end])
-        if count == 6:
-            t[:, :3, 3] = q[:, joint.q : joint.q + 3]
-        lead = np.zeros((len(q), 6 - count), dtype=Long)
-        moving = (np.hstack([lead, x[:, joint.v : joint.v + count]]) for x in (v, a))
-        return [_moving(t, *moving)]
 
     def rows(self, q: Array, v: Array, a: Array, turns: Array) -> Array:
         """Return closure equations with their rates (3, N, n_closure) [-], in its order.
@@ -213,113 +298,15 @@ class Extended:
         placements = self.placements(q, v, a)
         counted, blocks = iter(turns.T), []
         for closure in sorted(self.mechanism.closures, key=lambda c: not c.frames):
-            frames = [self._frame(placements, name)
-                      for name in (*closure.frames, *closure.between)]
+            frames = [placements[joint] @ _matrix(offset) for joint, offset in map(
+                self.mechanism.frame_on_joint, (*closure.frames, *closure.between))]
             joints = [self.mechanism.coordinate(name) for name in closure.joints]
             known = [np.stack([q[:, c.q], v[:, c.v], a[:, c.v]]) for c in joints]
             for row in closure.rows:
-                given = _RowInputs(closure, frames, known, counted, {}, len(q))
-                blocks.append(self._size(closure, row) * self._sum(row, given))
+                samples = _ClosureSamples(
+                    self.mechanism, closure, frames, known, counted, {}, len(q))
+                blocks.append(self._size(closure, row) * samples.sum(row))
         return np.stack(blocks, axis=-1) if blocks else np.zeros((3, len(q), 0), dtype=Long)
-
-    def _frame(self, placements: list[Array], name: str) -> Array:
-        joint, offset = self.mechanism.frame_on_joint(name)
-        return placements[joint] @ _matrix(offset)
-
-    def _term(self, number: Any, factors: list[Array], n: int) -> Array:
-        """Return a number times quantities with their rates (3, n)."""
-        product = np.zeros((3, n), dtype=Long)
-        product[0] = number
-        for x in factors:
-            product = dot(product[..., None], x[..., None])
-        return product
-
-    def _sum(self, row: ConstraintEquation, given: _RowInputs) -> Array:
-        """Return a sum of terms with its rates (3, N)."""
-        total: Array = sum((self._term(Long(number), [self._quantity(x, given) for x in factors],
-                                       given.n) for number, factors in row.terms),
-                           np.zeros((3, given.n), dtype=Long))
-        return total
-
-    def _implicit(self, of: ImplicitParameters, given: _RowInputs) -> list[Array]:
-        """Return parameters with their rates (3, N), by Newton's method from what they were.
-
-        A parameter that moves alone at a rate of 1 tells the slopes of the sums, and one that
-        stands still what else makes of them.
-        """
-        m, still = len(of.spans), given._replace(frames=[
-            x * np.array([1, 0, 0], dtype=Long)[:, None, None, None] for x in given.frames])
-        u = np.stack([np.array(next(given.turns), dtype=Long) for _ in range(m)])
-        inverse = np.zeros((given.n, m, m), dtype=Long)
-
-        def sums(of_what: _RowInputs, moving: Array) -> Array:
-            of_what.parameters[of] = list(moving)
-            return np.stack([self._sum(x, of_what) for x in of.definition[:m]])
-
-        for _ in range(LONG_PARTS):
-            slopes = []
-            for k in range(m):
-                moving = np.zeros((m, 3, given.n), dtype=Long)
-                moving[:, 0], moving[k, 1] = u, 1
-                slope = sums(still, moving)
-                slopes.append(slope[:, 1])
-            inverse = _inverse(np.stack(slopes, axis=1).transpose(2, 0, 1))
-            u = u - np.einsum("nij,jn->in", inverse, slope[:, 0])
-        moving = np.zeros((m, 3, given.n), dtype=Long)
-        moving[:, 0] = u
-        for order in (1, 2):
-            moving[:, order] = -np.einsum("nij,jn->in", inverse, sums(given, moving)[:, order])
-        given.parameters[of] = list(moving)
-        return given.parameters[of]
-
-    def _quantity(self, x: Quantity, given: _RowInputs) -> Array:
-        """Return a quantity with its rates (3, N) [m, rad or 1]."""
-        closure, frames, turns = given.closure, given.frames, given.turns
-        if isinstance(x, JointCoordinate):
-            return given.joints[x.joint]
-        if isinstance(x, Parameter):
-            known = given.parameters.get(x.of)
-            return (self._implicit(x.of, given) if known is None else known)[x.which]
-        if isinstance(x, FunctionOf):
-            inner = self._quantity(x.argument, given)
-            series = x.function(Taylor([inner[0], Long(1), Long(0)]))
-            f = [series.derivative(k) for k in range(3)]
-            return np.stack([f[0], f[1] * inner[1], f[1] * inner[2] + f[2] * inner[1] ** 2])
-        one, two = (frames[k] for k in x.frames)
-        r1, r2, d = one[..., :3, :3], two[..., :3, :3], (two - one)[..., :3, 3]
-        if isinstance(x, Displacement):
-            along = (r2 if x.of_second else r1) @ x.u.astype(Long)
-            return dot(along, d) - np.array([[x.offset], [0], [0]], dtype=Long)
-        if isinstance(x, Bearing):
-            c, s = (dot(r1 @ u.astype(Long), d) - np.array([[u @ x.centre], [0], [0]], dtype=Long)
-                    for u in x.axes.T[:2])
-            return self._argument(s, c, next(turns))
-        if isinstance(x, Cosine):
-            return dot(r1 @ x.u.astype(Long), r2 @ x.w.astype(Long))
-        if isinstance(x, PointDistance):
-            n, along, change = np.sqrt((d[0] ** 2).sum(-1)), *dot(d, d)[1:]
-            rate = along / (2 * n)
-            return np.stack([n, rate, change / (2 * n) - rate**2 / n])
-        if isinstance(x, Square):
-            length = unit_length(self.mechanism, closure) if x.length is None else x.length
-            return dot(d, d) / (2 * Long(length))
-        return self._angle(x, r1, r2, next(turns))
-
-    def _angle(self, angle: Angle, r1: Array, r2: Array, turns: Array) -> Array:
-        """Return an angle that counts turns with its rates (3, N) [rad]."""
-        of = r2 @ angle.axes2[:, 0].astype(Long)
-        c, s = (dot(r1 @ u.astype(Long), of) for u in angle.axes1.T[:2])
-        return self._argument(s, c, turns)
-
-    def _argument(self, s: Array, c: Array, turns: Array) -> Array:
-        """Return the angle of sine and cosine, times any length, with their rates (3, N)."""
-        n = s[0] ** 2 + c[0] ** 2
-        turning = c[0] * s[1] - s[0] * c[1]
-        rate = turning / n
-        change = 2 * (s[0] * s[1] + c[0] * c[1])
-        value, turn = np.arctan2(s[0], c[0]), 8 * np.arctan(Long(1))
-        return np.stack([value + turn * np.round((turns - value) / turn), rate,
-                         (c[0] * s[2] - s[0] * c[2]) / n - rate * change / n])
 
     def _size(self, closure: Closure, row: ConstraintEquation) -> Any:
         """Return what an equation is multiplied by: lengths are relative to the mechanism's."""

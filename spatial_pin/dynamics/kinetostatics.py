@@ -29,13 +29,14 @@ from spatial_pin.dynamics.loaded_samples import (
     External,
     LoadedSamples,
     Loads,
+    SampleBlock,
     accelerate,
     efforts_over,
 )
 from spatial_pin.dynamics.reactions import not_unique_marks, why_not_unique
-from spatial_pin.dynamics.solvers.equations_of_motion import Equations
+from spatial_pin.dynamics.solvers.equations_of_motion import Equations, Solution
 from spatial_pin.errors import Interrupted, SpatialPinError
-from spatial_pin.kernel.kkt import FAILED
+from spatial_pin.kernel.kkt import FAILED, Accelerated
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.motion.limit_events import (
@@ -266,23 +267,24 @@ def kinetostatics(
 
     def solve(samples: LoadedSamples) -> None:
         equations, columns = samples.equations, actuation.columns
-        for piece in samples.pieces():
-            at = piece.at
-            if samples.is_together:
-                solution = equations.core_kkt.of_many(
-                    piece.q, piece.v, piece.angles, piece.given, samples.given_a[at], columns)
-                if not solution.facts[:, FAILED].any():
-                    samples.efforts[at] = solution.efforts
-                    joints = np.zeros_like(solution.a)
-                    joints[:, columns] = solution.efforts
-                    samples.take_piece(piece, joints, solution.a, solution)
-                    continue
-            for k in range(at.start, at.stop):
-                samples.set_sample(k)
-                samples.efforts[k], a, closures, error = balance(equations, actuation)
-                internal = internal_efforts(equations, actuation)
-                samples.take(k, actuation.generalised(samples.efforts[k], len(a)), a, closures,
-                             error, actuation.all_generalised(internal, len(a)))
+
+        def together(piece: SampleBlock) -> tuple[Array, Accelerated] | None:
+            solution = equations.core_kkt.of_many(
+                piece.q, piece.v, piece.angles, piece.given, samples.given_a[piece.at], columns)
+            if solution.facts[:, FAILED].any():
+                return None
+            samples.efforts[piece.at] = solution.efforts
+            joints = np.zeros_like(solution.a)
+            joints[:, columns] = solution.efforts
+            return joints, solution
+
+        def alone(k: int) -> tuple[Array, Solution, Array]:
+            samples.efforts[k], a, closures, error = balance(equations, actuation)
+            internal = internal_efforts(equations, actuation)
+            return (actuation.generalised(samples.efforts[k], len(a)), (a, closures, error),
+                    actuation.all_generalised(internal, len(a)))
+
+        samples.solve(together, alone)
 
     return loads_over(mechanism, motion, (external, laws, slip_speed),
                       dict.fromkeys(actuation.names), solve)

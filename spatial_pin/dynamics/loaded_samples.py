@@ -7,7 +7,7 @@ masses differ much, passive freedoms turn under forces, or actuators share their
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,7 +19,7 @@ from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.constraints.kernel_tree import KernelTree, TreeSprings, centred_tree
 from spatial_pin.dynamics.forces import Law, forces_on_frames, joint_efforts
 from spatial_pin.dynamics.reactions import Poses
-from spatial_pin.dynamics.solvers.equations_of_motion import DOUBTFUL, Equations
+from spatial_pin.dynamics.solvers.equations_of_motion import DOUBTFUL, Equations, Solution
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.kernel import Kernel, numbers
 from spatial_pin.kernel.kkt import ERROR, FAILED, RANK, Accelerated
@@ -86,15 +86,13 @@ class LoadedSamples:
         self.equations, self.bearing = equations, bearing
         self._external = forces_at(mechanism, motion, external)
         n, nv, pairs = len(motion), bearing.model.nv, len(bearing.pairs.names)
-        moving = motion.per == "s"
-        self.v = motion.v if moving else np.zeros((n, nv))
-        self.given_a = motion.a if moving else np.zeros((n, nv))
+        rates = (motion.v, motion.a) if motion.per == "s" else np.zeros((2, n, nv))
+        self.v, self.given_a = rates
         self.efforts, self.a = np.empty((n, n_efforts)), np.empty((n, nv))
         self.multipliers, self.error = np.empty((n, bearing.n_closure)), np.empty(n)
         self.reactions, self.on_ground = np.empty((n, pairs, 6)), np.empty((n, 6))
         self.unique = np.ones((n, pairs, 6), dtype=bool)
         self.done = self.at = 0
-        self._alone: list[tuple[Array, Array]] = []  # forces at joints of samples solved one by one
         self.is_together = bearing is equations and not equations.is_large  # solved in the kernel
 
     def state(self, k: int) -> State:
@@ -102,33 +100,48 @@ class LoadedSamples:
         self.at = k
         return moving_in_time(self.mechanism, self.motion.state(k))
 
-    def set_sample(self, k: int) -> None:
+    def _set_sample(self, k: int) -> None:
         """Move the equations to sample k, under its forces."""
         state = self.state(k)
         external = self._external(k, state) if self._external else None
         for each in {self.equations, self.bearing}:
             each.update(state, external, self._laws, self._slip_speed)
 
-    def pieces(self) -> Iterator[SampleBlock]:
-        """Yield pieces of the samples, with the forces that act on them."""
-        n, size = len(self.motion), SAMPLES_AT_ONCE if self.is_together else 1
+    def solve(
+        self, together: Callable[[SampleBlock], tuple[Array, Accelerated] | None],
+        alone: Callable[[int], tuple[Array, Solution, Array | None]],
+    ) -> None:
+        """Solve all samples, some hundred in a call where the kernel can.
+
+        `together` returns efforts (k, nv) at joints, and the solution, of a block; None where it
+        has none, or a doubtful one. `alone` returns those of one sample, where the equations are,
+        and efforts (m, nv) at joints that balance each other.
+        """
+        bearing, n = self.bearing, len(self.motion)
+        size = SAMPLES_AT_ONCE if self.is_together else 1
         if n:
-            self.set_sample(0)
+            self._set_sample(0)
         for first in range(0, n, size):
             piece = self._loaded(slice(first, min(first + size, n)))
-            yield piece
-            if self._alone:
-                joints, closures = (np.array(x) for x in zip(*self._alone, strict=True))
-                self._bear(piece, joints, self.a[piece.at], closures, None)
-                self._alone = []
+            solution = together(piece) if self.is_together else None
+            if solution is not None:
+                self._take(piece, *solution)
+            else:  # one by one; their reactions follow together
+                forces = []
+                for k in range(piece.at.start, piece.at.stop):
+                    self._set_sample(k)
+                    at_joints, (self.a[k], closures, self.error[k]), internal = alone(k)
+                    n_internal = 0 if internal is None else len(internal)
+                    if bearing.pairs.coupled or n_internal or (
+                            bearing.n_closure and bearing.spaces.rank < bearing.n_closure):
+                        self.unique[k] = list(bearing.unique(internal).values())
+                    forces.append((at_joints, closures))
+                joints, closed = map(np.array, zip(*forces, strict=True))
+                self._bear(piece, joints, self.a[piece.at], closed, None)
             self.done = piece.at.stop
 
     def _loaded(self, at: slice) -> SampleBlock:
-        """Return samples with the forces that act on them.
-
-        Springs on frames are worked out in the kernel, but for those with laws, or whose frames
-        coincide.
-        """
+        """Return samples with the forces that act on them."""
         equations, motion, springs = self.equations, self.motion, self.equations.springs
         k = at.stop - at.start
         turning = np.zeros((k, equations.model.nv))
@@ -137,71 +150,28 @@ class LoadedSamples:
             turning[:] = [springs.turning(*x) for x in zip(motion.q[at], self.v[at], strict=True)]
         if self._external or springs.on_frames:
             given = turning.copy()
-            is_found = not (self._external or springs.laws_on_frames)
-            if is_found:
-                q, v = np.array(motion.q[at]), np.array(self.v[at])
-                columns = np.empty((k, 6, equations.model.nv))
-                with acquired(self.bearing.mechanism, centred_tree) as tree:
-                    packed = TreeSprings(tree.arrays, springs.packed)
-                    of_springs = np.empty((k, len(tree.arrays.kind), 6))
-                    tree.prepared(q, v, np.zeros_like(v), tau=np.empty_like(v), jacobian=columns,
-                                  springs=packed.address, of_springs=of_springs)()
-                    found = of_springs[:, tree.arrays.carriers]
-                is_found = not packed.coincide()
-            if is_found:
-                wrenches[:] = found
-                bodies = {i for x in springs.lines for i in x.bodies}
-                for joint in bodies.union(*(x.bodies for x in springs.bushings)):
-                    own = (found[:, joint, None] @ columns)[:, 0]
-                    given += own * equations.constraints.supports[joint]
-            for row in range(0 if is_found else k):
-                self.set_sample(at.start + row)
+            found = None if self._external else _spring_wrenches(
+                equations, self.bearing.mechanism, motion.q[at], self.v[at])
+            if found is not None:
+                wrenches, forces = found
+                given += forces
+            for row in range(k if found is None else 0):
+                self._set_sample(at.start + row)
                 given[row] = equations.given
                 wrenches[row] = self.bearing.pairs.summed(equations.wrenches)
         angles = motion.angles[at] if motion.angles.size else np.zeros((k, 0))
         return SampleBlock(at, motion.q[at], self.v[at], angles, given, turning, wrenches)
 
-    def take(
-        self, k: int, at_joints: Array, a: Array, closures: Array, error: float,
-        internal: Array | None = None,
-    ) -> None:
-        """Take accelerations and closure forces of sample k, where the equations are.
-
-        Args:
-            k: number of the sample.
-            at_joints: (nv,) efforts at joints.
-            a: (nv,) accelerations.
-            closures: (nv,) joint forces of the closures.
-            error: estimated round-off of the accelerations, or of the efforts.
-            internal: (m, nv) efforts at joints that balance each other.
-        """
-        bearing, self.a[k], self.error[k] = self.bearing, a, error
-        if bearing.pairs.coupled or bearing.has_redundant or (
-                internal is not None and len(internal)):
-            self.unique[k] = list(bearing.unique(internal).values())
-        self._alone.append((at_joints, closures))  # the reactions of a piece follow together
-
-    def take_piece(
-        self, piece: SampleBlock, at_joints: Array, a: Array, solution: Accelerated
-    ) -> None:
-        """Take a piece of samples that was solved together.
-
-        Args:
-            piece: the piece.
-            at_joints: (k, nv) efforts at joints.
-            a: (k, nv) accelerations.
-            solution: accelerations and multipliers under these forces.
-
-        Raises:
-            SingularError: the loops have lost rank at a sample.
-        """
+    def _take(self, piece: SampleBlock, at_joints: Array, solution: Accelerated) -> None:
+        """Take accelerations and efforts (k, nv) at joints of a piece that the kernel solved."""
         equations, at = self.equations, piece.at
         self.error[at] = solution.facts[:, ERROR]
         ranks, n = solution.facts[:, RANK].astype(np.int64), equations.n_closure
         equations.ranks.check_many(ranks, piece.q, lambda k: self.state(at.start + k))
         has_redundant = bool(n) and ranks.min() < n
         poses, rows, stresses = self._bear(
-            piece, at_joints, a, solution.closures, None if has_redundant else solution.multipliers)
+            piece, at_joints, solution.a, solution.closures,
+            None if has_redundant else solution.multipliers)
         if stresses is not None:
             pairs = equations.pairs
             marks = pairs.unstressed(Poses(*(x[:, None] for x in poses)), rows, stresses)
@@ -211,7 +181,7 @@ class LoadedSamples:
                 self.unique[at, pair] = each
             return
         for k in range(at.start, at.stop):  # ranks differ
-            self.set_sample(k)
+            self._set_sample(k)
             self.unique[k] = list(equations.unique().values())
 
     def _bear(
@@ -268,6 +238,33 @@ def _in_motion(tree: KernelTree, *motions: Array) -> tuple[Array, Array, Array]:
     return tree.placed(rotations, positions), columns, wrench[:, tree.arrays.carriers]
 
 
+def _spring_wrenches(
+    equations: Equations, mechanism: Mechanism, q: Array, v: Array
+) -> tuple[Array, Array] | None:
+    """Return the wrenches (k, njoints, 6) of springs on frames, and their joint forces (k, nv).
+
+    None of springs with laws, or whose frames coincide: the kernel does not know them.
+    """
+    springs = equations.springs
+    if springs.laws_on_frames:
+        return None
+    q, v, columns = np.array(q), np.array(v), np.empty((len(q), 6, v.shape[1]))
+    with acquired(mechanism, centred_tree) as tree:
+        packed = TreeSprings(tree.arrays, springs.packed)
+        of_joints = np.empty((len(q), len(tree.arrays.kind), 6))
+        tree.prepared(q, v, np.zeros_like(v), tau=np.empty_like(v), jacobian=columns,
+                      springs=packed.address, of_springs=of_joints)()
+        wrenches = of_joints[:, tree.arrays.carriers]
+    if packed.coincide():
+        return None
+    forces = np.zeros_like(v)
+    bodies = {i for x in springs.lines for i in x.bodies}
+    for joint in bodies.union(*(x.bodies for x in springs.bushings)):
+        own = (wrenches[:, joint, None] @ columns)[:, 0]
+        forces += own * equations.constraints.supports[joint]
+    return wrenches, forces
+
+
 def accelerate(samples: LoadedSamples, efforts: Array) -> None:
     """Solve the accelerations of samples under efforts (N, nv) at joints.
 
@@ -275,19 +272,19 @@ def accelerate(samples: LoadedSamples, efforts: Array) -> None:
         SingularError: as `forward_dynamics`.
     """
     equations = samples.equations
-    for piece in samples.pieces():
-        at = piece.at
-        if samples.is_together:
-            solution = equations.core_kkt.of_many(
-                piece.q, piece.v, piece.angles, piece.given + efforts[at])
-            facts = solution.facts
-            if not facts[:, FAILED].any() and np.all(facts[:, ERROR] <= DOUBTFUL):
-                samples.take_piece(piece, efforts[at], solution.a, solution)
-                continue
-        for k in range(at.start, at.stop):
-            samples.set_sample(k)
-            a, closures, error = equations.solve(efforts[k] + equations.given)
-            samples.take(k, efforts[k], a, closures, error)
+
+    def together(piece: SampleBlock) -> tuple[Array, Accelerated] | None:
+        at_joints = efforts[piece.at]
+        solution = equations.core_kkt.of_many(
+            piece.q, piece.v, piece.angles, piece.given + at_joints)
+        facts = solution.facts
+        is_sure = not facts[:, FAILED].any() and np.all(facts[:, ERROR] <= DOUBTFUL)
+        return (at_joints, solution) if is_sure else None
+
+    def alone(k: int) -> tuple[Array, Solution, Array | None]:
+        return efforts[k], equations.solve(efforts[k] + equations.given), None
+
+    samples.solve(together, alone)
 
 
 def efforts_over(

@@ -441,8 +441,8 @@ class SparseSpaces:
         return self._balanced.shortest(b[self._dependent])
 
     @cached_property
-    def self_stresses(self) -> Array:
-        """(k, n_rows) random x with x J = 0 and entries of order one, each a bit of all."""
+    def left_null_space(self) -> Array:
+        """(k, n_rows) random self-stresses, x J = 0: entries of order one, each a bit of all."""
         n = self.jacobian.shape[0]
         members = np.random.default_rng(5).standard_normal((min(MEMBERS, n - self.rank), n))
         return np.array([self._balanced.nearest(x) for x in members]).reshape(members.shape)

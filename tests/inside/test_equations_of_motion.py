@@ -255,7 +255,7 @@ def test_sparse_spaces_are_the_dense_ones(name, tmp_path):
     freedoms = sparse.null_space
     assert freedoms @ freedoms.T == pytest.approx(np.eye(len(freedoms)), abs=1e-12)
     assert svd.null_space.T @ svd.null_space == pytest.approx(freedoms.T @ freedoms, abs=1e-10)
-    stresses = equations.self_stresses
+    stresses = equations.spaces.left_null_space
     assert len(stresses) == min(len(svd.left_null_space), 3)
     inside = stresses @ svd.left_null_space.T @ svd.left_null_space
     assert stresses == pytest.approx(inside, abs=1e-10)

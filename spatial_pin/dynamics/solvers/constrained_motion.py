@@ -54,8 +54,7 @@ class Loops:
         self._spaces: Decomposition | SparseSpaces | None = None
         self._tied_freedoms: tuple[Array, int] | None = None
         self._rank: int | None = None
-        self._placed: State | None = None
-        self._derived: State | None = None
+        self._has_jacobian: bool | None = None  # of the evaluation at the State; None: not there
 
     def move_to(self, state: State) -> None:
         """Move to a State of this mechanism.
@@ -69,7 +68,7 @@ class Loops:
             all_angles(state.mechanism, state.angles) if is_rounded else
             state.angles if state.angles.size else self._no_angles)
         self._rank = constraints_of(state.mechanism).n_closure if is_rounded else None
-        self._placed = self._derived = None
+        self._has_jacobian = None
 
     @cached_property
     def tree(self) -> KernelTree:
@@ -96,28 +95,23 @@ class Loops:
     def _evaluation(self) -> LoopEquations:
         return LoopEquations(self.mechanism)
 
+    def _evaluated(self, with_jacobian: bool) -> LoopEquations:
+        evaluation = self._evaluation
+        if self._has_jacobian is None or with_jacobian > self._has_jacobian:
+            evaluation.angle_reference[:] = self.angle_reference
+            evaluation.update(self.state.q, with_jacobian=with_jacobian)
+            self._has_jacobian = with_jacobian
+        return evaluation
+
     @property
     def evaluation(self) -> LoopEquations:
         """The closure equations at the state; for a large tree without their dense Jacobian."""
-        evaluation = self._evaluation
-        if self._placed is not self.state:
-            evaluation.angle_reference[:] = self.angle_reference
-            if self.is_large:
-                evaluation.update(self.state.q, with_jacobian=False)
-            else:
-                evaluation.update(self.state.q)
-                self._derived = self.state
-            self._placed = self.state
-        return evaluation
+        return self._evaluated(not self.is_large)
 
     @property
     def scaled(self) -> Array:
         """(n_closure, nv) Jacobian of the closure equations for scaled velocities."""
-        evaluation = self.evaluation
-        if self._derived is not self.state:
-            evaluation.update(self.state.q)
-            self._derived = self.state
-        return evaluation.jacobian[: self.n_closure]
+        return self._evaluated(True).jacobian[: self.n_closure]
 
     @property
     def joint_rows(self) -> Array:
@@ -169,23 +163,6 @@ class Loops:
             freedoms[:, tied] = svd._replace(rank=rank).null_space
             self._tied_freedoms = freedoms, rank
         return self._tied_freedoms
-
-    @property
-    def has_redundant(self) -> bool:
-        """Whether some equations depend on others."""
-        return bool(self.n_closure) and self.spaces.rank < self.n_closure
-
-    @property
-    def self_stresses(self) -> Array:
-        """(k, n_closure) multipliers whose generalised force is zero.
-
-        A basis of them; for a large tree some random combinations of a basis.
-        """
-        if not self.n_closure:
-            return np.zeros((0, 0))
-        spaces = self.spaces
-        return (spaces.self_stresses if isinstance(spaces, SparseSpaces)
-                else spaces.left_null_space)
 
     def multipliers(self, closures: Array) -> Array:
         """Return the shortest multipliers (n_closure,) whose generalised force is `closures`."""

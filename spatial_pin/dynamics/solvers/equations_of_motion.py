@@ -271,7 +271,7 @@ class Equations(MotionEquations):
         Args:
             efforts: (k, nv) of actuators that the loops bear, and that may act besides.
         """
-        stresses = self.self_stresses
+        stresses = self.spaces.left_null_space if self.n_closure else np.zeros((0, 0))
         pressing = np.zeros((len(stresses), len(self.scale)))
         if efforts is not None and len(efforts):
             borne = np.array([self.multipliers(-e) for e in efforts])
