@@ -248,7 +248,7 @@ def _spring_wrenches(
     springs = equations.springs
     if springs.laws_on_frames:
         return None
-    q, v, columns = np.array(q), np.array(v), np.empty((len(q), 6, v.shape[1]))
+    (q, v), columns = (np.array(x, order="C") for x in (q, v)), np.empty((len(q), 6, v.shape[1]))
     with acquired(mechanism, centred_tree) as tree:
         packed = TreeSprings(tree.arrays, springs.packed)
         of_joints = np.empty((len(q), len(tree.arrays.kind), 6))
