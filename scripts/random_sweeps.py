@@ -1,13 +1,19 @@
-"""Errors and times of settings on sweeps of random mechanisms: a table of docs/accuracy.md.
+"""Errors and times of settings on random mechanisms: tables of docs/accuracy.md.
 
     python scripts/random_sweeps.py --seeds 0 4000 --rows rows.jsonl           # adds to the file
     python scripts/random_sweeps.py --rows rows.jsonl --page docs/accuracy.md  # the table
+    python scripts/random_sweeps.py --simulate --seeds 0 400 --rows falls.jsonl
 
 About every fourth seed of `fuzzing/generate.py` has a driver whose sweep is determined. One sweep
 of each, short or long, of few or many values, tells at every setting whether `motion.error` is a
 bound of the true error. The same sweep with 361 and with 1801 values tells times; `--bounds` leaves
 them out. A thousand mechanisms take two hours, and half an hour without times. True errors are
 those of samples that are refined in extended precision, which needs an x86 machine.
+
+With `--simulate` each mechanism moves in time instead, from rest or with random speeds of its
+drivers, for a part of a swing up to about three swings. True errors are those by a tight
+integration, known to what others differ from it by. Two hundred mechanisms take a quarter of an
+hour.
 """
 
 from __future__ import annotations
@@ -32,16 +38,24 @@ from fuzzing.case import Case
 from fuzzing.generate import make
 
 import spatial_pin as sp
-from spatial_pin.accuracy.reference import Astray, SweepReference
-from spatial_pin.accuracy.tasks import SweepTask, task_of
+from spatial_pin.accuracy.reference import Astray, SimulationReference, SweepReference
+from spatial_pin.accuracy.tasks import SHORTER, SWINGS, SimulationTask, SweepTask, Task, task_of
+from spatial_pin.dynamics.simulation.result import growth_lines
 
 ERRORS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-12)
+ERRORS_IN_TIME = (1e-2, 1e-3, 1e-4, 1e-6, 1e-8)
 LEVELS = ("engineering", "reference")
-SETTINGS = {**{power(e): sp.Accuracy.for_error(e) for e in ERRORS},
-            **{name: sp.Accuracy.named(name) for name in LEVELS}}
+SETTINGS = {
+    kind: {**{power(e): sp.Accuracy.for_error(e, kind) for e in errors},
+           **{name: sp.Accuracy.named(name) for name in levels}}
+    for kind, errors, levels in (("sweep", ERRORS, LEVELS),
+                                 ("simulate", ERRORS_IN_TIME, LEVELS[:1]))}
 SIZES = (11, 37, 121, 361, 1801)  # numbers of values of a sweep whose bounds are judged
 TIMED = (361, 1801)
 RUNS = 9  # of which the least time counts
+RUNS_IN_TIME = 3  # the same of simulations, which are longer
+LONG = 0.5  # s that a simulation may take; longer ones are left out
+GRAVITY = 9.81  # m/s², for the duration of those that have none
 BETTER = 1.15  # ratio of times, and of errors, by which a setting beats another one
 CURVED = 1e-6  # acceleration by the square of the velocity, below which a motion is uniform
 NOTHING = 2.0**-52  # errors below it are round-off of one number
@@ -84,16 +98,51 @@ def sweep_of(seed: int, folder: Path) -> SweepTask | None:
     return task
 
 
-def judged(task: SweepTask, runs: int) -> Row | None:
-    """Return true errors, estimates and least times of a sweep at every setting."""
-    reference = SweepReference(task)
-    seconds = {name: np.full(2, np.inf) for name in SETTINGS}  # of the sweep, and of its error
+def simulation_of(seed: int, folder: Path) -> SimulationTask | None:
+    """Return a simulation of a random mechanism that ends by its duration; None if it stands."""
+    rng, spec = np.random.default_rng(seed + 10**7), make(seed)
+    case = Case(spec, folder)
+    if not spec["closures"] or not case.is_driven or not any(spec["inertias"].values()):
+        return None
+    mechanism = sp.load(str(case.path))
+    state, size = sp.assemble(mechanism), mechanism.characteristic_length
+    pace = np.sqrt((np.linalg.norm(mechanism.model.gravity.linear) or GRAVITY) / size)
+    speeds = {name: float(rng.choice([0.0, 0.3, 3.0]) * pace * rng.uniform(-1.0, 1.0)
+                          * (1.0 if mechanism.coordinate(name).unit == "rad" else size))
+              for name in mechanism.drivers}
+    state = sp.solve_rates(mechanism, state, speeds)
+    duration = SWINGS / pace * 10 ** rng.uniform(-1.0, 0.3)
+    n = int(rng.choice(SIZES[:-1]))
+    task = SimulationTask(mechanism, {"state": state})
+    for part in (1.0, SHORTER):
+        task.arguments.update(duration=part * duration, times=np.linspace(0.0, part * duration, n))
+        clock = time.process_time()
+        try:
+            motion = task.run(sp.Accuracy.named("engineering"))
+        except sp.SingularError as error:
+            motion = error.motion
+        if time.process_time() - clock > LONG:
+            raise Astray(f"takes {time.process_time() - clock:.1f} s")
+        if motion is None or len(motion) < 2:
+            return None
+        if len(motion) == n:
+            break
+        duration = float(motion.time[-1])
+    moves = np.abs(motion.v / mechanism.velocity_scale).max() > CURVED * pace
+    return task if moves and len(motion) == n else None
+
+
+def judged(task: Task, runs: int) -> Row | None:
+    """Return true errors, estimates and least times of a motion at every setting."""
+    reference = (SweepReference if isinstance(task, SweepTask) else SimulationReference)(task)
+    settings = SETTINGS[task.kind]
+    seconds = {name: np.full(2, np.inf) for name in settings}  # of the motion, and of its error
     rng = np.random.default_rng(0)
-    row: Row = {"n": reference.n, "settings": {}}
+    row: Row = {"n": reference.n, "known": reference.error, "settings": {}}
     for _ in range(runs):
-        for name in rng.permutation([*SETTINGS]).tolist():
+        for name in rng.permutation([*settings]).tolist():
             clock = [time.process_time()]
-            motion = task.run(SETTINGS[name])
+            motion = task.run(settings[name])
             clock.append(time.process_time())
             estimate = list(motion.error[:3])
             clock.append(time.process_time())
@@ -105,14 +154,21 @@ def judged(task: SweepTask, runs: int) -> Row | None:
                 sizes = 1.0, v or 1.0, max(a, 0.01 * v * v) or 1.0  # as those of `motion.error`
                 true = [x / size for x, size in zip(errors[1:4], sizes, strict=True)]
                 row["settings"][name] = {"true": true, "estimate": estimate}
+                if isinstance(motion, sp.Simulation):
+                    row["settings"][name]["is_unstable"] = bool(growth_lines(motion))
     for name, one in row["settings"].items():
         one["seconds"], one["error_seconds"] = seconds[name].tolist()
     return row
 
 
-def rows_of(seed: int, has_times: bool) -> Iterable[Row]:
+def rows_of(seed: int, has_times: bool, in_time: bool) -> Iterable[Row]:
     """Yield what is measured of a seed: one row, and with times one of each number of values."""
     with tempfile.TemporaryDirectory() as folder:
+        if in_time:
+            fall = simulation_of(seed, Path(folder))
+            if fall is not None:
+                yield {"seed": seed, **judged(fall, RUNS_IN_TIME)}
+            return
         task = sweep_of(seed, Path(folder))
         if task is None:
             return
@@ -126,6 +182,34 @@ def rows_of(seed: int, has_times: bool) -> Iterable[Row]:
 
 def is_bound(one: Row) -> bool:
     return all(x <= y for x, y in zip(one["true"], one["estimate"], strict=True))
+
+
+def table_in_time(rows: Sequence[Row]) -> list[str]:
+    """Return the table of simulations: a line for each setting.
+
+    True errors are less by what the reference is off by itself.
+    """
+    lines = [cells("allowed error", "time", "allowed by true error", "kept", "kept, or unstable",
+                   "estimate is a bound", "by true error", "least"), cells(*["---"] * 8)]
+    for name in SETTINGS["simulate"]:
+        ones = [row["settings"][name] for row in rows]
+        known = np.array([row["known"] for row in rows])[:, None]
+        true = np.maximum(np.array([one["true"] for one in ones]) - known, NOTHING)
+        by = np.array([one["estimate"] for one in ones]) / true
+        largest = true.max(axis=1)
+        times = [one["seconds"] / row["settings"]["engineering"]["seconds"]
+                 for one, row in zip(ones, rows, strict=True)]
+        allowed = np.nan if name in LEVELS else float(name)
+        kept, says = largest <= allowed, np.array([one["is_unstable"] for one in ones])
+        told = np.array([max(one["estimate"]) for one in ones]) / largest
+        promise = (["-"] * 3 if np.isnan(allowed) else [
+            f"{np.median(allowed / largest):.0f}",
+            *(f"{100 * np.mean(x):.1f} %" for x in (kept, kept | says))])
+        lines.append(cells(
+            name, f"{np.median(times):.2f}", *promise,
+            f"{100 * np.mean((by >= 1.0).all(axis=1)):.1f} %", f"{np.median(told):.1f}",
+            f"{by.min():.2g}"))
+    return [*lines, cells(f"{len(rows)} simulations", *[""] * 7)]
 
 
 def times(rows: Sequence[Row], name: str) -> list[str]:
@@ -156,7 +240,7 @@ def table(rows: Sequence[Row]) -> list[str]:
     lines = [cells("allowed error", *timed, "allowed by true error", "kept", "estimate is a bound",
                    "by true error", "least"),
              cells(*["---"] * 12)]
-    for name in SETTINGS:
+    for name in SETTINGS["sweep"]:
         ones = [row["settings"][name] for row in bounds]
         true = np.array([max(*one["true"], NOTHING) for one in ones])
         by = np.array([max(one["estimate"]) for one in ones]) / true
@@ -178,21 +262,23 @@ def main() -> None:
     parser.add_argument("--rows", type=Path, required=True, metavar="F",
                         help="where rows are added, and the table is made from")
     parser.add_argument("--bounds", action="store_true", help="no times, which take most of it")
+    parser.add_argument("--simulate", action="store_true", help="simulations instead of sweeps")
     parser.add_argument("--page", type=Path, metavar="F", help="write the table there")
     options = parser.parse_args()
     for seed in range(*options.seeds) if options.seeds else ():
         try:
-            lines = [json.dumps(row) + "\n" for row in rows_of(seed, not options.bounds)]
+            lines = [json.dumps(row) + "\n" for row in rows_of(
+                seed, not options.bounds, options.simulate)]
         except (sp.SpatialPinError, Astray, ValueError) as error:
             print(f"{seed} left out: {type(error).__name__}: {error}"[:120], flush=True)
             continue
         with options.rows.open("a", encoding="utf-8") as file:
             file.writelines(lines)
     known = options.rows.read_text(encoding="utf-8").splitlines()
-    lines = table([json.loads(line) for line in known])
+    lines = (table_in_time if options.simulate else table)([json.loads(line) for line in known])
     print("\n".join(lines))
     if options.page:
-        put(options.page, "random", lines)
+        put(options.page, "random in time" if options.simulate else "random", lines)
 
 
 if __name__ == "__main__":

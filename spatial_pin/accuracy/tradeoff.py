@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import json
+import math
 import time
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
@@ -273,7 +274,7 @@ class Tradeoff:
         return table(self)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return everything as plain data.
+        """Return everything as plain data; an error without a bound is None.
 
         Example:
             >>> mech = sp.load("four_bar")
@@ -290,8 +291,8 @@ class Tradeoff:
             **{key: row.errors and getattr(row.errors, key) for key in Errors._fields[:-1]},
             "below_reference": bool(row.errors and row.error < self.reference_error),
             "energy_drift": row.energy_drift, "solver_steps": row.solver_steps,
-            "on_front": row.on_front, "note": row.note, "estimate": row.estimate,
-            "keeps": row.errors and self.error_bound(row),
+            "on_front": row.on_front, "note": row.note, "estimate": _finite(row.estimate),
+            "keeps": row.errors and _finite(self.error_bound(row)),
         } for row in self.rows]
         return {"mechanism": self.mechanism, "task": self.task, "kind": self.kind,
                 "reference": self.reference, "reference_error": self.reference_error,
@@ -480,6 +481,11 @@ def _repeat(task: Task, rows: list[Measured], rounds: int, end: float, bar: Any)
             seconds = CLOCK() - start
             rows[k] = replace(rows[k], seconds=(*rows[k].seconds, seconds))
             bar.update()
+
+
+def _finite(error: float | None) -> float | None:
+    """Return an error as JSON has it: None where it is infinite."""
+    return error if error is not None and math.isfinite(error) else None
 
 
 def pareto(costs: Iterable[float], errors: Iterable[float]) -> list[bool]:

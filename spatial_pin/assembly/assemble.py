@@ -246,7 +246,8 @@ def _searched(problem: AssemblyProblem, limits: bool, release: bool) -> tuple[Ar
             search.run(problem.unreleased, before=before)
         if search.best is None:
             raise failure(search)
-        return search.best[1], search.examined()
+        q = search.best[1]
+        return q, search.known or search.problem.examined(q)
 
 
 def warn_of_rounding(state: State) -> None:

@@ -56,6 +56,8 @@ class Search:
     Attributes:
         best: the nearest closed configuration, with its distance from the named values.
         nearest_miss: closure error, configuration and fault of the best failed attempt.
+        known: properties of the best configuration, if its result had them.
+        worst: of a group of loops, the search with the largest error; None of them all.
         is_beyond_gap: whether a nearer branch than others needs a wider gap for the file's numbers.
     """
 
@@ -66,9 +68,9 @@ class Search:
         self.best: tuple[float, Array] | None = None
         self.nearest_miss: tuple[float, Array, str] | None = None
         self._beyond_gap: tuple[float, tuple[float, Array, str]] | None = None  # distance and miss
-        self._known: Examined | None = None
+        self.known: Examined | None = None
         self._first_success = -1
-        self._worst: Search | None = None
+        self.worst: Search | None = None
 
     @cached_property
     def parts(self) -> list[tuple[LoopGroup, Search]]:
@@ -96,22 +98,13 @@ class Search:
                 self.best, self.nearest_miss, self.is_beyond_gap = None, miss[1], True
             return
         for group, part in self.parts:
-            if before is not None and before.has_closed(group):
+            if before is not None and before.parts and all(  # they stay closed
+                    own.best is not None for other, own in before.parts
+                    if not set(other.closures).isdisjoint(group.closures)):
                 part.keep(part.problem.judged_at(before.put_together(self.problem.goal)))
             else:
                 part.run(q, release)
         self._join()
-
-    @property
-    def worst(self) -> Search:
-        """The search with the largest error, of a group of loops or this one."""
-        return self._worst or self
-
-    def has_closed(self, group: LoopGroup) -> bool:
-        """Whether all loops of a group were closed in the searches of groups."""
-        return bool(self.parts) and all(
-            part.best is not None for own, part in self.parts
-            if not set(own.closures).isdisjoint(group.closures))
 
     def put_together(self, q: Array) -> Array:
         """Return q (nq,) with the configurations of all closed groups of loops."""
@@ -131,7 +124,7 @@ class Search:
         if not failed:
             self.keep(self.problem.judged_at(q))
         elif len(misses) == len(failed):
-            error, there, fault, group, self._worst = max(misses, key=lambda x: x[0])
+            error, there, fault, group, self.worst = max(misses, key=lambda x: x[0])
             own = configuration_indices(self.mechanism, group)
             q[own] = there[own]
             self.nearest_miss = error, q, fault
@@ -140,13 +133,10 @@ class Search:
         problem, most = self.problem, MAX_STARTS
         compared = self.attempt(first, not self.limits and problem.can_perturb())
         self._guess_is_beyond = self._beyond_gap is not None
-        if compared or self._done(0):
+        if compared or self._done(0) or (spread := problem.free_set.spread) is None:
             return
         if self.best is None and release and problem.standing:
             most = _starts_worth_trying(problem, first)
-        spread = problem.free_set.spread
-        if spread is None:
-            return
         starts = starts_from(self.mechanism, first, problem.held, problem.named, spread)
         for k in range(1, most):
             if self.best is None:
@@ -164,8 +154,7 @@ class Search:
     def attempt(self, q: Array, shaken: bool = False) -> bool:
         """Solve from one start and keep the result if it is the best so far.
 
-        Returns:
-            Whether the perturbed starts were tried too, see `AssemblyProblem.reached`.
+        Returns whether the perturbed starts were tried too, see `AssemblyProblem.reached`.
         """
         if self.parts:
             for _, part in self.parts:
@@ -188,38 +177,18 @@ class Search:
                     problem.evaluation, free, problem.let_go, problem.pinned):
                 result = problem.judged_at(least)
         error, fault = problem.judged(result)
-
-        def broken(q: Array) -> str:
-            return violated_limit(self.mechanism, q, problem.entries)
-
-        violated = broken(result.q) if self.limits and not fault else ""
-        if violated:
-            q, loose_ones = within_limits(problem.evaluation, result.q, free, problem.let_go)
-            bounded = problem.judged_at(problem.least(q, loose_ones, True)[0] if problem.let_go else
-                                   problem.closed(q, loose_ones, problem.pinned).q)
-            if problem.judged(bounded)[1] or broken(bounded.q):
-                fault = violated
-            else:
-                result = bounded
-        q = result.q
+        if self.limits and not fault:
+            result, fault = _moved_within_limits(problem, result)
+        q, distance = result.q, problem.distance(result)
         if fault:
-            nearest = self._beyond_gap
             if problem.misses_gap(q, error) and (
-                    nearest is None or is_nearer(problem.distance(result), nearest[0])):
-                self._beyond_gap = problem.distance(result), (error, q, fault)
+                    self._beyond_gap is None or is_nearer(distance, self._beyond_gap[0])):
+                self._beyond_gap = distance, (error, q, fault)
             if self.nearest_miss is None or error < self.nearest_miss[0]:
                 self.nearest_miss = (error, q, fault)
             return
-        distance = problem.distance(result)
         if self.best is None or is_nearer(distance, self.best[0]):
-            self.best, self._known = (distance, q), result.examined
-
-    def examined(self) -> Examined:
-        """Return the properties of the best closed configuration."""
-        if self._known is None:
-            assert self.best is not None
-            self._known = self.problem.examined(self.best[1])
-        return self._known
+            self.best, self.known = (distance, q), result.examined
 
     def _done(self, k: int) -> bool:
         """Whether no more starts are needed after start number `k`."""
@@ -229,6 +198,22 @@ class Search:
             self._first_success = k
         near = OUT_OF_REACH if self.problem.let_go else NEAR_GUESS
         return self.best[0] < near or k - self._first_success >= MORE_STARTS
+
+
+def _moved_within_limits(
+    problem: AssemblyProblem, result: ClosureResult
+) -> tuple[ClosureResult, str]:
+    """Return a result within the joint limits near a closed one, or this one and its violation."""
+    mechanism, entries = problem.mechanism, problem.entries
+    violated = violated_limit(mechanism, result.q, entries)
+    if not violated:
+        return result, ""
+    q, free = within_limits(problem.evaluation, result.q, problem.settings.free, problem.let_go)
+    bounded = problem.judged_at(problem.least(q, free, True)[0] if problem.let_go else
+                                problem.closed(q, free, problem.pinned).q)
+    if problem.judged(bounded)[1] or violated_limit(mechanism, bounded.q, entries):
+        return result, violated
+    return bounded, ""
 
 
 def _start_after(search: Search, before: Search, q: Array) -> Array:
@@ -291,18 +276,18 @@ def failure(search: Search) -> AssemblyError:
         q = with_values(mechanism, mechanism.neutral, {**problem.named, **problem.held})
         return AssemblyError(f"{where} cannot be closed: {_too_large(mechanism, q)}",
                              closure_error=np.inf, worst_closure="")
-    error, q, worst = search.nearest_miss
+    of, (error, q, worst) = search.worst or search, search.nearest_miss
     problem.evaluation.update(q)
     state = State(mechanism, q, closure_error=error, angles=problem.evaluation.angles)
     if not error <= ACCEPTED:
-        message = f"{where} cannot be closed: {_gap_words(search.worst, error, q, worst)}"
+        message = f"{where} cannot be closed: {_gap_words(of, error, q, worst)}"
     elif worst.startswith("limit of "):
         own = any(worst.startswith(f"limit of {name}:") for name in problem.held)
         message = (f"{where} closes only outside the joint limits ({worst}); " + (
             "that is the value given: give one within its limits" if own else
             "give values of the drivers at which it stays inside"))
     else:
-        message = f"{where} {_mirror_words(search.worst, q)}"
+        message = f"{where} {_mirror_words(of, q)}"
     if problem.standing:
         message += (f"; drivers that were given no value stand at {_values(problem.standing)}: "
                     "give them values, or let them go with release=True or free=[...]")

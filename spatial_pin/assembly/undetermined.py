@@ -112,7 +112,9 @@ def rank_loss(evaluation: LoopEquations, q: Array, rank: int) -> int:
     if strong < len(rows) and not _is_near_singular(evaluation, q, rows, svd, strong):
         steps = np.vstack([freedoms, -freedoms])
         steps *= SOME_WAY / np.abs(steps).max(axis=1, keepdims=True)
-        lost = _rank_near(evaluation, q, steps, TOLERANCES.near_singular) - strong
+        lever = np.linalg.norm(jacobian, axis=0)
+        felt = lever > TOLERANCES.half_precision * svd.s.max(initial=0.0)
+        lost = _rank_near(evaluation, q, steps, TOLERANCES.near_singular, felt) - strong
         evaluation.update(q)
         if lost > 0:
             return lost
@@ -159,12 +161,24 @@ def _is_near_singular(
     return bool(np.linalg.norm(rest) <= LINEAR * np.linalg.norm(here))
 
 
-def _rank_near(evaluation: LoopEquations, q: Array, steps: Array, cut: float) -> int:
-    """Return the largest closure rank at closed configurations near scaled steps (k, nv) from q."""
+def _rank_near(
+    evaluation: LoopEquations, q: Array, steps: Array, cut: float,
+    felt: NDArray[np.bool_] | None = None,
+) -> int:
+    """Return the largest closure rank at closed configurations near scaled steps (k, nv) from q.
+
+    Those at which only a link next to nothing has turned do not count: other coordinates, `felt`
+    (nv,) by the loops, have to go a part of the step, where they are given.
+    """
     n, model = evaluation.constraints.n_closure, evaluation.model
-    free, best = np.ones(model.nv, dtype=bool), 0
-    for step in evaluation.mechanism.velocity_scale * steps:
-        _, error = close(evaluation, pin.integrate(model, q, step), free, TOLERANCES.zero)
+    scale, free, best = evaluation.mechanism.velocity_scale, np.ones(model.nv, dtype=bool), 0
+    for step in steps:
+        there, error = close(
+            evaluation, pin.integrate(model, q, scale * step), free, TOLERANCES.zero)
+        if felt is not None:
+            moved = np.abs(pin.difference(model, q, there) / scale)[felt].max(initial=0.0)
+            if moved < TOLERANCES.moved * np.abs(step).max():
+                continue
         if error <= TOLERANCES.closed:
             best = max(best, len(independent_rows(evaluation.jacobian[:n], cut)))
     return best

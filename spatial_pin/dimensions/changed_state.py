@@ -169,7 +169,7 @@ class ForceChanges:
         own, still = self._rows.motion[2], np.zeros((nv, nv))
         none = np.zeros((len(load.multipliers), nv))
         wrenches, ground = ReactionChanges(
-            None, self._rows, self._springs, ExternalWrenches(larger, None), effort,
+            self._rows, self._springs, ExternalWrenches(larger, None), effort,
             Linear(own, still, still, a), Linear(load.multipliers, none, none, self.multipliers[1]),
             np.arange(len(load.multipliers)), efforts, changed).wrenches()
         names = [*load.unique, ""]

@@ -419,26 +419,27 @@ def loads_over(
         except KeyboardInterrupt:
             if not samples.done:
                 raise
-            samples.end()
             motion, is_cut = first_samples(motion, samples.done), True
         names = bearing.pairs.names
     for column, x in enumerate(known.values()):
         if x is not None:
-            samples.efforts[:, column] = x[: len(motion)]
-    efforts = {name: read_only(x) for name, x in zip(known, samples.efforts.T, strict=True)}
+            samples.efforts[:, column] = x
+    done = slice(len(motion))
+    at_drivers, multipliers = samples.efforts[done], samples.multipliers[done]
+    efforts = {name: read_only(x) for name, x in zip(known, at_drivers.T, strict=True)}
     columns = np.array([moved.driven_coordinate(name).v for name in known], np.int64)
     rates = motion.v[:, columns].T * (motion.per == "s")
     power = {name: read_only(x * rate)
              for (name, x), rate in zip(efforts.items(), rates, strict=True)}
     unique: dict[str, NDArray[np.bool_]] = {
-        name: samples.unique[:, k] for k, name in enumerate(names)}
+        name: samples.unique[done, k] for k, name in enumerate(names)}
     result = Kinetostatics(
-        motion, read_only(samples.a), efforts, power,
-        {name: read_only(samples.reactions[:, k].copy()) for k, name in enumerate(names)},
-        read_only(samples.on_ground), read_only(samples.multipliers),
+        motion, read_only(samples.a[done]), efforts, power,
+        {name: read_only(samples.reactions[done, k].copy()) for k, name in enumerate(names)},
+        read_only(samples.on_ground[done]), read_only(multipliers),
         {name: np.logical_and.reduce(each, axis=1) for name, each in unique.items()}, unique,
-        _beyond_limits(motion, columns, samples.efforts),
-        tuple(lift_offs(motion, samples.multipliers)), read_only(samples.error))
+        _beyond_limits(motion, columns, at_drivers),
+        tuple(lift_offs(motion, multipliers)), read_only(samples.error[done]))
     if is_cut:
         raise Interrupted(motion, result)
     return result

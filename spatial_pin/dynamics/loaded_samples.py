@@ -71,10 +71,8 @@ class LoadedSamples:
     Attributes:
         v, given_a: (N, nv) rates of the motion in time; zero where it is none.
         a, efforts, multipliers, error: (N, ...) of the samples that are done.
-        reactions: (N, pairs, 6); on_ground: (N, 6).
-        unique: (N, pairs, 6).
-        done: how many there are.
-        at: the sample that the equations are at.
+        reactions, unique: (N, pairs, 6); on_ground: (N, 6).
+        done: how many there are; at: the sample that the equations are at.
     """
 
     def __init__(
@@ -86,8 +84,9 @@ class LoadedSamples:
         self.equations, self.bearing = equations, bearing
         self._external = forces_at(mechanism, motion, external)
         n, nv, pairs = len(motion), bearing.model.nv, len(bearing.pairs.names)
-        rates = (motion.v, motion.a) if motion.per == "s" else np.zeros((2, n, nv))
-        self.v, self.given_a = rates
+        moving = motion.per == "s"
+        self.v = motion.v if moving else np.zeros((n, nv))
+        self.given_a = motion.a if moving else np.zeros((n, nv))
         self.efforts, self.a = np.empty((n, n_efforts)), np.empty((n, nv))
         self.multipliers, self.error = np.empty((n, bearing.n_closure)), np.empty(n)
         self.reactions, self.on_ground = np.empty((n, pairs, 6)), np.empty((n, 6))
@@ -109,7 +108,7 @@ class LoadedSamples:
 
     def solve(
         self, together: Callable[[SampleBlock], tuple[Array, Accelerated] | None],
-        alone: Callable[[int], tuple[Array, Solution, Array | None]],
+        alone: Callable[[int], tuple[Array, Solution, Array]],
     ) -> None:
         """Solve all samples, some hundred in a call where the kernel can.
 
@@ -131,13 +130,12 @@ class LoadedSamples:
                 for k in range(piece.at.start, piece.at.stop):
                     self._set_sample(k)
                     at_joints, (self.a[k], closures, self.error[k]), internal = alone(k)
-                    n_internal = 0 if internal is None else len(internal)
-                    if bearing.pairs.coupled or n_internal or (
+                    if bearing.pairs.coupled or len(internal) or (
                             bearing.n_closure and bearing.spaces.rank < bearing.n_closure):
                         self.unique[k] = list(bearing.unique(internal).values())
                     forces.append((at_joints, closures))
                 joints, closed = map(np.array, zip(*forces, strict=True))
-                self._bear(piece, joints, self.a[piece.at], closed, None)
+                self._bear(piece, joints, closed, None)
             self.done = piece.at.stop
 
     def _loaded(self, at: slice) -> SampleBlock:
@@ -145,11 +143,11 @@ class LoadedSamples:
         equations, motion, springs = self.equations, self.motion, self.equations.springs
         k = at.stop - at.start
         turning = np.zeros((k, equations.model.nv))
-        given, wrenches = turning, np.zeros((k, equations.model.njoints, 6))
+        wrenches = np.zeros((k, equations.model.njoints, 6))
         if springs.exist:
             turning[:] = [springs.turning(*x) for x in zip(motion.q[at], self.v[at], strict=True)]
+        given = turning.copy()
         if self._external or springs.on_frames:
-            given = turning.copy()
             found = None if self._external else _spring_wrenches(
                 equations, self.bearing.mechanism, motion.q[at], self.v[at])
             if found is not None:
@@ -165,19 +163,14 @@ class LoadedSamples:
     def _take(self, piece: SampleBlock, at_joints: Array, solution: Accelerated) -> None:
         """Take accelerations and efforts (k, nv) at joints of a piece that the kernel solved."""
         equations, at = self.equations, piece.at
-        self.error[at] = solution.facts[:, ERROR]
+        self.a[at], self.error[at] = solution.a, solution.facts[:, ERROR]
         ranks, n = solution.facts[:, RANK].astype(np.int64), equations.n_closure
         equations.ranks.check_many(ranks, piece.q, lambda k: self.state(at.start + k))
-        has_redundant = bool(n) and ranks.min() < n
-        poses, rows, stresses = self._bear(
-            piece, at_joints, solution.a, solution.closures,
-            None if has_redundant else solution.multipliers)
+        multipliers = None if n and ranks.min() < n else solution.multipliers
+        poses, rows, stresses = self._bear(piece, at_joints, solution.closures, multipliers)
         if stresses is not None:
-            pairs = equations.pairs
-            marks = pairs.unstressed(Poses(*(x[:, None] for x in poses)), rows, stresses)
-            marks |= {name: marks[name] & never for name, never in
-                      pairs.unaffected_by_couplings(poses).items()}
-            for pair, each in enumerate(marks.values()):
+            marks = equations.pairs.unstressed(Poses(*(x[:, None] for x in poses)), rows, stresses)
+            for pair, each in enumerate(equations.pairs.beside_couplings(marks, poses).values()):
                 self.unique[at, pair] = each
             return
         for k in range(at.start, at.stop):  # ranks differ
@@ -185,16 +178,14 @@ class LoadedSamples:
             self.unique[k] = list(equations.unique().values())
 
     def _bear(
-        self, piece: SampleBlock, at_joints: Array, a: Array, closures: Array,
-        multipliers: Array | None,
+        self, piece: SampleBlock, at_joints: Array, closures: Array, multipliers: Array | None
     ) -> tuple[Poses, Array, Array | None]:
         """Find the reactions of a piece, and the shortest multipliers if there are none.
 
-        Returns:
-            Poses, `LoopEquations.joint_rows` (k, of_joints, nv), and self-stresses (k, s, n): None
-            where there are more at some samples than at others.
+        Returns poses, `LoopEquations.joint_rows` (k, of_joints, nv), and self-stresses (k, s, n):
+        None where there are more at some samples than at others.
         """
-        bearing, at, angles = self.bearing, piece.at, piece.angles
+        bearing, at, angles, a = self.bearing, piece.at, piece.angles, self.a[piece.at]
         with acquired(bearing.mechanism, centred_tree) as tree:
             placements, columns, transmitted = _in_motion(tree, piece.q, piece.v, a)
         stresses: Array | None = np.zeros((len(a), 0, bearing.n_closure))
@@ -213,15 +204,10 @@ class LoadedSamples:
         poses = Poses(placements, columns, row_wrenches(c, placements, piece.q, angles))
         reactions, self.on_ground[at] = bearing.pairs.reactions(
             poses, transmitted, multipliers, piece.wrenches, total)
-        self.a[at], self.multipliers[at] = a, multipliers
+        self.multipliers[at] = multipliers
         for pair, wrench in enumerate(reactions.values()):
             self.reactions[at, pair] = wrench
         return poses, rows, stresses
-
-    def end(self) -> None:
-        """Drop the samples that are not solved."""
-        for name in ("efforts", "a", "multipliers", "error", "reactions", "on_ground", "unique"):
-            setattr(self, name, getattr(self, name)[: self.done])
 
 
 def _in_motion(tree: KernelTree, *motions: Array) -> tuple[Array, Array, Array]:
@@ -281,8 +267,8 @@ def accelerate(samples: LoadedSamples, efforts: Array) -> None:
         is_sure = not facts[:, FAILED].any() and np.all(facts[:, ERROR] <= DOUBTFUL)
         return (at_joints, solution) if is_sure else None
 
-    def alone(k: int) -> tuple[Array, Solution, Array | None]:
-        return efforts[k], equations.solve(efforts[k] + equations.given), None
+    def alone(k: int) -> tuple[Array, Solution, Array]:
+        return efforts[k], equations.solve(efforts[k] + equations.given), efforts[:0]
 
     samples.solve(together, alone)
 

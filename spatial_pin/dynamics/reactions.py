@@ -182,9 +182,11 @@ class Pairs:
         return {name: np.abs(wrench * unit).max(axis=-2, initial=0.0) / scale < unmoved
                 for name, wrench in by_pair.items()}
 
-    def unaffected_by_couplings(self, poses: Poses) -> dict[str, NDArray[np.bool_]]:
-        """Return which components (..., 6) of pairs between joints a coupling never loads."""
-        unaffected = {}
+    def beside_couplings(
+        self, unique: dict[str, NDArray[np.bool_]], poses: Poses
+    ) -> dict[str, NDArray[np.bool_]]:
+        """Return which unique components (..., 6) by pair no coupling between its joints loads."""
+        result = dict(unique)
         for joint in self.coupled:
             at, n = self.model.idx_vs[joint], self.model.nvs[joint]
             motions = poses.columns[..., at : at + n].copy()
@@ -192,8 +194,9 @@ class Pairs:
             motions[..., :3, :] += cross(motions[..., 3:, :].mT, point).mT
             motions[..., 3:, :] *= self.length
             bearing = np.linalg.norm(complements(motions), axis=-1)
-            unaffected[self.model.names[joint]] = bearing < UNMOVED
-        return unaffected
+            name = self.model.names[joint]
+            result[name] = unique[name] & (bearing < UNMOVED)
+        return result
 
 
 def joints_between_couplings(mechanism: Mechanism) -> dict[str, list[int]]:

@@ -305,8 +305,8 @@ class TomlTable(CheckedValues):
         sections = [section for section, keys in BELONGS.items() if key in keys]
         if self.section in sections:
             kind = self.content.get("type")
-            return (f"is not a key of this table of type {_shown(kind)}; "
-                    f"{suggestion(key, self.known)}")
+            of_type = "" if kind is None else f" of type {_shown(kind)}"
+            return f"is not a key of this table{of_type}; {suggestion(key, self.known)}"
         if self.section == "in [[closures]]" and key in SPRING:
             return ("is not a key of this table: closures carry neither springs nor dampers; write "
                     "[[springs]] with name, frames (the same two) and stiffness or damping")

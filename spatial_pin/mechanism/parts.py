@@ -318,8 +318,8 @@ class Spring:
                 continue
             matrix = np.diag(given) if given.shape == (6,) else given
             if matrix.shape != (6, 6) or not np.isfinite(matrix).all():
-                raise ValueError(f"{what} of spring {self.name!r}: six numbers, or six lists of "
-                                 "six, are needed for a bushing")
+                raise ValueError(f"{what} of spring {self.name!r}: six finite numbers, or six "
+                                 "lists of six, are needed for a bushing")
             size = float(np.abs(matrix).max())
             if np.abs(matrix - matrix.T).max() > 1e-9 * size or (
                     np.linalg.eigvalsh(matrix)[0] < -1e-9 * size):
@@ -330,7 +330,7 @@ class Spring:
                                tuple(rows) if given.ndim == 1 else tuple(map(tuple, rows)))
         preload = numbers_or_none(self.preload)
         if preload.shape not in ((0,), (6,)) or not np.isfinite(preload).all():
-            raise ValueError(f"preload of spring {self.name!r}: six numbers are needed")
+            raise ValueError(f"preload of spring {self.name!r}: six finite numbers are needed")
         object.__setattr__(self, "preload", tuple(preload.tolist()))
 
     @property

@@ -174,19 +174,21 @@ def finished(
     motion = _motion(mechanism, followed.samples, followed.done, times)
     motion.held = held
     begin = 0.0 if times is None else float(times[0])
-    motion.events += [Event("released", begin, 0, text) for text in followed.released]
-    motion.events += [crossed_event(value, row, _where(value, times is None))
-                      for value, row in followed.crossed]
-    motion.events += [
+    events = [Event("released", begin, 0, text) for text in followed.released]
+    events += [crossed_event(value, row, _where(value, times is None))
+               for value, row in followed.crossed]
+    events += [
         Event("singular", value, row, "the drivers alone do not determine the motion at "
               f"{_where(value, times is None)}: efforts grow without bound towards it")
         for value, row in followed.undriven]
-    motion.events += limit_events(motion)
+    last = [] if stop is None or followed.is_cut else [
+        stop_event(stop, followed.done, _where(stop.value, times is None),
+                   f"limit of what the {who} can do together")]
+    del motion.events
+    motion.__dict__["_look"] = lambda motion: [*events, *limit_events(motion), *last]
     if followed.is_cut:
         raise Interrupted(motion)
     if stop is not None:
-        motion.events.append(stop_event(stop, followed.done, _where(stop.value, times is None),
-                                        f"limit of what the {who} can do together"))
         ends = on_limit if stop.kind in ENDS else on_crossing
         if ends != "stop" or stop.kind == "lost":
             raise _error(motion, stop, names, times is None, who, ends)

@@ -35,6 +35,9 @@ FARTHEST_SLIDE = 20.0
 # After this many turns of a driver the search for a limit ends. Gear trains of the library repeat
 # after dozens of turns.
 MOST_TURNS = 100
+# The same where a joint has gone so far [rad or characteristic lengths]: a hundred turns for each
+# of these. By a cubic law of a coupling it would be millions.
+FARTHEST_JOINT = 2.0 * np.pi * 100 * MOST_TURNS
 SPAN_SAMPLES = 721  # samples of one turn: one per half degree
 # Distances to a bound at which samples are added, as parts of the range: each is half of the one
 # before, and the last is a ten-thousandth of a sample distance.
@@ -156,6 +159,9 @@ def _bound(
 
     `bodies` are those that come back with the loops.
     """
+    singles = [c for c in state.mechanism.coordinate_table.values() if c.q >= 0]
+    entries = [c.q for c in singles]
+    farthest = FARTHEST_JOINT * state.mechanism.velocity_scale[[c.v for c in singles]]
     with Workspaces() as workspaces:
         tracker = PathTracker.along(
             state, [driver.name], hold, Accuracy.named("engineering"), workspaces)
@@ -180,7 +186,9 @@ def _bound(
             if driver.unit != "rad" or (moved < TOLERANCES.half_precision and np.allclose(
                     tracker.here.angles, state.angles)):
                 return Bound(math.copysign(math.inf, span), "none")
-    return Bound(start + MOST_TURNS * span, "not followed further")
+            if (np.abs(tracker.here.q - state.q)[entries] > farthest).any():
+                break
+        return Bound(tracker.here.s, "not followed further")
 
 
 def _nearer(

@@ -140,7 +140,8 @@ def states(
         if cloud is None or not (cloud.scattered.part[:-1] >= 1.0).any():
             raise
         is_done = cloud.scattered.part[number] >= 1.0
-    samples, unreached = moved.of_whole(cloud.scattered.samples), cloud.unreached(list(values))
+    samples = moved.of_whole(cloud.scattered.samples)
+    unreached = _unreached(cloud, list(values), [mechanism.coordinate(x).unit for x in names])
     unreached |= _opened(state, samples, accuracy)
     n = len(table)
     v, a = np.zeros((2, n, state.mechanism.model.nv))
@@ -182,17 +183,32 @@ def _first(
         raise
 
 
+def _paths_of(
+    state: State, names: Sequence[str], hold: Hold, accuracy: Accuracy, n: int,
+    workspaces: Workspaces,
+) -> tuple[list[Path], Array]:
+    """Return n paths of kernels from a state, and the values there of what they prescribe.
+
+    Values of the names are first (m,).
+    """
+    mechanism = state.mechanism
+    tracker = PathTracker.along(state, names, hold, accuracy, workspaces)
+    driven, still = tracker.driven, tracker.still
+    system = tracker.checked_system(state)
+    indices = prescribed_indices(mechanism.model.nv, driven, still)
+    values = {c.v: coordinate_value(mechanism, c, state.q)
+              for c in mechanism.coordinate_table.values() if c.q >= 0}
+    standing = [*(coordinate_value(mechanism, c, state.q) for c in driven),
+                *(values.get(v, 0.0) for v in still)]
+    return [Path(workspaces.acquire(kernel_of(mechanism)), system.equations, indices,
+                 system.passive, accuracy) for _ in range(n)], np.array(standing)
+
+
 class _Cloud:
     """Scattered values, each with the neighbour it is followed from, and their solver.
 
-    Args:
-        state: the first State, of the mechanism or of the part that moves.
-        names: coordinates that have values.
-        hold: what stands still besides.
-        table: (n, k) distinct values, in order.
-        accuracy: of the samples.
-        threads: how many.
-        workspaces: hold the kernels.
+    The first State is of the mechanism or of the part that moves; the table (n, k) has distinct
+    values of the coordinates of the names. Workspaces hold the kernels of the threads.
     """
 
     def __init__(
@@ -201,20 +217,12 @@ class _Cloud:
     ) -> None:
         mechanism = self.mechanism = state.mechanism
         self._names, self._hold, self._accuracy = names, hold, accuracy
-        tracker = PathTracker.along(state, names, hold, accuracy, workspaces)
-        driven, still = tracker.driven, tracker.still
-        system = tracker.checked_system(state)
-        indices = prescribed_indices(mechanism.model.nv, driven, still)
-        values = {c.v: coordinate_value(mechanism, c, state.q)
-                  for c in mechanism.coordinate_table.values() if c.q >= 0}
-        first = [coordinate_value(mechanism, c, state.q) for c in driven]
-        self._standing = np.array([*first, *(values.get(v, 0.0) for v in still)])
         n, k = table.shape
         self._threads = max(1, min(threads, n // FEWEST))
-        self._paths = [Path(workspaces.acquire(kernel_of(mechanism)), system.equations, indices,
-                            system.passive, accuracy) for _ in range(self._threads)]
-        sizes = mechanism.velocity_scale[[c.v for c in driven[:k]]]
-        whole = np.vstack([table, first[:k]])
+        self._paths, self._standing = _paths_of(
+            state, names, hold, accuracy, self._threads, workspaces)
+        whole = np.vstack([table, self._standing[:k]])
+        sizes = [mechanism.velocity_scale[mechanism.coordinate_table[name].v] for name in names]
         self.points: Array = whole / sizes
         samples = PathSamples.empty(n + 1, mechanism.model.nq, mechanism.model.nv,
                                     state.angles.size)
@@ -224,43 +232,20 @@ class _Cloud:
         part = np.zeros(n + 1)
         part[n] = 1.0
         self.scattered = Scattered(whole, np.full(n + 1, n), samples, part)
-        self._ends: dict[int, str] = {}  # of lines that were followed further, in words
-
-    # ------------------------------------------------------------ rows, many at a time
+        self.ends: dict[int, str] = {}  # of lines to rows that are not reached, in words
 
     def solve(self, bar: Any) -> None:
         """Solve all rows; unreachable ones end at the nearest configuration on their line."""
         with ThreadPoolExecutor(self._threads) as executor:
             pool = executor if self._threads > 1 else None
-            for rows in self._levels(pool):
+            for rows in levels_of(self.points, self.scattered.parent, pool):
                 self._follow(pool, rows)
                 bar.update(len(rows))
             self._try_others(pool)
             self._pass_singular(pool)
-
-    def _levels(self, pool: Any) -> Iterator[Rows]:
-        """Yield all rows in levels of growing density, after setting their parents.
-
-        The parents of all levels are known before any row is solved: threads find those of later
-        levels while rows of earlier ones are solved.
-        """
-        from scipy.spatial import cKDTree  # on use: it takes a tenth of a second
-
-        n = len(self.points) - 1
-        order, number = morton_order(self.points[:n]), np.arange(1, n + 1)
-        levels, before = np.bitwise_and(number, -number), np.array([n])
-        jobs = list[tuple[Rows, Rows]]()
-        for size in 2 ** np.arange(int(n).bit_length())[::-1]:
-            jobs.append((before, order[levels == size]))
-            before = np.concatenate(jobs[-1])
-
-        def with_parents(before: Rows, rows: Rows) -> Rows:
-            # threads of the query itself would go on in memory that is free after Ctrl-C
-            self.scattered.parent[rows] = before[cKDTree(self.points[before]).query(
-                self.points[rows])[1]]
-            return rows
-
-        yield from in_order(pool, with_parents, jobs)
+        for row in self._unsolved().tolist():
+            if row not in self.ends:
+                self.ends[row] = ENDS["limit" if self._is_limit(row) else "singular"]
 
     def _follow(self, pool: Any, rows: Rows, is_last: bool = False) -> None:
         """Follow rows from their parents, which are solved before."""
@@ -278,10 +263,7 @@ class _Cloud:
         for _ in in_order(pool if len(jobs) > 1 else None, follow_piece, jobs):
             pass
 
-    # ------------------------------------------------------------ rows that were not reached
-
     def _unsolved(self) -> Rows:
-        """Return the rows that are not reached."""
         return np.flatnonzero(self.scattered.part < 1.0)
 
     def _try_others(self, pool: Any) -> None:
@@ -353,7 +335,7 @@ class _Cloud:
             s.part[row] = 1.0
             return True
         end = passage.stop
-        self._ends[row] = "too far to be followed to" if end.is_far else ENDS[end.kind]
+        self.ends[row] = "too far to be followed to" if end.is_far else ENDS[end.kind]
         if end.value > s.part[row]:
             loops = loops_at(self.mechanism, end.q, s.samples.angles[row])
             s.samples.q[row], s.samples.error[row] = end.q, loops.closure_error
@@ -372,21 +354,45 @@ class _Cloud:
         distance = float(np.abs(self.points[row] - self.points[s.parent[row]]).max())
         return bend > 0.0 and float(t @ t) / (2.0 * bend) * distance < AT_LIMIT
 
-    def unreached(self, names: Sequence[str]) -> dict[int, str]:
-        """Return the reasons why rows are not reached, by row, with names and values."""
-        s, words = self.scattered, {}
-        units = [self.mechanism.coordinate(name).unit for name in self._names]
 
-        def at(values: Array) -> str:
-            return ", ".join(f"{name} = {x:.9g} {unit}" for name, x, unit in zip(
-                names, values.tolist(), units, strict=True))
+def _unreached(cloud: _Cloud, names: Sequence[str], units: Sequence[str]) -> dict[int, str]:
+    """Return the reasons why rows are not reached, by row, with names and values."""
+    s, words = cloud.scattered, {}
 
-        for row in self._unsolved().tolist():
-            parent, part = s.parent[row], s.part[row]
+    def at(values: Array) -> str:
+        return ", ".join(f"{name} = {x:.9g} {unit}" for name, x, unit in zip(
+            names, values.tolist(), units, strict=True))
+
+    for row, kind in cloud.ends.items():
+        parent, part = s.parent[row], s.part[row]
+        if part < 1.0:
             end = s.values[parent] + part * (s.values[row] - s.values[parent])
-            kind = self._ends.get(row) or ENDS["limit" if self._is_limit(row) else "singular"]
             words[row] = f"{at(s.values[row])} is out of reach: {kind} at {at(end)}"
-        return words
+    return words
+
+
+def levels_of(points: Array, parent: Rows, pool: Any) -> Iterator[Rows]:
+    """Yield rows of points (n + 1, k) in levels of growing density, after setting their parents.
+
+    The last point is solved. The parents of all levels are known before any row is solved: threads
+    of a pool find those of later levels while rows of earlier ones are solved.
+    """
+    from scipy.spatial import cKDTree  # on use: it takes a tenth of a second
+
+    n = len(points) - 1
+    order, number = morton_order(points[:n]), np.arange(1, n + 1)
+    levels, before = np.bitwise_and(number, -number), np.array([n])
+    jobs = list[tuple[Rows, Rows]]()
+    for size in 2 ** np.arange(int(n).bit_length())[::-1]:
+        jobs.append((before, order[levels == size]))
+        before = np.concatenate(jobs[-1])
+
+    def with_parents(before: Rows, rows: Rows) -> Rows:
+        # threads of the query itself would go on in memory that is free after Ctrl-C
+        parent[rows] = before[cKDTree(points[before]).query(points[rows])[1]]
+        return rows
+
+    return in_order(pool, with_parents, jobs)
 
 
 def morton_order(points: Array) -> Rows:

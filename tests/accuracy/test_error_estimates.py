@@ -210,3 +210,7 @@ def test_an_unstable_simulation_says_so(tmp_path):
     assert "unstable" in str(fall) and "unstable" not in str(stable)
     exact = sp.simulate(wild, start, 20.0, times=np.linspace(0.0, 20.0, 101), accuracy=REFERENCE)
     assert true_errors(fall, exact)[0] <= fall.error.positions
+    coarse = sp.simulate(wild, start, 20.0, times=np.linspace(0.0, 20.0, 101),
+                         accuracy=sp.Accuracy.for_error(1e-2, "simulate"))
+    assert np.isfinite(coarse.error_estimates[0]).all() and np.isinf(coarse.error.end).all()
+    assert "unstable" in str(coarse) and " inf " not in str(coarse).split("unstable")[1]

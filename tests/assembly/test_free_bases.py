@@ -521,3 +521,20 @@ def test_loops_on_a_free_base_move_alike_far_from_the_origin(far):
     motion = sp.sweep(mechanism, "crank", values, speed=1.0, guess=q)
     for found, wanted in ((motion.q, near.q), (motion.v, near.v)):
         assert np.abs(found - wanted)[:, 7:].max() < 1e-14 * far
+
+
+@pytest.mark.parametrize("setting", ["engineering", "draft"])
+def test_a_held_base_stands_exactly_whatever_the_last_digits_of_its_quaternion(
+    setting: str
+) -> None:
+    mech, rng = library("four_bar", free_flyer=True), np.random.default_rng(5)
+    values, accuracy = np.linspace(0.0, 25.0, 721), sp.Accuracy.named(setting)
+    for turned in rng.normal(size=(25, 3)):
+        start = sp.assemble(mech, {"crank": 0.0}, {"root_joint": [0.1, 0.2, 0.3, *turned]}).q.copy()
+        at = slice(mech.model.idx_qs[1], mech.model.idx_qs[1] + 7)
+        start[at] += 1.5e-16 * rng.normal(size=7)
+        base = sp.sweep(mech, "crank", values, guess=start, accuracy=accuracy).q[:, at]
+        assert (base == base[0]).all()
+        assert base[0] == pytest.approx(start[at], abs=1e-15)
+        table = sp.follow(mech, {"crank": values}, values, guess=start, accuracy=accuracy).q[:, at]
+        assert (table == table[0]).all()

@@ -166,12 +166,13 @@ def test_a_file_states_six_numbers_or_six_by_six_and_save_writes_them(tmp_path):
 
 
 @pytest.mark.parametrize(("text", "words"), [
-    ("stiffness = [1.0, 2.0]", "six numbers"),
+    (f"stiffness = {[np.nan, *SIX[1:]]}", "six finite numbers"),
+    ("stiffness = [1.0, 2.0]", "six finite numbers"),
     ("stiffness = [1, 1, 1, 1, 1, -1]", "not negative"),
     (f"stiffness = {ROOT.tolist()}", "symmetric"),
-    (f"stiffness = {list(SIX)}\nfree_length = 0.1", "free_length"),
-    (f"stiffness = {list(SIX)}\npreload = [1.0]", "six numbers"),
-    ('stiffness = [["a"]]', "six numbers"),
+    (f"stiffness = {list(SIX)}\nfree_length = 0.1", "free_length is not a key of this table;"),
+    (f"stiffness = {list(SIX)}\npreload = [1.0]", "six finite numbers"),
+    ('stiffness = [["a"]]', "six finite numbers"),
 ])
 def test_what_is_no_bushing_is_refused_by_name(tmp_path, text, words):
     with pytest.raises(sp.MechanismFileError, match=words):

@@ -266,3 +266,15 @@ def test_a_workspace_ends_at_an_asymptote_without_a_point_there(to_a_wall):
     assert found.why == ("",) * 5 + ("limit",) * 2
     assert found.boundary.drivers[0, 0] == pytest.approx(RIGHT, abs=1e-12)
     assert np.isnan(found.boundary.points).all()
+
+
+def test_the_search_ends_where_a_law_has_turned_a_joint_far():
+    model = pin.Model()
+    for name in ("crank", "spool"):
+        model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), name)
+    law = sp.closures.coupling(joints=["crank", "spool"], function=lambda x: (x**3, 3 * x**2, 6 * x,
+                                                                              6.0), name="law")
+    upper = sp.limits(sp.Mechanism.from_model(model, [law], drivers=["crank"]), "crank").upper
+    turns = upper.value / (2 * pi)
+    assert upper.kind == "not followed further"
+    assert turns == pytest.approx(7.0, abs=1e-12)  # the first whose cube is ten thousand turns

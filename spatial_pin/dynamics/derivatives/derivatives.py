@@ -185,8 +185,19 @@ def dynamics_derivatives(
             a_by, multipliers_by = _changes(equations, rows, springs, outside, multipliers)
     of_a, lam = Linear(a, *a_by), Linear(multipliers[chosen], *multipliers_by[:, chosen])
     warn_of_no_inertia(mechanism, efforts, external)
-    return Derivatives(of_a, chosen, lam, ReactionChanges(
-        answer, rows, springs, outside, effort, of_a, lam, chosen).all)
+
+    def reactions() -> tuple[dict[str, Linear], Linear]:
+        wrenches, ground = ReactionChanges(
+            rows, springs, outside, effort, of_a, lam, chosen).wrenches()
+        unique = answer.of_loops
+        return {name: _linear(x if unique[name].all() else np.full_like(x, np.nan))
+                for name, x in wrenches.items()}, _linear(ground)
+
+    return Derivatives(of_a, chosen, lam, reactions)
+
+
+def _linear(x: Array) -> Linear:
+    return Linear(x[:, 0], *np.split(x[:, 1:], 3, axis=1))
 
 
 def _over(

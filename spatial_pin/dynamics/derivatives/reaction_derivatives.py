@@ -24,7 +24,6 @@ from spatial_pin.dynamics.coupling_forces import CouplingForce
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
 from spatial_pin.dynamics.derivatives.spring_derivatives import ExternalWrenches, Springs
 from spatial_pin.dynamics.reactions import Pairs
-from spatial_pin.dynamics.state_forces import Dynamics
 from spatial_pin.numerics.linalg import Array
 
 
@@ -59,42 +58,30 @@ class ReactionChanges:
     and k numbers: the efforts, or what efforts, accelerations and multipliers are functions of.
 
     Args:
-        answer: of the forward dynamics, which says what is unique; None if `wrenches` are wanted.
         rows: closure equations and spring lengths at the motion.
         springs: their forces there.
         outside: wrenches on frames.
         effort: (nv,) efforts at joints.
-        a, multipliers: accelerations, and multipliers of the rows `chosen`.
+        a, multipliers: accelerations (nv,), and multipliers of the rows `chosen`.
         chosen: the independent rows.
         effort_changes: (nv, k) of the efforts; by default they are the numbers.
         inertia_changes: (njoints, 10, k) of the bodies' numbers, as Pinocchio orders them.
     """
 
     def __init__(
-        self, answer: Dynamics | None, rows: RowDerivatives, springs: Springs,
-        outside: ExternalWrenches, effort: Array, a: Linear, multipliers: Linear,
-        chosen: NDArray[np.intp], effort_changes: Array | None = None,
-        inertia_changes: Array | None = None,
+        self, rows: RowDerivatives, springs: Springs, outside: ExternalWrenches, effort: Array,
+        a: Linear, multipliers: Linear, chosen: NDArray[np.intp],
+        effort_changes: Array | None = None, inertia_changes: Array | None = None,
     ) -> None:
-        self.answer, self.rows, self.springs, self.outside = answer, rows, springs, outside
+        self.rows, self.springs, self.outside = rows, springs, outside
         self.effort_changes = np.eye(rows.nv) if effort_changes is None else effort_changes
         self.inertia_changes = inertia_changes
         self.mechanism, self.effort, self.nv = rows.mechanism, effort, rows.nv
         self.by_q = slice(1, 1 + self.nv)
         self.by_v = slice(1 + self.nv, 1 + 2 * self.nv)
-        self._a, self._multipliers, self._chosen = a, multipliers, chosen
-
-    @cached_property
-    def a(self) -> Array:
-        """(nv, ...) the accelerations."""
-        return np.column_stack(self._a)
-
-    @cached_property
-    def multipliers(self) -> Array:
-        """(n_closure, ...) of all rows."""
-        multipliers = self._new(self.rows.constraints.n_closure)
-        multipliers[self._chosen] = np.column_stack(self._multipliers)
-        return multipliers
+        self.a = np.column_stack(a)
+        self.multipliers = self._new(rows.constraints.n_closure)
+        self.multipliers[chosen] = np.column_stack(multipliers)
 
     @cached_property
     def placements_by_q(self) -> Array:
@@ -107,13 +94,6 @@ class ReactionChanges:
             whole = np.column_stack([placement, [0.0, 0.0, 0.0, 1.0]])
             changes[body, at] = whole @ twists[at]
         return changes
-
-    def all(self) -> tuple[dict[str, Linear], Linear]:
-        """Return the reactions by pair, NaN if not unique, and the wrench on the fixed link."""
-        wrenches, ground = self.wrenches()
-        unique = self.answer.of_loops if self.answer else {}
-        return {name: self._linear(x if unique[name].all() else np.full_like(x, np.nan))
-                for name, x in wrenches.items()}, self._linear(ground)
 
     def wrenches(self) -> tuple[dict[str, Array], Array]:
         """Return the reactions (6, ...) by pair and the wrench on the fixed link."""
@@ -140,9 +120,6 @@ class ReactionChanges:
         ground = on_bodies[0] - forces[pairs.grounded].sum(axis=0)
         ground[3:] += np.cross(pairs.centre, ground[:3], axisb=0, axisc=0)
         return wrenches, ground
-
-    def _linear(self, x: Array) -> Linear:
-        return Linear(x[:, 0], *np.split(x[:, 1:], 3, axis=1))
 
     def _new(self, *shape: int) -> Array:
         return np.zeros((*shape, 1 + 2 * self.nv + self.effort_changes.shape[1]))

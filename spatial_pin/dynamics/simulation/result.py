@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -258,6 +259,8 @@ def growth_lines(motion: Simulation) -> list[str]:
     growth = motion.error.positions / motion.time_tolerance
     if growth <= UNSTABLE:
         return []
+    if math.isinf(growth):
+        return ["  unstable, or singular at its end: nothing bounds its error"]
     return [f"  unstable: errors are {growth:.0e} times that of a step; a small change of the "
             "start grows as much"]
 

@@ -65,6 +65,9 @@ LOOSER = 10.0  # times the tolerances, where the other one would be
 TIGHTEST = 1e-13  # tolerance of steps: round-off. Fixed steps are twice as long
 COMPARED_STEP = 0.7  # its longest step, by the longest of the first
 ERROR_MARGIN = 2.0  # times the difference: a more exact one is off a little itself
+# Difference of rates, by the largest, from which on two motions tell nothing about a third one:
+# differences that have grown as large as the motion grow no further.
+UNRELATED = 0.5
 ERROR_FLOOR = 1e-13  # error of any motion, as samples are closed to that
 
 
@@ -437,7 +440,7 @@ def error_estimates(run: Callable[[], Simulation], motion: Simulation) -> Array:
     they grow from a first one as fast as they may.
 
     They never fall: an error that has passed zero is none that has gone. They are infinite from
-    where the other integration could not go on.
+    where the other integration could not go on, or has nothing in common with the first any more.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -458,5 +461,6 @@ def error_estimates(run: Callable[[], Simulation], motion: Simulation) -> Array:
         for k, gap in enumerate(gaps):
             errors[:n, k] = ERROR_MARGIN * np.abs(gap / scale).max(axis=1, initial=0.0)
         v, a = (np.abs(x / scale).max(initial=0.0) for x in (motion.v, motion.a))
+        errors[:n][errors[:n, 1] > ERROR_MARGIN * UNRELATED * v] = np.inf
         errors[:n] += ERROR_FLOOR * np.array([1.0, v, max(a, v * v)])
     return read_only(np.maximum.accumulate(errors, axis=0))

@@ -49,7 +49,6 @@ class Loops:
         self.n_closure = self.constraints.n_closure
         self.is_large = is_large(self.model) if large is None else large
         self.rest = np.zeros(self.model.nv)
-        self._no_angles = np.zeros(self.constraints.n_angles)  # of a State that was made without
         self.ranks = RankCheck(self)
         self._spaces: Decomposition | SparseSpaces | None = None
         self._tied_freedoms: tuple[Array, int] | None = None
@@ -66,7 +65,7 @@ class Loops:
         is_rounded = state.mechanism.whole is self.mechanism
         self.angle_reference = (
             all_angles(state.mechanism, state.angles) if is_rounded else
-            state.angles if state.angles.size else self._no_angles)
+            state.angles if state.angles.size else np.zeros(self.constraints.n_angles))
         self._rank = constraints_of(state.mechanism).n_closure if is_rounded else None
         self._has_jacobian = None
 
@@ -130,7 +129,7 @@ class Loops:
         and where it is uncertain which equations are independent.
         """
         if self._spaces is None and self.is_sparse:
-            self.rest_without_masses()
+            self.rest_without_masses(self.rest, self.rest)
             kkt, n = self.kkt, self.n_closure
 
             def nearest(motions: Array) -> Array:
@@ -175,15 +174,13 @@ class Loops:
         sizes = np.abs(motions).max(axis=0, initial=0.0)
         return [c for c, s in zip(self.mechanism.coordinates, sizes, strict=True) if s > 1e-6]
 
-    def rest_without_masses(self, v: Array | None = None, force: Array | None = None) -> Array:
+    def rest_without_masses(self, v: Array, force: Array) -> Array:
         """Solve the KKT system with a unit mass matrix of the scaled velocities."""
         rows, columns, at = mass_entries(self.tree, True)
         own = rows == columns
         self.kkt.mass[:] = 0.0
         self.kkt.mass[at[own]] = self.scale[rows[own]] ** -2.0
-        rest = self.rest
-        return self.kkt.accelerations(self.state.q, rest if v is None else v, self.angle_reference,
-                                      rest if force is None else force, rest)
+        return self.kkt.accelerations(self.state.q, v, self.angle_reference, force, self.rest)
 
 
 class RankCheck:
@@ -249,9 +246,9 @@ class RankCheck:
         """
         loops, state, scale = self._loops, self._loops.state, self._loops.scale
         random = np.random.default_rng(3).standard_normal(len(scale))
-        motion = loops.rest_without_masses(force=random / scale).copy()
+        motion = loops.rest_without_masses(loops.rest, random / scale).copy()
         if loops.kkt.pivot >= TOLERANCES.rank:
-            a = loops.rest_without_masses(v=motion)
+            a = loops.rest_without_masses(motion, loops.rest)
             rows, columns, values = loops.kkt.entries
             gamma = loops.evaluation.bias(state.q, motion)[: loops.n_closure]
             terms, fastest = values * (a / scale)[columns], np.abs(motion / scale).max()

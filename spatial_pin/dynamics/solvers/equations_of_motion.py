@@ -284,6 +284,4 @@ class Equations(MotionEquations):
 
     def unique(self, efforts: Array | None = None) -> dict[str, NDArray[np.bool_]]:
         """Return by pair which components (6,) of its reaction are unique."""
-        result = self.unique_in_loops(efforts)
-        return result | {name: result[name] & never for name, never in
-                        self.pairs.unaffected_by_couplings(self.poses()).items()}
+        return self.pairs.beside_couplings(self.unique_in_loops(efforts), self.poses())

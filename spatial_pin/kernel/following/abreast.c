@@ -46,6 +46,8 @@ WITHIN void put_prescribed(const Path *path)
     for (Int i = 0; i < p->n; i++)
         if (p->q_index[i] >= 0)
             s->next[p->q_index[i]] = s->prescribed[i];
+    for (Int i = 0; i < p->n_still; i++)
+        s->next[p->still[i]] = SPREAD(p->still_value[i]);
 }
 
 /* Returns the parts of the step at which the values are. */

@@ -62,8 +62,8 @@ static int move_to(Path *path, const Real *q)
     Prescribed *p = &path->prescribed;
     const PathTask *task = &path->task;
     Point *here = path->here;
-    const int code = prescribed_read(path->k, p, task->n_pieces, task->degree, task->breaks,
-                                     task->coefficients);
+    const int code = prescribed_read(path->k, p, q, task->n_pieces, task->degree,
+                                     task->breaks, task->coefficients);
     if (code != DONE || !isfinite(task->begin))
         return code != DONE ? code : BAD_ARRAYS;
     memcpy(here->q, q, (size_t)path->k->nq * sizeof *q);

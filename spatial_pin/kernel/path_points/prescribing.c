@@ -33,6 +33,8 @@ int prescribed_create(Kernel *k, Prescribed *p)
     p->rate = kernel_reals(k, k->nv);
     p->bend = kernel_reals(k, k->nv);
     p->pin_value = kernel_reals(k, k->nv);
+    p->still = kernel_ints(k, k->nq);
+    p->still_value = kernel_reals(k, k->nq);
     return kernel_had_memory(k) ? DONE : NO_MEMORY;
 }
 
@@ -60,9 +62,35 @@ static int polynomials_are_sound(const Prescribed *p)
     return 1;
 }
 
-int prescribed_read(const Kernel *k, Prescribed *p, Int n_pieces, Int degree, const Real *breaks,
-                    const Real *coefficient)
+/* Whether three entries of the velocity are driven. */
+static int are_driven(const Kernel *k, Int v)
 {
+    Int found = 0;
+    for (Int i = 0; i < k->system.n_driven; i++)
+        found += k->system.driven[i] >= v && k->system.driven[i] < v + 3;
+    return found == 3;
+}
+
+/* No equation corrects them: what a prediction by polynomials makes of their round-off would grow from
+ * step to step. */
+static void let_stand(const Kernel *k, Prescribed *p, const Real *q)
+{
+    p->n_still = 0;
+    for (Int j = 1; j < k->n_joints; j++) {
+        const Int turning = k->kind[j] == FREE ? 3 : 0;
+        const int is_placed = turning && are_driven(k, k->iv[j]);
+        const int is_turned = k->kind[j] >= BALL && are_driven(k, k->iv[j] + turning);
+        for (Int x = is_placed ? 0 : turning; x < (is_turned ? turning + 4 : turning); x++) {
+            p->still[p->n_still] = k->iq[j] + x;
+            p->still_value[p->n_still++] = q[k->iq[j] + x];
+        }
+    }
+}
+
+int prescribed_read(const Kernel *k, Prescribed *p, const Real *q, Int n_pieces, Int degree,
+                    const Real *breaks, const Real *coefficient)
+{
+    let_stand(k, p, q);
     p->n = k->system.n_driven, p->n_pins = p->piece = 0;
     p->n_pieces = n_pieces, p->degree = degree;
     p->breaks = breaks, p->coefficient = coefficient;
@@ -117,6 +145,8 @@ void prescribed_put(Prescribed *p, Real *q)
     for (Int i = 0; i < p->n; i++)
         if (p->q_index[i] >= 0)
             q[p->q_index[i]] = p->value[i];
+    for (Int i = 0; i < p->n_still; i++)
+        q[p->still[i]] = p->still_value[i];
     if (!p->n_pins)
         return;
     for (Int i = 0; i < p->n_pins; i++)

@@ -18,15 +18,17 @@ typedef struct {
     Int piece;                  /* the one in use */
     Real *value, *rate, *bend;  /* (n) at the last `prescribe`, with derivatives by s */
     Real *pin_value;
+    Int n_still, *still;        /* entries of q of rotations, and of positions in space, that are held */
+    Real *still_value;
 } Prescribed;
 
 int prescribed_create(Kernel *k, Prescribed *p); /* DONE, NO_MEMORY */
 
-/* Let it be what the system drives, by polynomials if there are pieces. DONE; BAD_ARRAYS where nothing
- * with a value is driven first, breaks do not rise, numbers are not finite, or a coordinate without
- * value is to move. */
-int prescribed_read(const Kernel *k, Prescribed *p, Int n_pieces, Int degree, const Real *breaks,
-                    const Real *coefficient);
+/* Let it be what the system drives, by polynomials if there are pieces; what is held without having a
+ * value of its own stands as at q. DONE; BAD_ARRAYS where nothing with a value is driven first, breaks
+ * do not rise, numbers are not finite, or a coordinate without value is to move. */
+int prescribed_read(const Kernel *k, Prescribed *p, const Real *q, Int n_pieces, Int degree,
+                    const Real *breaks, const Real *coefficient);
 
 /* Values that are held, and the parameter, are those at q. */
 Real prescribed_from(Prescribed *p, const Real *q);

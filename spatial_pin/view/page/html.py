@@ -16,6 +16,7 @@ import numpy as np
 
 from spatial_pin._support.checks import checked, plain_text
 from spatial_pin._support.output_files import named_path, write_text
+from spatial_pin.motion.motion import Motion
 from spatial_pin.view.page.markup import filled, template
 from spatial_pin.view.page.plots import curves_of
 from spatial_pin.view.scene.film import Film, Readout, film, length_words
@@ -25,7 +26,6 @@ from spatial_pin.view.scene.look import overlaid
 if TYPE_CHECKING:
     from spatial_pin.assembly.state import State
     from spatial_pin.dynamics.kinetostatics import Kinetostatics
-    from spatial_pin.motion.motion import Motion
     from spatial_pin.synthesis.ranked_designs import Design, Designs
     from spatial_pin.view.scene.anatomy import Signal
     from spatial_pin.view.scene.look import Look
@@ -109,6 +109,8 @@ def parts_of(
     """Return the texts for the marks of page.html, for a page that needs no server."""
     title = plain_text(title or shown.mechanism.title or shown.mechanism.name, "title")
     error = f"closure error {'≤ ' if len(shown.q) > 1 else ''}{shown.closure_error:.1e}"
+    if isinstance(shown.source, Motion) and len(shown.source.error_estimates):
+        error += f", error of positions ≤ {shown.source.error.positions:.1e}"
     notes = (*shown.notes, error, f"ground grid {length_words(drawn.framing.cell)}")
     legend = []
     for colour, text in drawn.layer.legend:

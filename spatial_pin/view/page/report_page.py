@@ -24,7 +24,7 @@ from spatial_pin._support.output_files import literal, named_path, write_text
 from spatial_pin.assembly.state import State
 from spatial_pin.dynamics.force_outputs import with_force_values
 from spatial_pin.dynamics.kinetostatics import Kinetostatics
-from spatial_pin.dynamics.simulation.simulate import Simulation
+from spatial_pin.dynamics.simulation.result import Simulation, growth_lines
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.coordinates import coordinates_of
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -435,6 +435,7 @@ def _accuracy(subject: Subject) -> str:
     if subject.motion is not None and len(subject.motion.error_estimates):
         text += f" The motion itself is known to this error: {subject.motion.error}."
     if isinstance(subject.shown, Simulation):
+        text += "".join(f" It is {line.strip()}." for line in growth_lines(subject.shown))
         text += (f" Energy and work balance to {tiny(subject.shown.energy_drift)} of the "
                  f"exchanged energy, over {subject.shown.steps} steps of the integrator.")
     settings = getattr(subject.shown, "accuracy", None)
