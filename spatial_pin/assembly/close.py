@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.kernel.closer import ClosureResult, closer_of
+from spatial_pin.kernel.closer import ClosureResult, ClosureSettings, closer_of
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.coordinates import coordinate_gradient, coordinate_value
 from spatial_pin.mechanism.joint_limits import JointLimit, beyond_limits, joint_limits
@@ -73,7 +73,8 @@ def closed(
 ) -> ClosureResult:
     """Close loops like `close`, from a mechanism; `reference` are its unwrapping angles."""
     with closer_of(mechanism, pinned) as closer:
-        return closer.close(q, free, reference, tolerance, iterations, pinned.values(), cut)
+        how = ClosureSettings(free, None, tolerance, iterations, cut)
+        return closer.solve([q], how, None, reference, pinned.values())[0]
 
 
 class LimitedJoints:

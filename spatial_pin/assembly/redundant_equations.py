@@ -33,7 +33,7 @@ from spatial_pin.assembly.close import DAMPED_STEPS, close
 from spatial_pin.assembly.start_values import read_guess
 from spatial_pin.assembly.state import State, carried_angles, gap_of
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.kernel.closer import closer_of
+from spatial_pin.kernel.closer import ClosureSettings, closer_of
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import SelectedEquations
@@ -129,19 +129,19 @@ def without_rounded_equations(mechanism: Mechanism, gap: float) -> Mechanism | N
     if mechanism.whole is not None or not gap or not mechanism.closures:
         return None
     free, scale = np.ones(mechanism.model.nv, dtype=bool), mechanism.velocity_scale
-    rng, how = np.random.default_rng(20113), (
-        free, 0.0, CLOSED, DAMPED_STEPS, (), TOLERANCES.rank)
+    rng = np.random.default_rng(20113)
+    how = ClosureSettings(free, None, CLOSED, DAMPED_STEPS, TOLERANCES.rank)
     with closer_of(mechanism) as closer:
         if not closer.kernel.n_closure or not len(free):
             return None
         # are equations clearly independent, or do they follow from others, at a pose near the
         # guess? not at the guess: loops that fit as drawn fit there however rounded numbers are
-        start = closer.close(read_guess(mechanism, None).q, *how).q
+        start = closer.solve([read_guess(mechanism, None).q], how)[0].q
         for _ in range(ALONG_PROBES):
             q, ahead = start, rng.uniform(-1.0, 1.0, len(free))
             for _ in range(STEPS_TO_POSE):  # the first finds a direction that the loops leave free
                 step = STEP_TO_POSE * scale * ahead / np.abs(ahead).max()
-                there = closer.close(pin.integrate(mechanism.model, q, step), *how)
+                there = closer.solve([pin.integrate(mechanism.model, q, step)], how)[0]
                 q, ahead = there.q, pin.difference(mechanism.model, q, there.q) / scale
                 if there.error > CLOSED or np.abs(ahead).max() < TOLERANCES.half_precision:
                     break

@@ -1,17 +1,14 @@
-"""A model whose joints all have a constant motion subspace: the same motion, more bodies.
+"""A tree as the kernel has it: all joints with a constant motion subspace, see `kernel.h`.
 
-The kernel uses it too: its arrays have the frames of joints turned so that z is the axis.
-
-Pinocchio's derivative algorithms are right for such joints only: in 4.1 they leave out the change
-of the subspace of universal joints and of composites of slides and turns. Splitting these into
-their single joints keeps q, v and a as they are.
+Universal joints and composites of slides and turns are split into single joints, which keeps q, v
+and a as they are; the frames of these are turned so that z is the axis.
 """
 
 from __future__ import annotations
 
 import ctypes
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -21,44 +18,11 @@ from spatial_pin._support.lazy import made_once
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 
-COMPOSITE = ("JointModelUniversal", "JointModelComposite")
 TURN, SLIDE, SCREW, BALL, FREE = 1, 2, 3, 4, 5  # the same numbers as JointKind in core/kernel.h
 AXIAL = {"R": TURN, "P": SLIDE, "H": SCREW}  # by the first letter of Pinocchio's names
 AXISLESS = {"Spherical": BALL, "FreeFlyer": FREE}
 AXES = np.eye(3)
 SYMMETRIC = np.array([4, 5, 7, 5, 6, 8, 7, 8, 9])  # indices of a (3, 3) inertia in `inertias`
-
-
-class SplitModel(NamedTuple):
-    """A model with single joints, and which (njoints,) of them carry the bodies of the original."""
-
-    model: pin.Model
-    joint: NDArray[np.intp]
-
-
-@made_once
-def split_of(mechanism: Mechanism) -> SplitModel:
-    """Return the tree of a mechanism, relative to its centre, split."""
-    return split(mechanism.centred_model)
-
-
-def split(model: pin.Model) -> SplitModel:
-    """Return `model` with universal and composite joints split; inertias stay with their bodies."""
-    if not any(joint.shortname().startswith(COMPOSITE) for joint in model.joints):
-        return SplitModel(model, np.arange(model.njoints))
-    out = pin.Model()
-    out.gravity = model.gravity
-    carrier = [0]
-    for i in range(1, model.njoints):
-        placement, at = model.jointPlacements[i], carrier[model.parents[i]]
-        for k, (joint, offset) in enumerate(_parts(model.joints[i].extract())):
-            placement = placement if offset is None else placement * offset
-            at = out.addJoint(at, joint, placement, f"{model.names[i]} {k}")
-            placement = pin.SE3.Identity()
-        out.inertias[at] = model.inertias[i]
-        carrier.append(at)
-    out.armature = model.armature  # entries of the velocity keep their order
-    return SplitModel(out, np.array(carrier))
 
 
 def _parts(joint: pin.JointModel) -> list[tuple[pin.JointModel, pin.SE3 | None]]:
@@ -80,6 +44,7 @@ class TreeArrays:
         rotation, translation: (n, 3, 3) by columns, and (n, 3): placement in its parent at zero.
         frames: (n, 3, 3) rotations from Pinocchio's axes of the joints to these.
         carriers: (njoints,) those that carry the bodies of the joints of the tree.
+        joint_of: (nv,) the joint of every velocity entry.
         mass, com, inertia: of these bodies, see `in_kernel`.
     """
 
@@ -104,6 +69,7 @@ class TreeArrays:
         self.carriers, own = np.array(carriers), np.array(frames)
         self.kind, self.parent, self.iq, self.iv = np.array([x[:4] for x in rows], np.int64).T
         self.pitch = np.array([x[4] for x in rows])
+        self.joint_of = np.repeat(np.arange(len(rows)), np.diff(self.iv, append=model.nv))
         self.frames, above = own, own[self.parent].mT
         self.rotation = (above @ np.array(rotations) @ own).mT  # stored by columns
         self.translation = (above @ np.array(positions)[..., None])[..., 0]

@@ -6,6 +6,7 @@ the kernel's memory grows with the tree, not with its cube.
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,8 +14,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import acquired
-from spatial_pin.constraints.composite_joints import split_of
-from spatial_pin.constraints.kernel_tree import KernelTree, is_in_kernel
+from spatial_pin.constraints.kernel_tree import KernelTree, centred_tree, is_in_kernel
 from spatial_pin.constraints.pinocchio_views import (
     TWIST_MATRIX,
     accelerations,
@@ -58,9 +58,64 @@ class Tree:
         pin.forwardKinematics(self.model, self.data, q, v, a)
 
 
-def tree_of(model: pin.Model) -> Tree | KernelTree:
+class TreePlacements:
+    """Placements (njoints, 4, 3) as `pin.Data.oMi` has them, each made at its first use."""
+
+    def __init__(self, placements: Array) -> None:
+        self._placements = placements
+
+    def __getitem__(self, joint: int) -> pin.SE3:
+        at = self._placements[joint]
+        return pin.SE3(at[:3].T, at[3])
+
+
+class LargeTree:
+    """Kinematics of a tree by the kernel; attributes and methods as of `Tree`.
+
+    Of a `pin.Data`, `data` has the part that there is: `J` and `oMi`.
+    """
+
+    def __init__(self, model: pin.Model) -> None:
+        self.model, self._tree = model, KernelTree(model)
+        n, (joints, single) = model.njoints, (model.njoints, len(self._tree.arrays.kind))
+        self.placements, self.columns = np.empty((n, 4, 3)), np.empty((6, model.nv))
+        self.twists, self.accelerations = np.zeros((2, joints, 6))
+        self.data = SimpleNamespace(J=self.columns, oMi=TreePlacements(self.placements))
+        self._R, self._p = np.empty((single, 3, 3)), np.empty((single, 3))
+
+    def update(self, q: Array) -> None:
+        """Set `placements` and `columns` at the configuration q (nq,)."""
+        self._tree.evaluate(q, jacobian=self.columns, R=self._R, p=self._p)
+        self.placements[:] = self._tree.placed(self._R, self._p)
+
+    def frame_jacobian(self, frame: int) -> Array:
+        """Return the Jacobian (6, nv) of a frame at its origin, world axes, where it is placed."""
+        model, at = self.model, self.model.frames[frame]
+        jacobian = np.zeros_like(self.columns)
+        for i in list(model.supports[at.parentJoint])[1:]:
+            own = slice(model.idx_vs[i], model.idx_vs[i] + model.nvs[i])
+            jacobian[:, own] = self.columns[:, own]
+        placement = self.data.oMi[at.parentJoint] * at.placement
+        jacobian[:3] -= pin.skew(placement.translation) @ jacobian[3:]
+        return jacobian
+
+    def move(self, q: Array, v: Array, a: Array) -> None:
+        """Set `placements`, `twists` and `accelerations` of a motion."""
+        velocity, acceleration = np.empty((2, len(self._p), 6))
+        self._tree.evaluate(q, v, a, velocity=velocity, acceleration=acceleration,
+                            R=self._R, p=self._p)
+        self.placements[:] = self._tree.placed(self._R, self._p)
+        at = self._tree.arrays.carriers
+        seen, felt = velocity[at], acceleration[at]
+        felt[:, :3] -= cross(seen[:, 3:], seen[:, :3])
+        for world, local in ((seen, self.twists), (felt, self.accelerations)):
+            np.matmul(self.placements[:, None, :3], world.reshape(-1, 2, 3, 1),
+                      out=local.reshape(-1, 2, 3, 1))
+
+
+def tree_of(model: pin.Model) -> Tree | LargeTree:
     """Return the kinematics of a tree, by Pinocchio or by the kernel."""
-    return KernelTree(model) if is_in_kernel(model) else Tree(model)
+    return LargeTree(model) if is_in_kernel(model) else Tree(model)
 
 
 class Located(NamedTuple):
@@ -99,8 +154,8 @@ def located(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Located | Non
                        tree.accelerations.copy())
 
 
-def _tree(mechanism: Mechanism) -> KernelTree:
-    return KernelTree(mechanism.model)
+def _tree(mechanism: Mechanism) -> LargeTree:
+    return LargeTree(mechanism.model)
 
 
 class TreeMotion:
@@ -119,44 +174,43 @@ class TreeMotion:
         motion: q (nq,), v and a (nv,).
 
     Attributes:
-        model: the tree with single joints.
-        joints: (njoints,) its joints that carry the bodies of the mechanism's tree.
+        parents: (joints,) of the single joints.
+        joints: (njoints,) those that carry the bodies of the mechanism's tree.
         joint_of: (nv,) the joint of every velocity entry.
         moved_by: (joints, nv) whether a velocity entry moves a joint's body.
-        at: (joints, 4, 3) columns of the rotation, then the position, of each joint.
-        placements: (njoints, 4, 3) of the mechanism's joints.
+        placements: (njoints, 4, 3) columns of the rotation, then the position, of the mechanism's
+            joints.
         v, a: (joints, 6) world twists and spatial accelerations of their bodies.
         columns, turned, twice, paced: (nv, 6) S, dS, A x S + V x dS and dS + v x S.
     """
 
     def __init__(self, mechanism: Mechanism, motion: Motion) -> None:
         self.mechanism = mechanism
-        self.model, self.joints = split_of(mechanism)
-        model, parents = self.model, np.array(self.model.parents)
-        self.joint_of = np.repeat(np.arange(model.njoints), np.array(model.nvs))
-        self.moved_by = np.zeros((model.njoints, model.nv), bool)
-        self.moved_by[self.joint_of, np.arange(model.nv)] = True
-        for joint, parent in enumerate(parents.tolist()):
+        with acquired(mechanism, centred_tree) as tree:
+            arrays, nv = tree.arrays, tree.model.nv
+            n, columns = len(arrays.kind), np.empty((6, nv))
+            rotations, positions, world = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((2, n, 6))
+            tree.evaluate(*motion, R=rotations, p=positions, jacobian=columns, velocity=world[0],
+                          acceleration=world[1])
+            self.placements = tree.placed(rotations, positions)
+        self.parents, self.joints, self.joint_of = arrays.parent, arrays.carriers, arrays.joint_of
+        self.moved_by = np.zeros((n, nv), bool)
+        self.moved_by[self.joint_of, np.arange(nv)] = True
+        for joint, parent in enumerate(self.parents.tolist()):
             self.moved_by[joint] |= self.moved_by[parent]
-        with acquired(mechanism, single_jointed) as tree:
-            tree.update(motion[0])
-            tree.move(*motion)
-            self.at, columns = tree.placements.copy(), tree.columns.T.copy()
-            local = np.stack([tree.twists, tree.accelerations])
-        world = (local.reshape(2, -1, 2, 3) @ self.at[:, :3]).reshape(local.shape)
-        world[..., :3] += cross(self.at[:, 3], world[..., 3:])
+        world[1, :, :3] -= cross(world[0, :, 3:], world[0, :, :3])  # spatial
+        world[..., :3] += cross(positions, world[..., 3:])
         self.v, self.a = world
-        carrier = parents[self.joint_of]
+        columns, carrier = columns.T.copy(), self.parents[self.joint_of]
         around = motion_cross(np.stack([
             self.v[carrier], self.a[carrier], self.v[self.joint_of]]))
         self.columns, (turned, twice, paced) = columns, (around @ columns[..., None])[..., 0]
         self.turned, self.paced = turned, turned + paced
         self.twice = twice + (around[0] @ turned[..., None])[..., 0]
-        self.placements = self.at[self.joints]
 
-    def to_bodies(self, joints: NDArray[np.intp]) -> Array:
-        """Return the matrices (k, 6, 6) that take world twists to the axes of joints (k,)."""
-        at, back = self.at[joints], np.zeros((len(joints), 6, 6))
+    def to_bodies(self, bodies: NDArray[np.intp]) -> Array:
+        """Return the matrices (k, 6, 6) that take world twists to the axes of bodies (k,)."""
+        at, back = self.placements[bodies], np.zeros((len(bodies), 6, 6))
         back[:, :3, :3] = back[:, 3:, 3:] = at[:, :3]
         back[:, :3, 3:] = -at[:, :3] @ skewed(at[:, 3])
         return back
@@ -169,7 +223,7 @@ class TreeMotion:
                 that of twists by v.
         """
         joints = self.joints[bodies]
-        is_moved, back = self.moved_by[joints][:, None], self.to_bodies(joints)
+        is_moved, back = self.moved_by[joints][:, None], self.to_bodies(bodies)
         spun = back @ motion_cross(self.v[joints])
         turned, twice, paced, columns = (
             x.T for x in (self.turned, self.twice, self.paced, self.columns))
@@ -177,11 +231,6 @@ class TreeMotion:
                 np.where(is_moved, back @ twice - spun @ turned, 0.0),
                 np.where(is_moved, back @ paced - spun @ columns, 0.0),
                 np.where(is_moved, back @ columns, 0.0))
-
-
-def single_jointed(mechanism: Mechanism) -> KernelTree:
-    """Return the tree of a mechanism, its joints single ones; to be acquired."""
-    return KernelTree(split_of(mechanism).model, whole=mechanism)
 
 
 def twist_matrices(twists: Array) -> Array:

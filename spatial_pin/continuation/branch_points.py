@@ -241,7 +241,7 @@ def _passage(tracker: PathTracker, sense: float, reach: float) -> Passage | None
     law = tracker.leading.smooth(here.s, here.s - NODES * apart, here.s + (NODES + 2) * apart)
     if law is not None:  # a smooth one as far as nodes
         own = tracker.by(law)
-    curve = own.curve(own.system(), ROUND_OFF)
+    curve = own.leading.curve(own.system(), ROUND_OFF, own.pace(own.here))
     near = curve.settle(curve.unknowns(here.q, here.s), sense * curve.tangent(here.t))
     far = far_side(curve, near, reach) if near is not None else None
     if near is None or far is None:

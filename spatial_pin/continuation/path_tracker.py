@@ -25,12 +25,7 @@ from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
 from spatial_pin.continuation.asymptotes import running_away
 from spatial_pin.continuation.pseudo_arclength import Stopped, followed_to
-from spatial_pin.continuation.solution_curve import (
-    DriversLaw,
-    LawCurve,
-    OneDriver,
-    SolutionCurve,
-)
+from spatial_pin.continuation.solution_curve import DriversLaw, OneDriver
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.closer import closer_of
 from spatial_pin.kernel.kernel import Kernel, kernel_of
@@ -236,20 +231,6 @@ class PathTracker(Branch):
     _here: PathPoint | None = None  # the point, unless the path is there
 
     @classmethod
-    def at(
-        cls, state: State, driven: Sequence[Coordinate], accuracy: Accuracy, workspaces: Workspaces,
-    ) -> PathTracker:
-        """Return a tracker at a closed state, with prescribed coordinates, the driver first.
-
-        Raises:
-            SingularError: the prescribed coordinates do not determine the motion there.
-        """
-        tracker = cls(state.mechanism, driven, None, accuracy, workspaces)
-        tracker.state = state
-        tracker.start()
-        return tracker
-
-    @classmethod
     def along(
         cls, state: State, names: Sequence[str], hold: Hold, accuracy: Accuracy,
         workspaces: Workspaces, law: Any = None, begin: float = 0.0,
@@ -271,8 +252,8 @@ class PathTracker(Branch):
             driven, kernel = prescribed_at(state, names, hold), tracker.kernel
             still = divided(mechanism, driven, hold)[1]
             tracker = cls(mechanism, driven, still, accuracy, workspaces, law, begin)
-            tracker.state, tracker.kernel = state, kernel
-            tracker.start()
+            tracker.kernel = kernel
+            tracker.start(state)
         return tracker
 
     @classmethod
@@ -317,8 +298,14 @@ class PathTracker(Branch):
         workspaces.release_last()
         return None
 
-    def start(self) -> None:
-        """Start at the state, without earlier samples."""
+    def start(self, state: State | None = None) -> None:
+        """Start at a closed state, by default that of the branch, without earlier samples.
+
+        Raises:
+            SingularError: the prescribed coordinates do not determine the motion there.
+        """
+        if state is not None:
+            self.state = state
         state, self._here = self.state, None
         self._path = self._path_from(state.q, state.angles, self._begin)
         if self._path is None:
@@ -350,21 +337,6 @@ class PathTracker(Branch):
     def system(self) -> SquareSystem:
         """Return the square system at the current point; raises as `system_at`."""
         return self.system_at(self.here.q, self.here.angles)
-
-    def curve(
-        self, system: SquareSystem, tolerance: float, pace: float | None = None
-    ) -> SolutionCurve:
-        """Return the curve through the current point, with the parameter as an unknown.
-
-        `pace` is the inverse of what counts as one radian of a law's parameter; default: how fast
-        joints move here.
-        """
-        leading = self.leading
-        if not isinstance(leading, DriversLaw):
-            return SolutionCurve(system, tolerance)
-        span = float(leading.law.x[-1] - leading.law.x[0])
-        pace = max(self.pace(self.here) if pace is None else pace, 1.0 / span)
-        return LawCurve(system, tolerance, leading, 1.0 / pace)
 
     # ------------------------------------------------------------ moving it
 
@@ -452,7 +424,7 @@ def _followed_by_arc_length(
         raise end
     # few steps: open loops would hide where the branch turns, and redundant equations
     wanted, here = min(tracker.accuracy.tolerance, TOLERANCES.tight), tracker.here
-    curve = tracker.curve(system, max(wanted, 1e-14))
+    curve = tracker.leading.curve(system, max(wanted, 1e-14), tracker.pace(here))
     try:
         q = followed_to(curve, curve.unknowns(here.q, here.s), value, here.t)
     except Stopped as stopped:
@@ -492,7 +464,7 @@ def _asymptote(
     sizes = tracker.mechanism.velocity_scale[[c.v for c in tracker.driven]]
     # joints have any pace there; the drivers' is a measure
     pace = float(np.linalg.norm(tracker.leading.rates(s) / sizes))
-    curve = tracker.curve(system, TOLERANCES.round_off, pace)
+    curve = tracker.leading.curve(system, TOLERANCES.round_off, pace)
     return running_away(curve, curve.unknowns(q, s), goal)
 
 

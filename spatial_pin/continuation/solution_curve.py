@@ -65,6 +65,13 @@ class OneDriver:
         """Return None: the parameter is the driver. See `DriversLaw`."""
         return None
 
+    def curve(self, system: SquareSystem, tolerance: float, pace: float) -> SolutionCurve:
+        """Return the curve of a square system's configurations, the parameter as an unknown.
+
+        `pace` is the inverse of what counts as one radian of a law's parameter.
+        """
+        return SolutionCurve(system, tolerance)
+
 
 class DriversLaw(OneDriver):
     """The first prescribed coordinates are functions of a parameter; the others are at rest.
@@ -127,6 +134,11 @@ class DriversLaw(OneDriver):
         all_driven[:, : len(self.driven)] = coefficients
         all_driven[:, len(self.driven) :, 0] = [self._standing.get(v, 0.0) for v in still]
         return Polynomials(s, self.law.x, all_driven)
+
+    def curve(self, system: SquareSystem, tolerance: float, pace: float) -> SolutionCurve:
+        """Return the curve with the parameter as an unknown; see `OneDriver`."""
+        span = float(self.law.x[-1] - self.law.x[0])
+        return LawCurve(system, tolerance, self, 1.0 / max(pace, 1.0 / span))
 
 
 def nearest(law: OneDriver, other: OneDriver, s: float) -> float:

@@ -292,8 +292,9 @@ class ChangedState:
     def _bodies(self) -> tuple[Array, Array, Array]:
         """Joint placements (m, n, 4, 3), local twists and spatial accelerations (m, n, 6)."""
         bodies, (dq, dv, da) = self._at.rows.bodies, self._changes
-        v_by_q, a_by_q, a_by_v, own = bodies.by_motion(np.arange(len(bodies.joints)))
-        back = bodies.to_bodies(bodies.joints)
+        every = np.arange(len(bodies.joints))
+        v_by_q, a_by_q, a_by_v, own = bodies.by_motion(every)
+        back = bodies.to_bodies(every)
         local = [(back @ x[bodies.joints][..., None])[..., 0] for x in (bodies.v, bodies.a)]
         moved = own @ dq
         rates = (moved, v_by_q @ dq + own @ dv, a_by_q @ dq + a_by_v @ dv + own @ da)

@@ -110,8 +110,7 @@ class ClosedDerivatives:
         bodies = self.rows.bodies
         first, second, paced, columns = (
             (along @ x[:, 3:])[:, 0] for x in bodies.by_motion(joints))
-        carriers = bodies.joints[joints]
-        back = bodies.to_bodies(carriers)
+        carriers, back = bodies.joints[joints], bodies.to_bodies(joints)
         spins = np.stack([(back @ x[carriers][..., None])[:, 3:, 0]
                           for x in (bodies.v, bodies.a)])
         return columns, first, second, paced, spins

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from spatial_pin._support.lazy import acquired, cached_property
 from spatial_pin.assembly.state import center_of_mass
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.constraints.composite_joints import split_of
+from spatial_pin.constraints.composite_joints import single_joints
 from spatial_pin.dimensions.homotopy import varied
 from spatial_pin.dimensions.traced_tree import (
     PlacementBatch,
@@ -82,14 +82,15 @@ class DimensionNumbers:
             ratio = self._span.at(geometry) / self._mechanism.characteristic_length
             blocks.append((scaled, self.base[scaled] * ratio[:, None] ** self._powers[scaled]))
         # placements of joints, which the kernel's have their axes along z in
-        carriers, turned = self._packed.carriers, self._packed.frames
-        split, at = split_of(self._mechanism).model, self._packed.indices()
+        tree, at = single_joints(self._mechanism), self._packed.indices()
         for i, pose in geometry.joints.items():
-            first = int(carriers[i - 1]) + 1  # of the single joints that it is split into
+            first = int(tree.carriers[i - 1]) + 1  # of the single joints that it is split into
             own = self._mechanism.centred_model.jointPlacements[i]
-            rest = own.actInv(split.jointPlacements[first])
-            placed, above = pose @ PlacementBatch.of(rest), turned[split.parents[first]]
-            columns = (above.T @ placed.rotation @ turned[first]).transpose(0, 2, 1)
+            above = tree.frames[tree.parent[first]]
+            rest = own.actInv(pin.SE3(above @ tree.rotation[first].T,
+                                      above @ tree.translation[first]))
+            placed = pose @ PlacementBatch.of(rest)
+            columns = (above.T @ placed.rotation).transpose(0, 2, 1)
             blocks += [(at.rotation[first].ravel(), columns.reshape(-1, 9)),
                        (at.translation[first], placed.translation @ above)]
         blocks += self._vector_blocks(geometry)

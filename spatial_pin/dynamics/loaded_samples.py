@@ -16,12 +16,12 @@ import pinocchio as pin
 from spatial_pin._support.checks import as_array, is_finite, mapping
 from spatial_pin._support.lazy import acquired
 from spatial_pin.assembly.state import State, moving_in_time
-from spatial_pin.constraints.kernel_tree import KernelTree
+from spatial_pin.constraints.kernel_tree import KernelTree, TreeSprings, centred_tree
 from spatial_pin.dynamics.forces import Law, forces_on_frames, joint_efforts
 from spatial_pin.dynamics.reactions import Poses
 from spatial_pin.dynamics.solvers.equations_of_motion import DOUBTFUL, Equations, Solution
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.kernel.kernel import Kernel
+from spatial_pin.kernel.kernel import Kernel, numbers
 from spatial_pin.kernel.kkt import ERROR, FAILED, RANK, Accelerated
 from spatial_pin.kernel.loop_equations import joint_rows, row_wrenches
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -186,8 +186,8 @@ class LoadedSamples:
         None where there are more at some samples than at others.
         """
         bearing, at, angles, a = self.bearing, piece.at, piece.angles, self.a[piece.at]
-        with acquired(bearing.mechanism, _centred_tree) as tree:
-            placements, columns, transmitted = tree.at_many(piece.q, piece.v, a)
+        with acquired(bearing.mechanism, centred_tree) as tree:
+            placements, columns, transmitted = _in_motion(tree, piece.q, piece.v, a)
         stresses: Array | None = np.zeros((len(a), 0, bearing.n_closure))
         if not self.is_together:  # one sample, where these equations are
             multipliers, angles = bearing.multipliers(closures[0])[None], (
@@ -210,8 +210,18 @@ class LoadedSamples:
         return poses, rows, stresses
 
 
-def _centred_tree(mechanism: Mechanism) -> KernelTree:
-    return KernelTree(mechanism.centred_model, whole=mechanism)
+def _in_motion(tree: KernelTree, *motions: Array) -> tuple[Array, Array, Array]:
+    """Return placements (m, njoints, 4, 3), Jacobians (m, 6, nv) and forces (m, njoints, 6).
+
+    Of motions q (m, nq), v and a (m, nv); forces are as of `KernelTree.transmitted`.
+    """
+    m, n, nv = len(motions[0]), len(tree.arrays.kind), tree.model.nv
+    rotations, positions = np.empty((m, n, 3, 3)), np.empty((m, n, 3))
+    columns, wrench = np.empty((m, 6, nv)), np.empty((m, n, 6))
+    tree.prepared(*(numbers(x, (m, x.shape[1])) for x in motions), R=rotations, p=positions,
+                  jacobian=columns, tau=np.empty((m, nv)), wrench=wrench)()
+    wrench[:, 0] = 0.0
+    return tree.placed(rotations, positions), columns, wrench[:, tree.arrays.carriers]
 
 
 def _spring_wrenches(
@@ -224,9 +234,13 @@ def _spring_wrenches(
     springs = equations.springs
     if springs.laws_on_frames:
         return None
-    with acquired(mechanism, _centred_tree) as tree:
-        packed = tree.springs(springs.packed)
-        wrenches, columns = tree.spring_wrenches(q, v, packed)
+    (q, v), columns = (np.array(x, order="C") for x in (q, v)), np.empty((len(q), 6, v.shape[1]))
+    with acquired(mechanism, centred_tree) as tree:
+        packed = TreeSprings(tree.arrays, springs.packed)
+        of_joints = np.empty((len(q), len(tree.arrays.kind), 6))
+        tree.prepared(q, v, np.zeros_like(v), tau=np.empty_like(v), jacobian=columns,
+                      springs=packed.address, of_springs=of_joints)()
+        wrenches = of_joints[:, tree.arrays.carriers]
     if packed.coincide():
         return None
     forces = np.zeros_like(v)

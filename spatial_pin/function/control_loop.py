@@ -13,7 +13,7 @@ from spatial_pin.assembly.assemble import starting_state
 from spatial_pin.assembly.close import DAMPED_STEPS
 from spatial_pin.assembly.holding import BASE
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.kernel_tree import KernelTree
+from spatial_pin.constraints.kernel_tree import TreeSprings, centred_tree, mass_entries
 from spatial_pin.dynamics.forces import Forces, generalised
 from spatial_pin.errors import SingularError, SpatialPinError, UnknownNameError
 from spatial_pin.kernel.closer import Closer
@@ -102,7 +102,7 @@ class ControlLoop:
                        **{name: k for k, name in enumerate(self.drivers)}}
         n, nv = len(coordinates), own.model.nv
         self._kernel, self._closer, self._tree = (
-            Kernel(own), Closer(own), KernelTree(own.centred_model, whole=own))
+            Kernel(own), Closer(own), centred_tree(own))
         self._rates, self._forces = self._given.rates(self._kernel), Forces(own)
         self._loops = LoopEquations(own)
         self._free = np.ones(nv, bool)
@@ -142,7 +142,7 @@ class ControlLoop:
         self._idle = np.zeros((self._kernel.n_passive, nv))
         self._motions, self._needed = np.zeros((2, 2, nv)), np.zeros((2, nv))
         self._configurations = np.zeros((2, nq))
-        rows, columns, indices = self._tree.mass_entries(True)
+        rows, columns, indices = mass_entries(self._tree, True)
         self._entries, self._places = np.zeros(len(rows) + 1), np.full((nv, nv), len(rows))
         self._places[rows, columns] = indices
         self._mass, self._moved_mass = np.zeros((nv, nv)), np.zeros((nv, n))
@@ -161,15 +161,16 @@ class ControlLoop:
         self._tasks = self._rate_tasks(None)
         self._find_idle = self._rates.prepared_idle(self._idle)
         (v, a), forces = self._motions, self._forces
-        at = self._configurations, v, a, self._needed
+        at = self._configurations, v, a
         resistance = forces.resistance
         self._resisting = [(k, *x) for k, x in enumerate(zip(
             resistance.damping.tolist(), resistance.friction.tolist(),
             resistance.slip_speed.tolist(), strict=True)) if x[0] or x[1]]
-        self._springs = self._tree.springs(forces.packed) if (
+        self._springs = TreeSprings(self._tree.arrays, forces.packed) if (
             forces.on_frames and not forces.laws_on_frames) else None
-        self._find_needed = self._tree.prepared(*at, self._springs)
-        self._find_needed_by_inertia = self._tree.prepared(*at)
+        self._find_needed = self._tree.prepared(
+            *at, tau=self._needed, springs=self._springs and self._springs.address)
+        self._find_needed_by_inertia = self._tree.prepared(*at, tau=self._needed)
 
     def _rate_tasks(self, chosen: Chosen | None) -> list[Callable[[], None]]:
         at = self._ahead[None], self._next_angles[None]

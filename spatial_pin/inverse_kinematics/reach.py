@@ -21,7 +21,7 @@ from spatial_pin.errors import ReachError
 from spatial_pin.inverse_kinematics.named_targets import read_targets
 from spatial_pin.inverse_kinematics.solving import Level, ReachResult, Solver
 from spatial_pin.inverse_kinematics.targets import CoordinateValue, Target
-from spatial_pin.kernel.closer import KernelTarget, closer_of
+from spatial_pin.kernel.closer import KernelTarget, closer_of, meet
 from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.mechanism.coordinates import coordinate_value, require_mechanism
 from spatial_pin.mechanism.joint_limits import JointLimit, is_within_limits, joint_limits
@@ -133,7 +133,7 @@ def _nearest(
             return None
         rows += own
     with closer_of(mechanism) as closer:
-        met = closer.meet(start.q, _free(mechanism, held.entries), start.angles, rows, REACH_STEPS)
+        met = meet(closer, start.q, _free(mechanism, held.entries), start.angles, rows, REACH_STEPS)
         if met is None:
             return None
         found, angles = met

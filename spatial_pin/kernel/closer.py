@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from spatial_pin._support.lazy import acquired, made_once
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import Kernel
-from spatial_pin.kernel.library import INT, POINTER, REAL, address, check
+from spatial_pin.kernel.library import INT, POINTER, REAL, CStructure, address, check
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import NOT_FINITE, Array
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -92,28 +92,28 @@ class NamedCoordinates(NamedTuple):
     upper: Array
 
 
-class NamedStruct(ctypes.Structure):
+class NamedStruct(CStructure):
     """Named in closing_parts.h: the arrays of `NamedCoordinates`."""
 
-    _fields_ = [(name, POINTER) for name in NamedCoordinates._fields]
+    _fields_ = tuple((name, POINTER) for name in NamedCoordinates._fields)
 
 
-class TargetsStruct(ctypes.Structure):
+class TargetsStruct(CStructure):
     """Targets in closing_parts.h: where frames and coordinates are wanted."""
 
-    _fields_ = [("n", INT), ("of", POINTER), ("number", POINTER), ("size", REAL)]
+    _fields_ = ("n", INT), ("of", POINTER), ("number", POINTER), ("size", REAL)
 
 
-class ClosureTask(ctypes.Structure):
+class ClosureTask(CStructure):
     """ClosureTask in closing.h: what loops are closed with, and the result."""
 
-    _fields_ = [
+    _fields_ = (
         ("m", INT), *[(name, POINTER) for name in ("q", "first", "free")], ("loose", REAL),
         ("tolerance", REAL), ("iterations", INT), ("pinned", POINTER), ("reference", POINTER),
         ("cut", REAL), ("named", NamedStruct), ("n_steps", INT), ("steps", POINTER),
         ("near", REAL), ("moved", POINTER), ("group", POINTER),
         *[(name, POINTER) for name in ("error", "distance", "mirrored", "facts", "angle")],
-        ("targets", TargetsStruct), ("unique", INT)]
+        ("targets", TargetsStruct), ("unique", INT))
 
 
 class PerturbedStarts(NamedTuple):
@@ -168,7 +168,8 @@ class Closer:
     Attributes:
         kernel: the compiled mechanism, in whose memory it works.
         handle: of the C structure.
-        at_task: address of the task.
+        task, at_task: the task, and its address.
+        angles: (n_angles,) of screws at the last result, counting turns [rad].
         paths: those that start where it closes the loops, by prescribed coordinates.
     """
 
@@ -179,22 +180,15 @@ class Closer:
         self._has_tangents = any(c.pair.aligned == TANGENT for c in mechanism.closures)
         rows = 1 + MOST_GROUPS * AT_ONCE
         self._q, self._value = np.empty((rows, kernel.nq)), np.empty(kernel.nq)
-        self._kinds, self._mirrored = np.empty(kernel.nq, np.int64), np.empty(rows, np.int64)
-        self._first, self._free = np.empty((2, kernel.nv), np.int64)
-        self._reference, self._angles = np.empty((2, kernel.n_angles))
+        self._free, self._mirrored = np.empty(kernel.nv, np.int64), np.empty(rows, np.int64)
+        self._reference, self.angles = np.empty((2, kernel.n_angles))
         self._pinned, self._facts = np.empty(len(self._order)), np.empty(4)
         self._errors, self._distances = np.empty((2, rows))
-        self._of = np.zeros((kernel.nv + MORE_TARGETS, TARGET_INTS), np.int64)
-        self._number = np.zeros((len(self._of), TARGET_REALS))
-        self._at_value, self._at_kinds, self._at_first, self._at_facts, self._at_angles = map(
-            address, (self._value, self._kinds, self._first, self._facts, self._angles))
-        self._task = ClosureTask(
-            0, address(self._q), None, address(self._free), pinned=address(self._pinned),
-            reference=address(self._reference), error=address(self._errors),
-            distance=address(self._distances), mirrored=address(self._mirrored),
-            angle=self._at_angles, targets=TargetsStruct(
-                0, address(self._of), address(self._number), mechanism.characteristic_length))
-        self.at_task = ctypes.byref(self._task)
+        self.task = ClosureTask.of(
+            q=self._q, free=self._free, pinned=self._pinned, reference=self._reference,
+            error=self._errors, distance=self._distances, mirrored=self._mirrored,
+            angle=self.angles)
+        self.at_task = ctypes.byref(self.task)
         self._settings: ClosureSettings | None = None  # what the task is set to
 
     def set_task(
@@ -212,22 +206,18 @@ class Closer:
             perturbed: close from the perturbed starts too where a single one closes, nothing is at
                 fault, and it is not near: closed results that are no nearer are omitted.
         """
-        task, starts = self._task, settings.perturbed
+        task, starts = self.task, settings.perturbed
         if settings is not self._settings:  # else only values have changed
             self._settings, self._free[:] = settings, settings.free
-            task.tolerance, task.loose = settings.tolerance, max(settings.tolerance, LOOSE)
-            task.iterations, task.cut = settings.iterations, settings.cut
-            task.first = task.facts = task.named.value = None
-            task.near = np.inf
-            if settings.first is not None:
-                self._first[:], task.first = settings.first, self._at_first
+            task.put(tolerance=settings.tolerance, loose=max(settings.tolerance, LOOSE),
+                     iterations=settings.iterations, cut=settings.cut, near=np.inf, facts=None,
+                     first=None if settings.first is None else settings.first.astype(np.int64))
+            task.named.value = None
             if starts is not None:
-                task.near = starts.near
-                task.steps, task.moved, task.group = map(address, starts[1:])
+                task.put(**starts._asdict())
             if settings.kinds is not None:
-                self._kinds[:], task.facts = settings.kinds, self._at_facts
-                task.named = NamedStruct(
-                    self._at_value, self._at_kinds, *map(address, settings.limits))
+                task.put(facts=self._facts, named=NamedStruct(*map(
+                    address, (self._value, settings.kinds, *settings.limits))))
         if value is not None:
             self._value[:] = value
         if len(self._reference):
@@ -245,12 +235,12 @@ class Closer:
         Raises:
             SingularError: positions have grown beyond all numbers.
         """
-        errors = self._errors[: self._task.m].tolist()
+        errors = self._errors[: self.task.m].tolist()
         if not all(map(math.isfinite, errors)):
             raise SingularError(NOT_FINITE)
         is_judged = self._settings is not None and self._settings.kinds is not None
         examined = self._examined() if is_judged and self._facts.item(0) < np.inf else None
-        is_unique = bool(self._task.unique)
+        is_unique = bool(self.task.unique)
         return [ClosureResult(self._q[k].copy(), error, self._may_be_mirrored(k),
                               self._distances.item(k), None if k else examined, not k and is_unique)
                 for k, error in enumerate(errors)]
@@ -264,37 +254,23 @@ class Closer:
         check(self._library.closer_close(self.handle, self.at_task))
         return self.results()
 
-    def close(
-        self, q: Array, free: NDArray[np.bool_], reference: Array | float, tolerance: float,
-        iterations: int, pinned: Iterable[float], cut: float,
-    ) -> ClosureResult:
-        """Close the loops from q (nq,), to the least residual that is reached.
-
-        The other arguments are those of `ClosureSettings` and `set_task`; raises as `results`.
-        """
-        settings = ClosureSettings(free, None, tolerance, iterations, cut)
-        return self.solve([q], settings, None, reference, pinned)[0]
-
     def prepared(
         self, q: Array, reference: Array, free: NDArray[np.bool_], tolerance: float,
         iterations: int, cut: float,
     ) -> Callable[[], float]:
         """Return what closes the loops from q (nq,), into q, and returns the closure error.
 
-        Nothing is pinned; `q` and `reference` are read when it is called. Else as `close`.
-
-        Raises:
-            SingularError: when it is called, as `close`.
+        Nothing is pinned; `q` and `reference` are read when it is called. Other arguments are those
+        of `ClosureSettings`; what is returned raises as `results`.
         """
-        moving, error, mirrored = free.astype(np.int64), np.zeros(1), np.zeros(1, np.int64)
-        given = q, reference, moving, error, mirrored
-        task = ClosureTask(
-            1, address(q), None, address(moving), max(tolerance, LOOSE), tolerance, iterations,
-            None, address(reference), cut, error=address(error), distance=address(self._distances),
-            mirrored=address(mirrored), angle=self._at_angles, targets=self._task.targets)
+        error = np.zeros(1)
+        task = ClosureTask.of(
+            m=1, q=q, free=free.astype(np.int64), loose=max(tolerance, LOOSE), tolerance=tolerance,
+            iterations=iterations, reference=reference, cut=cut, error=error, angle=self.angles,
+            distance=self._distances, mirrored=np.zeros(1, np.int64))
         at_task = ctypes.byref(task)
 
-        def work(alive: Any = given) -> float:
+        def work() -> float:
             check(self._library.closer_close(self.handle, at_task))
             if not math.isfinite(error.item(0)):
                 raise SingularError(NOT_FINITE)
@@ -302,79 +278,84 @@ class Closer:
 
         return work
 
-    def meet(
-        self, q: Array, free: NDArray[np.bool_], reference: Array, targets: Sequence[KernelTarget],
-        iterations: int,
-    ) -> tuple[ClosureResult, Array] | None:
-        """Close the loops from q (nq,) where targets are met, by the least displacement.
-
-        Args:
-            q: where to start.
-            free: (nv,) velocities that may move.
-            reference: (n_angles,) from which the angles of screws count [rad].
-            targets: the targets to meet.
-            iterations: damped steps at most.
-
-        Returns:
-            The result, and the angles (n_angles,) of screws, counting turns [rad]. None where there
-            are more targets than it takes, where they are not met from there, or only just at the
-            end of their reach.
-        """
-        if len(targets) > len(self._of):
-            return None
-        for row, (of, number) in enumerate(targets):
-            self._of[row], self._number[row, : len(number)] = of, number
-        self.set_task([q], ClosureSettings(
-            free, None, TOLERANCES.round_off, iterations, TOLERANCES.rank), reference=reference)
-        self._task.targets.n = len(targets)
-        code = self._library.closer_close(self.handle, self.at_task)
-        self._task.targets.n = 0
-        return None if code else (
-            ClosureResult(self._q[0], self._errors.item(0), self._may_be_mirrored(),
-                          self._distances.item(0)), self._angles)
-
     def judge(self, q: Array, reference: Array | float, named: NamedCoordinates) -> ClosureResult:
         """Return q (nq,), whole turns taken off its angles, and its properties."""
-        self._q[0], self._reference[:], task = q, reference, self._task
-        check(self._library.closer_examine(
-            self.handle, task.q, task.reference, ctypes.byref(NamedStruct(*map(address, named))),
-            self._at_facts, None, task.mirrored))
-        return ClosureResult(self._q[0].copy(), self._facts.item(0), self._may_be_mirrored(),
-                             self._facts.item(1))
+        error, distance, *_ = self._looked_at(q, reference, NamedStruct(*map(address, named)))
+        return ClosureResult(self._q[0].copy(), error, self._may_be_mirrored(), distance)
 
     def examine(self, q: Array, reference: Array | float) -> Examined:
         """Return the properties of q (nq,); angles are nearest to `reference` (n_angles,) [rad]."""
-        self._q[0], self._reference[:], task = q, reference, self._task
-        check(self._library.closer_examine(
-            self.handle, task.q, task.reference, ctypes.byref(NamedStruct()), self._at_facts,
-            self._at_angles, task.mirrored))
+        self._looked_at(q, reference, NamedStruct(), self.task.angle)
         return self._examined()
+
+    def _looked_at(
+        self, q: Array, reference: Array | float, named: NamedStruct, angles: int | None = None
+    ) -> list[float]:
+        self._q[0], self._reference[:], task = q, reference, self.task
+        check(self._library.closer_examine(
+            self.handle, task.q, task.reference, ctypes.byref(named), address(self._facts), angles,
+            task.mirrored))
+        return self._facts.tolist()
 
     def _examined(self) -> Examined:
         error, _, least, dependent = self._facts.tolist()
-        return Examined(error, self._angles.copy(), self._may_be_mirrored(), least, dependent)
+        return Examined(error, self.angles.copy(), self._may_be_mirrored(), least, dependent)
 
     def _may_be_mirrored(self, k: int = 0) -> bool:
         return self._mirrored.item(k) != 0 or self._has_tangents
-
-    def descend(
-        self, q: Array, free: NDArray[np.bool_], tolerance: float, iterations: int
-    ) -> tuple[Array, Array]:
-        """Return configurations q (m, nq) after damped steps, and the lengths of residuals (m,).
-
-        By products alone; the angles of screws count from zero.
-        """
-        q, errors = np.array(q, order="C"), np.empty(len(q))
-        self._free[:], self._settings = free, None
-        check(self._library.closer_descend(
-            self.handle, len(q), address(q), self._task.free, tolerance, iterations,
-            address(errors)))
-        return q, errors
 
 
 def closer_of(mechanism: Mechanism, pinned: Iterable[str] = ()) -> acquired[Closer]:
     """Acquire a closer of a mechanism with some coordinates pinned, in its initial state."""
     return acquired(mechanism, Closer, tuple(pinned))
+
+
+def descend(
+    closer: Closer, q: Array, free: NDArray[np.bool_], tolerance: float, iterations: int
+) -> tuple[Array, Array]:
+    """Return configurations q (m, nq) after damped steps, and the lengths of residuals (m,).
+
+    By products alone; the angles of screws count from zero.
+    """
+    q, errors, moving = np.array(q, order="C"), np.empty(len(q)), free.astype(np.int64)
+    check(closer.kernel.library.closer_descend(
+        closer.handle, len(q), address(q), address(moving), tolerance, iterations,
+        address(errors)))
+    return q, errors
+
+
+def meet(
+    closer: Closer, q: Array, free: NDArray[np.bool_], reference: Array,
+    targets: Sequence[KernelTarget], iterations: int,
+) -> tuple[ClosureResult, Array] | None:
+    """Close the loops from q (nq,) where targets are met, by the least displacement.
+
+    Args:
+        closer: of the mechanism.
+        q: where to start.
+        free: (nv,) velocities that may move.
+        reference: (n_angles,) from which the angles of screws count [rad].
+        targets: the targets to meet.
+        iterations: damped steps at most.
+
+    Returns:
+        The result, and the angles (n_angles,) of screws, counting turns [rad]. None where there
+        are more targets than it takes, where they are not met from there, or only just at the
+        end of their reach.
+    """
+    n, kernel, task = len(targets), closer.kernel, closer.task
+    if n > kernel.nv + MORE_TARGETS:
+        return None
+    indices, numbers = np.zeros((n, TARGET_INTS), np.int64), np.zeros((n, TARGET_REALS))
+    for row, (of, number) in enumerate(targets):
+        indices[row], numbers[row, : len(number)] = of, number
+    closer.set_task([q], ClosureSettings(
+        free, None, TOLERANCES.round_off, iterations, TOLERANCES.rank), reference=reference)
+    task.targets = TargetsStruct(
+        n, address(indices), address(numbers), kernel.mechanism.characteristic_length)
+    code = kernel.library.closer_close(closer.handle, closer.at_task)
+    task.targets.n = 0
+    return None if code else (closer.results()[0], closer.angles)
 
 
 def _created(

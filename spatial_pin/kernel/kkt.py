@@ -10,26 +10,27 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.constraints.kernel_tree import KernelTree, TreeProducts
+from spatial_pin.constraints.kernel_tree import KernelTree, TreeTask, mass_entries
 from spatial_pin.kernel.kernel import Kernel, numbers, packed
-from spatial_pin.kernel.library import INT, POINTER, address, addresses, check
+from spatial_pin.kernel.library import INT, POINTER, CStructure, address, check
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import EPS, Array
 
 Positions = NDArray[Any]
-# A tree of single joints, relative to the centre; its products, the closure equations; derivatives
-# (n, 2, nv) of joint forces by their own entries of q and of v, resisting ones positive, if any.
-Changes = tuple[KernelTree, TreeProducts, Array | None]
+# A tree relative to the centre; its task with products, the closure equations, and room for their
+# changes, but no motion; derivatives (n, 2, nv) of joint forces by their own entries of q and of v,
+# resisting ones positive, if any.
+Changes = tuple[KernelTree, TreeTask, Array | None]
 
 
-class _KktTask(ctypes.Structure):
+class _KktTask(CStructure):
     """KktTask in kkt.c."""
 
-    _fields_ = [("n", INT), *((name, POINTER) for name in (
-        "tree", "q", "v", "reference", "mass", "force", "armature", "rounding"))]
-    _fields_ += [("n_actuated", INT), *((name, POINTER) for name in (
-        "actuated", "efforts", "a", "closures", "multipliers", "entry", "chosen", "facts", "single",
-        "changes", "slopes", "a_by", "multipliers_by"))]
+    _fields_ = ("n", INT), *((name, POINTER) for name in (
+        "tree", "q", "v", "reference", "mass", "force", "armature", "rounding")), (
+            "n_actuated", INT), *((name, POINTER) for name in (
+                "actuated", "efforts", "a", "closures", "multipliers", "entry", "chosen", "facts",
+                "single", "changes", "slopes", "a_by", "multipliers_by"))
 
 
 PIVOT, RANK, ERROR, FAILED = 0, 2, 3, 5  # among the facts
@@ -67,14 +68,13 @@ class KKT:
         mechanism: the mechanism.
         mass_entries: rows, columns and indices in `mass` of all entries of its mass matrix that can
             be other than zero.
-        tree: whose core has these entries; its other joints, outside of loops, are eliminated.
 
     Attributes:
         mass: numbers of the mass matrix, to be filled in.
-        pivot: smallest over largest pivot of the last `accelerations`, 0 where there are none.
-        error: estimated round-off of them, relative to their size.
-        error_of_tree, is_of_forces: of the last `of_tree` or `efforts_of`, and whether it is mostly
-            round-off of the joint forces: no solver can be better.
+        pivot: smallest over largest pivot of the last solution, 0 where there is none.
+        error: estimated round-off of it, relative to its size.
+        error_of_tree, is_of_forces: the same of a `CoreKKT`, and whether it is mostly round-off of
+            the joint forces: no solver can be better.
         a: (nv,) the accelerations.
         rank: how many independent equations there are.
         closures: (nv,) joint forces of the closures.
@@ -82,8 +82,7 @@ class KKT:
     """
 
     def __init__(
-        self, mechanism: Mechanism, mass_entries: tuple[Positions, Positions, Positions],
-        tree: KernelTree | None = None,
+        self, mechanism: Mechanism, mass_entries: tuple[Positions, Positions, Positions]
     ) -> None:
         self._kernel = kernel = Kernel(mechanism, packed(mechanism, True))
         self._library, nv, n_closure = kernel.library, kernel.nv, kernel.n_closure
@@ -96,7 +95,6 @@ class KKT:
                                        mechanism.characteristic_length, ctypes.byref(handle)))
         self._handle = handle
         self.pivot, self.error, self.rank = 1.0, 0.0, 0
-        self.error_of_tree, self.is_of_forces = 0.0, False
         self._at = np.nonzero(kernel.constraints.occurring[:n_closure])
         self._values, self._chosen = np.empty(len(self._at[0])), np.empty(n_closure, np.int64)
         self._q, self._reference = np.empty(kernel.nq), np.empty(kernel.n_angles)
@@ -104,13 +102,11 @@ class KKT:
         self.mass, self._facts = np.empty(n_masses), np.empty(6)
         self.closures, self.multipliers = np.empty(nv), np.empty(n_closure)
         # signs of round-off of joint forces: as a coin gives them
-        self._rounding = EPS * np.random.default_rng(0).choice([-1.0, 1.0], nv)
-        self._tree = tree
-        self._task = _KktTask(1, tree.handle if tree else None, *map(address, (
-            self._q, self._v, self._reference, self.mass, self._force,
-            tree.armature if tree else self._force, self._rounding)), 0, None, None,
-            *map(address, (self.a, self.closures, self.multipliers, self._values, self._chosen,
-                           self._facts)))
+        rounding = EPS * np.random.default_rng(0).choice([-1.0, 1.0], nv)
+        self._task = _KktTask.of(
+            n=1, q=self._q, v=self._v, reference=self._reference, mass=self.mass, force=self._force,
+            rounding=rounding, a=self.a, closures=self.closures, multipliers=self.multipliers,
+            entry=self._values, chosen=self._chosen, facts=self._facts)
         self._at_task = ctypes.byref(self._task)
 
     def accelerations(
@@ -129,25 +125,8 @@ class KKT:
         self._solve(q, v, reference)
         return self.a
 
-    def of_tree(
-        self, q: Array, v: Array, reference: Array | Sequence[float], force: Array
-    ) -> bool:
-        """Find accelerations with the masses and gravity that the tree has now.
-
-        False where there are none: a freedom outside of loops has no inertia.
-
-        Args:
-            q: (nq,) configuration.
-            v: (nv,) joint velocities.
-            reference: as for `accelerations`.
-            force: (nv,) joint forces f.
-        """
-        assert self._tree
-        self._tree.take_masses()
-        self._force[:] = force
-        return not self._solve(q, v, reference)
-
     def _solve(self, q: Array, v: Array, reference: Any) -> float:
+        """Solve for the joint forces that there are; returns whether there is no solution."""
         self._q[:], self._v[:] = q, v
         if len(reference):
             self._reference[:] = reference
@@ -159,77 +138,6 @@ class KKT:
             self._facts.tolist())
         self.rank, self.is_of_forces = int(rank), of_forces > 0.0
         return has_none
-
-    def efforts_of(
-        self, q: Array, v: Array, a: Array, reference: Array | Sequence[float], force: Array,
-        actuated: NDArray[np.int64],
-    ) -> Array | None:
-        """Return the efforts (k,) of actuators that accelerations need, and find `closures`.
-
-        With the masses and gravity that the tree has now. Idle rotations that no actuator holds
-        have the accelerations that forces give them, and `a` has all. None where it is not clear
-        that closures and actuators together bear any other force in one way, and in one way only.
-
-        Args:
-            q: (nq,) configuration.
-            v: (nv,) joint velocities.
-            a: (nv,) joint accelerations.
-            reference: as for `accelerations`.
-            force: (nv,) other joint forces.
-            actuated: (k,) velocity entries that have efforts.
-        """
-        assert self._tree
-        self._tree.take_masses()
-        self.a[:], self._force[:], efforts = a, force, np.empty(len(actuated))
-        task = self._task
-        task.n_actuated, task.actuated, task.efforts = (
-            len(actuated), address(actuated), address(efforts))
-        failed = self._solve(q, v, reference)
-        task.actuated = None
-        return None if failed else efforts
-
-    def of_many(
-        self, q: Array, v: Array, reference: Array, force: Array, a: Array | None = None,
-        actuated: NDArray[np.int64] | None = None, changes: Changes | None = None,
-    ) -> Accelerated:
-        """Return what `of_tree` finds at many configurations, or what `efforts_of` does.
-
-        Args:
-            q: (n, nq) configurations.
-            v: (n, nv) joint velocities.
-            reference: (n, n_angles) from which the angles of screws count [rad].
-            force: (n, nv) joint forces.
-            a: (n, nv) accelerations, where efforts are wanted; those of idle rotations follow.
-            actuated: (k,) velocity entries that have efforts.
-            changes: what derivatives of the accelerations need, where all joints are the core's.
-        """
-        assert self._tree
-        self._tree.take_masses()
-        n, nv, k, nc = len(q), len(self.a), 0 if actuated is None else len(actuated), len(
-            self.multipliers)
-        m, own = n if changes else 0, (self._q, self._v, self._reference, self._force)
-        out = Accelerated(np.empty((n, nv)) if a is None else np.array(a),
-                          np.empty((n, k)), np.empty((n, nv)), np.empty((n, nc)),
-                          np.empty((n, nc), np.int64), np.empty((n, len(self._facts))),
-                          np.empty((m, 3, nv, nv)), np.empty((m, 3, nv, nc)))
-        task, given = _KktTask.from_buffer_copy(self._task), [q, v, reference, force]
-        if n == 1:
-            for room, one in zip(own, given, strict=True):
-                room[:] = one
-        else:
-            given = [numbers(x, (n, len(room))) for x, room in zip(given, own, strict=True)]
-            task.q, task.v, task.reference, task.force = addresses(given)
-        task.n, task.n_actuated = n, k
-        task.actuated = None if actuated is None else address(actuated)
-        (task.a, task.efforts, task.closures, task.multipliers, task.chosen, task.facts, task.a_by,
-         task.multipliers_by) = addresses(out)
-        if changes:
-            tree, products, slopes = changes
-            task.single, task.changes = tree.handle, ctypes.addressof(tree.changes_task(products))
-            slopes = None if slopes is None else numbers(slopes, (n, 2, nv))
-            task.slopes = None if slopes is None else address(slopes)
-        check(self._library.kkt_accelerations(self._handle, ctypes.byref(task)))
-        return out
 
     def solve(self, force: Array, gamma: Array) -> tuple[Array, Array]:
         """Return accelerations (k, nv) and multipliers (k, n_closure) with the last matrix.
@@ -254,3 +162,99 @@ class KKT:
     def rows(self) -> Positions:
         """Indices of the independent equations that were chosen, ascending."""
         return self._chosen[: self.rank].copy()
+
+
+class CoreKKT(KKT):
+    """The KKT system of a tree's core; its other joints, outside of loops, are eliminated.
+
+    Masses and gravity are those that the tree has at a call.
+
+    Args:
+        mechanism: the mechanism.
+        tree: the tree.
+    """
+
+    def __init__(self, mechanism: Mechanism, tree: KernelTree) -> None:
+        super().__init__(mechanism, mass_entries(tree, False))
+        self._tree = tree
+        self._task.put(tree=tree.handle, armature=tree.armature)
+
+    def of_tree(
+        self, q: Array, v: Array, reference: Array | Sequence[float], force: Array
+    ) -> bool:
+        """Find accelerations; False if there are none: a freedom outside of loops has no inertia.
+
+        Args:
+            q: (nq,) configuration.
+            v: (nv,) joint velocities.
+            reference: as for `accelerations`.
+            force: (nv,) joint forces f.
+        """
+        self._tree.take_masses()
+        self._force[:] = force
+        return not self._solve(q, v, reference)
+
+    def efforts_of(
+        self, q: Array, v: Array, a: Array, reference: Array | Sequence[float], force: Array,
+        actuated: NDArray[np.int64],
+    ) -> Array | None:
+        """Return the efforts (k,) of actuators that accelerations need, and find `closures`.
+
+        Idle rotations that no actuator holds have the accelerations that forces give them, and `a`
+        has all. None where it is not clear that closures and actuators together bear any other
+        force in one way, and in one way only.
+
+        Args:
+            q: (nq,) configuration.
+            v: (nv,) joint velocities.
+            a: (nv,) joint accelerations.
+            reference: as for `accelerations`.
+            force: (nv,) other joint forces.
+            actuated: (k,) velocity entries that have efforts.
+        """
+        self._tree.take_masses()
+        self.a[:], self._force[:], efforts = a, force, np.empty(len(actuated))
+        task = self._task
+        task.n_actuated, task.actuated, task.efforts = (
+            len(actuated), address(actuated), address(efforts))
+        failed = self._solve(q, v, reference)
+        task.actuated = None
+        return None if failed else efforts
+
+    def of_many(
+        self, q: Array, v: Array, reference: Array, force: Array, a: Array | None = None,
+        actuated: NDArray[np.int64] | None = None, changes: Changes | None = None,
+    ) -> Accelerated:
+        """Return what `of_tree` finds at many configurations, or what `efforts_of` does.
+
+        Args:
+            q: (n, nq) configurations.
+            v: (n, nv) joint velocities.
+            reference: (n, n_angles) from which the angles of screws count [rad].
+            force: (n, nv) joint forces.
+            a: (n, nv) accelerations, where efforts are wanted; those of idle rotations follow.
+            actuated: (k,) velocity entries that have efforts.
+            changes: what derivatives of the accelerations need, where all joints are the core's.
+        """
+        self._tree.take_masses()
+        n, nv, k, nc = len(q), len(self.a), 0 if actuated is None else len(actuated), len(
+            self.multipliers)
+        m, own = n if changes else 0, (self._q, self._v, self._reference, self._force)
+        out = Accelerated(np.empty((n, nv)) if a is None else np.array(a),
+                          np.empty((n, k)), np.empty((n, nv)), np.empty((n, nc)),
+                          np.empty((n, nc), np.int64), np.empty((n, len(self._facts))),
+                          np.empty((m, 3, nv, nv)), np.empty((m, 3, nv, nc)))
+        task, given = _KktTask.from_buffer_copy(self._task), (q, v, reference, force)
+        if n == 1:
+            for room, one in zip(own, given, strict=True):
+                room[:] = one
+        else:
+            task.put(**{name: numbers(x, (n, len(room))) for name, x, room in zip(
+                ("q", "v", "reference", "force"), given, own, strict=True)})
+        task.put(n=n, n_actuated=k, actuated=actuated, **out._asdict())
+        if changes:
+            tree, of_tree, slopes = changes
+            slopes = None if slopes is None else numbers(slopes, (n, 2, nv))
+            task.put(single=tree.handle, changes=ctypes.addressof(of_tree), slopes=slopes)
+        check(self._library.kkt_accelerations(self._handle, ctypes.byref(task)))
+        return out

@@ -7,8 +7,9 @@ from collections.abc import Iterable
 from functools import cache
 from itertools import takewhile
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
+import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.errors import SpatialPinError
@@ -42,6 +43,24 @@ def address(array: NDArray[Any]) -> int:
 def addresses(arrays: Iterable[NDArray[Any]]) -> list[int]:
     """Return the addresses of arrays for C to write: contiguous, and not read-only."""
     return [_addressof(_view(x)) if x.size else _NOWHERE for x in arrays]  # type: ignore[arg-type]
+
+
+class CStructure(ctypes.Structure):
+    """A structure of C; the arrays that it points to live as long as it does."""
+
+    @classmethod
+    def of(cls, **fields: Any) -> Self:
+        """Return a structure with some fields set, see `put`."""
+        made = cls()
+        made.put(**fields)
+        return made
+
+    def put(self, **fields: Any) -> None:
+        """Set fields: numbers, structures and addresses, contiguous arrays; None: nowhere."""
+        for name, value in fields.items():
+            if isinstance(value, np.ndarray):
+                self.__dict__[name], value = value, address(value)
+            setattr(self, name, value)
 
 
 def opened(path: Path) -> ctypes.CDLL:

@@ -21,8 +21,7 @@ from spatial_pin.constraints.composed_equations import (
     composed_of,
     vector_matrix,
 )
-from spatial_pin.constraints.kernel_tree import KernelTree
-from spatial_pin.constraints.trees import Tree, tree_of
+from spatial_pin.constraints.trees import LargeTree, Tree, tree_of
 from spatial_pin.kernel.closer import opposite_axes
 from spatial_pin.kernel.kernel import EvaluationStruct, Kernel, numbers
 from spatial_pin.kernel.library import address
@@ -102,11 +101,11 @@ class LoopEquations:
     # ------------------------------------------------------------ where the bodies are
 
     @cached_property
-    def _unplaced(self) -> Tree | KernelTree:
+    def _unplaced(self) -> Tree | LargeTree:
         return tree_of(self.model)
 
     @property
-    def _tree(self) -> Tree | KernelTree:
+    def _tree(self) -> Tree | LargeTree:
         """The tree at the last configuration."""
         if not self._is_placed:
             self._unplaced.update(self.q)

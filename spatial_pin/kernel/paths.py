@@ -12,7 +12,16 @@ from numpy.typing import NDArray
 
 from spatial_pin.kernel.closer import Closer
 from spatial_pin.kernel.kernel import Kernel, numbers
-from spatial_pin.kernel.library import BAD_ARRAYS, INT, POINTER, REAL, address, addresses, check
+from spatial_pin.kernel.library import (
+    BAD_ARRAYS,
+    INT,
+    POINTER,
+    REAL,
+    CStructure,
+    address,
+    addresses,
+    check,
+)
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import INTERPOLATED, Accuracy
@@ -96,14 +105,14 @@ class _RowsStruct(ctypes.Structure):
     _fields_ = [(name, POINTER) for name in PathSamples._fields]
 
 
-class _PathTask(ctypes.Structure):
+class _PathTask(CStructure):
     """PathTask in following.h."""
 
-    _fields_ = [
+    _fields_ = (
         ("chosen", POINTER), ("n_chosen", INT), ("driven", POINTER), ("n_driven", INT),
         ("fill", POINTER), ("n_fill", INT), ("accuracy", _AccuracyStruct), ("begin", REAL),
         ("n_pieces", INT), ("degree", INT), ("breaks", POINTER), ("coefficients", POINTER),
-        ("open", REAL), ("s", POINTER), ("here", _RowsStruct)]
+        ("open", REAL), ("s", POINTER), ("here", _RowsStruct))
 
 
 class _ScatterTask(ctypes.Structure):
@@ -180,19 +189,17 @@ class Path:
             np.empty((0, kernel.nv)) if fill is None else fill, float)
         self._here = PathSamples.empty(1, kernel.nq, kernel.nv, kernel.n_angles)
         self._s, self._value = np.empty(1), np.empty(1)
-        self._alive, self._token = [rows, at, fill], object()  # arrays as long as C reads them
-        self._here_rows = _RowsStruct(*map(address, self._here))
-        self._task = task = _PathTask(
-            None if rows is None else address(rows), n, address(at), len(at), address(fill),
-            len(fill), path_accuracy(accuracy, n < kernel.n_closure, not len(fill)),
-            s=address(self._s), here=self._here_rows)
+        self._token, self._here_rows = object(), _RowsStruct(*map(address, self._here))
+        self._task = task = _PathTask.of(
+            chosen=rows, n_chosen=n, driven=at, n_driven=len(at), fill=fill, n_fill=len(fill),
+            accuracy=path_accuracy(accuracy, n < kernel.n_closure, not len(fill)), s=self._s,
+            here=self._here_rows)
         if polynomials is not None:
             breaks, shape = np.array(polynomials.breaks, float), polynomials.coefficients.shape
             coefficients = numbers(
                 polynomials.coefficients, (len(breaks) - 1, len(at), shape[-1]))
-            self._alive += [breaks, coefficients]
-            task.begin, task.n_pieces, task.degree = polynomials.begin, shape[0], shape[-1] - 1
-            task.breaks, task.coefficients = address(breaks), address(coefficients)
+            task.put(begin=polynomials.begin, n_pieces=shape[0], degree=shape[-1] - 1,
+                     breaks=breaks, coefficients=coefficients)
         self._at_task = ctypes.byref(task)
 
     def start(self, q: Array, angles: Array) -> bool:

@@ -15,6 +15,7 @@ from spatial_pin.kernel.library import (
     INT,
     NOT_FINITE,
     POINTER,
+    CStructure,
     address,
     check,
 )
@@ -58,15 +59,38 @@ class RateRows(NamedTuple):
     facts: Array | None = None
 
 
-class _RateTask(ctypes.Structure):
+class _RateTask(CStructure):
     """RateTask in rates.h."""
 
-    _fields_ = [
+    _fields_ = (
         ("n", INT), ("q", POINTER), ("reference", POINTER), ("equations", POINTER),
         ("n_equations", INT), ("fill", POINTER), ("n_fill", INT), ("speed", POINTER),
         ("acceleration", POINTER), ("motion", POINTER), ("joint", INT), ("local", POINTER),
         *((name, POINTER) for name in (
-            "code", "columns", "second", "jacobian", "jacobian_rate", "v", "a", "facts"))]
+            "code", "columns", "second", "jacobian", "jacobian_rate", "v", "a", "facts")))
+
+    def choose(self, chosen: Chosen | None) -> None:
+        """Give it equations; None: C chooses."""
+        self.equations = None
+        if chosen is not None:
+            rows = np.ascontiguousarray(chosen.rows, np.int64)
+            fill = np.ascontiguousarray(chosen.fill, float)
+            self.put(equations=rows, n_equations=len(rows), fill=fill, n_fill=len(fill))
+
+
+def _task(
+    q: Array, reference: Array, results: RateRows, frame: FrameInKernel | None, v: Array | None,
+    rates: Any,
+) -> _RateTask:
+    """Return a task of the kernel; arguments are as of `RateSolver.prepared`."""
+    codes, *others = results
+    task = _RateTask.of(n=len(q), q=q, reference=reference, motion=v, code=codes, **dict(
+        zip(RateRows._fields[1:], others, strict=True)))
+    if frame is not None:
+        task.put(joint=frame.joint, local=numbers(np.asarray(frame.origin, float), (3,)))
+    if rates is not None:
+        task.put(speed=rates[0], acceleration=rates[1])
+    return task
 
 
 class RateSolver:
@@ -117,18 +141,16 @@ class RateSolver:
             at = frame and frame._replace(origin=local)
             known = self._of_one[key] = (
                 local, motion, room.codes, [getattr(room, x)[0] for x in wanted],
-                *self._task(self._q[None], self._reference[None], room, at,
-                            motion if v is not None else None,
-                            self._rates if "v" in wanted else None))
-        local, motion, codes, results, task, at_task, _ = known
+                _task(self._q[None], self._reference[None], room, at,
+                      motion if v is not None else None, self._rates if "v" in wanted else None))
+        local, motion, codes, results, task = known
         self._q[:], self._reference[:] = q, reference
         if frame is not None:
             local[:] = frame.origin
         if v is not None:
             motion[:] = v
-        alive = _choose(task, chosen)
-        check(self._library.rates_solve(self._handle, at_task))
-        del alive
+        task.choose(chosen)
+        check(self._library.rates_solve(self._handle, ctypes.byref(task)))
         return [x.copy() for x in results] if codes.item() in DETERMINED else None
 
     def rows(
@@ -171,32 +193,14 @@ class RateSolver:
         The arrays are contiguous ones of doubles; those of `results` are overwritten. `chosen` are
         the equations, if the kernel is not to choose them.
         """
-        task, at_task, given = self._task(q, reference, results, frame, v, rates)
-        solve, handle = self._library.rates_solve, self._handle
-        given.append(_choose(task, chosen))
+        task = _task(q, reference, results, frame, v, rates)
+        task.choose(chosen)
+        solve, handle, at_task = self._library.rates_solve, self._handle, ctypes.byref(task)
 
-        def work(alive: Any = given) -> None:
+        def work() -> None:
             check(solve(handle, at_task))
 
         return work
-
-    def _task(
-        self, q: Array, reference: Array, results: RateRows, frame: FrameInKernel | None,
-        v: Array | None, rates: Any,
-    ) -> tuple[_RateTask, Any, list[Any]]:
-        """Return a task of the kernel, its address, and the arrays that must live as long."""
-        task = _RateTask(len(q), address(q), address(reference), code=address(results.codes), **{
-            name: address(x) for name, x in results._asdict().items()
-            if name != "codes" and x is not None})
-        given: list[Any] = [q, reference, results, v, rates]
-        if frame is not None:
-            given.append(numbers(np.asarray(frame.origin, float), (3,)))
-            task.joint, task.local = frame.joint, address(given[-1])
-        if v is not None:
-            task.motion = address(v)
-        if rates is not None:
-            task.speed, task.acceleration = map(address, rates)
-        return task, ctypes.byref(task), given
 
     def prepared_idle(self, out: Array) -> Callable[[], None]:
         """Return what finds joint velocities (n_passive, nv) of idle rotations, into `out`.
@@ -235,18 +239,6 @@ class RateSolver:
             self._handle, None if v is None else address(v),
             None if derivative is None else address(derivative), address(full), address(rates))
         return rates
-
-
-def _choose(task: _RateTask, chosen: Chosen | None) -> tuple[NDArray[Any], ...]:
-    """Give a task chosen equations; returns the arrays that must live as long as C reads them."""
-    if chosen is None:
-        task.equations = None
-        return ()
-    rows = np.ascontiguousarray(chosen.rows, np.int64)
-    fill = np.ascontiguousarray(chosen.fill, float)
-    task.equations, task.n_equations = address(rows), len(rows)
-    task.fill, task.n_fill = address(fill), len(fill)
-    return rows, fill
 
 
 def rates_of(kernel: Kernel, driven: tuple[int, ...], n_moving: int) -> RateSolver:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from spatial_pin.assembly.start_values import read_guess
 from spatial_pin.errors import ContinuumError
-from spatial_pin.kernel.closer import Closer
+from spatial_pin.kernel.closer import Closer, descend
 from spatial_pin.mechanism.coordinates import with_values
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
@@ -105,7 +105,7 @@ class Starts:
 
     def descend(self, q: Array) -> tuple[Array, Array]:
         """Return configurations q (nq, m) with their loops closed, and residuals (m,)."""
-        closed, error = self._closer.descend(q.T, self.free, TOLERANCES.tight, ITERATIONS)
+        closed, error = descend(self._closer, q.T, self.free, TOLERANCES.tight, ITERATIONS)
         return closed.T, error
 
     def learn(self, closed: Array) -> None:

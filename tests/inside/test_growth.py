@@ -11,8 +11,7 @@ from folders import ROOT
 from variety import few
 
 import spatial_pin as sp
-from spatial_pin.constraints.kernel_tree import KernelTree
-from spatial_pin.constraints.trees import Tree, tree_of
+from spatial_pin.constraints.trees import LargeTree, Tree, tree_of
 from spatial_pin.dynamics.simulation.formulations import independent
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.kernel.integrating import RungeKutta
@@ -101,7 +100,7 @@ def test_many_loops_far_from_where_they_flatten_are_not_held_for_near(loops):
 def test_a_large_tree_moves_in_the_kernel_as_in_pinocchio():
     mechanism = models.ladder(40)
     own, whole = tree_of(mechanism.model), Tree(mechanism.model)
-    assert isinstance(own, KernelTree)
+    assert isinstance(own, LargeTree)
     q, v, a = np.random.default_rng(2).uniform(-1.0, 1.0, (3, mechanism.model.nv))
     for tree in (own, whole):
         tree.update(q)

@@ -18,7 +18,7 @@ from spatial_pin.dimensions.varied_samples import VariedSamples
 from spatial_pin.dynamics import loaded_samples
 from spatial_pin.dynamics.simulation.run import Run
 from spatial_pin.inverse_kinematics import reach_path
-from spatial_pin.kernel.kkt import KKT
+from spatial_pin.kernel.kkt import CoreKKT
 from spatial_pin.mobility.mode_search import ModeSearch
 from spatial_pin.proximity.clearance_search import ClearanceSearch
 from spatial_pin.proximity.distances import Distances
@@ -218,7 +218,7 @@ def test_forces_and_derivatives_along_a_motion_are_kept_until_ctrl_c(monkeypatch
     forces, derived = sp.kinetostatics(mechanism, motion), sp.sensitivity(
         mechanism, motion, "right_pin", ["a"])
     monkeypatch.setattr(loaded_samples, "SAMPLES_AT_ONCE", 10)
-    monkeypatch.setattr(KKT, "of_many", interrupting(KKT.of_many, 3))
+    monkeypatch.setattr(CoreKKT, "of_many", interrupting(CoreKKT.of_many, 3))
     with pytest.raises(sp.Interrupted) as stopped:
         sp.kinetostatics(mechanism, motion)
     assert "not whole" in repr(stopped.value)
@@ -236,7 +236,7 @@ def test_forces_and_derivatives_along_a_motion_are_kept_until_ctrl_c(monkeypatch
 
 
 @pytest.mark.parametrize(("words", "owner", "name"), [
-    (["statics", "geared_five_bar"], KKT, "of_many"),
+    (["statics", "geared_five_bar"], CoreKKT, "of_many"),
     (["sensitivity", "four_bar", "rocker_pin"], _Around, "differentiated"),
 ], ids=["statics", "sensitivity"])
 def test_commands_tell_what_they_found_along_a_sweep_until_ctrl_c(

@@ -77,7 +77,7 @@ def test_equations_of_many_configurations_and_of_the_kernel_are_the_same(tmp_pat
     evaluation, equations = LoopEquations(mechanism), Equations(mechanism)
     evaluation.update(q[:, 0])
     none, dense = np.zeros(mechanism.model.nv), np.zeros_like(evaluation.jacobian)
-    kkt, (at, columns, indices) = equations.kkt, equations.tree.mass_entries(True)
+    kkt, (at, columns, indices) = equations.kkt, kernel_tree.mass_entries(equations.tree, True)
     kkt.mass[indices] = at == columns
     kkt.accelerations(q[:, 0], none, evaluation.angle_reference, none, none)
     rows, columns, values = kkt.entries

@@ -23,6 +23,7 @@ from spatial_pin.kernel.closer import (
     NamedCoordinates,
     PerturbedStarts,
     closer_of,
+    descend,
     opposite_axes,
 )
 from spatial_pin.numerics.linalg import decompose
@@ -56,7 +57,7 @@ def test_first_step_is_that_of_singular_values(name: str) -> None:
     step[free] = -svd.vt[:r].T @ (s * (svd.u[:, :r].T @ residual) / (s * s + FAR_DAMPING * length))
     expected = pin.integrate(mechanism.model, q, mechanism.velocity_scale * step)
     closer = Closer(mechanism)
-    found, left = closer.descend(q[None], free, 0.0, 1)
+    found, left = descend(closer, q[None], free, 0.0, 1)
     evaluation.update(expected)
     assert left[0] <= length
     if float(np.linalg.norm(evaluation.residual)) < length:  # else it is damped more
@@ -102,11 +103,12 @@ def test_answer_does_not_depend_on_what_was_closed_before() -> None:
     mechanism = library("rssr")
     free = np.ones(mechanism.model.nv, dtype=bool)
     q = _near(mechanism, 4, 0.3)
-    fresh = Closer(mechanism).close(q, free, np.empty(0), 1e-13, 60, (), 1e-10)
+    how = ClosureSettings(free, None, 1e-13, 60, 1e-10)
+    (fresh,) = Closer(mechanism).solve([q], how)
     used = Closer(mechanism)
     for seed in range(3):
-        used.close(_near(mechanism, seed, 1.0), free, np.empty(0), 1e-13, 60, (), 1e-10)
-    again = used.close(q, free, np.empty(0), 1e-13, 60, (), 1e-10)
+        used.solve([_near(mechanism, seed, 1.0)], how)
+    (again,) = used.solve([q], how)
     assert np.array_equal(fresh.q, again.q)
     assert fresh.error == again.error
 
@@ -118,10 +120,10 @@ def test_many_loops_close_as_few_do() -> None:
     free[[mechanism.coordinate(d).v for d in mechanism.drivers]] = False
     q = _near(mechanism, 5, MOVED)
     closer = Closer(mechanism)
-    few, error, *_ = closer.close(q, free, np.empty(0), 1e-13, 60, (), 1e-10)
+    ((few, error, *_),) = closer.solve([q], ClosureSettings(free, None, 1e-13, 60, 1e-10))
     q[[mechanism.coordinate(d).q for d in mechanism.drivers]] = few[
         [mechanism.coordinate(d).q for d in mechanism.drivers]]
-    many, left = closer.descend(q[None], free, 1e-13, 60)
+    many, left = descend(closer, q[None], free, 1e-13, 60)
     assert error <= 1e-15
     assert left[0] <= 1e-13
     assert np.abs(many[0] - few).max() <= 1e-11
@@ -131,14 +133,14 @@ def test_many_loops_close_as_few_do() -> None:
 def test_configurations_closed_in_one_go_are_those_closed_one_by_one(name: str) -> None:
     mechanism = library(name)
     q = np.array([_near(mechanism, seed, 3.0) for seed in range(8)])
-    free, turns = np.ones(mechanism.model.nv, dtype=bool), np.empty(0)
+    free = np.ones(mechanism.model.nv, dtype=bool)
     free[mechanism.coordinate(next(iter(mechanism.drivers))).v] = False
-    rest = free, turns, 1e-13, 60, (), 1e-9
+    rest = ClosureSettings(free, None, 1e-13, 60, 1e-9)
     asked = ClosureSettings(free, None, 1e-13, 60, 1e-9, np.zeros(mechanism.model.nq, np.int64),
                             (q[0], q[0]), None)
     together, alone = Closer(mechanism).solve(q, asked, q[0]), Closer(mechanism)
     for start, found in zip(q, together, strict=True):
-        known = alone.close(start, *rest)
+        (known,) = alone.solve([start], rest)
         assert np.array_equal(found.q, known.q)
         assert found[1:3] == known[1:3]
 

@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin._support.checks import checked
-from spatial_pin._support.lazy import acquired
+from spatial_pin._support.lazy import acquired, made_once
 from spatial_pin.assembly.state import State, angles_of, at_sample, moving_in_time, pieces
-from spatial_pin.constraints.trees import single_jointed
+from spatial_pin.constraints.composite_joints import single_joints
+from spatial_pin.constraints.kernel_tree import TreeTask, centred_tree
 from spatial_pin.dynamics.derivatives.reaction_derivatives import Linear, ReactionChanges
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives, products_of
 from spatial_pin.dynamics.derivatives.spring_derivatives import ExternalWrenches, Slopes, Springs
@@ -277,14 +278,25 @@ def _together(
     if forces.exist:
         turning = np.array([springs.turned(*x) for x in zip(q, v, strict=True)])
         effort, slopes = effort - turning[:, 0], turning[:, 1:]
-    with acquired(equations.mechanism, single_jointed) as tree:
+    with acquired(equations.mechanism, centred_tree) as tree:
+        tree.take_masses()
         found = equations.core_kkt.of_many(
-            q, v, angles, effort, changes=(tree, products_of(equations.mechanism), slopes))
+            q, v, angles, effort, changes=(tree, _task_of_changes(equations), slopes))
     facts = found.facts.T.tolist()
     is_sure = (min(facts[PIVOT]) >= TOLERANCES.rank if equations.is_large else
                max(facts[ERROR]) <= DOUBTFUL and min(facts[PIVOT]) >= TOLERANCES.zero)
     has_one_rank = min(facts[RANK]) == max(facts[RANK])
     return found if is_sure and has_one_rank and not max(facts[FAILED]) else None
+
+
+@made_once
+def _task_of_changes(equations: Equations) -> TreeTask:
+    """Return what the kernel finds changes of joint forces and of closure equations by."""
+    mechanism, n, nv = equations.mechanism, equations.n_closure, equations.model.nv
+    by_q, by_v = np.empty((2, 3, n, nv))
+    outside = np.zeros((len(single_joints(mechanism).kind), 6))
+    return TreeTask.of(**products_of(mechanism), outside=outside, values=np.empty((3, n)),
+                       product_by_q=by_q, product_by_v=by_v, bent=np.empty((nv, nv)))
 
 
 def exact_mechanism(state: State) -> Mechanism:

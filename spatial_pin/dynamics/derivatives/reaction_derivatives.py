@@ -134,15 +134,15 @@ class ReactionChanges:
         d(X f) = X (df + d x* f) [Featherstone2008, 2.9].
         """
         tree, total = self.rows.bodies, self._new(len(self.rows.placements), 6)
-        model, whole = tree.model, self.mechanism.model
+        whole = self.mechanism.model
         carried = [total[0, :, 1:]]  # world twists of a joint's accelerations that move
-        for joint in range(1, model.njoints):
+        for joint, parent in enumerate(tree.parents[1:].tolist(), start=1):
             own = tree.joint_of == joint
-            carried.append(carried[model.parents[joint]] + tree.columns[own].T @ self.a[own, 1:])
+            carried.append(carried[parent] + tree.columns[own].T @ self.a[own, 1:])
         for i, out in enumerate(total[1:], start=1):
             joint = tree.joints[i]
             (v_by_q,), (a_by_q,), (a_by_v,), (columns,) = tree.by_motion(np.array([i]))
-            (back,) = tree.to_bodies(np.array([joint]))
+            (back,) = tree.to_bodies(np.array([i]))
             inertia, v = whole.inertias[i].matrix(), back @ tree.v[joint]
             pull = self.rows.placements[i, :3] @ whole.gravity.linear
             falling = np.zeros((6, self.nv))

@@ -7,15 +7,16 @@ kernel differentiates the products, see `tree_products.c`.
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from spatial_pin._support.lazy import acquired, made_once
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.composed_equations import Composed, composed_of
-from spatial_pin.constraints.composite_joints import split_of
-from spatial_pin.constraints.kernel_tree import TreeProducts
-from spatial_pin.constraints.trees import Motion, TreeMotion, single_jointed
+from spatial_pin.constraints.composite_joints import TreeArrays, single_joints
+from spatial_pin.constraints.kernel_tree import centred_tree
+from spatial_pin.constraints.trees import Motion, TreeMotion
 from spatial_pin.dynamics.forces import Forces
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
@@ -56,10 +57,13 @@ class RowDerivatives:
 
     @cached_property
     def _evaluated(self) -> tuple[Array, Array, Array]:
-        with acquired(self.mechanism, single_jointed) as tree:
-            products = tree.products(*self.motion, self.of_products)
-        products[0][0, : self.closed] -= self.constraints.constants[: self.closed]
-        return products
+        n = self.of_products["n_products"]
+        values, by_q, by_v = np.empty((3, n)), *np.zeros((2, 3, n, self.nv))
+        with acquired(self.mechanism, centred_tree) as tree:
+            tree.evaluate(*self.motion, **self.of_products, values=values, product_by_q=by_q,
+                          product_by_v=by_v)
+        values[0, : self.closed] -= self.constraints.constants[: self.closed]
+        return values, by_q, by_v
 
     @cached_property
     def bodies(self) -> TreeMotion:
@@ -69,12 +73,16 @@ class RowDerivatives:
     @cached_property
     def placements(self) -> Array:
         """(njoints, 4, 3) columns of the rotation, then the position, of each joint."""
-        with acquired(self.mechanism, single_jointed) as tree:
-            tree.update(self.motion[0])
-            return tree.placements[split_of(self.mechanism).joint]
+        with acquired(self.mechanism, centred_tree) as tree:
+            n = len(tree.arrays.kind)
+            rotations, positions = np.empty((n, 3, 3)), np.empty((n, 3))
+            tree.evaluate(self.motion[0], R=rotations, p=positions)
+            return tree.placed(rotations, positions)
 
     def force_changes(self, outside: Array, weights: Array, out: Array) -> None:
         """Find how joint forces that the motion needs change with q and v, less those of products.
+
+        As `pin.computeRNEADerivatives` does, but for any joints.
 
         Args:
             outside: (joints, 6) wrenches that act on the bodies of single joints, world axes, about
@@ -83,8 +91,10 @@ class RowDerivatives:
             out: (2, nv, nv) zeros, to be filled with the transposed derivatives by q and by v.
         """
         bent = np.zeros((self.nv, self.nv)) if weights.size else None
-        with acquired(self.mechanism, single_jointed) as tree:
-            tree.derivatives(*self.motion, outside, out, self.of_products, weights, bent)
+        with acquired(self.mechanism, centred_tree) as tree:
+            tree.take_masses()
+            tree.evaluate(*self.motion, **self.of_products, outside=outside, by_q=out[0],
+                          by_v=out[1], weights=weights, bent=bent)
         if bent is not None:
             out[0] -= bent.T
 
@@ -155,8 +165,11 @@ class RowDerivatives:
 
 
 @made_once
-def products_of(mechanism: Mechanism) -> TreeProducts:
-    """Return the products of closure rows, of springs between frames, and of bushings."""
+def products_of(mechanism: Mechanism) -> dict[str, Any]:
+    """Return the products of closure rows, of springs between frames, and of bushings.
+
+    They are inputs of `KernelTree.evaluate`.
+    """
     c, forces = constraints_of(mechanism), Forces(mechanism)
     a, b = list[Coefficients](), list[Coefficients]()
     for numbers, factors in zip(c.parts[: c.passive_at], c.part_factors, strict=False):
@@ -177,5 +190,21 @@ def products_of(mechanism: Mechanism) -> TreeProducts:
         more = bushing.products
         a += more[0]
         b += more[1]
-    with acquired(mechanism, single_jointed) as tree:
-        return tree.packed_products(split_of(mechanism).joint, a, b)
+    return _packed(single_joints(mechanism), a, b)
+
+
+def _packed(tree: TreeArrays, a: list[Coefficients], b: list[Coefficients]) -> dict[str, Any]:
+    """Return products of vectors a and b for the kernel."""
+    bodies, both = np.zeros((len(a), 2), np.int64), np.zeros((2, len(a), 2, 4))
+    for row, vectors in enumerate(zip(a, b, strict=True)):
+        joints = set().union(*vectors)
+        carried = sorted(joints - {0}, reverse=True)
+        if len(carried) > 2 or (len(carried) == 2 and 0 in joints):
+            raise NotImplementedError("the kernel has no products of vectors on three bodies")
+        for side, joint in enumerate([*carried, 0][:2]):
+            body = bodies[row, side] = tree.carriers[joint]
+            for parts, vector in zip(both, vectors, strict=True):
+                if joint in vector:
+                    parts[row, side, :3] = tree.frames[body].T @ vector[joint][:3]
+                    parts[row, side, 3] = vector[joint][3]
+    return {"n_products": len(a), "bodies": bodies, "a_parts": both[0], "b_parts": both[1]}

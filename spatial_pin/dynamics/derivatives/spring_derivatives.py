@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from spatial_pin._support.checks import finite_array
-from spatial_pin.constraints.composite_joints import split_of
+from spatial_pin.constraints.composite_joints import single_joints
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
 from spatial_pin.dynamics.forces import Forces, Law, LineSpring
 from spatial_pin.errors import UnknownNameError
@@ -234,8 +234,8 @@ class ExternalWrenches:
 
     def on_joints(self, rows: RowDerivatives) -> Array:
         """Return the wrenches (joints, 6), world axes, about the origins of the single joints."""
-        model, joints = split_of(rows.mechanism)
-        total = np.zeros((model.njoints, 6))
+        tree = single_joints(rows.mechanism)
+        total, joints = np.zeros((len(tree.kind), 6)), tree.carriers
         for joint, placement, force in self._moving:
             lever = placement.translation @ rows.placements[joint, :3]
             total[joints[joint], :3] += force.linear

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from spatial_pin.assembly.state import State, all_angles
 from spatial_pin.assembly.undetermined import Regular, has_constant_rank, lost_rank_words, rank_loss
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.constraints.kernel_tree import KernelTree, is_large
+from spatial_pin.constraints.kernel_tree import KernelTree, is_large, mass_entries
 from spatial_pin.errors import SingularError
-from spatial_pin.kernel.kkt import KKT
+from spatial_pin.kernel.kkt import KKT, CoreKKT
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array, Decomposition, SparseSpaces, full_decomposition
@@ -79,16 +79,16 @@ class Loops:
     @cached_property
     def kkt(self) -> KKT:
         """The KKT system of all joints."""
-        return KKT(self.mechanism, self.tree.mass_entries(True))
+        return KKT(self.mechanism, mass_entries(self.tree, True))
 
     @cached_property
-    def core_kkt(self) -> KKT:
+    def core_kkt(self) -> CoreKKT:
         """The KKT system of the core, as if its bodies had articulated inertias.
 
         Limbs are eliminated before, from the tips inwards, at a cost in proportion to their number:
         the articulated-body algorithm [Featherstone2008, 7.3]. An open tree is all limbs.
         """
-        return KKT(self.mechanism, self.tree.mass_entries(False), self.tree)
+        return CoreKKT(self.mechanism, self.tree)
 
     @cached_property
     def _evaluation(self) -> LoopEquations:
@@ -176,7 +176,7 @@ class Loops:
 
     def rest_without_masses(self, v: Array, force: Array) -> Array:
         """Solve the KKT system with a unit mass matrix of the scaled velocities."""
-        rows, columns, at = self.tree.mass_entries(True)
+        rows, columns, at = mass_entries(self.tree, True)
         own = rows == columns
         self.kkt.mass[:] = 0.0
         self.kkt.mass[at[own]] = self.scale[rows[own]] ** -2.0

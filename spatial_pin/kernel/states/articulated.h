@@ -7,7 +7,7 @@
 
 typedef struct Tree Tree;
 
-/* n motions of a tree, and what each gives: as `_TreeTask` in kernel_tree.py. Outputs that are NULL are
+/* n motions of a tree, and what each gives: as `TreeTask` in kernel_tree.py. Outputs that are NULL are
    not wanted; from `outside` on they are those of one motion. */
 typedef struct {
     Int n;

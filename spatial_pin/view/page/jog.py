@@ -149,7 +149,9 @@ class Jog:
     def _tracker(self, state: State, driven: Sequence[Coordinate]) -> Iterator[PathTracker]:
         """Acquire a tracker on the branch of a state, the first coordinate driven."""
         with Workspaces() as workspaces:
-            yield PathTracker.at(state, driven, self._accuracy, workspaces)
+            tracker = PathTracker(state.mechanism, driven, None, self._accuracy, workspaces)
+            tracker.start(state)
+            yield tracker
 
     def _go(self, tracker: PathTracker, value: float) -> JogStop | None:
         """Follow a branch to a value, straight on where it crosses another one."""
