@@ -37,15 +37,20 @@ class SquareSystem:
     It has independent closure equations, resolved passive freedoms, drivers, fixed entries, and a
     least-motion equation for each unresolved passive freedom; its unknowns are scaled velocities.
 
-    Attributes: evaluation: the closure equations at the current configuration. driven: the
-    prescribed coordinates. still: indices of zero entries in the velocity vector. equations:
-    indices of the independent closure equations. scale: (nv,) velocity of a unit of each unknown.
-    drive: (d, nv) derivatives of driven coordinates, then of fixed entries. passive: (k, nv)
-    unresolved passive freedoms at the selection of equations, orthonormal. size: length of the
-    longest independent closure equation at any selection. matrix: (nv, nv) of the system, as last
-    factored. pivot: its smallest over largest pivot; 0 if it is singular. Equations are selected at
-    q (nq,). By default the free bases that are not driven are still. With a frame only its velocity
-    must be determined.
+    Equations are selected at q (nq,). By default the free bases that are not driven are still. With
+    a frame only its velocity must be determined.
+
+    Attributes:
+        evaluation: the closure equations at the current configuration.
+        driven: the prescribed coordinates.
+        still: indices of zero entries in the velocity vector.
+        equations: indices of the independent closure equations.
+        scale: (nv,) velocity of a unit of each unknown.
+        drive: (d, nv) derivatives of driven coordinates, then of fixed entries.
+        passive: (k, nv) unresolved passive freedoms at the selection of equations, orthonormal.
+        size: length of the longest independent closure equation at any selection.
+        matrix: (nv, nv) of the system, as last factored.
+        pivot: its smallest over largest pivot; 0 if it is singular.
     """
 
     def __init__(

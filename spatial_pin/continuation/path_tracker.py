@@ -87,10 +87,13 @@ class Branch:
 
     Its evaluation and its kernel are acquired at the first use.
 
-    Attributes: driven: the prescribed coordinates, the driver first. still: indices in the velocity
-    vector of coordinates at rest. Coordinates at rest are by default those of free bases. `law` has
-    the first prescribed coordinates as functions of a parameter, see `DriversLaw`, which is `begin`
-    at the start; by default the driver itself is the parameter.
+    Attributes:
+        driven: the prescribed coordinates, the driver first.
+        still: indices in the velocity vector of coordinates at rest, by default those of free
+            bases.
+
+    `law` has the first prescribed coordinates as functions of a parameter, see `DriversLaw`, which
+    is `begin` at the start; by default the driver itself is the parameter.
     """
 
     def __init__(
