@@ -16,13 +16,12 @@ import numpy as np
 
 from spatial_pin.assembly.close import scaled_row
 from spatial_pin.assembly.holding import fixed_base_entries
-from spatial_pin.assembly.square_system import SINGULAR_PIVOT
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.dimensions.moved_geometry import MovedGeometry
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
 from spatial_pin.dynamics.forces import Forces
-from spatial_pin.errors import SingularError, SpatialPinError
+from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
@@ -79,18 +78,6 @@ class ClosedDerivatives:
     def positions(self) -> Decomposition:
         """The closure equations, drivers and fixed entries, by scaled velocities."""
         return full_decomposition(self._matrix(self.by[0][0][:, self.geometry.v] * self.scale))
-
-    def check_regular(self) -> None:
-        """Refuse a configuration so near to a singular one that derivatives have no digit.
-
-        Raises:
-            SingularError: a singular value is neither zero nor large enough, as for rates.
-        """
-        sizes = self.positions.s[: self.positions.rank]
-        if len(sizes) and sizes[-1] < SINGULAR_PIVOT * sizes[0]:
-            raise SingularError(
-                f"mechanism {self.mechanism.name!r}: singular configuration, {self.state}: the"
-                " derivatives have no reliable digit there", state=self.state)
 
     def _matrix(self, closed: Array) -> Array:
         m, q = self.state.mechanism, self.state.q
