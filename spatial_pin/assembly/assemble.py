@@ -19,7 +19,7 @@ from spatial_pin.assembly.redundant_equations import (
     gap_allowed,
     without_rounded_equations,
 )
-from spatial_pin.assembly.search import Search, failure
+from spatial_pin.assembly.search import Search, closed_at_once, failure
 from spatial_pin.assembly.start_values import (
     Guess,
     read_guess,
@@ -215,7 +215,7 @@ def solved(
     mechanism, driver_values = problem.mechanism, problem.driver_values
     result = None
     if not limits and (together or len(problem.free_set.groups) < 2):
-        result = problem.closed_at_once()
+        result = closed_at_once(problem)
     q, seen = result or _searched(problem, limits, release)
     lost = problem.lost
     if with_turns := problem.with_turns():
@@ -243,7 +243,8 @@ def _searched(problem: AssemblyProblem, limits: bool, release: bool) -> tuple[Ar
         search.run(release=release)
         if search.best is None and problem.standing and release and not search.is_beyond_gap:
             before, search = search, Search(problem.released(), limits)
-            search.run(problem.unreleased, before=before)
+            search.run(with_values(problem.mechanism, problem.guess.q, problem.given),
+                       before=before)
         if search.best is None:
             raise failure(search)
         q = search.best[1]

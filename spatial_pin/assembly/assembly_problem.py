@@ -1,10 +1,9 @@
-"""The assembly problem: equations, fixed and free coordinates, acceptance of results."""
+"""The assembly problem: equations, fixed and free coordinates, start."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -20,24 +19,20 @@ from spatial_pin.assembly.holding import (
     loop_groups,
     part_of,
 )
-from spatial_pin.assembly.redundant_equations import NEARLY_OPEN
 from spatial_pin.assembly.start_values import (
     COORDINATE_ERROR,
     NEAR_GUESS,
-    OPEN,
     Guess,
     StartSpread,
     entry_kinds,
     far_lengths,
     periodic,
     start_spread,
-    turn_free_difference,
     turns_of_others,
 )
 from spatial_pin.assembly.state import all_angles
 from spatial_pin.kernel.closer import (
     LOOSE,
-    MOST_GROUPS,
     NAMED,
     Closer,
     ClosureResult,
@@ -49,7 +44,6 @@ from spatial_pin.kernel.closer import (
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
 from spatial_pin.mechanism.coordinates import (
     by_joint,
-    coordinate_round_off,
     coordinate_value,
     driver_coordinates,
     with_values,
@@ -129,59 +123,60 @@ def free_set(
                    float(mechanism.velocity_scale.min(initial=1.0)) / COORDINATE_ERROR)
 
 
+@dataclass(eq=False)
 class AssemblyProblem:
-    """The equations to close, fixed coordinates, and the acceptance of results.
+    """Equations to close, with fixed coordinates and a start.
 
     For a file with rounded numbers, all equations are solved first in the least-squares sense, with
-    a residual up to `gap`. Workspaces are acquired on first use. `held` are coordinates with given
-    values, `standing` fixed drivers, and `let_go` drivers that move as little as possible, each
-    with its value by coordinate. The guess has the start, and named coordinates. `still` are other
-    fixed velocity entries, by default those of free bases. `reference` (n_angles,) is what angles
-    of screws are unwrapped from; `workspaces` are those of a problem that this one is part of.
-
-    `driver_values` are wanted values of drivers without a given value, which stand elsewhere if a
-    larger mechanism has it so.
+    a residual up to `gap`.
 
     Attributes:
+        given: coordinates with given values.
+        standing: fixed drivers, with their values.
+        guess: the start, and named coordinates.
+        reference: (n_angles,) what angles of screws are unwrapped from.
+        let_go: drivers that move as little as possible from values.
+        still: other fixed velocity entries; None: those of free bases.
+        driver_values: wanted values of drivers without a given value, which stand elsewhere if a
+            larger mechanism has it so.
         lost: coordinates with a warning, see `State.lost_turns`.
-        known: results of `reached` for the goal and further starts, if known.
+        held: all fixed coordinates, with their values.
+        goal: (nq,) the guess with these values.
     """
 
-    known: list[ClosureResult] | None = None
+    mechanism: Mechanism
+    given: Mapping[str, float]
+    standing: Mapping[str, float]
+    guess: Guess
+    tolerance: float
+    gap: float
+    reference: Array
+    let_go: Mapping[str, float] = field(default_factory=dict)
+    still: tuple[int, ...] | None = None
+    driver_values: Mapping[str, float] = field(default_factory=dict)
+    lost: tuple[str, ...] = ()
 
-    def __init__(
-        self, mechanism: Mechanism, held: Mapping[str, float], standing: Mapping[str, float],
-        guess: Guess, tolerance: float, gap: float, reference: Array,
-        let_go: Mapping[str, float] = NOTHING, still: tuple[int, ...] | None = None,
-        workspaces: Workspaces | None = None, driver_values: Mapping[str, float] = NOTHING,
-        lost: tuple[str, ...] = (),
-    ) -> None:
-        self.mechanism, self.reference = mechanism, reference
-        if workspaces is not None:
-            self.workspaces = workspaces
-        self.given, self.standing = held, standing
-        self.held, self.let_go = {**held, **standing}, let_go
-        self.tolerance, self.gap = tolerance, gap
-        self.driver_values, self.lost = driver_values, lost
-        self.free_set = free_set(
-            mechanism, tuple(self.held), tuple(self.let_go), guess.names, still, tolerance)
-        self.settings, self._guess, self._stands = self.free_set.settings, guess, still or ()
-        self.pinned = NOTHING
-        if self.free_set.pinned:
-            self.pinned = {name: self.held[name] for name in self.free_set.pinned}
-            self.goal = with_values(mechanism, guess.q, self.held)
+    def __post_init__(self) -> None:
+        """Determine the free coordinates, and put the fixed ones into the guess."""
+        mechanism, guess = self.mechanism, self.guess
+        self.held = held = {**self.given, **self.standing}
+        self.free_set = free = free_set(
+            mechanism, tuple(held), tuple(self.let_go), guess.names, self.still, self.tolerance)
+        self.settings, self.pinned = free.settings, NOTHING
+        if free.pinned:
+            self.pinned = {name: held[name] for name in free.pinned}
+            self.goal = with_values(mechanism, guess.q, held)
         else:
             self.goal = guess.q.copy()
-            for at, value in zip(self.free_set.indices, self.held.values(), strict=True):
+            for at, value in zip(free.indices, held.values(), strict=True):
                 self.goal[at] = value
+        self._from_goal: list[ClosureResult] | None = None
 
-    def _changed(
-        self, held: Mapping[str, float], standing: Mapping[str, float], guess: Guess,
-        let_go: Mapping[str, float] = NOTHING, still: tuple[int, ...] | None = None,
-    ) -> AssemblyProblem:
-        """Return the same with other coordinates fixed, and another guess."""
-        return AssemblyProblem(self.mechanism, held, standing, guess, self.tolerance, self.gap,
-                               self.reference, let_go, still, self.workspaces)
+    def _changed(self, **changes: Any) -> AssemblyProblem:
+        """Return the problem with other attributes, in the same workspaces."""
+        other = replace(self, **changes)
+        other.workspaces = self.workspaces
+        return other
 
     def part(self, group: LoopGroup) -> AssemblyProblem:
         """Return the problem of a group of loops, all other joints fixed at the guess."""
@@ -189,20 +184,20 @@ class AssemblyProblem:
         table = self.mechanism.coordinate_table
         standing, let_go = ({name: x for name, x in some.items() if group.entries[table[name].v]}
                             for some in (self.standing, self.let_go))
-        return AssemblyProblem(
-            part_of(self.mechanism, group.closures), self.given, standing, self._guess,
-            self.tolerance, self.gap, self.reference[group.angles], let_go,
-            tuple(sorted(still)), self.workspaces)
+        return self._changed(
+            mechanism=part_of(self.mechanism, group.closures), standing=standing,
+            reference=self.reference[group.angles], let_go=let_go, still=tuple(sorted(still)))
 
     @property
     def _near_standing(self) -> Guess:
         """The guess with fixed drivers at their values, which are named too."""
-        return Guess(self.mechanism, with_values(self.mechanism, self._guess.q, self.standing),
-                     {**self.standing, **self._guess.values})
+        return Guess(self.mechanism, with_values(self.mechanism, self.guess.q, self.standing),
+                     {**self.standing, **self.guess.values})
 
     def released(self) -> AssemblyProblem:
         """Return the same with drivers released: as near as possible to their values."""
-        return self._changed(self.given, {}, self._near_standing, self.driver_values)
+        return self._changed(
+            standing={}, guess=self._near_standing, let_go=self.driver_values, still=None)
 
     def without_standing(self, moving: Iterable[str]) -> AssemblyProblem:
         """Return the same with drivers free that coordinates with values surely move.
@@ -211,34 +206,31 @@ class AssemblyProblem:
         """
         moved = [driver_coordinates(self.mechanism)[name].name for name in moving]
         standing = {name: x for name, x in self.standing.items() if name not in moved}
-        return self._changed(self.given, standing, self._near_standing)
-
-    @property
-    def unreleased(self) -> Array:
-        """(nq,) the guess with the given values; drivers may have other values there."""
-        return with_values(self.mechanism, self._guess.q, self.given)
+        return self._changed(
+            standing=standing, guess=self._near_standing, let_go=NOTHING, still=None)
 
     def fixed_at(self, q: Array) -> AssemblyProblem:
         """Return the same with released drivers fixed at their values in q (nq,)."""
         table = self.mechanism.coordinate_table
         standing = {name: coordinate_value(self.mechanism, table[name], q) for name in self.let_go}
-        return self._changed(self.given, standing, self._guess, still=self.free_set.still)
+        return self._changed(standing=standing, let_go=NOTHING, still=self.free_set.still)
 
     def nearest_to(self, q: Array) -> AssemblyProblem:
         """Return the same with nothing fixed: it starts at q (nq,), and nearest to it is best."""
         named = {**self.named, **self.held}
         guess = Guess(self.mechanism, with_values(self.mechanism, q, named), named)
-        return self._changed({}, {}, guess, still=self.free_set.still)
+        return self._changed(given={}, standing={}, guess=guess, let_go=NOTHING,
+                             still=self.free_set.still)
 
     def with_turns(self) -> Callable[[Array], tuple[Array, tuple[str, ...]]] | None:
         """See `turns_of_others`; None if nothing is set far from the guess."""
         if not (self.given and self.mechanism.closures):
             return None
-        return turns_of_others(self.mechanism, self._guess, self.goal, self.free_set.fixed)
+        return turns_of_others(self.mechanism, self.guess, self.goal, self.free_set.fixed)
 
     @cached_property
     def workspaces(self) -> Workspaces:
-        """The acquired workspaces."""
+        """The acquired workspaces, for parts of the problem too."""
         return Workspaces()
 
     @cached_property
@@ -257,7 +249,7 @@ class AssemblyProblem:
     @cached_property
     def entries(self) -> NDArray[np.bool_]:
         """(nv,) the relevant velocities: for a group of loops those of its joints."""
-        return free_velocities(self.mechanism, self._stands, ())
+        return free_velocities(self.mechanism, self.still or (), ())
 
     def is_relevant(self, name: str) -> bool:
         """Whether a coordinate is one of the `entries`."""
@@ -266,7 +258,7 @@ class AssemblyProblem:
     @cached_property
     def named(self) -> dict[str, float]:
         """Other values that the guess names, by coordinate."""
-        return {k: x for k, x in self._guess.values.items() if k not in self.held}
+        return {k: x for k, x in self.guess.values.items() if k not in self.held}
 
     def free_without(self, held: Iterable[str]) -> NDArray[np.bool_]:
         """Return (nv,) the free velocities with coordinates and free bases fixed."""
@@ -297,36 +289,16 @@ class AssemblyProblem:
         """Set the task of a closer: all loops at once, with perturbed starts."""
         closer.set_task([self.goal], self.settings, self.goal, self.reference, perturbed=True)
 
-    def closed_at_once(self) -> tuple[Array, Examined] | None:
-        """Return the result of the kernel for all loops at once, and its properties.
-
-        None if a result needs a judgement: the results are then `known`.
-        """
-        is_compared = self.can_perturb()  # else its distance is not that of the kernel
-        if self.pinned or not self.has_digits(self.goal) or not (is_compared or (
-                self.mechanism.whole is None and self.settings.are_all_named)):
-            return None
-        with closer_of(self.mechanism) as closer:
-            results = closer.solve(
-                [self.goal], self.settings, self.goal, self.reference, perturbed=is_compared)
-            best = results[0]
-            if not best.is_unique:
-                if not is_compared:
-                    return None
-                self.known = results
-                for result in results:
-                    if result.error <= ACCEPTED and not result.may_be_mirrored:
-                        best = result if is_nearer(result.distance, best.distance) else best
-                    elif result is best or result.error <= max(self.gap, OPEN):
-                        return None  # no rounding is more
-                if len(self.free_set.groups) > MOST_GROUPS and best.distance > NEAR_GUESS:
-                    return None  # each group of loops may have a nearer place
-            return best.q, best.examined or closer.examine(best.q, self.reference)
+    def from_goal(self) -> list[ClosureResult]:
+        """Return the results from the goal, and from perturbed starts if these can be tried."""
+        if self._from_goal is None:
+            self._from_goal = self._solved([self.goal], self.can_perturb())
+        return self._from_goal
 
     def reached(self, starts: Sequence[Array], shaken: bool = False) -> Iterable[ClosureResult]:
         """Return the results from starts (nq,), named coordinates fixed at first.
 
-        There are `AT_ONCE` starts at most; for `shaken` see `Closer.set_task`.
+        There are `AT_ONCE` starts at most. `shaken`: whether perturbed starts are tried too.
         """
         settings = self.settings
         if self.mechanism.whole is not None:  # all equations first
@@ -336,11 +308,14 @@ class AssemblyProblem:
             return [self.judged_at(self.closed(q, settings.free, self.pinned).q) for q in starts]
         if not starts:
             return ()
-        if self.known is not None and shaken and starts[0] is self.goal:
-            return self.known
+        if shaken and starts[0] is self.goal:
+            return self.from_goal()
+        return self._solved(starts, shaken)
+
+    def _solved(self, starts: Sequence[Array], shaken: bool) -> list[ClosureResult]:
         with closer_of(self.mechanism, self.pinned) as closer:
-            return closer.solve(
-                starts, settings, self.goal, self.reference, self.pinned.values(), shaken)
+            return closer.solve(starts, self.settings, self.goal, self.reference,
+                                self.pinned.values(), shaken)
 
     def closed(
         self, q: Array, free: NDArray[np.bool_], pinned: Mapping[str, float],
@@ -380,7 +355,7 @@ class AssemblyProblem:
         near = bool(np.abs(moved).max(initial=0.0) < NEAR_GUESS)
         return (there, open_by) if open_by <= ACCEPTED and near else (q, error)
 
-    # ------------------------------------------------------------ judging
+    # ------------------------------------------------------------ what a configuration is
 
     def judged_at(self, q: Array) -> ClosureResult:
         """Return the properties of q (nq,), without whole turns."""
@@ -394,56 +369,6 @@ class AssemblyProblem:
         """Return the properties of the mechanism's own equations at q (nq,)."""
         with closer_of(self.mechanism) as closer:
             return closer.examine(q, self.reference)
-
-    def is_sound(self, result: ClosureResult) -> bool:
-        """Whether a result is surely correct, without a comparison with others."""
-        return (result.error <= ACCEPTED and not result.may_be_mirrored
-                and self.mechanism.whole is None)
-
-    def judged(self, result: ClosureResult) -> tuple[float, str]:
-        """Return the closure error of a result, and the closure at fault or ""."""
-        if self.is_sound(result):
-            return result.error, ""
-        evaluation = self.evaluation
-        evaluation.update(result.q)
-        error = evaluation.closure_error
-        fault = "" if error <= self.accepted(result.q) else evaluation.worst_closure()
-        if self.whole is not None and not fault:
-            self.whole.update(result.q)
-            if self.whole.closure_error > self.gap:
-                return self.whole.closure_error, self.whole.worst_closure()
-        return error, fault or evaluation.mirrored()
-
-    def misses_gap(self, q: Array, error: float) -> bool:
-        """Whether all that is wrong with q (nq,) is a gap somewhat wider than allowed.
-
-        `error` is the closure error of all equations of the file.
-        """
-        if self.whole is None or not self.gap < error <= NEARLY_OPEN * self.gap:
-            return False
-        self.evaluation.update(q)
-        return self.evaluation.closure_error <= self.accepted(q) and not self.evaluation.mirrored()
-
-    def distance(self, result: ClosureResult) -> float:
-        """Return the distance of a result from the named values."""
-        if self.free_set.is_whole:
-            return result.distance
-        there = with_values(self.mechanism, result.q, self.named)
-        return math.hypot(*turn_free_difference(self.mechanism, result.q, there).tolist())
-
-    def accepted(self, q: Array) -> float:
-        """Return the closure error allowed at q (nq,), its own round-off included.
-
-        The turns of a fixed angle do not make its sine less exact.
-        """
-        q = q.copy()
-        q[[c.q for c in periodic(self.mechanism) if c.name in self.held]] = 0.0
-        return min(max(ACCEPTED, coordinate_round_off(self.mechanism, q)), OPEN)
-
-
-def is_nearer(distance: float, best: float) -> bool:
-    """Whether a distance is clearly below the best one, beyond the error of closing."""
-    return distance < best * (1.0 - 1e-6) - 1e-9
 
 
 def deviations(mechanism: Mechanism, q: Array, values: Mapping[str, float]) -> dict[str, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from itertools import islice
 
@@ -13,7 +14,6 @@ from spatial_pin.assembly.assembly_problem import (
     AssemblyProblem,
     coordinate_sizes,
     deviations,
-    is_nearer,
     size_of,
 )
 from spatial_pin.assembly.close import (
@@ -24,14 +24,22 @@ from spatial_pin.assembly.close import (
     within_limits,
 )
 from spatial_pin.assembly.holding import LoopGroup, configuration_indices
-from spatial_pin.assembly.redundant_equations import clearly_above, gap_words
-from spatial_pin.assembly.start_values import COORDINATE_ERROR, MAX_STARTS, NEAR_GUESS, starts_from
+from spatial_pin.assembly.redundant_equations import NEARLY_OPEN, clearly_above, gap_words
+from spatial_pin.assembly.start_values import (
+    COORDINATE_ERROR,
+    MAX_STARTS,
+    NEAR_GUESS,
+    OPEN,
+    periodic,
+    starts_from,
+    turn_free_difference,
+)
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import AssemblyError
-from spatial_pin.kernel.closer import AT_ONCE, ClosureResult, Examined, opposite_axes
+from spatial_pin.kernel.closer import AT_ONCE, MOST_GROUPS, ClosureResult, Examined, opposite_axes
 from spatial_pin.kernel.loop_equations import LoopEquations
-from spatial_pin.mechanism.coordinates import coordinate_value, with_values
+from spatial_pin.mechanism.coordinates import coordinate_round_off, coordinate_value, with_values
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -166,7 +174,7 @@ class Search:
         results = list(self.problem.reached([q], shaken))
         for result in results:
             self.keep(result)
-        return shaken and self.problem.is_sound(results[0])
+        return shaken and _is_sound(self.problem, results[0])
 
     def keep(self, result: ClosureResult) -> None:
         """Keep a result if it is the best so far."""
@@ -176,12 +184,12 @@ class Search:
             if problem.given or can_move(
                     problem.evaluation, free, problem.let_go, problem.pinned):
                 result = problem.judged_at(least)
-        error, fault = problem.judged(result)
+        error, fault, misses_gap = _judged(problem, result)
         if self.limits and not fault:
             result, fault = _moved_within_limits(problem, result)
-        q, distance = result.q, problem.distance(result)
+        q, distance = result.q, _distance(problem, result)
         if fault:
-            if problem.misses_gap(q, error) and (
+            if misses_gap and (
                     self._beyond_gap is None or is_nearer(distance, self._beyond_gap[0])):
                 self._beyond_gap = distance, (error, q, fault)
             if self.nearest_miss is None or error < self.nearest_miss[0]:
@@ -200,6 +208,71 @@ class Search:
         return self.best[0] < near or k - self._first_success >= MORE_STARTS
 
 
+def closed_at_once(problem: AssemblyProblem) -> tuple[Array, Examined] | None:
+    """Return the result of the kernel for all loops at once, and its properties.
+
+    None if a result needs a judgement.
+    """
+    is_compared = problem.can_perturb()  # else its distance is not that of the kernel
+    if problem.pinned or not problem.has_digits(problem.goal) or not (is_compared or (
+            problem.mechanism.whole is None and problem.settings.are_all_named)):
+        return None
+    results = problem.from_goal()
+    best = results[0]
+    if not best.is_unique:
+        if not is_compared:
+            return None
+        for result in results:
+            if _is_sound(problem, result):
+                best = result if is_nearer(result.distance, best.distance) else best
+            elif result is best or result.error <= max(problem.gap, OPEN):
+                return None  # no rounding is more
+        if len(problem.free_set.groups) > MOST_GROUPS and best.distance > NEAR_GUESS:
+            return None  # each group of loops may have a nearer place
+    return best.q, best.examined or problem.examined(best.q)
+
+
+def is_nearer(distance: float, best: float) -> bool:
+    """Whether a distance is clearly below the best one, beyond the error of closing."""
+    return distance < best * (1.0 - 1e-6) - 1e-9
+
+
+def _is_sound(problem: AssemblyProblem, result: ClosureResult) -> bool:
+    """Whether a result is surely correct, without a comparison with others."""
+    return (result.error <= ACCEPTED and not result.may_be_mirrored
+            and problem.mechanism.whole is None)
+
+
+def _judged(problem: AssemblyProblem, result: ClosureResult) -> tuple[float, str, bool]:
+    """Return the closure error of a result, and the closure at fault or "".
+
+    And whether all that is wrong is a gap of the file's numbers somewhat wider than allowed.
+    """
+    if _is_sound(problem, result):
+        return result.error, "", False
+    evaluation, whole, q = problem.evaluation, problem.whole, result.q.copy()
+    evaluation.update(result.q)
+    error, mirrored = evaluation.closure_error, evaluation.mirrored()
+    # its own round-off is allowed; the turns of a fixed angle do not make its sine less exact
+    q[[c.q for c in periodic(problem.mechanism) if c.name in problem.held]] = 0.0
+    if not error <= min(max(ACCEPTED, coordinate_round_off(problem.mechanism, q)), OPEN):
+        return error, evaluation.worst_closure(), False
+    if whole is not None:
+        whole.update(result.q)
+        if (opened := whole.closure_error) > problem.gap:
+            is_near = opened <= NEARLY_OPEN * problem.gap and not mirrored
+            return opened, whole.worst_closure(), is_near
+    return error, mirrored, False
+
+
+def _distance(problem: AssemblyProblem, result: ClosureResult) -> float:
+    """Return the distance of a result from the named values."""
+    if problem.free_set.is_whole:
+        return result.distance
+    there = with_values(problem.mechanism, result.q, problem.named)
+    return math.hypot(*turn_free_difference(problem.mechanism, result.q, there).tolist())
+
+
 def _moved_within_limits(
     problem: AssemblyProblem, result: ClosureResult
 ) -> tuple[ClosureResult, str]:
@@ -211,7 +284,7 @@ def _moved_within_limits(
     q, free = within_limits(problem.evaluation, result.q, problem.settings.free, problem.let_go)
     bounded = problem.judged_at(problem.least(q, free, True)[0] if problem.let_go else
                                 problem.closed(q, free, problem.pinned).q)
-    if problem.judged(bounded)[1] or violated_limit(mechanism, bounded.q, entries):
+    if _judged(problem, bounded)[1] or violated_limit(mechanism, bounded.q, entries):
         return result, violated
     return bounded, ""
 

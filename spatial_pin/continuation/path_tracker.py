@@ -19,9 +19,10 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import Workspaces, made_once
-from spatial_pin.assembly.assembly_problem import OPEN, AssemblyProblem
+from spatial_pin.assembly.assembly_problem import AssemblyProblem
 from spatial_pin.assembly.holding import Hold, divided, fixed_base_entries, hold_names
 from spatial_pin.assembly.square_system import SquareSystem
+from spatial_pin.assembly.start_values import OPEN
 from spatial_pin.assembly.state import State
 from spatial_pin.continuation.asymptotes import running_away
 from spatial_pin.continuation.pseudo_arclength import Stopped, followed_to
@@ -270,8 +271,7 @@ class PathTracker(Branch):
 
         Returns:
             The tracker, room for all samples, and how many of them are done: the tracker is behind
-            them. None where closing leaves something to judge (the problem knows then what), or
-            where loops are not regular.
+            them. None where closing leaves something to judge, or where loops are not regular.
 
         Raises:
             ValueError: the driver is held.
@@ -290,9 +290,8 @@ class PathTracker(Branch):
             problem.set_task(closer)
             done = path.from_guess(closer, widest, values, first)
             if done == -1:
-                problem.known = known = closer.results()
                 freed = problem.without_standing(moving) if moving and all(
-                    result.error > widest for result in known) else None
+                    result.error > widest for result in closer.results()) else None
                 if freed is not None and freed.is_for_kernel():  # they cannot stand
                     freed.set_task(closer)
                     done = path.from_guess(closer, widest, values, first)
