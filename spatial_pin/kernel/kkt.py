@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.constraints.kernel_tree import KernelTree, TreeTask, mass_entries
-from spatial_pin.kernel.kernel import Kernel, numbers, packed
-from spatial_pin.kernel.library import INT, POINTER, CStructure, address, check
+from spatial_pin.kernel.kernel import Kernel, packed
+from spatial_pin.kernel.library import INT, POINTER, CStructure, address, check, numbers
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import EPS, Array
 

@@ -23,8 +23,8 @@ from spatial_pin.constraints.composed_equations import (
 )
 from spatial_pin.constraints.trees import LargeTree, Tree, tree_of
 from spatial_pin.kernel.closer import opposite_axes
-from spatial_pin.kernel.kernel import EvaluationStruct, Kernel, numbers
-from spatial_pin.kernel.library import address
+from spatial_pin.kernel.kernel import EvaluationStruct, Kernel
+from spatial_pin.kernel.library import address, numbers
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.kernel.kernel import FrameInKernel, Kernel, numbers
+from spatial_pin.kernel.kernel import FrameInKernel, Kernel
 from spatial_pin.kernel.library import (
     DONE,
     INT,
@@ -18,6 +18,7 @@ from spatial_pin.kernel.library import (
     CStructure,
     address,
     check,
+    numbers,
 )
 from spatial_pin.numerics.linalg import Array
 
