@@ -19,7 +19,7 @@ from spatial_pin.assembly.state import WORLD_AXES, State
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.kernel.kernel import Kernel, tangent_step
 from spatial_pin.kernel.loop_equations import loops_of
-from spatial_pin.kernel.rate_solver import Chosen, RateSolver
+from spatial_pin.kernel.rate_solver import RateSolver
 from spatial_pin.mechanism.coordinates import coordinate_rates
 from spatial_pin.numerics.linalg import Array, decompose, independent_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -94,7 +94,7 @@ def test_rates_with_equations_and_passive_freedoms_that_are_given(name: str) -> 
     kernel = Kernel(bare)  # whose memory the rates work in
     rates = RateSolver(kernel, [*system.driven_entries, *system.still], len(drive))
     rates.speeds[: len(drive)], rates.accelerations[: len(drive)] = drive, more
-    found = rates.solve(state.q, state.angles, RATES, chosen=Chosen(
+    found = rates.solve(state.q, state.angles, RATES, chosen=(
         system.equations, system.passive))
     v, a = _rates(system, state.q, drive, more)
     assert found is not None
