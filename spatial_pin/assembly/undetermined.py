@@ -361,7 +361,7 @@ def _check_free(evaluation: LoopEquations, null_space: Array) -> None:
         names = [c for c, s in zip(mechanism.coordinates, sizes, strict=True) if s > 1e-6]
         raise SingularError(
             f"mechanism {mechanism.name!r}: {', '.join(names)}: closure "
-            f"{evaluation.constraints.labels[row].closure!r} holds them by a lever of only "
+            f"{evaluation.constraints.closure_of[row]!r} holds them by a lever of only "
             f"{held[row]:.0e} of the mechanism's size; no digit of their rates is reliable")
 
 

@@ -92,7 +92,7 @@ class LoopEquations:
         """Return the name of the closure with the largest residual; empty when there is none."""
         if not self.residual.size:
             return ""
-        return self.constraints.labels[int(np.argmax(np.abs(self.residual)))].closure
+        return self.constraints.closure_of[int(np.argmax(np.abs(self.residual)))]
 
     def mirrored(self) -> str:
         """Return the name of a closure whose axes do not point the same way, else nothing."""
