@@ -94,7 +94,6 @@ class Record:
     """Samples and events of a simulation up to the present time.
 
     Attributes:
-        problem: as given; another one where equations of a rounded file are chosen anew.
         filled: how many samples there are.
         room: storage of all samples.
         events: in the order of their times.
@@ -108,7 +107,7 @@ class Record:
     _time_tolerance = 0.0
 
     def __init__(self, problem: Problem, times: Array, detector: EventDetector) -> None:
-        self.problem, self._detector, self.filled = problem, detector, 0
+        self._detector, self.filled = detector, 0
         self.times = np.ascontiguousarray(times)
         n, nq, nv = len(times) + 1, problem.model.nq, problem.model.nv  # one more where it stops
         n_angles = constraints_of(problem.mechanism).n_angles
@@ -121,9 +120,9 @@ class Record:
         self.steps = 0
         self.coordinates: list[str] = []
 
-    def set_start(self, start: Energies, accuracy: Accuracy) -> None:
+    def set_start(self, problem: Problem, accuracy: Accuracy, start: Energies) -> None:
         """Set the energies at the start."""
-        self.start, self.balance = start, EnergyBalance(self.problem, accuracy, start)
+        self.start, self.balance = start, EnergyBalance(problem, accuracy, start)
         self._time_tolerance = (
             0.0 if INTEGRATORS[accuracy.integrator].is_fixed else accuracy.time_tolerance)
 
@@ -186,10 +185,11 @@ class Record:
         return self._at[: self.filled], SimulationSamples(*(x[: self.filled] for x in self.room))
 
     def motion(
-        self, evaluations: int, projection: Projection | None, integrators: list[str]
+        self, problem: Problem, evaluations: int, projection: Projection | None,
+        integrators: list[str],
     ) -> Simulation:
-        """Return the samples so far."""
-        problem, names = self.problem, [c.name for c, _ in self.problem.drives]
+        """Return the samples so far, as a motion by the equations that were chosen last."""
+        names = [c.name for c, _ in problem.drives]
         times, (q, v, a, numbers, efforts, angles) = self.recorded()
         error, kinetic, energy, work = numbers.T.copy()
         simulation = Simulation(
@@ -221,6 +221,24 @@ class Record:
             except EnergyError:
                 self.filled = k
                 raise
+
+    def end_without_inertia(self) -> bool:
+        """End a motion that stops because inertia vanishes; return whether that is the cause.
+
+        The samples before it remain, if their energy is right: a fixed step may jump over the
+        singular configuration.
+        """
+        inertia = self._detector.inertia
+        if not self.filled:
+            return False
+        with suppress(EnergyError):
+            self.refuse_samples()
+        times, samples = self.recorded()
+        if not inertia.vanishes_after_samples(times, samples.q, samples.v):
+            return False
+        words = inertia.words(times[-1], samples.q[-1], samples.v[-1])
+        self.events.append(Event(SINGULAR, float(times[-1]), len(times), words))
+        return True
 
 
 class EnergyBalance:
@@ -301,13 +319,11 @@ class Run:
         record: the samples so far.
     """
 
-    _system: IndependentFormulation  # in use
-
     def __init__(
         self, problem: Problem, accuracy: Accuracy, state: State, times: Array,
         detector: EventDetector,
     ) -> None:
-        self._problem, self._accuracy, self._detector = problem, accuracy, detector
+        self._accuracy, self._detector = accuracy, detector
         self.t, self._end = 0.0, float(times[-1])
         self.y: Array = np.empty(0)
         self.record = record = Record(problem, times, detector)
@@ -316,8 +332,6 @@ class Run:
         self._in_use = EquationsInUse(problem, accuracy, state, record, self._stagnation)
         self._solver: Any = None
         self._is_short = False
-        self._gap = allowed_from(state, gap_allowed(problem.mechanism, accuracy))
-        self._tried_at = 2.0 * NEARLY_DEPENDENT  # independence at which no others did better, twice
         self._kernel_run = RunStruct(
             address(record.times), len(record.times), 0, SampleStruct(*map(address, record.room)),
             allowed=float(accuracy.most_steps), looks=detector.always,
@@ -330,9 +344,8 @@ class Run:
         action = self._check_equations(NextAction.STEP)
         while self.t < self._end and action is not NextAction.END:
             if action in (NextAction.CHOOSE, NextAction.GIVE_UP):
-                self._system, self.y = self._in_use.change(
-                    self.t, self.y, action is NextAction.GIVE_UP)
-                self._solver = self._stepping.begin(self._system, self.t, self.y)
+                self.y = self._in_use.change(self.t, self.y, action is NextAction.GIVE_UP)
+                self._solver = self._stepping.begin(self._in_use.system, self.t, self.y)
             action = self._step()
             if action not in (NextAction.REPEAT, NextAction.GIVE_UP):
                 action = self._check_equations(action)
@@ -340,10 +353,10 @@ class Run:
 
     def _begin(self) -> None:
         """Choose the first equations of motion, and record the start."""
-        record, system = self.record, self._in_use.begin(0.0, self._in_use.first)
-        self._system = system
-        self.y = system.unknowns(self._in_use.first.v, 0.0)
-        record.set_start(system.energies(0.0, self.y), self._accuracy)
+        record, equations = self.record, self._in_use
+        system = equations.begin(0.0, equations.first)
+        self.y = system.unknowns(equations.first.v, 0.0)
+        record.set_start(equations.problem, self._accuracy, system.energies(0.0, self.y))
         start = record.times_until(0.0)
         record.add_samples(system, start, self.y[None][: len(start)])
         if not len(self.y):  # no freedom and no work: the drivers' laws alone determine the motion
@@ -354,28 +367,23 @@ class Run:
             self._solver = self._stepping.begin(system, self.t, self.y)
 
     def _check_equations(self, action: NextAction) -> NextAction:
-        """Choose equations of a rounded file anew where they hardly are independent.
+        """Go on with other equations of a rounded file where those in use come to their end.
 
         Returns:
             The action given; END where the other equations open beyond the gap, with a last sample.
         """
-        if (self._problem.mechanism.whole is None or action is NextAction.END
-                or self._solver is None):
+        if action is NextAction.END or self._solver is None:
             return action
-        state = self._system.state(self.t, self.y)
-        independence, error = independence_at(state.mechanism, state.q, state.angles)
-        if independence < min(NEARLY_DEPENDENT, 0.5 * self._tried_at):
-            state, self._tried_at = independent_from(state, self._gap), independence
-            if state.mechanism is not self._problem.mechanism:
-                self._problem = self._problem.of(state.mechanism)
-                self._system, self.y = self._in_use.go_on(self._problem, self.t, self.y, state)
-                self._solver = self._stepping.begin(self._system, self.t, self.y)
-                independence, error = independence_at(state.mechanism, state.q, state.angles)
-                self._tried_at, action = 2.0 * NEARLY_DEPENDENT, NextAction.STEP
-        if error <= self._gap:
+        before = self._in_use.system
+        self.y, is_within_gap = self._in_use.checked(self.t, self.y)
+        system = self._in_use.system
+        if system is not before:
+            self._solver = self._stepping.begin(system, self.t, self.y)
+            action = NextAction.STEP
+        if is_within_gap:
             return action
         if self.record.recorded()[0][-1:] < self.t:
-            self.record.add_samples(self._system, np.array([self.t]), self.y[None])
+            self.record.add_samples(system, np.array([self.t]), self.y[None])
         return NextAction.END
 
     def _step(self) -> NextAction:
@@ -396,7 +404,7 @@ class Run:
         if stops:
             return NextAction.END
         self._stepping.check_step_limit(self.t, self.record.steps, solver)
-        system = self._system
+        system = self._in_use.system
         if solver.status == "running":
             if system.needs_new_coordinates(self.t, solver.y):
                 return NextAction.CHOOSE
@@ -410,12 +418,12 @@ class Run:
         evaluated.
         """
         system, solver, record, run = (
-            self._system, self._solver, self.record, self._kernel_run)
+            self._in_use.system, self._solver, self.record, self._kernel_run)
         if not isinstance(solver, RungeKutta) or system.projects:
             return None
         before, run.row, run.n_crossed, run.patience = (
             solver.steps, record.filled, 0, system.patience)
-        run.most = (1 if self._problem.mechanism.whole is not None
+        run.most = (1 if self._in_use.problem.mechanism.whole is not None
                     else self._stepping.steps_at_once(record.steps))
         run.largest_pivot, run.largest_step = self._stagnation.largest
         try:
@@ -442,7 +450,7 @@ class Run:
         Raises:
             SingularError: steps only creep on.
         """
-        system, solver = self._system, self._solver
+        system, solver = self._in_use.system, self._solver
         if isinstance(system, ProjectedFormulation):
             opened = system.settle(solver)
             if opened > 1.0:
@@ -469,36 +477,18 @@ class Run:
             SingularError: even the shortest steps open the loops.
             SpatialPinError: the step is fixed.
         """
-        system = self._system
+        system = self._in_use.system
         self.t, self.y = float(self._solver.t_old), before
         self._detector.reset()
         step = self._solver.t - self.t
         if INTEGRATORS[self._accuracy.integrator].is_fixed:
             raise SpatialPinError(
-                f"mechanism {self._problem.mechanism.name!r}: a step of {step:.3g} s at "
+                f"mechanism {self._in_use.problem.mechanism.name!r}: a step of {step:.3g} s at "
                 f"{self.t:.9g} s opens the loops too far to be closed surely: take shorter ones")
         if step < SHORTEST * (self.t + step):
             raise self._in_use.singular(self.t, system.state(self.t, self.y))
         self._solver = self._stepping.begin(
             system, self.t, self.y, 0.5 * step, not system.projects)
-
-    def end_without_inertia(self) -> bool:
-        """End a motion that stops because inertia vanishes; return whether that is the cause.
-
-        The samples before it remain, if their energy is right: a fixed step may jump over the
-        singular configuration.
-        """
-        record, inertia = self.record, self._detector.inertia
-        if not record.filled:
-            return False
-        with suppress(EnergyError):
-            record.refuse_samples()
-        times, samples = record.recorded()
-        if not inertia.vanishes_after_samples(times, samples.q, samples.v):
-            return False
-        words = inertia.words(times[-1], samples.q[-1], samples.v[-1])
-        record.events.append(Event(SINGULAR, float(times[-1]), len(times), words))
-        return True
 
     def why(self) -> str:
         """Return why the motion cannot be followed beyond the present time."""
@@ -511,21 +501,23 @@ class Run:
 
     def motion(self) -> Simulation:
         """Return the samples so far."""
-        return self.record.motion(*self._in_use.cost(), self._stepping.used)
+        equations = self._in_use
+        return self.record.motion(equations.problem, *equations.cost(), self._stepping.used)
 
 
 class EquationsInUse:
     """The equations of motion in use: a formulation, and its independent coordinates.
 
     Attributes:
-        first: as given.
+        problem: as given; another one where equations of a rounded file are chosen anew.
+        first: the state at the start.
     """
 
     def __init__(
         self, problem: Problem, accuracy: Accuracy, first: State, record: Record,
         stagnation: Stagnation,
     ) -> None:
-        self._problem, self._accuracy, self.first = problem, accuracy, first
+        self.problem, self._accuracy, self.first = problem, accuracy, first
         self._record, self._stagnation = record, stagnation
         self._system: IndependentFormulation | None = None
         self._projections: list[Projection] = []  # of the equations of motion used before
@@ -533,6 +525,14 @@ class EquationsInUse:
         self._started_at, self._failed_at = 0.0, -1.0
         self._given_up: set[tuple[type, tuple[int, ...]]] = set()  # at the time of the failure
         self._clock = time.perf_counter()
+        self._gap = allowed_from(first, gap_allowed(problem.mechanism, accuracy))
+        self._tried_at = 2.0 * NEARLY_DEPENDENT  # independence at which no others did better, twice
+
+    @property
+    def system(self) -> IndependentFormulation:
+        """The formulation; there is one when the motion has begun."""
+        assert self._system is not None
+        return self._system
 
     def begin(
         self, t: float, state: State, given_up: GivenUp = frozenset()
@@ -543,7 +543,7 @@ class EquationsInUse:
             SingularError: there are none.
         """
         formulate = FORMULATIONS[self._accuracy.formulation]
-        system = formulate(self._problem, state, given_up)
+        system = formulate(self.problem, state, given_up)
         if self._system is not None:
             self._evaluations += self._system.kernel.evaluations
         if isinstance(self._system, ProjectedFormulation):
@@ -554,38 +554,51 @@ class EquationsInUse:
         self._note_start(system, t)
         return system
 
-    def go_on(
-        self, problem: Problem, t: float, y: Array, state: State
-    ) -> tuple[IndependentFormulation, Array]:
-        """Return equations and unknowns of a problem with other equations, at a state of it.
+    def checked(self, t: float, y: Array) -> tuple[Array, bool]:
+        """Choose equations of a rounded file anew where they hardly are independent.
+
+        Returns:
+            The unknowns, and whether the file's other equations open no further than the gap.
+        """
+        if self.problem.mechanism.whole is None:
+            return y, True
+        state = self.system.state(t, y)
+        independence, error = independence_at(state.mechanism, state.q, state.angles)
+        if independence < min(NEARLY_DEPENDENT, 0.5 * self._tried_at):
+            state, self._tried_at = independent_from(state, self._gap), independence
+            if state.mechanism is not self.problem.mechanism:
+                y, self._tried_at = self._gone_on(t, y, state), 2.0 * NEARLY_DEPENDENT
+                _, error = independence_at(state.mechanism, state.q, state.angles)
+        return y, error <= self._gap
+
+    def _gone_on(self, t: float, y: Array, state: State) -> Array:
+        """Go on with the equations of a state's mechanism; return the unknowns.
 
         Its loops differ from those before by the gap, velocities by more. The energy stays: it
         determines how fast the motion goes on.
         """
-        assert self._system is not None
-        before = self._system.energies(t, y)
-        self._problem = self._record.problem = problem
+        before = self.system.energies(t, y)
+        self.problem = self.problem.of(state.mechanism)
         system = self.begin(t, state)
         unknowns = system.unknowns(state.v, before.work)
         after, n = system.energies(t, unknowns), len(system.free)
         kinetic = before.total - (after.total - after.kinetic)
         if after.kinetic > 0.0 and abs(kinetic / after.kinetic - 1.0) < ROUNDING_OF_ENERGY:
             unknowns[n : 2 * n] *= math.sqrt(kinetic / after.kinetic)
-        return system, unknowns
+        return unknowns
 
-    def change(self, t: float, y: Array, failed: bool) -> tuple[IndependentFormulation, Array]:
-        """Choose other independent coordinates, or restart; return equations and unknowns.
+    def change(self, t: float, y: Array, failed: bool) -> Array:
+        """Choose other independent coordinates, or restart; return the unknowns.
 
         Raises:
             SingularError: none can be followed.
         """
-        system = self._system
-        assert system is not None
+        system = self.system
         state = system.state(t, y)
         renewed = None if failed else system.renewed(t, y, state)
         if renewed is not None:
             self._note_start(system, t)
-            return system, renewed
+            return renewed
         if failed:  # a method that failed at the present time is given up
             if not self._stagnation.is_short(t - self._failed_at):
                 self._failed_at = t
@@ -598,18 +611,18 @@ class EquationsInUse:
             if self._stagnation.is_short(t):  # the error of a start
                 raise
             raise self.singular(t, state) from error
-        return fresh, fresh.unknowns(state.v, float(y[-1]) if self._problem.works else 0.0)
+        return fresh.unknowns(state.v, float(y[-1]) if self.problem.works else 0.0)
 
     def _note_start(self, system: IndependentFormulation, t: float) -> None:
-        names = self._problem.mechanism.coordinates
+        names = self.problem.mechanism.coordinates
         self._record.coordinates += [names[v] for v in system.free]
         self._started_at = t
 
     def singular(self, t: float, state: State) -> SingularError:
         """Return the error of a motion that cannot be followed beyond a time [s]."""
-        cause = why_it_ends(self._problem, self._accuracy, self.first, t, state)
+        cause = why_it_ends(self.problem, self._accuracy, self.first, t, state)
         return SingularError(
-            f"mechanism {self._problem.mechanism.name!r}: the motion cannot be followed beyond "
+            f"mechanism {self.problem.mechanism.name!r}: the motion cannot be followed beyond "
             f"{t:.9g} s: {cause}; it is at {state}", state=state)
 
     def why(self, t: float, y: Array) -> str:
@@ -618,7 +631,7 @@ class EquationsInUse:
             state = self._system.state(t, y) if self._system else self.first
         except OpenLoopsError:
             return "the loops cannot be closed there as on the way to it"
-        return why_it_ends(self._problem, self._accuracy, self.first, t, state)
+        return why_it_ends(self.problem, self._accuracy, self.first, t, state)
 
     def cost(self) -> tuple[int, Projection | None]:
         """Return how often equations of motion were evaluated, and the cost of projections."""

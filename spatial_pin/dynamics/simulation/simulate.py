@@ -391,7 +391,7 @@ def _followed(
         if moved.energy_drift > LOST_SHARE:
             run.record.refuse_samples()
     except (OpenLoopsError, SingularError, StepLimitError) as error:
-        if not run.end_without_inertia():
+        if not run.record.end_without_inertia():
             raise _ended(error, run, motion(), fall) from None
         moved = motion()
     except EnergyError as error:
