@@ -350,14 +350,14 @@ def branch_changed(
     apart = np.abs(turn_free_difference(mechanism, q, reached.q))
     with loops_of(mechanism, reached.angles) as evaluation:
         evaluation.update(reached.q)
-        rows, labels = evaluation.jacobian, evaluation.constraints.labels
+        rows, closure_of = evaluation.jacobian, evaluation.constraints.closure_of
         rows = rows[: evaluation.constraints.n_closure]
         loose = np.zeros(len(free), dtype=bool)
         loose[free] = np.abs(decompose(rows[:, free]).null_space).max(
             axis=0, initial=0.0) > TOLERANCES.half_precision
         elsewhere = (apart > BRANCHES_APART) & free & ~loose  # though the loops determine where
         moved = np.abs(rows[:, elsewhere]).max(axis=1, initial=0.0) > 0.0
-    loops = list(dict.fromkeys(labels[k].closure for k in np.flatnonzero(moved)))
+    loops = list(dict.fromkeys(closure_of[k] for k in np.flatnonzero(moved)))
     if not loops:
         return ""
     what = "are on another branch than those of the guess" if done == 1.0 else (

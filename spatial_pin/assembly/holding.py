@@ -215,8 +215,8 @@ def loop_groups(mechanism: Mechanism, held: tuple[int, ...]) -> tuple[LoopGroup,
         dict.fromkeys(c.name for c in mechanism.closures))  # one may have two parts
     entries = np.zeros((len(names), mechanism.model.nv), dtype=bool)
     row = dict(zip(names, entries, strict=True))
-    for label, own in zip(constraints.labels, constraints.occurring, strict=False):
-        row[label.closure] |= own
+    for name, own in zip(constraints.closure_of, constraints.occurring, strict=False):
+        row[name] |= own
     moved, group = entries.copy(), np.arange(len(names))
     moved[:, list(held)] = False
     for column in moved.T:
@@ -228,7 +228,7 @@ def loop_groups(mechanism: Mechanism, held: tuple[int, ...]) -> tuple[LoopGroup,
         chosen = np.flatnonzero(group == number)
         closures = tuple(names[k] for k in chosen)
         angles = [k for k, x in enumerate(constraints.angles)
-                  if constraints.labels[x.equation].closure in closures]
+                  if constraints.closure_of[x.equation] in closures]
         groups.append(LoopGroup(closures, np.any(entries[chosen], axis=0), angles))
     return tuple(groups)
 

@@ -8,7 +8,6 @@ a ball or a universal joint: its inner links turn with the two outer ones and do
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,18 +86,6 @@ def _pairs(mechanism: Mechanism) -> list[tuple[int, int]]:
 # ---------------------------------------------------------------- links of chains
 
 
-class Ball(NamedTuple):
-    """A ball modelled as hinges about three intersecting axes.
-
-    Attributes:
-        ends: the two outer bodies.
-        inside: the bodies between its hinges.
-    """
-
-    ends: tuple[int, int]
-    inside: frozenset[int]
-
-
 @made_once
 def massless_inner_links(mechanism: Mechanism) -> frozenset[int]:
     """Return the massless inner bodies of balls and universal joints modelled as hinges.
@@ -114,15 +101,18 @@ def massless_inner_links(mechanism: Mechanism) -> frozenset[int]:
 
 
 @made_once
-def balls_of_hinges(mechanism: Mechanism) -> list[Ball]:
-    """Return the balls modelled as hinges about three axes, whatever the inner masses."""
+def balls_of_hinges(mechanism: Mechanism) -> list[tuple[tuple[int, int], frozenset[int]]]:
+    """Return the balls modelled as hinges about three intersecting axes, of any inner masses.
+
+    Of each: the two outer bodies, and the bodies between its hinges.
+    """
     inside, balls = _between_hinges(mechanism), []
     for group in _connected({*ends} & inside for ends in _pairs(mechanism)):
         hinges = [(ends, kind) for ends, kind in _kinds_of_pairs(mechanism) if group & {*ends}]
         axes = sum(HINGES[kind] for _, kind in hinges)
         outer = [body for ends, _ in hinges for body in ends if body not in group]
         if axes == 3 and len(outer) == 2:
-            balls.append(Ball((outer[0], outer[1]), frozenset(group)))
+            balls.append(((outer[0], outer[1]), frozenset(group)))
     return balls
 
 
@@ -139,7 +129,7 @@ def _connected(links: Iterable[set[int]]) -> list[set[int]]:
 @made_once
 def inner_links_of_balls(mechanism: Mechanism) -> frozenset[int]:
     """Return the inner bodies of balls modelled as hinges, of any mass."""
-    return frozenset().union(*(ball.inside for ball in balls_of_hinges(mechanism)))
+    return frozenset().union(*(inner for _, inner in balls_of_hinges(mechanism)))
 
 
 @made_once
@@ -148,16 +138,16 @@ def uncounted_links(mechanism: Mechanism) -> frozenset[int]:
 
     The inside of a ball between the ground and a body that is not a rod may be a shaft.
     """
-    balls = [ball for ball in balls_of_hinges(mechanism)
-             if 0 not in ball.ends or _is_rod(mechanism, max(ball.ends))]
-    return massless_inner_links(mechanism).union(*(ball.inside for ball in balls))
+    return massless_inner_links(mechanism).union(*(
+        inner for ends, inner in balls_of_hinges(mechanism)
+        if 0 not in ends or _is_rod(mechanism, max(ends))))
 
 
 def _is_rod(mechanism: Mechanism, body: int) -> bool:
     """Whether a body, with bodies that slide on it, has only point contacts, two or more."""
     balls, inside, own = balls_of_hinges(mechanism), inner_links_of_balls(mechanism), {body}
     pairs = [(ends, kind) for ends, kind in _kinds_of_pairs(mechanism) if not inside & {*ends}]
-    pairs += [(ball.ends, POINTS[0]) for ball in balls]
+    pairs += [(ends, POINTS[0]) for ends, _ in balls]
     for _ in pairs:
         for ends, kind in pairs:
             if kind in (*SLIDES, *WELDS) and own & {*ends}:
@@ -266,12 +256,12 @@ def _alone(
 ) -> Array:
     """Return combinations (m, k) of k motions that move one link (its groups of bodies) alone."""
     n = twists.shape[2]
-    mine = [ball for ball in balls_of_hinges(mechanism)
-            if not set(groups[list(ball.ends)].tolist()).isdisjoint(link)]
-    inside = {body for ball in mine for body in ball.inside}
+    mine = [(ends, inner) for ends, inner in balls_of_hinges(mechanism)
+            if not set(groups[list(ends)].tolist()).isdisjoint(link)]
+    inside = {body for _, inner in mine for body in inner}
     partners = {int(groups[x]) for ends in _pairs(mechanism) for x in ends
                 if not set(groups[list(ends)].tolist()).isdisjoint(link)} - inside
-    partners |= {int(groups[body]) for ball in mine for body in ball.ends}
+    partners |= {int(groups[body]) for ends, _ in mine for body in ends}
     # between two balls on the ground, written as hinges, stand the shafts of a double Cardan joint
     inside = inside if partners - {0, *link} else set()
     own = np.isin(groups, link)

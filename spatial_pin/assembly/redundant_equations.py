@@ -525,7 +525,7 @@ def _independent(
     near = [path for path in near if path]
     paths = [*near, samples]
     everywhere = [x for path in paths for x in path]
-    jacobians, labels = np.array([x.jacobian for x in everywhere]), list(constraints.labels)
+    jacobians, names = np.array([x.jacobian for x in everywhere]), constraints.closure_of
     rows, worth = _choice(jacobians, paths, weights)
     sums: Array = np.eye(len(weights))[rows]
     if worth[1] < GOOD and any(c.can_turn for c in mechanism.closures):
@@ -541,9 +541,9 @@ def _independent(
         rows, better = _choice(wider, paths, weights)
         if better > worth:
             sums, worth = np.eye(len(weights))[rows], better
-        jacobians, labels = wider, [*labels, *evaluation.constraints.labels]
-    own = [np.array([k for k, x in enumerate(labels)
-                     if x.closure == c.name and (k >= constraints.n_closure) is turned], np.intp)
+        jacobians, names = wider, names + evaluation.constraints.closure_of
+    own = [np.array([k for k, name in enumerate(names)
+                     if name == c.name and (k >= constraints.n_closure) is turned], np.intp)
            for turned in (False, True) for c in mechanism.closures]
     blocks = [x for x in own if len(x) and (weights[x] < PREFERRED).all()]
     if worth[1] < GOOD and blocks:

@@ -384,7 +384,7 @@ def _gap_words(search: Search, error: float, q: Array, worst: str) -> str:
     words = (f"closure {worst!r} stays open by {gap} (closure error {error:.1e}), the smallest gap "
              "found; ") + (_too_large(mechanism, q) if large else _open_words(search, q, worst))
     constraints = constraints_of(mechanism)
-    by_path = [constraints.labels[x.equation].closure for x in constraints.angles
+    by_path = [constraints.closure_of[x.equation] for x in constraints.angles
                if not x.is_of_joints]
     if worst in by_path and next(c for c in mechanism.closures if c.name == worst).type == "screw":
         words += ("; its joints do not tell how often this screw has turned, so that it is "
@@ -479,7 +479,7 @@ def _too_large(mechanism: Mechanism, q: Array) -> str:
 def open_gap(mechanism: Mechanism, evaluation: LoopEquations, closure: str) -> str:
     """Return the error of a closure at the evaluation, in m or rad, as text."""
     constraints = evaluation.constraints
-    rows = [i for i, label in enumerate(constraints.labels) if label.closure == closure]
+    rows = [i for i, name in enumerate(constraints.closure_of) if name == closure]
     kinds = {c.name: c for c in mechanism.closures}[closure]
     is_length = [row.is_length or (bool(kinds.joints)
                  and mechanism.coordinate(kinds.joints[-1]).unit == "m") for row in kinds.rows]

@@ -137,7 +137,7 @@ class SquareSystem:
     @property
     def chosen(self) -> Chosen:
         """The independent equations, and the rows that complete the system."""
-        return Chosen(self.equations, self.passive)
+        return self.equations, self.passive
 
     @contextmanager
     def _rates(self, q: Array) -> Iterator[tuple[RateSolver, Array]]:

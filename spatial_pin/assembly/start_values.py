@@ -372,7 +372,7 @@ def uncounted(
             known |= ends if ends & known else set()
     angles = {c.v for c in table.values() if c.unit == "rad"}
     hidden = set().union(*tied) & angles - known
-    by_path = {constraints.labels[x.equation].closure for x in constraints.angles
+    by_path = {constraints.closure_of[x.equation] for x in constraints.angles
                if not x.is_of_joints}
     entries: set[int] = set()
     for group in loop_groups(mechanism, tuple(sorted(fixed))):

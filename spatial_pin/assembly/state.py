@@ -546,8 +546,8 @@ def gap_of(mechanism: Mechanism, q: Array, angles: Array) -> Gap:
     with loops_of(mechanism.whole, all_angles(mechanism, angles)) as evaluation:
         evaluation.update(q)
         largest: dict[str, float] = {}
-        for label, row in zip(evaluation.constraints.labels, evaluation.residual, strict=True):
-            largest[label.closure] = max(largest.get(label.closure, 0.0), abs(float(row)))
+        for name, x in zip(evaluation.constraints.closure_of, evaluation.residual, strict=True):
+            largest[name] = max(largest.get(name, 0.0), abs(float(x)))
     return Gap({c.name: largest[c.name]
                 for c, n in zip(mechanism.whole.closures, mechanism.selection.counts(), strict=True)
                 if n < c.n_rows})

@@ -118,9 +118,10 @@ def rank_loss(evaluation: LoopEquations, q: Array, rank: int) -> int:
         evaluation.update(q)
         if lost > 0:
             return lost
-    step = tangent_step(evaluation.mechanism, q, evaluation.angle_reference, rows, freedoms)
-    if step is not None and step.is_closed:
-        evaluation.update(step.q)
+    end, is_closed = tangent_step(
+        evaluation.mechanism, q, evaluation.angle_reference, rows, freedoms)
+    if end is not None and is_closed:
+        evaluation.update(end)
         turned = np.linalg.norm(evaluation.jacobian[:n] - jacobian) / STEP
         radius = SURE_WAY * svd.s[-1] / max(turned, EPS) if rank else 0.0
         radius = min(float(radius), LONGEST_SURE)
@@ -133,7 +134,7 @@ def rank_loss(evaluation: LoopEquations, q: Array, rank: int) -> int:
         -STEP_ASIDE, STEP_ASIDE, (REGULAR_TRIALS, len(jacobian.T)))
     lost = _rank_near(evaluation, q, steps, TOLERANCES.rank) - rank
     evaluation.update(q)
-    return max(lost, int(step is not None))
+    return max(lost, int(end is not None))
 
 
 def _is_near_singular(
@@ -360,7 +361,7 @@ def _check_free(evaluation: LoopEquations, null_space: Array) -> None:
         names = [c for c, s in zip(mechanism.coordinates, sizes, strict=True) if s > 1e-6]
         raise SingularError(
             f"mechanism {mechanism.name!r}: {', '.join(names)}: closure "
-            f"{evaluation.constraints.labels[row].closure!r} holds them by a lever of only "
+            f"{evaluation.constraints.closure_of[row]!r} holds them by a lever of only "
             f"{held[row]:.0e} of the mechanism's size; no digit of their rates is reliable")
 
 

@@ -59,13 +59,6 @@ HALF_TURN_NOISE = 1e-9  # rad by which half a turn may be missed and is still +p
 LARGE_RATIO = 100.0
 
 
-class EquationLabel(NamedTuple):
-    """The name of an equation's closure, and the number of the equation in it."""
-
-    closure: str
-    equation: int
-
-
 class CountedAngle(NamedTuple):
     """An angle that counts turns.
 
@@ -178,8 +171,8 @@ class Constraints:
     """The compiled closure equations of a mechanism.
 
     Attributes:
-        labels: closure and equation of each of the `n_closure` closure equations, which those of
-            `n_passive` resolved freedoms follow.
+        closure_of: names of the closures of the `n_closure` closure equations, which those of
+            `n_passive` resolved freedoms follow; `row_of`: the number of each in its closure.
         n_products: of them that have products; those of joint coordinates alone come last.
         product: (n_closure,) the product that an equation is, or -1; `plain`: which are products.
         sums: terms of each that is a sum.
@@ -220,7 +213,8 @@ class Constraints:
                 for c in mechanism.closures for k, row in enumerate(c.rows)]
         self.n_products = sum(not of_joints for of_joints, *_ in rows)
         rows.sort(key=lambda row: row[0])
-        self.labels = tuple(EquationLabel(c.name, k) for _, c, k, _ in rows)
+        self.closure_of = tuple(c.name for _, c, _, _ in rows)
+        self.row_of = tuple(k for _, _, k, _ in rows)
         self.product = np.array([self._add_equation(c, row) for _, c, _, row in rows], np.intp)
         self.passive_at = len(products.rows)
         for number, passive in enumerate(mechanism.passives, start=len(rows)):
@@ -320,7 +314,7 @@ class Constraints:
     ) -> int:
         """Add an angle of a closure's equation; return its number."""
         at = len(self.sums)
-        row, which = self.labels[at].equation, sum(x.equation == at for x in self.angles)
+        row, which = self.row_of[at], sum(x.equation == at for x in self.angles)
         row = row if closure.equations is None else closure.equations[row]
         turns = turns or (np.zeros(self.mechanism.model.nq), 0.0, False)
         self.angles.append(CountedAngle(at, (closure.name, row, which), sine, *turns))

@@ -126,7 +126,7 @@ def coupling_forces(mechanism: Mechanism) -> list[CouplingForce]:
     for closure in mechanism.closures:
         if closure.frames or not closure.joints:
             continue
-        at = next(k for k, label in enumerate(constraints.labels) if label.closure == closure.name)
+        at = constraints.closure_of.index(closure.name)
         row = np.zeros(mechanism.model.nv)
         for weight, factors in constraints.sums[at]:
             if len(factors) == 1 and factors[0][2] < 0:  # a coordinate, not a function of it

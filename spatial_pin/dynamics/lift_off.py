@@ -23,7 +23,7 @@ def contacts_of(mechanism: Mechanism) -> dict[str, tuple[int, int]]:
     of two curves outwards of the first.
     """
     whole = mechanism.whole or mechanism
-    rows = {x.closure: k for k, x in enumerate(constraints_of(whole).labels)}
+    rows = {name: k for k, name in enumerate(constraints_of(whole).closure_of)}
     signs = {}
     for c in whole.closures:
         both = c.numbers.get("curves")

@@ -21,8 +21,9 @@ from spatial_pin.dynamics.forces import Law, forces_on_frames, joint_efforts
 from spatial_pin.dynamics.reactions import Poses
 from spatial_pin.dynamics.solvers.equations_of_motion import DOUBTFUL, Equations, Solution
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.kernel.kernel import Kernel, numbers
+from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.kkt import ERROR, FAILED, RANK, Accelerated
+from spatial_pin.kernel.library import numbers
 from spatial_pin.kernel.loop_equations import joint_rows, row_wrenches
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.kernel.closer import Closer
-from spatial_pin.kernel.kernel import EvaluationStruct, numbers
-from spatial_pin.kernel.library import INT, NOT_FINITE, POINTER, REAL, address, check
+from spatial_pin.kernel.kernel import EvaluationStruct
+from spatial_pin.kernel.library import INT, NOT_FINITE, POINTER, REAL, address, check, numbers
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES

@@ -28,6 +28,7 @@ from spatial_pin.kernel.library import (
     address,
     check,
     library,
+    numbers,
 )
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
@@ -209,18 +210,6 @@ def _joined(kind: type, *parts: Any) -> Any:
     return np.concatenate([np.asarray(p, kind).ravel() for p in parts])
 
 
-def numbers(array: Array, shape: tuple[int, ...]) -> Array:
-    """Return an array as contiguous doubles of a shape, as C reads it; copied if it is read-only.
-
-    The address of a read-only array takes several times as long to ask for as a small copy.
-    """
-    out = np.ascontiguousarray(array, float)
-    out = out if out.flags.writeable else out.copy()
-    if out.shape != shape:
-        raise ValueError(f"an array of shape {out.shape} stands where {shape} is needed")
-    return out
-
-
 class EvaluationStruct(ctypes.Structure):
     """Evaluation in kernel.h: configurations, and the storage of the results."""
 
@@ -329,22 +318,13 @@ def kernel_of(mechanism: Mechanism) -> acquired[Kernel]:
     return acquired(mechanism, Kernel)
 
 
-class TangentStep(NamedTuple):
-    """The end of a step from a closed configuration, on the surface of independent equations.
-
-    Attributes:
-        q: (nq,) the end.
-        is_closed: whether all other equations hold there.
-    """
-
-    q: Array
-    is_closed: bool
-
-
 def tangent_step(
     mechanism: Mechanism, q: Array, reference: Array, rows: NDArray[np.intp], freedoms: Array
-) -> TangentStep | None:
-    """Return the end of a step in all freedoms, see `correcting.c`; None where there is none.
+) -> tuple[Array | None, bool]:
+    """Return the end (nq,) of a step in all freedoms, and whether all equations hold there.
+
+    The step is along the surface of the independent equations, see `correcting.c`; None for one
+    without an end.
 
     Args:
         mechanism: the mechanism.
@@ -361,7 +341,7 @@ def tangent_step(
             address(freedoms), len(freedoms), address(end))
     if code == BAD_ARRAYS:
         check(code)
-    return TangentStep(end, code == DONE) if code in (DONE, UNSAFE) else None
+    return (end if code in (DONE, UNSAFE) else None), code == DONE
 
 
 def _without_idle_rotations(mechanism: Mechanism) -> Kernel:

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.constraints.kernel_tree import KernelTree, TreeTask, mass_entries
-from spatial_pin.kernel.kernel import Kernel, numbers, packed
-from spatial_pin.kernel.library import INT, POINTER, CStructure, address, check
+from spatial_pin.kernel.kernel import Kernel, packed
+from spatial_pin.kernel.library import INT, POINTER, CStructure, address, check, numbers
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import EPS, Array
 
@@ -86,8 +86,8 @@ class KKT:
     ) -> None:
         self._kernel = kernel = Kernel(mechanism, packed(mechanism, True))
         self._library, nv, n_closure = kernel.library, kernel.nv, kernel.n_closure
-        labels = groupby(kernel.constraints.labels, lambda label: label.closure)
-        groups = np.cumsum([0, *(len(list(group)) for _, group in labels)])  # by closure
+        closures = groupby(kernel.constraints.closure_of)
+        groups = np.cumsum([0, *(len(list(group)) for _, group in closures)])  # by closure
         ints = np.concatenate([groups, *mass_entries]).astype(np.int64)
         handle, n_masses = ctypes.c_void_p(), int(mass_entries[2].max(initial=-1)) + 1
         check(self._library.kkt_create(kernel.handle, address(ints), len(groups) - 1,

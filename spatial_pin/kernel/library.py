@@ -45,6 +45,18 @@ def addresses(arrays: Iterable[NDArray[Any]]) -> list[int]:
     return [_addressof(_view(x)) if x.size else _NOWHERE for x in arrays]  # type: ignore[arg-type]
 
 
+def numbers(array: NDArray[Any], shape: tuple[int, ...]) -> NDArray[np.floating[Any]]:
+    """Return an array as contiguous doubles of a shape, as C reads it; copied if it is read-only.
+
+    The address of a read-only array takes several times as long to ask for as a small copy.
+    """
+    out = np.ascontiguousarray(array, float)
+    out = out if out.flags.writeable else out.copy()
+    if out.shape != shape:
+        raise ValueError(f"an array of shape {out.shape} stands where {shape} is needed")
+    return out
+
+
 class CStructure(ctypes.Structure):
     """A structure of C; the arrays that it points to live as long as it does."""
 

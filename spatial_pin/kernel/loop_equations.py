@@ -23,8 +23,8 @@ from spatial_pin.constraints.composed_equations import (
 )
 from spatial_pin.constraints.trees import LargeTree, Tree, tree_of
 from spatial_pin.kernel.closer import opposite_axes
-from spatial_pin.kernel.kernel import EvaluationStruct, Kernel, numbers
-from spatial_pin.kernel.library import address
+from spatial_pin.kernel.kernel import EvaluationStruct, Kernel
+from spatial_pin.kernel.library import address, numbers
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 
@@ -92,7 +92,7 @@ class LoopEquations:
         """Return the name of the closure with the largest residual; empty when there is none."""
         if not self.residual.size:
             return ""
-        return self.constraints.labels[int(np.argmax(np.abs(self.residual)))].closure
+        return self.constraints.closure_of[int(np.argmax(np.abs(self.residual)))]
 
     def mirrored(self) -> str:
         """Return the name of a closure whose axes do not point the same way, else nothing."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.kernel.closer import Closer
-from spatial_pin.kernel.kernel import Kernel, numbers
+from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.library import (
     BAD_ARRAYS,
     INT,
@@ -21,6 +21,7 @@ from spatial_pin.kernel.library import (
     address,
     addresses,
     check,
+    numbers,
 )
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 from spatial_pin.numerics.linalg import Array

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.kernel.kernel import FrameInKernel, Kernel, numbers
+from spatial_pin.kernel.kernel import FrameInKernel, Kernel
 from spatial_pin.kernel.library import (
     DONE,
     INT,
@@ -18,22 +18,17 @@ from spatial_pin.kernel.library import (
     CStructure,
     address,
     check,
+    numbers,
 )
 from spatial_pin.numerics.linalg import Array
 
 DETERMINED = DONE, NOT_FINITE  # codes of configurations with rates, also infinite ones
 
 
-class Chosen(NamedTuple):
-    """Equations that determine the rates where it is not clear which are independent.
-
-    Attributes:
-        rows: (r,) independent closure equations, ascending.
-        fill: (k, nv) what fills the system up: unresolved passive freedoms, scaled, orthonormal.
-    """
-
-    rows: NDArray[np.integer[Any]]
-    fill: Array
+# What determines the rates where it is not clear which equations are independent: such closure
+# equations (r,), ascending, and what fills the system up (k, nv): unresolved passive freedoms,
+# scaled, orthonormal.
+Chosen = tuple[NDArray[np.integer[Any]], Array]
 
 
 class RateRows(NamedTuple):
@@ -73,8 +68,8 @@ class _RateTask(CStructure):
         """Give it equations; None: C chooses."""
         self.equations = None
         if chosen is not None:
-            rows = np.ascontiguousarray(chosen.rows, np.int64)
-            fill = np.ascontiguousarray(chosen.fill, float)
+            rows = np.ascontiguousarray(chosen[0], np.int64)
+            fill = np.ascontiguousarray(chosen[1], float)
             self.put(equations=rows, n_equations=len(rows), fill=fill, n_fill=len(fill))
 
 

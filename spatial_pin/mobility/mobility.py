@@ -76,7 +76,7 @@ class Loop(NamedTuple):
 def loop_of(evaluation: LoopEquations, closure: Closure, tolerance: float) -> Loop:
     """Return the loop of a closure, classified by the motions that its pairs generate."""
     mechanism, constraints = evaluation.mechanism, evaluation.constraints
-    rows = [i for i, label in enumerate(constraints.labels) if label.closure == closure.name]
+    rows = [i for i, name in enumerate(constraints.closure_of) if name == closure.name]
     joints = sorted({i for frames in closure.joined for i in joints_between(mechanism, frames)})
     size = np.array([constraints.scale] * 3 + [1.0] * 3)
     columns = joint_jacobian(evaluation.data, mechanism.model.nv)
@@ -261,16 +261,16 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
     every, rounding = evaluation, rounding_of(mechanism)
     if mechanism.whole is not None:  # with the equations left out of its file
         every = loops_at(mechanism.whole, x, all_angles(mechanism, evaluation.angles))
-    n, labels = every.constraints.n_closure, every.constraints.labels
+    constraints, n = every.constraints, every.constraints.n_closure
     independent = independent_rows(every.jacobian[:n],
                                    max(TOLERANCES.half_precision, rounding)).tolist()
-    redundant = tuple(f"{labels[i].closure}[{labels[i].equation}]"
+    redundant = tuple(f"{constraints.closure_of[i]}[{constraints.row_of[i]}]"
                       for i in range(n) if i not in set(independent))
     r = rank(jacobian, TOLERANCES.half_precision)
     nv = mechanism.model.nv
     closures = [c for c in every.mechanism.closures if c.frames]
     loops = tuple(loop_of(every, c, max(ALGEBRA_TOLERANCE, rounding)) for c in closures)
-    of_joints = n - every.constraints.n_products
+    of_joints = n - constraints.n_products
     freedoms = nv + sum(6 - c.n_rows for c in closures)
     full = r == len(jacobian)
     dof = nv - r if full else finite_freedom(

@@ -23,20 +23,6 @@ TIMES_AS_LONG = (1.0, 1.25, 1.5, 2.0, 3.0, 4.0, 6.0)
 COARSE = 3  # with rotations in space, every third start of the part is tried first
 
 
-class Movable(NamedTuple):
-    """How a curve may be moved as a whole.
-
-    Attributes:
-        shifts: (3,) whether along each axis.
-        turns: (3,) whether about each axis: none, one, or all.
-        scale: whether it may have any size.
-    """
-
-    shifts: NDArray[np.bool_]
-    turns: NDArray[np.bool_]
-    scale: bool
-
-
 class Matches(NamedTuple):
     """The best fits of parts of m curves to given points.
 
@@ -53,14 +39,19 @@ class Matches(NamedTuple):
     at: Array
 
 
-def matches(points: Array, curves: Array, is_closed: bool, movable: Movable) -> Matches:
+def matches(
+    points: Array, curves: Array, is_closed: bool, shifts: NDArray[np.bool_],
+    turns: NDArray[np.bool_], scale: bool,
+) -> Matches:
     """Return the best fits of closed curves, or of a part of each, in both directions.
 
     Args:
         points: (k, 3) in their order.
         curves: (m, n, 3) samples; the first one follows the last.
         is_closed: whether the first point follows the last.
-        movable: how a curve may be moved.
+        shifts: (3,) whether a curve may be moved along each axis.
+        turns: (3,) whether it may be turned about each axis: none, one, or all.
+        scale: whether it may have any size.
     """
     given, at = _even_points(points, is_closed)
     m, part = len(curves), at * (EVEN if is_closed else EVEN - 1)
@@ -74,7 +65,7 @@ def matches(points: Array, curves: Array, is_closed: bool, movable: Movable) -> 
                             for parts, curve in zip(lengths_along(curves), closed, strict=True)])
         for sense in (1, -1):
             along = forward if sense > 0 else forward[:, (-np.arange(n)) % n]
-            misfit, first, size, rotation = _best_starts(given, along, movable)
+            misfit, first, size, rotation = _best_starts(given, along, shifts, turns, scale)
             there = (sense * (first[:, None] + part)) % n / n
             better = misfit < best.misfit
             best = Matches(*(np.where(better.reshape(-1, *[1] * (new.ndim - 1)), new, old)
@@ -108,29 +99,29 @@ def lengths_along(curves: Array) -> Array:
 
 
 def _best_starts(
-    given: Array, along: Array, movable: Movable
+    given: Array, along: Array, shifts: NDArray[np.bool_], turns: NDArray[np.bool_], scale: bool
 ) -> tuple[Array, NDArray[np.intp], Array, Array]:
     """Return misfit, first point, size and rotation of the best part of each curve (m, n, 3)."""
     n, k = along.shape[1], len(given)
-    centre = np.where(movable.shifts, given.mean(axis=0), 0.0)
+    centre = np.where(shifts, given.mean(axis=0), 0.0)
     z = given - centre
     shape = np.conj(np.fft.rfft(z, n, axis=0))
     products = np.fft.irfft(shape[None, :, :, None] * np.fft.rfft(along, axis=1)[:, :, None, :], n,
                             axis=1)  # (m, n, 3, 3): of z and a part from each place on
-    stride = COARSE if movable.turns.all() else 1
+    stride = COARSE if turns.all() else 1
     window = np.conj(np.fft.rfft(np.ones(k), n))[None, :, None]
     sums, squares = (np.fft.irfft(window * np.fft.rfft(x, axis=1), n, axis=1)
                      for x in (along, along**2))
     products, sums, squares = (x[:, ::stride] for x in (products, sums, squares))
-    own = (squares - np.where(movable.shifts, sums**2 / k, 0.0)).sum(axis=2)
-    both = _turned_products(products, movable.turns)
+    own = (squares - np.where(shifts, sums**2 / k, 0.0)).sum(axis=2)
+    both = _turned_products(products, turns)
     whole = float(np.sum(z * z))
     tiny = np.finfo(float).tiny
-    size = np.maximum(both, 0.0) / np.maximum(own, tiny) if movable.scale else np.ones_like(both)
+    size = np.maximum(both, 0.0) / np.maximum(own, tiny) if scale else np.ones_like(both)
     misfit = np.maximum(whole - 2.0 * size * both + size**2 * own, 0.0)
     first = np.argmin(misfit, axis=1)
     rows = np.arange(len(along))
-    rotation = _rotations(products[rows, first], movable.turns)
+    rotation = _rotations(products[rows, first], turns)
     return np.sqrt(misfit[rows, first] / whole), stride * first, size[rows, first], rotation
 
 

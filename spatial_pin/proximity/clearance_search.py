@@ -7,6 +7,7 @@ it may contain the least distance or a contact.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -272,7 +273,8 @@ class ClearanceSearch(SampledClearance):
         points = sorted(known)
         for k in sorted(range(len(points)), key=lambda k: known[points[k]])[:VALLEYS]:
             here = known[points[k]] = self._nearest(pair, points[k]).distance
-            for row, first, last in _neighbouring_intervals(points, k):
+            for (row, first), after in pairwise(points[max(k - 1, 0) : k + 2]):  # on both sides
+                last = after.part if after.row == row else 1.0
                 end, other = (first, last) if (row, first) == points[k] else (last, first)
                 inside = MotionPoint(row, end + INWARD * (other - end))
                 if self._nearest(pair, inside).distance >= here:
@@ -320,17 +322,3 @@ class ClearanceSearch(SampledClearance):
             return min((a, b), key=lambda point: abs(known[point] - level))
         part = sign_change(excess, first, last, *ends)
         return MotionPoint(row, part) if part < 1.0 else MotionPoint(row + 1, 0.0)
-
-
-def _neighbouring_intervals(
-    points: list[MotionPoint], k: int
-) -> Iterator[tuple[int, float, float]]:
-    """Yield (sample, first part, last part) of the intervals on both sides of a point."""
-    if k > 0:
-        row, first = points[k - 1]
-        yield row, first, points[k].part if points[k].row == row else 1.0
-    if k + 1 < len(points):
-        row, first = points[k]
-        yield row, first, points[k + 1].part if points[k + 1].row == row else 1.0
-
-

@@ -212,9 +212,9 @@ def _holding_entries(state: State, part: Part, rest: NDArray[np.bool_]) -> NDArr
     holding = rest.copy()
     with loops_of(state.mechanism, state.angles) as evaluation:
         evaluation.update(state.q)
-        labels = evaluation.constraints.labels
         for group in part.others:
-            rows = [i for i, label in enumerate(labels) if label.closure in group.closures]
+            rows = [i for i, name in enumerate(evaluation.constraints.closure_of)
+                    if name in group.closures]
             own = np.flatnonzero(group.entries & rest)
             freedoms: Array = null_space(
                 evaluation.jacobian[rows][:, own], TOLERANCES.half_precision).T

@@ -65,8 +65,8 @@ def _pressure_angle(loops: LoopEquations, closure: Closure, normal: Array, point
     """
     mechanism = loops.mechanism
     scale, size = mechanism.velocity_scale, mechanism.characteristic_length
-    follower, labels = closure.numbers.get("follower"), loops.constraints.labels
-    other = np.array([x.closure != closure.name for x in labels], dtype=bool)
+    follower, closure_of = closure.numbers.get("follower"), loops.constraints.closure_of
+    other = np.array([name != closure.name for name in closure_of], dtype=bool)
     others = loops.jacobian[: len(other)][other]
     driven = [mechanism.coordinate(d.joint).v for d in mechanism.drivers.values()]
     ids = [mechanism.frame_id(name) for name in closure.frames]

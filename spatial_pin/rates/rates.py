@@ -414,11 +414,11 @@ def check_rates(state: State, v: Array) -> None:
     mechanism = state.mechanism
     with loops_of(mechanism, state.angles) as evaluation:
         evaluation.update(state.q)
-        n, labels = evaluation.constraints.n_closure, evaluation.constraints.labels
+        n, closure_of = evaluation.constraints.n_closure, evaluation.constraints.closure_of
         violation = np.abs(evaluation.jacobian[:n] @ (v / mechanism.velocity_scale))
     largest = np.abs(v / mechanism.velocity_scale).max(initial=0.0)
     if n and violation.max() > TOLERANCES.singular * max(largest, 1e-300):
-        worst = labels[int(violation.argmax())].closure
+        worst = closure_of[int(violation.argmax())]
         raise SingularError(
             f"mechanism {mechanism.name!r}: the prescribed rates would open closure "
             f"{worst!r}: they are inconsistent with the loops at {state}", state=state,

@@ -140,8 +140,8 @@ class OutputInfluence:
         self.evaluation.angle_reference[:] = state.angles
         self.configurations = list(self._generic(state))
         n = self.evaluation.constraints.n_closure
-        labels = self.evaluation.constraints.labels
-        self._rows = [[i for i, label in enumerate(labels) if label.closure == c.name]
+        closure_of = self.evaluation.constraints.closure_of
+        self._rows = [[i for i, name in enumerate(closure_of) if name == c.name]
                       for c in mechanism.closures]
         self._jacobians, self.motions = [], []
         for q in self.configurations:

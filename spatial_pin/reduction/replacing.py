@@ -61,9 +61,9 @@ def _slopes(made: Mechanism) -> dict[str, Array]:
         for q in open_configurations(made, made.neutral):
             evaluation.update(q)
             jacobians.append(evaluation.jacobian[: evaluation.constraints.n_closure].copy())
-        labels = evaluation.constraints.labels
+        closure_of = np.array(evaluation.constraints.closure_of)
     stacked = np.hstack(jacobians)
-    return {c.name: stacked[[label.closure == c.name for label in labels]] for c in made.closures}
+    return {c.name: stacked[closure_of == c.name] for c in made.closures}
 
 
 def _turn(closure: Closure, slopes: Array) -> NDArray[np.float64] | None:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from spatial_pin.dimensions.variants import DimensionBatch, Variants
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.numerics.curve_matching import Movable, lengths_along, matches
+from spatial_pin.numerics.curve_matching import lengths_along, matches
 from spatial_pin.numerics.linalg import Array, pseudo_inverses
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.synthesis.design_problem import DesignProblem, LocalSolution
@@ -140,7 +140,7 @@ class CurveDatabase:
             return []
         curves = points[:, :-1]
         movable = self._movable(x[0], [s.taken(slice(0, 1)) for s in samples[:-1]])
-        match = matches(self.goal.points, curves, self.goal.closed, movable)
+        match = matches(self.goal.points, curves, self.goal.closed, *movable)
         best = np.argsort(match.misfit, kind="stable")[:MOST_BROUGHT]
         parts = lengths_along(curves)
         begins: list[AtlasStart] = []
@@ -189,8 +189,10 @@ class CurveDatabase:
         bodies = self.p.family.bodies(members, samples.q, samples.angles, with_jacobian=False)
         return bodies.origin(self.goal.frame)
 
-    def _movable(self, x: Array, samples: Sequence[GoalStates]) -> Movable:
-        """Return which rigid motions and scalings of a curve the unknowns can make."""
+    def _movable(
+        self, x: Array, samples: Sequence[GoalStates]
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], bool]:
+        """Return along and about which axes, and whether in size, the unknowns can move a curve."""
         placed, scaled = self.goal.placement, self.goal.scale
         some = GoalStates.joined(samples[::6])
         columns = self._turn.slopes(*self._around(x), some, NO_NUMBERS).reshape(-1, self.p.n)
@@ -212,7 +214,7 @@ class CurveDatabase:
         turns = np.array([placed or can(np.cross(a, arms)) for a in axes])
         if turns.sum() == 2:
             turns[:] = False
-        return Movable(shifts, turns, scaled or can(arms))
+        return shifts, turns, scaled or can(arms)
 
     def _same(self, x: Array, m: int) -> DimensionBatch:
         """Return the mechanism of x, repeated for m configurations."""

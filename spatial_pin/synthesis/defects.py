@@ -43,11 +43,9 @@ ON_CIRCUIT = 2.0
 MOST_POSITION_STEPS = 20  # corrections of the arc length: each leaves about 1% of the error
 
 
-class CircuitPosition(NamedTuple):
-    """The position of a configuration on a circuit."""
-
-    value: float  # the driver's value, counted along the branch [rad or m]
-    branches: frozenset[int]  # numbers of its branches: two at a border
+# The position of a configuration on a circuit: the driver's value, counted along the branch [rad or
+# m], and the numbers of its branches, two at a border.
+CircuitPosition = tuple[float, frozenset[int]]
 
 
 class Circuit:
@@ -117,7 +115,7 @@ class Circuit:
             crossed += beyond > 0.0 and not is_at
         numbers, counted = self._numbered(np.arange(crossed, crossed + doubtful + 1),
                                           np.full(doubtful + 1, value))
-        return CircuitPosition(float(counted[0]), frozenset(numbers.tolist()))
+        return float(counted[0]), frozenset(numbers.tolist())
 
     def rows_of(self, branch: int) -> tuple[NDArray[np.intp], Array]:
         """Return samples of a branch, and the driver's values counted along it."""
@@ -248,10 +246,10 @@ class UsedBranch(NamedTuple):
         """Return the fewest branches with all positions, the one with most of them first."""
         rest, branches = dict(positions), list[UsedBranch]()
         while rest:
-            numbers = sorted({b for x in rest.values() for b in x.branches})
-            best = max(numbers, key=lambda b: sum(b in x.branches for x in rest.values()))
-            own = [i for i, x in rest.items() if best in x.branches]
-            values = np.array([rest.pop(i).value for i in own])
+            numbers = sorted({b for _, on in rest.values() for b in on})
+            best = max(numbers, key=lambda b: sum(b in on for _, on in rest.values()))
+            own = [i for i, (_, on) in rest.items() if best in on]
+            values = np.array([rest.pop(i)[0] for i in own])
             branches.append(cls(circuit, best, tuple(own), values))
         return branches
 

@@ -282,8 +282,7 @@ def test_equations_are_right_in_any_company(tmp_path):
     assert_same_as_pinocchio(mechanism, q, v)
     first, second = (q[mechanism.coordinate(name).q] for name in ("pin_1", "pin_2"))
     rows = loops_at(mechanism, q)
-    labels = [label.closure for label in rows.constraints.labels]
-    teeth = rows.residual[labels.index("teeth")]
+    teeth = rows.residual[rows.constraints.closure_of.index("teeth")]
     assert teeth == pytest.approx(17 / 40 * first + second, abs=1e-13)
     state = sp.State(mechanism, q, v)
     judged = Extended(mechanism).rows(q[None].astype(np.longdouble), v[None].astype(np.longdouble),
@@ -295,7 +294,7 @@ def test_equations_are_right_in_any_company(tmp_path):
     work = np.zeros((c.n_closure, mechanism.model.nv))
     ends = [(k, k, [mechanism.frame_on_joint(f)[0] for f in closure.frames[:2]])
             for closure in mechanism.closures if closure.frames
-            for k in [labels.index(closure.name)]]
+            for k in [c.closure_of.index(closure.name)]]
     ends += [(row, c.n_closure + k, both) for k, (row, _, both) in enumerate(c.other_body_products)]
     for row, wrench, (one, two) in ends:
         work[row] += (pulls[wrench] @ columns) * (support[two] - support[one])

@@ -240,8 +240,9 @@ def test_sticks_belong_to_their_links():
     motion = rssr(5)
     partly = without_picture_of(motion.mechanism, "crank_pin")
     parts = scene(film(replace(motion, mechanism=partly))).parts
-    assert {p.name for p in parts if " stick " in p.path} == {"crank"}
-    assert {p.name for p in parts if p.group == "links"} == {"ground", "crank", "coupler", "rocker"}
+    assert {p["name"] for p in parts if " stick " in p["path"]} == {"crank"}
+    assert {p["name"] for p in parts if p["group"] == "links"} == {
+        "ground", "crank", "coupler", "rocker"}
 
 
 def test_signs_are_small_where_pairs_stand_close_together(tmp_path):

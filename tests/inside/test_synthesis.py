@@ -203,9 +203,9 @@ def test_how_dimensions_move_a_curve_as_a_whole_is_determined(small):
         one = CurveDatabase(problem)
         x, samples, _ = one._curves(np.array([problem.draw(np.random.default_rng(k))
                                               for k in range(60)]), np.random.default_rng(0))
-        found = one._movable(x[0], [s.taken(slice(0, 1)) for s in samples[:-1]])
-        assert (found.shifts.tolist(), found.turns.tolist()) == (shifts, turns)
-        assert found.scale == (scale and {"x0", "y0"} <= names.keys())
+        along, about, grows = one._movable(x[0], [s.taken(slice(0, 1)) for s in samples[:-1]])
+        assert (along.tolist(), about.tolist()) == (shifts, turns)
+        assert grows == (scale and {"x0", "y0"} <= names.keys())
 
 
 def test_begins_are_at_the_path_within_bounds(small):

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from variety import paired
 
-from spatial_pin.numerics.curve_matching import Movable, lengths_along, matches
+from spatial_pin.numerics.curve_matching import lengths_along, matches
 
 EVERY, NONE, ABOUT_Z = ([True] * 3, [False] * 3, [False, False, True])
 SIZE, SHIFT = 1.7, np.array([1.0, -2.0, 3.0])
@@ -33,8 +33,7 @@ def test_a_curve_that_was_moved_is_found_with_how_it_was(free, part, scale):
     (turns, shifts), (rows, is_closed) = free, part
     every = curves()
     whole, rotation = moved(every[7], turns, shifts, scale)
-    found = matches(whole[rows], every, is_closed,
-                    Movable(np.array(shifts), np.array(turns), scale))
+    found = matches(whole[rows], every, is_closed, np.array(shifts), np.array(turns), scale)
     assert found.misfit[7] < 0.2
     if not is_closed:  # lengths of parts are tried in coarse steps, and many curves have such parts
         return
@@ -49,7 +48,7 @@ def test_a_curve_that_was_moved_is_found_with_how_it_was(free, part, scale):
 def test_a_misfit_is_what_the_best_motion_leaves():
     every = curves(6)
     other = every[0][::6]
-    found = matches(other, every, True, Movable(np.array(EVERY), np.array(EVERY), True))
+    found = matches(other, every, True, np.array(EVERY), np.array(EVERY), True)
     k = 3
     places = np.interp(found.at[k], lengths_along(every)[k], np.arange(145.0))
     rows = np.rint(places).astype(int) % 144

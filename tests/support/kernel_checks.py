@@ -16,8 +16,8 @@ from sameness import assert_same
 
 import spatial_pin as sp
 from spatial_pin.constraints.compiled_equations import Constraints
-from spatial_pin.kernel.kernel import EvaluationStruct, Kernel, numbers
-from spatial_pin.kernel.library import address
+from spatial_pin.kernel.kernel import EvaluationStruct, Kernel
+from spatial_pin.kernel.library import address, numbers
 from spatial_pin.kernel.loop_equations import loops_at
 
 ROUND_OFF = 1e-14

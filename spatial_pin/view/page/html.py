@@ -78,7 +78,7 @@ def _data(
     data = {
         "commands": packed(drawn.commands),
         "extras": packed(drawn.extras),
-        "parts": [part._asdict() for part in drawn.parts],
+        "parts": drawn.parts,
         "hidden": drawn.hidden,
         "shadow": drawn.shadow,
         "grid": GRID,

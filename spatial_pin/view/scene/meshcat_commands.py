@@ -58,20 +58,10 @@ class MeshcatScene(NamedTuple):
     framing: Framing  # the camera
     layer: Layer  # legend, alarms and labels; `labels` are in the scaled scene
     extras: list[bytes]  # commands of further layers, hidden at first
-    parts: list[ScenePart]  # that can be pointed at, shown and hidden
+    parts: list[dict[str, Any]]  # that can be pointed at, shown and hidden
     extent: Array  # points that the picture holds, those farthest out, shape (K, 3) [m]
     hidden: list[str]  # groups that are hidden at first
     shadow: bool | None  # as `Look` has it
-
-
-class ScenePart(NamedTuple):
-    """Something in a picture that has a name."""
-
-    path: str  # meshcat's
-    group: str  # its layer: "links", "pairs", "axes", ...
-    name: str  # of the link or pair, or of the part itself
-    at: list[float] | None = None  # middle of the sign of a pair in its joint's frame [m]
-    along: list[float] | None = None  # axis of the pair there, a unit vector
 
 
 @dataclass(frozen=True)
@@ -247,9 +237,11 @@ def scene(film: Film, look: Look | None = None) -> MeshcatScene:
     parts = []
     for item in (*layer.items, *hidden.items):
         is_sign = item.group == "pairs" and item.joint is not None
-        parts.append(ScenePart(item_path(item, model), item.group, item.called or item.name,
-                               item.placement[:3, 3].tolist() if is_sign else None,
-                               item.placement[:3, 2].tolist() if item.axial else None))
+        parts.append({
+            "path": item_path(item, model), "group": item.group, "name": item.called or item.name,
+            # middle and axis of the sign of a pair in its joint's frame [m]
+            "at": item.placement[:3, 3].tolist() if is_sign else None,
+            "along": item.placement[:3, 2].tolist() if item.axial else None})
     if len(points):  # those that are the farthest in any of 27 directions
         steps = [-1.0, 0.0, 1.0]
         directions = np.array([(x, y, z) for x in steps for y in steps for z in steps])

@@ -71,10 +71,10 @@ def gaps_of(stage: Stage) -> list[ClosureGap]:
         evaluation.update(film.motion.q[k])
         residuals[k] = evaluation.residual
     residuals[np.abs(residuals) <= TOLERANCES.half_precision] = 0.0
-    labels = np.array([label.closure for label in constraints_of(mechanism).labels])
+    closure_of = np.array(constraints_of(mechanism).closure_of)
     gaps = []
     for closure in mechanism.closures:
-        own = residuals[:, labels == closure.name]
+        own = residuals[:, closure_of == closure.name]
         if np.any(own):
             if closure.frames:
                 gaps.append(_pair_gap(stage, closure, own))
