@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.constraints.kernel_tree import KernelTree, TreeTask, mass_entries
-from spatial_pin.kernel.kernel import Kernel, packed
+from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.library import INT, POINTER, CStructure, address, check, numbers
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import EPS, Array
@@ -84,7 +84,7 @@ class KKT:
     def __init__(
         self, mechanism: Mechanism, mass_entries: tuple[Positions, Positions, Positions]
     ) -> None:
-        self._kernel = kernel = Kernel(mechanism, packed(mechanism, True))
+        self._kernel = kernel = Kernel(mechanism)
         self._library, nv, n_closure = kernel.library, kernel.nv, kernel.n_closure
         closures = groupby(kernel.constraints.closure_of)
         groups = np.cumsum([0, *(len(list(group)) for _, group in closures)])  # by closure
