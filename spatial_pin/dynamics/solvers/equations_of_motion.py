@@ -72,7 +72,7 @@ class MotionEquations(Loops):
     _solved: KKT | None = None  # the system whose factors and multipliers are those of the State
 
     def solve(self, given: Array) -> Solution:
-        """Return the accelerations under joint forces f (nv,) at the State of the last `place`.
+        """Return the accelerations under joint forces f (nv,) at the State of the last `move_to`.
 
         Raises:
             SingularError: a freedom has no inertia, or the loops have lost rank.
