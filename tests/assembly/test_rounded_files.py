@@ -423,3 +423,10 @@ def test_a_simulation_ends_where_a_rounded_file_contradicts_itself():
     motion = sp.simulate(loop, start, 3.0, times=np.linspace(0.0, 3.0, 121))
     assert 5 < len(motion) < 121
     assert [e.kind for e in motion.events] == ["gap"] and "gap=" in motion.events[0].text
+
+
+def test_a_simulation_of_a_file_that_contradicts_itself_before_the_first_sample():
+    loop = rounded.line_symmetric(678015, rounded.to_digits(4))
+    start = sp.solve_rates(loop, assembled(loop), {"h0": 1.0})
+    with pytest.raises(sp.SingularError, match=r"beyond the gap of .*gap="):
+        sp.simulate(loop, start, 3.0, times=[2.9, 3.0])
