@@ -530,7 +530,8 @@ class EquationsInUse:
         self._given_up: set[tuple[type, tuple[int, ...]]] = set()  # at the time of the failure
         self._clock = time.perf_counter()
         self._gap = allowed_from(first, gap_allowed(problem.mechanism, accuracy))
-        self._tried_at = 2.0 * NEARLY_DEPENDENT  # independence at which no others did better, twice
+        # Independence at which no others did better; twice the limit while there is none.
+        self._tried_at = 2.0 * NEARLY_DEPENDENT
 
     @property
     def system(self) -> IndependentFormulation:

@@ -223,7 +223,7 @@ class Equations(MotionEquations):
             springs.turning(state.q, state.v) if springs.exist else self.rest)
         if external:
             self.wrenches += external_wrenches(self.mechanism, self.evaluation, external)
-        if springs.exist and (springs.lines or springs.bushings):
+        if springs.on_frames:
             self.wrenches += springs.wrenches(self.evaluation, state.v)
         if self.wrenches:
             self.given = self.turning + generalised(self.evaluation, self.wrenches)
