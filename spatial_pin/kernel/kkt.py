@@ -10,12 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.constraints.kernel_tree import (
-    KernelTree,
-    MassEntries,
-    TreeTask,
-    mass_entries,
-)
+from spatial_pin.constraints.kernel_tree import KernelTree, MassEntries, TreeTask, mass_entries
 from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.library import INT, POINTER, CStructure, address, check, numbers
 from spatial_pin.mechanism.mechanism import Mechanism
