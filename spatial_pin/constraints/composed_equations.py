@@ -28,7 +28,7 @@ from spatial_pin.numerics.taylor import Taylor, argument
 
 Ints = NDArray[np.intp]
 DENSE_LIMIT = 60_000  # entries of a matrix above which a sparse one is faster
-# Of Newton's method for parameters: as in the kernel (`implicit.c`).
+# Of Newton's method for parameters: as in the kernel (`core/sums.c`).
 NEWTON_STEPS = 30
 LONGEST_STEP = 0.1  # of the span of a parameter
 STEP_NOISE = 1e-13  # likewise: a step so short is the last one

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     import spatial_pin as sp
 
 RATES = "v", "a", "facts"  # see `RateRows`
-SOLUTION_ERROR = 8.0 * EPS  # of a solution, relative to its size: as in `closing/rate_errors.c`
+SOLUTION_ERROR = 8.0 * EPS  # of a solution, relative to its size: as in `states/rates.c`
 
 
 def prescribed_at(state: State, names: Iterable[str], hold: Hold = BASE) -> list[Coordinate]:
