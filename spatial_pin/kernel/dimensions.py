@@ -23,7 +23,7 @@ class Numbers(NamedTuple):
     Attributes:
         base: (n,) the numbers of a kernel, then (3,) of each point in the axes of the kernel's
             joint that carries it.
-        places: (k,) indices of those that differ from sample to sample.
+        indices: (k,) of those that differ from sample to sample.
         varied: (m, k) their values.
     """
 
