@@ -104,7 +104,7 @@ class DimensionKernel:
             free: (nv,) velocities that may move to close the loops.
             joints: Pinocchio's indices of the joints that carry the points.
             rates: (2, n_driven) speeds and accelerations of the drivers; None: all stand still.
-            tolerance: as for `Closer.close`.
+            tolerance: see `ClosureSettings`.
             iterations: damped steps at most.
         """
         kernel, m, nv = self._kernel, len(q), self._kernel.nv

@@ -14,6 +14,8 @@ typedef double Real;
 /* As fmax and fmin where the first is a number, but without a call. */
 static inline Real larger_of(Real most, Real size) { return size > most ? size : most; }
 static inline Real smaller_of(Real least, Real size) { return size < least ? size : least; }
+/* The larger one, or NaN where one is: nothing is larger than NaN. */
+static inline Real larger_or_nan(Real most, Real size) { return size > most || isnan(size) ? size : most; }
 
 static inline Real dot(const Real *a, const Real *b, Int n)
 {
@@ -30,8 +32,7 @@ static inline Real largest(const Real *a, Int n)
 {
     Real size = 0.0;
     for (Int i = 0; i < n; i++)
-        if (fabs(a[i]) > size || isnan(a[i]))
-            size = fabs(a[i]);
+        size = larger_or_nan(size, fabs(a[i]));
     return size;
 }
 

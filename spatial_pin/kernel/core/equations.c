@@ -421,9 +421,8 @@ void equations_of_system(Kernel *k)
     unmark(k);
     for (Int i = 0; i < k->system.n_chosen; i++)
         mark_equation(k, k->system.chosen[i]);
-    for (Int i = 0; i < k->n_equations; i++)
-        if (i >= k->n_closure)
-            mark_equation(k, i);
+    for (Int i = k->n_closure; i < k->n_equations; i++)
+        mark_equation(k, i);
     for (Int i = 0; i < 2 * k->n_angles; i++)
         mark_product(k, k->angles.product[i]);
     mark_sums(k, k->n_equations, k->n_equations + k->implicit.n_sums);

@@ -292,7 +292,7 @@ Real product_without(const Kernel *k, Int term, Int one, Int other);
 int is_one_of(const Kernel *k, Int quantity, Int first, Int n); /* whether it is one of n angles */
 
 /* ---- evaluating.c ---- */
-/* Configurations, and where goes what they give: as `_EvaluationStruct` in kernel.py. Of the outputs
+/* Configurations, and where goes what they give: as `EvaluationStruct` in kernel.py. Of the outputs
    those that are NULL are not wanted. */
 typedef struct {
     Int m;

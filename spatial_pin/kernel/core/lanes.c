@@ -136,10 +136,12 @@ void lanes_begin(Abreast *s)
     equations_place_ground(s);
 }
 
+#define make_room_of lanes_make_room_of
+#include "evaluated.h"
+
 Abreast *lanes_of(Kernel *k)
 {
-    const Int n = k->n_joints, nv = k->nv, np = k->products.n, ne = k->n_equations;
-    const Int vectors = 3 * k->vectors.n, na = k->n_angles, nx = k->quantities.n;
+    const Int n = k->n_joints, nv = k->nv;
     Abreast *s = k->memory.lanes;
     if (s || !(s = kernel_memory(k, 1, sizeof *s)))
         return s;
@@ -147,25 +149,13 @@ Abreast *lanes_of(Kernel *k)
         Lane **to;
         Int count;
     } fields[] = {
-        {&s->rotation, 9 * n}, {&s->translation, 3 * n}, {&s->q, k->nq}, {&s->next, k->nq},
-        {&s->R, 9 * n}, {&s->p, 3 * n}, {&s->linear, 3 * nv}, {&s->angular, 3 * nv},
-        {&s->omega, 3 * n}, {&s->velocity, 3 * n}, {&s->alpha, 3 * n}, {&s->acceleration, 3 * n},
-        {&s->entry, k->entry_start[ne]}, {&s->residual, k->n_closure}, {&s->angle, na},
-        {&s->angle_reference, na}, {&s->right, nv}, {&s->vectors.local, vectors},
-        {&s->vectors.value, vectors}, {&s->vectors.rate, vectors}, {&s->vectors.bias, vectors},
-        {&s->products.A, 3 * np}, {&s->products.B, 3 * np}, {&s->products.value, np},
-        {&s->products.rate, np}, {&s->products.bias, np}, {&s->products.weight, np},
-        {&s->angles.rate, na}, {&s->angles.bias, na}, {&s->angles.weight, na},
-        {&s->quantities.last, 4 * k->quantities.n_functions}, {&s->quantities.value, nx},
-        {&s->quantities.rate, nx}, {&s->quantities.bias, nx}, {&s->quantities.slope, nx},
-        {&s->quantities.bend, nx}, {&s->equations.bias, ne}, {&s->equations.row, nv},
-        {&s->matrix, k->entry_start[ne] + 3 * nv}, {&s->t, nv}, {&s->c, nv}, {&s->prescribed, 3 * nv},
+        {&s->rotation, 9 * n}, {&s->translation, 3 * n}, {&s->vectors.local, 3 * k->vectors.n},
+        {&s->matrix, k->entry_start[k->n_equations] + 3 * nv}, {&s->next, k->nq}, {&s->t, nv}, {&s->c, nv},
+        {&s->prescribed, 3 * nv},
     };
+    make_room_of(k, s);
     for (size_t i = 0; i < sizeof fields / sizeof *fields; i++)
         *fields[i].to = kernel_memory(k, fields[i].count, sizeof(Lane));
-    s->products.weighted = kernel_ints(k, np);
-    s->products.is_weighted = kernel_memory(k, np, 1);
-    s->moves = kernel_ints(k, n);
     s->k = k;
     return k->memory.lanes = kernel_had_memory(k) ? s : NULL;
 }

@@ -185,37 +185,18 @@ static void take_numbers(Kernel *k)
     }
 }
 
-/* Memory for what evaluations write. */
+#include "evaluated.h"
+
+/* Memory for what evaluations write, and for the square system. */
 static int make_room(Kernel *k)
 {
-    const Int n = k->n_joints, nv = k->nv, np = k->products.n, ne = k->n_equations;
-    const Int na = k->n_angles, nx = k->quantities.n;
-    struct {
-        Real **to;
-        Int count;
-    } fields[] = {
-        {&k->q, k->nq}, {&k->R, 9 * n}, {&k->p, 3 * n}, {&k->linear, 3 * nv}, {&k->angular, 3 * nv},
-        {&k->omega, 3 * n}, {&k->velocity, 3 * n}, {&k->alpha, 3 * n}, {&k->acceleration, 3 * n},
-        {&k->added, 6 * n}, {&k->residual, k->n_closure}, {&k->angle, na},
-        {&k->angle_reference, na}, {&k->entry, k->entry_start[ne]}, {&k->right, nv},
-        {&k->vectors.value, 3 * k->vectors.n}, {&k->vectors.rate, 3 * k->vectors.n},
-        {&k->vectors.bias, 3 * k->vectors.n}, {&k->products.A, 3 * np}, {&k->products.B, 3 * np},
-        {&k->products.value, np}, {&k->products.rate, np}, {&k->products.bias, np},
-        {&k->angles.rate, na}, {&k->angles.bias, na}, {&k->quantities.value, nx},
-        {&k->quantities.rate, nx}, {&k->quantities.bias, nx}, {&k->quantities.slope, nx},
-        {&k->quantities.bend, nx}, {&k->equations.bias, ne}, {&k->equations.row, nv},
-        {&k->implicit.inverse, 4 * k->implicit.n}, {&k->products.weight, np},
-        {&k->angles.weight, na}, {&k->quantities.last, 4 * k->quantities.n_functions},
-    };
-    for (size_t i = 0; i < sizeof fields / sizeof *fields; i++)
-        *fields[i].to = kernel_reals(k, fields[i].count);
-    k->quantities.called =
-        kernel_memory(k, k->quantities.n_functions, sizeof *k->quantities.called);
-    k->quantities.piece = kernel_ints(k, k->quantities.n_functions);
-    k->products.weighted = kernel_ints(k, np);
-    k->products.is_weighted = kernel_memory(k, np, 1);
+    const Int n = k->n_joints, nv = k->nv, n_functions = k->quantities.n_functions;
+    make_room_of(k, k);
+    k->added = kernel_reals(k, 6 * n);
+    k->implicit.inverse = kernel_reals(k, 4 * k->implicit.n);
+    k->quantities.called = kernel_memory(k, n_functions, sizeof *k->quantities.called);
+    k->quantities.piece = kernel_ints(k, n_functions);
     k->plain = kernel_ints(k, n);
-    k->moves = kernel_ints(k, n);
     k->system.chosen = kernel_ints(k, nv);
     k->system.candidate = kernel_ints(k, nv);
     k->system.driven = kernel_ints(k, nv);
@@ -223,7 +204,7 @@ static int make_room(Kernel *k)
     k->system.pin_row = kernel_ints(k, nv);
     k->system.pin_entry = kernel_ints(k, nv);
     k->system.lu = lu_new();
-    k->implicit.is_angle = kernel_memory(k, na, 1);
+    k->implicit.is_angle = kernel_memory(k, k->n_angles, 1);
     equations_make_room(k);
     return kernel_had_memory(k) && k->system.lu;
 }

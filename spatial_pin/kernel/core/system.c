@@ -34,10 +34,6 @@ WITHIN void put_values(const Evaluated *s, Number *value)
 #endif
 }
 
-#if N_PARTS == 1
-void system_solve(const Kernel *k, Real *x) { lu_solve(k->system.lu, x); }
-#endif
-
 SHARED void system_put_rates(Evaluated *s, const Number *rate)
 {
     const Kernel *k = kernel_of(s);
@@ -96,6 +92,8 @@ SHARED void system_path_rates(Evaluated *s, const Number *rate, const Number *be
 }
 
 #if N_PARTS == 1
+
+void system_solve(const Kernel *k, Real *x) { lu_solve(k->system.lu, x); }
 
 static int indices_are_sound(const Int *index, Int n, Int below)
 {

@@ -61,11 +61,9 @@ WITHIN Lane predict_lanes(Path *path, const Point *from, const Real *values)
     for (int l = 0; l < LANES; l++)
         u[l] = (values[l] - p->s) / p->h;
     for (Int i = 0; i < k->nq; i++) {
-        const Real *c = p->coefficient + i * (BETWEEN_DEGREE + 1);
-        Lane value = SPREAD(c[p->degree]);
-        for (Int d = p->degree - 1; d >= 0; d--)
-            value = value * u + c[d];
-        s->next[i] = value;
+        Lane at[3];
+        polynomial_at(p->coefficient + i * (BETWEEN_DEGREE + 1), p->degree, u, at);
+        s->next[i] = at[0];
     }
     for (Int i = 0; i < k->n_angles; i++)
         s->angle_reference[i] = from->angle[i] + u * (to->angle[i] - from->angle[i]);
@@ -82,11 +80,8 @@ WITHIN Real largest_of(const Lane *x, const Int *index, Int n)
 {
     Real most = 0.0;
     for (Int i = 0; i < n; i++)
-        for (int l = 0; l < LANES; l++) {
-            const Real size = fabs(x[index[i]][l]);
-            if (size > most || isnan(size))
-                most = size; /* which NaN stays */
-        }
+        for (int l = 0; l < LANES; l++)
+            most = larger_or_nan(most, fabs(x[index[i]][l]));
     return most;
 }
 
@@ -123,8 +118,7 @@ WITHIN Real correct_lanes(Path *path, Lane u)
         x[v] *= k->scale[v];
     }
     for (int l = 0; l < LANES; l++)
-        if (square[l] > most || isnan(square[l]))
-            most = square[l];
+        most = larger_or_nan(most, square[l]);
     lanes_move(s);
     put_prescribed(path);
     return sqrt(most);

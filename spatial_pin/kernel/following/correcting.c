@@ -17,11 +17,8 @@ Real residual_part(Real pivot_ratio) { return smaller_of(1.0, pivot_ratio / WEAK
 Real chosen_residual(const Kernel *k)
 {
     Real largest = 0.0;
-    for (Int i = 0; i < k->system.n_chosen; i++) {
-        const Real size = fabs(k->residual[k->system.chosen[i]]);
-        if (size > largest || isnan(size))
-            largest = size; /* which NaN stays */
-    }
+    for (Int i = 0; i < k->system.n_chosen; i++)
+        largest = larger_or_nan(largest, fabs(k->residual[k->system.chosen[i]]));
     return largest;
 }
 

@@ -150,13 +150,11 @@ Real estimate_at(Path *path, Real t, Real c, Real error, Real *estimate)
     return q;
 }
 
-static Real estimate_point(Path *path, Real *estimate)
+Real estimate_here(Path *path, Real *estimate)
 {
     look_again(path);
     return estimate_at(path, path->here->pace, path->here->bend, path->here->error, estimate);
 }
-
-void estimate_here(Path *path, Real *estimate) { estimate_point(path, estimate); }
 
 /* The error of q in the middle of a step h, scaled, by that of second derivatives there: it is what a correction
    finds, and idle rotations as well, which no residual shows. */
@@ -212,7 +210,8 @@ Real estimate_between(Path *path, const Point *third, const Point *from, Real *e
     const Kernel *k = path->k;
     const Point *to = path->here;
     const Real h = fabs(to->s - from->s), way = path->way, allowed = path->accuracy.between;
-    Int degree = between_make(k, third, from, to, &path->between);
+    between_make(k, third, from, to, &path->between);
+    const Int degree = path->between.degree;
     const Missed *m = MISSED + (degree == BETWEEN_DEGREE);
     const Real missing = missing_in_middle(path, from), grown = pow(way, m->order + 2.0);
     if (!isfinite(missing)) {
@@ -226,7 +225,7 @@ Real estimate_between(Path *path, const Point *third, const Point *from, Real *e
     const Real first = larger_of(t, REST * way), second = larger_of(c, STRAIGHT_BEND * first * first);
     Real part = part_of(m, e, first, second) / allowed;
     const Real longer = pow(AIM / larger_of(part, 1e-30), 1.0 / m->order);
-    const Real node = BETWEEN_PART * estimate_point(path, estimate);
+    const Real node = BETWEEN_PART * estimate_here(path, estimate);
     /* Noise falls with the square of the distance, as far as a third point allows. The missing part
        does not grow where it is noise too. Where no distance will do, none is tried soon. */
     const Real noise = m->round_off * node / (second * allowed);
@@ -244,7 +243,7 @@ Real estimate_between(Path *path, const Point *third, const Point *from, Real *e
     const Real without = SURE_TIMES * (e + path->between.third);
     if (degree == BETWEEN_DEGREE && part_of(m, without, first, second) <= AIM * allowed) {
         e = without, part = part_of(m, e, first, second) / allowed;
-        degree = between_make(k, NULL, from, to, &path->between);
+        between_make(k, NULL, from, to, &path->between);
     }
     path->between_open = SURE_TIMES * open * e + larger_of(from->error, to->error);
     estimate[0] += SURE_TIMES * e;

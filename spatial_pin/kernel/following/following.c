@@ -10,6 +10,10 @@
 
 #define OPENED 2.0       /* times the rounding of a file by which equations left out may be open
                             before others are chosen: ill-conditioned choices show there first */
+#define WITH_THIRD 0.1  /* first way of polynomials that a third point is needed for, put ahead */
+#define ABREAST_FIRST 0.3 /* first way between points that samples are closed between */
+#define BETWEEN_FIRST 0.5 /* first way between points that samples are interpolated between, by the
+                            seventh root of the error allowed, which grows with its seventh power */
 
 /* The path of a kernel, made once; NULL if there is no memory. */
 static Path *path_of(Kernel *k)

@@ -87,12 +87,13 @@ Real idle_way_to(const Path *path, Real target);
 /* ---- estimating.c ---- */
 /* See how errors are magnified where the path stands, at its factored point. */
 void probe_errors(Path *path);
-/* Error estimates (3) of q, t and c, scaled, where the path stands. */
-void estimate_here(Path *path, Real *estimate);
+/* Error estimates (3) of q, t and c, scaled, where the path stands. Returns what of q is not idle
+   rotation. */
+Real estimate_here(Path *path, Real *estimate);
 /* See again how errors are magnified where the path stands, if that may have changed. */
 void look_again(Path *path);
 /* The same estimates of a sample near by, where t and c have these scaled sizes, and the closure error is
-   this one. Returns what of q is not idle rotation. */
+   this one. */
 Real estimate_at(Path *path, Real t, Real c, Real error, Real *estimate);
 /* The same of samples that are interpolated between a point and the present one, to which one step has
    led, with a third point before them or NULL. Returns their size by the allowed one, and learns from
@@ -100,7 +101,7 @@ Real estimate_at(Path *path, Real t, Real c, Real error, Real *estimate);
 Real estimate_between(Path *path, const Point *third, const Point *from, Real *estimate);
 
 /* ---- abreast.c ---- */
-/* Whether samples between points may be closed side by side. */
+/* Whether samples between points may be closed side by side; then the lanes take the kernel's numbers. */
 int goes_abreast(Path *path);
 /* Write rows (n) from i on, at values between a point and the present one, to which one step has led, each
    closed by itself; `between` is their prediction. 0 where one of them does not close at once. The largest
@@ -118,11 +119,7 @@ Int follow_values(Path *path, const Real *values, Int n, const PathRows *rows);
 #define WITHOUT_THIRD 1e-8 /* error allowed up to which polynomials of fifth degree miss too much */
 #define SOONEST 0.06   /* way between points for which one before them is far enough, as far as it stays
                           (stepping.c) */
-#define WITH_THIRD 0.1  /* first way of polynomials that a third point is needed for, put ahead */
 #define IDLE_FIRST 0.05  /* first way with idle rotations, whose error is not known yet: of 4e-12
                             rad at a way of 0.3, as measured, (1/6)^6 is round-off */
-#define ABREAST_FIRST 0.3 /* first way between points that samples are closed between */
-#define BETWEEN_FIRST 0.5 /* first way between points that samples are interpolated between, by the
-                            seventh root of the error allowed, which grows with its seventh power */
 
 #endif

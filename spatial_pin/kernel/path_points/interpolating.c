@@ -50,7 +50,7 @@ Real third_reaches(const Point *third, const Point *from, Real sense)
     return behind > 0.0 ? behind / BETWEEN_NEAREST : -behind / (1.0 + BETWEEN_NEAREST);
 }
 
-Int between_make(const Kernel *k, const Point *third, const Point *a, const Point *b, Between *p)
+void between_make(const Kernel *k, const Point *third, const Point *a, const Point *b, Between *p)
 {
     const Real h = b->s - a->s, r = third ? (a->s - third->s) / h : 0.0;
     const int is_near = third && fabs(r) < FARTHEST_NODE && fabs(h) < third_reaches(third, a, h);
@@ -72,7 +72,6 @@ Int between_make(const Kernel *k, const Point *third, const Point *a, const Poin
     for (Int i = k->nq; i < k->nq + k->n_angles && is_near; i++)
         through_third(third, h, r, i, p->coefficient + i * (BETWEEN_DEGREE + 1));
     p->third = sqrt(square);
-    return p->degree;
 }
 
 /* Angular velocity and acceleration in the body's axes of a quaternion that is of length one but

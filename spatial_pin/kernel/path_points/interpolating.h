@@ -22,8 +22,8 @@ typedef struct {
 Real third_reaches(const Point *third, const Point *from, Real sense);
 
 /* Put them through two points, and through a third one outside, unless it is NULL or at no good
- * distance. Returns their degree. */
-Int between_make(const Kernel *k, const Point *third, const Point *a, const Point *b, Between *p);
+ * distance. */
+void between_make(const Kernel *k, const Point *third, const Point *a, const Point *b, Between *p);
 
 /* Configurations q (n, nq), t, c (n, nv) and angles (n, n_angles) as in `Point`, at driver values between the
  * points: LANES of them at most. */

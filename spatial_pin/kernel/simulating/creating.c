@@ -4,6 +4,7 @@
 
 static int read_arrays(Dynamics *d, Source from)
 {
+    Springs *springs = &d->forces.springs;
     const Int nv = d->k->nv;
     const Int *head = read_ints(&from, 8);
     if (!head)
@@ -12,19 +13,19 @@ static int read_arrays(Dynamics *d, Source from)
         if (head[i] < 0 || head[i] > 1000000)
             return 0;
     d->n_free = head[0], d->n_drives = head[1], d->spins.n = head[2];
-    d->forces.springs.n_lines = head[3], d->forces.n_turns = head[4], d->forces.springs.n_bushings = head[7];
+    springs->n_lines = head[3], d->forces.n_turns = head[4], springs->n_bushings = head[7];
     d->works = head[5], d->projects = head[6];
     d->n_held = d->n_free + d->n_drives;
     d->n_unknowns = (d->projects ? 2 * nv : 2 * d->n_free + 4 * d->spins.n) + (d->works ? 1 : 0);
     d->prescribed = read_ints(&from, d->n_drives);
     d->spins.joint = read_ints(&from, d->spins.n);
-    d->forces.springs.line_body = read_ints(&from, 2 * d->forces.springs.n_lines);
-    d->forces.springs.line_law = read_ints(&from, d->forces.springs.n_lines);
+    springs->line_body = read_ints(&from, 2 * springs->n_lines);
+    springs->line_law = read_ints(&from, springs->n_lines);
     d->forces.turn_q = read_ints(&from, d->forces.n_turns);
     d->forces.turn_v = read_ints(&from, d->forces.n_turns);
     d->forces.turn_law = read_ints(&from, d->forces.n_turns);
-    d->forces.springs.bushing_body = read_ints(&from, 2 * d->forces.springs.n_bushings);
-    d->forces.springs.bushing_law = read_ints(&from, d->forces.springs.n_bushings);
+    springs->bushing_body = read_ints(&from, 2 * springs->n_bushings);
+    springs->bushing_law = read_ints(&from, springs->n_bushings);
     const Real *tolerance = read_reals(&from, 1);
     d->forces.damping = read_reals(&from, nv);
     d->forces.friction = read_reals(&from, nv);
@@ -32,12 +33,12 @@ static int read_arrays(Dynamics *d, Source from)
     d->forces.armature = read_reals(&from, nv);
     d->forces.constant = read_reals(&from, nv);
     d->spins.axis = read_reals(&from, 3 * d->spins.n);
-    d->forces.springs.line_point = read_reals(&from, 6 * d->forces.springs.n_lines);
-    d->forces.springs.line_spring = read_reals(&from, 3 * d->forces.springs.n_lines);
+    springs->line_point = read_reals(&from, 6 * springs->n_lines);
+    springs->line_spring = read_reals(&from, 3 * springs->n_lines);
     d->forces.turn_spring = read_reals(&from, 3 * d->forces.n_turns);
-    d->forces.springs.bushing = read_reals(&from, BUSHING_NUMBERS * d->forces.springs.n_bushings);
-    d->forces.springs.law = d->callbacks.spring;
-    d->forces.springs.first_bushing = d->forces.springs.n_lines + d->forces.n_turns;
+    springs->bushing = read_reals(&from, BUSHING_NUMBERS * springs->n_bushings);
+    springs->law = d->callbacks.spring;
+    springs->first_bushing = springs->n_lines + d->forces.n_turns;
     if (from.failed || from.n_ints || from.n_reals)
         return 0;
     d->tolerance = *tolerance;
@@ -46,6 +47,7 @@ static int read_arrays(Dynamics *d, Source from)
 
 static int forces_are_sound(const Dynamics *d)
 {
+    const Springs *springs = &d->forces.springs;
     const Kernel *k = d->k;
     int law = 0;
     if (d->n_held > k->nv || d->spins.n > k->nv || (d->projects && (d->n_drives || d->spins.n)))
@@ -56,21 +58,21 @@ static int forces_are_sound(const Dynamics *d)
     for (Int s = 0; s < d->spins.n; s++)
         if (!within(d->spins.joint[s], k->n_joints) || k->kind[d->spins.joint[s]] != BALL)
             return 0;
-    for (Int i = 0; i < 2 * d->forces.springs.n_lines; i++)
-        if (!within(d->forces.springs.line_body[i], k->n_joints))
+    for (Int i = 0; i < 2 * springs->n_lines; i++)
+        if (!within(springs->line_body[i], k->n_joints))
             return 0;
-    for (Int i = 0; i < d->forces.springs.n_lines; i++)
-        law = law || d->forces.springs.line_law[i];
+    for (Int i = 0; i < springs->n_lines; i++)
+        law = law || springs->line_law[i];
     for (Int i = 0; i < d->forces.n_turns; i++) {
         law = law || d->forces.turn_law[i];
         if (!within(d->forces.turn_q[i], k->nq) || !within(d->forces.turn_v[i], k->nv))
             return 0;
     }
-    for (Int i = 0; i < d->forces.springs.n_bushings; i++) {
-        law = law || d->forces.springs.bushing_law[i];
-        if (!within(d->forces.springs.bushing_body[2 * i], k->n_joints) ||
-            !within(d->forces.springs.bushing_body[2 * i + 1], k->n_joints) ||
-            !within(d->forces.springs.bushing_law[i], 7))
+    for (Int i = 0; i < springs->n_bushings; i++) {
+        law = law || springs->bushing_law[i];
+        if (!within(springs->bushing_body[2 * i], k->n_joints) ||
+            !within(springs->bushing_body[2 * i + 1], k->n_joints) ||
+            !within(springs->bushing_law[i], 7))
             return 0;
     }
     return (d->callbacks.spring || !law) && (d->callbacks.drives || !d->n_drives) && d->callbacks.least;

@@ -32,17 +32,6 @@ static void needed(const Kernel *k, Int j, Real *force, Real *moment)
     add3(1.0, once, moment);
 }
 
-/* Force of a spring, and how fast it stores energy. */
-static int pull(const Dynamics *d, Int which, Int has_law, const Real *spring, Real length,
-                Real rate, Real *force, Real *storing)
-{
-    if (has_law)
-        return d->callbacks.spring(which, length, rate, force);
-    *force = spring[0] * (length - spring[2]) + spring[1] * rate;
-    *storing += spring[0] * (length - spring[2]) * rate;
-    return DONE;
-}
-
 /* Forces and moments that all bodies need. */
 static void bodies_need(Dynamics *d)
 {
@@ -79,8 +68,8 @@ int forces_at_joints(Dynamics *d, Real t, const Real *q)
     for (Int i = 0; i < d->forces.n_turns; i++) {
         Real force = 0.0;
         const Int at = d->forces.turn_v[i];
-        if (pull(d, d->forces.springs.n_lines + i, d->forces.turn_law[i], d->forces.turn_spring + 3 * i,
-                 d->q[d->forces.turn_q[i]], v[at], &force, &d->forces.springs.power) != DONE)
+        if (spring_force(&d->forces.springs, d->forces.springs.n_lines + i, d->forces.turn_law[i],
+                         d->forces.turn_spring + 3 * i, d->q[d->forces.turn_q[i]], v[at], &force) != DONE)
             return CALLBACK_FAILED;
         d->forces.given[at] -= force;
     }

@@ -99,7 +99,7 @@ Real largest_inertia(Dynamics *d)
 /* Freedoms of an open tree from which on it is solved body by body: below, the mass matrix is as
    fast. */
 #define LONG_TREE 12
-/* Part of the accelerations that round-off may be, as in `accelerations.py` */
+/* Part of the accelerations that round-off may be, as in `equations_of_motion.py` */
 #define DOUBTFUL TOLERANCE_RANK
 
 /* Accelerations of an open tree by articulated bodies, whose digits do not depend on its length; 0

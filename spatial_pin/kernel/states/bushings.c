@@ -2,7 +2,6 @@
  * frame 2 in frame 1 is x = (p, phi); the force F = K x + D x' + f0 by x pulls it back. */
 #include "pins.h"
 #include "springs.h"
-#include "vectors.h"
 
 /* Where a bushing stands in the numbers: two frames (rotation by columns, origin), K, D, f0, and the
    energy at x = 0. */

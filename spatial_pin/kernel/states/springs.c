@@ -1,6 +1,5 @@
 /* Springs and dampers between points of two bodies: their forces on these. */
 #include "springs.h"
-#include "vectors.h"
 
 void body_point(const Kernel *k, Int j, const Real *local, Real *at, Real *velocity)
 {
@@ -35,20 +34,25 @@ Line spring_line(const Kernel *k, const Springs *s, Int i)
     return line;
 }
 
+int spring_force(Springs *s, Int which, Int has_law, const Real *spring, Real length, Real rate, Real *force)
+{
+    if (has_law)
+        return s->law(which, length, rate, force);
+    const Real elastic = spring[0] * (length - spring[2]);
+    *force = elastic + spring[1] * rate;
+    s->power += elastic * rate;
+    return DONE;
+}
+
 int springs_on_bodies(const Kernel *k, Springs *s)
 {
     for (Int i = 0; i < s->n_lines; i++) {
         const Line line = spring_line(k, s, i);
-        const Real *spring = s->line_spring + 3 * i, elastic = spring[0] * (line.length - spring[2]);
-        Real force = elastic + spring[1] * line.rate, moment[3];
+        Real force = 0.0, moment[3];
         s->n_coincident += line.length == 0.0;
-        if (s->line_law[i]) {
-            const int code = s->law(i, line.length, line.rate, &force);
-            if (code != DONE)
-                return code;
-        } else {
-            s->power += elastic * line.rate;
-        }
+        const int code = spring_force(s, i, s->line_law[i], s->line_spring + 3 * i, line.length, line.rate, &force);
+        if (code != DONE)
+            return code;
         s->power -= force * line.rate;
         cross3(line.end, line.along, moment);
         for (int side = 0; side < 2; side++) {

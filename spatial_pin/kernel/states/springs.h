@@ -28,6 +28,9 @@ typedef struct {
 void body_point(const Kernel *k, Int j, const Real *local, Real *at, Real *velocity);
 /* Spring i between two points. */
 Line spring_line(const Kernel *k, const Springs *s, Int i);
+/* Force of a spring, numbered among all; adds what it stores, unless the force is a function. DONE, or what
+   the law returns. */
+int spring_force(Springs *s, Int which, Int has_law, const Real *spring, Real length, Real rate, Real *force);
 /* Take the forces of springs from what bodies need; add their power. DONE, or what a law returns. */
 int springs_on_bodies(const Kernel *k, Springs *s);
 int bushings_on_bodies(const Kernel *k, Springs *s);
