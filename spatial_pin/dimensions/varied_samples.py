@@ -234,7 +234,7 @@ class VariedSamples:
     ) -> tuple[NDArray[np.bool_], ClosedSamples]:
         """Close samples, their dimensions changed in equal parts.
 
-        Good samples are closed near their start, and `whole_turns.nearest_turn` would not change
+        Good samples are closed near their start, and `start_values.nearest_turn` would not change
         their angles.
         """
         m, state = dimensions.shape[1], self._state

@@ -195,13 +195,13 @@ class Trust:
     packages: Mapping[str, Path] = field(default_factory=dict)
     trusted: bool = False
 
-    @staticmethod
+    @classmethod
     def of(
-        file: Path, packages: Mapping[str, Path] = NO_PACKAGES, trusted: bool = False
+        cls, file: Path, packages: Mapping[str, Path] = NO_PACKAGES, trusted: bool = False
     ) -> Trust:
         """Return the rule for files that a file, or the files of a folder, may name."""
         folder = file if os.path.isdir(file) else file.parent
-        return Trust(folder.resolve(), packages, trusted)
+        return cls(folder.resolve(), packages, trusted)
 
     @cached_property
     def _installed(self) -> list[Path]:

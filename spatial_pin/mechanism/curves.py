@@ -195,7 +195,7 @@ class CurveShape:
         return float(np.mean(np.sum(crosses & (x < at), axis=1) % 2))
 
     @made_once
-    def radial(self, offset: float = 0.0) -> tuple[Piecewise, Piecewise]:
+    def radial(self, offset: float) -> tuple[Piecewise, Piecewise]:
         """Return the squared distance [m^2] and the arc length [m] by direction from the centre.
 
         Args:

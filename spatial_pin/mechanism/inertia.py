@@ -1,9 +1,8 @@
-"""Inertias of any size: their sums, the mass matrix and the kinetic energy.
+"""Inertias of any size, their sums, and the kinetic energy.
 
 Bodies lighter than 2.2e-16 kg, a nanometre machine's, Pinocchio adds wrongly: the centre of mass of
-a sum of two `pin.Inertia` is divided by a mass of at least that much, in the parser of URDF, in
-`appendBodyToJoint` and in `crba`. Here masses are counted in a power of two that makes the lightest
-about one, which changes no digit of any other.
+a sum of two `pin.Inertia` is divided by a mass of at least that much. Here masses are counted in a
+power of two that makes the lightest about one, which changes no digit of any other.
 """
 
 from __future__ import annotations
@@ -17,9 +16,6 @@ import pinocchio as pin
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-# Mass of the lightest body [kg] above which units need no change. It is far above 2.2e-16 kg, with
-# room for sums that nearly cancel.
-UNSCALED = 1e-3
 # Powers of two between masses that numbers have room for. Squares of lengths take the rest of the
 # 1022.
 WIDEST = 600

@@ -340,7 +340,7 @@ def _sided_follower(c: ClosureData, placed: pin.SE3, has_guess: bool) -> dict[st
         if curve.at is None:
             side = -1 if curve.part_inside(placed.translation[None]) else 1
         else:
-            square = curve.radial()[0](Taylor([np.array([np.arctan2(y, x)])])).values[0][0]
+            square = curve.radial(0.0)[0](Taylor([np.array([np.arctan2(y, x)])])).values[0][0]
             side = 1 if x * x + y * y >= square else -1
     return {"follower": replace(follower, side=side)}
 

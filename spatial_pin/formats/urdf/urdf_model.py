@@ -318,9 +318,9 @@ def _model_of(
     here, none = pin.SE3.Identity(), pin.Inertia.Zero()
     frames = {root: model.addFrame(pin.Frame(
         root, 0, 0, here, pin.FrameType.BODY, inertias.get(root, none)), False)}
-    for name, element in ((name, elements[name]) for name in hangs):
-        is_fixed = pairs[name] == "fixed"
-        on, at = hangs[name] if is_fixed else (name, here)
+    for name, hung in hangs.items():
+        element, is_fixed = elements[name], pairs[name] == "fixed"
+        on, at = hung if is_fixed else (name, here)
         kind = pin.FrameType.FIXED_JOINT if is_fixed else pin.FrameType.JOINT
         parent, child = frames[end_of(element, "parent")], end_of(element, "child")
         fixed = inertias.get(child, none) if is_fixed else none  # as Pinocchio notes them
@@ -469,13 +469,14 @@ def _put_numbers(model: pin.Model, refinements: Mapping[str, JointRefinement]) -
                 slip_speeds[own] = values
             for array, factor in NUMBERS[key].items():
                 getattr(model, array)[own] = factor * values
+        if not refined.numbers.keys() & LIMITS.keys():
+            continue
         for kind, key in (("Position", "lower"), ("Velocity", "velocity"), ("Effort", "effort")):
-            if refined.numbers.keys() & LIMITS.keys():
-                low, high = (getattr(model, f"{side}{kind}Limit")[own_entries(model, joint, key)]
-                             for side in ("lower", "upper"))
-                if np.any(low > high):
-                    raise MechanismFileError(f"{refined.where}: a lower {kind.lower()} limit is "
-                                             "above the upper one")
+            own = own_entries(model, joint, key)
+            if np.any(getattr(model, f"lower{kind}Limit")[own]
+                      > getattr(model, f"upper{kind}Limit")[own]):
+                raise MechanismFileError(
+                    f"{refined.where}: a lower {kind.lower()} limit is above the upper one")
     return slip_speeds
 
 
